@@ -1,0 +1,1 @@
+"""Spans, diagnostics, their rendering, and one page per code."""

@@ -1,0 +1,131 @@
+"""A diagnostic as data: code, labelled spans, notes and helps.
+
+Purpose: every room below and above reports problems with these types; nothing prints.
+Non-goals: rendering (`render.py`), the text of the explain pages (`pages/`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+
+
+class Severity(Enum):
+    """How bad it is: errors stop the tool, warnings do not."""
+
+    ERROR = "error"
+    WARNING = "warning"
+
+
+@dataclass(frozen=True)
+class Label:
+    """A span and what is to be said about it; the text may be empty."""
+
+    span: Span
+    text: str = ""
+
+
+@dataclass(frozen=True)
+class Diagnostic:
+    """One problem: `message` is lower case, names in backticks, no full stop.
+
+    `primary` is where the problem stands, None for problems of no file (a missing file, a
+    command-line value). `note` lines explain; only `help` lines suggest.
+    """
+
+    code: str
+    message: str
+    primary: Label | None = None
+    secondary: tuple[Label, ...] = ()
+    notes: tuple[str, ...] = ()
+    helps: tuple[str, ...] = ()
+    severity: Severity = Severity.ERROR
+
+
+class Diagnostics:
+    """A growing list of diagnostics, in the order they were found, without repetitions."""
+
+    def __init__(self) -> None:
+        self._items: list[Diagnostic] = []
+        self._seen: set[tuple[str, str, int, str]] = set()
+
+    def add(self, diagnostic: Diagnostic) -> None:
+        """Keep `diagnostic` unless the same code was already reported at the same place."""
+        span = diagnostic.primary.span if diagnostic.primary else None
+        key = (
+            diagnostic.code,
+            span.source.name if span else "",
+            span.start if span else -1,
+            diagnostic.message,
+        )
+        if key not in self._seen:
+            self._seen.add(key)
+            self._items.append(diagnostic)
+
+    def error(
+        self,
+        code: str,
+        message: str,
+        span: Span | None = None,
+        label: str = "",
+        *,
+        also: tuple[tuple[Span, str], ...] = (),
+        notes: tuple[str, ...] = (),
+        helps: tuple[str, ...] = (),
+    ) -> None:
+        """Report an error; `also` adds labelled secondary spans."""
+        self._report(Severity.ERROR, code, message, span, label, also, notes, helps)
+
+    def warning(
+        self,
+        code: str,
+        message: str,
+        span: Span | None = None,
+        label: str = "",
+        *,
+        also: tuple[tuple[Span, str], ...] = (),
+        notes: tuple[str, ...] = (),
+        helps: tuple[str, ...] = (),
+    ) -> None:
+        """Report a warning; `also` adds labelled secondary spans."""
+        self._report(Severity.WARNING, code, message, span, label, also, notes, helps)
+
+    def _report(
+        self,
+        severity: Severity,
+        code: str,
+        message: str,
+        span: Span | None,
+        label: str,
+        also: tuple[tuple[Span, str], ...],
+        notes: tuple[str, ...],
+        helps: tuple[str, ...],
+    ) -> None:
+        primary = Label(span, label) if span is not None else None
+        secondary = tuple(Label(s, t) for s, t in also)
+        self.add(Diagnostic(code, message, primary, secondary, notes, helps, severity))
+
+    @property
+    def items(self) -> tuple[Diagnostic, ...]:
+        """All diagnostics so far, files in order of loading, each by position."""
+        return tuple(self._items)
+
+    @property
+    def has_errors(self) -> bool:
+        """Whether any of them is an error."""
+        return any(d.severity is Severity.ERROR for d in self._items)
+
+    def __len__(self) -> int:
+        return len(self._items)
+
+
+class SoterError(Exception):
+    """A user's mistake found by any room; carries diagnostics, never shown as a traceback."""
+
+    def __init__(self, diagnostics: tuple[Diagnostic, ...]) -> None:
+        super().__init__("; ".join(f"[{d.code}] {d.message}" for d in diagnostics))
+        self.diagnostics = diagnostics

@@ -1,0 +1,335 @@
+"""Storage: how the state of a system lies in memory.
+
+Purpose: sizes, alignments, offsets, the numpy dtype and the byte image of values; the one
+definition behind the generated struct, the trace and `trace_sha256`.
+Non-goals: C text (`codegen/`).
+
+Rules: fields are ordered by alignment, largest first, ties as declared; every struct is padded
+to its alignment by explicit bytes that are always zero; groups are padded to 8. So there are no
+implicit holes and a state is its bytes.
+"""
+
+from __future__ import annotations
+
+import struct
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from soter.program.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from soter.program.system import System
+    from soter.program.types import Type, Value
+
+INT_KINDS = (
+    ("b", 1, -(2**7), 2**7 - 1, "int8_t", "<i1"),
+    ("B", 1, 0, 2**8 - 1, "uint8_t", "<u1"),
+    ("h", 2, -(2**15), 2**15 - 1, "int16_t", "<i2"),
+    ("H", 2, 0, 2**16 - 1, "uint16_t", "<u2"),
+    ("i", 4, -(2**31), 2**31 - 1, "int32_t", "<i4"),
+    ("I", 4, 0, 2**32 - 1, "uint32_t", "<u4"),
+    ("q", 8, -(2**63), 2**63 - 1, "int64_t", "<i8"),
+)
+CANONICAL_NAN = struct.pack("<Q", 0x7FF8000000000000)
+NEVER = -(2**62)
+
+HEADER = (("ct", "<i8"), ("seed", "<u8"), ("seed_key", "<u8"), ("violations", "<u4"), ("reserved", "<u4"))
+COMPONENT = (
+    ("next", "<i8"), ("faults", "<u4"), ("last_fault", "<u1"), ("oe", "<u1"),
+    ("latched", "<u1"), ("had_control", "<u1"), ("pending", "<u1"), ("reserved", "<u1", 7),
+)
+MODULE = (
+    ("ac_ns", "<i8"), ("mode_since", "<i8"), ("to_sc", "<u4"), ("to_ac", "<u4"),
+    ("gate_faults", "<u4"), ("clean_needed", "<u4"), ("mode", "<u1"), ("gate_fault", "<u1"),
+    ("ttf", "<u1"), ("safer", "<u1"), ("stale", "<u1"), ("saw_gate_fault", "<u1"),
+    ("reserved", "<u1", 2),
+)
+PROPERTY = (("first_ns", "<i8"), ("count", "<u4"), ("active", "<u1"), ("reserved", "<u1", 3))
+
+
+@dataclass(frozen=True)
+class Scalar:
+    """Storage of a scalar: struct format, size, C type, numpy format."""
+
+    format: str
+    size: int
+    c_type: str
+    numpy: str
+
+
+@lru_cache(maxsize=None)
+def scalar(t: Type) -> Scalar | None:
+    """Storage of a scalar type, None for aggregates."""
+    if isinstance(t, FloatType):
+        return Scalar("d", 8, "double", "<f8")
+    if isinstance(t, BoolType):
+        return Scalar("B", 1, "uint8_t", "<u1")
+    if isinstance(t, EnumType):
+        return Scalar("B", 1, "uint8_t", "<u1") if len(t.members) <= 256 else Scalar(  # noqa: PLR2004
+            "H", 2, "uint16_t", "<u2"
+        )
+    if isinstance(t, IntType):
+        for fmt, size, low, high, c_type, numpy in INT_KINDS:
+            if low <= t.low and t.high <= high:
+                return Scalar(fmt, size, c_type, numpy)
+    return None
+
+
+@dataclass(frozen=True)
+class Member:
+    """A member of a struct: source name, type (None for raw bytes), offset."""
+
+    name: str
+    type: Type
+    offset: int
+    index: int
+    """Position in declared order."""
+
+
+@dataclass(frozen=True)
+class Struct:
+    """A laid-out struct: members in storage order, then `padding` zero bytes."""
+
+    members: tuple[Member, ...]
+    size: int
+    align: int
+    padding: int
+
+
+def arrange(fields: tuple[tuple[str, Type], ...], minimum_align: int = 1) -> Struct:
+    """Order fields by alignment and place them without holes."""
+    order = sorted(range(len(fields)), key=lambda i: -align_of(fields[i][1]))
+    offset = 0
+    members = []
+    for i in order:
+        name, t = fields[i]
+        members.append(Member(name, t, offset, i))
+        offset += size_of(t)
+    align = max([minimum_align, *(align_of(t) for _, t in fields)])
+    size = -(-offset // align) * align
+    return Struct(tuple(members), size, align, size - offset)
+
+
+LENGTH = IntType(0, 2**31 - 1)
+
+
+@lru_cache(maxsize=None)
+def struct_of(t: Type) -> Struct:
+    """The struct behind a record or a bounded list (members `items` and `len`)."""
+    if isinstance(t, RecordType):
+        return arrange(t.fields)
+    assert isinstance(t, ListType)
+    return arrange((("items", ArrayType(t.element, t.capacity)), ("len", LENGTH)))
+
+
+@lru_cache(maxsize=None)
+def size_of(t: Type) -> int:
+    """Bytes of a stored value."""
+    s = scalar(t)
+    if s is not None:
+        return s.size
+    if isinstance(t, ArrayType):
+        return t.size * size_of(t.element)
+    return struct_of(t).size
+
+
+@lru_cache(maxsize=None)
+def align_of(t: Type) -> int:
+    """Alignment of a stored value."""
+    s = scalar(t)
+    if s is not None:
+        return s.size
+    if isinstance(t, ArrayType):
+        return align_of(t.element)
+    return struct_of(t).align
+
+
+def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
+    """Write a value's image; the buffer is zero there beforehand."""
+    s = scalar(t)
+    if s is not None:
+        if isinstance(t, FloatType) and value != value:  # noqa: PLR0124 - NaN is stored canonically
+            buffer[offset : offset + 8] = CANONICAL_NAN
+        else:
+            struct.pack_into("<" + s.format, buffer, offset, value)
+    elif isinstance(t, RecordType):
+        for m in struct_of(t).members:
+            encode_into(buffer, offset + m.offset, m.type, value[m.index])
+    elif isinstance(t, ArrayType):
+        step = size_of(t.element)
+        for i, element in enumerate(value):
+            encode_into(buffer, offset + i * step, t.element, element)
+    else:
+        assert isinstance(t, ListType)
+        layout = struct_of(t)
+        items = next(m for m in layout.members if m.name == "items")
+        length = next(m for m in layout.members if m.name == "len")
+        step = size_of(t.element)
+        for i, element in enumerate(value):
+            encode_into(buffer, offset + items.offset + i * step, t.element, element)
+        struct.pack_into("<i", buffer, offset + length.offset, len(value))
+
+
+def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - any buffer
+    """Read a value back from its image."""
+    s = scalar(t)
+    if s is not None:
+        value = struct.unpack_from("<" + s.format, buffer, offset)[0]
+        return bool(value) if isinstance(t, BoolType) else value
+    if isinstance(t, RecordType):
+        fields: list[Value] = [None] * len(t.fields)
+        for m in struct_of(t).members:
+            fields[m.index] = decode_from(buffer, offset + m.offset, m.type)
+        return tuple(fields)
+    if isinstance(t, ArrayType):
+        step = size_of(t.element)
+        return tuple(decode_from(buffer, offset + i * step, t.element) for i in range(t.size))
+    assert isinstance(t, ListType)
+    layout = struct_of(t)
+    items = next(m for m in layout.members if m.name == "items")
+    length = next(m for m in layout.members if m.name == "len")
+    n = struct.unpack_from("<i", buffer, offset + length.offset)[0]
+    step = size_of(t.element)
+    return tuple(
+        decode_from(buffer, offset + items.offset + i * step, t.element) for i in range(n)
+    )
+
+
+def numpy_dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
+    """A numpy dtype (argument) of the same image."""
+    import numpy as np  # noqa: PLC0415 - only traces need numpy
+
+    s = scalar(t)
+    if s is not None:
+        return np.dtype(s.numpy)
+    if isinstance(t, ArrayType):
+        return np.dtype((numpy_dtype(t.element), (t.size,)))
+    layout = struct_of(t)
+    return np.dtype(
+        {
+            "names": [m.name for m in layout.members],
+            "formats": [numpy_dtype(m.type) for m in layout.members],
+            "offsets": [m.offset for m in layout.members],
+            "itemsize": layout.size,
+        }
+    )
+
+
+@dataclass(frozen=True)
+class Group:
+    """A named struct inside the state: all topics, or one component's locals."""
+
+    name: str
+    owner: int
+    """Component index, -1 for the topics."""
+    struct: Struct
+    offset: int
+
+
+@dataclass(frozen=True)
+class StateLayout:
+    """The state struct of a system."""
+
+    components: int
+    modules: int
+    properties: int
+    topics: int
+    component_offset: int
+    module_offset: int
+    property_offset: int
+    stamp_offset: int
+    groups: tuple[Group, ...]
+    size: int
+
+    def topic_offset(self, index: int) -> int:
+        """Byte offset of a topic's value."""
+        group = self.groups[0]
+        return group.offset + next(m.offset for m in group.struct.members if m.index == index)
+
+    def member(self, owner: int, index: int) -> tuple[int, Type]:
+        """Offset and type of local or state number `index` of a component."""
+        group = next(g for g in self.groups if g.owner == owner)
+        m = next(m for m in group.struct.members if m.index == index)
+        return group.offset + m.offset, m.type
+
+
+HEADER_SIZE, COMPONENT_SIZE, MODULE_SIZE, PROPERTY_SIZE = 32, 24, 40, 16
+
+
+def state_layout(system: System) -> StateLayout:
+    """Lay out the state of a system."""
+    n, m, p, t = (
+        len(system.components), len(system.modules), len(system.properties), len(system.topics),
+    )
+    component_offset = HEADER_SIZE
+    module_offset = component_offset + n * COMPONENT_SIZE
+    property_offset = module_offset + m * MODULE_SIZE
+    stamp_offset = property_offset + p * PROPERTY_SIZE
+    offset = stamp_offset + 8 * t
+    groups: list[Group] = []
+
+    def add(name: str, owner: int, fields: tuple[tuple[str, Type], ...]) -> None:
+        nonlocal offset
+        layout = arrange(fields, minimum_align=8)
+        groups.append(Group(name, owner, layout, offset))
+        offset += layout.size
+
+    add("topics", -1, tuple((x.name, x.type) for x in system.topics))
+    for c in system.components:
+        variables = c.node.locals if c.node else c.plant.states if c.plant else ()
+        if variables:
+            add(c.name, c.index, tuple((v.name, v.type) for v in variables))
+    return StateLayout(
+        n, m, p, t, component_offset, module_offset, property_offset, stamp_offset,
+        tuple(groups), offset,
+    )
+
+
+def _fields(spec: tuple[tuple[Any, ...], ...]) -> list[Any]:
+    return [(f[0], f[1]) if len(f) == 2 else (f[0], f[1], (f[2],)) for f in spec]  # noqa: PLR2004
+
+
+def state_dtype(system: System, layout: StateLayout) -> np.dtype[Any]:
+    """The whole state as a numpy dtype: header, components, modules, properties, stamps, groups."""
+    import numpy as np  # noqa: PLC0415 - only traces need numpy
+
+    names = ["header", "components", "modules", "properties", "stamps"]
+    formats: list[Any] = [
+        np.dtype(_fields(HEADER)),
+        np.dtype((np.dtype(_fields(COMPONENT)), (layout.components,))),
+        np.dtype((np.dtype(_fields(MODULE)), (layout.modules,))),
+        np.dtype((np.dtype(_fields(PROPERTY)), (layout.properties,))),
+        np.dtype(("<i8", (layout.topics,))),
+    ]
+    offsets = [
+        0, layout.component_offset, layout.module_offset, layout.property_offset,
+        layout.stamp_offset,
+    ]
+    for g in layout.groups:
+        if not g.struct.members:
+            continue
+        names.append(g.name)
+        formats.append(
+            np.dtype(
+                {
+                    "names": [m.name for m in g.struct.members],
+                    "formats": [numpy_dtype(m.type) for m in g.struct.members],
+                    "offsets": [m.offset for m in g.struct.members],
+                    "itemsize": g.struct.size,
+                }
+            )
+        )
+        offsets.append(g.offset)
+    del system
+    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": layout.size})

@@ -1,0 +1,50 @@
+"""What an expression may mention at the place where it stands.
+
+Purpose: one object that says which locals, topics and specials are in reach, so that the
+expression checker has a single rule for every place.
+Non-goals: resolving names of declarations (`scope.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from soter.program.scope import FileScope
+    from soter.program.typed import InstanceSymbol, NodeSymbol, TopicSymbol, Variable
+    from soter.program.types import Type
+
+
+@dataclass(eq=False)
+class Context:
+    """A place in the program.
+
+    `where` names the place in messages ("a function", "node `Fast`"). `topics` is None where no
+    topic may be read, "any" where each may (predicates, properties), else the readable ones.
+    """
+
+    scope: FileScope
+    where: str
+    constant: bool = False
+    """Only constants: array sizes, loop bounds, values of `const`."""
+    topics: set[TopicSymbol] | str | None = None
+    has_time: bool = False
+    has_period: bool = False
+    has_modes: bool = False
+    node: NodeSymbol | None = None
+    """The node whose step this is: `in_control`, publish."""
+    result: Type | None = None
+    """Inside a function: what `return` gives."""
+    instances: dict[str, InstanceSymbol] | None = None
+    """Inside a system: `instance.truth`, `mode(instance)`, topics of sub-systems."""
+    locals: list[dict[str, Variable]] = field(default_factory=list)
+    topics_read: list[TopicSymbol] = field(default_factory=list)
+    """Topics read so far, in order of first use."""
+
+    def find_local(self, name: str) -> Variable | None:
+        """The innermost local called `name`."""
+        for frame in reversed(self.locals):
+            if name in frame:
+                return frame[name]
+        return None

@@ -1,0 +1,113 @@
+// Draws the figures of a Soter report.
+// Purpose: put the style sheet's colours into the figures, switch groups on and off, print.
+// Non-goals: computing anything; the figures come ready from Python.
+"use strict";
+
+(() => {
+  const figures = JSON.parse(document.getElementById("figures").textContent);
+  const buttons = [...document.querySelectorAll("button[data-group]")];
+  const narrow = window.matchMedia("(max-width: 640px)");
+  const coarse = window.matchMedia("(pointer: coarse)");
+  const dark = window.matchMedia("(prefers-color-scheme: dark)");
+  const tools = {
+    map: ["zoom2d", "pan2d", "resetScale2d", "toImage"],
+    solid: ["resetCameraDefault3d", "toImage"],
+  };
+
+  const shown = {};
+  for (const button of buttons) {
+    shown[button.dataset.group] = button.getAttribute("aria-pressed") === "true";
+  }
+
+  // "@name" stands for the style sheet's --name.
+  function themed(value, style) {
+    if (typeof value === "string") {
+      return value.startsWith("@") ? style.getPropertyValue("--" + value.slice(1)).trim() : value;
+    }
+    if (Array.isArray(value)) {
+      return typeof value[0] === "number" ? value : value.map((item) => themed(item, style));
+    }
+    if (value !== null && typeof value === "object") {
+      return Object.fromEntries(Object.entries(value).map(([k, v]) => [k, themed(v, style)]));
+    }
+    return value;
+  }
+
+  function isShown(trace) {
+    return trace.group === undefined || shown[trace.group] !== false;
+  }
+
+  // Time axes need no tools: drag to zoom, double-click to return.
+  function config(key) {
+    return {
+      displaylogo: false,
+      displayModeBar: key in tools ? "hover" : false,
+      modeBarButtons: key in tools ? [tools[key]] : [],
+      toImageButtonOptions: { format: key === "solid" ? "png" : "svg", filename: "soter-" + key },
+    };
+  }
+
+  function draw(figure) {
+    const place = document.getElementById("figure-" + figure.key);
+    const style = window.getComputedStyle(document.documentElement);
+    const data = figure.data.map((trace) => {
+      const { group, ...rest } = themed(trace, style);
+      return { ...rest, visible: isShown(trace) };
+    });
+    const layout = themed(figure.layout, style);
+    if (narrow.matches) {
+      layout.margin = { ...layout.margin, r: 6 };
+    }
+    if (coarse.matches && !layout.scene) {
+      layout.dragmode = false; // a finger scrolls the page
+    }
+    layout.width = place.clientWidth;
+    if (!layout.height) {
+      layout.height = place.clientHeight;
+    }
+    Plotly.react(place, data, layout, config(figure.key));
+  }
+
+  function drawAll() {
+    figures.forEach(draw);
+  }
+
+  function press(group, on) {
+    shown[group] = on;
+    for (const button of buttons) {
+      if (button.dataset.group === group) {
+        button.setAttribute("aria-pressed", String(on));
+      }
+    }
+    for (const figure of figures) {
+      const indices = figure.data.flatMap((trace, i) => (trace.group === group ? [i] : []));
+      if (indices.length > 0) {
+        Plotly.restyle("figure-" + figure.key, { visible: on }, indices);
+      }
+    }
+  }
+
+  for (const button of buttons) {
+    button.addEventListener("click", () => {
+      press(button.dataset.group, button.getAttribute("aria-pressed") !== "true");
+    });
+  }
+
+  // Paper is white and narrower than most windows.
+  window.addEventListener("beforeprint", () => {
+    document.documentElement.classList.add("on-paper");
+    drawAll();
+  });
+  window.addEventListener("afterprint", () => {
+    document.documentElement.classList.remove("on-paper");
+    drawAll();
+  });
+
+  let pending = 0;
+  window.addEventListener("resize", () => {
+    window.clearTimeout(pending);
+    pending = window.setTimeout(drawAll, 120);
+  });
+  dark.addEventListener("change", drawAll);
+  drawAll();
+})();

@@ -1,0 +1,104 @@
+"""Write the report: one HTML file that needs nothing else.
+
+Purpose: put page, figures, style, script and drawing library into one file that opens from a
+disk, an e-mail or an archive, ten years from now and without a network; its content security
+policy forbids it any.
+Non-goals: other formats; people print it or save the figures from it.
+"""
+
+from __future__ import annotations
+
+import json
+from html import escape
+from importlib import resources
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.report.errors import ReportError, ReportUnavailableError
+from soter.report.page import body
+from soter.report.whole_file import reason, whole_file
+
+if TYPE_CHECKING:
+    import os
+
+    from soter.report.record import ReportPage
+
+# The drawing library compiles small functions for the 3-D view, hence 'unsafe-eval'.
+POLICY = (
+    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
+    "img-src data: blob:"
+)
+
+
+def write_html(page: ReportPage, path: str | os.PathLike[str]) -> Path:
+    """Write `page` to `path` and return it.
+
+    The same page gives the same bytes. Raises `ReportUnavailableError` where the extra
+    `report` is not installed and `ReportError` where the file cannot be written; a file that
+    stood at `path` before is then untouched.
+    """
+    target = Path(path)
+    document = html_document(page, _drawing_library()).encode()
+    try:
+        with whole_file(target) as stream:
+            stream.write(document)
+    except OSError as error:
+        raise ReportError(f"cannot write the report {target}: {reason(error)}") from error
+    return target
+
+
+def html_document(page: ReportPage, drawing_library: str) -> str:
+    """Return the whole file as text; `drawing_library` is the JavaScript of plotly."""
+    main, figures = body(page)
+    drawings = _script_safe(json.dumps([figure.to_json() for figure in figures], allow_nan=False))
+    return f"""<!DOCTYPE html>
+<html lang="en">
+<head>
+<meta charset="utf-8">
+<meta name="viewport" content="width=device-width, initial-scale=1">
+<meta http-equiv="Content-Security-Policy" content="{POLICY}">
+<meta name="color-scheme" content="light dark">
+<meta name="generator" content="soter">
+<title>{escape(page.title)}</title>
+<style>
+{_asset("report.css")}</style>
+</head>
+<body>
+<main>
+{main}
+</main>
+<noscript><p>The figures of this report are drawn by JavaScript, which is switched off.</p></noscript>
+<script type="application/json" id="figures">{drawings}</script>
+<script>{drawing_library}</script>
+<script>
+{_asset("report.js")}</script>
+</body>
+</html>
+"""
+
+
+def _drawing_library() -> str:
+    """Return the JavaScript that the installed package carries."""
+    try:
+        from plotly.offline import get_plotlyjs  # noqa: PLC0415 - an extra, and slow to import
+    except ImportError as error:
+        raise ReportUnavailableError(
+            "reports are drawn with plotly, which is not installed: pip install 'soter[report]'"
+        ) from error
+    return str(get_plotlyjs())
+
+
+def _asset(name: str) -> str:
+    """Read a file of the `assets` folder."""
+    return resources.files("soter.report").joinpath("assets", name).read_text(encoding="utf-8")
+
+
+def _script_safe(text: str) -> str:
+    """Write JSON so that no text in it can end the script element it stands in."""
+    return (
+        text.replace("<", "\\u003c")
+        .replace(">", "\\u003e")
+        .replace("&", "\\u0026")
+        .replace("\u2028", "\\u2028")
+        .replace("\u2029", "\\u2029")
+    )

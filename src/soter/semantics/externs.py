@@ -1,0 +1,106 @@
+"""Steps that Python code takes: extern nodes and extern plants.
+
+Purpose: turn the callables a user binds into steps like any other, so that no rule knows the
+difference. Whatever goes wrong in them is a step fault (`FaultKind.EXTERN`), never a traceback.
+Non-goals: finding the callable of a `from "python:..."` (the api does), separate processes
+(`workers/`). An extern may keep state of its own; a fork of a configuration does not copy it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from soter.program.arith import FaultKind, StepFault
+from soter.program.values import inputs_to_python, outputs_from_python
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from soter.program.environment import Environment
+    from soter.program.evaluate import Executed
+    from soter.program.system import Component
+    from soter.program.typed import TopicSymbol
+    from soter.program.types import Type, Value
+
+    Step = Callable[[Any], object]
+    Move = Callable[[Environment, tuple[Value, ...]], tuple[Value, ...]]
+
+
+class UnboundExternError(Exception):
+    """Externs of the system that nothing is bound to; `names` lists them."""
+
+    def __init__(self, names: Sequence[str]) -> None:
+        super().__init__("nothing is bound to " + ", ".join(f"`{n}`" for n in names))
+        self.names = tuple(names)
+
+
+def step_of(bound: object) -> Step:
+    """The function behind a bound object: its `step` method, or itself."""
+    step = getattr(bound, "step", bound)
+    if not callable(step):
+        msg = f"a `{type(bound).__name__}` is not callable and has no `step`"
+        raise TypeError(msg)
+    return step
+
+
+def reset(bound: object, seed: int) -> None:
+    """Start a bound object afresh, where it has a `reset`."""
+    start = getattr(bound, "reset", None)
+    if callable(start):
+        start(seed)
+
+
+def extern_node(component: Component, step: Step) -> Executed:
+    """The step of an extern node: inputs by short name, answers become publications."""
+    assert component.node is not None
+    scope = component.scope.topics
+    reads = [_named(s.topic, scope) for s in component.node.subscribes]
+    writes = [_named(topic, scope) for topic in component.node.publishes]
+    shapes = [(name, t) for name, t, _ in writes]
+
+    def run(env: Environment) -> None:
+        inputs = inputs_to_python([(name, t, env.topics[i]) for name, t, i in reads])
+        answers = outputs_from_python(shapes, step(inputs))
+        for (_, _, index), value in zip(writes, answers, strict=True):
+            if value is not None:
+                env.published[index] = value
+
+    return _guarded(component, run)
+
+
+def extern_plant(component: Component, step: Step) -> Move:
+    """The motion of an extern plant: also gets its states as `inputs.state`, answers new ones.
+
+    States it leaves out stay as they are.
+    """
+    assert component.plant is not None
+    scope = component.scope.topics
+    reads = [_named(topic, scope) for topic in component.plant.reads]
+    shapes = [(v.name, v.type) for v in component.plant.states]
+
+    def move(env: Environment, states: tuple[Value, ...]) -> tuple[Value, ...]:
+        inputs = inputs_to_python([(name, t, env.topics[i]) for name, t, i in reads])
+        named = zip(shapes, states, strict=True)
+        inputs.state = inputs_to_python([(name, t, value) for (name, t), value in named])
+        answers = outputs_from_python(shapes, step(inputs))
+        return tuple(
+            [old if new is None else new for old, new in zip(states, answers, strict=True)]
+        )
+
+    return _guarded(component, move)
+
+
+def _named(topic: TopicSymbol, scope: dict[TopicSymbol, int]) -> tuple[str, Type, int]:
+    """(short name, type, index): the name is the declaration's own, whatever it is renamed to."""
+    return topic.name.rpartition(".")[2], topic.type, scope[topic]
+
+
+def _guarded(component: Component, run: Callable[..., Any]) -> Callable[..., Any]:
+    def guarded(*arguments: object) -> object:
+        try:
+            return run(*arguments)
+        except Exception as error:
+            detail = f"`{component.name}`: {type(error).__name__}: {error}"
+            raise StepFault(FaultKind.EXTERN, component.span, detail) from error
+
+    return guarded

@@ -1,0 +1,124 @@
+"""The gate: what may reach the topics, and what a refused step costs.
+
+Purpose: checks of publications, publishing, the latches of AC and trusted components, and the
+count of clean outputs (docs/semantics.md, AC-or-SC-Step 4 to 6; THEORY ruling 9).
+Non-goals: running steps (`rules.py`, `plants.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.program.arith import FaultKind, StepFault
+from soter.program.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
+from soter.semantics.configuration import put
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+
+    from soter.diagnostics.span import Span
+    from soter.program.system import Bound, Module, Topic
+    from soter.program.types import Type, Value
+    from soter.semantics.configuration import Configuration
+
+    Check = Callable[[Value, Span], None]
+
+
+# ---------------------------------------------------------------- the topic's set
+
+
+def check_of(topic: Topic) -> Check:
+    """`(value, span)` raises a step fault unless the value lies in the topic's set."""
+    bounds = iter(topic.bounds)
+    names = iter([".".join((topic.name, *path)) for path, _ in leaves(topic.type)])
+    return _check(topic.type, bounds, names)
+
+
+def _check(t: Type, bounds: Iterator[Bound | None], names: Iterator[str]) -> Check:
+    """The check of one type; takes as many bounds and names as the type has leaves."""
+    if isinstance(t, RecordType):
+        return _check_all([_check(f, bounds, names) for _, f in t.fields])
+    if isinstance(t, ArrayType):
+        return _check_all([_check(t.element, bounds, names) for _ in range(t.size)])
+    if isinstance(t, ListType):
+        element = _check(t.element, bounds, names)
+
+        def check_list(value: Value, span: Span) -> None:
+            for item in value:
+                element(item, span)
+
+        return check_list
+    return _check_leaf(t, next(bounds), next(names))
+
+
+def _check_all(parts: list[Check]) -> Check:
+    def check(value: Value, span: Span) -> None:
+        for part, component in zip(parts, value, strict=True):
+            part(component, span)
+
+    return check
+
+
+def _check_leaf(t: Type, bound: Bound | None, name: str) -> Check:
+    is_float = isinstance(t, FloatType)
+
+    def check(value: Value, span: Span) -> None:
+        if is_float and not math.isfinite(value):
+            raise StepFault(FaultKind.NONFINITE, span, f"`{name}` would be {value}")
+        if bound is not None and not bound.low <= value <= bound.high:
+            within = f"[{bound.low}, {bound.high}]"
+            raise StepFault(FaultKind.RANGE, span, f"`{name}` would be {value}, not in {within}")
+
+    return check if is_float or isinstance(t, IntType) else lambda _value, _span: None
+
+
+def check_publications(
+    checks: tuple[Check, ...], outputs: Iterable[int], published: Mapping[int, Value], span: Span
+) -> None:
+    """Refuse, by a step fault, publications outside their topics' sets.
+
+    In the order of `outputs` (a node's `publishes`, a plant's `drives`), leaves in declared order.
+    """
+    for topic in outputs:
+        if topic in published:
+            checks[topic](published[topic], span)
+
+
+# ---------------------------------------------------------------- publishing, latching, counting
+
+
+def publish(c: Configuration, published: Mapping[int, Value]) -> Configuration:
+    """Topics' = out united with Topics[T without dom(out)]; what was published is stamped ct."""
+    if not published:
+        return c
+    topics, stamps = list(c.Topics), list(c.stamps)
+    for topic, value in published.items():
+        topics[topic] = value
+        stamps[topic] = c.ct
+    return replace(c, Topics=tuple(topics), stamps=tuple(stamps))
+
+
+def refuse(c: Configuration, module: Module) -> Configuration:
+    """After a step fault of the module's AC: tell the DM if it counted, and ask for clean steps."""
+    gate_fault = c.gate_fault
+    if c.OE[module.ac]:
+        gate_fault = put(gate_fault, module.index, True)
+    owed = put(c.clean_needed, module.index, module.clean)
+    return replace(c, gate_fault=gate_fault, clean_needed=owed)
+
+
+def latch(c: Configuration, n: int) -> Configuration:
+    """After a step fault of a trusted component: it never runs again."""
+    return replace(c, latched=put(c.latched, n, True))
+
+
+def earn(
+    c: Configuration, module: Module, outputs: Iterable[int], published: Iterable[int]
+) -> Configuration:
+    """After a good step of the module's AC: complete outputs count as one clean step."""
+    owed = c.clean_needed[module.index]
+    if owed == 0 or not set(outputs) <= set(published):
+        return c
+    return replace(c, clean_needed=put(c.clean_needed, module.index, owed - 1))

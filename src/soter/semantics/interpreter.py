@@ -1,0 +1,188 @@
+"""The reference interpreter: a driver that decides which rule comes next.
+
+Purpose: runs of a system in virtual time. The two choices the paper leaves open, the next node
+of FN and the environment's inputs, are functions passed in; by default they are those of the
+deployed drivers (docs/semantics.md, Deployed order).
+Non-goals: speed, logs, searching (`explore/` brings its own choices).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.program.system import Bound
+from soter.program.types import leaf_count
+from soter.semantics.configuration import NEVER, Configuration
+from soter.semantics.externs import reset
+from soter.semantics.machine import Machine
+from soter.semantics.plants import plant_step
+from soter.semantics.properties import violated
+from soter.semantics.random_draws import draw_value
+from soter.semantics.record import AC, SC, ComponentRecord, ModuleRecord, PropertyRecord, Record
+from soter.semantics.rules import (
+    ac_or_sc_step,
+    discrete_time_progress_step,
+    dm_step,
+    environment_input,
+    next_release,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Mapping
+
+    from soter.program.system import Component, Module, System
+    from soter.program.types import Value
+    from soter.semantics.record import Outcome, Verdict
+
+    ChooseNode = Callable[[Configuration], int]
+    ChooseInput = Callable[[Configuration], Iterable[tuple[int, Value]]]
+    Observe = Callable[[Configuration, Record], object]
+
+
+def deployed_order(c: Configuration) -> int:
+    """The choice of deployed drivers: plants, DMs, SCs, the rest; ties by declaration."""
+    return c.FN[0]
+
+
+class Interpreter:
+    """Runs of one system under one seed.
+
+    `externs` maps the names of extern nodes, plants and functions to callables of one argument
+    (functions: of their own arguments), or to objects with a method `step` and perhaps
+    `reset(seed)`; see `program/values.py` for what they get and may give. Raises
+    `UnboundExternError` where one is missing.
+    """
+
+    def __init__(
+        self, system: System, seed: int = 0, externs: Mapping[str, object] | None = None
+    ) -> None:
+        self.system = system
+        self._externs = externs or {}
+        self.machine = Machine(system, seed, self._externs)
+
+    # ------------------------------------------------------------ the start
+
+    def initial(self) -> Configuration:
+        """(L0, OE0, ct0, FN0, Topics0); externs that can are reset."""
+        for bound in self._externs.values():
+            reset(bound, self.machine.seed)
+        components, modules = self.system.components, self.system.modules
+        return Configuration(
+            L=tuple([self._first_state(n) for n in components]),
+            OE=tuple([self._first_enabled(n) for n in components]),
+            ct=-1,
+            FN=(),
+            Topics=tuple([topic.default for topic in self.system.topics]),
+            stamps=(NEVER,) * len(self.system.topics),
+            latched=(False,) * len(components),
+            had_control=(False,) * len(components),
+            gate_fault=(False,) * len(modules),
+            clean_needed=(0,) * len(modules),
+        )
+
+    def record(self) -> Record:
+        """An empty record for a run from `initial()`."""
+        return Record(
+            modules=[ModuleRecord(_first_mode(m)) for m in self.system.modules],
+            components=[ComponentRecord() for _ in self.system.components],
+            properties=[PropertyRecord() for _ in self.system.properties],
+        )
+
+    def _first_state(self, n: Component) -> Value:
+        if n.role == "dm":
+            return _first_mode(self._module_of(n))
+        if n.plant is None:
+            return n.initial
+        return tuple([self._first_plant_state(n, i) for i in range(len(n.plant.states))])
+
+    def _first_plant_state(self, n: Component, i: int) -> Value:
+        span = n.initial_range[i] if i < len(n.initial_range) else None
+        if span is None:
+            return n.initial[i]
+        assert n.plant is not None, n.name
+        state = n.plant.states[i]
+        bounds = [Bound(*span)] * leaf_count(state.type)
+        return draw_value(state.type, bounds, self.machine.seed, f"{n.name}.{state.name}.start", 0)
+
+    def _first_enabled(self, n: Component) -> bool:
+        if n.role == "ac":
+            return _first_mode(self._module_of(n)) == AC
+        if n.role == "sc":
+            return _first_mode(self._module_of(n)) == SC
+        return True
+
+    def _module_of(self, n: Component) -> Module:
+        assert n.module is not None, n.name
+        return self.system.modules[n.module]
+
+    # ------------------------------------------------------------ transitions
+
+    def enabled(self, c: Configuration) -> tuple[int, ...]:
+        """The components that may fire next; none means that time may progress."""
+        return c.FN
+
+    def fire(self, c: Configuration, n: int) -> tuple[Configuration, Verdict | Outcome]:
+        """The step of component `n` of FN, whichever rule it takes, and what it had to say."""
+        role = self.system.components[n].role
+        if role == "plant":
+            return plant_step(self.machine, c, n)
+        if role == "dm":
+            return dm_step(self.machine, c, n)
+        return ac_or_sc_step(self.machine, c, n)
+
+    def due_inputs(self, c: Configuration) -> Iterable[tuple[int, Value]]:
+        """The inputs of the virtual-time driver at ct: the seeded draws of `input t every d`."""
+        for drive in self.system.inputs:
+            if c.ct % drive.every_ns == 0:
+                topic = self.system.topics[drive.topic]
+                stream, index = f"input.{topic.name}", c.ct // drive.every_ns
+                seed = self.machine.seed
+                yield drive.topic, draw_value(topic.type, topic.bounds, seed, stream, index)
+
+    def instant(
+        self,
+        c: Configuration,
+        choose_node: ChooseNode = deployed_order,
+        choose_input: ChooseInput | None = None,
+        record: Record | None = None,
+    ) -> Configuration:
+        """One whole instant: time progresses, inputs change, all of FN fires.
+
+        `choose_node` gets a configuration and picks from its FN; `choose_input` gives the
+        inputs, (topic index, value), of the instant that begins. A `record` is added to.
+        """
+        c = discrete_time_progress_step(self.machine, c)
+        for topic, value in (choose_input or self.due_inputs)(c):
+            c = environment_input(c, topic, value)
+        while c.FN:
+            c, event = self.fire(c, choose_node(c))
+            if record is not None:
+                record.note(event, c.ct)
+        if record is not None:
+            record.note_properties(violated(self.machine, c), c.ct)
+        return c
+
+    def run(
+        self,
+        until_ns: int | None = None,
+        observe: Observe | None = None,
+        choose_node: ChooseNode = deployed_order,
+        choose_input: ChooseInput | None = None,
+    ) -> tuple[Configuration, Record]:
+        """All instants up to and including `until_ns` (by default the system's own `until`).
+
+        `observe` sees the configuration and the record after every instant.
+        """
+        until = self.system.until_ns if until_ns is None else until_ns
+        assert until is not None, "the system says no `until`: pass one"
+        c, record = self.initial(), self.record()
+        while next_release(self.machine, c.ct) <= until:
+            c = self.instant(c, choose_node, choose_input, record)
+            if observe is not None:
+                observe(c, record)
+        return c, record
+
+
+def _first_mode(module: Module) -> int:
+    """SC, so that every module starts in safe hands; AC only where the system forces it."""
+    return AC if module.forced == "ac" else SC

@@ -1,0 +1,266 @@
+"""Plants: the part of the environment that a program describes itself.
+
+Purpose: the step of a plant (docs/semantics.md, Plants): draw the disturbances, integrate,
+measure, publish. A plant is released by the calendar as a node is, so that Environment-Input
+steps of plants happen at known times.
+Non-goals: what a plant means for proofs (`reach/`), extern plants' callables (`externs.py`).
+"""
+
+from __future__ import annotations
+
+import operator
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from soter.program import vectors
+from soter.program.arith import StepFault
+from soter.program.evaluate import Evaluator, replaced
+from soter.program.types import leaves
+from soter.semantics.configuration import put
+from soter.semantics.gate import check_publications, latch, publish
+from soter.semantics.random_draws import assemble, draw_float
+from soter.semantics.record import Outcome
+from soter.semantics.storing import storer
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from soter.program.environment import Environment
+    from soter.program.evaluate_expr import Compiled
+    from soter.program.system import Component, Disturbance, Topic
+    from soter.program.typed import Expr, Variable
+    from soter.program.types import RecordType, Type, Value
+    from soter.semantics.configuration import Configuration
+    from soter.semantics.externs import Move
+    from soter.semantics.machine import Machine
+
+    Named = tuple[tuple[Variable, Compiled], ...]
+    Derivative = Callable[[list[Value]], list[Value]]
+    Steps = tuple["Arithmetic", ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Arithmetic:
+    """Componentwise work on one `der` state: `x + y` and `factor * x`."""
+
+    add: Callable[[Value, Value], Value]
+    scale: Callable[[float, Value], Value]
+
+
+@dataclass(frozen=True, slots=True)
+class Reading:
+    """A measurement error: position of its leaf in the topic's value, and its stream."""
+
+    topic: int
+    path: tuple[int, ...]
+    bound: float
+    stream: str
+
+
+@dataclass(frozen=True, slots=True)
+class PlantCode:
+    """The code of a plant; `move` replaces the motion of an extern one."""
+
+    component: Component
+    states: tuple[Variable, ...]
+    store: Callable[[tuple[Value, ...]], tuple[Value, ...]]
+    lets: Named
+    der: Named
+    next: Named
+    arithmetic: tuple[Arithmetic, ...]
+    method: str
+    drives: tuple[tuple[int, Compiled], ...]
+    readings: tuple[Reading, ...]
+    move: Move | None
+
+
+# ---------------------------------------------------------------- the step
+
+
+def plant_step(machine: Machine, c: Configuration, n: int) -> tuple[Configuration, Outcome]:
+    """One step of the plant `n` at ct: it moves over the period that ends now, and publishes.
+
+    At its first release it only publishes. A step fault latches it: a stopped world is no
+    environment to be safe in, so the run counts as violated.
+    """
+    c = replace(c, FN=tuple(i for i in c.FN if i != n))
+    if c.latched[n]:
+        return c, Outcome(n, {})
+    code = machine.plants[n]
+    component = code.component
+    moves = c.ct > component.phase_ns
+    env = machine.environment(c, component)
+    try:
+        env.variables.update(_disturbances(component, machine.seed, c.ct if moves else None))
+        states = c.L[n]
+        if moves:
+            states = code.store(_moved(code, env, states))
+        out = _measured(code, env, states, machine.seed, c.ct)
+        check_publications(machine.checks, out, out, component.span)
+    except StepFault as fault:
+        return latch(c, n), Outcome(n, {}, fault, latched=True)
+    return publish(replace(c, L=put(c.L, n, states)), out), Outcome(n, out)
+
+
+def _disturbances(component: Component, seed: int, ct: int | None) -> dict[Variable, Value]:
+    """The disturbances over the period that ends at `ct`; at the first release (None) draw 0."""
+    drawn = {}
+    for d in component.disturbances:
+        hold = d.hold_ns or component.period_ns
+        index = 0 if ct is None else (ct - component.period_ns) // hold
+        drawn[d.variable] = _disturbance(d, seed, index)
+    return drawn
+
+
+def _disturbance(d: Disturbance, seed: int, index: int) -> Value:
+    drawn = (draw_float(seed, stream, index, d.low, d.high) for stream in d.streams)
+    return assemble(d.variable.type, drawn)
+
+
+# ---------------------------------------------------------------- motion
+
+
+def _moved(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> tuple[Value, ...]:
+    """The states one period later: every `next` from the old states, every `der` integrated."""
+    if code.move is not None:
+        return code.move(env, states)
+    new = dict(zip(code.states, states, strict=True))
+    if code.next:
+        _see(code, env, states)
+        new.update({variable: value(env) for variable, value in code.next})
+    if code.der:
+        new.update(_integrated(code, env, states))
+    return tuple([new[variable] for variable in code.states])
+
+
+def _integrated(
+    code: PlantCode, env: Environment, states: tuple[Value, ...]
+) -> dict[Variable, Value]:
+    """All `der` states together over one period, in `substeps` equal steps; the others held."""
+    variables = [variable for variable, _ in code.der]
+
+    def f(x: list[Value]) -> list[Value]:
+        env.variables.update(zip(variables, x, strict=True))
+        _evaluate_lets(code, env)
+        return [derivative(env) for _, derivative in code.der]
+
+    _set_states(code, env, states)
+    x = [env.variables[variable] for variable in variables]
+    h = float(code.component.period_ns) / 1e9 / float(code.component.substeps)
+    step = _euler if code.method == "euler" else _rk4
+    for _ in range(code.component.substeps):
+        x = step(f, x, h, code.arithmetic)
+    return dict(zip(variables, x, strict=True))
+
+
+def _euler(f: Derivative, x: list[Value], h: float, arithmetic: Steps) -> list[Value]:
+    """`x + h*f(x)`."""
+    return _along(x, h, f(x), arithmetic)
+
+
+def _rk4(f: Derivative, x: list[Value], h: float, arithmetic: Steps) -> list[Value]:
+    """`x + (h/6)*(((k1 + 2*k2) + 2*k3) + k4)`."""
+    k1 = f(x)
+    k2 = f(_along(x, h * 0.5, k1, arithmetic))
+    k3 = f(_along(x, h * 0.5, k2, arithmetic))
+    k4 = f(_along(x, h, k3, arithmetic))
+    k = _along(_along(k1, 2.0, k2, arithmetic), 2.0, k3, arithmetic)
+    k = [a.add(y, z) for a, y, z in zip(arithmetic, k, k4, strict=True)]
+    return _along(x, h / 6.0, k, arithmetic)
+
+
+def _along(x: list[Value], factor: float, k: list[Value], arithmetic: Steps) -> list[Value]:
+    """`x + factor*k`."""
+    return [a.add(y, a.scale(factor, z)) for a, y, z in zip(arithmetic, x, k, strict=True)]
+
+
+# ---------------------------------------------------------------- measurement
+
+
+def _measured(
+    code: PlantCode, env: Environment, states: tuple[Value, ...], seed: int, ct: int
+) -> dict[int, Value]:
+    """What the plant publishes: its `drives` on these states, measurement errors added."""
+    _see(code, env, states)
+    out = {topic: value(env) for topic, value in code.drives}
+    for r in code.readings:
+        error = draw_float(seed, r.stream, ct // code.component.period_ns, -r.bound, r.bound)
+        leaf = out[r.topic]
+        for position in r.path:
+            leaf = leaf[position]
+        out[r.topic] = replaced(out[r.topic], r.path, leaf + error)
+    return out
+
+
+def _see(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
+    """Let expressions see these states, and the lets that follow from them."""
+    _set_states(code, env, states)
+    _evaluate_lets(code, env)
+
+
+def _set_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
+    env.variables.update(zip(code.states, states, strict=True))
+
+
+def _evaluate_lets(code: PlantCode, env: Environment) -> None:
+    for variable, value in code.lets:
+        env.variables[variable] = value(env)
+
+
+# ---------------------------------------------------------------- compiling
+
+
+def compile_plant(
+    component: Component, evaluator: Evaluator, topics: Sequence[Topic], move: Move | None
+) -> PlantCode:
+    """The code of a plant instance. `der` and `next` keep the order the program wrote them in."""
+    plant = component.plant
+    assert plant is not None, component.name
+
+    def named(pairs: Sequence[tuple[Variable, Expr]]) -> Named:
+        return tuple([(variable, evaluator.expression(e)) for variable, e in pairs])
+
+    scope = component.scope.topics
+    return PlantCode(
+        component=component,
+        states=plant.states,
+        store=storer(v.type for v in plant.states),
+        lets=named(plant.lets),
+        der=named(tuple(plant.der.items())),
+        next=named(tuple(plant.next.items())),
+        arithmetic=tuple([_arithmetic(v.type) for v in plant.der]),
+        method=plant.method,
+        drives=tuple([(scope[t], evaluator.expression(e)) for t, e in plant.drives]),
+        readings=tuple(
+            [
+                Reading(m.topic, _position(topics[m.topic].type, m.leaf), m.bound, m.stream)
+                for m in component.measured
+            ]
+        ),
+        move=move,
+    )
+
+
+def _arithmetic(t: Type) -> Arithmetic:
+    zipped, each = vectors.zipper(t), vectors.mapper(t)
+    return Arithmetic(
+        add=lambda x, y: zipped(operator.add, x, y),
+        scale=lambda factor, x: each(lambda component: factor * component, x),
+    )
+
+
+def _position(t: Type, leaf: int) -> tuple[int, ...]:
+    """The positions, from the outside in, of the leaf with this number."""
+    path = list(leaves(t))[leaf][0]
+    found = []
+    for part in path:
+        if part.startswith("["):
+            found.append(int(part[1:-1]))
+            t = t.element  # type: ignore[attr-defined]
+        else:
+            record: RecordType = t  # type: ignore[assignment]
+            at = record.index(part)
+            assert at is not None, part
+            found.append(at)
+            t = record.fields[at][1]
+    return tuple(found)

@@ -1,0 +1,191 @@
+"""The four rules of the paper's Figure "Semantics of an RTA System".
+
+Purpose: each rule as one function from a configuration to a configuration, the figure's
+conditions named beside the line that is them. Rulings beyond the paper: docs/semantics.md.
+Non-goals: which rule comes next, and with what input: a driver's choice (`interpreter.py`).
+Plants, the part of the environment a program describes, step in `plants.py`.
+
+Every rule assumes its premises; `FN` is the set of components that remain to be fired.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.program.arith import StepFault
+from soter.semantics.configuration import put
+from soter.semantics.gate import check_publications, earn, latch, publish, refuse
+from soter.semantics.record import AC, SC, Outcome, Verdict
+
+if TYPE_CHECKING:
+    from soter.program.environment import Environment
+    from soter.program.evaluate_expr import Compiled
+    from soter.program.system import Component, Module
+    from soter.program.types import Value
+    from soter.semantics.configuration import Configuration
+    from soter.semantics.machine import Machine
+
+
+def environment_input(c: Configuration, topic: int, value: Value) -> Configuration:
+    """ENVIRONMENT-INPUT: an input topic takes a value of its set, at any time.
+
+    (L, OE, ct, FN, Topics) -> (L, OE, ct, FN, Topics[e -> v])
+    """
+    return publish(c, {topic: value})
+
+
+def discrete_time_progress_step(machine: Machine, c: Configuration) -> Configuration:
+    """DISCRETE-TIME-PROGRESS-STEP: nothing left to fire, so time moves to the next release.
+
+    (L, OE, ct, FN, Topics) -> (L, OE, ct', FN', Topics)
+    """
+    assert not c.FN, "dt1: FN is empty"
+    ct = next_release(machine, c.ct)  # dt2: the earliest (x, t) of the calendar with t > ct
+    fn = [n.index for n in machine.system.components if _is_released(n, ct)]  # dt3
+    return replace(c, ct=ct, FN=tuple(fn))
+
+
+def dm_step(machine: Machine, c: Configuration, dm: int) -> tuple[Configuration, Verdict]:
+    """DM-STEP: the decision module reads the state topics and sets the mode.
+
+    (L, OE, ct, FN, Topics) -> (L[dm -> l'], OE[ac -> en, sc -> not en], ct, FN minus {dm}, Topics)
+    """
+    code = machine.dms[dm]
+    module = code.module
+    mode = c.L[dm]
+    env = machine.environment(c, machine.system.components[dm])
+    stale = is_stale(machine, c, module)
+    ttf = _holds(code.ttf, env, unknown=True)
+    safer = _holds(code.safer, env, unknown=False)
+    gate_fault = c.gate_fault[module.index]
+
+    after = mode
+    if module.forced is None:
+        if mode == AC and (ttf or stale or gate_fault):
+            after = SC
+        elif mode == SC and safer and not stale and c.clean_needed[module.index] == 0:
+            after = AC
+    en = after == AC  # dm1: ITE(l' = AC, en = true, en = false)
+    oe = put(put(c.OE, module.ac, en), module.sc, not en)  # dm2
+    c = replace(
+        c,
+        L=put(c.L, dm, after),
+        OE=oe,
+        FN=_without(c.FN, dm),
+        gate_fault=put(c.gate_fault, module.index, False),
+    )
+    return c, Verdict(module.index, ttf, safer, stale, gate_fault, mode, after)
+
+
+def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configuration, Outcome]:
+    """AC-OR-SC-STEP: a node (an AC, an SC, or one outside every module) steps.
+
+    (L, OE, ct, FN, Topics) -> (L[n -> l'], OE, ct, FN minus {n}, Topics')
+    """
+    component = machine.system.components[n]
+    c = replace(c, FN=_without(c.FN, n))
+    oe = c.OE[n]
+    if c.latched[n]:
+        return _fail_safe(c, component, Outcome(n, {}))
+    try:
+        kept, out = _transition(machine, c, component)  # (l, in, l', out) in T(n)
+        check_publications(machine.checks, machine.nodes[n].outputs, out, component.span)
+    except StepFault as fault:
+        return _faulted(machine, c, component, fault)
+    c = replace(c, L=put(c.L, n, kept), had_control=put(c.had_control, n, oe))
+    if component.role == "ac":
+        c = earn(c, _module(machine, component), machine.nodes[n].outputs, out)
+    if oe:  # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
+        return publish(c, out), Outcome(n, out)
+    return c, Outcome(n, {})
+
+
+# ---------------------------------------------------------------- premises
+
+
+def next_release(machine: Machine, ct: int) -> int:
+    """The earliest time after `ct` at which a component is released or an input is due."""
+    system = machine.system
+    releases = [_next_multiple(ct, n.phase_ns, n.period_ns) for n in system.components]
+    inputs = [_next_multiple(ct, 0, i.every_ns) for i in system.inputs]
+    return min(releases + inputs)
+
+
+def _next_multiple(ct: int, phase: int, period: int) -> int:
+    """The smallest phase + k * period, k >= 0, after `ct`."""
+    return phase if ct < phase else ct + period - (ct - phase) % period
+
+
+def _is_released(n: Component, ct: int) -> bool:
+    return ct >= n.phase_ns and (ct - n.phase_ns) % n.period_ns == 0
+
+
+def _without(fn: tuple[int, ...], n: int) -> tuple[int, ...]:
+    """FN' = FN minus {n}."""
+    assert n in fn, "a component fires once an instant"
+    return tuple([i for i in fn if i != n])
+
+
+# ---------------------------------------------------------------- of a DM
+
+
+def is_stale(machine: Machine, c: Configuration, module: Module) -> bool:
+    """Whether the DM would decide on a topic that is older than its `max_age`."""
+    for index in module.inputs:
+        max_age = machine.system.topics[index].max_age_ns
+        if max_age is not None and c.ct - c.stamps[index] > max_age:
+            return True
+    return False
+
+
+def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> bool:
+    """The predicate, or `unknown` where there is none or it faults: unknown is unsafe."""
+    if predicate is None:
+        return unknown
+    try:
+        return bool(predicate(env))
+    except StepFault:
+        return unknown
+
+
+# ---------------------------------------------------------------- of a node
+
+
+def _transition(
+    machine: Machine, c: Configuration, component: Component
+) -> tuple[tuple[Value, ...], dict[int, Value]]:
+    """(l', out) of one step: `on takeover` first where control is new; faults are raised."""
+    n = component.index
+    code = machine.nodes[n]
+    env = machine.environment(c, component)
+    env.variables.update(zip(code.locals, c.L[n], strict=True))
+    if code.takeover is not None and c.OE[n] and not c.had_control[n]:
+        code.takeover(env)
+    code.step(env)
+    return code.store(tuple([env.variables[v] for v in code.locals])), env.published
+
+
+def _faulted(
+    machine: Machine, c: Configuration, component: Component, fault: StepFault
+) -> tuple[Configuration, Outcome]:
+    """Nothing is published and the locals stay; an AC is gated, a trusted node latched."""
+    n = component.index
+    if component.role == "ac":
+        module = _module(machine, component)
+        return refuse(c, module), Outcome(n, {}, fault, module=module.index)
+    return _fail_safe(latch(c, n), component, Outcome(n, {}, fault, latched=True))
+
+
+def _fail_safe(
+    c: Configuration, component: Component, outcome: Outcome
+) -> tuple[Configuration, Outcome]:
+    """A latched node publishes its declared fail-safe values, if its outputs are enabled."""
+    if not c.OE[component.index]:
+        return c, outcome
+    return publish(c, component.failsafe), replace(outcome, published=component.failsafe)
+
+
+def _module(machine: Machine, component: Component) -> Module:
+    assert component.module is not None, component.name
+    return machine.system.modules[component.module]

@@ -1,0 +1,654 @@
+"""The syntax tree: what the text says, before anybody asks whether it makes sense.
+
+Purpose: immutable nodes with spans, one class per construct of `docs/grammar.ebnf`.
+Non-goals: names, types, meaning (`program/`); comments (the printer reads them from tokens).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+
+
+@dataclass(frozen=True, slots=True)
+class Name:
+    """An identifier where it is written."""
+
+    text: str
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Ref:
+    """A name of this file, or `file.name` of an imported one (`qualifier` set)."""
+
+    qualifier: Name | None
+    name: Name
+    span: Span
+
+    @property
+    def text(self) -> str:
+        """The reference as written."""
+        return f"{self.qualifier.text}.{self.name.text}" if self.qualifier else self.name.text
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """A dotted path such as `motion.x` or `left.cart`."""
+
+    parts: tuple[Name, ...]
+    span: Span
+
+    @property
+    def text(self) -> str:
+        """The path as written."""
+        return ".".join(p.text for p in self.parts)
+
+
+# ---------------------------------------------------------------- expressions
+
+
+@dataclass(frozen=True, slots=True)
+class Expr:
+    """Any expression."""
+
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class IntLit(Expr):
+    """`42`; also stands where a float is expected."""
+
+    value: int
+
+
+@dataclass(frozen=True, slots=True)
+class FloatLit(Expr):
+    """`1.5e-3`; `text` is kept for the printer."""
+
+    value: float
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class DurationLit(Expr):
+    """`10ms`; `value_ns` is None when it is not a whole number of nanoseconds."""
+
+    value_ns: int | None
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class BoolLit(Expr):
+    """`true` or `false`."""
+
+    value: bool
+
+
+@dataclass(frozen=True, slots=True)
+class NameExpr(Expr):
+    """A bare name in an expression."""
+
+    name: Name
+
+
+@dataclass(frozen=True, slots=True)
+class FieldExpr(Expr):
+    """`target.field`; also `file.name`, `Enum.member`, `list.len` and `plant.truth`."""
+
+    target: Expr
+    field: Name
+
+
+@dataclass(frozen=True, slots=True)
+class IndexExpr(Expr):
+    """`target[index]`."""
+
+    target: Expr
+    index: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class CallExpr(Expr):
+    """`callee(arguments)`; the callee is a NameExpr or a FieldExpr."""
+
+    callee: Expr
+    arguments: tuple[Expr, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class UnaryExpr(Expr):
+    """`-e` or `!e`."""
+
+    op: str
+    operand: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class BinaryExpr(Expr):
+    """`left op right` for + - * / % < <= > >= == != && ||."""
+
+    op: str
+    left: Expr
+    right: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class ConditionalExpr(Expr):
+    """`condition ? then : otherwise`."""
+
+    condition: Expr
+    then: Expr
+    otherwise: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class RecordExpr(Expr):
+    """`{ x: 1.0, y: 2.0 }`."""
+
+    fields: tuple[tuple[Name, Expr], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ListExpr(Expr):
+    """`[a, b, c]`: an array or a bounded list, by the expected type."""
+
+    elements: tuple[Expr, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorExpr(Expr):
+    """Stands where an expression could not be parsed; already reported, never again."""
+
+
+# ---------------------------------------------------------------- types
+
+
+@dataclass(frozen=True, slots=True)
+class TypeExpr:
+    """Any type expression."""
+
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Interval:
+    """`[low, high]`."""
+
+    low: Expr
+    high: Expr
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class BuiltinType(TypeExpr):
+    """`bool`, `int`, `float` or `duration`."""
+
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class RangedIntType(TypeExpr):
+    """`int in [low, high]`."""
+
+    interval: Interval
+
+
+@dataclass(frozen=True, slots=True)
+class NamedType(TypeExpr):
+    """A declared type."""
+
+    ref: Ref
+
+
+@dataclass(frozen=True, slots=True)
+class RecordTypeExpr(TypeExpr):
+    """`{ x: float, y: float }`."""
+
+    fields: tuple[tuple[Name, TypeExpr], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ArrayTypeExpr(TypeExpr):
+    """`T[n]`."""
+
+    element: TypeExpr
+    size: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class ListTypeExpr(TypeExpr):
+    """`T[<=n]`."""
+
+    element: TypeExpr
+    capacity: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class EnumTypeExpr(TypeExpr):
+    """`enum { A, B }`; only on the right of a `type` declaration."""
+
+    members: tuple[Name, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorTypeExpr(TypeExpr):
+    """Stands where a type could not be parsed; already reported, never again."""
+
+
+# ---------------------------------------------------------------- statements
+
+
+@dataclass(frozen=True, slots=True)
+class Stmt:
+    """Any statement."""
+
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """`{ statements }`."""
+
+    statements: tuple[Stmt, ...]
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class LetStmt(Stmt):
+    """`let name [: type] = value;`, never assigned again."""
+
+    name: Name
+    type: TypeExpr | None
+    value: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class VarStmt(Stmt):
+    """`var name [: type] [= value];`; at least one of the two stands."""
+
+    name: Name
+    type: TypeExpr | None
+    value: Expr | None
+
+
+@dataclass(frozen=True, slots=True)
+class AssignStmt(Stmt):
+    """`place = value;`; the place is a chain of NameExpr, FieldExpr, IndexExpr."""
+
+    place: Expr
+    value: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class PushStmt(Stmt):
+    """`push list, value;`."""
+
+    place: Expr
+    value: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class PublishStmt(Stmt):
+    """`publish topic = value;`."""
+
+    topic: Ref
+    value: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class ReturnStmt(Stmt):
+    """`return value;`."""
+
+    value: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class AssertStmt(Stmt):
+    """`assert condition [, "message"];`."""
+
+    condition: Expr
+    message: str | None
+
+
+@dataclass(frozen=True, slots=True)
+class IfStmt(Stmt):
+    """`if c {...} elseif d {...} else {...}`; `arms` in order."""
+
+    arms: tuple[tuple[Expr, Block], ...]
+    otherwise: Block | None
+
+
+@dataclass(frozen=True, slots=True)
+class ForRangeStmt(Stmt):
+    """`for name in low..high {...}`: low, low+1, ..., high-1, both constant."""
+
+    name: Name
+    low: Expr
+    high: Expr
+    body: Block
+
+
+@dataclass(frozen=True, slots=True)
+class ForEachStmt(Stmt):
+    """`for name in array_or_list {...}`."""
+
+    name: Name
+    sequence: Expr
+    body: Block
+
+
+# ---------------------------------------------------------------- declarations
+
+
+@dataclass(frozen=True, slots=True)
+class Decl:
+    """Any top-level declaration."""
+
+    name: Name
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class ImportDecl(Decl):
+    """`import "path" as name;`."""
+
+    path: str
+    path_span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class TypeDecl(Decl):
+    """`type Name = ...;`."""
+
+    type: TypeExpr
+
+
+@dataclass(frozen=True, slots=True)
+class ConstDecl(Decl):
+    """`const NAME: type = value;` or `= data "file";`: exactly one of `value`, `data` is set."""
+
+    type: TypeExpr
+    value: Expr | None
+    data: str | None
+    data_span: Span | None
+
+
+@dataclass(frozen=True, slots=True)
+class ParamDecl(Decl):
+    """`param NAME: type = default in [low, high];`."""
+
+    type: TypeExpr
+    default: Expr
+    interval: Interval | None
+
+
+@dataclass(frozen=True, slots=True)
+class FunDecl(Decl):
+    """`fun name(parameters): type {...}`; an `extern fun` has no body."""
+
+    parameters: tuple[tuple[Name, TypeExpr], ...]
+    result: TypeExpr
+    body: Block | None
+    extern: bool
+    source: str | None
+    source_span: Span | None
+
+
+@dataclass(frozen=True, slots=True)
+class RecordSet:
+    """`{ x in [a, b], p in { ... } }`: a value set field by field."""
+
+    fields: tuple[tuple[Name, Interval | RecordSet], ...]
+    span: Span
+
+
+ValueSet = Interval | RecordSet
+
+
+@dataclass(frozen=True, slots=True)
+class TopicDecl(Decl):
+    """`[input] topic name: type [in set] [= default] [max_age d];`."""
+
+    input: bool
+    type: TypeExpr
+    values: ValueSet | None
+    default: Expr | None
+    max_age: Expr | None
+
+
+@dataclass(frozen=True, slots=True)
+class Subscription:
+    """A subscribed topic; `queue` is its length when it asks for one."""
+
+    topic: Ref
+    queue: int | None
+    policy: str | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class LocalVar:
+    """`var name: type [= initial];` of a node."""
+
+    name: Name
+    type: TypeExpr
+    initial: Expr | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class NodeDecl(Decl):
+    """`node` or `extern node`; `step` is None exactly when extern (or after a parse error)."""
+
+    period: Expr
+    phase: Expr | None
+    extern: bool
+    source: str | None
+    source_span: Span | None
+    subscribes: tuple[Subscription, ...]
+    publishes: tuple[Ref, ...]
+    failsafe: tuple[tuple[Ref, Expr], ...]
+    locals: tuple[LocalVar, ...]
+    assumes: tuple[Expr, ...]
+    guarantees: tuple[Expr, ...]
+    takeover: Block | None
+    step: Block | None
+
+
+@dataclass(frozen=True, slots=True)
+class GridAxis:
+    """`motion.x in [a, b] / cells` of a verify block."""
+
+    path: Path
+    interval: Interval
+    cells: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class Abstraction:
+    """`along: Axis = expr` of `abstracts d by ...`."""
+
+    name: Name
+    plant: Ref
+    value: Expr
+
+
+@dataclass(frozen=True, slots=True)
+class VerifyBlock:
+    """`verify { ... }`: read by `soter verify`, syntax and names checked always."""
+
+    grid: tuple[GridAxis, ...]
+    abstracts: tuple[tuple[Name, tuple[Abstraction, ...]], ...]
+    horizon: Expr | None
+    levels: Expr | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class RtaDecl(Decl):
+    """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
+
+    ac: Ref | None
+    sc: Ref | None
+    period: Expr | None
+    safe: Expr | None
+    safer: Expr | None
+    ttf: Expr | None
+    clean: Expr | None
+    verify: VerifyBlock | None
+
+
+@dataclass(frozen=True, slots=True)
+class PlantState:
+    """`state name: type [in [a, b]] [= initial];`: drawn uniformly from the interval if given."""
+
+    name: Name
+    type: TypeExpr
+    interval: Interval | None
+    initial: Expr | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Disturbance:
+    """`disturbance name: type in [a, b] [hold d];`."""
+
+    name: Name
+    type: TypeExpr
+    interval: Interval
+    hold: Expr | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class PlantLet:
+    """`let name = value;` inside a plant, seen by what follows it."""
+
+    name: Name
+    type: TypeExpr | None
+    value: Expr
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class PlantDecl(Decl):
+    """`plant` or `extern plant`. `drives` has an expression unless the plant is extern.
+
+    `integrate` is ("rk4" | "euler", substeps or None), None when left out (rk4, 1).
+    """
+
+    period: Expr
+    extern: bool
+    source: str | None
+    source_span: Span | None
+    reads: tuple[Ref, ...]
+    drives: tuple[tuple[Ref, Expr | None], ...]
+    states: tuple[PlantState, ...]
+    disturbances: tuple[Disturbance, ...]
+    lets: tuple[PlantLet, ...]
+    der: tuple[tuple[Name, Expr], ...]
+    next: tuple[tuple[Name, Expr], ...]
+    integrate: tuple[str, Expr | None] | None
+    measured: tuple[tuple[Path, Expr], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """`name: What { topic = other };`; `kind` is None for that form, else "module" or "node"."""
+
+    name: Name
+    what: Ref
+    kind: str | None
+    renames: tuple[tuple[Ref, Ref], ...]
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Property:
+    """`always e;`, `never e;`, `eventually e within d;`, `p leadsto e within d;`."""
+
+    kind: str
+    premise: Expr | None
+    condition: Expr
+    within: Expr | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Force:
+    """`force M ac;`."""
+
+    module: Path
+    to: str
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Replace:
+    """`replace A by B;`."""
+
+    what: Path
+    by: Ref
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class SetParam:
+    """`set K = 3;`."""
+
+    param: Ref
+    value: Expr
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class DriveInput:
+    """`input goal every 1s;`: a seeded uniform draw from the topic's set."""
+
+    topic: Path
+    every: Expr
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class SystemDecl(Decl):
+    """`system Name [default] {...}`."""
+
+    default: bool
+    instances: tuple[Instance, ...]
+    until: Expr | None
+    properties: tuple[Property, ...]
+    forces: tuple[Force, ...]
+    replaces: tuple[Replace, ...]
+    sets: tuple[SetParam, ...]
+    inputs: tuple[DriveInput, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TestDecl(Decl):
+    """`test Name {...}`: read by `soter test`."""
+
+    system: Ref | None
+    replaces: tuple[Replace, ...]
+    skew: Expr | None
+    horizon: Expr | None
+    properties: tuple[Property, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class File:
+    """One parsed file; `edition` is None when the first line is missing (already reported).
+
+    `broken` holds the names of declarations (and imports) that were dropped or lost a part to
+    a syntax error: later passes say nothing about such a name being unknown or incomplete.
+    """
+
+    edition: int | None
+    imports: tuple[ImportDecl, ...]
+    declarations: tuple[Decl, ...]
+    span: Span
+    broken: frozenset[str] = frozenset()
