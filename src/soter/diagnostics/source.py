@@ -15,7 +15,7 @@ class Source:
     """Name and text of one file; `name` is the path as the user gave it."""
 
     name: str
-    text: str
+    text: str = field(repr=False)
     _starts: list[int] = field(default_factory=list, repr=False)
 
     def __post_init__(self) -> None:

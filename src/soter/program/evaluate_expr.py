@@ -14,7 +14,7 @@ from soter.program import arith, vectors
 from soter.program import typed as t
 from soter.program.arith import FaultKind, StepFault
 from soter.program.environment import BudgetExceeded, Environment
-from soter.program.types import DurationType, FloatType, IntType, leaf_count
+from soter.program.types import ArrayType, DurationType, FloatType, IntType, leaf_count
 from soter.program.values import from_python, to_python
 
 if TYPE_CHECKING:
@@ -87,10 +87,15 @@ class ExpressionEvaluator(ABC):
         """`(environment, arguments) -> value` of a function with a body."""
 
     def value(self, expr: t.Expr) -> Value:
-        """The value of a closed expression; raises `StepFault` or `BudgetExceeded`."""
-        compiled = self.expression(expr)
+        """The value of a closed expression; raises `StepFault` or `BudgetExceeded`.
+
+        Calls that nest deeper than Python's stack exceed any budget.
+        """
         self._left = self._budget or 0
-        return compiled(Environment())
+        try:
+            return self.expression(expr)(Environment())
+        except RecursionError:
+            raise BudgetExceeded from None
 
     def expression(self, expr: t.Expr) -> Compiled:
         """`environment -> value`; the closure raises `StepFault`."""
@@ -313,6 +318,9 @@ class ExpressionEvaluator(ABC):
         return element
 
     def _length(self, expr: t.Length) -> Compiled:
+        of = expr.target.type
+        if isinstance(of, ArrayType):
+            return lambda _: of.size
         target = self._expr(expr.target)
         return lambda env: len(target(env))
 

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.report.wording import prose
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -76,6 +78,11 @@ def dot(colour: str, *, filled: bool, size: float = 10.0) -> Json:
         "color": "@paper",
         "line": {"color": colour, "width": 2.75},
     }
+
+
+def crowded(count: int, size: float) -> float:
+    """Return a smaller size for dots that would cover each other."""
+    return size if count <= 24 else max(size * 0.7, 4.0) if count <= 80 else size * 0.45
 
 
 def takeover_dot(size: float = 10.0) -> Json:
@@ -166,11 +173,11 @@ def decision_hover(decision: Decision) -> str:
         escape(f"t = {decision.time_s:.2f} s · {decision.module}"),
     ]
     if decision.reason:
-        lines.append(escape(decision.reason))
+        lines.append(prose(decision.reason))
     lines += [escape(text) for text in predicates_text(decision.predicates)]
     return "<br>".join(lines)
 
 
 def violation_hover(violation: Violation) -> str:
     """Return the hover text of a violation."""
-    return f"<b>Violation</b><br>t = {violation.time_s:.2f} s<br>{escape(violation.text)}"
+    return f"<b>Violation</b><br>t = {violation.time_s:.2f} s<br>{prose(violation.text)}"

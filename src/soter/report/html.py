@@ -23,10 +23,8 @@ if TYPE_CHECKING:
 
     from soter.report.record import ReportPage
 
-# The drawing library compiles small functions for the 3-D view, hence 'unsafe-eval'.
 POLICY = (
-    "default-src 'none'; script-src 'unsafe-inline' 'unsafe-eval'; style-src 'unsafe-inline'; "
-    "img-src data: blob:"
+    "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 )
 
 
@@ -67,7 +65,7 @@ def html_document(page: ReportPage, drawing_library: str) -> str:
 <main>
 {main}
 </main>
-<noscript><p>The figures of this report are drawn by JavaScript, which is switched off.</p></noscript>
+<noscript><p>JavaScript draws the figures of this report; it is switched off.</p></noscript>
 <script type="application/json" id="figures">{drawings}</script>
 <script>{drawing_library}</script>
 <script>
@@ -90,7 +88,7 @@ def _drawing_library() -> str:
 
 def _asset(name: str) -> str:
     """Read a file of the `assets` folder."""
-    return resources.files("soter.report").joinpath("assets", name).read_text(encoding="utf-8")
+    return (resources.files("soter.report") / "assets" / name).read_text(encoding="utf-8")
 
 
 def _script_safe(text: str) -> str:

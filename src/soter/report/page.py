@@ -14,6 +14,7 @@ import numpy as np
 from soter.report.city_map import city_map, dash_of
 from soter.report.city_solid import city_solid
 from soter.report.figure import TUBE_GROUP, arm_group, change_text, predicates_text
+from soter.report.record import Flight
 from soter.report.thumbnail import flight_thumbnail, mode_bar
 from soter.report.timeline import chart_timeline, flight_timeline
 from soter.report.trajectory import place
@@ -22,6 +23,7 @@ from soter.report.wording import (
     figures,
     headline,
     longest_s,
+    prose,
     value_text,
     violation_count,
 )
@@ -30,7 +32,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from soter.report.figure import Figure
-    from soter.report.record import Cell, Chart, Comparison, Decision, Flight, ReportPage, Scene
+    from soter.report.record import Cell, Chart, Comparison, Decision, ReportPage, Scene, Violation
 
 
 def body(page: ReportPage) -> tuple[str, list[Figure]]:
@@ -43,6 +45,7 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
         _city(page, drawn),
         _timelines(page, drawn),
         _charts(page, drawn),
+        _violations([*page.flights, *page.charts]),
         _decisions([*page.flights, *page.charts]),
         _assumptions(page.assumptions),
         _provenance(page),
@@ -52,12 +55,11 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
 
 def _header(page: ReportPage) -> str:
     """Open with the result."""
-    sentences = " ".join(f"<span>{escape(sentence)}</span>" for sentence in headline(page))
-    subtitle = f'<p class="subtitle">{escape(page.subtitle)}</p>' if page.subtitle else ""
-    return (
-        f'<header class="top"><p class="kicker">{escape(page.title)}</p>'
-        f"<h1>{sentences}</h1>{subtitle}</header>"
-    )
+    result = headline(page)
+    sentences = " ".join(f"<span>{prose(sentence)}</span>" for sentence in result)
+    kicker = "" if result == [page.title] else f'<p class="kicker">{escape(page.title)}</p>'
+    subtitle = f'<p class="subtitle">{prose(page.subtitle)}</p>' if page.subtitle else ""
+    return f'<header class="top">{kicker}<h1>{sentences}</h1>{subtitle}</header>'
 
 
 def _arms(page: ReportPage) -> str:
@@ -67,7 +69,11 @@ def _arms(page: ReportPage) -> str:
         return ""
     end_s = longest_s(arms)
     cards = [
-        _card(flight, flight_thumbnail(page.scene, flight, page.flights), _flight_bar(flight, end_s))
+        _card(
+            flight,
+            flight_thumbnail(page.scene, flight, page.flights),
+            mode_bar(flight.time_s, flight.in_control, end_s),
+        )
         for flight in page.flights
         if page.scene is not None
     ]
@@ -96,11 +102,6 @@ def _card(arm: Flight | Chart, picture: str, bars: str) -> str:
         f'<div class="result">{lap_text}<p class="verdict {verdict}"><span>{sign}</span> '
         f"{escape(count_text(violations, 'violation'))}</p></div><dl>{items}</dl></article>"
     )
-
-
-def _flight_bar(flight: Flight, end_s: float) -> str:
-    """Show who was in control of a flight."""
-    return mode_bar(flight.time_s, flight.in_control, end_s)
 
 
 def _chart_bars(chart: Chart, end_s: float) -> str:
@@ -141,13 +142,13 @@ def _comparison(comparison: Comparison | None) -> str:
         return ""
     head = "".join(f'<th scope="col">{escape(title)}</th>' for title in comparison.columns)
     rows = "".join(
-        f'<tr><th scope="row">{escape(quantity)}</th>{"".join(_cell(cell) for cell in cells)}</tr>'
+        f'<tr><th scope="row">{prose(quantity)}</th>{"".join(_cell(cell) for cell in cells)}</tr>'
         for quantity, cells in comparison.rows
     )
-    note = f'<p class="note">{escape(comparison.note)}</p>' if comparison.note else ""
+    note = f'<p class="note">{prose(comparison.note)}</p>' if comparison.note else ""
     return (
         '<section><h2>Beside the paper</h2><div class="scroll"><table class="comparison">'
-        f'<thead><tr><td></td>{head}</tr></thead><tbody>{rows}</tbody></table></div>{note}</section>'
+        f"<thead><tr><td></td>{head}</tr></thead><tbody>{rows}</tbody></table></div>{note}</section>"
     )
 
 
@@ -164,13 +165,13 @@ def _city(page: ReportPage, drawn: list[Figure]) -> str:
         return ""
     above, solid = city_map(scene, page.flights), city_solid(scene, page.flights)
     drawn += [above, solid]
-    note = f'<p class="note">{escape(scene.note)}</p>' if scene.note else ""
+    note = f'<p class="note">{prose(scene.note)}</p>' if scene.note else ""
     credit = f'<p class="note">{escape(scene.credit)}</p>' if scene.credit else ""
     return (
         f"<section><h2>The city from above</h2>{_switches(page)}"
-        f'{_place(above, "map")}{_key_of_scene(scene)}{note}</section>'
+        f"{_place(above, 'map')}{_key_of_scene(scene)}{note}</section>"
         f"<section><h2>In three dimensions</h2>{_switches(page)}"
-        f'{_place(solid, "solid")}{credit}</section>'
+        f"{_place(solid, 'solid')}{credit}</section>"
     )
 
 
@@ -201,12 +202,14 @@ def _key_of_scene(scene: Scene) -> str:
     entries: list[tuple[str, str]] = []
     if scene.tubes:
         entries += [
-            ('<i class="area safer"></i>', "φ<sub>safer</sub>: the DM gives back to AC"),
+            ('<i class="area safer"></i>', prose("φ_safer: the DM gives back to AC")),
             ('<i class="area look"></i>', "between: whoever is in control keeps it"),
             (
                 '<i class="area safe"></i>',
-                "look-ahead ttf<sub>2Δ</sub>: AC could leave φ<sub>safe</sub>, the outer edge, "
-                "within 2Δ; the DM switches to SC",
+                prose(
+                    "look-ahead ttf_2Δ: AC could leave φ_safe, the outer edge, within 2Δ; "
+                    "the DM switches to SC"
+                ),
             ),
         ]
     if len(scene.boxes):
@@ -236,7 +239,8 @@ def _timelines(page: ReportPage, drawn: list[Figure]) -> str:
         return ""
     end_s = longest_s(page.flights)
     clearances = np.concatenate([flight.clearance_m for flight in page.flights])
-    span = (float(np.nanmin(clearances)), float(np.nanmax(clearances)))
+    known = clearances[np.isfinite(clearances)]
+    span = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
     parts: list[str] = []
     for index, flight in enumerate(page.flights):
         key = f"time-{index}"
@@ -259,6 +263,38 @@ def _charts(page: ReportPage, drawn: list[Figure]) -> str:
     return f"<section><h2>Signals and who is in control</h2>{''.join(parts)}</section>"
 
 
+def _violations(arms: Sequence[Flight | Chart]) -> str:
+    """List every violation with the property that failed."""
+    rows = "".join(
+        f'<tr><td class="number">{violation.time_s:.2f}</td><td>{escape(arm.title)}</td>'
+        f"<td>{prose(violation.text)}</td>{_where(arm, violation)}</tr>"
+        for arm in arms
+        for violation in arm.violations
+    )
+    if not rows:
+        return ""
+    where = '<th scope="col">where / m</th>' if isinstance(arms[0], Flight) else ""
+    return (
+        '<section><h2>Violations</h2><div class="scroll tall"><table class="events"><thead><tr>'
+        '<th scope="col" class="number">t / s</th><th scope="col">arm</th>'
+        f'<th scope="col">what failed</th>{where}</tr></thead><tbody>{rows}</tbody></table></div>'
+        "</section>"
+    )
+
+
+def _where(arm: Flight | Chart, event: Decision | Violation) -> str:
+    """Return the cell that says where an event took place, if the arm moves through a scene."""
+    if not isinstance(arm, Flight):
+        return ""
+    x, y, z = place(arm, event.time_s, event.position)
+    return f'<td class="where">{_minus(f"{x:.1f}, {y:.1f}, {z:.1f}")}</td>'
+
+
+def _minus(number: str) -> str:
+    """Set negative numbers with a minus sign."""
+    return number.replace("-", "\N{MINUS SIGN}")
+
+
 def _decisions(arms: Sequence[Flight | Chart]) -> str:
     """List every decision with its reason."""
     tables = [_decision_table(arm, several=len(arms) > 1) for arm in arms if arm.decisions]
@@ -266,39 +302,39 @@ def _decisions(arms: Sequence[Flight | Chart]) -> str:
         return ""
     return (
         "<section><h2>Decisions of the DM</h2>"
-        f'<p class="note">Each step of a decision module that changed who is in control.</p>'
+        '<p class="note lead">Each step of a decision module that changed who is in control.</p>'
         f"{''.join(tables)}</section>"
     )
 
 
 def _decision_table(arm: Flight | Chart, *, several: bool) -> str:
     """List one arm's decisions."""
-    title = f"<h3>{escape(arm.title)}</h3>" if several else ""
-    located = hasattr(arm, "position")
-    where = '<th scope="col">where / m</th>' if located else ""
-    rows = "".join(_decision_row(arm, decision) for decision in arm.decisions)
+    count = count_text(len(arm.decisions), "decision")
+    title = f"<h3>{escape(arm.title)} <small>{count}</small></h3>" if several else ""
+    modules = {decision.module for decision in arm.decisions}
+    where = '<th scope="col">where / m</th>' if isinstance(arm, Flight) else ""
+    module = '<th scope="col">module</th>' if len(modules) > 1 else ""
+    rows = "".join(
+        _decision_row(arm, decision, with_module=len(modules) > 1) for decision in arm.decisions
+    )
     return (
-        f'{title}<div class="scroll tall"><table class="decisions"><thead><tr>'
+        f'{title}<div class="scroll tall"><table class="events"><thead><tr>'
         '<th scope="col" class="number">t / s</th><th scope="col">change</th>'
-        f'<th scope="col">why</th><th scope="col">what the DM saw</th>{where}'
-        f'<th scope="col">module</th></tr></thead><tbody>{rows}</tbody></table></div>'
+        f'<th scope="col">why</th><th scope="col">what the DM saw</th>{where}{module}'
+        f"</tr></thead><tbody>{rows}</tbody></table></div>"
     )
 
 
-def _decision_row(arm: Flight | Chart, decision: Decision) -> str:
+def _decision_row(arm: Flight | Chart, decision: Decision, *, with_module: bool) -> str:
     """Show one decision."""
-    from_flight = getattr(arm, "position", None) is not None
-    where = ""
-    if from_flight:
-        x, y, z = place(arm, decision.time_s, decision.position)  # type: ignore[arg-type]
-        where = f'<td class="number">{x:.1f}, {y:.1f}, {z:.1f}</td>'
+    module = f"<td><code>{escape(decision.module)}</code></td>" if with_module else ""
     kind = "takeover" if decision.to == "SC" else "giveback"
     seen = "<br>".join(escape(text) for text in predicates_text(decision.predicates))
     return (
         f'<tr><td class="number">{decision.time_s:.2f}</td>'
         f'<td class="change"><i class="mark {kind}"></i>{change_text(decision)}</td>'
-        f'<td>{escape(decision.reason)}</td><td class="seen">{seen}</td>{where}'
-        f"<td><code>{escape(decision.module)}</code></td></tr>"
+        f'<td class="why">{prose(decision.reason)}</td><td class="seen">{seen}</td>'
+        f"{_where(arm, decision)}{module}</tr>"
     )
 
 
@@ -306,7 +342,7 @@ def _assumptions(assumptions: Sequence[str]) -> str:
     """Say what the result rests on."""
     if not assumptions:
         return ""
-    items = "".join(f"<li>{escape(text)}</li>" for text in assumptions)
+    items = "".join(f"<li>{prose(text)}</li>" for text in assumptions)
     return f'<section class="grounds"><h2>What this rests on</h2><ul>{items}</ul></section>'
 
 

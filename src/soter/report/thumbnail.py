@@ -29,10 +29,9 @@ BAR_WIDTH = 1000
 def flight_thumbnail(scene: Scene, flight: Flight, flights: Sequence[Flight]) -> str:
     """Return an SVG of one flight from above, in the window that holds all `flights`."""
     shown = window(scene, flights)
-    parts = [
-        f'<svg class="thumb" viewBox="0 0 {shown.width:.2f} {shown.height:.2f}" role="img" '
-        f'aria-label="{escape(flight.title)}: the flight from above">'
-    ]
+    label = escape(f"{flight.title}: the flight from above")
+    view = f"0 0 {shown.width:.2f} {shown.height:.2f}"
+    parts = [f'<svg class="thumb" viewBox="{view}" role="img" aria-label="{label}">']
     for box, level in zip(scene.boxes, height_levels(scene.boxes).tolist(), strict=True):
         parts.append(f'<path class="box box-{level}" d="{_path(shown, box_outline(box))}Z"/>')
     outlines = [tube_outline(tube, tube.half_width_m) for tube in scene.tubes]
@@ -54,10 +53,8 @@ def flight_thumbnail(scene: Scene, flight: Flight, flights: Sequence[Flight]) ->
 def mode_bar(time_s: NDArray[np.float64], in_control: NDArray[np.bool_], end_s: float) -> str:
     """Return an SVG bar of who is in control; its full width is `end_s` seconds."""
     scale = BAR_WIDTH / end_s if end_s > 0 else 0.0
-    parts = [
-        f'<svg class="bar" viewBox="0 0 {BAR_WIDTH} 10" preserveAspectRatio="none" role="img" '
-        'aria-label="who is in control over time">'
-    ]
+    view = f'viewBox="0 0 {BAR_WIDTH} 10" preserveAspectRatio="none"'
+    parts = [f'<svg class="bar" {view} role="img" aria-label="who is in control over time">']
     for first, last, is_ac in runs(in_control):
         left = (time_s[first] - time_s[0]) * scale
         width = (time_s[last] - time_s[first]) * scale
@@ -72,11 +69,13 @@ def _lines(shown: Window, flight: Flight) -> list[str]:
     """Draw the trajectory in the colours of whoever is in control."""
     chosen = flight_indices(flight, POINTS_MAX)
     points = flight.position[chosen, :2]
-    return [
-        f'<path class="line {"ac" if is_ac else "sc"}" d="{_path(shown, points[first : last + 1])}"/>'
-        for first, last, is_ac in runs(flight.in_control[chosen])
-        if last > first
-    ]
+    parts: list[str] = []
+    for first, last, is_ac in runs(flight.in_control[chosen]):
+        if last > first:
+            controller = "ac" if is_ac else "sc"
+            path = _path(shown, points[first : last + 1])
+            parts.append(f'<path class="line {controller}" d="{path}"/>')
+    return parts
 
 
 def _events(shown: Window, flight: Flight) -> list[str]:

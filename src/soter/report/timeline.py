@@ -18,6 +18,7 @@ from soter.report.figure import (
     Figure,
     Json,
     axis,
+    crowded,
     decision_hover,
     giveback_dot,
     layout,
@@ -31,6 +32,7 @@ from soter.report.trajectory import (
     by_controller,
     flight_indices,
     givebacks,
+    lowest,
     mode_edges,
     nearest_indices,
     runs,
@@ -49,6 +51,7 @@ BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX = 16, 132, 30, 54
 MARGIN_TOP_PX = 12
 MINUS = "\N{MINUS SIGN}"
 OVERLAYS = (("@ink", "solid"), ("@muted", "dash"), ("@muted", "dot"), ("@muted", "dashdot"))
+DASH_NAMES = {"dash": "dashed", "dot": "dotted", "dashdot": "dash-dotted"}
 
 
 class _Stack:
@@ -80,7 +83,7 @@ class _Stack:
         """Place a row's y axis."""
         low, high = self.domains[row]
         key = "yaxis" if row == 0 else f"yaxis{row + 1}"
-        self.axes[key] = axis(domain=[low, high], anchor="x", **more)
+        self.axes[key] = {**axis(domain=[low, high], anchor="x"), **more}
 
 
 def flight_timeline(
@@ -98,15 +101,17 @@ def flight_timeline(
     time_s, modes = flight.time_s[chosen], flight.in_control[chosen]
     data += _two_tone(stack, 1, time_s, flight.clearance_m[chosen], modes, "m")
     data += _two_tone(stack, 2, time_s, flight.speed[chosen], modes, "m/s")
-    lowest, highest = clearance_range_m
-    room = 0.22 * (highest - min(lowest, 0.0))
-    stack.add_axis(1, range=[min(lowest, 0.0) - room, highest + 0.3 * room], nticks=5)
+    least, greatest = clearance_range_m
+    room = 0.22 * (greatest - min(least, 0.0))
+    stack.add_axis(1, range=[min(least, 0.0) - room, greatest + 0.3 * room], nticks=5)
     stack.add_axis(2, rangemode="tozero", nticks=4)
     notes = [_panel_name(stack, 1, "clearance / m"), _panel_name(stack, 2, "speed / (m/s)")]
     shapes.append(_level(stack, 1, 0.0))
-    mark, note = _lowest_mark(stack, flight)
-    data.append(mark)
-    notes.append(note)
+    index = lowest(flight.clearance_m)
+    if index is not None:
+        mark, note = _lowest_mark(stack, flight, index)
+        data.append(mark)
+        notes.append(note)
     data += _decision_marks(stack, 0, flight.decisions)
     data += _violation_marks(stack, 1, flight.violations, flight.time_s, flight.clearance_m)
     return Figure(
@@ -157,18 +162,29 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
 
 def _frame(stack: _Stack) -> Json:
     """Return the axes and the margins all stacks share."""
-    return {**stack.axes, "margin": {"l": 40, "r": 16, "t": MARGIN_TOP_PX, "b": MARGIN_PX - MARGIN_TOP_PX}}
+    return {
+        **stack.axes,
+        "margin": {"l": 40, "r": 16, "t": MARGIN_TOP_PX, "b": MARGIN_PX - MARGIN_TOP_PX},
+    }
 
 
 def _panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
-    """Group series by panel, in order of appearance, under a title with the unit."""
+    """Group series by panel, in order of appearance, under a title with unit and overlays."""
     groups: dict[str, list[Series]] = {}
     for each in series:
         groups.setdefault(each.panel or each.name, []).append(each)
-    return [
-        (f"{name} / {_unit(members[0].unit)}" if members[0].unit else name, members)
-        for name, members in groups.items()
+    return [(_panel_title(name, members), members) for name, members in groups.items()]
+
+
+def _panel_title(name: str, members: Sequence[Series]) -> str:
+    """Write a panel's name and unit, and what the lines drawn over the first one are."""
+    unit = members[0].unit
+    title = f"{name} / {_unit(unit)}" if unit else name
+    overlays = [
+        f"{DASH_NAMES[dash]}: {each.name}"
+        for (_, dash), each in zip(OVERLAYS[1:], members[1:], strict=False)
     ]
+    return f"{title}  ({', '.join(overlays)})" if overlays else title
 
 
 def _unit(unit: str) -> str:
@@ -184,8 +200,8 @@ def _chart_indices(chart: Chart) -> NDArray[np.intp]:
     for band in chart.modes:
         keep += mode_edges(band.in_control)
     for series in chart.series:
-        if np.isfinite(series.values).any():
-            keep += [int(np.nanargmin(series.values)), int(np.nanargmax(series.values))]
+        extremes = (lowest(series.values), lowest(-series.values))
+        keep += [index for index in extremes if index is not None]
     return thin(len(chart.time_s), keep)
 
 
@@ -298,7 +314,7 @@ def _level(stack: _Stack, row: int, value: float) -> Json:
         "x1": 1,
         "y0": value,
         "y1": value,
-        "line": {"color": "@takeover", "width": 1, "dash": "dash"},
+        "line": {"color": "@takeover", "width": 1},
     }
 
 
@@ -332,9 +348,8 @@ def _panel_name(stack: _Stack, row: int, name: str) -> Json:
     }
 
 
-def _lowest_mark(stack: _Stack, flight: Flight) -> tuple[Json, Json]:
+def _lowest_mark(stack: _Stack, flight: Flight, index: int) -> tuple[Json, Json]:
     """Mark the closest approach and write its value below: a trace and an annotation."""
-    index = int(np.nanargmin(flight.clearance_m))
     value = float(flight.clearance_m[index])
     time_s = round(float(flight.time_s[index]), 3)
     mark: Json = {
@@ -363,7 +378,11 @@ def _lowest_mark(stack: _Stack, flight: Flight) -> tuple[Json, Json]:
 
 def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> list[Json]:
     """Put the decisions on the mode band."""
-    kinds = ((takeovers(decisions), takeover_dot(9)), (givebacks(decisions), giveback_dot(9)))
+    size = crowded(len(decisions), 9)
+    kinds = (
+        (takeovers(decisions), takeover_dot(size)),
+        (givebacks(decisions), giveback_dot(size)),
+    )
     return [
         {
             "type": "scatter",

@@ -70,12 +70,12 @@ def thin(
     even = np.linspace(0, count - 1, budget // 2).round().astype(np.intp)
     values = np.where(np.isnan(dips), np.inf, dips)
     bins = np.linspace(0, count, budget // 2 + 1).astype(np.intp)
-    lowest = [
+    lows = [
         first + int(np.argmin(values[first:last]))
         for first, last in zip(bins[:-1].tolist(), bins[1:].tolist(), strict=True)
         if last > first
     ]
-    found = np.union1d(even, np.asarray(lowest, dtype=np.intp))
+    found = np.union1d(even, np.asarray(lows, dtype=np.intp))
     return np.union1d(np.fromiter(chosen, dtype=np.intp), found)
 
 
@@ -89,6 +89,13 @@ def nearest_indices(time_s: NDArray[np.float64], at_s: Iterable[float]) -> list[
     """Return, for each time, the index of the last sample not after it (0 before the first)."""
     found = np.searchsorted(time_s, np.asarray(list(at_s), dtype=np.float64), side="right") - 1
     return [int(index) for index in np.clip(found, 0, len(time_s) - 1)]
+
+
+def lowest(values: NDArray[np.float64]) -> int | None:
+    """Return the index of the least finite value of (N,), None where there is none."""
+    known = np.where(np.isfinite(values), values, np.inf)
+    index = int(np.argmin(known))
+    return index if np.isfinite(known[index]) else None
 
 
 def flight_indices(flight: Flight, points_max: int = POINTS_MAX) -> NDArray[np.intp]:

@@ -8,13 +8,13 @@ Non-goals: locking; of two writers of one path the last to finish wins.
 from __future__ import annotations
 
 import os
-import tempfile
+import secrets
 from contextlib import contextmanager, suppress
-from pathlib import Path
 from typing import IO, TYPE_CHECKING
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
+    from pathlib import Path
 
 
 @contextmanager
@@ -22,31 +22,27 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
     """Give a binary stream whose bytes stand at `path` once the block has ended without error.
 
     The bytes go to a temporary name in the same folder, are synced to the disk and renamed over
-    `path`. Missing parent folders are made. Raises `OSError` as the system reports it; the
-    temporary file is removed on any error, an interrupt included.
+    `path`; a link is followed. Missing parent folders are made. Raises `OSError` as the system
+    reports it; the temporary file is removed on any error, an interrupt included. What exists
+    and is no regular file, such as `/dev/null`, is written to directly: it must not be replaced.
     """
-    path.parent.mkdir(parents=True, exist_ok=True)
-    descriptor, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-    temporary = Path(name)
+    target = path.resolve()
+    if target.exists() and not target.is_file():
+        with target.open("wb") as stream:
+            yield stream
+        return
+    target.parent.mkdir(parents=True, exist_ok=True)
+    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
     try:
-        with os.fdopen(descriptor, "wb") as stream:
+        with temporary.open("xb") as stream:
             yield stream
             stream.flush()
             os.fsync(stream.fileno())
-        # mkstemp makes the file private; give it the rights any new file would have.
-        temporary.chmod(0o666 & ~_umask())
-        temporary.replace(path)
+        temporary.replace(target)
     except BaseException:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
         raise
-
-
-def _umask() -> int:
-    """Return the process's file mode creation mask; it can only be read by setting it."""
-    mask = os.umask(0o077)
-    os.umask(mask)
-    return mask
 
 
 def reason(error: OSError) -> str:

@@ -6,6 +6,8 @@ Non-goals: judging; the counts come from the caller.
 
 from __future__ import annotations
 
+import re
+from html import escape
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
@@ -21,7 +23,15 @@ CAPTIONS = {
     "switches_to_ac": "AC came back",
     "min_clearance_m": "closest approach",
 }
+SUBSCRIPTS = re.compile(r"(φ|ttf)_(safer|safe|2Δ|\{2Δ\})")
 UNITS = {"_s": "s", "_m": "m", "_km": "km", "_ns": "ns"}
+
+
+def prose(text: str) -> str:
+    """Escape a text for HTML and set the paper's symbols with their subscripts."""
+    return SUBSCRIPTS.sub(
+        lambda match: f"{match[1]}<sub>{match[2].strip('{}')}</sub>", escape(text)
+    )
 
 
 def violation_count(arm: Flight | Chart) -> int:
@@ -64,7 +74,7 @@ def value_text(key: str, value: float | str) -> str:
     if key.endswith("share"):
         return f"{100 * value:.1f} %"
     if key.startswith("switches"):
-        return f"{int(value)} ×"
+        return f"{int(value)} \N{MULTIPLICATION SIGN}"
     unit = next((text for suffix, text in UNITS.items() if key.endswith(suffix)), "")
     number = f"{value:d}" if isinstance(value, int) else f"{value:.3g}"
     if key.endswith("_s") and not isinstance(value, int):

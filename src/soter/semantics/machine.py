@@ -7,6 +7,7 @@ Non-goals: state; a machine never changes, so one serves any number of runs and 
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -31,6 +32,10 @@ if TYPE_CHECKING:
     from soter.program.typed import FunSymbol, Variable
     from soter.program.types import Value
     from soter.semantics.configuration import Configuration
+
+
+STACK_DEPTH = 10_000
+"""Python frames a step may need: functions that call functions nest closures in closures."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,6 +66,7 @@ class Machine:
     """
 
     def __init__(self, system: System, seed: int, externs: Mapping[str, object]) -> None:
+        sys.setrecursionlimit(max(sys.getrecursionlimit(), STACK_DEPTH))
         self.system = system
         self.seed = seed
         self.checks = tuple([check_of(topic) for topic in system.topics])

@@ -9,7 +9,7 @@ Non-goals: any rule of the grammar.
 from __future__ import annotations
 
 from difflib import get_close_matches
-from typing import TYPE_CHECKING, NoReturn
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Label
 from soter.diagnostics.span import Span
@@ -57,12 +57,16 @@ class Cursor:
         "depth",
         "ends",
         "i",
+        "indent",
+        "inner",
+        "items",
         "kinds",
         "misused",
         "opened",
         "problems",
         "quiet",
         "source",
+        "spaced",
         "starts",
         "texts",
         "tight",
@@ -81,11 +85,16 @@ class Cursor:
         self.quiet = -1  # no further error at this token
         self.depth = 0  # of expressions and types
         self.blocks = 0  # of nested statement blocks
+        self.inner = False  # inside a declaration that stands inside another one
+        self.indent = 0  # of the declaration at hand
+        self.items: frozenset[str] = frozenset()  # words that begin an item of the body at hand
         self.damaged = False  # the declaration at hand lost something
         self.misused: set[str] = set()  # reserved words the user takes for names
-        # For the printer: braces that open a block, brackets and signs that cling.
+        # For the printer: braces that open a block, brackets and signs that cling, and the
+        # colons of `? :`, which do not.
         self.opened: list[int] = []
         self.tight: list[int] = []
+        self.spaced: list[int] = []
 
     # ------------------------------------------------------------ spans
 
@@ -144,7 +153,7 @@ class Cursor:
         labels = tuple(Label(s, t) for s, t in also)
         self.problems.append(Diagnostic(code, message, Label(span, label), labels, notes, helps))
 
-    def fail(
+    def failure(
         self,
         code: str,
         message: str,
@@ -154,10 +163,10 @@ class Cursor:
         also: tuple[tuple[Span, str], ...] = (),
         notes: tuple[str, ...] = (),
         helps: tuple[str, ...] = (),
-    ) -> NoReturn:
-        """Report as `report` does and give up the current construct."""
+    ) -> Panic:
+        """Report as `report` does; the caller raises what it gets."""
         self.report(code, message, span, label, also=also, notes=notes, helps=helps)
-        raise Panic
+        return Panic()
 
     # ------------------------------------------------------------ looking ahead
 
@@ -231,7 +240,7 @@ class Cursor:
             self.i += 1
             return
         also = ((self.token_span(opener), "opened here"),) if opener is not None else ()
-        self.fail("S005", f"expected `{kind}` {where}, found {self.found()}", also=also)
+        raise self.failure("S005", f"expected `{kind}` {where}, found {self.found()}", also=also)
 
     def expect_word(self, word: str, where: str) -> None:
         """Step over this contextual or reserved word; a near miss counts."""
@@ -243,7 +252,7 @@ class Cursor:
             self.report("S005", message, helps=(f"write `{word}`",))
             self.i += 1
             return
-        self.fail("S005", message)
+        raise self.failure("S005", message)
 
     def assign(self, where: str) -> None:
         """Step over `=`, forgiving `:=` and `==`."""
@@ -257,7 +266,7 @@ class Cursor:
             )
             self.i += 1
             return
-        self.fail("S005", f"expected `=` {where}, found {self.found()}")
+        raise self.failure("S005", f"expected `=` {where}, found {self.found()}")
 
     def semicolon(self, after: str) -> None:
         """Step over `;`; if it is missing, say so where it belongs and carry on."""
@@ -278,10 +287,10 @@ class Cursor:
         """Whether what follows looks like the next statement, item or end: nothing to skip."""
         kind = self.kinds[self.i]
         return (
-            kind == "}"
-            or kind == EOF
+            kind in ("}", EOF)
             or kind in STATEMENT_WORDS
             or kind in ITEM_WORDS
+            or self.texts[self.i] in self.items
             or ((kind in RESERVED or kind == NAME) and self.new_line())
             or self.at_declaration()
         )
@@ -293,9 +302,12 @@ class Cursor:
         if kind == NAME:
             self.i = i + 1
             return Name(self.texts[i], Span(self.source, self.starts[i], self.ends[i]))
+        if kind == ERROR:  # such as `3x`, already reported
+            self.i = i + 1
+            return Name(self.texts[i], self.token_span(i))
         if kind in RESERVED and not self._stops(i):
             return self.misused_word(what)
-        self.fail("S006", f"expected {what}, found {self.found()}")
+        raise self.failure("S006", f"expected {what}, found {self.found()}")
 
     def misused_word(self, what: str) -> Name:
         """The reserved word at the cursor, taken for a name; reported the first time."""
@@ -362,7 +374,7 @@ class Cursor:
         if kind == NAME and close == "}" and self.kinds[self.i + 1] in (":", ",", "}"):
             self.report("S005", message, self.after_previous(), "`,` is missing here", also=also)
             return True
-        self.fail("S005", message, also=also)
+        raise self.failure("S005", message, also=also)
 
     # ------------------------------------------------------------ firm ground
 
@@ -372,7 +384,7 @@ class Cursor:
         braces = kinds[start : self.i].count("{") - kinds[start : self.i].count("}")
         while True:
             kind = kinds[self.i]
-            if kind in (";", EOF) or kind in STATEMENT_WORDS or kind in ITEM_WORDS:
+            if kind in (";", EOF) or self._begins_item(kind):
                 break
             if kind == "{":
                 if stop_at_brace and braces <= 0:
@@ -394,16 +406,23 @@ class Cursor:
             kind = kinds[self.i]
             if kind == ";":
                 self.i += 1
-                break
-            if kind in ("}", EOF) or kind in STATEMENT_WORDS or kind in ITEM_WORDS:
+                self.quiet = -1
+                return
+            if kind in ("}", EOF) or self._begins_item(kind):
                 break
             if kind == "{":
                 self.skip_braces()
-                break
+                return
             if self.at_declaration():
                 break
             self.i += 1
         self.quiet = self.i
+
+    def _begins_item(self, kind: str) -> bool:
+        """Whether a statement or an item begins at the cursor, seen from inside another one."""
+        if kind in STATEMENT_WORDS or kind in ITEM_WORDS:
+            return True
+        return self.texts[self.i] in self.items and kind != STRING and self.new_line()
 
     def skip_braces(self) -> None:
         """Past a balanced `{ ... }`, or up to a declaration that shows it is not closed."""
@@ -419,7 +438,8 @@ class Cursor:
             elif kind == "}":
                 level -= 1
                 if level <= 0:
-                    break
+                    self.quiet = -1
+                    return
         self.quiet = self.i
 
     def skip_to_declaration(self) -> None:
@@ -439,7 +459,8 @@ class Cursor:
 
     def unclosed(self, opener: int, what: str) -> None:
         """Report that the block opened at token `opener` has no end before the cursor."""
-        also = [(self.token_span(opener), f"the body of {what} begins here")]
+        begins = "it" if what == "this block" else f"the body of {what}"
+        also = [(self.token_span(opener), f"{begins} begins here")]
         suspect = self._suspect(opener)
         if suspect is not None:
             opening, closing = suspect
@@ -457,15 +478,19 @@ class Cursor:
                 stack.append(index)
             elif kind == "}" and stack:
                 opening = stack.pop()
-                indent = self._indent(index)
-                if self._first_on_line(index) and indent < self._indent(opening):
+                indent = self.line_indent(index)
+                if self._first_on_line(index) and indent < self.line_indent(opening):
                     return (opening, index) if opening != opener else None
         return None
 
-    def _indent(self, index: int) -> int:
+    def nested_declaration(self) -> bool:
+        """Whether the declaration at the cursor is indented as if it belonged to this one."""
+        return not self.inner and self.line_indent(self.i) > self.indent
+
+    def line_indent(self, index: int) -> int:
+        """Characters before the first word of the line on which the token stands."""
         line = self.source.line(self.source.line_of(self.starts[index]))
         return len(line) - len(line.lstrip())
 
     def _first_on_line(self, index: int) -> bool:
-        return self._indent(index) == self.source.column_of(self.starts[index]) - 1
-
+        return self.line_indent(index) == self.source.column_of(self.starts[index]) - 1

@@ -71,7 +71,6 @@ _SLIPS = {
     "OR": "||",
     "mod": "%",
 }
-_UNITS = frozenset([*UNIT_NS, "sec", "msec", "seconds", "hz", "Hz"])
 _OPERAND_WORDS = frozenset([NAME, INT, FLOAT, DURATION, "(", "true", "false", "!", "-"])
 
 _CONVERSIONS = frozenset(["int", "float"])
@@ -141,8 +140,11 @@ class ExpressionParser(Cursor):
             i = self.i
             number = result.span.text
             unit = self.texts[i] if self.kinds[i] == NAME else ""
-            if unit in _UNITS and self.starts[i] - self.ends[i - 1] <= 1:
+            if unit in UNIT_NS:
                 help_ = f"write `{number}{unit}`, without a space"
+                self.i += 1
+            elif unit.lower() == "hz":
+                help_ = "write the time between two steps: 100 Hz is `10ms`"
                 self.i += 1
             else:
                 help_ = f"write `{number}ms` or `{number}s`"
@@ -234,11 +236,12 @@ class ExpressionParser(Cursor):
         self.i += 1
         then = self.expression(_ANY)
         if self.kinds[self.i] != ":":
-            self.fail(
+            raise self.failure(
                 "S005",
                 f"expected `:` after the first choice of `? :`, found {self.found()}",
                 also=((self.token_span(opener), "the choice begins here"),),
             )
+        self.spaced.append(self.i)
         self.i += 1
         otherwise = self.expression(_ANY)
         span = Span(self.source, start, self.ends[self.i - 1])
@@ -279,7 +282,9 @@ class ExpressionParser(Cursor):
                 helps=("comparison for equality is `==`",),
             )
         else:
-            self.report("S015", f"`{text}` is not an operator of Soter", helps=(f"write `{meant}`",))
+            self.report(
+                "S015", f"`{text}` is not an operator of Soter", helps=(f"write `{meant}`",)
+            )
 
     # ------------------------------------------------------------ operands
 
@@ -317,13 +322,13 @@ class ExpressionParser(Cursor):
             elif kind == "(":
                 result = self._call(result, start)
             elif kind == "++":
-                self.fail(
+                raise self.failure(
                     "S015",
                     "`++` is not an operator of Soter",
                     helps=("write `x = x + 1;` as a statement of its own",),
                 )
             elif kind == "**":
-                self.fail(
+                raise self.failure(
                     "S015",
                     "`**` is not an operator of Soter",
                     helps=("there is no power operator: multiply",),
@@ -353,7 +358,7 @@ class ExpressionParser(Cursor):
         self.i += 1
         index = self.expression(_ANY)
         if self.kinds[self.i] == ",":
-            self.fail(
+            raise self.failure(
                 "S005",
                 "expected `]` after the index, found `,`",
                 helps=("write one pair of brackets per dimension: `a[i][j]`",),
@@ -365,7 +370,7 @@ class ExpressionParser(Cursor):
         opener = self.i
         self.tight.append(opener)
         if not isinstance(callee, tree.NameExpr | tree.FieldExpr):
-            self.fail(
+            raise self.failure(
                 "S023",
                 "only the name of a function can be called",
                 callee.span,
@@ -398,7 +403,7 @@ class ExpressionParser(Cursor):
             self.i += 1
             return
         wanted = f"`{kind}`" if after in ("the expression", "the index") else f"`,` or `{kind}`"
-        self.fail(
+        raise self.failure(
             "S005",
             f"expected {wanted} after {after}, found {self.found()}",
             also=((self.token_span(opener), "opened here"),),
@@ -465,9 +470,11 @@ class ExpressionParser(Cursor):
         entries: list[tuple[tree.Name, tree.Expr]] = []
         while True:
             if self.kinds[self.i] == "}" and not entries:
-                self.fail("S007", "expected a field, found `}`", notes=("a record has fields",))
+                raise self.failure(
+                    "S007", "expected a field, found `}`", notes=("a record has fields",)
+                )
             if self.kinds[self.i + 1] in (",", "}") and not entries:
-                self.fail(
+                raise self.failure(
                     "S007",
                     f"expected `field: value` in a record, found {self.found()}",
                     helps=("arrays and lists are written `[a, b]`",),
@@ -495,7 +502,11 @@ class ExpressionParser(Cursor):
         if kind == "+":
             helps = ("there is no unary `+`: leave it out",)
         elif kind == "if":
-            helps = ("a choice inside an expression is `condition ? a : b`",)
+            self.report(
+                "S007", message, helps=("a choice inside an expression is `condition ? a : b`",)
+            )
+            self._skip_choice()
+            raise Panic
         elif kind == STRING:
             notes = ("strings stand only after `import`, `from`, `data` and in `assert`",)
         elif kind in ("float", "int", "bool"):
@@ -504,10 +515,18 @@ class ExpressionParser(Cursor):
             notes = (f"`{kind}` is reserved and cannot be a name",)
         elif kind == "=":
             helps = ("comparison for equality is `==`",)
-        self.fail("S007", message, notes=notes, helps=helps)
+        raise self.failure("S007", message, notes=notes, helps=helps)
+
+    def _skip_choice(self) -> None:
+        """Past an `if ... { } else { }` that stands where an expression should."""
+        while self.kinds[self.i] in ("if", "else", "elseif"):
+            while self.kinds[self.i] not in ("{", "}", ";", EOF):
+                self.i += 1
+            if self.kinds[self.i] == "{":
+                self.skip_braces()
 
     def _too_deep(self, what: str) -> NoReturn:
-        self.fail(
+        raise self.failure(
             "S020",
             f"this {what} is nested too deeply",
             notes=(f"at most {LEVELS_MAX} levels: brackets and operators count one each",),
@@ -603,14 +622,14 @@ class ExpressionParser(Cursor):
             helps = ("declare it first: `type Name = enum { ... };`",)
         elif kind == "[":
             helps = ("the size of an array follows its type: `float[3]`",)
-        self.fail("S008", f"expected {what}, found {self.found()}", helps=helps)
+        raise self.failure("S008", f"expected {what}, found {self.found()}", helps=helps)
 
     def _foreign_type(self, ref: tree.Ref, i: int) -> None:
         """`List<float>` and the like are no types; `double` is left to the checker."""
         if self.kinds[self.i] != "<":
             return
         self.i = i
-        self.fail(
+        raise self.failure(
             "S008",
             f"`{visible(ref.text)}<...>` is not a type",
             helps=("an array is `float[8]`, a list of at most eight is `float[<=8]`",),
@@ -622,7 +641,9 @@ class ExpressionParser(Cursor):
         entries: list[tuple[tree.Name, tree.TypeExpr]] = []
         while True:
             if self.kinds[self.i] == "}" and not entries:
-                self.fail("S008", "expected a field, found `}`", notes=("a record has fields",))
+                raise self.failure(
+                    "S008", "expected a field, found `}`", notes=("a record has fields",)
+                )
             field = self.name("the name of a field")
             self.expect(":", f"after the field `{visible(field.text)}`")
             entries.append((field, self._type("the type of the field")))
@@ -636,7 +657,7 @@ class ExpressionParser(Cursor):
         """`[low, high]`; fails where the bracket is missing."""
         opener = self.i
         if self.kinds[opener] != "[":
-            self.fail(
+            raise self.failure(
                 "S005",
                 f"expected {what} as `[low, high]`, found {self.found()}",
                 helps=("an interval is written with brackets, ends included: `[-1.0, 1.0]`",),

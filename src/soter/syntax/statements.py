@@ -5,17 +5,30 @@ it declares wherever they can be read, so that later lines do not complain about
 Non-goals: expressions (`expressions.py`); whether a place may be assigned (`program/`).
 """
 
+# ruff: noqa: SLF001 - the tables at the end name the methods of the class before them
+
 from __future__ import annotations
 
 from soter.syntax import tree
 from soter.syntax.cursor import STATEMENT_WORDS, Panic
 from soter.syntax.expressions import ExpressionParser
-from soter.syntax.tokens import EOF, INT, NAME, RESERVED, STRING, string_value, visible
+from soter.syntax.tokens import (
+    DURATION,
+    EOF,
+    FLOAT,
+    INT,
+    NAME,
+    RESERVED,
+    STRING,
+    string_value,
+    visible,
+)
 
 #: Statement blocks may nest so deep.
 BLOCKS_MAX = 64
 
 _ELSEIF = frozenset(["elif", "elsif", "else_if"])
+_VALUES = frozenset([INT, FLOAT, DURATION, "true", "false", "(", "-"])
 _PLACE_FOLLOWS = frozenset(["=", ".", "[", ":="])
 _NO_STATEMENT = {
     "break": "loops always run to their end: guard the body with `if`",
@@ -38,12 +51,17 @@ class StatementParser(ExpressionParser):
 
     __slots__ = ()
 
-    def block(self, where: str) -> tree.Block:
-        """`{ statements }`; a single statement without braces is reported and taken as one."""
+    def block(self, where: str, *, single: bool = False) -> tree.Block:
+        """`{ statements }`; without `{`, a `single` statement or all up to `}` are taken."""
         start = self.starts[self.i]
-        if self.kinds[self.i] != "{":
+        opener = self.i
+        if self.kinds[opener] == "{":
+            self.opened.append(opener)
+            self.i += 1
+        elif single:
             return self._braceless(where, start)
-        opener = self.open_brace(where)
+        else:
+            self._no_brace(where)
         self.blocks += 1
         if self.blocks > BLOCKS_MAX:
             self.report(
@@ -66,6 +84,9 @@ class StatementParser(ExpressionParser):
                 self.i += 1
                 break
             if kind == EOF or (kind not in STATEMENT_WORDS and self.at_declaration()):
+                if kind != EOF and self.nested_declaration():
+                    self.misplaced_declaration()
+                    continue
                 self.unclosed(opener, "this block")
                 break
             self._recovering(statements, kind)
@@ -78,11 +99,7 @@ class StatementParser(ExpressionParser):
         blocks = self.blocks
         try:
             parse = _STATEMENTS.get(kind)
-            following = self.kinds[before + 1]
-            if kind in RESERVED and (
-                following in ("=", ":=")
-                or (following in _PLACE_FOLLOWS and kind not in STATEMENT_WORDS)
-            ):
+            if parse is None and kind in RESERVED and self.kinds[before + 1] in _PLACE_FOLLOWS:
                 parse = StatementParser._assign  # a reserved word taken for a variable
             if parse is not None:
                 statements.append(parse(self))
@@ -96,13 +113,20 @@ class StatementParser(ExpressionParser):
                 self.advance()
             self.skip_statement()
 
-    def _braceless(self, where: str, start: int) -> tree.Block:
+    def misplaced_declaration(self) -> None:
+        """Report a declaration inside another one and step over it."""
+        raise NotImplementedError
+
+    def _no_brace(self, where: str) -> None:
         message = f"expected `{{` {where}, found {self.found()}"
-        kind = self.kinds[self.i]
         if not self._at_statement():
-            self.fail("S005", message)
+            raise self.failure("S005", message)
         self.report("S005", message, helps=("braces are never left out",))
         self.quiet = -1
+
+    def _braceless(self, where: str, start: int) -> tree.Block:
+        self._no_brace(where)
+        kind = self.kinds[self.i]
         statements: list[tree.Stmt] = []
         self.blocks += 1
         if self.blocks > BLOCKS_MAX:
@@ -120,6 +144,10 @@ class StatementParser(ExpressionParser):
     def _head(self, what: str) -> tree.Expr:
         """The expression between a statement word and its block."""
         start = self.i
+        if self.kinds[start] == "{" and self.kinds[start + 2] != ":":
+            self.report("S007", f"expected {what}, found `{{`")
+            self.quiet = -1
+            return tree.ErrorExpr(self.after_previous())
         result = self.expr(what, stop_at_brace=True)
         if self.kinds[self.i] in ("{", "..") or self._at_statement():
             return result
@@ -153,12 +181,25 @@ class StatementParser(ExpressionParser):
         if type_ is not None and self.accept(";"):
             return tree.VarStmt(self.span_from(start), name, type_, None)
         if type_ is not None and self.kinds[self.i] not in ("=", ":=", "=="):
-            self.semicolon("the variable")
+            self.no_initial("the type of the variable")
             return tree.VarStmt(self.span_from(start), name, type_, None)
         value = self._initial(f"`{visible(name.text)}`")
         if value is None:
             value = tree.ErrorExpr(self.after_previous())
         return tree.VarStmt(self.span_from(start), name, type_, value)
+
+    def no_initial(self, after: str) -> None:
+        """Step over the `;` behind a type; a value without `=` is reported as such."""
+        kind = self.kinds[self.i]
+        if kind == ";":
+            self.i += 1
+        elif kind in _VALUES:
+            message = f"expected `=` or `;` after {after}, found {self.found()}"
+            self.report("S005", message, self.after_previous(), "`=` is missing here")
+            self.damaged = True
+            self.skip_statement()
+        else:
+            self.semicolon(after)
 
     def _initial(self, what: str) -> tree.Expr | None:
         """`= value;` of a `let` or `var`, None where it could not be read."""
@@ -190,13 +231,13 @@ class StatementParser(ExpressionParser):
             self.i += 1
         elif kind == "++" or (kind == "-" and self.kinds[self.i + 1] == "-"):
             text = visible(place.span.text)
-            self.fail(
+            raise self.failure(
                 "S015",
                 f"`{kind}` is not a statement of Soter",
                 helps=(f"write `{text} = {text} {kind[0]} 1;`",),
             )
         elif kind == "(":
-            self.fail(
+            raise self.failure(
                 "S011",
                 "a call is not a statement",
                 place.span,
@@ -204,7 +245,7 @@ class StatementParser(ExpressionParser):
                 helps=("use the value: `let x = ...;` or `publish t = ...;`",),
             )
         elif kind in (";", "}"):
-            self.fail("S011", "an expression is not a statement", place.span)
+            raise self.failure("S011", "an expression is not a statement", place.span)
         else:
             self.assign(f"after `{visible(place.span.text)}`")
         value = self.value("the assignment")
@@ -218,10 +259,10 @@ class StatementParser(ExpressionParser):
             return None
         if word in _NO_STATEMENT:
             message = f"`{word}` is no statement of Soter"
-            self.fail("S011", message, helps=(_NO_STATEMENT[word],))
+            raise self.failure("S011", message, helps=(_NO_STATEMENT[word],))
         if word in _ELSEIF:
-            self.fail("S015", f"`{word}` is no word of Soter", helps=("write `elseif`",))
-        if following == NAME or following in RESERVED or following == INT:
+            raise self.failure("S015", f"`{word}` is no word of Soter", helps=("write `elseif`",))
+        if following in (NAME, INT) or following in RESERVED:
             near = self.close_word(word, STATEMENT_WORDS)
             if near in _STATEMENTS and near != "while":
                 message = f"expected a statement, found `{visible(word)}`"
@@ -257,7 +298,7 @@ class StatementParser(ExpressionParser):
             name = visible(self.texts[self.i + 1])
             self.report("S011", message, helps=(f"write `var {name}: {word} = ...;`",))
             return self._c_style_declaration()
-        self.fail("S011", message)
+        raise self.failure("S011", message)
 
     def _place(self) -> tree.Expr:
         start = self.starts[self.i]
@@ -321,14 +362,14 @@ class StatementParser(ExpressionParser):
         start = self.starts[self.i]
         self.i += 1
         condition = self._head("the condition")
-        arms = [(condition, self.block("after the condition"))]
+        arms = [(condition, self.block("after the condition", single=True))]
         otherwise: tree.Block | None = None
         while True:
             if self.accept("elseif") or self._else_if():
                 condition = self._head("the condition")
-                arms.append((condition, self.block("after the condition")))
+                arms.append((condition, self.block("after the condition", single=True)))
             elif self.accept("else"):
-                otherwise = self.block("after `else`")
+                otherwise = self.block("after `else`", single=True)
                 break
             else:
                 break
@@ -366,9 +407,9 @@ class StatementParser(ExpressionParser):
         low = self._head("the range")
         if self.accept(".."):
             high = self._head("the end of the range")
-            body = self.block("after the range")
+            body = self.block("after the range", single=True)
             return tree.ForRangeStmt(self.span_from(start), name, low, high, body)
-        body = self.block("after the range")
+        body = self.block("after the range", single=True)
         return tree.ForEachStmt(self.span_from(start), name, low, body)
 
     def _c_style_loop(self) -> None:
@@ -393,7 +434,7 @@ class StatementParser(ExpressionParser):
         )
         self.i += 1
         condition = self._head("the condition")
-        body = self.block("after the condition")
+        body = self.block("after the condition", single=True)
         return tree.IfStmt(self.span_from(start), ((condition, body),), None)
 
     def _dangling_else(self) -> tree.Stmt:
@@ -404,9 +445,9 @@ class StatementParser(ExpressionParser):
             self.accept("if")
             start = self.starts[self.i]
             condition = self._head("the condition")
-            body = self.block("after the condition")
+            body = self.block("after the condition", single=True)
             return tree.IfStmt(self.span_from(start), ((condition, body),), None)
-        body = self.block("after `else`")
+        body = self.block("after `else`", single=True)
         condition = tree.ErrorExpr(body.span)
         return tree.IfStmt(body.span, ((condition, body),), None)
 
@@ -419,7 +460,7 @@ class StatementParser(ExpressionParser):
         notes: tuple[str, ...] = ()
         if kind in ("subscribes", "publishes", "step", "state", "der", "next", "period"):
             notes = (f"`{kind}` belongs in the body around: is a `}}` missing before it?",)
-        self.fail("S011", message, notes=notes)
+        raise self.failure("S011", message, notes=notes)
 
     def stray_semicolon(self) -> None:
         """Report a `;` that ends nothing and step over all that follow."""

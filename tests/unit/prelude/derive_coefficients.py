@@ -1,8 +1,8 @@
-"""Derive every constant array of `src/soter/prelude/math.soter`, from nothing but mpmath.
+"""Derive every constant of `src/soter/prelude/math.soter`, from nothing but mpmath.
 
 Purpose: `derived()` gives name -> values; `test_coefficients.py` shows that the Soter source holds
-exactly these. `python tests/unit/prelude/derive_coefficients.py` prints them, with the error of each
-polynomial as it stands, its coefficients rounded to binary64.
+exactly these. `python tests/unit/prelude/derive_coefficients.py` prints them, with the error of
+each polynomial as it stands, its coefficients rounded to binary64.
 
 Method: a polynomial is the weighted minimax fit on a Chebyshev grid (the Remez exchange, run on the
 grid). Coefficients are rounded one after the other, the lowest power first, and the rest is fitted
@@ -42,7 +42,7 @@ class Fit:
 
 
 def _grid(low: mpf, high: mpf) -> list[mpf]:
-    """Chebyshev points of [low, high]: an even number, so none is the middle, where targets are 0/0."""
+    """Chebyshev points of [low, high]; an even number: none is 0, where targets are 0/0."""
     middle, half = (low + high) / 2, (high - low) / 2
     return [
         middle - half * mpmath.cos(mp.pi * (2 * k + 1) / (2 * GRID_POINTS))
@@ -112,12 +112,18 @@ def fit(problem: Fit) -> tuple[float, ...]:
     return tuple(rounded)
 
 
+def _polynomial(coefficients: Sequence[float], t: mpf) -> mpf:
+    value = mpf(0)
+    for coefficient in reversed(coefficients):
+        value = value * t + mpf(coefficient)
+    return value
+
+
 def fit_error(problem: Fit, coefficients: Sequence[float]) -> mpf:
     """The largest weighted error of the rounded coefficients."""
     points = _grid(problem.low, problem.high)
     return max(
-        problem.weight(p) * abs(problem.target(p) - mpmath.polyval(coefficients[::-1], p))
-        for p in points
+        problem.weight(p) * abs(problem.target(p) - _polynomial(coefficients, p)) for p in points
     )
 
 
@@ -159,7 +165,7 @@ def _odd(function: Callable[[mpf], mpf], reach: mpf, terms: int) -> Fit:
     )
 
 
-def _fits() -> dict[str, Fit]:
+def fits() -> dict[str, Fit]:
     """Every polynomial of the prelude. Ranges have a slack of 1e-9 for a rounded reduction."""
     slack = 1 + mpf(10) ** -9
     quarter = mp.pi / 4 * slack
@@ -217,12 +223,16 @@ def _left_over(value: mpf) -> tuple[float]:
 
 def _constants() -> dict[str, tuple[float, ...]]:
     """Numbers in several parts, and the tables of powers of two."""
+    # n * the first part is exact for |n| < 2^11: 42 + 11 = 53 bits
+    ln2 = parts(mp.ln2, 42, 2)
+    ln2_pow = parts(3 * mp.ln2 / 2, 42, 2)
     return {
         # n * part is exact for |n| < 2^16: 37 + 16 = 53 bits
         "_HALF_PI": parts(mp.pi / 2, 37, 3),
-        # n * part is exact for |n| < 2^11: 42 + 11 = 53 bits
-        "_LN2": parts(mp.ln2, 42, 2),
-        "_LN2_POW": parts(3 * mp.ln2 / 2, 42, 2),
+        "_LN2_HIGH": (ln2[0],),
+        "_LN2_LOW": (ln2[1],),
+        "_LN2_POW_HIGH": (ln2_pow[0],),
+        "_LN2_POW_LOW": (ln2_pow[1],),
         # k * pi / 4 for k = 0..4, and what the double leaves over
         "_EIGHTH_TURNS": tuple(_double(k * mp.pi / 4)[0] for k in range(5)),
         "_EIGHTH_TURNS_LOW": tuple(_left_over(k * mp.pi / 4)[0] for k in range(5)),
@@ -254,20 +264,22 @@ def _constants() -> dict[str, tuple[float, ...]]:
 def derived() -> dict[str, tuple[float, ...]]:
     """Every constant array of the mathematical prelude: name -> values."""
     with mpmath.workdps(DIGITS):
-        polynomials = {name: fit(problem) for name, problem in _fits().items()}
+        polynomials = {name: fit(problem) for name, problem in fits().items()}
         return polynomials | _constants()
 
 
 def main() -> None:
     """Print the arrays as they stand in the prelude, and how good each polynomial is."""
     with mpmath.workdps(DIGITS):
-        problems = _fits()
+        problems = fits()
         for name, values in derived().items():
-            good = f"  // 2^{float(mpmath.log(fit_error(problems[name], values), 2)):.1f}" if name in problems else ""
-            print(f"const {name}: float[{len(values)}] = [{good}")
+            print(f"const {name}: float[{len(values)}] = [")
             for value in values:
                 print(f"    {value!r},")
             print("];")
+            if name in problems:
+                error = fit_error(problems[name], values)
+                print(f"// relative error 2^{float(mpmath.log(error, 2)):.1f}")
 
 
 if __name__ == "__main__":

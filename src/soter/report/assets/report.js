@@ -37,11 +37,18 @@
     return trace.group === undefined || shown[trace.group] !== false;
   }
 
+  // A metre is as long upwards as sideways, and no strip of the place stays empty.
+  function mapHeight(width, layout) {
+    const { l, r, t, b } = layout.margin;
+    const span = (axis) => axis.range[1] - axis.range[0];
+    return Math.round(((width - l - r) * span(layout.yaxis)) / span(layout.xaxis) + t + b);
+  }
+
   // Time axes need no tools: drag to zoom, double-click to return.
   function config(key) {
     return {
       displaylogo: false,
-      displayModeBar: key in tools ? "hover" : false,
+      displayModeBar: key in tools && !narrow.matches ? "hover" : false,
       modeBarButtons: key in tools ? [tools[key]] : [],
       toImageButtonOptions: { format: key === "solid" ? "png" : "svg", filename: "soter-" + key },
     };
@@ -57,6 +64,9 @@
     const layout = themed(figure.layout, style);
     if (narrow.matches) {
       layout.margin = { ...layout.margin, r: 6 };
+    }
+    if (layout.yaxis && layout.yaxis.scaleanchor) {
+      place.style.height = mapHeight(place.clientWidth, layout) + "px";
     }
     if (coarse.matches && !layout.scene) {
       layout.dragmode = false; // a finger scrolls the page

@@ -9,10 +9,9 @@ from __future__ import annotations
 import sys
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from soter.report.html import write_html
 from soter.report.record import (
@@ -31,6 +30,9 @@ from soter.report.record import (
     Vec3,
     Violation,
 )
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 # The authors' city (utopia.xml of the Drona project, MIT 2016): low and high corners in m.
 CITY = np.asarray(
@@ -133,10 +135,8 @@ def fly(arm: Arm, laps: int = 1, seed: int = 1) -> _Track:
             if (ac and ttf) or (not ac and safer):
                 ac = not ac
                 track.decisions.append(_decision(t, ac, ttf, safer, LOOK_M - ahead, point))
-        if ac:
-            command = _rush(point, velocity, end)
-        else:
-            command = _hold(point, velocity, nearest, along, end)
+        hold = _hold(point, velocity, nearest, along, end)
+        command = _rush(point, velocity, end) if ac else hold
         wind = 0.99 * wind + 0.02 * rng.normal(size=3)
         velocity = velocity + STEP_S * (np.clip(command, -5.5, 5.5) + wind)
         point = point + STEP_S * velocity
@@ -187,7 +187,7 @@ def _decision(
     reason = (
         "the vehicle is in φ_safer again"
         if ac
-        else "within 2Δ the advanced controller could leave φ_safe"
+        else "ttf_2Δ: the advanced controller could leave φ_safe within 2Δ"
     )
     predicates = {"ttf": ttf, "safer": safer, "look-ahead margin / m": round(margin, 3)}
     return Decision(t, MODULE, to, reason, predicates, _vec(point))
@@ -256,8 +256,7 @@ def city_page() -> ReportPage:
         (
             "switches to SC / back to AC",
             tuple(
-                Cell(f"{a.summary['switches_to_sc']} / {a.summary['switches_to_ac']}")
-                for a in arms
+                Cell(f"{a.summary['switches_to_sc']} / {a.summary['switches_to_ac']}") for a in arms
             ),
         ),
         (
@@ -290,8 +289,7 @@ def city_page() -> ReportPage:
             "Wind stays within ±0.3 m/s² on each axis; the run draws it from there.",
             "The estimator errs by no more than 0.05 m and 0.1 m/s; DM and SC run every period.",
             "φ_safer and the look-ahead are closed forms with margins, not yet proved.",
-            "The vehicle is the 13-state model of the 3DR Iris with motor lag; the axis model "
-            "behind the margins misses it by at most 0.29 m/s² (measured).",
+            "The axis model behind the margins misses the 13-state Iris by at most 0.29 m/s².",
         ),
         provenance={
             "program": "examples/drone/motion_primitive.soter",
@@ -308,7 +306,7 @@ def cart(name: str, title: str, *, protected: bool) -> Chart:
     """Drive the cart at its wall, with or without a DM."""
     wall, limit = 10.0, 3.0
     count = 1500
-    time_s = np.arange(count) * 0.01
+    time_s = np.asarray(np.arange(count) * 0.01, dtype=np.float64)
     x, v, ac = 0.0, 0.0, True
     xs, vs, us, acs = np.empty(count), np.empty(count), np.empty(count), np.ones(count, bool)
     decisions: list[Decision] = []

@@ -1,0 +1,248 @@
+"""Core expressions and statements -> C.
+
+Purpose: one method a kind of Core node; the C says what Core says, in its order.
+Non-goals: what surrounds a body (`steps.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.codegen import c_tree as c
+from soter.codegen.names import local
+from soter.codegen.types import FAULT, field_name, int_number
+from soter.lower import core
+from soter.lower.footprint import walk
+from soter.program.arith import FaultKind
+from soter.program.types import ArrayType, IntType, ListType, RecordType
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.codegen.types import TypeTable
+    from soter.program.types import Type
+
+FAULT_NAMES = {
+    FaultKind.OVERFLOW: "SOTER_OVERFLOW",
+    FaultKind.INDEX: "SOTER_INDEX",
+    FaultKind.DIVIDE: "SOTER_DIVIDE",
+    FaultKind.CONVERT: "SOTER_CONVERT",
+    FaultKind.ASSERT: "SOTER_ASSERT",
+    FaultKind.CAPACITY: "SOTER_CAPACITY",
+    FaultKind.NONFINITE: "SOTER_NONFINITE",
+    FaultKind.RANGE: "SOTER_RANGE",
+    FaultKind.EXTERN: "SOTER_EXTERN_FAULT",
+}
+UNARY_CALLS = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
+
+
+class Body:
+    """Emits the bodies of one generated program."""
+
+    def __init__(
+        self,
+        types: TypeTable,
+        functions: dict[str, tuple[str, bool]],
+        cell: Callable[[core.Cell], c.CExpr],
+    ) -> None:
+        self.types = types
+        self.functions = functions
+        """Core function name -> C name, may fault."""
+        self.cell = cell
+
+    # ------------------------------------------------------------ expressions
+
+    def expr(self, e: core.Expr) -> c.CExpr:
+        """A pure expression."""
+        if isinstance(e, core.Const):
+            return self.types.constant(e.type, e.value, e.name)
+        if isinstance(e, core.Var):
+            return c.Name(local(e.name))
+        if isinstance(e, core.Get):
+            return self.cell(e.cell)
+        if isinstance(e, core.Fact):
+            return self._fact(e)
+        if isinstance(e, core.Unary):
+            return self._unary(e)
+        if isinstance(e, core.Binary):
+            return c.Binary(e.op, self.expr(e.left), self.expr(e.right))
+        if isinstance(e, core.Extreme):
+            suffix = "_int" if isinstance(e.type, IntType) else ""
+            return c.CallExpr(f"soter_{e.op}{suffix}", (self.expr(e.left), self.expr(e.right)))
+        if isinstance(e, core.Select):
+            return c.Ternary(self.expr(e.condition), self.expr(e.then), self.expr(e.otherwise))
+        if isinstance(e, core.Field):
+            t = e.target.type
+            assert isinstance(t, RecordType)
+            return c.Member(self.expr(e.target), field_name(t.fields[e.index][0]))
+        if isinstance(e, core.Element):
+            return c.IndexExpr(self._items(e.target), self.expr(e.index))
+        if isinstance(e, core.Length):
+            return c.Member(self.expr(e.target), "len")
+        assert isinstance(e, core.Make)
+        return self._make(e)
+
+    def _items(self, target: core.Expr) -> c.CExpr:
+        return c.Member(
+            self.expr(target), "at" if isinstance(target.type, ArrayType) else "items"
+        )
+
+    def _fact(self, e: core.Fact) -> c.CExpr:
+        s = c.Name("s")
+        ct = c.Member(c.Arrow(s, "header"), "ct")
+        if e.fact == "time":
+            return c.CallExpr("soter_seconds", (ct,))
+        if e.fact == "age":
+            stamp = c.IndexExpr(c.Arrow(s, "stamps"), c.Number(str(e.index)))
+            return c.CallExpr("soter_seconds", (c.Binary("-", ct, stamp),))
+        if e.fact == "mode":
+            return c.Member(c.IndexExpr(c.Arrow(s, "modules"), c.Number(str(e.index))), "mode")
+        enabled = c.Binary("&", c.Name("flags"), c.Name("SOTER_ENABLED"))
+        return c.Binary("!=", enabled, c.Number("0U"))
+
+    def _unary(self, e: core.Unary) -> c.CExpr:
+        operand = self.expr(e.operand)
+        if e.op == "neg":
+            return c.Unary("-", operand)
+        if e.op == "not":
+            return c.Unary("!", operand)
+        if e.op == "to_float":
+            return c.Cast("double", operand)
+        return c.CallExpr(UNARY_CALLS[e.op], (operand,))
+
+    def _make(self, e: core.Make) -> c.CExpr:
+        t = e.type
+        name = self.types.stored(t)
+        if isinstance(t, RecordType):
+            return c.Initializer(
+                tuple(
+                    (field_name(n), self._part(f, v))
+                    for (n, f), v in zip(t.fields, e.elements, strict=True)
+                ),
+                name,
+            )
+        assert isinstance(t, (ArrayType, ListType))
+        items = c.Initializer(tuple((None, self._part(t.element, v)) for v in e.elements))
+        if isinstance(t, ArrayType):
+            return c.Initializer((("at", items),), name)
+        length: tuple[str, c.CExpr] = ("len", c.Number(str(len(e.elements))))
+        return c.Initializer((("items", items), length) if e.elements else (length,), name)
+
+    def _part(self, t: Type, e: core.Expr) -> c.CExpr:
+        return self.types.to_store(t, self.expr(e))
+
+    # ------------------------------------------------------------ statements
+
+    def block(self, statements: tuple[core.Stmt, ...], *after: object) -> list[c.CStmt]:
+        """A sequence; temporaries that neither it nor `after` reads are marked, so that compilers
+        stay silent.
+        """
+        used = used_names((statements, after))
+        found: list[c.CStmt] = []
+        for s in statements:
+            found += self.statement(s, used)
+        return found
+
+    def statement(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
+        """One statement."""
+        if isinstance(s, core.Let):
+            value = self.expr(s.value)
+            if isinstance(s.value, core.Const) and s.mutable and isinstance(value, c.Name):
+                value = self.types.constant(s.value.type, s.value.value, "default")
+            declared = self._declare(s.name, s.value.type, value, const=not s.mutable)
+            return self._marked(declared, s.name, used)
+        if isinstance(s, core.Checked):
+            return self._marked(self._checked(s), s.name, used)
+        if isinstance(s, core.Guard):
+            kind = c.Name(FAULT_NAMES[s.kind])
+            return [c.Do(c.CallExpr("soter_guard", (self.expr(s.condition), kind, FAULT)))]
+        if isinstance(s, core.Call):
+            name, faults = self.functions[s.function]
+            arguments = tuple(self.expr(a) for a in s.arguments)
+            call = c.CallExpr(name, (*arguments, FAULT) if faults else arguments)
+            return self._marked(self._declare(s.name, s.type, call, const=True), s.name, used)
+        if isinstance(s, core.Set):
+            target, t = self._target(s.name, s.type, s.path)
+            value = self.expr(s.value)
+            return [c.Assign(target, self.types.to_store(t, value) if s.path else value)]
+        if isinstance(s, core.Push):
+            return self._push(s)
+        if isinstance(s, core.If):
+            return [
+                c.IfStmt(
+                    self.expr(s.condition),
+                    self._inner(s.then, used),
+                    self._inner(s.otherwise, used),
+                )
+            ]
+        if isinstance(s, core.Loop):
+            body = self._inner(s.body, used)
+            return [
+                c.For(local(s.variable), int_number(s.low), int_number(s.high), body)
+            ]
+        assert isinstance(s, core.Publish)
+        return [
+            c.Assign(c.Name(f"out_{s.output}"), self.expr(s.value)),
+            c.Assign(c.Name(f"has_{s.output}"), c.Name("true")),
+        ]
+
+    def _inner(self, statements: tuple[core.Stmt, ...], used: set[str]) -> tuple[c.CStmt, ...]:
+        found: list[c.CStmt] = []
+        for s in statements:
+            found += self.statement(s, used)
+        return tuple(found)
+
+    def _declare(self, name: str, t: Type, value: c.CExpr, *, const: bool) -> c.CStmt:
+        return c.Declare(self.types.work(t), local(name), value, const)
+
+    def _marked(self, s: c.CStmt, name: str, used: set[str]) -> list[c.CStmt]:
+        return [s] if name in used else [s, c.Unused(local(name))]
+
+    def _checked(self, s: core.Checked) -> c.CStmt:
+        operands = [self.expr(o) for o in s.operands]
+        if s.op == "narrow":
+            assert isinstance(s.type, IntType)
+            operands += [int_number(s.type.low), int_number(s.type.high)]
+        elif s.op == "index":
+            assert s.limit is not None
+            operands.append(self.expr(s.limit))
+        call = c.CallExpr(f"soter_{s.op}", (*operands, FAULT))
+        return self._declare(s.name, s.type, call, const=True)
+
+    def _target(
+        self, name: str, t: Type, path: tuple[int | core.Expr, ...]
+    ) -> tuple[c.CExpr, Type]:
+        target: c.CExpr = c.Name(local(name))
+        for step in path:
+            if isinstance(step, int):
+                assert isinstance(t, RecordType)
+                field, t = t.fields[step]
+                target = c.Member(target, field_name(field))
+            else:
+                assert isinstance(t, (ArrayType, ListType))
+                items = c.Member(target, "at" if isinstance(t, ArrayType) else "items")
+                target = c.IndexExpr(items, self.expr(step))
+                t = t.element
+        return target, t
+
+    def _push(self, s: core.Push) -> list[c.CStmt]:
+        target, t = self._target(s.name, s.type, s.path)
+        assert isinstance(t, ListType)
+        length = c.Member(target, "len")
+        value = self.types.to_store(t.element, self.expr(s.value))
+        room = c.Binary("<", length, c.Number(str(t.capacity)))
+        return [
+            c.Do(c.CallExpr("soter_guard", (room, c.Name("SOTER_CAPACITY"), FAULT))),
+            c.IfStmt(
+                room,
+                (
+                    c.Assign(c.IndexExpr(c.Member(target, "items"), length), value),
+                    c.Assign(length, c.Binary("+", length, c.Number("1"))),
+                ),
+            ),
+        ]
+
+
+def used_names(root: object) -> set[str]:
+    """Names of temporaries that are read somewhere below."""
+    return {node.name for node in walk(root) if isinstance(node, core.Var)}

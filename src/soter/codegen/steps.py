@@ -1,0 +1,539 @@
+"""Functions of a generated program: steps of nodes and plants, decision modules, properties.
+
+Purpose: what `soter_step_fn`, `decide`, `violated`, `draw` and `init` of the kernel's tables are.
+Non-goals: the tables and the state struct (`unit.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.codegen import c_tree as c
+from soter.codegen.body import Body
+from soter.codegen.names import local
+from soter.codegen.types import FAULT, field_name, float_number, int_number
+from soter.lower import core
+from soter.program.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    default_value,
+    leaves,
+)
+from soter.semantics.random_draws import fnv
+
+if TYPE_CHECKING:
+    from soter.codegen.types import TypeTable
+    from soter.diagnostics.span import Span
+    from soter.program.system import Component, System
+    from soter.program.types import Type, Value
+
+S = c.Name("s")
+OK = c.Name("SOTER_OK")
+CT = c.Member(c.Arrow(S, "header"), "ct")
+HEADER = c.Unary("&", c.Arrow(S, "header"))
+STEP_PARAMETERS = (
+    ("void *", "state"), ("uint32_t", "flags"), ("uint32_t *", "published"),
+    ("const void *", "answer"),
+)
+
+
+def where(span: Span) -> str:
+    """`file.soter:12`, for the comment above a function."""
+    return f"{span.source.name.rsplit('/', 1)[-1]}:{span.line}"
+
+
+def enabled(flag: str) -> c.CExpr:
+    """Whether a flag of a step is set."""
+    return c.Binary("!=", c.Binary("&", c.Name("flags"), c.Name(flag)), c.Number("0U"))
+
+
+class StepEmitter:
+    """Emits all functions of one system."""
+
+    def __init__(
+        self, system: System, types: TypeTable, body: Body, prefix: str, groups: dict[int, str]
+    ) -> None:
+        self.system = system
+        self.types = types
+        self.body = body
+        self.prefix = prefix
+        self.groups = groups
+        """Component index -> C name of its group of locals or states."""
+
+    # ------------------------------------------------------------ shared pieces
+
+    def state_pointer(self, *, const: bool = False) -> c.CStmt:
+        """`prefix_state *const s = state;`."""
+        qualifier = "const " if const else ""
+        return c.Declare(f"{qualifier}{self.prefix}_state *const ", "s", c.Name("state"))
+
+    def fault_pointer(self) -> list[c.CStmt]:
+        """The sticky fault of a step."""
+        return [
+            c.Declare("soter_fault", "status", OK),
+            c.Declare("soter_fault *const ", "fault", c.Unary("&", c.Name("status"))),
+        ]
+
+    def topic(self, index: int) -> c.CExpr:
+        """The value of a topic in the state."""
+        return c.Member(c.Arrow(S, "topics"), self.topic_field(index))
+
+    def topic_field(self, index: int) -> str:
+        """The member of `topics` that holds a topic."""
+        return field_name(self.system.topics[index].name)
+
+    def member(self, owner: int, name: str) -> c.CExpr:
+        """A local or plant state in the state struct."""
+        return c.Member(c.Arrow(S, self.groups[owner]), field_name(name))
+
+    def cell(self, cell: core.Cell) -> c.CExpr:
+        """Any state cell."""
+        if cell.kind == "topic":
+            return self.topic(cell.owner)
+        return self.member(cell.owner, cell.name)
+
+    def load(self, copies: tuple[core.LocalCopy, ...], used: set[str]) -> list[c.CStmt]:
+        """Copy cells into temporaries."""
+        found: list[c.CStmt] = []
+        for copy in copies:
+            if copy.name in used or copy.written:
+                found.append(
+                    c.Declare(
+                        self.types.work(copy.type), local(copy.name), self.cell(copy.cell),
+                        const=not copy.written,
+                    )
+                )
+        return found
+
+    def store(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
+        """Commit written temporaries."""
+        return [
+            c.Assign(self.cell(x.cell), self.types.canonical(x.type, c.Name(local(x.name))))
+            for x in copies
+            if x.written
+        ]
+
+    def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
+        """`out_k` and `has_k` for every output."""
+        found: list[c.CStmt] = []
+        for k, output in enumerate(outputs):
+            found.append(
+                c.Declare(self.types.work(output.type), f"out_{k}", self.types.default(output.type))
+            )
+            found.append(c.Declare("bool", f"has_{k}", c.Name("false")))
+        return found
+
+    def check_outputs(self, outputs: tuple[core.Output, ...], *, untrusted: bool) -> list[c.CStmt]:
+        """The gate's check of every publication."""
+        found: list[c.CStmt] = []
+        for k, output in enumerate(outputs):
+            checks = self.types.check(
+                output.type, tuple(output.bounds), c.Name(f"out_{k}"), untrusted=untrusted  # type: ignore[arg-type]
+            )
+            if checks:
+                found.append(c.IfStmt(c.Name(f"has_{k}"), tuple(checks)))
+        return found
+
+    def publish(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
+        """Store publications (n1: only if OE) and report which there were."""
+        found: list[c.CStmt] = []
+        for k, output in enumerate(outputs):
+            stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(output.topic)))
+            value = self.types.to_store(output.type, c.Name(f"out_{k}"))
+            stores: list[c.CStmt] = [
+                c.Assign(self.topic(output.topic), value), c.Assign(stamp, CT)
+            ]
+            bit = c.Number(f"{1 << k}U")
+            published = c.Unary("*", c.Name("published"))
+            note = c.Assign(published, c.Binary("|", published, bit))
+            if gated:
+                stores = [c.IfStmt(enabled("SOTER_ENABLED"), tuple(stores))]
+            found.append(c.IfStmt(c.Name(f"has_{k}"), (note, *stores)))
+        return found
+
+    # ------------------------------------------------------------ nodes
+
+    def node(self, component: Component, step: core.NodeStep, name: str) -> c.FunctionDef:
+        """The step of a node."""
+        assert component.node is not None
+        c_source = component.binding is not None and component.binding.startswith("c:")
+        foreign = component.extern
+        inner: list[c.CStmt] = []
+        if step.takeover:
+            inner.append(
+                c.IfStmt(
+                    enabled("SOTER_TAKEOVER"),
+                    tuple(self.body.block(step.takeover, step.body)),
+                )
+            )
+        inner += self.body.block(step.body)
+        used = {n.name for n in _vars((step.takeover, step.body))}
+        body: list[c.CStmt] = [self.state_pointer(), *self.fault_pointer()]
+        if foreign:
+            body += self._foreign(component, step, name, linked=c_source)
+        else:
+            body += self.load(step.locals, used)
+            body += self.declare_outputs(step.outputs)
+            body += inner
+        body += [c.Unused("flags"), c.Unused("answer"), c.Unused("published"), c.Unused("fault")]
+        body += self.check_outputs(step.outputs, untrusted=foreign)
+        body.append(
+            c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),))
+        )
+        if foreign and c_source and step.locals:
+            body.append(c.Assign(c.Arrow(S, self.groups[component.index]), c.Name("kept")))
+        elif not foreign:
+            body += self.store(step.locals)
+        body += self.publish(step.outputs, gated=True)
+        body.append(c.Return(OK))
+        doc = f"{component.role} {component.node.name}, {where(step.span)}"
+        return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, tuple(body), doc)
+
+    def _foreign(
+        self, component: Component, step: core.NodeStep, name: str, *, linked: bool
+    ) -> list[c.CStmt]:
+        """Outputs of an extern node: from a linked C function, or from the driver's answer."""
+        node = component.node
+        assert node is not None
+        found = self.declare_outputs(step.outputs)
+        out_type = f"{name}_out"
+        if linked:
+            assert component.binding is not None
+            symbol = component.binding.rsplit(":", 1)[1]
+            in_fields = tuple(
+                (field_name(x.topic.name.rsplit(".", 1)[-1]),
+                 self.topic(component.scope.topics[x.topic]))
+                for x in node.subscribes
+            )
+            found.append(c.Declare(f"{name}_in", "in", c.Initializer(in_fields or ((None, c.Number("0")),)), const=True))
+            found.append(c.Declare(out_type, "got", c.Initializer(())))
+            arguments: list[c.CExpr] = [c.Unary("&", c.Name("in"))]
+            if step.locals:
+                found.append(
+                    c.Declare(f"{name}_local", "kept", c.Arrow(S, self.groups[component.index]))
+                )
+                arguments.append(c.Unary("&", c.Name("kept")))
+            arguments.append(c.Unary("&", c.Name("got")))
+            call = c.CallExpr(symbol, tuple(arguments))
+            fine = c.Binary("==", call, c.Number("0"))
+            found.append(
+                c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT)))
+            )
+            source: c.CExpr = c.Name("got")
+            part = lambda n: c.Member(source, n)  # noqa: E731 - one of two spellings
+        else:
+            found.append(c.Declare(f"const {out_type} *const ", "got", c.Name("answer")))
+            missing = c.Binary("==", c.Name("got"), c.Name("NULL"))
+            found.append(c.IfStmt(missing, (c.Return(c.Name("SOTER_EXTERN_FAULT")),)))
+            source = c.Name("got")
+            part = lambda n: c.Arrow(source, n)  # noqa: E731 - the other
+        for k, topic in enumerate(node.publishes):
+            short = field_name(topic.name.rsplit(".", 1)[-1])
+            has = c.Binary("!=", part(f"has_{short}"), c.Number("0"))
+            found.append(
+                c.IfStmt(
+                    has,
+                    (
+                        c.Assign(c.Name(f"out_{k}"), part(short)),
+                        c.Assign(c.Name(f"has_{k}"), c.Name("true")),
+                    ),
+                )
+            )
+        return found
+
+    def failsafe(self, component: Component, name: str) -> c.FunctionDef | None:
+        """Publishes the declared fail-safe values of a node."""
+        if not component.failsafe:
+            return None
+        body: list[c.CStmt] = [self.state_pointer()]
+        for index, value in component.failsafe.items():
+            t = self.system.topics[index].type
+            constant = self.types.constant(t, value, "failsafe")
+            body.append(c.Assign(self.topic(index), self.types.to_store(t, constant)))
+            body.append(
+                c.Assign(c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(index))), CT)
+            )
+        return c.FunctionDef("void", f"{name}_failsafe", (("void *", "state"),), tuple(body))
+
+    # ------------------------------------------------------------ plants
+
+    def plant(self, component: Component, step: core.PlantStep, name: str) -> c.FunctionDef:
+        """One release of a plant."""
+        assert component.plant is not None
+        first = c.Name("first")
+        body: list[c.CStmt] = [
+            self.state_pointer(),
+            *self.fault_pointer(),
+            c.Declare("bool", "first", enabled("SOTER_FIRST"), const=True),
+        ]
+        used = {n.name for n in _vars((step.integrate, step.publish))}
+        body += self.load(step.states, used)
+        body += self._disturbances(component, step, used)
+        body += self.declare_outputs(step.outputs)
+        if step.extern:
+            body += self._new_states(step, name)
+        elif step.integrate:
+            inner = self.body.block(step.integrate, step.publish)
+            body.append(c.IfStmt(c.Unary("!", first), tuple(inner)))
+        body += self.body.block(step.publish)
+        body += self._noise(component, step)
+        body += [c.Unused(n) for n in ("flags", "answer", "published", "fault", "first")]
+        body += self.check_outputs(step.outputs, untrusted=step.extern)
+        body.append(
+            c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),))
+        )
+        body += self.store(step.states)
+        body += self.publish(step.outputs, gated=False)
+        body.append(c.Return(OK))
+        doc = f"plant {component.plant.name}, {where(step.span)}"
+        return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, tuple(body), doc)
+
+    def _disturbances(
+        self, component: Component, step: core.PlantStep, used: set[str]
+    ) -> list[c.CStmt]:
+        if not any(n in used for n, _, _ in step.disturbances):
+            return []
+        began = c.Ternary(
+            c.Name("first"), c.Number("0"), c.Binary("-", CT, int_number(component.period_ns))
+        )
+        found: list[c.CStmt] = [c.Declare("int64_t", "began", began, const=True)]
+        for name, t, draws in step.disturbances:
+            if name in used:
+                values = iter([self._draw(d, component, c.Name("began")) for d in draws])
+                found.append(
+                    c.Declare(
+                        self.types.work(t), local(name), _assemble(self.types, t, values),
+                        const=True,
+                    )
+                )
+        return found
+
+    def _draw(self, draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
+        hold = draw.hold_ns if draw.hold_ns > 0 else component.period_ns
+        index = c.Binary("/", at, int_number(hold))
+        return self._uniform(draw.stream, index, draw.low, draw.high)
+
+    def _uniform(self, stream: str, index: c.CExpr, low: float, high: float) -> c.CExpr:
+        key = c.Number(f"UINT64_C(0x{fnv(stream):016x})")
+        return c.CallExpr(
+            "soter_draw", (HEADER, key, index, float_number(low), float_number(high))
+        )
+
+    def _new_states(self, step: core.PlantStep, name: str) -> list[c.CStmt]:
+        """An extern plant: the driver's answer holds the new states."""
+        got = c.Name("got")
+        found: list[c.CStmt] = [
+            c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))
+        ]
+        assigns = tuple(
+            c.Assign(c.Name(local(x.name)), c.Arrow(got, field_name(x.cell.name)))
+            for x in step.states
+        )
+        found.append(c.IfStmt(c.Binary("!=", got, c.Name("NULL")), assigns))
+        return found
+
+    def _noise(self, component: Component, step: core.PlantStep) -> list[c.CStmt]:
+        """Measurement errors, leaf by leaf."""
+        found: list[c.CStmt] = []
+        index = c.Binary("/", CT, int_number(component.period_ns))
+        for output, leaf, draw in step.noise:
+            target = _leaf(c.Name(f"out_{output}"), step.outputs[output].type, leaf)
+            error = self._uniform(draw.stream, index, draw.low, draw.high)
+            found.append(c.Assign(target, c.Binary("+", target, error)))
+        return found
+
+    # ------------------------------------------------------------ decision modules, properties
+
+    def decision(self, decision: core.Decision, name: str) -> list[c.FunctionDef]:
+        """ttf, safer and the generated DM of a module."""
+        module = self.system.modules[decision.module]
+        made = [
+            self.predicate(decision.ttf, f"{name}_ttf", f"ttf of {module.name}", unsafe=True),
+            self.predicate(decision.safer, f"{name}_safer", f"safer of {module.name}", unsafe=False),
+        ]
+        m = c.Name("m")
+        own = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(module.index)))
+        stale: c.CExpr | None = None
+        for index in module.inputs:
+            max_age = self.system.topics[index].max_age_ns
+            if max_age is None:
+                continue
+            stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(index)))
+            old = c.Binary(">", c.Binary("-", CT, stamp), int_number(max_age))
+            stale = old if stale is None else c.Binary("||", stale, old)
+        set_fact = [
+            c.Assign(c.Arrow(m, n), c.Ternary(c.Name(n), c.Number("1U"), c.Number("0U")))
+            for n in ("stale", "ttf", "safer")
+        ]
+        unsafe = c.Binary(
+            "||",
+            c.Binary("||", c.Name("ttf"), c.Name("stale")),
+            c.Binary("!=", c.Arrow(m, "gate_fault"), c.Number("0U")),
+        )
+        clean = c.Binary("==", c.Arrow(m, "clean_needed"), c.Number("0U"))
+        fine = c.Binary(
+            "&&", c.Binary("&&", c.Name("safer"), c.Unary("!", c.Name("stale"))), clean
+        )
+        body: list[c.CStmt] = [
+            self.state_pointer(),
+            c.Declare("soter_module *const ", "m", c.Unary("&", own)),
+            c.Declare("bool", "stale", stale if stale is not None else c.Name("false"), const=True),
+            c.Declare("bool", "ttf", c.CallExpr(f"{name}_ttf", (c.Name("state"),)), const=True),
+            c.Declare("bool", "safer", c.CallExpr(f"{name}_safer", (c.Name("state"),)), const=True),
+            *set_fact,
+            c.IfStmt(
+                c.Binary("==", c.Arrow(m, "mode"), c.Name("SOTER_AC")),
+                (c.Return(c.Ternary(unsafe, c.Name("SOTER_SC"), c.Name("SOTER_AC"))),),
+            ),
+            c.Return(c.Ternary(fine, c.Name("SOTER_AC"), c.Name("SOTER_SC"))),
+        ]
+        doc = f"decision module of {module.name}, {where(module.symbol.span)}"
+        made.append(
+            c.FunctionDef("soter_mode", f"{name}_decide", (("void *", "state"),), tuple(body), doc)
+        )
+        return made
+
+    def predicate(
+        self, p: core.Predicate, name: str, doc: str, *, unsafe: bool, negate: bool = False
+    ) -> c.FunctionDef:
+        """A predicate over the state; a fault inside gives `unsafe`."""
+        value = self.body.expr(p.value)
+        if negate:
+            value = c.Unary("!", value)
+        body: list[c.CStmt] = [self.state_pointer(const=True), c.Unused("s")]
+        faults = p.body and any(
+            isinstance(x, (core.Checked, core.Guard, core.Call, core.If, core.Loop)) for x in p.body
+        )
+        if faults:
+            body += [*self.fault_pointer(), c.Unused("fault")]
+        body += self.body.block(p.body, p.value)
+        if faults:
+            failed = c.Binary("!=", c.Name("status"), OK)
+            body.append(
+                c.IfStmt(failed, (c.Return(c.Name("true" if unsafe else "false")),))
+            )
+        body.append(c.Return(value))
+        return c.FunctionDef(
+            "bool", name, (("const void *", "state"),), tuple(body), f"{doc}, {where(p.span)}"
+        )
+
+    def draw_input(self, topic: int, every_ns: int, name: str) -> c.FunctionDef:
+        """A seeded change of an environment input."""
+        info = self.system.topics[topic]
+        index = c.Binary("/", CT, int_number(every_ns))
+        values = []
+        for (path, t), bound in zip(leaves(info.type), info.bounds, strict=True):
+            stream = ".".join((f"input.{info.name}", *path))
+            if isinstance(t, FloatType):
+                assert bound is not None
+                values.append(self._uniform(stream, index, bound.low, bound.high))
+                continue
+            key = c.Number(f"UINT64_C(0x{fnv(stream):016x})")
+            if isinstance(t, BoolType):
+                bits = c.CallExpr("soter_bits", (HEADER, key, index))
+                values.append(c.Cast("uint8_t", c.Binary(">>", bits, c.Number("63"))))
+                continue
+            if isinstance(t, EnumType):
+                low, high = 0, len(t.members) - 1
+            else:
+                assert isinstance(t, IntType)
+                low, high = (int(bound.low), int(bound.high)) if bound else (t.low, t.high)
+            drawn = c.CallExpr(
+                "soter_draw_int", (HEADER, key, index, int_number(low), int_number(high))
+            )
+            values.append(self.types.to_store(t, drawn))
+        body = (
+            self.state_pointer(),
+            c.Assign(self.topic(topic), _assemble(self.types, info.type, iter(values))),
+            c.Assign(c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(topic))), CT),
+        )
+        return c.FunctionDef(
+            "void", name, (("void *", "state"),), body, f"environment input {info.name}"
+        )
+
+    # ------------------------------------------------------------ start
+
+    def init(self, name: str) -> c.FunctionDef:
+        """Defaults of topics, locals and plant states."""
+        body: list[c.CStmt] = [self.state_pointer(), c.Unused("s")]
+        for topic in self.system.topics:
+            body += self._initial(self.topic(topic.index), topic.type, topic.default)
+        for component in self.system.components:
+            variables = (
+                component.node.locals if component.node
+                else component.plant.states if component.plant else ()
+            )
+            for i, v in enumerate(variables):
+                target = self.member(component.index, v.name)
+                interval = component.initial_range[i] if component.initial_range else None
+                if interval is None:
+                    body += self._initial(target, v.type, component.initial[i])
+                    continue
+                base = f"{component.name}.{v.name}.start"
+                draws = [
+                    self._uniform(".".join((base, *path)), c.Number("0"), *interval)
+                    for path, _ in leaves(v.type)
+                ]
+                body.append(c.Assign(target, _assemble(self.types, v.type, iter(draws))))
+        return c.FunctionDef("void", name, (("void *", "state"),), tuple(body), "initial values")
+
+    def _initial(self, target: c.CExpr, t: Type, value: Value) -> list[c.CStmt]:
+        if value == default_value(t) and _is_zero(t, value):
+            return []
+        constant = self.types.constant(t, value, "initial")
+        return [c.Assign(target, self.types.canonical(t, constant))]
+
+
+def _is_zero(t: Type, value: Value) -> bool:
+    """Whether a default value is all zero bytes."""
+    if isinstance(t, FloatType):
+        return str(value) == "0.0"
+    if isinstance(t, RecordType):
+        return all(_is_zero(f, v) for (_, f), v in zip(t.fields, value, strict=True))
+    if isinstance(t, ArrayType):
+        return all(_is_zero(t.element, v) for v in value)
+    if isinstance(t, ListType):
+        return not value
+    return not value
+
+
+def _assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
+    """A value of type `t` from its leaves in order."""
+    if isinstance(t, RecordType):
+        return c.Initializer(
+            tuple((field_name(n), _assemble(types, f, values)) for n, f in t.fields),
+            types.stored(t),
+        )
+    if isinstance(t, ArrayType):
+        items = c.Initializer(tuple((None, _assemble(types, t.element, values)) for _ in range(t.size)))
+        return c.Initializer((("at", items),), types.stored(t))
+    value = next(values)  # type: ignore[call-overload]
+    assert isinstance(value, c.CExpr)
+    return value
+
+
+def _leaf(e: c.CExpr, t: Type, index: int) -> c.CExpr:
+    """Leaf number `index` of a value."""
+    if isinstance(t, RecordType):
+        for n, f in t.fields:
+            count = sum(1 for _ in leaves(f))
+            if index < count:
+                return _leaf(c.Member(e, field_name(n)), f, index)
+            index -= count
+    if isinstance(t, ArrayType):
+        count = sum(1 for _ in leaves(t.element))
+        return _leaf(
+            c.IndexExpr(c.Member(e, "at"), c.Number(str(index // count))), t.element, index % count
+        )
+    return e
+
+
+def _vars(root: object) -> list[core.Var]:
+    from soter.lower.footprint import walk  # noqa: PLC0415 - one use
+
+    return [n for n in walk(root) if isinstance(n, core.Var)]

@@ -1,0 +1,299 @@
+"""Diagnostics as text for a terminal and as data for `--json`.
+
+Purpose: show where a problem stands and what is to be said about it, in the manner of rustc:
+a header, the source lines in order with carets under the primary span and dashes under the
+others, then notes and helps. Whatever the source contains (tabs, wide letters, control
+characters, one line of a megabyte), the output is printable, aligned and short.
+Non-goals: deciding where it is written, and whether in colour.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Severity
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from soter.diagnostics.diagnostic import Diagnostic, Label
+    from soter.diagnostics.source import Source
+    from soter.diagnostics.span import Span
+
+_LINE_MAX = 100  # characters of a source line that are shown
+_MARGIN = 20  # characters kept before a span in a shortened line
+_TAB = 4
+_REPLACEMENT = "\ufffd"
+
+_RESET = "\x1b[0m"
+_BOLD = "\x1b[1m"
+_RED = "\x1b[1;31m"
+_YELLOW = "\x1b[1;33m"
+_BLUE = "\x1b[1;34m"
+
+
+@dataclass(frozen=True)
+class _Mark:
+    """A label on one line: character columns `[start, end)` from 0."""
+
+    start: int
+    end: int
+    text: str
+    primary: bool
+
+
+class _Paint:
+    """Wraps text in colour, or leaves it as it is."""
+
+    def __init__(self, severity: Severity, *, color: bool) -> None:
+        self._color = color
+        self.severity = _RED if severity is Severity.ERROR else _YELLOW
+
+    def __call__(self, style: str, text: str) -> str:
+        return f"{style}{text}{_RESET}" if self._color and text else text
+
+
+def render(diagnostic: Diagnostic, *, color: bool = False) -> str:
+    """One diagnostic as lines of text, without a line break at the end."""
+    paint = _Paint(diagnostic.severity, color=color)
+    head = f"{diagnostic.severity.value}[{diagnostic.code}]"
+    lines = [paint(paint.severity, head) + paint(_BOLD, f": {safe(diagnostic.message)}")]
+    width = _gutter_width(diagnostic)
+    if diagnostic.primary is not None:
+        lines += _sections(diagnostic, width, paint)
+    for kind, texts in (("note", diagnostic.notes), ("help", diagnostic.helps)):
+        for text in texts:
+            first, *rest = text.split("\n")
+            sign = paint(_BLUE, " " * width + " =")
+            lines.append(f"{sign} {paint(_BOLD, kind)}: {safe(first)}")
+            indent = " " * (width + 9)
+            lines += [indent + safe(more) for more in rest]
+    return "\n".join(lines)
+
+
+def render_all(diagnostics: Iterable[Diagnostic], *, color: bool = False) -> str:
+    """All diagnostics, a blank line between them, and how many there are; "" for none."""
+    items = list(diagnostics)
+    if not items:
+        return ""
+    shown = [render(item, color=color) for item in items]
+    return "\n\n".join([*shown, summary(items)])
+
+
+def summary(diagnostics: Sequence[Diagnostic]) -> str:
+    """How many there are of each severity: "2 errors, 1 warning"."""
+    counts = [
+        (sum(d.severity is severity for d in diagnostics), severity.value) for severity in Severity
+    ]
+    return ", ".join(f"{n} {word}{'s' if n > 1 else ''}" for n, word in counts if n)
+
+
+def to_json(diagnostic: Diagnostic) -> dict[str, object]:
+    """One diagnostic as plain data; places are null where it stands in no file."""
+    primary = diagnostic.primary
+    labels = [*([primary] if primary else []), *diagnostic.secondary]
+    return {
+        "code": diagnostic.code,
+        "severity": diagnostic.severity.value,
+        "message": diagnostic.message,
+        **_place(primary.span if primary else None),
+        "notes": list(diagnostic.notes),
+        "helps": list(diagnostic.helps),
+        "labels": [
+            {**_place(label.span), "text": label.text, "primary": label is primary}
+            for label in labels
+        ],
+    }
+
+
+def safe(text: str) -> str:
+    """`text` on one line, without characters that a terminal would act upon."""
+    if text.isprintable():
+        return text
+    return "".join(c if c.isprintable() else _REPLACEMENT for c in text)
+
+
+# ---------------------------------------------------------------- places
+
+
+def _place(span: Span | None) -> dict[str, object]:
+    if span is None:
+        return {"file": None, "line": None, "column": None, "end_line": None, "end_column": None}
+    return {
+        "file": span.source.name,
+        "line": span.line,
+        "column": span.column,
+        "end_line": span.source.line_of(span.end),
+        "end_column": span.source.column_of(span.end),
+    }
+
+
+def _labels(diagnostic: Diagnostic) -> list[tuple[Label, bool]]:
+    first = [(diagnostic.primary, True)] if diagnostic.primary else []
+    return [*first, *((label, False) for label in diagnostic.secondary)]
+
+
+def _gutter_width(diagnostic: Diagnostic) -> int:
+    """Digits of the largest line number shown, at least two as notes hang from it."""
+    numbers = [len(str(label.span.line)) for label, _ in _labels(diagnostic)]
+    return max([2, *numbers])
+
+
+# ---------------------------------------------------------------- source lines
+
+
+def _sections(diagnostic: Diagnostic, width: int, paint: _Paint) -> list[str]:
+    """One section per file, the primary one first."""
+    by_source: dict[int, tuple[Source, list[tuple[Label, bool]]]] = {}
+    for label, primary in _labels(diagnostic):
+        source = label.span.source
+        by_source.setdefault(id(source), (source, []))[1].append((label, primary))
+    lines: list[str] = []
+    for source, labels in by_source.values():
+        span = labels[0][0].span
+        arrow = "-->" if not lines else ":::"
+        where = f"{safe(source.name)}:{span.line}:{span.column}"
+        lines.append(" " * width + paint(_BLUE, arrow) + f" {where}")
+        lines += _source_lines(source, labels, width, paint)
+    return lines
+
+
+def _source_lines(
+    source: Source, labels: list[tuple[Label, bool]], width: int, paint: _Paint
+) -> list[str]:
+    marks: dict[int, list[_Mark]] = {}
+    for label, primary in labels:
+        span = label.span
+        number = span.line
+        start = span.column - 1
+        end = start + span.end - span.start
+        marks.setdefault(number, []).append(_Mark(start, end, safe(label.text), primary))
+    lines: list[str] = []
+    previous = 0
+    for number in sorted(marks):
+        if previous and number > previous + 1:
+            lines.append(paint(_BLUE, "..."))
+        previous = number
+        text = source.line(number)
+        for cluster in _clusters(marks[number], len(text)):
+            lines += _marked_line(text, number, cluster, width, paint)
+    return lines
+
+
+def _clusters(marks: list[_Mark], length: int) -> list[list[_Mark]]:
+    """Marks that fit into one view of the line; all of them unless the line is very long."""
+    ordered = sorted(marks, key=lambda m: (m.start, m.end))
+    if length <= _LINE_MAX:
+        return [ordered]
+    clusters: list[list[_Mark]] = []
+    for mark in ordered:
+        if clusters and mark.end - clusters[-1][0].start <= _LINE_MAX - _MARGIN:
+            clusters[-1].append(mark)
+        else:
+            clusters.append([mark])
+    return clusters
+
+
+def _marked_line(
+    text: str, number: int, marks: list[_Mark], width: int, paint: _Paint
+) -> list[str]:
+    low = 0
+    high = len(text)
+    if high > _LINE_MAX:
+        low = max(0, min(marks[0].start - _MARGIN, high - _LINE_MAX))
+        high = min(high, low + _LINE_MAX)
+    before = "..." if low else ""
+    after = "..." if high < len(text) else ""
+    shown, columns = _display(text[low:high])
+    shift = len(before)
+
+    def column(character: int) -> int:
+        """Screen column of a character of the line; one past the end is allowed."""
+        return shift + columns[min(max(character, low), high) - low]
+
+    placed = []
+    for mark in marks:
+        start = column(mark.start)
+        placed.append((start, max(column(mark.end), start + 1), mark))
+    gutter = paint(_BLUE, f"{number:>{width}} |")
+    margin = paint(_BLUE, " " * width + " |")
+    lines = [f"{gutter} {before}{shown}{after}".rstrip()]
+    for row in _rows(placed):
+        lines += [f"{margin} {line}" for line in _mark_rows(row, paint)]
+    return lines
+
+
+def _display(text: str) -> tuple[str, list[int]]:
+    """The printable form of `text`, and the screen column at which each character begins."""
+    parts: list[str] = []
+    columns: list[int] = []
+    at = 0
+    for char in text:
+        columns.append(at)
+        if char == "\t":
+            fill = _TAB - at % _TAB
+            parts.append(" " * fill)
+            at += fill
+        elif char < "\x7f" and char >= " ":
+            parts.append(char)
+            at += 1
+        elif not char.isprintable():
+            parts.append(_REPLACEMENT)
+            at += 1
+        else:
+            parts.append(char)
+            at += _char_width(char)
+    columns.append(at)
+    return "".join(parts), columns
+
+
+def _char_width(char: str) -> int:
+    if unicodedata.combining(char):
+        return 0
+    return 2 if unicodedata.east_asian_width(char) in "WF" else 1
+
+
+# ---------------------------------------------------------------- marks under a line
+
+_Placed = tuple[int, int, _Mark]
+
+
+def _rows(placed: list[_Placed]) -> list[list[_Placed]]:
+    """Marks that do not overlap share a row; the primary one is in the first."""
+    rows: list[list[_Placed]] = []
+    for item in sorted(placed, key=lambda p: (not p[2].primary, p[0])):
+        for row in rows:
+            if all(item[1] < other[0] or item[0] > other[1] for other in row):
+                row.append(item)
+                break
+        else:
+            rows.append([item])
+    return [sorted(row, key=lambda p: p[0]) for row in rows]
+
+
+def _mark_rows(row: list[_Placed], paint: _Paint) -> list[str]:
+    """A row of carets and dashes, then the texts that do not fit behind it."""
+    line, at = "", 0
+    for start, end, mark in row:
+        sign = "^" if mark.primary else "-"
+        line += " " * (start - at) + paint(_style(mark, paint), sign * (end - start))
+        at = end
+    last = row[-1][2]
+    if last.text:
+        line += " " + paint(_style(last, paint), last.text)
+    lines = [line]
+    waiting = [item for item in row[:-1] if item[2].text]
+    while waiting:
+        start, _, mark = waiting.pop()
+        line, at = "", 0
+        for bar, _, other in waiting:
+            line += " " * (bar - at) + paint(_style(other, paint), "|")
+            at = bar + 1
+        lines.append(line + " " * (start - at) + paint(_style(mark, paint), mark.text))
+    return lines
+
+
+def _style(mark: _Mark, paint: _Paint) -> str:
+    return paint.severity if mark.primary else _BLUE

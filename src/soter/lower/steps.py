@@ -1,0 +1,111 @@
+"""Lower nodes, decision modules and properties.
+
+Purpose: what each component does in one release, as Core with its footprint.
+Non-goals: plants (`plants.py`), the kernel's part (gate, switching, calendars).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.lower import core
+from soter.lower.builder import Builder
+from soter.lower.footprint import footprint_of, written_names
+from soter.lower.functions import FunctionTable
+from soter.lower.plants import lower_plant
+from soter.program import typed
+from soter.program.types import BOOL
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.program.system import Component, Scope, System
+
+
+def outputs_of(system: System, topics: tuple[int, ...]) -> tuple[core.Output, ...]:
+    """Outputs with the bounds the gate checks."""
+    return tuple(
+        core.Output(i, system.topics[i].type, system.topics[i].bounds) for i in topics
+    )
+
+
+def lower_node(functions: FunctionTable, system: System, component: Component) -> core.NodeStep:
+    """The step of a node; an extern one has no body."""
+    node = component.node
+    assert node is not None
+    builder = Builder(functions, system, component.scope)
+    builder.period_ns = component.period_ns
+    builder.outputs = {t: i for i, t in enumerate(node.publishes)}
+    names = [(v, builder.bind(v)) for v in node.locals]
+    takeover: tuple[core.Stmt, ...] = ()
+    if node.takeover is not None:
+        builder.block(node.takeover)
+        takeover = builder.finish()
+    builder.block(node.step)
+    body = builder.finish()
+    written = written_names((*takeover, *body))
+    copies = tuple(
+        core.LocalCopy(
+            core.Cell("local", component.index, v.name), name, v.type, name in written
+        )
+        for v, name in names
+    )
+    outputs = outputs_of(system, tuple(component.scope.topics[t] for t in node.publishes))
+    footprint = footprint_of((*takeover, *body))
+    for copy in copies:
+        footprint.reads.add(copy.cell)
+        if copy.written:
+            footprint.writes.add(copy.cell)
+    for s in node.subscribes:
+        if component.extern:
+            index = component.scope.topics[s.topic]
+            footprint.reads.add(core.Cell("topic", index, system.topics[index].name))
+    for o in outputs:
+        footprint.writes.add(core.Cell("topic", o.topic, system.topics[o.topic].name))
+        footprint.stamps.add(o.topic)
+    return core.NodeStep(
+        component.index, copies, takeover, body, outputs, footprint, node.span
+    )
+
+
+def lower_predicate(
+    functions: FunctionTable, system: System, scope: Scope, condition: typed.Expr, span: Span
+) -> core.Predicate:
+    """A boolean over topics and truths."""
+    builder = Builder(functions, system, scope)
+    value = builder.expr(condition)
+    body = builder.finish()
+    probe = core.Let(span, "value", value)
+    return core.Predicate(body, value, footprint_of((*body, probe)), span)
+
+
+def lower_decision(functions: FunctionTable, system: System, module: int) -> core.Decision:
+    """ttf and safer of a module; a module whose predicates are still to be computed never
+    trusts AC: ttf true, safer false (unknown is unsafe).
+    """
+    m = system.modules[module]
+    span = m.symbol.span
+    ttf = m.symbol.ttf or typed.Literal(BOOL, span, True)  # noqa: FBT003
+    safer = m.symbol.safer or typed.Literal(BOOL, span, False)  # noqa: FBT003
+    return core.Decision(
+        module,
+        lower_predicate(functions, system, m.scope, ttf, ttf.span),
+        lower_predicate(functions, system, m.scope, safer, safer.span),
+    )
+
+
+def lower(system: System) -> core.CoreSystem:
+    """Lower a whole system."""
+    functions = FunctionTable(system)
+    nodes: dict[int, core.NodeStep] = {}
+    plants: dict[int, core.PlantStep] = {}
+    for c in system.components:
+        if c.node is not None:
+            nodes[c.index] = lower_node(functions, system, c)
+        elif c.plant is not None:
+            plants[c.index] = lower_plant(functions, system, c)
+    decisions = tuple(lower_decision(functions, system, m.index) for m in system.modules)
+    properties = tuple(
+        lower_predicate(functions, system, p.scope, p.condition, p.span)
+        for p in system.properties
+    )
+    return core.CoreSystem(tuple(functions.by_name.values()), nodes, plants, decisions, properties)

@@ -1,0 +1,1 @@
+"""Find a compiler, build, cache by content, load."""

@@ -1,0 +1,113 @@
+"""Compile generated C into a shared library, once for each content.
+
+Purpose: from a `Unit` to a loaded program; the cache is keyed by everything that matters.
+Non-goals: generating C, packages for targets.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import subprocess
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.native.compiler import STRICT, find
+
+if TYPE_CHECKING:
+    from soter.codegen.unit import Unit
+
+RUNTIME = Path(__file__).resolve().parent.parent / "runtime"
+KERNEL = ("soter_kernel.c", "soter_virtual.c")
+TIMEOUT_S = 300
+
+
+def cache_dir() -> Path:
+    """$SOTER_CACHE, else the user's cache folder."""
+    chosen = os.environ.get("SOTER_CACHE")
+    if chosen:
+        return Path(chosen)
+    base = os.environ.get("XDG_CACHE_HOME")
+    return (Path(base) if base else Path.home() / ".cache") / "soter"
+
+
+def _content(unit: Unit, flags: tuple[str, ...], identity: str) -> str:
+    digest = hashlib.sha256()
+    parts = [unit.header, unit.source, identity, *flags]
+    for name in (*KERNEL, "soter.h"):
+        parts.append((RUNTIME / name).read_text(encoding="utf-8"))
+    for source in unit.c_sources:
+        parts += [source, _read_extern(source)]
+        folder = Path(source).parent
+        parts += [p.read_text(encoding="utf-8", errors="replace") for p in sorted(folder.glob("*.h"))]
+    for part in parts:
+        data = part.encode("utf-8", "surrogatepass")
+        digest.update(len(data).to_bytes(8, "little"))
+        digest.update(data)
+    return digest.hexdigest()
+
+
+def _read_extern(source: str) -> str:
+    try:
+        return Path(source).read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SoterError((
+            Diagnostic("X003", f"cannot read the extern's C file `{source}`: {error}"),
+        )) from error
+
+
+def library(unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = ()) -> Path:
+    """The shared library of a unit, from the cache or freshly compiled."""
+    compiler = find()
+    flags = (*STRICT, optimise, "-fPIC", "-shared", *extra)
+    folder = cache_dir()
+    target = folder / f"{unit.prefix[:40]}-{_content(unit, flags, compiler.identity)[:32]}.so"
+    if target.exists():
+        return target
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as name:
+            work = Path(name)
+            built = compile_in(work, unit, flags)
+            built.replace(target)
+    except OSError as error:
+        raise SoterError((
+            Diagnostic(
+                "X006",
+                f"cannot write to the cache folder `{folder}`: {error.strerror or error}",
+                helps=("choose another with the environment variable SOTER_CACHE",),
+            ),
+        )) from error
+    return target
+
+
+def compile_in(work: Path, unit: Unit, flags: tuple[str, ...]) -> Path:
+    """Write the unit into `work` and compile it there; SoterError X004 with the compiler's words."""
+    (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
+    source = work / f"{unit.prefix}.c"
+    source.write_text(unit.source, encoding="utf-8")
+    built = work / "program.so"
+    externs = [str(Path(s).resolve()) for s in unit.c_sources]
+    command = [
+        *find().command, *flags, f"-I{RUNTIME}", f"-I{work}", "-o", str(built), str(source),
+        *externs, *(str(RUNTIME / k) for k in KERNEL), "-lm",
+    ]
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=TIMEOUT_S, cwd=work
+    )
+    if done.returncode != 0:
+        lines = done.stderr.replace(str(work) + os.sep, "").strip().splitlines()
+        shown = [x for x in lines if "error" in x or "undefined" in x] or lines
+        raise SoterError((
+            Diagnostic(
+                "X004",
+                "the C of this program does not compile",
+                notes=tuple(shown[:8]),
+                helps=("the mistake is most likely in an extern's C file",)
+                if externs
+                else ("this is a defect of soter: please report it with the program",),
+            ),
+        ))
+    return built

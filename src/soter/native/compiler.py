@@ -1,0 +1,89 @@
+"""Find a C compiler.
+
+Purpose: the system's `cc`, gcc or clang; otherwise the one in the Python package `ziglang`.
+Non-goals: cross compilers (`targets/`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import shutil
+import subprocess
+import sys
+from dataclasses import dataclass
+from functools import lru_cache
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
+CANDIDATES = ("cc", "gcc", "clang")
+STRICT = (
+    "-std=c99", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno",
+)
+"""Flags that belong to the meaning: one rounding an operation, on every compiler."""
+WARNINGS = (
+    "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror",
+)
+
+
+@dataclass(frozen=True)
+class Compiler:
+    """A command that compiles C, and what identifies it for the cache."""
+
+    command: tuple[str, ...]
+    identity: str
+
+    @property
+    def is_zig(self) -> bool:
+        """Whether this is zig's clang, which lacks the sanitizers."""
+        return "zig" in self.identity
+
+
+def _identity(command: tuple[str, ...]) -> str | None:
+    path = shutil.which(command[0])
+    if path is None:
+        return None
+    try:
+        stat = os.stat(os.path.realpath(path))  # noqa: PTH116 - follows links on purpose
+    except OSError:
+        return None
+    return hashlib.sha256(f"{os.path.realpath(path)} {stat.st_size} {stat.st_mtime_ns}".encode()).hexdigest()
+
+
+def _zig() -> Compiler | None:
+    if importlib.util.find_spec("ziglang") is None:
+        return None
+    version = subprocess.run(
+        [sys.executable, "-m", "ziglang", "version"], capture_output=True, text=True, check=False
+    ).stdout.strip()
+    return Compiler((sys.executable, "-m", "ziglang", "cc"), f"zig {version}")
+
+
+@lru_cache(maxsize=1)
+def find() -> Compiler:
+    """The compiler to use: $SOTER_CC, else the system's, else zig; SoterError X005 if none."""
+    chosen = os.environ.get("SOTER_CC", "").split()
+    if chosen == ["zig"]:
+        zig = _zig()
+        if zig is not None:
+            return zig
+        chosen = []
+    for command in ((tuple(chosen),) if chosen else tuple((x,) for x in CANDIDATES)):
+        identity = _identity(command)
+        if identity is not None:
+            return Compiler(command, identity)
+    zig = None if chosen else _zig()
+    if zig is not None:
+        return zig
+    what = f"`{' '.join(chosen)}` (from SOTER_CC)" if chosen else "`cc`, `gcc` or `clang`"
+    raise SoterError((
+        Diagnostic(
+            "X005",
+            f"there is no C compiler: {what} was not found",
+            helps=(
+                "install one as a Python package: pip install 'soter[zig]'",
+                "or run in the interpreter: --engine interp",
+            ),
+        ),
+    ))

@@ -1,0 +1,292 @@
+"""Write a run as an MCAP log that the stock tools read.
+
+Purpose: one channel for each topic under its full dotted name, one for modes, one for the
+decisions of the DM with their reasons; JSON messages, each channel with its JSON schema; what
+was run as metadata. Time is the run's virtual time in nanoseconds, as log time and publish time.
+Non-goals: reading logs back; `soter monitor` does that with the stock reader.
+
+Numbers: JSON has no NaN and no infinities. They are written as the strings "NaN", "Infinity"
+and "-Infinity", as Protocol Buffers and OPC UA do; a field that may hold them is declared
+`EXTENDED_NUMBER`. Finite floats are written with the fewest digits that give the same binary64
+back, negative zero included. Topics never hold NaN (the language latches a step fault instead),
+so they use `NUMBER`, which every viewer plots; some viewers refuse a schema with `anyOf`.
+"""
+
+from __future__ import annotations
+
+import heapq
+import json
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from soter.report.errors import LogError, LogUnavailableError
+from soter.report.whole_file import reason, whole_file
+
+if TYPE_CHECKING:
+    import os
+    from typing import IO
+
+JsonSchema = Mapping[str, object]
+Message = tuple[int, Mapping[str, object]]
+
+MODES_TOPIC = "soter/modes"
+DECISIONS_TOPIC = "soter/decisions"
+METADATA_NAME = "soter"
+PROFILE = ""
+"""No profile: MCAP's own are those of ROS."""
+
+BOOLEAN: JsonSchema = {"type": "boolean"}
+INTEGER: JsonSchema = {"type": "integer"}
+NUMBER: JsonSchema = {"type": "number"}
+STRING: JsonSchema = {"type": "string"}
+EXTENDED_NUMBER: JsonSchema = {
+    "anyOf": [{"type": "number"}, {"enum": ["NaN", "Infinity", "-Infinity"]}]
+}
+
+
+def enum_schema(names: Iterable[str]) -> JsonSchema:
+    """Return the schema of a value that is one of these names."""
+    return {"type": "string", "enum": list(names)}
+
+
+def array_schema(items: JsonSchema, length_max: int | None = None) -> JsonSchema:
+    """Return the schema of an array, at most `length_max` long."""
+    bound = {} if length_max is None else {"maxItems": length_max}
+    return {"type": "array", "items": items, **bound}
+
+
+def object_schema(fields: Mapping[str, JsonSchema], title: str = "") -> JsonSchema:
+    """Return the schema of a record with exactly these fields.
+
+    A message is always an object: a topic of a plain float is logged as `{"value": 1.5}`.
+    """
+    named = {"title": title} if title else {}
+    return {
+        "type": "object",
+        **named,
+        "properties": dict(fields),
+        "required": list(fields),
+        "additionalProperties": False,
+    }
+
+
+MODES_SCHEMA = object_schema(
+    {"module": STRING, "mode": enum_schema(["SC", "AC"])}, "who is in control of a module"
+)
+DECISIONS_SCHEMA = object_schema(
+    {
+        "module": STRING,
+        "mode_before": enum_schema(["SC", "AC"]),
+        "mode_after": enum_schema(["SC", "AC"]),
+        "reason": STRING,
+        # The names differ from module to module. `properties` stays for viewers that insist on it.
+        "predicates": {
+            "type": "object",
+            "properties": {},
+            "additionalProperties": {"anyOf": [BOOLEAN, EXTENDED_NUMBER]},
+        },
+    },
+    "a step of a decision module",
+)
+
+
+@dataclass(frozen=True)
+class Channel:
+    """One topic of the log.
+
+    `name`: full dotted name, such as `d.control`. `schema`: JSON schema of an object.
+    `messages`: virtual time in ns and value, in order of time; consumed once, so a generator
+    over a long trace need not be held in memory. NumPy scalars and arrays are fine.
+    """
+
+    name: str
+    schema: JsonSchema
+    messages: Iterable[Message]
+
+
+@dataclass(frozen=True)
+class ModeChange:
+    """`module` is in `mode` from `time_ns` on; write one for each module at the start."""
+
+    time_ns: int
+    module: str
+    mode: Literal["SC", "AC"]
+
+
+@dataclass(frozen=True)
+class DecisionStep:
+    """A step of the DM of `module` at `time_ns`, with what it saw; the modes may be equal."""
+
+    time_ns: int
+    module: str
+    mode_before: Literal["SC", "AC"]
+    mode_after: Literal["SC", "AC"]
+    reason: str = ""
+    predicates: Mapping[str, bool | float] = field(default_factory=dict)
+
+
+@dataclass(frozen=True)
+class LogHeader:
+    """What was run, kept as the metadata record `soter`; `more` adds entries of one's own."""
+
+    program_sha256: str
+    system: str
+    seed: int
+    tool_version: str
+    more: Mapping[str, str] = field(default_factory=dict)
+
+    def entries(self) -> dict[str, str]:
+        """Return the entries as texts, the only values MCAP's metadata holds."""
+        return {
+            "program_sha256": self.program_sha256,
+            "system": self.system,
+            "seed": str(self.seed),
+            "tool_version": self.tool_version,
+            **{name: str(value) for name, value in self.more.items()},
+        }
+
+
+def write_mcap(
+    path: str | os.PathLike[str],
+    channels: Sequence[Channel],
+    *,
+    modes: Iterable[ModeChange] = (),
+    decisions: Iterable[DecisionStep] = (),
+    header: LogHeader,
+) -> Path:
+    """Write a log to `path` and return it; the same input gives the same bytes.
+
+    Messages are merged by time; at equal times they keep the order: modes, decisions, then
+    `channels` as given. Raises `LogUnavailableError` where the extra `log` is not installed
+    and `LogError` where the file cannot be written; a log that stood at `path` before is then
+    untouched. Raises `ValueError` for a channel name used twice, a schema that is not an
+    object's, and times that are negative or run backwards: mistakes of the caller.
+    """
+    target = Path(path)
+    everything = [
+        Channel(MODES_TOPIC, MODES_SCHEMA, map(_mode_message, modes)),
+        Channel(DECISIONS_TOPIC, DECISIONS_SCHEMA, map(_decision_message, decisions)),
+        *channels,
+    ]
+    _check(everything)
+    try:
+        with whole_file(target) as stream:
+            _write(stream, everything, header)
+    except OSError as error:
+        raise LogError(f"cannot write the log {target}: {reason(error)}") from error
+    return target
+
+
+def to_json(message: Mapping[str, object]) -> bytes:
+    """Return a message as JSON text in UTF-8, NaN and infinities as strings."""
+    try:
+        text = json.dumps(message, allow_nan=False, separators=(",", ":"), default=_plain)
+    except ValueError:
+        # Only now is the message walked through: nearly all hold finite numbers only.
+        text = json.dumps(_spelled(message), allow_nan=False, separators=(",", ":"))
+    return text.encode()
+
+
+def _write(stream: IO[bytes], channels: Sequence[Channel], header: LogHeader) -> None:
+    """Write header, schemas, channels, messages in order of time, and metadata."""
+    try:
+        from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - an extra
+    except ImportError as error:
+        raise LogUnavailableError(
+            "logs are written with mcap, which is not installed: pip install 'soter[log]'"
+        ) from error
+    writer = Writer(stream, compression=CompressionType.ZSTD)
+    writer.start(profile=PROFILE, library=f"soter {header.tool_version}")
+    writer.add_metadata(METADATA_NAME, header.entries())
+    ids: list[int] = []
+    for channel in channels:
+        schema = json.dumps({"$schema": SCHEMA_DIALECT, **channel.schema}).encode()
+        schema_id = writer.register_schema(channel.name, "jsonschema", schema)
+        ids.append(writer.register_channel(channel.name, "json", schema_id))
+    sequences = [0] * len(channels)
+    for time_ns, index, message in _merged(channels):
+        writer.add_message(
+            channel_id=ids[index],
+            log_time=time_ns,
+            publish_time=time_ns,
+            sequence=sequences[index],
+            data=to_json(message),
+        )
+        sequences[index] += 1
+    writer.finish()  # type: ignore[no-untyped-call]
+
+
+SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
+
+
+def _merged(channels: Sequence[Channel]) -> Iterator[tuple[int, int, Mapping[str, object]]]:
+    """Merge the channels' messages: time in ns, index of the channel, message."""
+
+    def stamped(index: int, channel: Channel) -> Iterator[tuple[int, int, Mapping[str, object]]]:
+        last_ns = 0
+        for time_ns, message in channel.messages:
+            if time_ns < last_ns:
+                raise ValueError(f"{channel.name}: time runs back from {last_ns} to {time_ns} ns")
+            last_ns = int(time_ns)
+            yield last_ns, index, message
+
+    streams = [stamped(index, channel) for index, channel in enumerate(channels)]
+    return heapq.merge(*streams, key=lambda item: item[:2])
+
+
+def _check(channels: Sequence[Channel]) -> None:
+    """Raise `ValueError` for names used twice and schemas that viewers cannot read."""
+    names = [channel.name for channel in channels]
+    for name in names:
+        if names.count(name) > 1:
+            raise ValueError(f"{name}: two channels of this name")
+    for channel in channels:
+        if channel.schema.get("type") != "object" or "properties" not in channel.schema:
+            raise ValueError(f"{channel.name}: the schema of a message must be an object's")
+
+
+def _mode_message(change: ModeChange) -> Message:
+    """Return a change of mode as a message."""
+    return change.time_ns, {"module": change.module, "mode": change.mode}
+
+
+def _decision_message(step: DecisionStep) -> Message:
+    """Return a step of a DM as a message."""
+    return step.time_ns, {
+        "module": step.module,
+        "mode_before": step.mode_before,
+        "mode_after": step.mode_after,
+        "reason": step.reason,
+        "predicates": step.predicates,
+    }
+
+
+def _plain(value: object) -> object:
+    """Turn what JSON does not know into what it knows."""
+    if isinstance(value, np.generic):
+        return value.item()
+    if isinstance(value, np.ndarray):
+        return value.tolist()
+    if isinstance(value, Mapping):
+        return dict(value)
+    raise TypeError(f"cannot log a value of type {type(value).__name__}")
+
+
+def _spelled(value: object) -> object:
+    """Return a copy of a message with NaN and infinities spelled out."""
+    if isinstance(value, (np.generic, np.ndarray)):
+        return _spelled(_plain(value))
+    if isinstance(value, float) and not math.isfinite(value):
+        if math.isnan(value):
+            return "NaN"
+        return "Infinity" if value > 0 else "-Infinity"
+    if isinstance(value, Mapping):
+        return {name: _spelled(item) for name, item in value.items()}
+    if isinstance(value, (list, tuple)):
+        return [_spelled(item) for item in value]
+    return value

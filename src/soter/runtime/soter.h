@@ -1,0 +1,350 @@
+/* soter.h: the run-time of a Soter program.
+ *
+ * A compiled program is one state struct and a table of step functions; a driver decides which
+ * step runs next. The state holds everything that changes, so it can be copied, hashed, saved
+ * and forked as bytes. There is no heap, no recursion, no global variable, and nothing here calls
+ * out: when a step belongs to a driver, the kernel says so and waits for the answer.
+ *
+ * The meaning is docs/semantics.md; names of rules and conditions are the paper's.
+ */
+#ifndef SOTER_H
+#define SOTER_H
+
+#include <math.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#if defined(__GNUC__)
+#define SOTER_UNUSED __attribute__((unused))
+#else
+#define SOTER_UNUSED
+#endif
+#define SOTER_INLINE static inline SOTER_UNUSED
+
+/* ------------------------------------------------------------------ faults and modes */
+
+typedef enum {
+  SOTER_OK = 0,
+  SOTER_OVERFLOW = 1,
+  SOTER_INDEX = 2,
+  SOTER_DIVIDE = 3,
+  SOTER_CONVERT = 4,
+  SOTER_ASSERT = 5,
+  SOTER_CAPACITY = 6,
+  SOTER_NONFINITE = 7,
+  SOTER_RANGE = 8,
+  SOTER_EXTERN_FAULT = 9
+} soter_fault;
+
+typedef enum { SOTER_SC = 0, SOTER_AC = 1 } soter_mode;
+
+typedef enum {
+  SOTER_ROLE_PLANT = 0,
+  SOTER_ROLE_DM = 1,
+  SOTER_ROLE_SC = 2,
+  SOTER_ROLE_AC = 3,
+  SOTER_ROLE_NODE = 4
+} soter_role;
+
+#define SOTER_NEVER (-(INT64_C(1) << 62))
+
+/* ------------------------------------------------------------------ the state's fixed part */
+
+typedef struct {
+  int64_t ct;          /* current time, ns; -1 before the first instant */
+  uint64_t seed;
+  uint64_t seed_key;   /* mix(seed + golden): half of every stream's key */
+  uint32_t violations; /* onsets of properties, plus latched components */
+  uint32_t firing;     /* 1 while FN is not empty */
+} soter_header;
+
+typedef struct {
+  int64_t next; /* next release, ns */
+  uint32_t faults;
+  uint8_t last_fault;
+  uint8_t oe; /* OE: outputs enabled */
+  uint8_t latched;
+  uint8_t had_control;
+  uint8_t pending; /* member of FN */
+  uint8_t reserved[7];
+} soter_component;
+
+typedef struct {
+  int64_t ac_ns; /* time in AC before mode_since */
+  int64_t mode_since;
+  uint32_t to_sc;
+  uint32_t to_ac;
+  uint32_t gate_faults;
+  uint32_t clean_needed;
+  uint8_t mode;
+  uint8_t gate_fault; /* latched by the gate, cleared by the DM */
+  uint8_t ttf;        /* what the last DM step saw */
+  uint8_t safer;
+  uint8_t stale;
+  uint8_t saw_gate_fault;
+  uint8_t reserved[2];
+} soter_module;
+
+typedef struct {
+  int64_t first_ns;
+  uint32_t count;
+  uint8_t active;
+  uint8_t reserved[3];
+} soter_property;
+
+/* A state starts with a soter_header, then components, modules, properties, one int64_t stamp
+ * per topic; topics, locals and plant states follow. */
+
+/* ------------------------------------------------------------------ the program's tables */
+
+#define SOTER_ENABLED 1U  /* flag: OE of this component */
+#define SOTER_TAKEOVER 2U /* flag: control came to this node since its last step */
+#define SOTER_FIRST 4U    /* flag: first release of a plant */
+
+/* Runs one step on `state`. `published` gets one bit per output. `answer` is what a driver
+ * computed for an extern step, otherwise NULL. Nothing is changed when a fault is returned. */
+typedef soter_fault soter_step_fn(void *state, uint32_t flags, uint32_t *published,
+                                  const void *answer);
+
+typedef struct {
+  const char *name;
+  soter_role role;
+  int64_t period_ns;
+  int64_t phase_ns;
+  int32_t module; /* -1 outside modules */
+  bool is_extern;
+  uint32_t outputs; /* one bit per output */
+  soter_step_fn *step;
+  void (*failsafe)(void *state); /* publishes the declared fail-safe values; may be NULL */
+} soter_component_info;
+
+typedef struct {
+  const char *name;
+  int64_t period_ns;
+  uint32_t dm, ac, sc; /* component indices */
+  uint32_t clean;      /* clean outputs AC needs after a gate fault */
+  bool forced;
+  soter_mode start;
+  soter_mode (*decide)(void *state); /* the generated decision module */
+} soter_module_info;
+
+typedef struct {
+  const char *text;
+  bool (*violated)(const void *state);
+} soter_property_info;
+
+typedef struct {
+  const char *name;
+  size_t offset; /* of its value in the state */
+  size_t size;
+} soter_topic_info;
+
+typedef struct {
+  int64_t every_ns;
+  void (*draw)(void *state);
+} soter_input_info;
+
+typedef struct {
+  const char *name;
+  const char *hash; /* SHA-256 of the program, hexadecimal */
+  size_t state_size;
+  uint32_t components, modules, properties, topics, inputs;
+  const soter_component_info *component;
+  const soter_module_info *module;
+  const soter_property_info *property;
+  const soter_topic_info *topic;
+  const soter_input_info *input;
+  void (*init)(void *state); /* defaults of topics, locals and plants, with the seed set */
+} soter_program;
+
+/* ------------------------------------------------------------------ the kernel */
+
+typedef enum {
+  SOTER_INSTANT_DONE = 0, /* FN is empty: the instant at ct is complete */
+  SOTER_EXTERN_DUE = 1    /* *due is an extern component: call soter_answer, then go on */
+} soter_status;
+
+/* The initial configuration (L0, OE0, ct0, FN0, Topics0); ct0 is just before 0. */
+void soter_start(const soter_program *p, void *state, uint64_t seed);
+
+/* dt2: the time of the next instant, ns. */
+int64_t soter_next_instant(const soter_program *p, const void *state);
+
+/* Runs one instant, or goes on with it, in the deployed order: plants, DMs, SCs, the rest. */
+soter_status soter_instant(const soter_program *p, void *state, uint32_t *due);
+
+/* The driver's answer for the extern step that is due; `fault` other than SOTER_OK says that
+ * there is no usable answer. */
+void soter_answer(const soter_program *p, void *state, uint32_t component, soter_fault fault,
+                  const void *answer);
+
+soter_header *soter_header_of(void *state);
+soter_component *soter_components_of(void *state);
+soter_module *soter_modules_of(const soter_program *p, void *state);
+soter_property *soter_properties_of(const soter_program *p, void *state);
+int64_t *soter_stamps_of(const soter_program *p, void *state);
+
+/* ------------------------------------------------------------------ the virtual-time driver */
+
+/* Runs instants up to and including `until_ns`; after each, the state is copied to `trace` if
+ * that has room for `room` states. Stops when the trace is full, when an extern is due (*due),
+ * or at the end. Returns how many states were written in *written. */
+typedef enum { SOTER_RUN_END = 0, SOTER_RUN_EXTERN = 1, SOTER_RUN_FULL = 2 } soter_run_status;
+soter_run_status soter_run(const soter_program *p, void *state, int64_t until_ns, void *trace,
+                           size_t room, size_t *written, uint32_t *due);
+
+/* ------------------------------------------------------------------ arithmetic */
+
+SOTER_INLINE void soter_raise(soter_fault *fault, soter_fault kind) {
+  if (*fault == SOTER_OK) {
+    *fault = kind;
+  }
+}
+
+SOTER_INLINE void soter_guard(bool holds, soter_fault kind, soter_fault *fault) {
+  if (!holds) {
+    soter_raise(fault, kind);
+  }
+}
+
+SOTER_INLINE int64_t soter_add(int64_t a, int64_t b, soter_fault *fault) {
+  if ((b > 0 && a > INT64_MAX - b) || (b < 0 && a < INT64_MIN - b)) {
+    soter_raise(fault, SOTER_OVERFLOW);
+    return 0;
+  }
+  return a + b;
+}
+
+SOTER_INLINE int64_t soter_sub(int64_t a, int64_t b, soter_fault *fault) {
+  if ((b < 0 && a > INT64_MAX + b) || (b > 0 && a < INT64_MIN + b)) {
+    soter_raise(fault, SOTER_OVERFLOW);
+    return 0;
+  }
+  return a - b;
+}
+
+SOTER_INLINE int64_t soter_mul(int64_t a, int64_t b, soter_fault *fault) {
+  bool over = false;
+  if (a > 0) {
+    over = b > 0 ? a > INT64_MAX / b : b < INT64_MIN / a;
+  } else if (a < 0) {
+    over = b > 0 ? a < INT64_MIN / b : (b < 0 && b < INT64_MAX / a);
+  }
+  if (over) {
+    soter_raise(fault, SOTER_OVERFLOW);
+    return 0;
+  }
+  return a * b;
+}
+
+SOTER_INLINE int64_t soter_neg(int64_t a, soter_fault *fault) { return soter_sub(0, a, fault); }
+
+SOTER_INLINE int64_t soter_abs(int64_t a, soter_fault *fault) {
+  return a < 0 ? soter_neg(a, fault) : a;
+}
+
+SOTER_INLINE int64_t soter_div(int64_t a, int64_t b, soter_fault *fault) {
+  if (b == 0) {
+    soter_raise(fault, SOTER_DIVIDE);
+    return 0;
+  }
+  if (a == INT64_MIN && b == -1) {
+    soter_raise(fault, SOTER_OVERFLOW);
+    return 0;
+  }
+  return a / b;
+}
+
+SOTER_INLINE int64_t soter_mod(int64_t a, int64_t b, soter_fault *fault) {
+  if (b == 0) {
+    soter_raise(fault, SOTER_DIVIDE);
+    return 0;
+  }
+  return b == -1 ? 0 : a % b;
+}
+
+SOTER_INLINE int64_t soter_narrow(int64_t a, int64_t low, int64_t high, soter_fault *fault) {
+  if (a < low || a > high) {
+    soter_raise(fault, SOTER_OVERFLOW);
+    return low;
+  }
+  return a;
+}
+
+SOTER_INLINE int64_t soter_index(int64_t i, int64_t limit, soter_fault *fault) {
+  if (i < 0 || i >= limit) {
+    soter_raise(fault, SOTER_INDEX);
+    return 0;
+  }
+  return i;
+}
+
+SOTER_INLINE int64_t soter_to_int(double x, soter_fault *fault) {
+  if (!(x >= -9223372036854775808.0 && x < 9223372036854775808.0)) {
+    soter_raise(fault, SOTER_CONVERT);
+    return 0;
+  }
+  return (int64_t)x;
+}
+
+/* min(a, b) = b < a ? b : a, max(a, b) = b > a ? b : a, as docs/semantics.md says. */
+SOTER_INLINE double soter_min(double a, double b) { return b < a ? b : a; }
+SOTER_INLINE double soter_max(double a, double b) { return b > a ? b : a; }
+SOTER_INLINE int64_t soter_min_int(int64_t a, int64_t b) { return b < a ? b : a; }
+SOTER_INLINE int64_t soter_max_int(int64_t a, int64_t b) { return b > a ? b : a; }
+
+/* A NaN is stored in one form only. */
+SOTER_INLINE double soter_canonical(double x) { return x == x ? x : (double)NAN; }
+
+/* Checks one float on its way to a topic: finite, then inside [low, high]. */
+SOTER_INLINE void soter_check_finite(double x, soter_fault *fault) {
+  if (!(x - x == 0.0)) {
+    soter_raise(fault, SOTER_NONFINITE);
+  }
+}
+
+SOTER_INLINE void soter_check_float(double x, double low, double high, soter_fault *fault) {
+  soter_check_finite(x, fault);
+  if (!(x >= low && x <= high)) {
+    soter_raise(fault, SOTER_RANGE);
+  }
+}
+
+SOTER_INLINE void soter_check_int(int64_t x, int64_t low, int64_t high, soter_fault *fault) {
+  if (x < low || x > high) {
+    soter_raise(fault, SOTER_RANGE);
+  }
+}
+
+SOTER_INLINE double soter_seconds(int64_t ns) { return (double)ns / 1e9; }
+
+/* ------------------------------------------------------------------ random draws */
+
+SOTER_INLINE uint64_t soter_mix(uint64_t z) {
+  z = (z ^ (z >> 30)) * UINT64_C(0xbf58476d1ce4e5b9);
+  z = (z ^ (z >> 27)) * UINT64_C(0x94d049bb133111eb);
+  return z ^ (z >> 31);
+}
+
+/* 64 random bits of the stream whose name hashes to `stream`, at `index`. */
+SOTER_INLINE uint64_t soter_bits(const soter_header *h, uint64_t stream, int64_t index) {
+  const uint64_t key = soter_mix(h->seed_key ^ stream);
+  return soter_mix(key + ((uint64_t)index + 1U) * UINT64_C(0x9e3779b97f4a7c15));
+}
+
+/* Uniform in [low, high). */
+SOTER_INLINE double soter_draw(const soter_header *h, uint64_t stream, int64_t index, double low,
+                               double high) {
+  const double u = (double)(soter_bits(h, stream, index) >> 11) * 0x1p-53;
+  return low + (high - low) * u;
+}
+
+SOTER_INLINE int64_t soter_draw_int(const soter_header *h, uint64_t stream, int64_t index,
+                                    int64_t low, int64_t high) {
+  const uint64_t span = (uint64_t)high - (uint64_t)low + 1U;
+  const uint64_t bits = soter_bits(h, stream, index);
+  return (int64_t)((uint64_t)low + (span == 0U ? bits : bits % span));
+}
+
+#endif

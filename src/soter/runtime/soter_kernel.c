@@ -1,0 +1,260 @@
+/* soter_kernel.c: the four rules of the operational semantics over a program's tables.
+ *
+ * Purpose: time progress, DM steps, AC-or-SC steps with the gate, plants, properties.
+ * Non-goals: clocks, threads, input and output; those are drivers'.
+ */
+#include "soter.h"
+
+#include <assert.h>
+#include <string.h>
+
+soter_header *soter_header_of(void *state) { return (soter_header *)state; }
+
+soter_component *soter_components_of(void *state) {
+  return (soter_component *)((soter_header *)state + 1);
+}
+
+soter_module *soter_modules_of(const soter_program *p, void *state) {
+  return (soter_module *)(soter_components_of(state) + p->components);
+}
+
+soter_property *soter_properties_of(const soter_program *p, void *state) {
+  return (soter_property *)(soter_modules_of(p, state) + p->modules);
+}
+
+int64_t *soter_stamps_of(const soter_program *p, void *state) {
+  return (int64_t *)(soter_properties_of(p, state) + p->properties);
+}
+
+/* ------------------------------------------------------------------ start */
+
+void soter_start(const soter_program *p, void *state, uint64_t seed) {
+  assert(p != NULL);
+  assert(state != NULL);
+  (void)memset(state, 0, p->state_size);
+  soter_header *const h = soter_header_of(state);
+  h->ct = -1;
+  h->seed = seed;
+  h->seed_key = soter_mix(seed + UINT64_C(0x9e3779b97f4a7c15));
+  soter_component *const c = soter_components_of(state);
+  for (uint32_t i = 0; i < p->components; i++) {
+    c[i].next = p->component[i].phase_ns;
+    c[i].oe = 1;
+  }
+  soter_module *const m = soter_modules_of(p, state);
+  for (uint32_t i = 0; i < p->modules; i++) {
+    m[i].mode = (uint8_t)p->module[i].start;
+    c[p->module[i].ac].oe = p->module[i].start == SOTER_AC;
+    c[p->module[i].sc].oe = p->module[i].start == SOTER_SC;
+  }
+  soter_property *const q = soter_properties_of(p, state);
+  for (uint32_t i = 0; i < p->properties; i++) {
+    q[i].first_ns = SOTER_NEVER;
+  }
+  int64_t *const stamps = soter_stamps_of(p, state);
+  for (uint32_t i = 0; i < p->topics; i++) {
+    stamps[i] = SOTER_NEVER;
+  }
+  p->init(state);
+}
+
+/* ------------------------------------------------------------------ Discrete-Time-Progress-Step */
+
+int64_t soter_next_instant(const soter_program *p, const void *state) {
+  assert(p != NULL);
+  const soter_header *const h = (const soter_header *)state;
+  const soter_component *const c = (const soter_component *)(h + 1);
+  int64_t next = INT64_MAX;
+  for (uint32_t i = 0; i < p->components; i++) {
+    if (c[i].next < next) {
+      next = c[i].next;
+    }
+  }
+  for (uint32_t i = 0; i < p->inputs; i++) {
+    const int64_t every = p->input[i].every_ns;
+    const int64_t due = h->ct < 0 ? 0 : (h->ct / every + 1) * every;
+    if (due < next) {
+      next = due;
+    }
+  }
+  return next;
+}
+
+static void time_progress(const soter_program *p, void *state) {
+  soter_header *const h = soter_header_of(state);
+  soter_component *const c = soter_components_of(state);
+  assert(h->firing == 0U);                   /* dt1: FN is empty */
+  h->ct = soter_next_instant(p, state);      /* dt2 */
+  for (uint32_t i = 0; i < p->components; i++) {
+    if (c[i].next == h->ct) {                /* dt3 */
+      c[i].pending = 1;
+      c[i].next += p->component[i].period_ns;
+    }
+  }
+  h->firing = 1U;
+  for (uint32_t i = 0; i < p->inputs; i++) { /* Environment-Input, as the system declares it */
+    if (h->ct % p->input[i].every_ns == 0) {
+      p->input[i].draw(state);
+    }
+  }
+}
+
+/* ------------------------------------------------------------------ DM-Step */
+
+static void dm_step(const soter_program *p, void *state, uint32_t module) {
+  const soter_module_info *const info = &p->module[module];
+  soter_header *const h = soter_header_of(state);
+  soter_component *const c = soter_components_of(state);
+  soter_module *const m = soter_modules_of(p, state) + module;
+  m->saw_gate_fault = m->gate_fault;
+  const soter_mode decided = info->decide(state);
+  m->gate_fault = 0;
+  if (info->forced || decided == (soter_mode)m->mode) {
+    return;
+  }
+  if (decided == SOTER_AC) {
+    m->to_ac++;
+  } else {
+    m->to_sc++;
+    m->ac_ns += h->ct - m->mode_since;
+  }
+  m->mode = (uint8_t)decided;
+  m->mode_since = h->ct;
+  c[info->ac].oe = decided == SOTER_AC; /* dm1, dm2 */
+  c[info->sc].oe = decided == SOTER_SC;
+}
+
+/* ------------------------------------------------------------------ AC-or-SC-Step and plants */
+
+static void publish_failsafe(const soter_component_info *info, const soter_component *c,
+                             void *state) {
+  if (c->oe != 0U && info->failsafe != NULL) {
+    info->failsafe(state);
+  }
+}
+
+static void ac_fault(const soter_program *p, void *state, uint32_t index) {
+  const soter_component_info *const info = &p->component[index];
+  soter_module *const m = soter_modules_of(p, state) + info->module;
+  m->gate_faults++;
+  m->clean_needed = p->module[info->module].clean;
+  if (soter_components_of(state)[index].oe != 0U) {
+    m->gate_fault = 1;
+  }
+}
+
+static void after_step(const soter_program *p, void *state, uint32_t index, soter_fault fault,
+                       uint32_t published) {
+  const soter_component_info *const info = &p->component[index];
+  soter_component *const c = soter_components_of(state) + index;
+  if (fault != SOTER_OK) {
+    c->faults++;
+    c->last_fault = (uint8_t)fault;
+    if (info->role == SOTER_ROLE_AC) {
+      ac_fault(p, state, index);
+    } else {
+      c->latched = 1;
+      soter_header_of(state)->violations++;
+      publish_failsafe(info, c, state);
+    }
+    return;
+  }
+  if (info->role != SOTER_ROLE_PLANT) {
+    c->had_control = c->oe;
+  }
+  if (info->role == SOTER_ROLE_AC && published == info->outputs) {
+    soter_module *const m = soter_modules_of(p, state) + info->module;
+    m->clean_needed -= m->clean_needed > 0U ? 1U : 0U;
+  }
+}
+
+static uint32_t flags_of(const soter_program *p, void *state, uint32_t index) {
+  const soter_component *const c = soter_components_of(state) + index;
+  uint32_t flags = c->oe != 0U ? SOTER_ENABLED : 0U;
+  if (c->oe != 0U && c->had_control == 0U) {
+    flags |= SOTER_TAKEOVER;
+  }
+  if (c->next - p->component[index].period_ns == p->component[index].phase_ns) {
+    flags |= SOTER_FIRST;
+  }
+  return flags;
+}
+
+static void run_step(const soter_program *p, void *state, uint32_t index, const void *answer) {
+  uint32_t published = 0U;
+  const uint32_t flags = flags_of(p, state, index);
+  const soter_fault fault = p->component[index].step(state, flags, &published, answer);
+  after_step(p, state, index, fault, published);
+}
+
+void soter_answer(const soter_program *p, void *state, uint32_t component, soter_fault fault,
+                  const void *answer) {
+  assert(component < p->components);
+  soter_component *const c = soter_components_of(state) + component;
+  assert(c->pending != 0U);
+  c->pending = 0;
+  if (fault == SOTER_OK && answer != NULL) {
+    run_step(p, state, component, answer);
+  } else {
+    after_step(p, state, component, fault == SOTER_OK ? SOTER_EXTERN_FAULT : fault, 0U);
+  }
+}
+
+/* ------------------------------------------------------------------ properties */
+
+static void check_properties(const soter_program *p, void *state) {
+  soter_header *const h = soter_header_of(state);
+  soter_property *const q = soter_properties_of(p, state);
+  for (uint32_t i = 0; i < p->properties; i++) {
+    const bool violated = p->property[i].violated(state);
+    if (violated && q[i].active == 0U) {
+      q[i].count++;
+      h->violations++;
+      if (q[i].first_ns == SOTER_NEVER) {
+        q[i].first_ns = h->ct;
+      }
+    }
+    q[i].active = violated ? 1U : 0U;
+  }
+}
+
+/* ------------------------------------------------------------------ one instant */
+
+/* An extern plant's first release only publishes: nobody needs to be asked. */
+static bool needs_driver(const soter_program *p, void *state, uint32_t index) {
+  const soter_component_info *const info = &p->component[index];
+  if (!info->is_extern) {
+    return false;
+  }
+  const bool first = (flags_of(p, state, index) & SOTER_FIRST) != 0U;
+  return info->role != SOTER_ROLE_PLANT || !first;
+}
+
+soter_status soter_instant(const soter_program *p, void *state, uint32_t *due) {
+  assert(p != NULL);
+  assert(due != NULL);
+  soter_header *const h = soter_header_of(state);
+  soter_component *const c = soter_components_of(state);
+  if (h->firing == 0U) {
+    time_progress(p, state);
+  }
+  for (uint32_t i = 0; i < p->components; i++) {
+    if (c[i].pending == 0U) {
+      continue;
+    }
+    if (c[i].latched != 0U) {
+      publish_failsafe(&p->component[i], &c[i], state);
+    } else if (p->component[i].role == SOTER_ROLE_DM) {
+      dm_step(p, state, (uint32_t)p->component[i].module);
+    } else if (needs_driver(p, state, i)) {
+      *due = i;
+      return SOTER_EXTERN_DUE;
+    } else {
+      run_step(p, state, i, NULL);
+    }
+    c[i].pending = 0;
+  }
+  h->firing = 0U;
+  check_properties(p, state);
+  return SOTER_INSTANT_DONE;
+}

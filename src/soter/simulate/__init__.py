@@ -1,0 +1,1 @@
+"""Virtual-time runs on either engine."""

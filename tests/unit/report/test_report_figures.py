@@ -1,0 +1,181 @@
+"""Figures: what stands in them, and that script, style and figures agree."""
+
+from __future__ import annotations
+
+import dataclasses
+import json
+import re
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from soter.report.city_map import city_map, dash_of
+from soter.report.city_solid import city_solid
+from soter.report.figure import TUBE_GROUP, arm_group, decision_hover, numbers
+from soter.report.page import body
+from soter.report.record import Decision, ModeBand, Scene
+from soter.report.timeline import chart_timeline, flight_timeline
+
+if TYPE_CHECKING:
+    from soter.report.figure import Figure
+    from soter.report.record import Flight, ReportPage
+
+CSS = (resources.files("soter.report") / "assets" / "report.css").read_text(encoding="utf-8")
+
+
+def traces(figure: Figure, **wanted: object) -> list[dict[str, Any]]:
+    """Return the traces whose entries are as wanted."""
+    return [
+        trace
+        for trace in figure.data
+        if all(trace.get(name) == value for name, value in wanted.items())
+    ]
+
+
+def marks(figure: Figure, words: str) -> list[str]:
+    """Return the hover texts that hold these words."""
+    texts: list[str] = []
+    for trace in figure.data:
+        found = trace.get("text")
+        texts += [text for text in found if words in text] if isinstance(found, list) else []
+    return texts
+
+
+def names_in(value: object) -> set[str]:
+    """Return every `@name` in a figure."""
+    if isinstance(value, str):
+        return {value[1:]} if value.startswith("@") else set()
+    if isinstance(value, dict):
+        return set().union(*(names_in(item) for item in value.values()), set())
+    if isinstance(value, (list, tuple)):
+        return set().union(*(names_in(item) for item in value), set())
+    return set()
+
+
+@pytest.fixture(scope="module")
+def everything(city_page: ReportPage, cart_page: ReportPage) -> list[Figure]:
+    return [*body(city_page)[1], *body(cart_page)[1]]
+
+
+def test_every_figure_is_json(everything: list[Figure]) -> None:
+    for figure in everything:
+        json.dumps(figure.to_json(), allow_nan=False)
+
+
+def test_every_colour_has_a_value_in_the_style_sheet(everything: list[Figure]) -> None:
+    used = set().union(*(names_in(figure.to_json()) for figure in everything))
+    light = set(re.findall(r"--([\w-]+):", CSS.split("@media")[0]))
+    assert used <= light, used - light
+
+
+def test_dark_changes_every_colour_and_adds_none() -> None:
+    light, dark = CSS.split("@media (prefers-color-scheme: dark)")[:2]
+    fonts = {"font", "serif", "mono"}
+    pattern = r"--([\w-]+):"
+    assert set(re.findall(pattern, dark)) == set(re.findall(pattern, light)) - fonts
+
+
+def test_the_map_marks_each_takeover_giveback_and_violation(city_page: ReportPage) -> None:
+    assert city_page.scene is not None
+    for figure in (
+        city_map(city_page.scene, city_page.flights),
+        city_solid(city_page.scene, city_page.flights),
+    ):
+        decisions = [d for flight in city_page.flights for d in flight.decisions]
+        violations = [v for flight in city_page.flights for v in flight.violations]
+        assert len(decisions) > 5
+        assert len(violations) > 0
+        assert len(marks(figure, "took over")) == sum(d.to == "SC" for d in decisions)
+        assert len(marks(figure, "gave back")) == sum(d.to == "AC" for d in decisions)
+        assert len(marks(figure, "Violation")) == len(violations)
+
+
+def test_each_arm_and_the_tubes_can_be_switched(city_page: ReportPage) -> None:
+    assert city_page.scene is not None
+    figure = city_map(city_page.scene, city_page.flights)
+    groups = {trace.get("group") for trace in figure.data}
+    assert groups == {None, TUBE_GROUP, *(arm_group(f.name) for f in city_page.flights)}
+
+
+def test_the_arm_both_controllers_flew_is_solid(city_page: ReportPage) -> None:
+    assert dash_of(city_page.flights) == {
+        "Protected": "solid",
+        "AdvancedOnly": "dash",
+        "SafeOnly": "dot",
+    }
+
+
+def test_every_building_tells_its_height(scene: Scene) -> None:
+    figure = city_map(scene, ())
+    told = [t["text"] for t in figure.data if "m high" in str(t.get("text"))]
+    assert len(told) == len(scene.boxes)
+
+
+def test_an_empty_scene_is_drawn(protected: Flight) -> None:
+    empty = Scene(lo=(0, 0, 0), hi=(9, 9, 3), boxes=np.empty((0, 2, 3)), ceiling_m=3)
+    for flights in ((), (protected,)):
+        json.dumps(city_map(empty, flights).to_json(), allow_nan=False)
+        json.dumps(city_solid(empty, flights).to_json(), allow_nan=False)
+
+
+def test_a_decision_tells_when_why_and_on_what() -> None:
+    text = decision_hover(
+        Decision(1.25, "d.Safe<M>", "SC", "x < y", {"ttf": True, "margin / m": -0.125})
+    )
+    assert "DM took over, AC → SC" in text
+    assert "t = 1.25 s · d.Safe&lt;M&gt;" in text
+    assert "x &lt; y" in text
+    assert "ttf = true<br>margin / m = -0.125" in text
+
+
+def test_what_is_not_finite_is_a_gap() -> None:
+    assert numbers(np.asarray([1.23456, np.nan, np.inf, -0.0])) == [1.235, None, None, 0.0]
+
+
+def test_a_flight_timeline_has_band_clearance_and_speed(protected: Flight) -> None:
+    figure = flight_timeline(protected, "t", end_s=30.0, clearance_range_m=(-1.0, 4.0))
+    bands = [shape for shape in _list(figure, "shapes") if shape["type"] == "rect"]
+    assert len(bands) == len(protected.decisions)
+    assert {trace.get("yaxis") for trace in figure.data} == {"y", "y2", "y3"}
+    assert len(marks(figure, "DM ")) == len(protected.decisions)
+    assert "0.36 m" in {note["text"] for note in _list(figure, "annotations")}
+
+
+def test_clearance_that_is_unknown_is_not_marked(protected: Flight) -> None:
+    blind = dataclasses.replace(protected, clearance_m=np.full(len(protected.time_s), np.nan))
+    figure = flight_timeline(blind, "t", end_s=30.0, clearance_range_m=(0.0, 1.0))
+    json.dumps(figure.to_json(), allow_nan=False)
+    assert traces(figure, hovertemplate="closest approach: %{y:.3f} m at %{x:.2f} s") == []
+
+
+def test_a_chart_stacks_its_panels_and_names_levels(cart_page: ReportPage) -> None:
+    figure = chart_timeline(cart_page.charts[0], "c", end_s=15.0)
+    names = [note["text"] for note in _list(figure, "annotations")]
+    assert names == [
+        "position / m  (dashed: goal)",
+        "wall",
+        "speed / (m/s)",
+        "acceleration / (m/s²)",
+    ]
+    assert figure.layout["height"] > 3 * 130  # type: ignore[operator]
+
+
+def test_each_module_of_a_chart_has_its_own_band(cart_page: ReportPage) -> None:
+    chart = cart_page.charts[0]
+    second = ModeBand("Battery", ~chart.modes[0].in_control)
+    figure = chart_timeline(
+        dataclasses.replace(chart, modes=(*chart.modes, second)), "c", end_s=15.0
+    )
+    names = [note["text"] for note in _list(figure, "annotations")]
+    assert names[:2] == ["SafeCart", "Battery"]
+    assert len(traces(figure, yaxis="y")) == 2
+    assert traces(figure, yaxis="y2") == []
+
+
+def _list(figure: Figure, name: str) -> list[dict[str, Any]]:
+    """Return a list of the layout."""
+    found = figure.layout[name]
+    assert isinstance(found, list)
+    return found
