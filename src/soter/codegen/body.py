@@ -83,9 +83,7 @@ class Body:
         return self._make(e)
 
     def _items(self, target: core.Expr) -> c.CExpr:
-        return c.Member(
-            self.expr(target), "at" if isinstance(target.type, ArrayType) else "items"
-        )
+        return c.Member(self.expr(target), "at" if isinstance(target.type, ArrayType) else "items")
 
     def _fact(self, e: core.Fact) -> c.CExpr:
         s = c.Name("s")
@@ -134,8 +132,9 @@ class Body:
     # ------------------------------------------------------------ statements
 
     def block(self, statements: tuple[core.Stmt, ...], *after: object) -> list[c.CStmt]:
-        """A sequence; temporaries that neither it nor `after` reads are marked, so that compilers
-        stay silent.
+        """A sequence of statements.
+
+        Temporaries that neither it nor `after` reads are marked, so that compilers stay silent.
         """
         used = used_names((statements, after))
         found: list[c.CStmt] = []
@@ -177,9 +176,7 @@ class Body:
             ]
         if isinstance(s, core.Loop):
             body = self._inner(s.body, used)
-            return [
-                c.For(local(s.variable), int_number(s.low), int_number(s.high), body)
-            ]
+            return [c.For(local(s.variable), int_number(s.low), int_number(s.high), body)]
         assert isinstance(s, core.Publish)
         return [
             c.Assign(c.Name(f"out_{s.output}"), self.expr(s.value)),

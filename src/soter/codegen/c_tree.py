@@ -153,7 +153,7 @@ class Unused(CStmt):
 
 @dataclass(frozen=True)
 class IfStmt(CStmt):
-    """if (c) { ... } else { ... }"""
+    """if (c) { ... } else { ... }."""
 
     condition: CExpr
     then: tuple[CStmt, ...]
@@ -162,7 +162,7 @@ class IfStmt(CStmt):
 
 @dataclass(frozen=True)
 class For(CStmt):
-    """for (int64_t name = low; name < high; name++) { ... }"""
+    """for (int64_t name = low; name < high; name++) { ... }."""
 
     name: str
     low: CExpr

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import re
 
-C_RESERVED = frozenset(
-    """auto break case char const continue default do double else enum extern float for goto if inline
-    int long register restrict return short signed sizeof static struct switch typedef union
-    unsigned void volatile while _Bool _Complex _Imaginary bool true false NULL NAN INFINITY assert
-    isnan isinf signbit isfinite sqrt floor fabs fmin fmax sin cos tan exp log pow main errno stdin
-    stdout stderr memcpy memset y0 y1 yn j0 j1 jn gamma index
-    s m h a state flags published answer fault status first began""".split()
-)
+_WORDS = """
+auto break case char const continue default do double else enum extern float for goto if inline int
+long register restrict return short signed sizeof static struct switch typedef union unsigned void
+volatile while _Bool _Complex _Imaginary
+bool true false NULL NAN INFINITY assert isnan isinf signbit isfinite sqrt floor fabs fmin fmax sin
+cos tan exp log pow main errno stdin stdout stderr memcpy memset y0 y1 yn j0 j1 jn gamma index
+s m h a state flags published answer fault status first began
+"""
+C_RESERVED = frozenset(_WORDS.split())
 """Words of C, macros of its headers, and the names every generated function uses itself."""
 
 
@@ -30,7 +31,9 @@ def legal(text: str) -> str:
 def local(text: str) -> str:
     """The C name of a temporary: unique source names stay unique."""
     name = legal(text)
-    if name in C_RESERVED or name.startswith(("soter_", "SOTER_", "out_", "has_", "INT", "UINT", "_")):
+    if name in C_RESERVED or name.startswith(
+        ("soter_", "SOTER_", "out_", "has_", "INT", "UINT", "_")
+    ):
         return "v_" + name
     return name
 

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen.body import Body
 from soter.codegen.names import local
 from soter.codegen.types import FAULT, field_name, float_number, int_number
 from soter.lower import core
+from soter.lower.footprint import walk
 from soter.program.types import (
     ArrayType,
     BoolType,
@@ -27,6 +27,7 @@ from soter.program.types import (
 from soter.semantics.random_draws import fnv
 
 if TYPE_CHECKING:
+    from soter.codegen.body import Body
     from soter.codegen.types import TypeTable
     from soter.diagnostics.span import Span
     from soter.program.system import Component, System
@@ -37,7 +38,9 @@ OK = c.Name("SOTER_OK")
 CT = c.Member(c.Arrow(S, "header"), "ct")
 HEADER = c.Unary("&", c.Arrow(S, "header"))
 STEP_PARAMETERS = (
-    ("void *", "state"), ("uint32_t", "flags"), ("uint32_t *", "published"),
+    ("void *", "state"),
+    ("uint32_t", "flags"),
+    ("uint32_t *", "published"),
     ("const void *", "answer"),
 )
 
@@ -104,7 +107,9 @@ class StepEmitter:
             if copy.name in used or copy.written:
                 found.append(
                     c.Declare(
-                        self.types.work(copy.type), local(copy.name), self.cell(copy.cell),
+                        self.types.work(copy.type),
+                        local(copy.name),
+                        self.cell(copy.cell),
                         const=not copy.written,
                     )
                 )
@@ -133,7 +138,10 @@ class StepEmitter:
         found: list[c.CStmt] = []
         for k, output in enumerate(outputs):
             checks = self.types.check(
-                output.type, tuple(output.bounds), c.Name(f"out_{k}"), untrusted=untrusted  # type: ignore[arg-type]
+                output.type,
+                tuple(output.bounds),
+                c.Name(f"out_{k}"),
+                untrusted=untrusted,
             )
             if checks:
                 found.append(c.IfStmt(c.Name(f"has_{k}"), tuple(checks)))
@@ -145,9 +153,7 @@ class StepEmitter:
         for k, output in enumerate(outputs):
             stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(output.topic)))
             value = self.types.to_store(output.type, c.Name(f"out_{k}"))
-            stores: list[c.CStmt] = [
-                c.Assign(self.topic(output.topic), value), c.Assign(stamp, CT)
-            ]
+            stores: list[c.CStmt] = [c.Assign(self.topic(output.topic), value), c.Assign(stamp, CT)]
             bit = c.Number(f"{1 << k}U")
             published = c.Unary("*", c.Name("published"))
             note = c.Assign(published, c.Binary("|", published, bit))
@@ -182,9 +188,7 @@ class StepEmitter:
             body += inner
         body += [c.Unused("flags"), c.Unused("answer"), c.Unused("published"), c.Unused("fault")]
         body += self.check_outputs(step.outputs, untrusted=foreign)
-        body.append(
-            c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),))
-        )
+        body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
         if foreign and c_source and step.locals:
             body.append(c.Assign(c.Arrow(S, self.groups[component.index]), c.Name("kept")))
         elif not foreign:
@@ -206,11 +210,20 @@ class StepEmitter:
             assert component.binding is not None
             symbol = component.binding.rsplit(":", 1)[1]
             in_fields = tuple(
-                (field_name(x.topic.name.rsplit(".", 1)[-1]),
-                 self.topic(component.scope.topics[x.topic]))
+                (
+                    field_name(x.topic.name.rsplit(".", 1)[-1]),
+                    self.topic(component.scope.topics[x.topic]),
+                )
                 for x in node.subscribes
             )
-            found.append(c.Declare(f"{name}_in", "in", c.Initializer(in_fields or ((None, c.Number("0")),)), const=True))
+            found.append(
+                c.Declare(
+                    f"{name}_in",
+                    "in",
+                    c.Initializer(in_fields or ((None, c.Number("0")),)),
+                    const=True,
+                )
+            )
             found.append(c.Declare(out_type, "got", c.Initializer(())))
             arguments: list[c.CExpr] = [c.Unary("&", c.Name("in"))]
             if step.locals:
@@ -224,14 +237,15 @@ class StepEmitter:
             found.append(
                 c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT)))
             )
-            source: c.CExpr = c.Name("got")
-            part = lambda n: c.Member(source, n)  # noqa: E731 - one of two spellings
         else:
             found.append(c.Declare(f"const {out_type} *const ", "got", c.Name("answer")))
             missing = c.Binary("==", c.Name("got"), c.Name("NULL"))
             found.append(c.IfStmt(missing, (c.Return(c.Name("SOTER_EXTERN_FAULT")),)))
-            source = c.Name("got")
-            part = lambda n: c.Arrow(source, n)  # noqa: E731 - the other
+        got = c.Name("got")
+
+        def part(name: str) -> c.CExpr:
+            return c.Member(got, name) if linked else c.Arrow(got, name)
+
         for k, topic in enumerate(node.publishes):
             short = field_name(topic.name.rsplit(".", 1)[-1])
             has = c.Binary("!=", part(f"has_{short}"), c.Number("0"))
@@ -255,9 +269,7 @@ class StepEmitter:
             t = self.system.topics[index].type
             constant = self.types.constant(t, value, "failsafe")
             body.append(c.Assign(self.topic(index), self.types.to_store(t, constant)))
-            body.append(
-                c.Assign(c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(index))), CT)
-            )
+            body.append(c.Assign(c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(index))), CT))
         return c.FunctionDef("void", f"{name}_failsafe", (("void *", "state"),), tuple(body))
 
     # ------------------------------------------------------------ plants
@@ -284,9 +296,7 @@ class StepEmitter:
         body += self._noise(component, step)
         body += [c.Unused(n) for n in ("flags", "answer", "published", "fault", "first")]
         body += self.check_outputs(step.outputs, untrusted=step.extern)
-        body.append(
-            c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),))
-        )
+        body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
         body += self.store(step.states)
         body += self.publish(step.outputs, gated=False)
         body.append(c.Return(OK))
@@ -307,7 +317,9 @@ class StepEmitter:
                 values = iter([self._draw(d, component, c.Name("began")) for d in draws])
                 found.append(
                     c.Declare(
-                        self.types.work(t), local(name), _assemble(self.types, t, values),
+                        self.types.work(t),
+                        local(name),
+                        _assemble(self.types, t, values),
                         const=True,
                     )
                 )
@@ -320,16 +332,12 @@ class StepEmitter:
 
     def _uniform(self, stream: str, index: c.CExpr, low: float, high: float) -> c.CExpr:
         key = c.Number(f"UINT64_C(0x{fnv(stream):016x})")
-        return c.CallExpr(
-            "soter_draw", (HEADER, key, index, float_number(low), float_number(high))
-        )
+        return c.CallExpr("soter_draw", (HEADER, key, index, float_number(low), float_number(high)))
 
     def _new_states(self, step: core.PlantStep, name: str) -> list[c.CStmt]:
         """An extern plant: the driver's answer holds the new states."""
         got = c.Name("got")
-        found: list[c.CStmt] = [
-            c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))
-        ]
+        found: list[c.CStmt] = [c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))]
         assigns = tuple(
             c.Assign(c.Name(local(x.name)), c.Arrow(got, field_name(x.cell.name)))
             for x in step.states
@@ -354,7 +362,9 @@ class StepEmitter:
         module = self.system.modules[decision.module]
         made = [
             self.predicate(decision.ttf, f"{name}_ttf", f"ttf of {module.name}", unsafe=True),
-            self.predicate(decision.safer, f"{name}_safer", f"safer of {module.name}", unsafe=False),
+            self.predicate(
+                decision.safer, f"{name}_safer", f"safer of {module.name}", unsafe=False
+            ),
         ]
         m = c.Name("m")
         own = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(module.index)))
@@ -376,9 +386,7 @@ class StepEmitter:
             c.Binary("!=", c.Arrow(m, "gate_fault"), c.Number("0U")),
         )
         clean = c.Binary("==", c.Arrow(m, "clean_needed"), c.Number("0U"))
-        fine = c.Binary(
-            "&&", c.Binary("&&", c.Name("safer"), c.Unary("!", c.Name("stale"))), clean
-        )
+        fine = c.Binary("&&", c.Binary("&&", c.Name("safer"), c.Unary("!", c.Name("stale"))), clean)
         body: list[c.CStmt] = [
             self.state_pointer(),
             c.Declare("soter_module *const ", "m", c.Unary("&", own)),
@@ -414,9 +422,7 @@ class StepEmitter:
         body += self.body.block(p.body, p.value)
         if faults:
             failed = c.Binary("!=", c.Name("status"), OK)
-            body.append(
-                c.IfStmt(failed, (c.Return(c.Name("true" if unsafe else "false")),))
-            )
+            body.append(c.IfStmt(failed, (c.Return(c.Name("true" if unsafe else "false")),)))
         body.append(c.Return(value))
         return c.FunctionDef(
             "bool", name, (("const void *", "state"),), tuple(body), f"{doc}, {where(p.span)}"
@@ -465,8 +471,11 @@ class StepEmitter:
             body += self._initial(self.topic(topic.index), topic.type, topic.default)
         for component in self.system.components:
             variables = (
-                component.node.locals if component.node
-                else component.plant.states if component.plant else ()
+                component.node.locals
+                if component.node
+                else component.plant.states
+                if component.plant
+                else ()
             )
             for i, v in enumerate(variables):
                 target = self.member(component.index, v.name)
@@ -510,7 +519,9 @@ def _assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
             types.stored(t),
         )
     if isinstance(t, ArrayType):
-        items = c.Initializer(tuple((None, _assemble(types, t.element, values)) for _ in range(t.size)))
+        items = c.Initializer(
+            tuple((None, _assemble(types, t.element, values)) for _ in range(t.size))
+        )
         return c.Initializer((("at", items),), types.stored(t))
     value = next(values)  # type: ignore[call-overload]
     assert isinstance(value, c.CExpr)
@@ -534,6 +545,4 @@ def _leaf(e: c.CExpr, t: Type, index: int) -> c.CExpr:
 
 
 def _vars(root: object) -> list[core.Var]:
-    from soter.lower.footprint import walk  # noqa: PLC0415 - one use
-
     return [n for n in walk(root) if isinstance(n, core.Var)]

@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.names import Unique, legal
 from soter.lower.layout import scalar, size_of, struct_of
-from soter.program.system import Bound
 from soter.program.types import (
     ArrayType,
     BoolType,
@@ -28,6 +27,7 @@ from soter.program.types import (
 )
 
 if TYPE_CHECKING:
+    from soter.program.system import Bound
     from soter.program.types import Value
 
 FAULT = c.Name("fault")
@@ -180,8 +180,12 @@ class TypeTable:
             size = t.size if isinstance(t, ArrayType) else t.capacity
             element = c.IndexExpr(array, c.Name("k"))
             body.append(
-                c.For("k", c.Number("0"), c.Number(str(size)),
-                      (c.Assign(element, self.canonical(t.element, element)),))
+                c.For(
+                    "k",
+                    c.Number("0"),
+                    c.Number(str(size)),
+                    (c.Assign(element, self.canonical(t.element, element)),),
+                )
             )
         body.append(c.Return(v))
         self.helpers.append(
@@ -209,13 +213,20 @@ class TypeTable:
             bound = bounds[0]
             if bound is None:
                 return []
-            arguments = (e, int_number(int(math.ceil(bound.low))), int_number(int(math.floor(bound.high))), FAULT)
+            arguments = (
+                e,
+                int_number(math.ceil(bound.low)),
+                int_number(math.floor(bound.high)),
+                FAULT,
+            )
             return [c.Do(c.CallExpr("soter_check_int", arguments))]
         if isinstance(t, (BoolType, EnumType)):
             if not untrusted:
                 return []
             top = 1 if isinstance(t, BoolType) else len(t.members) - 1
-            return [c.Do(c.CallExpr("soter_check_int", (e, c.Number("0"), c.Number(str(top)), FAULT)))]
+            return [
+                c.Do(c.CallExpr("soter_check_int", (e, c.Number("0"), c.Number(str(top)), FAULT)))
+            ]
         if not self._needs_check(t, bounds, untrusted=untrusted):
             return []
         function = self._check_function(t, bounds, untrusted=untrusted)
@@ -230,9 +241,7 @@ class TypeTable:
             for k, b in zip(kinds, bounds, strict=True)
         )
 
-    def _check_function(
-        self, t: Type, bounds: tuple[Bound | None, ...], *, untrusted: bool
-    ) -> str:
+    def _check_function(self, t: Type, bounds: tuple[Bound | None, ...], *, untrusted: bool) -> str:
         key = (t, (*bounds, untrusted))
         known = self._checks.get(key)
         if known is not None:
@@ -253,7 +262,9 @@ class TypeTable:
             length: c.CExpr = c.Arrow(v, "len")
             if untrusted:
                 capacity = c.Number(str(t.capacity))
-                body.append(c.Do(c.CallExpr("soter_check_int", (length, c.Number("0"), capacity, FAULT))))
+                body.append(
+                    c.Do(c.CallExpr("soter_check_int", (length, c.Number("0"), capacity, FAULT)))
+                )
                 outside = c.Binary(
                     "||", c.Binary("<", length, c.Number("0")), c.Binary(">", length, capacity)
                 )
@@ -266,7 +277,10 @@ class TypeTable:
         self._checks[key] = name
         self.helpers.append(
             c.FunctionDef(
-                "void", name, ((f"const {stored} *", "v"), ("soter_fault *", "fault")), tuple(body),
+                "void",
+                name,
+                ((f"const {stored} *", "v"), ("soter_fault *", "fault")),
+                tuple(body),
                 "may this value be published?",
             )
         )
@@ -294,8 +308,22 @@ def field_name(name: str) -> str:
     from soter.codegen.names import C_RESERVED  # noqa: PLC0415 - one table
 
     text = legal(name)
-    keyword = text in C_RESERVED and len(text) > 1 and text not in {"state", "flags", "published",
-        "answer", "fault", "status", "first", "began", "index"}
+    keyword = (
+        text in C_RESERVED
+        and len(text) > 1
+        and text
+        not in {
+            "state",
+            "flags",
+            "published",
+            "answer",
+            "fault",
+            "status",
+            "first",
+            "began",
+            "index",
+        }
+    )
     return text + "_" if keyword or text == "pad_" else text
 
 

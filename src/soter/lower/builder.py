@@ -69,7 +69,9 @@ def select(e: core.Expr, path: tuple[int, ...]) -> core.Expr:
     return e
 
 
-def rebuild(t: Type, leaf: Callable[[tuple[int, ...]], core.Expr], path: tuple[int, ...] = ()) -> core.Expr:
+def rebuild(
+    t: Type, leaf: Callable[[tuple[int, ...]], core.Expr], path: tuple[int, ...] = ()
+) -> core.Expr:
     """A vector value from its leaves."""
     if isinstance(t, RecordType):
         parts = [rebuild(f, leaf, (*path, i)) for i, (_, f) in enumerate(t.fields)]
@@ -121,7 +123,9 @@ class Builder:
             self.can_fault = True
         self._blocks[-1].append(stmt)
 
-    def capture(self, action: Callable[[], core.Expr | None]) -> tuple[tuple[core.Stmt, ...], core.Expr | None]:
+    def capture(
+        self, action: Callable[[], core.Expr | None]
+    ) -> tuple[tuple[core.Stmt, ...], core.Expr | None]:
         """Run `action` and give what it emitted, and its expression."""
         self._blocks.append([])
         value = action()
@@ -214,7 +218,11 @@ class Builder:
         return rebuild(e.type, lambda p: core.Unary(FLOAT, "neg", select(source, p)))
 
     def _checked(
-        self, span: Span, op: str, t: Type, operands: tuple[core.Expr, ...],
+        self,
+        span: Span,
+        op: str,
+        t: Type,
+        operands: tuple[core.Expr, ...],
         limit: core.Expr | None = None,
     ) -> core.Expr:
         name = self.fresh({"index": "i", "narrow": "n"}.get(op, op))
@@ -279,14 +287,10 @@ class Builder:
         assert otherwise is not None
         if not then_block and not else_block:
             return core.Select(e.type, condition, then, otherwise)
-        result = self.let(
-            e.span, "chosen", core.Const(e.type, default_value(e.type)), mutable=True
-        )
+        result = self.let(e.span, "chosen", core.Const(e.type, default_value(e.type)), mutable=True)
         set_then = core.Set(e.span, result.name, e.type, (), then)
         set_else = core.Set(e.span, result.name, e.type, (), otherwise)
-        self.emit(
-            core.If(e.span, condition, (*then_block, set_then), (*else_block, set_else))
-        )
+        self.emit(core.If(e.span, condition, (*then_block, set_then), (*else_block, set_else)))
         return result
 
     def _call(self, e: typed.Call) -> core.Expr:
@@ -312,15 +316,15 @@ class Builder:
             b = self.atom(arguments[1], e.span, "b")
             return core.Extreme(e.type, e.name, a, b)
         if e.name == "float":
-            return first if isinstance(first.type, FloatType) else core.Unary(FLOAT, "to_float", first)
+            return (
+                first if isinstance(first.type, FloatType) else core.Unary(FLOAT, "to_float", first)
+            )
         if e.name == "int":
             if isinstance(first.type, IntType):
                 return first
             return self._checked(e.span, "to_int", INT, (first,))
         if e.name == "dot":
-            return self._dot(
-                self.atom(first, e.span, "a"), self.atom(arguments[1], e.span, "b")
-            )
+            return self._dot(self.atom(first, e.span, "a"), self.atom(arguments[1], e.span, "b"))
         if e.name == "norm":
             v = self.atom(first, e.span, "v")
             return core.Unary(FLOAT, "sqrt", self._dot(v, v))
@@ -413,9 +417,7 @@ class Builder:
             falling = [i for i, b in enumerate(arms) if not always_returns(b)]
             partly = [i for i in falling if any(may_return(x) for x in arms[i])]
             if len(falling) <= 1 and not partly:
-                appended = [
-                    (*b, *rest) if i in falling else b for i, b in enumerate(arms)
-                ]
+                appended = [(*b, *rest) if i in falling else b for i, b in enumerate(arms)]
                 new = typed.If(
                     s.span,
                     tuple((c, b) for (c, _), b in zip(s.arms, appended[:-1], strict=True)),
@@ -426,7 +428,8 @@ class Builder:
         if self._done is None:
             self._done = self.fresh("done")
             self._blocks[0].insert(
-                0, core.Let(s.span, self._done, core.Const(BOOL, False), True)  # noqa: FBT003
+                0,
+                core.Let(s.span, self._done, core.Const(BOOL, False), True),
             )
         self.statement(s)
         if rest:
@@ -458,9 +461,7 @@ class Builder:
             value = self.expr(s.value)
             self.emit(core.Set(s.span, self._result[0], self._result[1], (), value))
             if self._done is not None:
-                self.emit(
-                    core.Set(s.span, self._done, BOOL, (), core.Const(BOOL, True))  # noqa: FBT003
-                )
+                self.emit(core.Set(s.span, self._done, BOOL, (), core.Const(BOOL, True)))
         elif isinstance(s, typed.Assert):
             self.emit(core.Guard(s.span, self.expr(s.condition), FaultKind.ASSERT))
         elif isinstance(s, typed.If):
@@ -537,8 +538,10 @@ class Builder:
         self, body: tuple[typed.Stmt, ...], result: Type, span: Span
     ) -> tuple[tuple[core.Stmt, ...], core.Expr]:
         """Statements and result of a function, with a single exit."""
-        straight = body and isinstance(body[-1], typed.Return) and not any(
-            may_return(s) for s in body[:-1]
+        straight = (
+            body
+            and isinstance(body[-1], typed.Return)
+            and not any(may_return(s) for s in body[:-1])
         )
         if straight:
             last = body[-1]
@@ -548,11 +551,11 @@ class Builder:
             value = self.expr(last.value)
             return self.finish(), value
         name = self.fresh("result")
-        self.emit(core.Let(span, name, core.Const(result, default_value(result)), True))  # noqa: FBT003
+        self.emit(core.Let(span, name, core.Const(result, default_value(result)), True))
         self._result = (name, result)
         if needs_flag(body):
             self._done = self.fresh("done")
-            self.emit(core.Let(span, self._done, core.Const(BOOL, False), True))  # noqa: FBT003
+            self.emit(core.Let(span, self._done, core.Const(BOOL, False), True))
         self.block(body)
         return self.finish(), core.Var(result, name)
 

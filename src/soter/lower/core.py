@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.program.arith import FaultKind
+    from soter.program.system import Bound
     from soter.program.types import Type, Value
 
 
@@ -283,7 +284,7 @@ class Output:
 
     topic: int
     type: Type
-    bounds: tuple[object, ...]
+    bounds: tuple[Bound | None, ...]
 
 
 @dataclass(eq=False)

@@ -27,9 +27,8 @@ def walk(root: object) -> Iterator[object]:
             stack.extend(
                 getattr(node, f.name)
                 for f in reversed(fields(node))
-                if f.name not in {"type", "span", "value"} or isinstance(
-                    getattr(node, f.name), core.Expr
-                )
+                if f.name not in {"type", "span", "value"}
+                or isinstance(getattr(node, f.name), core.Expr)
             )
 
 

@@ -54,8 +54,15 @@ class FunctionTable:
             body, result = builder.function_body(fun.body, fun.result, fun.span)
             can_fault = builder.can_fault
         function = core.Function(
-            self.unique(fun.name), fun.name, parameters, fun.result, body, result, fun.span,
-            fun.source, can_fault,
+            self.unique(fun.name),
+            fun.name,
+            parameters,
+            fun.result,
+            body,
+            result,
+            fun.span,
+            fun.source,
+            can_fault,
         )
         self._by_symbol[fun] = function
         self.by_name[function.name] = function

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from soter.program.types import (
@@ -44,15 +44,36 @@ INT_KINDS = (
 CANONICAL_NAN = struct.pack("<Q", 0x7FF8000000000000)
 NEVER = -(2**62)
 
-HEADER = (("ct", "<i8"), ("seed", "<u8"), ("seed_key", "<u8"), ("violations", "<u4"), ("reserved", "<u4"))
+HEADER = (
+    ("ct", "<i8"),
+    ("seed", "<u8"),
+    ("seed_key", "<u8"),
+    ("violations", "<u4"),
+    ("reserved", "<u4"),
+)
 COMPONENT = (
-    ("next", "<i8"), ("faults", "<u4"), ("last_fault", "<u1"), ("oe", "<u1"),
-    ("latched", "<u1"), ("had_control", "<u1"), ("pending", "<u1"), ("reserved", "<u1", 7),
+    ("next", "<i8"),
+    ("faults", "<u4"),
+    ("last_fault", "<u1"),
+    ("oe", "<u1"),
+    ("latched", "<u1"),
+    ("had_control", "<u1"),
+    ("pending", "<u1"),
+    ("reserved", "<u1", 7),
 )
 MODULE = (
-    ("ac_ns", "<i8"), ("mode_since", "<i8"), ("to_sc", "<u4"), ("to_ac", "<u4"),
-    ("gate_faults", "<u4"), ("clean_needed", "<u4"), ("mode", "<u1"), ("gate_fault", "<u1"),
-    ("ttf", "<u1"), ("safer", "<u1"), ("stale", "<u1"), ("saw_gate_fault", "<u1"),
+    ("ac_ns", "<i8"),
+    ("mode_since", "<i8"),
+    ("to_sc", "<u4"),
+    ("to_ac", "<u4"),
+    ("gate_faults", "<u4"),
+    ("clean_needed", "<u4"),
+    ("mode", "<u1"),
+    ("gate_fault", "<u1"),
+    ("ttf", "<u1"),
+    ("safer", "<u1"),
+    ("stale", "<u1"),
+    ("saw_gate_fault", "<u1"),
     ("reserved", "<u1", 2),
 )
 PROPERTY = (("first_ns", "<i8"), ("count", "<u4"), ("active", "<u1"), ("reserved", "<u1", 3))
@@ -68,7 +89,7 @@ class Scalar:
     numpy: str
 
 
-@lru_cache(maxsize=None)
+@cache
 def scalar(t: Type) -> Scalar | None:
     """Storage of a scalar type, None for aggregates."""
     if isinstance(t, FloatType):
@@ -76,8 +97,10 @@ def scalar(t: Type) -> Scalar | None:
     if isinstance(t, BoolType):
         return Scalar("B", 1, "uint8_t", "<u1")
     if isinstance(t, EnumType):
-        return Scalar("B", 1, "uint8_t", "<u1") if len(t.members) <= 256 else Scalar(  # noqa: PLR2004
-            "H", 2, "uint16_t", "<u2"
+        return (
+            Scalar("B", 1, "uint8_t", "<u1")
+            if len(t.members) <= 256
+            else Scalar("H", 2, "uint16_t", "<u2")
         )
     if isinstance(t, IntType):
         for fmt, size, low, high, c_type, numpy in INT_KINDS:
@@ -124,7 +147,7 @@ def arrange(fields: tuple[tuple[str, Type], ...], minimum_align: int = 1) -> Str
 LENGTH = IntType(0, 2**31 - 1)
 
 
-@lru_cache(maxsize=None)
+@cache
 def struct_of(t: Type) -> Struct:
     """The struct behind a record or a bounded list (members `items` and `len`)."""
     if isinstance(t, RecordType):
@@ -133,7 +156,7 @@ def struct_of(t: Type) -> Struct:
     return arrange((("items", ArrayType(t.element, t.capacity)), ("len", LENGTH)))
 
 
-@lru_cache(maxsize=None)
+@cache
 def size_of(t: Type) -> int:
     """Bytes of a stored value."""
     s = scalar(t)
@@ -144,7 +167,7 @@ def size_of(t: Type) -> int:
     return struct_of(t).size
 
 
-@lru_cache(maxsize=None)
+@cache
 def align_of(t: Type) -> int:
     """Alignment of a stored value."""
     s = scalar(t)
@@ -201,9 +224,7 @@ def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - a
     length = next(m for m in layout.members if m.name == "len")
     n = struct.unpack_from("<i", buffer, offset + length.offset)[0]
     step = size_of(t.element)
-    return tuple(
-        decode_from(buffer, offset + items.offset + i * step, t.element) for i in range(n)
-    )
+    return tuple(decode_from(buffer, offset + items.offset + i * step, t.element) for i in range(n))
 
 
 def numpy_dtype(t: Type) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
@@ -270,7 +291,10 @@ HEADER_SIZE, COMPONENT_SIZE, MODULE_SIZE, PROPERTY_SIZE = 32, 24, 40, 16
 def state_layout(system: System) -> StateLayout:
     """Lay out the state of a system."""
     n, m, p, t = (
-        len(system.components), len(system.modules), len(system.properties), len(system.topics),
+        len(system.components),
+        len(system.modules),
+        len(system.properties),
+        len(system.topics),
     )
     component_offset = HEADER_SIZE
     module_offset = component_offset + n * COMPONENT_SIZE
@@ -291,13 +315,21 @@ def state_layout(system: System) -> StateLayout:
         if variables:
             add(c.name, c.index, tuple((v.name, v.type) for v in variables))
     return StateLayout(
-        n, m, p, t, component_offset, module_offset, property_offset, stamp_offset,
-        tuple(groups), offset,
+        n,
+        m,
+        p,
+        t,
+        component_offset,
+        module_offset,
+        property_offset,
+        stamp_offset,
+        tuple(groups),
+        offset,
     )
 
 
 def _fields(spec: tuple[tuple[Any, ...], ...]) -> list[Any]:
-    return [(f[0], f[1]) if len(f) == 2 else (f[0], f[1], (f[2],)) for f in spec]  # noqa: PLR2004
+    return [(f[0], f[1]) if len(f) == 2 else (f[0], f[1], (f[2],)) for f in spec]
 
 
 def state_dtype(system: System, layout: StateLayout) -> np.dtype[Any]:
@@ -313,7 +345,10 @@ def state_dtype(system: System, layout: StateLayout) -> np.dtype[Any]:
         np.dtype(("<i8", (layout.topics,))),
     ]
     offsets = [
-        0, layout.component_offset, layout.module_offset, layout.property_offset,
+        0,
+        layout.component_offset,
+        layout.module_offset,
+        layout.property_offset,
         layout.stamp_offset,
     ]
     for g in layout.groups:
@@ -332,4 +367,6 @@ def state_dtype(system: System, layout: StateLayout) -> np.dtype[Any]:
         )
         offsets.append(g.offset)
     del system
-    return np.dtype({"names": names, "formats": formats, "offsets": offsets, "itemsize": layout.size})
+    return np.dtype(
+        {"names": names, "formats": formats, "offsets": offsets, "itemsize": layout.size}
+    )

@@ -12,13 +12,12 @@ from typing import TYPE_CHECKING
 from soter.lower import core
 from soter.lower.builder import Builder, rebuild, select
 from soter.lower.footprint import footprint_of
-from soter.program import typed
-from soter.program.types import FLOAT, RecordType, leaves
+from soter.program.types import FLOAT, RecordType
 
 if TYPE_CHECKING:
     from soter.lower.functions import FunctionTable
+    from soter.program import typed
     from soter.program.system import Component, System
-    from soter.program.types import Type
 
 
 def lower_plant(functions: FunctionTable, system: System, component: Component) -> core.PlantStep:
@@ -58,9 +57,7 @@ class _Plant:
         for number, (topic, value) in enumerate(plant.drives):
             b.emit(core.Publish(plant.span, number, b.expr(value)))
             index = self.component.scope.topics[topic]
-            outputs.append(
-                core.Output(index, topic.type, self.system.topics[index].bounds)
-            )
+            outputs.append(core.Output(index, topic.type, self.system.topics[index].bounds))
         publish = b.finish()
         by_topic = {o.topic: i for i, o in enumerate(outputs)}
         noise = tuple(
@@ -75,8 +72,16 @@ class _Plant:
         for o in outputs:
             footprint.writes.add(core.Cell("topic", o.topic, self.system.topics[o.topic].name))
         return core.PlantStep(
-            self.component.index, tuple(self.copies), tuple(disturbances), integrate, publish,
-            tuple(outputs), noise, footprint, plant.span, plant.extern,
+            self.component.index,
+            tuple(self.copies),
+            tuple(disturbances),
+            integrate,
+            publish,
+            tuple(outputs),
+            noise,
+            footprint,
+            plant.span,
+            plant.extern,
         )
 
     def _lets(self) -> None:
@@ -104,9 +109,7 @@ class _Plant:
     def _scheme(self) -> core.Expr:
         """Integrate all `der` states together; gives the record of their new values."""
         b, plant, span = self.builder, self.plant, self.plant.span
-        record = RecordType(
-            tuple((v.name, v.type) for v in plant.der), f"{plant.name}.derivative"
-        )
+        record = RecordType(tuple((v.name, v.type) for v in plant.der), f"{plant.name}.derivative")
         function, extra = self._derivative(record)
         h = float(self.component.period_ns) / 1e9 / float(self.component.substeps)
         old = core.Make(record, tuple(core.Var(v.type, b.names[v]) for v in plant.der))
@@ -187,8 +190,14 @@ class _Plant:
         values = tuple(inner.expr(e) for e in plant.der.values())
         function = core.Function(
             self.functions.unique(f"{self.component.name}_derivative"),
-            f"{plant.name}: der", tuple(parameters), record, inner.finish(),
-            core.Make(record, values), span, None, inner.can_fault,
+            f"{plant.name}: der",
+            tuple(parameters),
+            record,
+            inner.finish(),
+            core.Make(record, values),
+            span,
+            None,
+            inner.can_fault,
         )
         self.functions.add(function)
         return function, tuple(extra)
@@ -215,5 +224,3 @@ def _add(a: core.Expr, b: core.Expr) -> core.Expr:
 
 def _mul(scale: float, e: core.Expr) -> core.Expr:
     return core.Binary(FLOAT, "*", core.Const(FLOAT, scale), e)
-
-

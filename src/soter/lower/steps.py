@@ -23,9 +23,7 @@ if TYPE_CHECKING:
 
 def outputs_of(system: System, topics: tuple[int, ...]) -> tuple[core.Output, ...]:
     """Outputs with the bounds the gate checks."""
-    return tuple(
-        core.Output(i, system.topics[i].type, system.topics[i].bounds) for i in topics
-    )
+    return tuple(core.Output(i, system.topics[i].type, system.topics[i].bounds) for i in topics)
 
 
 def lower_node(functions: FunctionTable, system: System, component: Component) -> core.NodeStep:
@@ -44,9 +42,7 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
     body = builder.finish()
     written = written_names((*takeover, *body))
     copies = tuple(
-        core.LocalCopy(
-            core.Cell("local", component.index, v.name), name, v.type, name in written
-        )
+        core.LocalCopy(core.Cell("local", component.index, v.name), name, v.type, name in written)
         for v, name in names
     )
     outputs = outputs_of(system, tuple(component.scope.topics[t] for t in node.publishes))
@@ -62,9 +58,7 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
     for o in outputs:
         footprint.writes.add(core.Cell("topic", o.topic, system.topics[o.topic].name))
         footprint.stamps.add(o.topic)
-    return core.NodeStep(
-        component.index, copies, takeover, body, outputs, footprint, node.span
-    )
+    return core.NodeStep(component.index, copies, takeover, body, outputs, footprint, node.span)
 
 
 def lower_predicate(
@@ -79,13 +73,14 @@ def lower_predicate(
 
 
 def lower_decision(functions: FunctionTable, system: System, module: int) -> core.Decision:
-    """ttf and safer of a module; a module whose predicates are still to be computed never
-    trusts AC: ttf true, safer false (unknown is unsafe).
+    """The predicates of a module.
+
+    A module whose predicates are still to be computed never trusts AC: ttf true, safer false.
     """
     m = system.modules[module]
     span = m.symbol.span
-    ttf = m.symbol.ttf or typed.Literal(BOOL, span, True)  # noqa: FBT003
-    safer = m.symbol.safer or typed.Literal(BOOL, span, False)  # noqa: FBT003
+    ttf = m.symbol.ttf or typed.Literal(BOOL, span, True)
+    safer = m.symbol.safer or typed.Literal(BOOL, span, False)
     return core.Decision(
         module,
         lower_predicate(functions, system, m.scope, ttf, ttf.span),
@@ -105,7 +100,6 @@ def lower(system: System) -> core.CoreSystem:
             plants[c.index] = lower_plant(functions, system, c)
     decisions = tuple(lower_decision(functions, system, m.index) for m in system.modules)
     properties = tuple(
-        lower_predicate(functions, system, p.scope, p.condition, p.span)
-        for p in system.properties
+        lower_predicate(functions, system, p.scope, p.condition, p.span) for p in system.properties
     )
     return core.CoreSystem(tuple(functions.by_name.values()), nodes, plants, decisions, properties)

@@ -41,7 +41,9 @@ def _content(unit: Unit, flags: tuple[str, ...], identity: str) -> str:
     for source in unit.c_sources:
         parts += [source, _read_extern(source)]
         folder = Path(source).parent
-        parts += [p.read_text(encoding="utf-8", errors="replace") for p in sorted(folder.glob("*.h"))]
+        parts += [
+            p.read_text(encoding="utf-8", errors="replace") for p in sorted(folder.glob("*.h"))
+        ]
     for part in parts:
         data = part.encode("utf-8", "surrogatepass")
         digest.update(len(data).to_bytes(8, "little"))
@@ -53,9 +55,9 @@ def _read_extern(source: str) -> str:
     try:
         return Path(source).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise SoterError((
-            Diagnostic("X003", f"cannot read the extern's C file `{source}`: {error}"),
-        )) from error
+        raise SoterError(
+            (Diagnostic("X003", f"cannot read the extern's C file `{source}`: {error}"),)
+        ) from error
 
 
 def library(unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = ()) -> Path:
@@ -73,26 +75,36 @@ def library(unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = ()) -> P
             built = compile_in(work, unit, flags)
             built.replace(target)
     except OSError as error:
-        raise SoterError((
-            Diagnostic(
-                "X006",
-                f"cannot write to the cache folder `{folder}`: {error.strerror or error}",
-                helps=("choose another with the environment variable SOTER_CACHE",),
-            ),
-        )) from error
+        raise SoterError(
+            (
+                Diagnostic(
+                    "X006",
+                    f"cannot write to the cache folder `{folder}`: {error.strerror or error}",
+                    helps=("choose another with the environment variable SOTER_CACHE",),
+                ),
+            )
+        ) from error
     return target
 
 
 def compile_in(work: Path, unit: Unit, flags: tuple[str, ...]) -> Path:
-    """Write the unit into `work` and compile it there; SoterError X004 with the compiler's words."""
+    """Write the unit into `work` and compile it there; X004 with the compiler's words."""
     (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
     source = work / f"{unit.prefix}.c"
     source.write_text(unit.source, encoding="utf-8")
     built = work / "program.so"
     externs = [str(Path(s).resolve()) for s in unit.c_sources]
     command = [
-        *find().command, *flags, f"-I{RUNTIME}", f"-I{work}", "-o", str(built), str(source),
-        *externs, *(str(RUNTIME / k) for k in KERNEL), "-lm",
+        *find().command,
+        *flags,
+        f"-I{RUNTIME}",
+        f"-I{work}",
+        "-o",
+        str(built),
+        str(source),
+        *externs,
+        *(str(RUNTIME / k) for k in KERNEL),
+        "-lm",
     ]
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, timeout=TIMEOUT_S, cwd=work
@@ -100,14 +112,16 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...]) -> Path:
     if done.returncode != 0:
         lines = done.stderr.replace(str(work) + os.sep, "").strip().splitlines()
         shown = [x for x in lines if "error" in x or "undefined" in x] or lines
-        raise SoterError((
-            Diagnostic(
-                "X004",
-                "the C of this program does not compile",
-                notes=tuple(shown[:8]),
-                helps=("the mistake is most likely in an extern's C file",)
-                if externs
-                else ("this is a defect of soter: please report it with the program",),
-            ),
-        ))
+        raise SoterError(
+            (
+                Diagnostic(
+                    "X004",
+                    "the C of this program does not compile",
+                    notes=tuple(shown[:8]),
+                    helps=("the mistake is most likely in an extern's C file",)
+                    if externs
+                    else ("this is a defect of soter: please report it with the program",),
+                ),
+            )
+        )
     return built

@@ -19,11 +19,20 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 CANDIDATES = ("cc", "gcc", "clang")
 STRICT = (
-    "-std=c99", "-ffp-contract=off", "-fno-fast-math", "-fno-math-errno",
+    "-std=c99",
+    "-ffp-contract=off",
+    "-fno-fast-math",
+    "-fno-math-errno",
 )
 """Flags that belong to the meaning: one rounding an operation, on every compiler."""
 WARNINGS = (
-    "-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wshadow", "-Wdouble-promotion", "-Werror",
+    "-Wall",
+    "-Wextra",
+    "-Wpedantic",
+    "-Wconversion",
+    "-Wshadow",
+    "-Wdouble-promotion",
+    "-Werror",
 )
 
 
@@ -48,7 +57,9 @@ def _identity(command: tuple[str, ...]) -> str | None:
         stat = os.stat(os.path.realpath(path))  # noqa: PTH116 - follows links on purpose
     except OSError:
         return None
-    return hashlib.sha256(f"{os.path.realpath(path)} {stat.st_size} {stat.st_mtime_ns}".encode()).hexdigest()
+    return hashlib.sha256(
+        f"{os.path.realpath(path)} {stat.st_size} {stat.st_mtime_ns}".encode()
+    ).hexdigest()
 
 
 def _zig() -> Compiler | None:
@@ -69,7 +80,7 @@ def find() -> Compiler:
         if zig is not None:
             return zig
         chosen = []
-    for command in ((tuple(chosen),) if chosen else tuple((x,) for x in CANDIDATES)):
+    for command in (tuple(chosen),) if chosen else tuple((x,) for x in CANDIDATES):
         identity = _identity(command)
         if identity is not None:
             return Compiler(command, identity)
@@ -77,13 +88,15 @@ def find() -> Compiler:
     if zig is not None:
         return zig
     what = f"`{' '.join(chosen)}` (from SOTER_CC)" if chosen else "`cc`, `gcc` or `clang`"
-    raise SoterError((
-        Diagnostic(
-            "X005",
-            f"there is no C compiler: {what} was not found",
-            helps=(
-                "install one as a Python package: pip install 'soter[zig]'",
-                "or run in the interpreter: --engine interp",
+    raise SoterError(
+        (
+            Diagnostic(
+                "X005",
+                f"there is no C compiler: {what} was not found",
+                helps=(
+                    "install one as a Python package: pip install 'soter[zig]'",
+                    "or run in the interpreter: --engine interp",
+                ),
             ),
-        ),
-    ))
+        )
+    )

@@ -52,7 +52,7 @@ typedef enum {
 /* ------------------------------------------------------------------ the state's fixed part */
 
 typedef struct {
-  int64_t ct;          /* current time, ns; -1 before the first instant */
+  int64_t ct; /* current time, ns; -1 before the first instant */
   uint64_t seed;
   uint64_t seed_key;   /* mix(seed + golden): half of every stream's key */
   uint32_t violations; /* onsets of properties, plus latched components */
@@ -104,58 +104,58 @@ typedef struct {
 
 /* Runs one step on `state`. `published` gets one bit per output. `answer` is what a driver
  * computed for an extern step, otherwise NULL. Nothing is changed when a fault is returned. */
-typedef soter_fault soter_step_fn(void *state, uint32_t flags, uint32_t *published,
-                                  const void *answer);
+typedef soter_fault soter_step_fn(void* state, uint32_t flags, uint32_t* published,
+                                  const void* answer);
 
 typedef struct {
-  const char *name;
+  const char* name;
   soter_role role;
   int64_t period_ns;
   int64_t phase_ns;
   int32_t module; /* -1 outside modules */
   bool is_extern;
   uint32_t outputs; /* one bit per output */
-  soter_step_fn *step;
-  void (*failsafe)(void *state); /* publishes the declared fail-safe values; may be NULL */
+  soter_step_fn* step;
+  void (*failsafe)(void* state); /* publishes the declared fail-safe values; may be NULL */
 } soter_component_info;
 
 typedef struct {
-  const char *name;
+  const char* name;
   int64_t period_ns;
   uint32_t dm, ac, sc; /* component indices */
   uint32_t clean;      /* clean outputs AC needs after a gate fault */
   bool forced;
   soter_mode start;
-  soter_mode (*decide)(void *state); /* the generated decision module */
+  soter_mode (*decide)(void* state); /* the generated decision module */
 } soter_module_info;
 
 typedef struct {
-  const char *text;
-  bool (*violated)(const void *state);
+  const char* text;
+  bool (*violated)(const void* state);
 } soter_property_info;
 
 typedef struct {
-  const char *name;
+  const char* name;
   size_t offset; /* of its value in the state */
   size_t size;
 } soter_topic_info;
 
 typedef struct {
   int64_t every_ns;
-  void (*draw)(void *state);
+  void (*draw)(void* state);
 } soter_input_info;
 
 typedef struct {
-  const char *name;
-  const char *hash; /* SHA-256 of the program, hexadecimal */
+  const char* name;
+  const char* hash; /* SHA-256 of the program, hexadecimal */
   size_t state_size;
   uint32_t components, modules, properties, topics, inputs;
-  const soter_component_info *component;
-  const soter_module_info *module;
-  const soter_property_info *property;
-  const soter_topic_info *topic;
-  const soter_input_info *input;
-  void (*init)(void *state); /* defaults of topics, locals and plants, with the seed set */
+  const soter_component_info* component;
+  const soter_module_info* module;
+  const soter_property_info* property;
+  const soter_topic_info* topic;
+  const soter_input_info* input;
+  void (*init)(void* state); /* defaults of topics, locals and plants, with the seed set */
 } soter_program;
 
 /* ------------------------------------------------------------------ the kernel */
@@ -166,24 +166,24 @@ typedef enum {
 } soter_status;
 
 /* The initial configuration (L0, OE0, ct0, FN0, Topics0); ct0 is just before 0. */
-void soter_start(const soter_program *p, void *state, uint64_t seed);
+void soter_start(const soter_program* p, void* state, uint64_t seed);
 
 /* dt2: the time of the next instant, ns. */
-int64_t soter_next_instant(const soter_program *p, const void *state);
+int64_t soter_next_instant(const soter_program* p, const void* state);
 
 /* Runs one instant, or goes on with it, in the deployed order: plants, DMs, SCs, the rest. */
-soter_status soter_instant(const soter_program *p, void *state, uint32_t *due);
+soter_status soter_instant(const soter_program* p, void* state, uint32_t* due);
 
 /* The driver's answer for the extern step that is due; `fault` other than SOTER_OK says that
  * there is no usable answer. */
-void soter_answer(const soter_program *p, void *state, uint32_t component, soter_fault fault,
-                  const void *answer);
+void soter_answer(const soter_program* p, void* state, uint32_t component, soter_fault fault,
+                  const void* answer);
 
-soter_header *soter_header_of(void *state);
-soter_component *soter_components_of(void *state);
-soter_module *soter_modules_of(const soter_program *p, void *state);
-soter_property *soter_properties_of(const soter_program *p, void *state);
-int64_t *soter_stamps_of(const soter_program *p, void *state);
+soter_header* soter_header_of(void* state);
+soter_component* soter_components_of(void* state);
+soter_module* soter_modules_of(const soter_program* p, void* state);
+soter_property* soter_properties_of(const soter_program* p, void* state);
+int64_t* soter_stamps_of(const soter_program* p, void* state);
 
 /* ------------------------------------------------------------------ the virtual-time driver */
 
@@ -191,24 +191,24 @@ int64_t *soter_stamps_of(const soter_program *p, void *state);
  * that has room for `room` states. Stops when the trace is full, when an extern is due (*due),
  * or at the end. Returns how many states were written in *written. */
 typedef enum { SOTER_RUN_END = 0, SOTER_RUN_EXTERN = 1, SOTER_RUN_FULL = 2 } soter_run_status;
-soter_run_status soter_run(const soter_program *p, void *state, int64_t until_ns, void *trace,
-                           size_t room, size_t *written, uint32_t *due);
+soter_run_status soter_run(const soter_program* p, void* state, int64_t until_ns, void* trace,
+                           size_t room, size_t* written, uint32_t* due);
 
 /* ------------------------------------------------------------------ arithmetic */
 
-SOTER_INLINE void soter_raise(soter_fault *fault, soter_fault kind) {
+SOTER_INLINE void soter_raise(soter_fault* fault, soter_fault kind) {
   if (*fault == SOTER_OK) {
     *fault = kind;
   }
 }
 
-SOTER_INLINE void soter_guard(bool holds, soter_fault kind, soter_fault *fault) {
+SOTER_INLINE void soter_guard(bool holds, soter_fault kind, soter_fault* fault) {
   if (!holds) {
     soter_raise(fault, kind);
   }
 }
 
-SOTER_INLINE int64_t soter_add(int64_t a, int64_t b, soter_fault *fault) {
+SOTER_INLINE int64_t soter_add(int64_t a, int64_t b, soter_fault* fault) {
   if ((b > 0 && a > INT64_MAX - b) || (b < 0 && a < INT64_MIN - b)) {
     soter_raise(fault, SOTER_OVERFLOW);
     return 0;
@@ -216,7 +216,7 @@ SOTER_INLINE int64_t soter_add(int64_t a, int64_t b, soter_fault *fault) {
   return a + b;
 }
 
-SOTER_INLINE int64_t soter_sub(int64_t a, int64_t b, soter_fault *fault) {
+SOTER_INLINE int64_t soter_sub(int64_t a, int64_t b, soter_fault* fault) {
   if ((b < 0 && a > INT64_MAX + b) || (b > 0 && a < INT64_MIN + b)) {
     soter_raise(fault, SOTER_OVERFLOW);
     return 0;
@@ -224,7 +224,7 @@ SOTER_INLINE int64_t soter_sub(int64_t a, int64_t b, soter_fault *fault) {
   return a - b;
 }
 
-SOTER_INLINE int64_t soter_mul(int64_t a, int64_t b, soter_fault *fault) {
+SOTER_INLINE int64_t soter_mul(int64_t a, int64_t b, soter_fault* fault) {
   bool over = false;
   if (a > 0) {
     over = b > 0 ? a > INT64_MAX / b : b < INT64_MIN / a;
@@ -238,13 +238,15 @@ SOTER_INLINE int64_t soter_mul(int64_t a, int64_t b, soter_fault *fault) {
   return a * b;
 }
 
-SOTER_INLINE int64_t soter_neg(int64_t a, soter_fault *fault) { return soter_sub(0, a, fault); }
+SOTER_INLINE int64_t soter_neg(int64_t a, soter_fault* fault) {
+  return soter_sub(0, a, fault);
+}
 
-SOTER_INLINE int64_t soter_abs(int64_t a, soter_fault *fault) {
+SOTER_INLINE int64_t soter_abs(int64_t a, soter_fault* fault) {
   return a < 0 ? soter_neg(a, fault) : a;
 }
 
-SOTER_INLINE int64_t soter_div(int64_t a, int64_t b, soter_fault *fault) {
+SOTER_INLINE int64_t soter_div(int64_t a, int64_t b, soter_fault* fault) {
   if (b == 0) {
     soter_raise(fault, SOTER_DIVIDE);
     return 0;
@@ -256,7 +258,7 @@ SOTER_INLINE int64_t soter_div(int64_t a, int64_t b, soter_fault *fault) {
   return a / b;
 }
 
-SOTER_INLINE int64_t soter_mod(int64_t a, int64_t b, soter_fault *fault) {
+SOTER_INLINE int64_t soter_mod(int64_t a, int64_t b, soter_fault* fault) {
   if (b == 0) {
     soter_raise(fault, SOTER_DIVIDE);
     return 0;
@@ -264,7 +266,7 @@ SOTER_INLINE int64_t soter_mod(int64_t a, int64_t b, soter_fault *fault) {
   return b == -1 ? 0 : a % b;
 }
 
-SOTER_INLINE int64_t soter_narrow(int64_t a, int64_t low, int64_t high, soter_fault *fault) {
+SOTER_INLINE int64_t soter_narrow(int64_t a, int64_t low, int64_t high, soter_fault* fault) {
   if (a < low || a > high) {
     soter_raise(fault, SOTER_OVERFLOW);
     return low;
@@ -272,7 +274,7 @@ SOTER_INLINE int64_t soter_narrow(int64_t a, int64_t low, int64_t high, soter_fa
   return a;
 }
 
-SOTER_INLINE int64_t soter_index(int64_t i, int64_t limit, soter_fault *fault) {
+SOTER_INLINE int64_t soter_index(int64_t i, int64_t limit, soter_fault* fault) {
   if (i < 0 || i >= limit) {
     soter_raise(fault, SOTER_INDEX);
     return 0;
@@ -280,7 +282,7 @@ SOTER_INLINE int64_t soter_index(int64_t i, int64_t limit, soter_fault *fault) {
   return i;
 }
 
-SOTER_INLINE int64_t soter_to_int(double x, soter_fault *fault) {
+SOTER_INLINE int64_t soter_to_int(double x, soter_fault* fault) {
   if (!(x >= -9223372036854775808.0 && x < 9223372036854775808.0)) {
     soter_raise(fault, SOTER_CONVERT);
     return 0;
@@ -289,35 +291,47 @@ SOTER_INLINE int64_t soter_to_int(double x, soter_fault *fault) {
 }
 
 /* min(a, b) = b < a ? b : a, max(a, b) = b > a ? b : a, as docs/semantics.md says. */
-SOTER_INLINE double soter_min(double a, double b) { return b < a ? b : a; }
-SOTER_INLINE double soter_max(double a, double b) { return b > a ? b : a; }
-SOTER_INLINE int64_t soter_min_int(int64_t a, int64_t b) { return b < a ? b : a; }
-SOTER_INLINE int64_t soter_max_int(int64_t a, int64_t b) { return b > a ? b : a; }
+SOTER_INLINE double soter_min(double a, double b) {
+  return b < a ? b : a;
+}
+SOTER_INLINE double soter_max(double a, double b) {
+  return b > a ? b : a;
+}
+SOTER_INLINE int64_t soter_min_int(int64_t a, int64_t b) {
+  return b < a ? b : a;
+}
+SOTER_INLINE int64_t soter_max_int(int64_t a, int64_t b) {
+  return b > a ? b : a;
+}
 
 /* A NaN is stored in one form only. */
-SOTER_INLINE double soter_canonical(double x) { return x == x ? x : (double)NAN; }
+SOTER_INLINE double soter_canonical(double x) {
+  return x == x ? x : (double)NAN;
+}
 
 /* Checks one float on its way to a topic: finite, then inside [low, high]. */
-SOTER_INLINE void soter_check_finite(double x, soter_fault *fault) {
+SOTER_INLINE void soter_check_finite(double x, soter_fault* fault) {
   if (!(x - x == 0.0)) {
     soter_raise(fault, SOTER_NONFINITE);
   }
 }
 
-SOTER_INLINE void soter_check_float(double x, double low, double high, soter_fault *fault) {
+SOTER_INLINE void soter_check_float(double x, double low, double high, soter_fault* fault) {
   soter_check_finite(x, fault);
   if (!(x >= low && x <= high)) {
     soter_raise(fault, SOTER_RANGE);
   }
 }
 
-SOTER_INLINE void soter_check_int(int64_t x, int64_t low, int64_t high, soter_fault *fault) {
+SOTER_INLINE void soter_check_int(int64_t x, int64_t low, int64_t high, soter_fault* fault) {
   if (x < low || x > high) {
     soter_raise(fault, SOTER_RANGE);
   }
 }
 
-SOTER_INLINE double soter_seconds(int64_t ns) { return (double)ns / 1e9; }
+SOTER_INLINE double soter_seconds(int64_t ns) {
+  return (double)ns / 1e9;
+}
 
 /* ------------------------------------------------------------------ random draws */
 
@@ -328,19 +342,19 @@ SOTER_INLINE uint64_t soter_mix(uint64_t z) {
 }
 
 /* 64 random bits of the stream whose name hashes to `stream`, at `index`. */
-SOTER_INLINE uint64_t soter_bits(const soter_header *h, uint64_t stream, int64_t index) {
+SOTER_INLINE uint64_t soter_bits(const soter_header* h, uint64_t stream, int64_t index) {
   const uint64_t key = soter_mix(h->seed_key ^ stream);
   return soter_mix(key + ((uint64_t)index + 1U) * UINT64_C(0x9e3779b97f4a7c15));
 }
 
 /* Uniform in [low, high). */
-SOTER_INLINE double soter_draw(const soter_header *h, uint64_t stream, int64_t index, double low,
+SOTER_INLINE double soter_draw(const soter_header* h, uint64_t stream, int64_t index, double low,
                                double high) {
   const double u = (double)(soter_bits(h, stream, index) >> 11) * 0x1p-53;
   return low + (high - low) * u;
 }
 
-SOTER_INLINE int64_t soter_draw_int(const soter_header *h, uint64_t stream, int64_t index,
+SOTER_INLINE int64_t soter_draw_int(const soter_header* h, uint64_t stream, int64_t index,
                                     int64_t low, int64_t high) {
   const uint64_t span = (uint64_t)high - (uint64_t)low + 1U;
   const uint64_t bits = soter_bits(h, stream, index);

@@ -8,50 +8,52 @@
 #include <assert.h>
 #include <string.h>
 
-soter_header *soter_header_of(void *state) { return (soter_header *)state; }
-
-soter_component *soter_components_of(void *state) {
-  return (soter_component *)((soter_header *)state + 1);
+soter_header* soter_header_of(void* state) {
+  return (soter_header*)state;
 }
 
-soter_module *soter_modules_of(const soter_program *p, void *state) {
-  return (soter_module *)(soter_components_of(state) + p->components);
+soter_component* soter_components_of(void* state) {
+  return (soter_component*)((soter_header*)state + 1);
 }
 
-soter_property *soter_properties_of(const soter_program *p, void *state) {
-  return (soter_property *)(soter_modules_of(p, state) + p->modules);
+soter_module* soter_modules_of(const soter_program* p, void* state) {
+  return (soter_module*)(soter_components_of(state) + p->components);
 }
 
-int64_t *soter_stamps_of(const soter_program *p, void *state) {
-  return (int64_t *)(soter_properties_of(p, state) + p->properties);
+soter_property* soter_properties_of(const soter_program* p, void* state) {
+  return (soter_property*)(soter_modules_of(p, state) + p->modules);
+}
+
+int64_t* soter_stamps_of(const soter_program* p, void* state) {
+  return (int64_t*)(soter_properties_of(p, state) + p->properties);
 }
 
 /* ------------------------------------------------------------------ start */
 
-void soter_start(const soter_program *p, void *state, uint64_t seed) {
+void soter_start(const soter_program* p, void* state, uint64_t seed) {
   assert(p != NULL);
   assert(state != NULL);
   (void)memset(state, 0, p->state_size);
-  soter_header *const h = soter_header_of(state);
+  soter_header* const h = soter_header_of(state);
   h->ct = -1;
   h->seed = seed;
   h->seed_key = soter_mix(seed + UINT64_C(0x9e3779b97f4a7c15));
-  soter_component *const c = soter_components_of(state);
+  soter_component* const c = soter_components_of(state);
   for (uint32_t i = 0; i < p->components; i++) {
     c[i].next = p->component[i].phase_ns;
     c[i].oe = 1;
   }
-  soter_module *const m = soter_modules_of(p, state);
+  soter_module* const m = soter_modules_of(p, state);
   for (uint32_t i = 0; i < p->modules; i++) {
     m[i].mode = (uint8_t)p->module[i].start;
     c[p->module[i].ac].oe = p->module[i].start == SOTER_AC;
     c[p->module[i].sc].oe = p->module[i].start == SOTER_SC;
   }
-  soter_property *const q = soter_properties_of(p, state);
+  soter_property* const q = soter_properties_of(p, state);
   for (uint32_t i = 0; i < p->properties; i++) {
     q[i].first_ns = SOTER_NEVER;
   }
-  int64_t *const stamps = soter_stamps_of(p, state);
+  int64_t* const stamps = soter_stamps_of(p, state);
   for (uint32_t i = 0; i < p->topics; i++) {
     stamps[i] = SOTER_NEVER;
   }
@@ -60,10 +62,10 @@ void soter_start(const soter_program *p, void *state, uint64_t seed) {
 
 /* ------------------------------------------------------------------ Discrete-Time-Progress-Step */
 
-int64_t soter_next_instant(const soter_program *p, const void *state) {
+int64_t soter_next_instant(const soter_program* p, const void* state) {
   assert(p != NULL);
-  const soter_header *const h = (const soter_header *)state;
-  const soter_component *const c = (const soter_component *)(h + 1);
+  const soter_header* const h = (const soter_header*)state;
+  const soter_component* const c = (const soter_component*)(h + 1);
   int64_t next = INT64_MAX;
   for (uint32_t i = 0; i < p->components; i++) {
     if (c[i].next < next) {
@@ -80,13 +82,13 @@ int64_t soter_next_instant(const soter_program *p, const void *state) {
   return next;
 }
 
-static void time_progress(const soter_program *p, void *state) {
-  soter_header *const h = soter_header_of(state);
-  soter_component *const c = soter_components_of(state);
-  assert(h->firing == 0U);                   /* dt1: FN is empty */
-  h->ct = soter_next_instant(p, state);      /* dt2 */
+static void time_progress(const soter_program* p, void* state) {
+  soter_header* const h = soter_header_of(state);
+  soter_component* const c = soter_components_of(state);
+  assert(h->firing == 0U);              /* dt1: FN is empty */
+  h->ct = soter_next_instant(p, state); /* dt2 */
   for (uint32_t i = 0; i < p->components; i++) {
-    if (c[i].next == h->ct) {                /* dt3 */
+    if (c[i].next == h->ct) { /* dt3 */
       c[i].pending = 1;
       c[i].next += p->component[i].period_ns;
     }
@@ -101,11 +103,11 @@ static void time_progress(const soter_program *p, void *state) {
 
 /* ------------------------------------------------------------------ DM-Step */
 
-static void dm_step(const soter_program *p, void *state, uint32_t module) {
-  const soter_module_info *const info = &p->module[module];
-  soter_header *const h = soter_header_of(state);
-  soter_component *const c = soter_components_of(state);
-  soter_module *const m = soter_modules_of(p, state) + module;
+static void dm_step(const soter_program* p, void* state, uint32_t module) {
+  const soter_module_info* const info = &p->module[module];
+  soter_header* const h = soter_header_of(state);
+  soter_component* const c = soter_components_of(state);
+  soter_module* const m = soter_modules_of(p, state) + module;
   m->saw_gate_fault = m->gate_fault;
   const soter_mode decided = info->decide(state);
   m->gate_fault = 0;
@@ -126,16 +128,16 @@ static void dm_step(const soter_program *p, void *state, uint32_t module) {
 
 /* ------------------------------------------------------------------ AC-or-SC-Step and plants */
 
-static void publish_failsafe(const soter_component_info *info, const soter_component *c,
-                             void *state) {
+static void publish_failsafe(const soter_component_info* info, const soter_component* c,
+                             void* state) {
   if (c->oe != 0U && info->failsafe != NULL) {
     info->failsafe(state);
   }
 }
 
-static void ac_fault(const soter_program *p, void *state, uint32_t index) {
-  const soter_component_info *const info = &p->component[index];
-  soter_module *const m = soter_modules_of(p, state) + info->module;
+static void ac_fault(const soter_program* p, void* state, uint32_t index) {
+  const soter_component_info* const info = &p->component[index];
+  soter_module* const m = soter_modules_of(p, state) + info->module;
   m->gate_faults++;
   m->clean_needed = p->module[info->module].clean;
   if (soter_components_of(state)[index].oe != 0U) {
@@ -143,10 +145,10 @@ static void ac_fault(const soter_program *p, void *state, uint32_t index) {
   }
 }
 
-static void after_step(const soter_program *p, void *state, uint32_t index, soter_fault fault,
+static void after_step(const soter_program* p, void* state, uint32_t index, soter_fault fault,
                        uint32_t published) {
-  const soter_component_info *const info = &p->component[index];
-  soter_component *const c = soter_components_of(state) + index;
+  const soter_component_info* const info = &p->component[index];
+  soter_component* const c = soter_components_of(state) + index;
   if (fault != SOTER_OK) {
     c->faults++;
     c->last_fault = (uint8_t)fault;
@@ -163,13 +165,13 @@ static void after_step(const soter_program *p, void *state, uint32_t index, sote
     c->had_control = c->oe;
   }
   if (info->role == SOTER_ROLE_AC && published == info->outputs) {
-    soter_module *const m = soter_modules_of(p, state) + info->module;
+    soter_module* const m = soter_modules_of(p, state) + info->module;
     m->clean_needed -= m->clean_needed > 0U ? 1U : 0U;
   }
 }
 
-static uint32_t flags_of(const soter_program *p, void *state, uint32_t index) {
-  const soter_component *const c = soter_components_of(state) + index;
+static uint32_t flags_of(const soter_program* p, void* state, uint32_t index) {
+  const soter_component* const c = soter_components_of(state) + index;
   uint32_t flags = c->oe != 0U ? SOTER_ENABLED : 0U;
   if (c->oe != 0U && c->had_control == 0U) {
     flags |= SOTER_TAKEOVER;
@@ -180,17 +182,17 @@ static uint32_t flags_of(const soter_program *p, void *state, uint32_t index) {
   return flags;
 }
 
-static void run_step(const soter_program *p, void *state, uint32_t index, const void *answer) {
+static void run_step(const soter_program* p, void* state, uint32_t index, const void* answer) {
   uint32_t published = 0U;
   const uint32_t flags = flags_of(p, state, index);
   const soter_fault fault = p->component[index].step(state, flags, &published, answer);
   after_step(p, state, index, fault, published);
 }
 
-void soter_answer(const soter_program *p, void *state, uint32_t component, soter_fault fault,
-                  const void *answer) {
+void soter_answer(const soter_program* p, void* state, uint32_t component, soter_fault fault,
+                  const void* answer) {
   assert(component < p->components);
-  soter_component *const c = soter_components_of(state) + component;
+  soter_component* const c = soter_components_of(state) + component;
   assert(c->pending != 0U);
   c->pending = 0;
   if (fault == SOTER_OK && answer != NULL) {
@@ -202,9 +204,9 @@ void soter_answer(const soter_program *p, void *state, uint32_t component, soter
 
 /* ------------------------------------------------------------------ properties */
 
-static void check_properties(const soter_program *p, void *state) {
-  soter_header *const h = soter_header_of(state);
-  soter_property *const q = soter_properties_of(p, state);
+static void check_properties(const soter_program* p, void* state) {
+  soter_header* const h = soter_header_of(state);
+  soter_property* const q = soter_properties_of(p, state);
   for (uint32_t i = 0; i < p->properties; i++) {
     const bool violated = p->property[i].violated(state);
     if (violated && q[i].active == 0U) {
@@ -221,8 +223,8 @@ static void check_properties(const soter_program *p, void *state) {
 /* ------------------------------------------------------------------ one instant */
 
 /* An extern plant's first release only publishes: nobody needs to be asked. */
-static bool needs_driver(const soter_program *p, void *state, uint32_t index) {
-  const soter_component_info *const info = &p->component[index];
+static bool needs_driver(const soter_program* p, void* state, uint32_t index) {
+  const soter_component_info* const info = &p->component[index];
   if (!info->is_extern) {
     return false;
   }
@@ -230,11 +232,11 @@ static bool needs_driver(const soter_program *p, void *state, uint32_t index) {
   return info->role != SOTER_ROLE_PLANT || !first;
 }
 
-soter_status soter_instant(const soter_program *p, void *state, uint32_t *due) {
+soter_status soter_instant(const soter_program* p, void* state, uint32_t* due) {
   assert(p != NULL);
   assert(due != NULL);
-  soter_header *const h = soter_header_of(state);
-  soter_component *const c = soter_components_of(state);
+  soter_header* const h = soter_header_of(state);
+  soter_component* const c = soter_components_of(state);
   if (h->firing == 0U) {
     time_progress(p, state);
   }

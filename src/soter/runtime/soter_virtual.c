@@ -9,12 +9,12 @@
 #include <assert.h>
 #include <string.h>
 
-soter_run_status soter_run(const soter_program *p, void *state, int64_t until_ns, void *trace,
-                           size_t room, size_t *written, uint32_t *due) {
+soter_run_status soter_run(const soter_program* p, void* state, int64_t until_ns, void* trace,
+                           size_t room, size_t* written, uint32_t* due) {
   assert(p != NULL);
   assert(written != NULL);
-  uint8_t *const out = (uint8_t *)trace;
-  const soter_header *const h = soter_header_of(state);
+  uint8_t* const out = (uint8_t*)trace;
+  const soter_header* const h = soter_header_of(state);
   *written = 0;
   while (h->firing != 0U || soter_next_instant(p, state) <= until_ns) {
     if (trace != NULL && *written == room) {

@@ -34,9 +34,7 @@ class ExternAnswers:
         self.library = library
         self.failures: dict[str, str] = {}
         """First failure of each extern, for the report."""
-        self.steps = {
-            x.index: step_of(bound[x.name]) for x in system.components if x.name in bound
-        }
+        self.steps = {x.index: step_of(bound[x.name]) for x in system.components if x.name in bound}
 
     def answer(self, state: Bytes, due: int) -> None:
         """Compute and give the answer that is due."""
@@ -49,12 +47,14 @@ class ExternAnswers:
             return
         self.library.answer(state, due, 0, data)
 
-    def _topic(self, component: Component, topic: TopicSymbol, raw: memoryview) -> tuple[str, Type, Value]:
+    def _topic(
+        self, component: Component, topic: TopicSymbol, raw: memoryview
+    ) -> tuple[str, Type, Value]:
         offset = self.layout.topic_offset(component.scope.topics[topic])
         return topic.name.rpartition(".")[2], topic.type, decode_from(raw, offset, topic.type)
 
     def _call(self, component: Component, state: Bytes) -> bytes:
-        raw = memoryview(state)
+        raw = memoryview(state.data)
         if component.plant is not None:
             return self._plant(component, raw)
         node = component.node

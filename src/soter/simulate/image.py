@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 MASK = 2**64 - 1
 
 
-def image(system: System, layout: StateLayout, c: Configuration, record: Record, seed: int) -> bytes:
+def image(
+    system: System, layout: StateLayout, c: Configuration, record: Record, seed: int
+) -> bytes:
     """The state struct of a configuration at the end of an instant."""
     out = bytearray(layout.size)
     key = mix((seed + 0x9E3779B97F4A7C15) & MASK)
@@ -34,16 +36,36 @@ def image(system: System, layout: StateLayout, c: Configuration, record: Record,
             following = x.phase_ns + ((c.ct - x.phase_ns) // x.period_ns + 1) * x.period_ns
         r = record.components[x.index]
         struct.pack_into(
-            "<qIBBBBB", out, at, following, r.faults, r.last_fault, c.OE[x.index],
-            c.latched[x.index], c.had_control[x.index], 0,
+            "<qIBBBBB",
+            out,
+            at,
+            following,
+            r.faults,
+            r.last_fault,
+            c.OE[x.index],
+            c.latched[x.index],
+            c.had_control[x.index],
+            0,
         )
         at += 24
     for m in system.modules:
-        r = record.modules[m.index]
+        s = record.modules[m.index]
         struct.pack_into(
-            "<qqIIIIBBBBBB", out, at, r.ac_ns, r.mode_since_ns, r.switches_to_sc, r.switches_to_ac,
-            r.gate_faults, c.clean_needed[m.index], r.mode, c.gate_fault[m.index], r.ttf, r.safer,
-            r.stale, r.gate_fault,
+            "<qqIIIIBBBBBB",
+            out,
+            at,
+            s.ac_ns,
+            s.mode_since_ns,
+            s.switches_to_sc,
+            s.switches_to_ac,
+            s.gate_faults,
+            c.clean_needed[m.index],
+            s.mode,
+            c.gate_fault[m.index],
+            s.ttf,
+            s.safer,
+            s.stale,
+            s.gate_fault,
         )
         at += 40
     for p in record.properties:

@@ -89,7 +89,12 @@ class Run:
             row = self.final["properties"][p.index]
             if row["count"]:
                 found.append(
-                    Violation(f"{p.kind} {p.text}", "property", int(row["first_ns"]) / 1e9, int(row["count"]))
+                    Violation(
+                        f"{p.kind} {p.text}",
+                        "property",
+                        int(row["first_ns"]) / 1e9,
+                        int(row["count"]),
+                    )
                 )
         for x in self.system.components:
             row = self.final["components"][x.index]
@@ -119,12 +124,12 @@ class Run:
     def topic(self, name: str) -> npt.NDArray[Any]:
         """Values of a topic after every instant (needs a trace)."""
         assert self.trace is not None, "run with keep_trace=True"
-        return self.trace["topics"][name]  # type: ignore[no-any-return]
+        return self.trace["topics"][name]
 
     def time_s(self) -> npt.NDArray[np.float64]:
         """Times of the instants in s (needs a trace)."""
         assert self.trace is not None, "run with keep_trace=True"
-        return self.trace["header"]["ct"] / 1e9  # type: ignore[no-any-return]
+        return self.trace["header"]["ct"] / 1e9
 
 
 def unbound_externs(system: System, bound: dict[str, object]) -> list[str]:
@@ -183,7 +188,7 @@ class NativeProgram:
             if buffer is not None:
                 instants += filled
                 if digest is not None:
-                    digest.update(buffer[:filled])
+                    digest.update(buffer[:filled].data)
                 if keep_trace:
                     kept.append(buffer[:filled].copy())
                 filled = 0
@@ -197,9 +202,18 @@ class NativeProgram:
             rows = np.concatenate(kept) if kept else np.zeros((0, size), dtype=np.uint8)
             trace = np.ascontiguousarray(rows).view(self.dtype).reshape(-1)
         return Run(
-            self.system, self.layout, self.dtype, seed, "native",
-            state.view(self.dtype)[0], trace, instants, until_ns / 1e9, wall,
-            digest.hexdigest() if digest is not None else None, answers.failures,
+            self.system,
+            self.layout,
+            self.dtype,
+            seed,
+            "native",
+            state.view(self.dtype)[0],
+            trace,
+            instants,
+            until_ns / 1e9,
+            wall,
+            digest.hexdigest() if digest is not None else None,
+            answers.failures,
         )
 
 
@@ -241,8 +255,18 @@ def run_interpreted(
         trace = np.frombuffer(b"".join(kept), dtype=np.uint8).view(dtype).reshape(-1)
     final = np.frombuffer(last[0] or bytes(layout.size), dtype=np.uint8).view(dtype)[0]
     return Run(
-        system, layout, dtype, seed, "interp", final, trace, count[0], until_ns / 1e9, wall,
-        digest.hexdigest(), {},
+        system,
+        layout,
+        dtype,
+        seed,
+        "interp",
+        final,
+        trace,
+        count[0],
+        until_ns / 1e9,
+        wall,
+        digest.hexdigest(),
+        {},
     )
 
 
@@ -251,16 +275,28 @@ def require_bound(system: System, bound: dict[str, object]) -> None:
     missing = unbound_externs(system, bound)
     if not missing:
         return
-    raise SoterError(tuple(
-        Diagnostic(
-            "X001",
-            f"extern `{name}` is not bound to anything",
-            helps=(f"bind it: --bind {name.rpartition('.')[2]}=python:file.py:function",
-                   'or write `from "python:file.py:function"` in the program'),
+    raise SoterError(
+        tuple(
+            Diagnostic(
+                "X001",
+                f"extern `{name}` is not bound to anything",
+                helps=(
+                    f"bind it: --bind {name.rpartition('.')[2]}=python:file.py:function",
+                    'or write `from "python:file.py:function"` in the program',
+                ),
+            )
+            for name in missing
         )
-        for name in missing
-    ))
+    )
 
 
-__all__ = ["NEVER", "ModuleSummary", "NativeProgram", "Run", "Violation", "require_bound",
-           "run_interpreted", "unbound_externs"]
+__all__ = [
+    "NEVER",
+    "ModuleSummary",
+    "NativeProgram",
+    "Run",
+    "Violation",
+    "require_bound",
+    "run_interpreted",
+    "unbound_externs",
+]

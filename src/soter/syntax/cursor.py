@@ -68,6 +68,7 @@ class Cursor:
         "source",
         "spaced",
         "starts",
+        "strict",
         "texts",
         "tight",
         "tokens",
@@ -85,6 +86,7 @@ class Cursor:
         self.quiet = -1  # no further error at this token
         self.depth = 0  # of expressions and types
         self.blocks = 0  # of nested statement blocks
+        self.strict = False  # in an interval or a size, where `=` is no slip for `==`
         self.inner = False  # inside a declaration that stands inside another one
         self.indent = 0  # of the declaration at hand
         self.items: frozenset[str] = frozenset()  # words that begin an item of the body at hand

@@ -107,6 +107,7 @@ class ExpressionParser(Cursor):
         """One expression; `what` names it in messages. A broken one becomes an ErrorExpr."""
         start = self.i
         depth = self.depth
+        self.strict = False
         try:
             result = self.expression(_ANY)
         except Panic:
@@ -144,7 +145,7 @@ class ExpressionParser(Cursor):
                 help_ = f"write `{number}{unit}`, without a space"
                 self.i += 1
             elif unit.lower() == "hz":
-                help_ = "write the time between two steps: 100 Hz is `10ms`"
+                help_ = f"write the time between two steps: `{_period_of(result)}`"
                 self.i += 1
             else:
                 help_ = f"write `{number}ms` or `{number}s`"
@@ -271,7 +272,7 @@ class ExpressionParser(Cursor):
             if word in _SLIPS and self.kinds[self.i + 1] in _OPERAND_WORDS:
                 return _SLIPS[word]
             return None
-        return _SLIPS.get(kind)
+        return None if self.strict and kind == "=" else _SLIPS.get(kind)
 
     def _report_slip(self, meant: str) -> None:
         text = self.texts[self.i]
@@ -588,7 +589,9 @@ class ExpressionParser(Cursor):
             if suffixes > LEVELS_MAX:
                 self._too_deep("type")
             bounded = self.accept("<=")
+            self.strict = True
             size = self.expression(_ANY)
+            self.strict = False
             self._close("]", "the size", opener)
             span = self.span_from(start)
             if bounded:
@@ -663,6 +666,7 @@ class ExpressionParser(Cursor):
                 helps=("an interval is written with brackets, ends included: `[-1.0, 1.0]`",),
             )
         self.i += 1
+        self.strict = True
         low = self.expression(_ANY)
         if self.kinds[self.i] == "..":
             self.report(
@@ -674,6 +678,7 @@ class ExpressionParser(Cursor):
         else:
             self.expect(",", "between the ends of the interval", opener=opener)
         high = self.expression(_ANY)
+        self.strict = False
         if self.kinds[self.i] == ")":
             self.report(
                 "S005",
@@ -711,6 +716,14 @@ class ExpressionParser(Cursor):
                 break
         self.depth -= 1
         return tree.RecordSet(tuple(entries), self.span_from(self.starts[opener]))
+
+
+def _period_of(rate: tree.IntLit | tree.FloatLit) -> str:
+    """The period of a rate in Hz, as it would be written."""
+    if not 1e-3 < rate.value < 1e9:
+        return "10ms"
+    period_ms = 1e3 / rate.value
+    return f"{period_ms:g}ms" if period_ms >= 1.0 else f"{round(period_ms * 1e6)}ns"
 
 
 def type_meant(name: str) -> str | None:

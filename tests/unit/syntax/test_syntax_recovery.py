@@ -248,7 +248,7 @@ def test_all_errors_of_a_file_are_found_in_one_pass(parsed: Parsed) -> None:
         (23, "S005"),
         (27, "S016"),
         (32, "S010"),
-        (45, "S007"),
+        (46, "S005"),
     ]
 
 

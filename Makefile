@@ -1,0 +1,57 @@
+# Soter: everything a person or CI runs. `make help` lists it.
+PYTHON ?= python3
+VENV := .venv
+BIN := $(VENV)/bin
+PY := $(BIN)/python
+# where the machine has no C compiler, one comes as a Python package
+ZIG := $(shell command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || command -v clang >/dev/null 2>&1 || echo ,zig)
+JOBS ?= $(shell nproc 2>/dev/null || echo 2)
+LINTED := src tests bench examples
+
+.PHONY: help setup demo test lint format fuzz bench clean
+.DEFAULT_GOAL := help
+
+help:  ## this list
+	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-8s %s\n", $$1, $$2}'
+
+$(VENV)/bin/python:
+	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "Soter needs Python 3.10 or newer: make PYTHON=python3.11 ..."; exit 1; }
+	$(PYTHON) -m venv $(VENV) || { $(PYTHON) -m pip install --user --quiet virtualenv && $(PYTHON) -m virtualenv --quiet $(VENV); }
+	$(PY) -m pip install --quiet --disable-pip-version-check --upgrade pip
+
+$(VENV)/.run: pyproject.toml | $(VENV)/bin/python
+	$(PY) -m pip install --quiet --disable-pip-version-check -e '.[all$(ZIG)]'
+	@touch $@
+
+$(VENV)/.dev: pyproject.toml | $(VENV)/bin/python
+	$(PY) -m pip install --quiet --disable-pip-version-check -e '.[test,lint$(ZIG)]'
+	@touch $@ $(VENV)/.run
+
+setup: $(VENV)/.dev  ## make .venv with everything for running, testing and linting
+
+demo: $(VENV)/.run  ## fly the drone through the city three ways and write the report
+	$(PY) examples/drone/demo.py
+
+test: $(VENV)/.dev  ## the whole test suite, under ten minutes on two cores
+	$(PY) -m pytest -n $(JOBS) --dist loadgroup
+
+fuzz: $(VENV)/.dev  ## N=5000 fresh random programs on both engines
+	SOTER_EQUALITY_PROGRAMS=$(or $(N),5000) SOTER_FUZZ=1 $(PY) -m pytest -n $(JOBS) tests/correct/test_engines_agree.py
+
+lint: $(VENV)/.dev  ## formatter, linter, strict types, import layers, C format
+	$(BIN)/ruff format --check $(LINTED)
+	$(BIN)/ruff check $(LINTED)
+	$(BIN)/mypy
+	$(BIN)/lint-imports
+	$(BIN)/clang-format --dry-run -Werror src/soter/runtime/*.[ch]
+
+format: $(VENV)/.dev  ## put Python and C into the one format
+	$(BIN)/ruff format $(LINTED)
+	$(BIN)/ruff check --fix-only $(LINTED)
+	$(BIN)/clang-format -i src/soter/runtime/*.[ch]
+
+bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md
+	$(PY) bench/run_all.py
+
+clean:  ## remove everything that was made
+	rm -rf $(VENV) .soter build *.egg-info src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -1,0 +1,1 @@
+"""Core -> C99 through a C tree and a printer."""

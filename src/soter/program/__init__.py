@@ -1,0 +1,1 @@
+"""Tree -> checked program: names, types, nodes, modules, P1a P1b, composition."""

@@ -1,0 +1,1 @@
+"""What soter build emits."""
