@@ -243,8 +243,6 @@ def top(item: c.CTop) -> Iterator[str]:
         yield "typedef struct {"
         yield from (member(m, 1) for m in item.members)
         yield f"}} {item.name};"
-    elif isinstance(item, c.Nested):
-        yield from _nested(item)
     elif isinstance(item, c.FunctionDef):
         yield from _function(item)
     else:
@@ -257,21 +255,6 @@ def member(m: c.StructMember, depth: int) -> str:
     length = f"[{m.length}]" if m.length is not None else ""
     comment = f" /* {comment_text(m.comment)} */" if m.comment else ""
     return f"{'  ' * depth}{declarator(m.type, m.name)}{length};{comment}"
-
-
-def _nested(item: c.Nested) -> Iterator[str]:
-    if item.comment:
-        yield f"/* {comment_text(item.comment)} */"
-    yield "typedef struct {"
-    for m in item.members:
-        if isinstance(m, c.StructMember):
-            yield member(m, 1)
-        else:
-            name, members = m
-            yield "  struct {"
-            yield from (member(x, 2) for x in members)
-            yield f"  }} {name};"
-    yield f"}} {item.name};"
 
 
 def _function(item: c.FunctionDef) -> Iterator[str]:

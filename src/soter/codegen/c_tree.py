@@ -121,7 +121,7 @@ class CStmt:
 
 @dataclass(frozen=True)
 class Declare(CStmt):
-    """type name = value;"""
+    """A declaration: `type name = value;`."""
 
     type: str
     name: str
@@ -131,7 +131,7 @@ class Declare(CStmt):
 
 @dataclass(frozen=True)
 class Assign(CStmt):
-    """target = value;"""
+    """An assignment."""
 
     target: CExpr
     value: CExpr
@@ -139,14 +139,14 @@ class Assign(CStmt):
 
 @dataclass(frozen=True)
 class Do(CStmt):
-    """expression;"""
+    """An expression for its effect."""
 
     expression: CExpr
 
 
 @dataclass(frozen=True)
 class Unused(CStmt):
-    """(void)name;"""
+    """Marks a name as unused on purpose: `(void)name;`."""
 
     name: str
 
@@ -172,7 +172,7 @@ class For(CStmt):
 
 @dataclass(frozen=True)
 class Return(CStmt):
-    """return value;"""
+    """A return."""
 
     value: CExpr | None
 
@@ -231,7 +231,7 @@ class Define(CTop):
 
 @dataclass(frozen=True)
 class StructMember:
-    """type name[length];"""
+    """A member: `type name[length];`."""
 
     type: str
     name: str
@@ -241,19 +241,10 @@ class StructMember:
 
 @dataclass(frozen=True)
 class StructDef(CTop):
-    """typedef struct { ... } name;"""
+    """A named struct: `typedef struct { ... } name;`."""
 
     name: str
     members: tuple[StructMember, ...]
-    comment: str = ""
-
-
-@dataclass(frozen=True)
-class Nested(CTop):
-    """typedef struct { fixed members; nested structs } name;"""
-
-    name: str
-    members: tuple[StructMember | tuple[str, tuple[StructMember, ...]], ...]
     comment: str = ""
 
 

@@ -119,7 +119,7 @@ class _UnitBuilder:
                 c.VariableDef("soter_program", f"{self.prefix}_program", None),
             )
         )
-        state = f"{self.prefix}_state"
+        state_type = f"{self.prefix}_state"
         size_check = c.FunctionDef(
             "void",
             f"{self.prefix}_layout_is_as_declared",
@@ -130,7 +130,7 @@ class _UnitBuilder:
                         "void",
                         c.CallExpr(
                             "sizeof",
-                            (c.Name(f"char[sizeof({state}) == {self.layout.size} ? 1 : -1]"),),
+                            (c.Name(f"char[sizeof({state_type}) == {self.layout.size} ? 1 : -1]"),),
                         ),
                     )
                 ),

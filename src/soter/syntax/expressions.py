@@ -370,8 +370,9 @@ class ExpressionParser(Cursor):
     def _call(self, callee: tree.Expr, start: int) -> tree.Expr:
         opener = self.i
         self.tight.append(opener)
-        if not isinstance(callee, tree.NameExpr | tree.FieldExpr):
-            raise self.failure(
+        named = isinstance(callee, tree.NameExpr | tree.FieldExpr)
+        if not named:
+            self.report(
                 "S023",
                 "only the name of a function can be called",
                 callee.span,
@@ -381,7 +382,7 @@ class ExpressionParser(Cursor):
         self.i += 1
         arguments = self._elements(")", "the argument", opener)
         span = Span(self.source, start, self.ends[self.i - 1])
-        return tree.CallExpr(span, callee, arguments)
+        return tree.CallExpr(span, callee, arguments) if named else tree.ErrorExpr(span)
 
     def _elements(self, close: str, what: str, opener: int) -> tuple[tree.Expr, ...]:
         """Expressions up to `close`, which is stepped over."""

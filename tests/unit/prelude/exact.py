@@ -247,6 +247,8 @@ def arguments_of(name: str, count: int) -> Iterator[tuple[float, ...]]:
 
 def _defined(name: str, arguments: tuple[float, ...]) -> bool:
     """Whether the exact function has a finite value there."""
+    if not all(map(math.isfinite, arguments)):
+        return False
     if name == "log":
         return arguments[0] > 0.0
     if name == "clamp":
