@@ -46,13 +46,13 @@ def sample_files() -> list[Path]:
     return sorted(files)
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def parsed() -> Callable[[str], tuple[File, tuple[Diagnostic, ...]]]:
     """`parsed(text)`: the tree and the diagnostics."""
     return parse_text
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def shape() -> Callable[[object], Any]:
     """`shape(tree)`: the tree without spans."""
     return shape_of

@@ -14,7 +14,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import lark
-import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
@@ -33,7 +32,7 @@ Rule = tuple[str, Any]
 GRAMMAR = Path(__file__).parents[3] / "docs" / "grammar.ebnf"
 
 #: Errors for what the end of the grammar file says lies beyond it.
-BEYOND = {"S019", "S020", "S022", "S023", "S024", "S025", "L005"}
+BEYOND = {"S019", "S020", "S022", "S023", "S024", "S025", "L005", "S021"}
 
 DIGITS = "[0-9]+(?:_[0-9]+)*"
 TERMINALS = {
@@ -78,15 +77,15 @@ def _alternatives(tokens: list[str], at: int) -> tuple[Rule, int]:
 
 
 def _part(tokens: list[str], at: int) -> tuple[Rule, int]:
-    token = tokens[at]
-    if token in "([{":
+    sign = tokens[at]
+    if sign in "([{":
         inner, end = _alternatives(tokens, at + 1)
-        assert tokens[end] == {"(": ")", "[": "]", "{": "}"}[token]
-        kind = {"(": "alt", "[": "maybe", "{": "many"}[token]
+        assert tokens[end] == {"(": ")", "[": "]", "{": "}"}[sign]
+        kind = {"(": "alt", "[": "maybe", "{": "many"}[sign]
         return ((kind, [inner]) if kind == "alt" else (kind, inner)), end + 1
-    if token.startswith("'"):
-        return ("text", token[1:-1]), at + 1
-    return ("name", token), at + 1
+    if sign.startswith("'"):
+        return ("text", sign[1:-1]), at + 1
+    return ("name", sign), at + 1
 
 
 def texts_of(rule: Rule) -> set[str]:
@@ -150,6 +149,7 @@ def assert_agreement(text: str) -> None:
 # ---------------------------------------------------------------- generating sentences
 
 NAMES = ["a", "b", "x1", "Foo", "motion", "ac", "safe", "data", "on", "fault", "by", "rk4"]
+_SHORTNESS: dict[int, int] = {}
 LEAVES = {
     "INT": ["0", "3", "1_000"],
     "FLOAT": ["1.5", "2e-3", "0.5"],
@@ -197,18 +197,20 @@ def sentence(rng: random.Random, rule: Rule, depth: int) -> list[str]:
     if kind == "seq":
         return [token for part in value for token in sentence(rng, part, depth)]
     if kind == "alt":
-        depths = least_depths()
-        able = [part for part in value if _least(part, depths) <= depth]
+        able = [part for part in value if _shortness(part) <= depth]
         return sentence(rng, rng.choice(able) if able else min(value, key=_shortness), depth)
     times = 0 if depth <= 0 else rng.choice([0, 0, 1, 1, 2] if kind == "many" else [0, 1])
     return [token for _ in range(times) for token in sentence(rng, value, depth)]
 
 
 def _shortness(rule: Rule) -> int:
-    return _least(rule, least_depths())
+    """`_least` of a rule of the grammar, remembered by identity: the rules live for good."""
+    if id(rule) not in _SHORTNESS:
+        _SHORTNESS[id(rule)] = _least(rule, least_depths())
+    return _SHORTNESS[id(rule)]
 
 
-def program(seed: int, depth: int = 14) -> str:
+def program(seed: int, depth: int = 9) -> str:
     rng = random.Random(seed)  # noqa: S311 - test data
     tokens = sentence(rng, rules()["program"], depth)
     tokens[1] = "1"
@@ -235,10 +237,9 @@ def test_every_rule_of_the_grammar_is_reachable_and_defined() -> None:
 
 def test_grammar_and_parser_accept_the_sample_files(sample: Path) -> None:
     text = sample.read_text(encoding="utf-8")
-    if text.count("\n") > 400:
-        pytest.skip("too long for an Earley parser")
-    assert grammar_accepts(text)
     assert problems_of(text) == []
+    if len(text) < 10_000:  # the Earley parser takes milliseconds a token
+        assert grammar_accepts(text)
 
 
 @settings(max_examples=150, deadline=None)
@@ -275,7 +276,7 @@ def tokens_of(text: str) -> list[str]:
 @settings(max_examples=120, deadline=None)
 @given(st.data())
 def test_grammar_and_parser_agree_on_programs_with_one_token_changed(data: st.DataObject) -> None:
-    declarations = SMALL.split("\n", 1)[1].rstrip("\n").split(";\n" if False else "\n")
+    declarations = SMALL.split("\n")[1:-1]
     tokens = tokens_of("soter 1;" + data.draw(st.sampled_from([*declarations, SMALL[8:]])))
     at = data.draw(st.integers(3, len(tokens) - 1))
     change = data.draw(st.sampled_from(["drop", "double", "swap", "replace", "insert"]))

@@ -1,0 +1,46 @@
+"""Every example of docs/language.md checks clean, and what can run runs alike on both engines."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from soter.program.build import check_file, system_of
+from soter.simulate.run import NativeProgram, run_interpreted
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "language.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```(soter[^\n]*)\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)
+TWO_BOXES = """[
+  {"low": {"x": 0, "y": 0, "z": 0}, "high": {"x": 1, "y": 1, "z": 5}},
+  {"low": {"x": 2, "y": 2, "z": 0}, "high": {"x": 3, "y": 3, "z": 7.5}}
+]"""
+DURATION_NS = 2_000_000_000
+
+
+def _heading(position: int) -> str:
+    before = PAGE[: PAGE.index(BLOCKS[position][1])]
+    return re.findall(r"^## (.*)$", before, re.MULTILINE)[-1]
+
+
+@pytest.mark.parametrize("position", range(len(BLOCKS)), ids=_heading)
+def test_an_example_checks_clean_and_runs_alike_on_both_engines(
+    position: int, tmp_path: Path
+) -> None:
+    info, text = BLOCKS[position]
+    (tmp_path / "two_boxes.json").write_text(TWO_BOXES)
+    checked = check_file(str(tmp_path / "example.soter"), text)
+    assert [d.message for d in checked.diagnostics.items] == []
+    assert info in {"soter", "soter,needs data"}
+    for name in checked.systems:
+        system = system_of(checked, name)
+        native = NativeProgram(system).run(DURATION_NS, 3, hash_trace=True)
+        interpreted = run_interpreted(system, DURATION_NS, 3)
+        assert native.instants > 0
+        assert native.trace_sha256 == interpreted.trace_sha256
+
+
+def test_the_page_has_examples() -> None:
+    assert len(BLOCKS) > 9  # noqa: PLR2004
