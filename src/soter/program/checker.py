@@ -15,6 +15,7 @@ from soter.program.check_stmt import StmtChecker
 from soter.program.context import Context
 from soter.program.arith import StepFault
 from soter.program.data import DataError, read_data
+from soter.program.elaborate import children
 from soter.program.evaluate import BudgetExceeded, Evaluator
 from soter.program.scope import Entry, FileScope, Names
 from soter.program.types import (
@@ -295,7 +296,7 @@ class Checker:
             return None
         if isinstance(checked, typed.Literal):
             return checked.value
-        called = [f for f, _ in self.calls.get(self.current_fun, [])]
+        called = _called(checked)
         for fun in called:
             self._ensure_reachable(fun)
             cycle = self.find_recursion(fun)
@@ -467,6 +468,18 @@ def _names_in(expr: tree.Expr) -> list[tree.Name]:
                 elif child is not None:
                     todo.append(child)
     return found
+
+
+def _called(root: typed.Expr) -> list[typed.FunSymbol]:
+    """Functions an expression calls itself."""
+    found: dict[typed.FunSymbol, None] = {}
+    todo: list[object] = [root]
+    while todo:
+        node = todo.pop()
+        if isinstance(node, typed.Call):
+            found.setdefault(node.fun)
+        todo.extend(children(node))
+    return list(found)
 
 
 def check(loaded: LoadedProgram, diagnostics: Diagnostics) -> typed.Program:

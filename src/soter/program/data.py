@@ -36,7 +36,7 @@ def read_data(path: Path, t: Type) -> tuple[Value, bytes]:
         raise DataError((error.strerror or str(error)).lower()) from error
     suffix = path.suffix.lower()
     if suffix == ".json":
-        document = _json(raw)
+        document = _without_comment(_json(raw))
     elif suffix == ".csv":
         document = _csv(raw, t)
     elif suffix == ".npy":
@@ -54,6 +54,13 @@ def _json(raw: bytes) -> object:
         return json.loads(raw.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
         raise DataError(f"not valid JSON: {error}") from error
+
+
+def _without_comment(document: object) -> object:
+    """The document without its `"$comment"`, where a data file says whose data it is."""
+    if isinstance(document, dict):
+        return {k: v for k, v in document.items() if k != "$comment"}
+    return document
 
 
 def _csv(raw: bytes, t: Type) -> object:
