@@ -89,9 +89,7 @@ def mean_lap_s(laps: list[Lap]) -> float:
 
 def arms(pool: multiprocessing.pool.Pool, count: int) -> int:
     """Print the three arms and the targets; the number of targets missed."""
-    flown = {
-        a: campaign(pool, "motion_primitive.soter", a, count, whole=False) for a in ARMS
-    }
+    flown = {a: campaign(pool, "motion_primitive.soter", a, count, whole=False) for a in ARMS}
     rows = []
     for name, laps in flown.items():
         shares = [lap.ac_share for lap in laps]
@@ -130,7 +128,7 @@ def arms(pool: multiprocessing.pool.Pool, count: int) -> int:
     one_core = fly(
         ("motion_primitive.soter", "Protected", range(1, 1 + min(count, SPEED_RUNS)), False)
     )
-    speed = sum(lap.flown_s for lap in one_core) / sum(lap.wall_s for lap in one_core)
+    speed = float(np.median([lap.flown_s / lap.wall_s for lap in one_core]))
     unfinished = sum(lap.lap_s is None for lap in [*protected, *safe])
     targets = (
         ("violations, protected", f"{violated}", "0", violated == 0),

@@ -1,3 +1,30 @@
-"""Soter: a runtime-assurance framework for robots."""
+"""Soter: a runtime-assurance framework for robots.
+
+`soter.load("drone.soter")` gives a `Program`; what it can do stands in `soter/api.py`. Nothing
+is imported before it is used: `import soter` costs next to nothing.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from soter.api import CheckReport, Program, Run, load
+    from soter.diagnostics.diagnostic import SoterError
 
 __version__ = "0.1.0"
+__all__ = ["CheckReport", "Program", "Run", "SoterError", "__version__", "load"]
+
+
+def __getattr__(name: str) -> object:
+    if name not in __all__:
+        raise AttributeError(f"module `soter` has no attribute `{name}`")
+    from soter import api  # noqa: PLC0415 - see the docstring
+
+    value: object = getattr(api, name)
+    globals()[name] = value
+    return value
+
+
+def __dir__() -> list[str]:
+    return __all__

@@ -34,6 +34,14 @@ class UnboundExternError(Exception):
         self.names = tuple(names)
 
 
+class ExternResetError(Exception):
+    """An extern's own `reset` raised; `name` says whose, the cause is chained."""
+
+    def __init__(self, name: str, error: Exception) -> None:
+        super().__init__(f"`{name}` could not be reset: {type(error).__name__}: {error}")
+        self.name = name
+
+
 def step_of(bound: object) -> Step:
     """The function behind a bound object: its `step` method, or itself."""
     step = getattr(bound, "step", bound)
@@ -43,11 +51,14 @@ def step_of(bound: object) -> Step:
     return step
 
 
-def reset(bound: object, seed: int) -> None:
+def reset(name: str, bound: object, seed: int) -> None:
     """Start a bound object afresh, where it has a `reset`."""
     start = getattr(bound, "reset", None)
     if callable(start):
-        start(seed)
+        try:
+            start(seed)
+        except Exception as error:
+            raise ExternResetError(name, error) from error
 
 
 def extern_node(component: Component, step: Step) -> Executed:

@@ -63,9 +63,9 @@ class Interpreter:
     # ------------------------------------------------------------ the start
 
     def initial(self) -> Configuration:
-        """(L0, OE0, ct0, FN0, Topics0); externs that can are reset."""
-        for bound in self._externs.values():
-            reset(bound, self.machine.seed)
+        """(L0, OE0, ct0, FN0, Topics0); externs that can are reset (`ExternResetError`)."""
+        for name, bound in self._externs.items():
+            reset(name, bound, self.machine.seed)
         components, modules = self.system.components, self.system.modules
         return Configuration(
             L=tuple([self._first_state(n) for n in components]),

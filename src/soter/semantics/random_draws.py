@@ -57,9 +57,9 @@ def draw_bits(seed: int, stream: str, index: int) -> int:
 
 
 def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> float:
-    """A uniform float of [low, high)."""
+    """A uniform float of [low, high]; rounding never leads outside."""
     u = float(draw_bits(seed, stream, index) >> 11) * 2.0**-53
-    return low + (high - low) * u
+    return min(low + (high - low) * u, high)
 
 
 def leaf_name(base: str, path: tuple[str, ...]) -> str:

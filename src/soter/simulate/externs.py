@@ -12,10 +12,12 @@ from typing import TYPE_CHECKING
 from soter.codegen.unit import answer_fields
 from soter.lower.layout import arrange, decode_from, encode_into
 from soter.program.arith import FaultKind
-from soter.program.values import inputs_to_python, outputs_from_python
+from soter.program.values import ValueShapeError, inputs_to_python, outputs_from_python
 from soter.semantics.externs import step_of
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
     from soter.lower.layout import StateLayout
     from soter.native.library import Bytes, Library
     from soter.program.system import Component, System
@@ -27,7 +29,7 @@ class ExternAnswers:
     """The Python side of one run: which callable answers which component."""
 
     def __init__(
-        self, system: System, layout: StateLayout, library: Library, bound: dict[str, object]
+        self, system: System, layout: StateLayout, library: Library, bound: Mapping[str, object]
     ) -> None:
         self.system = system
         self.layout = layout
@@ -41,8 +43,8 @@ class ExternAnswers:
         component = self.system.components[due]
         try:
             data = self._call(component, state)
-        except Exception as error:  # noqa: BLE001 - whatever an extern does is its fault, not ours
-            self.failures.setdefault(component.name, f"{type(error).__name__}: {error}")
+        except (Exception, SystemExit) as error:  # noqa: BLE001 - what an extern does is its fault
+            self.failures.setdefault(component.name, described(error))
             self.library.answer(state, due, int(FaultKind.EXTERN), None)
             return
         self.library.answer(state, due, 0, data)
@@ -90,3 +92,69 @@ def _encode(component: Component, values: dict[str, Value]) -> bytes:
         if member.name in values:
             encode_into(out, member.offset, member.type, values[member.name])
     return bytes(out)
+
+
+# ---------------------------------------------------------------- failures in words
+
+
+class PlainError(Exception):
+    """A failure whose message says all; its type is no news to a person."""
+
+
+def described(error: BaseException) -> str:
+    """A failure of an extern in one line."""
+    text = " ".join(str(error).split())[:200]
+    if isinstance(error, ValueShapeError):
+        return f"its answer has the wrong shape: {text}"
+    if isinstance(error, PlainError):
+        return text
+    return f"{type(error).__name__}: {text}" if text else type(error).__name__
+
+
+def noting(
+    system: System, bound: Mapping[str, object], failures: dict[str, str]
+) -> dict[str, object]:
+    """`bound` with the first failure of each noted, for an engine that only counts them."""
+    found: dict[str, object] = {}
+    components = {x.name: x for x in system.components}
+    for name, target in bound.items():
+        shapes = _shapes(components[name]) if name in components else None
+        found[name] = _Noting(name, target, shapes, failures)
+    return found
+
+
+def _shapes(component: Component) -> list[tuple[str, Type]]:
+    if component.plant is not None:
+        return [(v.name, v.type) for v in component.plant.states]
+    assert component.node is not None
+    return [(t.name.rpartition(".")[2], t.type) for t in component.node.publishes]
+
+
+class _Noting:
+    def __init__(
+        self,
+        name: str,
+        target: object,
+        shapes: list[tuple[str, Type]] | None,
+        failures: dict[str, str],
+    ) -> None:
+        self.name = name
+        self.failures = failures
+        self.shapes = shapes
+        self._target = target
+        self._step: Callable[..., object] = step_of(target)
+
+    def step(self, *arguments: object) -> object:
+        try:
+            answer = self._step(*arguments)
+            if self.shapes is not None:
+                outputs_from_python(self.shapes, answer)
+        except Exception as error:
+            self.failures.setdefault(self.name, described(error))
+            raise
+        return answer
+
+    def reset(self, seed: int) -> None:
+        start = getattr(self._target, "reset", None)
+        if callable(start):
+            start(seed)

@@ -1,14 +1,15 @@
 """One virtual-time run of a system, on either engine.
 
-Purpose: `simulate` runs, hashes and keeps what is asked for; the result is the final state plus,
-if wanted, the state after every instant, both as numpy records of the documented layout.
-Non-goals: printing, logs, many runs at once (campaigns).
+Purpose: run, hash and keep what is asked for; the result is the final state plus, if wanted, the
+state after every instant, both as numpy records of the documented layout. A run that is stopped
+half-way is a run until there.
+Non-goals: printing, logs, many runs at once (campaigns), finding externs (`bindings.py`).
 """
 
 from __future__ import annotations
 
-import hashlib
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -16,37 +17,54 @@ import numpy as np
 
 from soter.codegen.unit import Unit, generate
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.lower.layout import NEVER, StateLayout, state_dtype
+from soter.lower.layout import NEVER, StateLayout, state_dtype, state_layout
 from soter.native.build import library
 from soter.native.library import Library, RunStatus
-from soter.semantics.externs import reset
+from soter.program.arith import FaultKind
+from soter.semantics.externs import ExternResetError, reset
 from soter.semantics.interpreter import Interpreter
-from soter.simulate.externs import ExternAnswers
+from soter.semantics.rules import next_release
+from soter.simulate.externs import ExternAnswers, noting
 from soter.simulate.image import image
+from soter.simulate.interrupt import Stop, StopRequest
+from soter.simulate.observe import Observer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     import numpy.typing as npt
 
+    from soter.diagnostics.span import Span
+    from soter.lower.core import CoreSystem
+    from soter.native.library import Bytes
     from soter.program.system import System
+    from soter.semantics.configuration import Configuration
+    from soter.semantics.record import Record
+    from soter.simulate.observe import FirstFault, ModeChange
+    from soter.simulate.pace import Pacer
 
     Progress = Callable[[float], None]
 
 CHUNK_BYTES = 4 * 1024 * 1024
+SLICE_NS = 1_000_000_000
+"""Without a trace, how much virtual time may pass until Ctrl-C is looked at."""
+BATCH = 64
+"""States of the interpreter that are observed together."""
 
 
 @dataclass(frozen=True)
 class Violation:
     """Something that counts: an onset of a violated property, or a latched component.
 
-    `time_s` is the first onset; `count` how many onsets there were.
+    `time_s` is the first onset; `count` how many onsets there were; `span` where the property
+    or the component's declaration stands.
     """
 
     what: str
     kind: str
     time_s: float | None
     count: int
+    span: Span | None = None
 
 
 @dataclass(frozen=True)
@@ -61,7 +79,12 @@ class ModuleSummary:
 
 @dataclass(eq=False)
 class Run:
-    """The result of a run. `trace` has one record per instant (dtype `state_dtype`), or is None."""
+    """The result of a run. `trace` has one record per instant (dtype `state_dtype`), or is None.
+
+    `duration_s` is what was asked for, `reached_s` the time of the last instant; they differ
+    where the run was `interrupted`. `changes` and `first_faults` are filled where the run was
+    hashed or traced.
+    """
 
     system: System
     layout: StateLayout
@@ -75,6 +98,15 @@ class Run:
     wall_s: float
     trace_sha256: str | None
     extern_failures: dict[str, str] = field(default_factory=dict)
+    """First failure of each extern that had one."""
+    changes: list[ModeChange] = field(default_factory=list)
+    first_faults: dict[int, FirstFault] = field(default_factory=dict)
+    interrupted: bool = False
+
+    @property
+    def reached_s(self) -> float:
+        """Time of the last instant, s."""
+        return max(int(self.final["header"]["ct"]), 0) / 1e9
 
     @property
     def violations(self) -> int:
@@ -88,21 +120,23 @@ class Run:
         for p in self.system.properties:
             row = self.final["properties"][p.index]
             if row["count"]:
-                found.append(
-                    Violation(
-                        f"{p.kind} {p.text}",
-                        "property",
-                        int(row["first_ns"]) / 1e9,
-                        int(row["count"]),
-                    )
-                )
+                first_s = int(row["first_ns"]) / 1e9
+                what = f"{p.kind} {p.text}"
+                found.append(Violation(what, "property", first_s, int(row["count"]), p.span))
         for x in self.system.components:
             row = self.final["components"][x.index]
             if row["latched"]:
-                from soter.program.arith import FaultKind  # noqa: PLC0415 - only when it happened
-
                 kind = FaultKind(int(row["last_fault"])).name.lower()
-                found.append(Violation(f"{x.role} {x.name}: step fault `{kind}`", "fault", None, 1))
+                first = self.first_faults.get(x.index)
+                found.append(
+                    Violation(
+                        f"{x.role} {x.name}: step fault `{kind}`",
+                        "fault",
+                        None if first is None else first.time_ns / 1e9,
+                        1,
+                        x.span,
+                    )
+                )
         return found
 
     @property
@@ -132,23 +166,21 @@ class Run:
         return self.trace["header"]["ct"] / 1e9
 
 
-def unbound_externs(system: System, bound: dict[str, object]) -> list[str]:
-    """Extern components that neither Python nor linked C answers."""
-    return [
-        x.name
-        for x in system.components
-        if x.extern
-        and x.name not in bound
-        and not (x.node is not None and x.binding and x.binding.startswith("c:"))
-    ]
-
-
 class NativeProgram:
-    """A compiled system, ready to run any number of times."""
+    """A compiled system, ready to run any number of times.
 
-    def __init__(self, system: System, optimise: str = "-O2", extra: tuple[str, ...] = ()) -> None:
+    `core`: the lowered system where it differs from what the program says (`bindings.py`).
+    """
+
+    def __init__(
+        self,
+        system: System,
+        optimise: str = "-O2",
+        extra: tuple[str, ...] = (),
+        core: CoreSystem | None = None,
+    ) -> None:
         self.system = system
-        self.unit: Unit = generate(system)
+        self.unit: Unit = generate(system, core)
         self.layout = self.unit.layout
         self.dtype = state_dtype(system, self.layout)
         path = library(self.unit, optimise, extra)
@@ -158,145 +190,192 @@ class NativeProgram:
         self,
         until_ns: int,
         seed: int,
-        bound: dict[str, object] | None = None,
+        bound: Mapping[str, object] | None = None,
         *,
         keep_trace: bool = False,
         hash_trace: bool = False,
         progress: Progress | None = None,
+        stop: StopRequest | None = None,
+        pacer: Pacer | None = None,
     ) -> Run:
-        """Run from the start to `until_ns`."""
+        """Run from the start to `until_ns`, or until `stop` is wanted."""
         bound = bound or {}
-        for extern in bound.values():
-            reset(extern, seed)
-        answers = ExternAnswers(self.system, self.layout, self.library, bound)
-        size = self.layout.size
-        digest = hashlib.sha256() if hash_trace else None
-        room = max(CHUNK_BYTES // size, 16) if keep_trace or hash_trace else 0
+        _reset_all(bound, seed)
+        observer = None
+        if keep_trace or hash_trace:
+            observer = Observer(
+                self.system, self.dtype, keep_trace=keep_trace, hash_trace=hash_trace
+            )
+        drive = _Drive(self, bound, seed, observer, stop or StopRequest())
         began = time.perf_counter()
-        state = self.library.new_state(seed)
-        kept: list[npt.NDArray[np.uint8]] = []
-        instants = 0
-        buffer = np.zeros((room, size), dtype=np.uint8) if room else None
-        filled = 0
-        while True:
-            part = buffer[filled:] if buffer is not None else None
-            status, written, due = self.library.run(state, until_ns, part)
-            filled += written
-            if status is RunStatus.EXTERN:
-                answers.answer(state, due)
-                continue
-            if buffer is not None:
-                instants += filled
-                if digest is not None:
-                    digest.update(buffer[:filled].data)
-                if keep_trace:
-                    kept.append(buffer[:filled].copy())
-                filled = 0
-            if progress is not None:
-                progress(float(state.view(np.int64)[0]) / max(until_ns, 1))
-            if status is RunStatus.END:
-                break
+        finished = drive.to(until_ns, progress, pacer)
         wall = time.perf_counter() - began
-        trace = None
-        if keep_trace:
-            rows = np.concatenate(kept) if kept else np.zeros((0, size), dtype=np.uint8)
-            trace = np.ascontiguousarray(rows).view(self.dtype).reshape(-1)
+        last = drive.state
+        if observer is not None and observer.last is not None:
+            last = observer.last
         return Run(
             self.system,
             self.layout,
             self.dtype,
             seed,
             "native",
-            state.view(self.dtype)[0],
-            trace,
-            instants,
+            last.view(self.dtype)[0],
+            observer.trace() if observer else None,
+            observer.instants if observer else 0,
             until_ns / 1e9,
             wall,
-            digest.hexdigest() if digest is not None else None,
-            answers.failures,
+            observer.sha256 if observer else None,
+            drive.answers.failures,
+            observer.changes if observer else [],
+            observer.first_faults if observer else {},
+            interrupted=not finished,
         )
+
+
+class _Drive:
+    """The virtual-time driver's Python half: one state, its trace buffer, its extern answers."""
+
+    def __init__(
+        self,
+        program: NativeProgram,
+        bound: Mapping[str, object],
+        seed: int,
+        observer: Observer | None,
+        stop: StopRequest,
+    ) -> None:
+        self.library = program.library
+        self.answers = ExternAnswers(program.system, program.layout, program.library, bound)
+        self.state: Bytes = self.library.new_state(seed)
+        self.observer = observer
+        self.stop = stop
+        self.filled = 0
+        self.buffer: Bytes | None = None
+        if observer is not None:
+            room = max(CHUNK_BYTES // program.layout.size, 16)
+            self.buffer = np.zeros((room, program.layout.size), dtype=np.uint8)
+
+    def to(self, until_ns: int, progress: Progress | None, pacer: Pacer | None) -> bool:
+        """Run; False where a stop was wanted before the end."""
+        limit_ns = -1
+        try:
+            while True:
+                ended = self._advance(limit_ns)
+                if progress is not None:
+                    progress(max(float(self.state.view(np.int64)[0]), 0.0) / max(until_ns, 1))
+                if ended and limit_ns >= until_ns:
+                    return True
+                if self.stop.wanted:
+                    return False
+                if ended:
+                    limit_ns = self._next_limit(limit_ns, until_ns, pacer)
+        except Stop:
+            return False
+        finally:
+            self._flush()
+
+    def _next_limit(self, limit_ns: int, until_ns: int, pacer: Pacer | None) -> int:
+        """How far to run before looking up again."""
+        if pacer is not None:
+            due_ns = min(self.library.next_instant(self.state), until_ns)
+            pacer.wait(due_ns, self.stop)
+            return due_ns
+        return until_ns if self.buffer is not None else min(limit_ns + SLICE_NS, until_ns)
+
+    def _advance(self, limit_ns: int) -> bool:
+        """Run to `limit_ns`, a full trace, or an extern, which is answered; True at the limit."""
+        part = self.buffer[self.filled :] if self.buffer is not None else None
+        status, written, due = self.library.run(self.state, limit_ns, part)
+        self.filled += written
+        if status is RunStatus.EXTERN:
+            self.answers.answer(self.state, due)
+        elif self.filled:
+            self._flush()
+        return status is RunStatus.END
+
+    def _flush(self) -> None:
+        if self.observer is not None and self.buffer is not None:
+            self.observer.see(self.buffer[: self.filled])
+        self.filled = 0
 
 
 def run_interpreted(
     system: System,
     until_ns: int,
     seed: int,
-    bound: dict[str, object] | None = None,
+    bound: Mapping[str, object] | None = None,
     *,
     keep_trace: bool = False,
     progress: Progress | None = None,
+    stop: StopRequest | None = None,
+    pacer: Pacer | None = None,
 ) -> Run:
     """The same run in the reference interpreter."""
-    from soter.lower.layout import state_layout  # noqa: PLC0415 - keeps the import list short
-
     layout = state_layout(system)
     dtype = state_dtype(system, layout)
-    digest = hashlib.sha256()
-    kept: list[bytes] = []
-    last = [b""]
-    count = [0]
+    observer = Observer(system, dtype, keep_trace=keep_trace, hash_trace=True)
+    request = stop or StopRequest()
+    waiting: list[bytes] = []
 
-    def observe(c: Any, record: Any) -> None:  # noqa: ANN401 - the interpreter's own types
-        data = image(system, layout, c, record, seed)
-        digest.update(data)
-        last[0] = data
-        count[0] += 1
-        if keep_trace:
-            kept.append(data)
-        if progress is not None and count[0] % 256 == 0:
+    def flush() -> None:
+        if waiting:
+            rows = np.frombuffer(b"".join(waiting), dtype=np.uint8)
+            observer.see(rows.reshape(-1, layout.size))
+            waiting.clear()
+
+    def observe(c: Configuration, record: Record) -> None:
+        waiting.append(image(system, layout, c, record, seed))
+        if len(waiting) == BATCH:
+            flush()
+        if progress is not None:
             progress(c.ct / max(until_ns, 1))
+        if request.wanted:
+            raise Stop
+        if pacer is not None:
+            pacer.wait(min(next_release(interpreter.machine, c.ct), until_ns), request)
 
+    failures: dict[str, str] = {}
+    noted = noting(system, bound or {}, failures)
     began = time.perf_counter()
-    interpreter = Interpreter(system, seed, bound or {})
-    interpreter.run(until_ns, observe)
+    interpreter = Interpreter(system, seed, noted)
+    finished = False
+    try:
+        with suppress(Stop):
+            interpreter.run(until_ns, observe)
+            finished = True
+    except ExternResetError as error:
+        raise _reset_failed(error) from error
+    flush()
     wall = time.perf_counter() - began
-    trace = None
-    if keep_trace:
-        trace = np.frombuffer(b"".join(kept), dtype=np.uint8).view(dtype).reshape(-1)
-    final = np.frombuffer(last[0] or bytes(layout.size), dtype=np.uint8).view(dtype)[0]
+    last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
     return Run(
         system,
         layout,
         dtype,
         seed,
         "interp",
-        final,
-        trace,
-        count[0],
+        last.view(dtype)[0],
+        observer.trace(),
+        observer.instants,
         until_ns / 1e9,
         wall,
-        digest.hexdigest(),
-        {},
+        observer.sha256,
+        failures,
+        observer.changes,
+        observer.first_faults,
+        interrupted=not finished,
     )
 
 
-def require_bound(system: System, bound: dict[str, object]) -> None:
-    """X001 for every extern that nothing is bound to."""
-    missing = unbound_externs(system, bound)
-    if not missing:
-        return
-    raise SoterError(
-        tuple(
-            Diagnostic(
-                "X001",
-                f"extern `{name}` is not bound to anything",
-                helps=(
-                    f"bind it: --bind {name.rpartition('.')[2]}=python:file.py:function",
-                    'or write `from "python:file.py:function"` in the program',
-                ),
-            )
-            for name in missing
-        )
-    )
+def _reset_all(bound: Mapping[str, object], seed: int) -> None:
+    try:
+        for name, extern in bound.items():
+            reset(name, extern, seed)
+    except ExternResetError as error:
+        raise _reset_failed(error) from error
 
 
-__all__ = [
-    "NEVER",
-    "ModuleSummary",
-    "NativeProgram",
-    "Run",
-    "Violation",
-    "require_bound",
-    "run_interpreted",
-    "unbound_externs",
-]
+def _reset_failed(error: ExternResetError) -> SoterError:
+    return SoterError((Diagnostic("X003", f"extern {error}"),))
+
+
+__all__ = ["NEVER", "ModuleSummary", "NativeProgram", "Run", "Violation", "run_interpreted"]

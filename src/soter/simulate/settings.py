@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 DURATION_NS_MAX = 2**62
 """About 146 years: the sum of a time and a period still fits 64 bits."""
 
+TEXT_MAX = 100
+"""No number needs more characters."""
+
 _DURATION = re.compile(r"([0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?)\s*([a-z]+)")
 _NUMBER = re.compile(r"[+-]?[0-9]+(?:\.[0-9]+)?(?:[eE][+-]?[0-9]{1,3})?")
 
@@ -73,6 +76,7 @@ def duration_ns(given: float | str) -> int:
 
 
 def _duration_of_text(text: str) -> int:
+    text = text[:TEXT_MAX]
     match = _DURATION.fullmatch(text)
     if match is None or match[2] not in UNIT_NS:
         units = ", ".join(UNIT_NS)
@@ -87,10 +91,10 @@ def until_ns(given: float | str) -> int:
     """The length of a run in ns; SoterError U001 unless it is a time longer than zero."""
     try:
         ns = duration_ns(given)
-        if ns <= 0:
-            raise WrongTextError("a run is longer than zero")
     except WrongTextError as error:
-        raise usage_error("U001", f"`until` cannot be `{given}`: {error}") from error
+        raise usage_error("U001", f"`until` cannot be `{_short(given)}`: {error}") from error
+    if ns <= 0:
+        raise usage_error("U001", f"`until` cannot be `{_short(given)}`: a run takes time")
     return ns
 
 
@@ -121,7 +125,7 @@ def _param_value(t: Type, given: object) -> Value:
     if isinstance(t, DurationType):
         return duration_ns(given)  # type: ignore[arg-type]  # it checks
     if isinstance(given, str) and not isinstance(t, EnumType):
-        return _value_of_text(t, given.strip())
+        return _value_of_text(t, given.strip()[:TEXT_MAX])
     if isinstance(t, EnumType) and not (isinstance(given, str) and given in t.members):
         raise WrongTextError(f"it is one of {', '.join(t.members)}")
     value = from_python(t, given)

@@ -18,7 +18,7 @@ from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
 from soter.syntax import tree
 from soter.syntax.parser import parse_tokens
-from soter.syntax.tokens import EOF, NAME, lex
+from soter.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, lex
 
 if TYPE_CHECKING:
     from soter.syntax.parser import Parser
@@ -258,7 +258,8 @@ class _Layout:
         if element.kind in ("else", "elseif") and previous.kind == "}":
             self._append(element, " ", None)
             return
-        fresh = self.frames[-1].expanded if opened else not self.frames or element.breaks > 0
+        top_level = not self.frames and previous.index >= 0
+        fresh = self.frames[-1].expanded if opened else top_level or element.breaks > 0
         if fresh or commented:
             self._new_line(self._base(), blank=element.breaks > 1 and not opened)
             self._append(element, "", None)
@@ -313,6 +314,8 @@ class _Layout:
         kind, before, index = element.kind, previous.kind, previous.index
         if index < 0:
             return " "
+        if kind == "." and before in (INT, FLOAT, DURATION):
+            return " "  # `1.x` would be a malformed number
         if kind in (";", ",", ")", "]", ".", "..") or before in ("(", "[", ".", ".."):
             return ""
         if kind == ":":

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from soter.program.arith import FaultKind
-from soter.semantics.externs import UnboundExternError
+from soter.semantics.externs import ExternResetError, UnboundExternError
 from soter.semantics.record import AC, SC
 
 if TYPE_CHECKING:
@@ -136,6 +136,19 @@ def test_an_object_with_a_step_is_reset_at_every_start(build: Build) -> None:
     assert first == second
     assert first.Topics[U] == (0.04, 0.0)
     assert policy.seeds == [42, 42]
+
+
+def test_a_reset_that_raises_is_named(build: Build) -> None:
+    class Policy:
+        def reset(self, _: int) -> None:
+            msg = "no weights"
+            raise OSError(msg)
+
+        def step(self, _: SimpleNamespace) -> tuple[float, float]:
+            return 0.0, 0.0
+
+    with pytest.raises(ExternResetError, match=r"`M\.Learned` .* OSError: no weights"):
+        run(build, Policy())
 
 
 def test_what_is_not_bound_is_named_before_the_run(build: Build) -> None:

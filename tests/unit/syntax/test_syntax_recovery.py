@@ -153,7 +153,7 @@ SLIPS = [
     ("in [-A, A] = 0.0", "= 0.0 in [-A, A]", "S005"),
     ("state x: float", "state x", "S005"),
     ("wind: float in [-0.2, 0.2]", "wind: float", "S005"),
-    ("drives motion = { x: x, v: v }", "drives motion", "S005"),
+    ("drives motion = { x: x, v: v }", "drives motion", "S024"),
     # expressions
     ("Clear(motion);", "Clear(motion) and goal > 1.0;", "S015"),
     ("Clear(motion);", "Clear(motion) or !mode;", "S015"),

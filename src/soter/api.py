@@ -1,0 +1,424 @@
+"""The only door: what `import soter` gives, and what the command line is made of.
+
+Purpose: `load` a program, then check, bind, simulate, build and format it; each command of
+`soter` is one method here. A user's mistake is a `SoterError` with diagnostics, never anything
+else. Rooms below are imported when they are needed: `check` loads neither NumPy nor cffi.
+Non-goals: printing, exit codes (`cli/`).
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NoReturn
+
+from soter import __version__
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.program.build import Checked, check_file, system_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+    from soter.program.system import System
+    from soter.program.typed import Program as TypedProgram
+    from soter.program.types import Value
+    from soter.simulate.bindings import Bindings
+    from soter.simulate.run import NativeProgram, Run
+    from soter.targets.package import Package
+
+    Progress = Callable[[float], None]
+
+ENGINES = ("native", "interp")
+COMING = {
+    "verify": "P2a, P2b and P3 by reachability, with certificates: issue 3",
+    "explore": "systematic testing of every schedule: issue 4",
+}
+
+
+@dataclass(frozen=True)
+class ModuleReport:
+    """A module as checked: `verdicts` maps P1a ... P3 to `proved` or `assumed`."""
+
+    name: str
+    period_s: float
+    ac: str
+    sc: str
+    forced: str | None
+    verdicts: dict[str, str]
+
+
+@dataclass(frozen=True)
+class SystemReport:
+    """A system as checked."""
+
+    name: str
+    default: bool
+    until_s: float | None
+    hyperperiod_s: float
+    components: int
+    topics: int
+    properties: tuple[str, ...]
+    externs: tuple[str, ...]
+    modules: tuple[ModuleReport, ...]
+    assumptions: tuple[str, ...]
+
+
+@dataclass(frozen=True)
+class CheckReport:
+    """What a successful check found: every system, the hash, and the warnings."""
+
+    path: str
+    program_sha256: str
+    systems: tuple[SystemReport, ...]
+    warnings: tuple[Diagnostic, ...]
+
+
+def load(path: str | Path) -> Program:
+    """Read and check the program in a file.
+
+    Never fails: a program with mistakes has them in `.diagnostics`, and whatever needs a sound
+    program then raises `SoterError`.
+    """
+    return Program(str(path))
+
+
+class Program:
+    """A program: text, everything known about it, and the externs bound to it."""
+
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self._checked: Checked = check_file(path)
+        self._bound: dict[str, object] = {}
+        self._native: dict[object, NativeProgram] = {}
+
+    def __repr__(self) -> str:
+        return f"<soter.Program {self.path}: {', '.join(self.systems) or 'no systems'}>"
+
+    # ------------------------------------------------------------ facts
+
+    @property
+    def diagnostics(self) -> tuple[Diagnostic, ...]:
+        """Everything that was found, errors and warnings."""
+        return self._checked.diagnostics.items
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is no error."""
+        return self._checked.ok
+
+    @property
+    def systems(self) -> tuple[str, ...]:
+        """Names of the systems it declares."""
+        return tuple(self._checked.systems)
+
+    @property
+    def sha256(self) -> str | None:
+        """Hash of every source and data file; None where nothing could be read."""
+        return self._checked.program.sha256 if self._checked.program is not None else None
+
+    def check(self, params: Mapping[str, object] | None = None) -> CheckReport:
+        """What is known about a sound program; `SoterError` with every error otherwise."""
+        program = self._require_sound()
+        values = self._values(params)
+        reports = tuple(
+            _system_report(system_of(self._checked, name, values), default=symbol.default)
+            for name, symbol in self._checked.systems.items()
+        )
+        return CheckReport(self.path, program.sha256, reports, self.diagnostics)
+
+    def format(self) -> str:
+        """The text of the main file, well laid out; `SoterError` where it does not parse."""
+        return format_text(self.path, read_text(self.path))
+
+    # ------------------------------------------------------------ externs
+
+    def bind(self, name: str, target: object) -> Program:
+        """Let `target` answer the extern `name`, in all later runs; gives back this program.
+
+        `name`: a full name (`d.M.Learned`), its last part, or the declared name. `target`: a
+        callable, an object or class with `step` and perhaps `reset(seed)`, or a text
+        `python:file.py:name` or `c:file.c:name` (relative to the current folder).
+        """
+        if isinstance(target, str):
+            from soter.simulate.bindings import check_text  # noqa: PLC0415 - see the docstring
+
+            check_text(name, target)
+        self._bound[name] = target
+        return self
+
+    # ------------------------------------------------------------ running
+
+    def simulate(
+        self,
+        system: str | None = None,
+        until: float | str | None = None,
+        seed: int = 1,
+        engine: str = "native",
+        params: Mapping[str, object] | None = None,
+        *,
+        trace: bool = True,
+        log: str | Path | None = None,
+        report: str | Path | None = None,
+        progress: Progress | None = None,
+        real_time: bool = False,
+        partial: bool = False,
+    ) -> Run:
+        """Run a system in virtual time.
+
+        `until`: seconds or a text such as `"30s"`, by default the system's own. `params`: values
+        of parameters by full name; lengths of time in s or as text. `trace` keeps the state
+        after every instant. `log`, `report`: files to write. `progress` is called with the
+        share that is done. Ctrl-C ends the run at an instant and raises `KeyboardInterrupt`,
+        or, where `partial`, gives back what was reached.
+        """
+        from soter.simulate.bindings import callables  # noqa: PLC0415 - see the docstring
+        from soter.simulate.interrupt import stoppable  # noqa: PLC0415
+
+        _require_engine(engine)
+        flat = self._system(system, params)
+        end_ns = _end_ns(flat, until)
+        _require_writers(log, report)
+        bindings = self._bindings(flat)
+        keep = trace or log is not None or report is not None
+        with stoppable() as stop:
+            bound = callables(bindings, engine, stop)
+            options: dict[str, Any] = {"keep_trace": keep, "progress": progress, "stop": stop}
+            if real_time:
+                from soter.simulate.pace import Pacer  # noqa: PLC0415
+
+                options["pacer"] = Pacer()
+            run = self._run(engine, bindings, end_ns, seed, bound, options)
+        if run.interrupted and not partial:
+            raise KeyboardInterrupt
+        self._write(run, bindings, log, report)
+        return run
+
+    def _run(
+        self,
+        engine: str,
+        bindings: Bindings,
+        end_ns: int,
+        seed: int,
+        bound: Mapping[str, object],
+        options: dict[str, Any],
+    ) -> Run:
+        from soter.simulate.run import run_interpreted  # noqa: PLC0415 - see the docstring
+
+        if engine == "interp":
+            return run_interpreted(bindings.system, end_ns, seed, bound, **options)
+        return self._compiled(bindings).run(end_ns, seed, bound, hash_trace=True, **options)
+
+    def _compiled(self, bindings: Bindings) -> NativeProgram:
+        """The compiled system; kept, so that the next seed costs nothing."""
+        from soter.simulate.run import NativeProgram  # noqa: PLC0415 - see the docstring
+
+        system = bindings.system
+        linked = tuple((n, t, _age(t)) for n, t in bindings.texts().items() if t.startswith("c:"))
+        key = (system.name, tuple(system.params.items()), linked)
+        if key not in self._native:
+            self._native[key] = NativeProgram(system, core=bindings.core)
+        return self._native[key]
+
+    # ------------------------------------------------------------ building and proving
+
+    def build(
+        self,
+        target: str,
+        output: str | Path,
+        system: str | None = None,
+        params: Mapping[str, object] | None = None,
+    ) -> Package:
+        """Write the package of a target (`"c"`) into the folder `output`."""
+        from soter.targets.build import build_package  # noqa: PLC0415 - see the docstring
+
+        bindings = self._bindings(self._system(system, params))
+        return build_package(target, bindings.system, bindings.core, Path(output))
+
+    def verify(self, *_arguments: object, **_options: object) -> NoReturn:
+        """To come: P2a, P2b, P3 per module."""
+        raise to_come("verify")
+
+    def explore(self, *_arguments: object, **_options: object) -> NoReturn:
+        """To come: systematic testing."""
+        raise to_come("explore")
+
+    # ------------------------------------------------------------ shared
+
+    def _require_sound(self) -> TypedProgram:
+        if not self._checked.ok:
+            raise SoterError(self.diagnostics)
+        assert self._checked.program is not None
+        return self._checked.program
+
+    def _values(self, params: Mapping[str, object] | None) -> dict[str, Value]:
+        if not params:
+            return {}
+        from soter.simulate.settings import param_values  # noqa: PLC0415 - see the docstring
+
+        return param_values(self._require_sound(), params)
+
+    def _system(self, name: str | None, params: Mapping[str, object] | None) -> System:
+        """A fresh flat system: bindings may be entered in it."""
+        self._require_sound()
+        return system_of(self._checked, name, self._values(params))
+
+    def _bindings(self, system: System) -> Bindings:
+        from soter.simulate.bindings import bind  # noqa: PLC0415 - see the docstring
+
+        return bind(system, self._bound)
+
+    def _write(
+        self, run: Run, bindings: Bindings, log: str | Path | None, report: str | Path | None
+    ) -> None:
+        about = {f"extern {name}": text for name, text in bindings.texts().items()}
+        if log is not None:
+            from soter.simulate.to_log import write_log  # noqa: PLC0415 - an extra
+
+            write_log(run, log, __version__, about)
+        if report is not None:
+            from soter.simulate.to_report import write_report  # noqa: PLC0415 - an extra
+
+            provenance = {
+                "program": self.path,
+                "program sha256": run.system.program.sha256,
+                "seed": str(run.seed),
+                "engine": run.engine,
+                "trace sha256": run.trace_sha256 or "",
+                "soter": __version__,
+                **about,
+            }
+            write_report(run, report, Path(self.path).name, provenance)
+
+
+# ---------------------------------------------------------------- texts
+
+
+def read_text(path: str) -> str:
+    """The text of a source file; `SoterError` D001, D005 where there is none."""
+    from soter.program.loader import read_text as read  # noqa: PLC0415 - shadows this one
+
+    diagnostics = Diagnostics()
+    text = read(Path(path), path, diagnostics)
+    if text is None:
+        raise SoterError(diagnostics.items)
+    return text
+
+
+def format_text(name: str, text: str) -> str:
+    """A program's text, well laid out; `SoterError` where it does not parse."""
+    from soter.diagnostics.source import Source  # noqa: PLC0415 - see the docstring
+    from soter.syntax.printer import format_source  # noqa: PLC0415 - see the docstring
+
+    diagnostics = Diagnostics()
+    formatted = format_source(Source(name, text), diagnostics)
+    if formatted is None:
+        raise SoterError(diagnostics.items)
+    return formatted
+
+
+# ---------------------------------------------------------------- helpers
+
+
+def to_come(what: str) -> SoterError:
+    """U006 for what the contract names and this version does not have."""
+    return _mistake(
+        "U006", f"`{what}` is not in soter {__version__}", f"to come: {COMING.get(what, 'later')}"
+    )
+
+
+def _mistake(code: str, message: str, help_: str) -> SoterError:
+    return SoterError((Diagnostic(code, message, helps=(help_,)),))
+
+
+def _require_engine(engine: str) -> None:
+    if engine not in ENGINES:
+        raise _mistake("U001", f"there is no engine `{engine}`", "there are native and interp")
+
+
+def _require_writers(log: str | Path | None, report: str | Path | None) -> None:
+    """Say before a run, not after it, that its log cannot be written."""
+    if log is not None:
+        from soter.simulate.to_log import require_log_package  # noqa: PLC0415 - an extra
+
+        require_log_package()
+    if report is not None:
+        from soter.simulate.to_report import require_report_package  # noqa: PLC0415 - an extra
+
+        require_report_package()
+    for path in (log, report):
+        if path is not None:
+            _require_writable(Path(path))
+
+
+def _require_writable(path: Path) -> None:
+    reason = ""
+    if path.is_dir():
+        reason = "it is a folder"
+    else:
+        folder = path.absolute().parent
+        while not folder.exists():
+            folder = folder.parent
+        if not folder.is_dir():
+            reason = f"`{folder}` is no folder"
+        elif not os.access(path if path.exists() else folder, os.W_OK):
+            reason = "permission denied"
+    if reason:
+        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {reason}"),))
+
+
+def _end_ns(system: System, until: float | str | None) -> int:
+    from soter.simulate.settings import until_ns  # noqa: PLC0415 - see the docstring
+
+    if until is not None:
+        return until_ns(until)
+    if system.until_ns is None:
+        raise _mistake(
+            "U001",
+            f"system `{system.name}` does not say how long it runs",
+            "say it: --until 30s, or `until 30s;` in the system",
+        )
+    return system.until_ns
+
+
+def _age(binding: str) -> int:
+    """When the C file of a binding was last changed; 0 where it cannot be read (X003 follows)."""
+    try:
+        return Path(binding.split(":")[1]).stat().st_mtime_ns
+    except OSError:
+        return 0
+
+
+def _system_report(system: System, *, default: bool) -> SystemReport:
+    from soter.simulate.assumptions import of_run, verdicts  # noqa: PLC0415 - see the docstring
+
+    return SystemReport(
+        system.name,
+        default,
+        None if system.until_ns is None else system.until_ns / 1e9,
+        system.hyperperiod_ns / 1e9,
+        len(system.components),
+        len(system.topics),
+        tuple(f"{p.kind} {p.text}" for p in system.properties),
+        tuple(x.name for x in system.components if x.extern),
+        tuple(
+            ModuleReport(
+                m.name,
+                m.period_ns / 1e9,
+                system.components[m.ac].name,
+                system.components[m.sc].name,
+                m.forced,
+                verdicts(m),
+            )
+            for m in system.modules
+        ),
+        tuple(of_run(system)),
+    )
+
+
+def __getattr__(name: str) -> object:
+    if name == "Run":
+        from soter.simulate.run import Run  # noqa: PLC0415 - needs NumPy
+
+        return Run
+    raise AttributeError(f"module `soter.api` has no attribute `{name}`")

@@ -1,0 +1,85 @@
+"""What a result rests on, and what it does not show: assumptions are output.
+
+Purpose: per module which of the paper's properties are proved, and in words everything that a
+run or a check takes for granted.
+Non-goals: proving (`reach/`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.program.elaborate import show_ns
+
+if TYPE_CHECKING:
+    from soter.program.system import Component, Module, System
+
+PROVED = ("P1a", "P1b")
+ASSUMED = ("P1c", "P2a", "P2b", "P3")
+
+
+def verdicts(module: Module) -> dict[str, str]:
+    """Property to `proved` or `assumed`; what is ill-formed never gets this far."""
+    del module  # all alike until `soter verify` comes
+    return {**dict.fromkeys(PROVED, "proved"), **dict.fromkeys(ASSUMED, "assumed")}
+
+
+def of_modules(system: System) -> list[str]:
+    """What is taken for granted about the modules of a system."""
+    found = []
+    free = [m for m in system.modules if m.forced is None]
+    if free:
+        names = ", ".join(m.name for m in free)
+        found.append(
+            f"{names}: {', '.join(ASSUMED)} are assumed, not checked (`soter verify` is to come)"
+        )
+    found += [
+        f"{m.name} is forced to {m.forced.upper()}: it protects nothing in this system"
+        for m in system.modules
+        if m.forced is not None
+    ]
+    for m in free:
+        missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
+        if missing:
+            found.append(
+                f"{m.name} has no {' and no '.join(missing)} and none is computed yet: "
+                "its AC never gets control"
+            )
+    return found
+
+
+def of_environment(system: System) -> list[str]:
+    """What is taken for granted about the plants and the inputs of a system."""
+    found = []
+    for x in system.components:
+        if x.plant is not None:
+            found += _plant(x)
+    driven = {d.topic for d in system.inputs}
+    still = [t.name for t in system.topics if t.driver == "input" and t.index not in driven]
+    if still:
+        found.append(
+            f"{', '.join(still)} {'keep' if len(still) > 1 else 'keeps'} the default value"
+        )
+    for d in system.inputs:
+        name, every = system.topics[d.topic].name, show_ns(d.every_ns)
+        found.append(f"{name} changes every {every} to a value drawn evenly from its set")
+    return found
+
+
+def of_run(system: System) -> list[str]:
+    """Everything a run of this system rests on."""
+    return [*of_modules(system), *of_environment(system)]
+
+
+def _plant(x: Component) -> list[str]:
+    if x.extern:
+        return [f"{x.name} is an extern plant: a simulation of somebody else's"]
+    found = []
+    if x.disturbances:
+        terms = [f"{d.variable.name} in [{d.low:g}, {d.high:g}]" for d in x.disturbances]
+        found.append(f"{x.name}: {', '.join(terms)}, drawn evenly")
+    if x.measured:
+        bounds = sorted({m.bound for m in x.measured})
+        span = f"{bounds[0]:g}" if len(bounds) == 1 else f"{bounds[0]:g} to {bounds[-1]:g}"
+        found.append(f"{x.name}: measurement errors within {span}, drawn evenly")
+    return found

@@ -1,0 +1,149 @@
+"""What is kept of a run while it goes on.
+
+Purpose: every state after an instant passes here once, in blocks: hashed, kept where a trace is
+wanted, and looked through for what a summary names (mode changes, first faults). Both engines
+feed the same observer, so both give the same record.
+Non-goals: meaning; a run that nobody observes is the same run.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import tempfile
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from typing import IO
+
+    import numpy.typing as npt
+
+    from soter.program.system import System
+
+    Rows = npt.NDArray[np.uint8]
+
+IN_MEMORY_BYTES = 512 * 1024 * 1024
+"""A longer trace lies in a temporary file, which is gone with the process."""
+
+
+@dataclass(frozen=True)
+class ModeChange:
+    """A DM step that changed the mode: when, whose, to AC or SC, and what the DM saw."""
+
+    time_ns: int
+    module: int
+    to: str
+    ttf: bool
+    safer: bool
+    stale: bool
+    gate_fault: bool
+
+
+@dataclass(frozen=True)
+class FirstFault:
+    """The first step fault of a component; `latched_ns` is None where it goes on."""
+
+    time_ns: int
+    latched: bool
+
+
+class Observer:
+    """Takes the states of one run, in order."""
+
+    def __init__(
+        self, system: System, dtype: np.dtype[Any], *, keep_trace: bool, hash_trace: bool
+    ) -> None:
+        self.instants = 0
+        self.changes: list[ModeChange] = []
+        self.first_faults: dict[int, FirstFault] = {}
+        self.last: Rows | None = None
+        """The last state seen, (size,) bytes."""
+        self._dtype = dtype
+        self._digest = hashlib.sha256() if hash_trace else None
+        self._kept: list[Rows] | None = [] if keep_trace else None
+        self._kept_bytes = 0
+        self._file: IO[bytes] | None = None
+        self._modes = np.array([m.forced == "ac" for m in system.modules], dtype=np.uint8)
+
+    def see(self, rows: Rows) -> None:
+        """The next states, (n, size) bytes; the array may be reused afterwards."""
+        if len(rows) == 0:
+            return
+        self.instants += len(rows)
+        self.last = rows[-1].copy()
+        if self._digest is not None:
+            self._digest.update(np.ascontiguousarray(rows).data)
+        if self._kept is not None:
+            self._keep(rows)
+        states = np.ascontiguousarray(rows).view(self._dtype).reshape(-1)
+        if len(self._modes):
+            self._see_modes(states)
+        self._see_faults(states)
+
+    @property
+    def sha256(self) -> str | None:
+        """The hash of all states so far, None where it was not asked for."""
+        return self._digest.hexdigest() if self._digest is not None else None
+
+    def trace(self) -> npt.NDArray[Any] | None:
+        """All states as records, None where they were not kept."""
+        if self._kept is None:
+            return None
+        size = self._dtype.itemsize
+        if self._file is not None:
+            self._spill()
+            self._file.flush()
+            return np.memmap(self._file, dtype=self._dtype, mode="r", shape=(self.instants,))
+        rows = np.concatenate(self._kept) if self._kept else np.zeros((0, size), dtype=np.uint8)
+        return np.ascontiguousarray(rows).view(self._dtype).reshape(-1)
+
+    # ------------------------------------------------------------ keeping
+
+    def _keep(self, rows: Rows) -> None:
+        assert self._kept is not None
+        self._kept.append(rows.copy())
+        self._kept_bytes += rows.size
+        if self._kept_bytes > IN_MEMORY_BYTES:
+            self._spill()
+
+    def _spill(self) -> None:
+        """Move what is held in memory to the temporary file."""
+        assert self._kept is not None
+        if self._file is None:
+            self._file = tempfile.TemporaryFile(prefix="soter-trace-")  # noqa: SIM115 - lives on
+        for rows in self._kept:
+            self._file.write(rows.tobytes())
+        self._kept.clear()
+        self._kept_bytes = 0
+
+    # ------------------------------------------------------------ looking
+
+    def _see_modes(self, states: npt.NDArray[Any]) -> None:
+        modules = states["modules"]
+        modes = modules["mode"]
+        before = np.vstack([self._modes, modes[:-1]])
+        for row, module in np.argwhere(modes != before):
+            m = modules[row, module]
+            self.changes.append(
+                ModeChange(
+                    int(states["header"]["ct"][row]),
+                    int(module),
+                    "AC" if m["mode"] else "SC",
+                    bool(m["ttf"]),
+                    bool(m["safer"]),
+                    bool(m["stale"]),
+                    bool(m["saw_gate_fault"]),
+                )
+            )
+        self._modes = modes[-1].copy()
+
+    def _see_faults(self, states: npt.NDArray[Any]) -> None:
+        faults = states["components"]["faults"]
+        for component in np.flatnonzero(faults[-1]):
+            if int(component) not in self.first_faults:
+                row = int(np.argmax(faults[:, component] != 0))
+                latched = bool(states["components"]["latched"][row, component])
+                time_ns = int(states["header"]["ct"][row])
+                self.first_faults[int(component)] = FirstFault(time_ns, latched)

@@ -1,0 +1,229 @@
+"""The figures that the drone's design rests on (docs/drone.md), measured on the program itself.
+
+Non-goals: the laps (`bench/drone_laps.py`), proofs (`soter verify`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import pytest
+
+from soter.program.build import check_file, system_of
+from soter.simulate.run import NativeProgram
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    Floats = NDArray[np.float64]
+
+DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
+
+
+@pytest.fixture(scope="module")
+def constants() -> dict[str, Any]:
+    checked = check_file(str(DRONE / "motion_primitive.soter"))
+    assert checked.ok, checked.diagnostics.items
+    assert checked.program is not None
+    return {name: c.value for name, c in checked.program.consts.items()}
+
+
+def run_of(file: str, system: str, seed: int, seconds: int, **params: int) -> Any:
+    program = NativeProgram(system_of(check_file(str(DRONE / file)), system, params))
+    return program.run(seconds * 10**9, seed, keep_trace=True)
+
+
+# ---------------------------------------------------------------- geometry
+
+
+def gap_between(centre: Floats, axes: Floats, half: Floats, low: Floats, high: Floats) -> float:
+    """Greatest separation over the 15 axes of an oriented and an upright box; > 0: disjoint."""
+    middle, spread = (low + high) / 2, (high - low) / 2
+    edges = [np.cross(a, b) for a in np.eye(3) for b in axes]
+    best = -np.inf
+    for normal in [*np.eye(3), *axes, *edges]:
+        length = np.linalg.norm(normal)
+        if length < 1e-9:
+            continue
+        n = normal / length
+        reach = half @ np.abs(axes @ n) + spread @ np.abs(n)
+        best = max(best, float(abs(n @ (centre - middle)) - reach))
+    return best
+
+
+def tubes_as_boxes(constants: dict[str, Any]) -> list[tuple[Floats, Floats, Floats]]:
+    found = []
+    for start, along, side, up, length, radius, back, front in constants["city.TUBES"]:
+        axes = np.array([along, side, up])
+        half = np.array([(length + back + front) / 2, radius, radius])
+        centre = np.array(start) + axes[0] * (length + front - back) / 2
+        found.append((centre, axes, half))
+    return found
+
+
+def test_the_tubes_keep_the_vehicle_clear_of_every_building(constants: dict[str, Any]) -> None:
+    _, boxes = constants["city.CITY"]
+    for centre, axes, half in tubes_as_boxes(constants):
+        for low, high in boxes:
+            gap = gap_between(centre, axes, half, np.array(low), np.array(high))
+            assert gap >= constants["city.RADIUS"] + 0.005
+
+
+def test_the_tubes_keep_the_vehicle_between_ground_and_ceiling(constants: dict[str, Any]) -> None:
+    size, _ = constants["city.CITY"]
+    top = np.array([size[0], size[1], constants["city.CEILING"]])
+    for centre, axes, half in tubes_as_boxes(constants):
+        reach = half @ np.abs(axes) + constants["city.RADIUS"]
+        assert (centre - reach >= 0).all()
+        assert (centre + reach <= top).all()
+
+
+def test_turning_into_a_tube_widens_bounds_by_no_more_than_TURN(  # noqa: N802 - its name
+    constants: dict[str, Any],
+) -> None:
+    for _, axes, _ in tubes_as_boxes(constants):
+        assert np.abs(axes).sum(axis=1).max() <= constants["city.TURN"]
+
+
+# ---------------------------------------------------------------- residual
+
+
+def residual(run: Any) -> Floats:
+    """|acceleration flown without wind - a_ref| on each axis of the tube, (N, 3), m/s^2."""
+    d, topics = run.trace["d"], run.trace["topics"]
+    q = d["q"]
+    spin = sum(d["spin"][n] ** 2 for n in d["spin"].dtype.names)
+    lift = 5.84e-6 * spin / 1.5
+    flown = np.stack(
+        [
+            2 * (q["x"] * q["z"] + q["w"] * q["y"]) * lift,
+            2 * (q["y"] * q["z"] - q["w"] * q["x"]) * lift,
+            (1 - 2 * (q["x"] ** 2 + q["y"] ** 2)) * lift - 9.81,
+        ],
+        axis=1,
+    )
+    a = next(topics[n] for n in topics.dtype.names if n.endswith("reference"))["a"]
+    reference = np.stack([a["x"], a["y"], a["z"]], axis=1)
+    tubes = np.array([[t[1], t[2], t[3]] for t in _tubes(run)])
+    leg = next(topics[n] for n in topics.dtype.names if n.endswith("tubeState"))["leg"]
+    # what stands in the topic after t is the reference for the next instant
+    gap = flown[1:] - reference[:-1]
+    found: Floats = np.abs(np.einsum("nij,nj->ni", tubes[leg[1:].astype(int)], gap))
+    return found
+
+
+def _tubes(run: Any) -> Any:
+    return next(c.value for n, c in run.system.program.consts.items() if n.endswith("TUBES"))
+
+
+def test_the_residual_stays_below_what_the_sets_assume(constants: dict[str, Any]) -> None:
+    worst = np.zeros(3)
+    for shake_ms in (50, 120, 200, 300):
+        for seed in range(3):
+            run = run_of("adversaries.soter", "Shaken", seed, 60, SHAKE=shake_ms * 10**6)
+            worst = np.maximum(worst, residual(run).max(axis=0))
+    for system in ("Twitching", "Jerking", "Pushing", "Ramming"):
+        worst = np.maximum(worst, residual(run_of("adversaries.soter", system, 0, 60)).max(axis=0))
+    assert worst.max() <= constants["RESIDUAL"], worst
+    assert worst.max() >= 0.05, "a residual of nothing was measured wrongly"
+
+
+# ---------------------------------------------------------------- S_0, axis by axis
+
+
+def clip(x: Floats, bound: float) -> Floats:
+    return np.minimum(np.maximum(x, -bound), bound)
+
+
+def least_margin(
+    k: dict[str, Any],
+    u_max: float,
+    brake: float,
+    law: Callable[[Floats, Floats], Floats],
+    high: float,
+    low: float,
+    speeds: Floats,
+) -> float:
+    """How far from the wall an axis stays that starts on the boundary of S_0, at worst.
+
+    It starts at remaining speed `speeds`, after a long spell of -u_max, 0 or u_max; any control
+    for H is u_max, then SC with a read 10 ms old. Wind and residual push, errors of the estimate
+    stand at their bound. The program's formulas, written anew in the filter's states.
+    """
+    band, fast = k["iris.BAND"], k["iris.FAST"]
+    t_lag, p_of_a = 2 / band + 1 / fast, 1 / band**2 + 2 / (band * fast)
+    d, h = k["D"], 0.002
+    worst = np.inf
+    for held in (-u_max, 0.0, u_max):
+        for sign in (1.0, -1.0):
+            w = speeds
+            v = w - held * (2 / band + 1 / fast)
+            later = w + k["E_V"] + (u_max + d) * k["H"]
+            moved = np.maximum((w + k["E_V"] + 0.5 * (u_max + d) * k["H"]) * k["H"], 0.0)
+            need = moved + later**2 / (2 * brake) + k["TAIL"] + k["TAIL_RATE"] * abs(w + k["E_V"])
+            q3 = high - (k["E_P"] + t_lag * k["E_V"] + k["MARGIN"]) - np.where(later > 0, need, 0.0)
+            p = q3 - t_lag * v - p_of_a * held
+            for lead, second in ((0.0, 0.0), (1 / band, 0.0), (2 / band, held / band**2)):
+                reach = k["E_P"] + lead * k["E_V"] + k["MARGIN"]
+                p = p - np.maximum(p + lead * v + second + reach - high, 0.0)
+            inside = p - k["E_P"] - k["MARGIN"] >= low
+            p, v = p + k["E_P"], v + k["E_V"]
+            a, j, s = np.full_like(p, held), np.zeros_like(p), np.full_like(p, held)
+            u, peak = np.full_like(p, u_max), p
+            past = [(p, v, a, j, s)] * 6
+            for step in range(1250):
+                if step % 5 == 0 and step * h >= k["H"] - 1e-9:
+                    op, ov, oa, oj, os = past[-6]
+                    op, ov = op - sign * k["E_P"], ov - sign * k["E_V"]
+                    u = law(
+                        op + t_lag * ov + p_of_a * oa + oj / (band**2 * fast),
+                        ov + 2 / band * oa + oj / band**2 + os / fast,
+                    )
+                p = p + h * v
+                v = v + h * (a + d)
+                a, j, s = (
+                    a + h * j,
+                    j + h * (band**2 * (s - a) - 2 * band * j),
+                    s + h * fast * (u - s),
+                )
+                past = [*past[1:], (p, v, a, j, s)]
+                peak = np.maximum(peak, p)
+            worst = min(worst, float((high - peak)[inside].min()))
+    return worst
+
+
+def test_SC_stops_before_every_wall_from_the_boundary_of_S0(  # noqa: N802 - their names
+    constants: dict[str, Any],
+) -> None:
+    k = constants
+    for _, _, _, _, length, radius, back, front in k["city.TUBES"]:
+
+        def along(q: Floats, w: Floats, length: float = length) -> Floats:
+            wanted = clip(k["CREEP_GAIN"] * (length - q), k["CREEP"])
+            return clip(k["SPEED_GAIN"] * (wanted - w), k["U_ALONG"])
+
+        def across(q: Floats, w: Floats) -> Floats:
+            return clip(-k["CENTRE_P"] * q - k["CENTRE_D"] * w, k["U_SIDE"])
+
+        def up(q: Floats, w: Floats) -> Floats:
+            return clip(-k["CENTRE_P"] * q - k["CENTRE_D"] * w, k["U_UP"])
+
+        cases = (
+            (k["U_ALONG"], k["B_ALONG"], along, length + front, -back, np.linspace(-1, 6, 71)),
+            (
+                k["U_ALONG"],
+                k["B_ALONG"],
+                lambda q, w, along=along: -along(-q, -w),
+                back,
+                -length - front,
+                np.linspace(-1, 6, 71),
+            ),
+            (k["U_SIDE"], k["B_SIDE"], across, radius, -radius, np.linspace(-1, 3, 41)),
+            (k["U_UP"], k["B_UP"], up, radius, -radius, np.linspace(-1, 2, 31)),
+        )
+        for u_max, brake, law, high, low, speeds in cases:
+            assert least_margin(k, u_max, brake, law, high, low, speeds) > 0.005

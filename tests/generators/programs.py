@@ -1,0 +1,613 @@
+"""Random programs that check without errors: the text of one, as a Hypothesis strategy.
+
+Purpose: `programs()` draws a whole program, biased so that modules switch, gates refuse, steps
+fault and topics grow stale in a good share of them.
+Non-goals: running them (`engines.py`).
+
+A program has a world (types, constants, parameters, functions, topics), plants, modules and other
+nodes, and one system; in every third program that system has two instances of a sub-system.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from generators.chooser import Chooser  # type: ignore[import-not-found]
+from generators.expressions import DURATIONS, ExpressionMaker  # type: ignore[import-not-found]
+from generators.kinds import (  # type: ignore[import-not-found]
+    VEC2,
+    VEC3,
+    SetMaker,
+    TypeMaker,
+    ValueSet,
+    boundable,
+    fits,
+    has_list,
+    routes,
+    text_of,
+)
+from generators.names import Namer  # type: ignore[import-not-found]
+from generators.sight import Globals, Seen, Sight  # type: ignore[import-not-found]
+from generators.statements import Output, StatementMaker  # type: ignore[import-not-found]
+from hypothesis import strategies as st
+
+from soter.program.types import (
+    BOOL,
+    FLOAT,
+    INT,
+    ArrayType,
+    FloatType,
+    IntType,
+    RecordType,
+    is_vector,
+)
+
+if TYPE_CHECKING:
+    from hypothesis.strategies import DrawFn
+
+    from soter.program.types import Type
+
+PERIODS_US = (10_000, 5_000, 20_000, 7_000, 11_000, 2_500, 15_000, 3_333, 13_000, 30_000)
+
+
+@dataclass
+class Topic:
+    """A declared topic."""
+
+    name: str
+    type: Type
+    values: ValueSet
+    input: bool = False
+
+    @property
+    def seen(self) -> Seen:
+        """As an expression sees it."""
+        return Seen(self.name, self.type)
+
+
+@dataclass
+class Part:
+    """What a system instantiates: kind "plant", "node" or "module"."""
+
+    kind: str
+    name: str
+    drives: list[Topic] = field(default_factory=list)
+    states: list[Seen] = field(default_factory=list)
+    unique: bool = False
+    """Someone reads its mode: a second one beside it would be ambiguous."""
+
+
+class ProgramMaker:
+    """Makes one program."""
+
+    def __init__(self, choose: Chooser) -> None:
+        self.choose = choose
+        self.names = Namer(choose, choose.pick((0, 0, 0, 15, 60)))
+        self.types = TypeMaker(choose, self.names)
+        self.expressions = ExpressionMaker(choose)
+        self.statements = StatementMaker(choose, self.names, self.types, self.expressions)
+        self.sets = SetMaker(choose)
+        self.world = Globals()
+        self.text: list[list[str]] = []
+        self.topics: list[Topic] = []
+        self.parts: list[Part] = []
+        self.module_names: list[str] = []
+
+    def run(self) -> str:
+        """The text of the program."""
+        self.types.declare()
+        self.text += [[line] for line in self.types.declarations]
+        self._world()
+        plan = self._plan()
+        for plant, drives in plan["plants"]:
+            self._plant(plant, drives)
+        for module, outputs in plan["modules"]:
+            self._module(module, outputs)
+        for node, outputs in plan["nodes"]:
+            self.parts.append(Part("node", node, outputs))
+            self._node(node, self._period(), outputs, role="node")
+        systems = self._systems()
+        declarations = self.choose.shuffled(self.text) if self.choose.chance(15) else self.text
+        body = ["\n".join(lines) for lines in [*declarations, *systems]]
+        return "soter 1;\n\n" + "\n\n".join(body) + "\n"
+
+    # ------------------------------------------------------------ the world
+
+    def _sight(self, **more: object) -> Sight:
+        return Sight(self.world, **more)
+
+    def _world(self) -> None:
+        choose = self.choose
+        self.world.enums = self.types.enums
+        self.world.vectors = [r for r in self.types.records if is_vector(r)][:3]
+        self.world.vectors.append(ArrayType(FLOAT, 3))
+        self.world.reserved = {*(r.name for r in self.types.records if r.name), "Mode"}
+        self.world.reserved |= {e.name for e in self.types.enums}
+        for _ in range(choose.count(1, 4)):
+            self._constant()
+        for _ in range(choose.count(0, 3)):
+            self._parameter()
+        for _ in range(choose.count(0, 4)):
+            name = self.names.fresh("function")
+            sight = self._sight(risk=choose.pick((0, 0, 0, 5)), fuel=25)
+            lines, made = self.statements.function(sight, name)
+            self.text.append(lines)
+            self.world.functions.append(made)
+            self.world.reserved.add(name)
+
+    def _constant(self) -> None:
+        choose = self.choose
+        t = choose.weighted(((3, FLOAT), (2, self.types.any()), (1, ArrayType(FLOAT, 3)), (1, VEC3)))
+        sight = self._sight(constant=True, fuel=30)
+        value = self.expressions.make(t, sight, 2)
+        if t == FLOAT and choose.chance(10):
+            value = choose.pick(("sqrt(-1.0)", "1.0e308 * 10.0", "-1.0e308 * 10.0"))
+        name = self.names.fresh("constant")
+        self.text.append([f"const {name}: {text_of(t)} = {value};"])
+        self.world.constants.append(Seen(name, t))
+
+    def _parameter(self) -> None:
+        choose = self.choose
+        name = self.names.fresh("constant")
+        kind = choose.weighted(((4, "float"), (2, "int"), (1, "bool"), (2, "duration")))
+        if kind == "duration":
+            self.text.append([f"param {name}: duration = {choose.pick(DURATIONS)};"])
+            self.world.durations.append(name)
+            return
+        t: Type = {"float": FLOAT, "int": IntType(-5, 50), "bool": BOOL}[kind]
+        value = {"float": "1.5", "int": "3", "bool": "true"}[kind]
+        limits = " in [-10.0, 10.0]" if kind == "float" and choose.chance(50) else ""
+        self.text.append([f"param {name}: {text_of(t)} = {value}{limits};"])
+        self.world.parameters.append(Seen(name, t))
+
+    # ------------------------------------------------------------ topics, before who drives them
+
+    def _topic(self, t: Type, *, complete: bool, is_input: bool = False) -> Topic:
+        choose = self.choose
+        name = self.names.fresh("topic")
+        values = self.sets.make(t, complete=complete)
+        default = ""
+        if values.bounds or choose.chance(30):
+            default = f" = {self.expressions.fixed(t, values)}"
+        age = f" max_age {choose.pick((6, 12, 25, 60))}ms" if choose.chance(35) else ""
+        word = "input topic" if is_input else "topic"
+        self.text.append([f"{word} {name} : {text_of(t)}{values.text}{default}{age};"])
+        topic = Topic(name, t, values, is_input)
+        self.topics.append(topic)
+        return topic
+
+    def _bounded_type(self, *, drawn: bool = False) -> Type:
+        """A type whose numbers a set can bound, and that can be drawn where that is asked."""
+        choose = self.choose
+        for _ in range(3):
+            t = choose.weighted(((3, FLOAT), (3, self.types.any()), (2, choose.pick(self.types.records))))
+            if boundable(t) and not (drawn and has_list(t)):
+                return t
+        return choose.pick((FLOAT, VEC2, INT, BOOL))
+
+    def _plan(self) -> dict[str, list[tuple[str, list[Topic]]]]:
+        """Who drives which topics: every topic exists before any code reads it."""
+        choose = self.choose
+        for _ in range(choose.weighted(((1, 0), (4, 1), (3, 2)))):
+            self._topic(self._bounded_type(drawn=True), complete=True, is_input=True)
+        plants = []
+        for _ in range(choose.weighted(((1, 0), (6, 1), (2, 2)))):
+            types = [self._driven_type() for _ in range(choose.weighted(((5, 1), (2, 2))))]
+            drives = [self._topic(t, complete=False) for t in types]
+            plants.append((self.names.fresh("plant"), drives))
+        modules = []
+        for _ in range(choose.weighted(((1, 0), (7, 1), (3, 2)))):
+            count = choose.weighted(((4, 1), (2, 2)))
+            outputs = [self._topic(self._bounded_type(), complete=True) for _ in range(count)]
+            modules.append((self.names.fresh("module"), outputs))
+        nodes = []
+        for _ in range(choose.count(0 if modules or plants else 1, 2)):
+            count = choose.weighted(((1, 0), (5, 1), (2, 2)))
+            outputs = [self._topic(self.types.any(), complete=False) for _ in range(count)]
+            nodes.append((self.names.fresh("node"), outputs))
+        self.module_names = [name for name, _ in modules]
+        return {"plants": plants, "modules": modules, "nodes": nodes}
+
+    def _driven_type(self) -> Type:
+        choose = self.choose
+        return choose.weighted(
+            ((3, FLOAT), (4, choose.pick(self.types.records)), (2, self.types.any()), (1, VEC3))
+        )
+
+    def _period(self, least_us: int = 0) -> int:
+        fitting = [p for p in PERIODS_US if p >= least_us]
+        return self.choose.pick(fitting) if fitting else least_us
+
+    def _subscribed(self, outputs: list[Topic]) -> list[Topic]:
+        readable = [t for t in self.topics if t not in outputs]
+        return self.choose.some(readable, 0 if self.choose.chance(10) else 1, 3)
+
+    # ------------------------------------------------------------ nodes
+
+    def _node(self, name: str, period_us: int, outputs: list[Topic], *, role: str) -> None:
+        choose = self.choose
+        topics = self._subscribed(outputs)
+        modules = self._modes()
+        risk = choose.pick((0, 0, 4, 15) if role == "ac" else (0, 0, 0, 0, 0, 2))
+        sight = self._sight(
+            topics=[t.seen for t in topics], modules=modules, has_time=True, has_period=True,
+            has_control=True, risk=risk, fuel=70, frames=[{}],
+        )  # fmt: skip
+        phase = f" phase {choose.below(period_us)}us" if choose.chance(20) else ""
+        lines = [f"node {name} period {period_us}us{phase} {{"]
+        if topics:
+            lines.append(f"  subscribes {', '.join([t.name for t in topics])};")
+        if outputs:
+            lines.append(f"  publishes {', '.join([t.name for t in choose.shuffled(outputs)])};")
+        for t in outputs:
+            if role != "ac" and choose.chance(50):
+                lines.append(f"  failsafe {t.name} = {self.expressions.fixed(t.type, t.values)};")
+        counter = self._locals(lines, sight)
+        published = [Output(t.name, t.type, t.values) for t in outputs]
+        if role in {"ac", "sc"} and choose.chance(35):
+            sight.has_control, sight.modules = False, []
+            lines += ["  on takeover {", *self.statements.takeover(sight), "  }"]
+            sight.has_control, sight.modules, sight.spent = True, modules, 0
+        lines += ["  step {"]
+        if counter:
+            lines += [f"    {counter} = {counter} + 1;"]
+        mischief = self._mischief(role, counter, sight)
+        lines += [*self.statements.step(sight, published, mischief), "  }", "}"]
+        self.text.append(lines)
+
+    def _locals(self, lines: list[str], sight: Sight) -> str:
+        """Locals with their first values; gives the name of a step counter, if there is one."""
+        choose = self.choose
+        before = self._sight()
+        counter = ""
+        if choose.chance(75):
+            counter = self.statements.local_name(sight)
+            lines.append(f"  var {counter}: int;")
+            sight.declare(Seen(counter, INT))
+        for _ in range(choose.count(0, 4)):
+            t = self.types.any()
+            value = ""
+            if choose.chance(45):
+                value = f" = {self.expressions.literal(t, before)}"
+            name = self.statements.local_name(sight)
+            lines.append(f"  var {name}: {text_of(t)}{value};")
+            sight.declare(Seen(name, t, assignable=True))
+        return counter
+
+    def _mischief(self, role: str, counter: str, sight: Sight) -> list[str]:
+        """Conditions under which the step faults: often and for a while in an AC, else late."""
+        choose = self.choose
+        if not choose.chance(70 if role == "ac" else 8):
+            return []
+        if role != "ac":
+            return [f"time > {choose.pick(('0.4', '0.9', '1.6', '2.5'))}"]
+        found = []
+        for _ in range(choose.count(1, 2)):
+            options = ["in_control && time > 0.3 && time < 0.6", "time > 0.8 && time < 1.0"]
+            if counter:
+                k = choose.pick((17, 40, 90))
+                options += [f"{counter} % {k} == {choose.below(k)}", f"in_control && {counter} % {k} < 3"]
+            options.append(f"{self.expressions.make(BOOL, sight, 1)} && {options[-1]}")
+            found.append(choose.pick(options))
+        return found
+
+    def _modes(self) -> list[str]:
+        """Modules whose mode this code may read; they must not be instantiated twice then."""
+        if not self.module_names or not self.choose.chance(25):
+            return []
+        chosen = self.choose.pick(self.module_names)
+        self._read_modes.add(chosen)
+        return [chosen]
+
+    @property
+    def _read_modes(self) -> set[str]:
+        return self.__dict__.setdefault("_modes_read", set())  # type: ignore[no-any-return]
+
+    # ------------------------------------------------------------ modules
+
+    def _module(self, name: str, outputs: list[Topic]) -> None:
+        choose = self.choose
+        ac, sc = self.names.fresh("node"), self.names.fresh("node")
+        period = choose.pick((10_000, 20_000, 35_000, 50_000))
+        small = [p for p in PERIODS_US if p <= period]
+        self._node(ac, choose.pick(small), outputs, role="ac")
+        self._node(sc, choose.pick(small), outputs, role="sc")
+        sight = self._sight(
+            topics=[t.seen for t in self.topics], modules=self._modes(), risk=choose.pick((0, 0, 10)), fuel=40,
+        )  # fmt: skip
+        ttf, safer = self._predicates(sight)
+        lines = [f"rta {name} {{", f"  ac {ac};", f"  sc {sc};", f"  period {period}us;"]
+        lines.append(f"  safe {self.expressions.make(BOOL, sight, 1)};")
+        lines += [f"  ttf {ttf};", f"  safer {safer};"]
+        if choose.chance(60):
+            lines.append(f"  clean {choose.pick((1, 2, 5))};")
+        self.text.append([*lines, "}"])
+        self.parts.append(Part("module", name, outputs))
+
+    def _predicates(self, sight: Sight) -> tuple[str, str]:
+        """`ttf` and `safer`: mostly a threshold with hysteresis on something that moves."""
+        choose = self.choose
+        signal = self._signal()
+        if signal is None or choose.chance(10):
+            made = [self.expressions.make(BOOL, sight, 2) for _ in range(2)]
+            return made[0], made[1]
+        text, low, high = signal
+        cut = low + (high - low) * choose.pick((0.6, 0.75, 0.5))
+        back = low + (high - low) * choose.pick((0.5, 0.35, 0.2))
+        if isinstance(low, int):
+            cut, back = int(cut), int(back)
+        ttf, safer = f"{text} > {cut}", f"{text} < {max(back, low + 1) if isinstance(low, int) else back}"
+        if choose.chance(15):
+            ttf = f"{ttf} || {self.expressions.make(BOOL, sight, 1)}"
+        if choose.chance(15):
+            safer = f"{safer} && {self.expressions.make(BOOL, sight, 1)}"
+        return ttf, safer
+
+    def _signal(self) -> tuple[str, float, float] | None:
+        """A number in a topic that nobody in particular holds still, and where it moves."""
+        moving = [t for t in self.topics if t.input]
+        moving += [t for part in self.parts if part.kind == "plant" for t in part.drives]
+        found: list[tuple[str, float, float]] = []
+        for topic in moving:
+            for route in routes(topic.type):
+                if not all(isinstance(s, (str, ArrayType)) for s in route.steps):
+                    continue
+                text = topic.name + "".join(
+                    f".{s}" if isinstance(s, str) else f"[{self.choose.below(s.size)}]"
+                    for s in route.steps
+                )
+                fields = tuple(s for s in route.steps if isinstance(s, str))
+                bound = topic.values.at(fields)
+                if isinstance(route.type, FloatType):
+                    found.append((text, *(bound or (-2.0, 3.0))))
+                elif isinstance(route.type, IntType) and (bound or not route.type.is_full):
+                    low, high = bound or (route.type.low, route.type.high)
+                    found.append((text, max(int(low), -1000), min(int(high), 1000)))
+        return self.choose.pick(found) if found else None
+
+    # ------------------------------------------------------------ plants
+
+    def _plant(self, name: str, drives: list[Topic]) -> None:
+        choose = self.choose
+        reads = choose.some([t for t in self.topics if t not in drives], 0, 2)
+        lines = [f"plant {name} period {self._period()}us {{"]
+        if reads:
+            lines.append(f"  reads {', '.join([t.name for t in reads])};")
+        frame: dict[str, Seen] = {}
+        sight = self._sight(
+            topics=[t.seen for t in reads], has_time=True, has_period=True, fuel=40, frames=[frame],
+            risk=choose.pick((0, 0, 0, 0, 1)),
+        )  # fmt: skip
+        states = self._states(lines, sight)
+        disturbances = self._disturbances(lines, sight)
+        for _ in range(choose.count(0, 2)):
+            typed = choose.chance(50)
+            t = self.types.any() if typed else choose.pick((FLOAT, INT, BOOL))
+            value = self.expressions.make(t, sight, 2, flows=typed)
+            own = self.statements.local_name(sight)
+            lines.append(f"  let {own}{': ' + text_of(t) if typed else ''} = {value};")
+            sight.declare(Seen(own, t))
+        lines += self._dynamics(states, disturbances, sight)
+        if choose.chance(60):
+            steps = f" substeps {choose.count(1, 3)}" if choose.chance(50) else ""
+            lines.append(f"  integrate {choose.pick(('rk4', 'euler'))}{steps};")
+        for topic in drives:
+            careful = topic.values.bounds and choose.chance(92)
+            value = (
+                self.expressions.inside(topic.type, topic.values, sight)
+                if careful
+                else self._shown(topic, states, sight)
+            )
+            lines.append(f"  drives {topic.name} = {value};")
+        lines += self._measured(drives)
+        self.text.append([*lines, "}"])
+        self.parts.append(Part("plant", name, drives, states))
+
+    def _states(self, lines: list[str], sight: Sight) -> list[Seen]:
+        choose = self.choose
+        states: list[Seen] = []
+        for _ in range(choose.count(1, 4)):
+            t = choose.weighted(((6, FLOAT), (2, self.types.vector()), (2, self.types.any())))
+            start = ""
+            if (t == FLOAT or is_vector(t)) and choose.chance(30):
+                start = f" in {choose.pick(('[-1.0, 1.0]', '[0.5, 2.0]', '[1.0, 1.0]'))}"
+            elif choose.chance(50):
+                start = f" = {self.expressions.literal(t, self._sight())}"
+            own = self.statements.local_name(sight)
+            lines.append(f"  state {own}: {text_of(t)}{start};")
+            states.append(Seen(own, t))
+            sight.declare(states[-1])
+        return states
+
+    def _disturbances(self, lines: list[str], sight: Sight) -> list[Seen]:
+        choose = self.choose
+        found: list[Seen] = []
+        for _ in range(choose.count(0, 2)):
+            t = FLOAT if choose.chance(60) else self.types.vector()
+            hold = f" hold {choose.pick(('20ms', '7ms', '33ms', '1ms'))}" if choose.chance(50) else ""
+            own = self.statements.local_name(sight)
+            lines.append(f"  disturbance {own}: {text_of(t)} in {choose.pick(('[-0.5, 0.5]', '[-3.0, 1.0]'))}{hold};")
+            found.append(Seen(own, t))
+            sight.declare(found[-1])
+        return found
+
+    def _dynamics(self, states: list[Seen], disturbances: list[Seen], sight: Sight) -> list[str]:
+        choose = self.choose
+        lines = []
+        for state in choose.shuffled(states):
+            t = state.type
+            if (t == FLOAT or is_vector(t)) and not choose.chance(25):
+                lines.append(f"  der {state.name} = {self._derivative(state, states, disturbances, sight)};")
+            elif choose.chance(85):
+                lines.append(f"  next {state.name} = {self._next(state, sight)};")
+        return lines
+
+    def _derivative(
+        self, state: Seen, states: list[Seen], disturbances: list[Seen], sight: Sight
+    ) -> str:
+        """Mostly something that stays bounded and keeps moving."""
+        choose = self.choose
+        t, name = state.type, state.name
+        more = [d.name for d in disturbances if d.type == t]
+        push = f" + {choose.pick(more)}" if more and choose.chance(70) else ""
+        if choose.chance(10):
+            return self.expressions.make(t, sight, 2)  # type: ignore[no-any-return]
+        if t != FLOAT:
+            drive = self.expressions.make(t, sight, 1, flows=False)
+            return f"saturate({drive}, 2.0) - {choose.pick(('1.0', '3.0'))} * {name}{push}"
+        others = [s.name for s in states if s.type == FLOAT and s.name != name]
+        form = choose.below(4)
+        if form == 0 and others:
+            return f"{choose.pick(others)} - 0.2 * {name}{push}"
+        if form == 1 and others:
+            return f"-4.0 * {choose.pick(others)} - 0.1 * {name}{push}"
+        if form == 2:  # noqa: PLR2004 - one of four forms
+            speed = choose.pick(("2.0", "5.0", "11.0"))
+            return f"3.0 * sin({speed} * time) - 0.3 * {name}{push}"
+        return f"clamp({self.expressions.make(FLOAT, sight, 2)}, -4.0, 4.0) - {name}{push}"
+
+    def _next(self, state: Seen, sight: Sight) -> str:
+        choose = self.choose
+        t, name = state.type, state.name
+        if isinstance(t, IntType) and choose.chance(60):
+            if t.is_full:
+                return f"({name} + 1) % {choose.pick((7, 100, 1000))}"
+            return f"({name} < {t.high} ? {name} + 1 : {t.low})"
+        if t == BOOL and choose.chance(50):
+            return f"!{name}"
+        return self.expressions.make(t, sight, 2)  # type: ignore[no-any-return]
+
+    def _shown(self, topic: Topic, states: list[Seen], sight: Sight) -> str:
+        whole = [s.name for s in states if fits(s.type, topic.type)]
+        if whole and self.choose.chance(80):
+            return self.choose.pick(whole)
+        return self.expressions.make(topic.type, sight, 2)  # type: ignore[no-any-return]
+
+    def _measured(self, drives: list[Topic]) -> list[str]:
+        choose = self.choose
+        lines = []
+        for topic in drives:
+            paths = [
+                ".".join((topic.name, *r.steps))
+                for r in routes(topic.type)
+                if all(isinstance(s, str) for s in r.steps)
+                and (r.type == FLOAT or is_vector(r.type))
+            ]
+            if paths and choose.chance(50):
+                bound = choose.pick(("0.02", "0.0", "0.5"))
+                lines.append(f"  measured {choose.pick(paths)} within {bound};")
+        return lines
+
+    # ------------------------------------------------------------ systems
+
+    def _systems(self) -> list[list[str]]:
+        choose = self.choose
+        top = self.names.fresh("instance")
+        lines = [f"system {top} default {{"]
+        if not choose.chance(33):
+            truths, items = self._instances()
+            inputs = [t.name for t in self.topics if t.input]
+            lines += items + self._closing([t.seen for t in self.topics], truths, list(self.module_names), inputs)
+            return [[*lines, "}"]]
+        sub = self.names.fresh("instance")
+        truths, items = self._instances()
+        inner = [f"system {sub} {{", *items, *self._forces(self.module_names), "}"]
+        return [inner, [*lines, *self._two_of(sub, truths), "}"]]
+
+    def _instances(self) -> tuple[list[Seen], list[str]]:
+        """Items that instantiate every part once, and some of them twice with other topics."""
+        choose = self.choose
+        truths: list[Seen] = []
+        lines = []
+        for part in choose.shuffled(self.parts):
+            name = part.name
+            if part.kind == "plant" or choose.chance(30):
+                name = self.names.fresh("instance")
+                lines.append(f"  {name}: {part.name};")
+            else:
+                lines.append(f"  {part.kind} {part.name};")
+            if part.kind == "module":
+                self.module_names = [name if m == part.name else m for m in self.module_names]
+            if part.kind == "plant":
+                truths.append(self._truth(name, part))
+            if part.kind != "module" and part.drives and choose.chance(15):
+                again = self.names.fresh("instance")
+                renames = []
+                for topic in part.drives:
+                    copy = self._topic(topic.type, complete=bool(topic.values.bounds))
+                    renames.append(f"{topic.name} = {copy.name}")
+                lines.append(f"  {again}: {part.name} {{ {', '.join(renames)} }};")
+                if part.kind == "plant":
+                    truths.append(self._truth(again, part))
+        return truths, lines
+
+    def _truth(self, instance: str, part: Part) -> Seen:
+        return Seen(f"{instance}.truth", RecordType(tuple((s.name, s.type) for s in part.states)))
+
+    def _forces(self, modules: list[str]) -> list[str]:
+        choose = self.choose
+        return [
+            f"  force {m} {choose.pick(('ac', 'sc'))};" for m in modules if choose.chance(10)
+        ]  # fmt: skip
+
+    def _closing(
+        self, topics: list[Seen], truths: list[Seen], modules: list[str], inputs: list[str]
+    ) -> list[str]:
+        """Everything of the main system but its instances."""
+        choose = self.choose
+        lines = self._forces(modules)
+        for name in inputs:
+            if choose.chance(90):
+                lines.append(f"  input {name} every {choose.pick((20, 50, 130, 7, 300))}ms;")
+        lines += [
+            f"  set {p.name} = {self._setting(p)};" for p in self.world.parameters if choose.chance(40)
+        ]
+        sight = self._sight(
+            topics=topics, modules=modules, has_time=True, risk=choose.pick((0, 0, 10)), fuel=40
+        )
+        for _ in range(choose.count(0, 2)):
+            sight.frames = [{t.name: t for t in truths}]
+            condition = self.expressions.make(BOOL, sight, 2)
+            lines.append(f"  {choose.pick(('always', 'never'))} {condition};")
+        return [*lines, "  until 10s;"]
+
+    def _setting(self, parameter: Seen) -> str:
+        if parameter.type == FLOAT:
+            return self.choose.pick(("-2.5", "0.0", "7.0"))
+        return self.choose.pick(("true", "false") if parameter.type == BOOL else ("-5", "50", "0"))
+
+    def _two_of(self, sub: str, truths: list[Seen]) -> list[str]:
+        """Two instances of a sub-system, the second with some topics renamed to outer ones."""
+        choose = self.choose
+        one, two = self.names.fresh("instance"), self.names.fresh("instance")
+        used = self._mentioned()
+        renamed = [t for t in used if choose.chance(25)]
+        table = f" {{ {', '.join([f'{t.name} = {t.name}' for t in renamed])} }}" if renamed else ""
+        lines = [f"  {one}: {sub};", f"  {two}: {sub}{table};"]
+        topics = [Seen(f"{one}.{t.name}", t.type) for t in used]
+        topics += [Seen(t.name if t in renamed else f"{two}.{t.name}", t.type) for t in used]
+        inputs = [f"{i}.{t.name}" for i in (one, two) for t in used if t.input and not (i == two and t in renamed)]
+        inputs += [t.name for t in renamed if t.input]
+        inner = [Seen(f"{i}.{t.name}", t.type) for i in (one, two) for t in truths]
+        modules = [f"{i}.{m}" for i in (one, two) for m in self.module_names]
+        return lines + self._closing(topics, inner, modules, inputs)
+
+    def _mentioned(self) -> list[Topic]:
+        """Topics that some instance of the sub-system drives, and inputs that some node reads."""
+        text = "\n".join(line for lines in self.text for line in lines)
+        driven = {t.name for part in self.parts for t in part.drives}
+        words = ("  subscribes ", "  reads ")
+        read = {
+            name.strip(" ;")
+            for line in text.splitlines()
+            if line.startswith(words)
+            for name in line.split(maxsplit=1)[1].split(",")
+        }
+        return [t for t in self.topics if t.name in driven or (t.input and t.name in read)]
+
+
+@st.composite
+def programs(draw: DrawFn) -> str:
+    """The text of a program that checks without errors."""
+    return ProgramMaker(Chooser(draw)).run()

@@ -1,0 +1,63 @@
+"""The rules of the house that no linter knows (docs/architecture.md, STYLE)."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+SOURCES = sorted(p for p in (ROOT / "src" / "soter").rglob("*.py") if "templates" not in p.parts)
+MACHINE_PATHS = re.compile(r"/(?:work|root|home/\w+)/|(?:localhost|127\.0\.0\.1):\d+/simple")
+
+
+def _tracked() -> list[Path]:
+    done = subprocess.run(
+        ["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=False
+    )
+    names = [n for n in done.stdout.split("\0") if n]
+    if not names:
+        pytest.skip("not a git checkout: nothing says which files are committed")
+    return [ROOT / n for n in names if (ROOT / n).is_file()]
+
+
+@pytest.mark.parametrize("path", SOURCES, ids=lambda p: str(p.relative_to(ROOT / "src" / "soter")))
+def test_a_module_opens_with_its_purpose(path: Path) -> None:
+    docstring = ast.get_docstring(ast.parse(path.read_text(encoding="utf-8")))
+    assert docstring, "no docstring"
+    if path.name != "__init__.py":
+        assert "Purpose:" in docstring
+        assert "Non-goals:" in docstring
+
+
+def test_committed_text_names_no_path_of_a_machine() -> None:
+    found = []
+    for path in _tracked():
+        if path.suffix in {".png", ".npy", ".gz"} or path == Path(__file__):
+            continue
+        text = path.read_text(encoding="utf-8", errors="replace")
+        found += [f"{path.relative_to(ROOT)}: {m.group()}" for m in MACHINE_PATHS.finditer(text)]
+    assert found == []
+
+
+def test_there_are_no_postponed_repairs() -> None:
+    words = ("TO" + "DO", "FIX" + "ME", "XX" + "X")
+    found = [
+        str(p.relative_to(ROOT))
+        for p in _tracked()
+        if p.suffix in {".py", ".c", ".h", ".soter"}
+        and any(w in p.read_text(encoding="utf-8", errors="replace") for w in words)
+    ]
+    assert found == []
+
+
+def test_the_runtime_has_no_heap_and_no_mutable_globals() -> None:
+    for path in (ROOT / "src" / "soter" / "runtime").glob("*.[ch]"):
+        text = path.read_text(encoding="utf-8")
+        assert not re.search(r"\b(malloc|calloc|realloc|free|alloca)\s*\(", text), path.name
+        for line in text.splitlines():
+            is_variable = re.match(r"^(static\s+)?(?!const)[a-z_0-9]+ \*?[a-z_]+(\[.*\])?( =.*)?;$", line)
+            assert not is_variable or line.startswith("typedef"), line
