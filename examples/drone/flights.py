@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 import soter
-from soter.report.record import Decision, Flight, Scene, Tube, Violation
+from soter.report.record import Decision, Flight, Scene, Tube, Vec3, Violation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -108,6 +108,15 @@ def hover_width(program: soter.Program, city: City, leg: int, tau: float, levels
     return low
 
 
+def _drawn_ends(tube: Any) -> tuple[Vec3, Vec3]:  # noqa: ANN401 - a record of the program
+    """Ends to draw: the report extends a tube by its half width, φ_safe by `back` and `front`."""
+    start = np.array([tube.start.x, tube.start.y, tube.start.z])
+    along = np.array([tube.along.x, tube.along.y, tube.along.z])
+    first = start + (tube.radius - tube.back) * along
+    last = start + (tube.length + tube.front - tube.radius) * along
+    return tuple(first), tuple(last)
+
+
 def scene(program: soter.Program) -> Scene:
     """The city with its tubes for the report."""
     city = City(program)
@@ -115,13 +124,12 @@ def scene(program: soter.Program) -> Scene:
     safer = float(program.constant("H_SAFER")), 3.0
     tubes = tuple(
         Tube(
-            tuple(city.goals[i]),
-            tuple(city.goals[i + 1]),
-            float(city.tubes[i].radius),
+            *_drawn_ends(tube),
+            float(tube.radius),
             hover_width(program, city, i, *look),
             hover_width(program, city, i, *safer),
         )
-        for i in range(len(city.tubes))
+        for i, tube in enumerate(city.tubes)
     )
     names = tuple((f"g{i + 1}", tuple(g)) for i, g in enumerate(city.goals))
     note = (

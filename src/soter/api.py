@@ -61,7 +61,10 @@ class SystemReport:
     properties: tuple[str, ...]
     externs: tuple[str, ...]
     modules: tuple[ModuleReport, ...]
+    unproved: tuple[str, ...]
+    """What is taken for granted about the modules, in words."""
     assumptions: tuple[str, ...]
+    """Everything a run of the system rests on, in words."""
 
 
 @dataclass(frozen=True)
@@ -127,6 +130,27 @@ class Program:
         )
         return CheckReport(self.path, program.sha256, reports, self.diagnostics)
 
+    def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
+        """The value of a constant, by full name (`city.GOALS`), as Python sees it.
+
+        Records have attributes, arrays of floats are NumPy arrays. KeyError where there is none.
+        """
+        from soter.program.values import to_python  # noqa: PLC0415 - see the docstring
+
+        symbol = self._require_sound().consts[name]
+        return to_python(symbol.type, symbol.value)
+
+    def function(self, name: str) -> Callable[..., Any]:
+        """A function of the program as a Python callable, run by the reference evaluator.
+
+        For tests, tables and figures that must agree with the program. Arguments as for externs;
+        `soter.StepFault` where the function faults. KeyError where there is none.
+        """
+        from soter.simulate.callable import python_function  # noqa: PLC0415 - see the docstring
+
+        program = self._require_sound()
+        return python_function(program, program.funs[name])
+
     def format(self) -> str:
         """The text of the main file, well laid out; `SoterError` where it does not parse."""
         return format_text(self.path, read_text(self.path))
@@ -178,7 +202,7 @@ class Program:
         _require_engine(engine)
         flat = self._system(system, params)
         end_ns = _end_ns(flat, until)
-        _require_writers(log, report)
+        require_writers(log, report)
         bindings = self._bindings(flat)
         keep = trace or log is not None or report is not None
         with stoppable() as stop:
@@ -191,8 +215,33 @@ class Program:
             run = self._run(engine, bindings, end_ns, seed, bound, options)
         if run.interrupted and not partial:
             raise KeyboardInterrupt
-        self._write(run, bindings, log, report)
+        run.externs = bindings.texts()
+        if log is not None:
+            self.write_log(run, log)
+        if report is not None:
+            self.write_report(run, report)
         return run
+
+    def write_log(self, run: Run, path: str | Path) -> Path:
+        """Write the MCAP log of a traced run; `SoterError` D006, D007 where that is not possible."""
+        from soter.simulate.to_log import write_log  # noqa: PLC0415 - an extra
+
+        return write_log(run, path, __version__)
+
+    def write_report(self, run: Run, path: str | Path) -> Path:
+        """Write the HTML report of a traced run; `SoterError` D006, D007."""
+        from soter.simulate.to_report import write_report  # noqa: PLC0415 - an extra
+
+        facts = {
+            "program": self.path,
+            "program sha256": run.system.program.sha256,
+            "seed": str(run.seed),
+            "engine": run.engine,
+            "trace sha256": run.trace_sha256 or "",
+            **{f"extern {name}": text for name, text in run.externs.items()},
+            "soter": __version__,
+        }
+        return write_report(run, path, Path(self.path).name, facts)
 
     def _run(
         self,
@@ -268,28 +317,6 @@ class Program:
 
         return bind(system, self._bound)
 
-    def _write(
-        self, run: Run, bindings: Bindings, log: str | Path | None, report: str | Path | None
-    ) -> None:
-        about = {f"extern {name}": text for name, text in bindings.texts().items()}
-        if log is not None:
-            from soter.simulate.to_log import write_log  # noqa: PLC0415 - an extra
-
-            write_log(run, log, __version__, about)
-        if report is not None:
-            from soter.simulate.to_report import write_report  # noqa: PLC0415 - an extra
-
-            provenance = {
-                "program": self.path,
-                "program sha256": run.system.program.sha256,
-                "seed": str(run.seed),
-                "engine": run.engine,
-                "trace sha256": run.trace_sha256 or "",
-                "soter": __version__,
-                **about,
-            }
-            write_report(run, report, Path(self.path).name, provenance)
-
 
 # ---------------------------------------------------------------- texts
 
@@ -336,7 +363,7 @@ def _require_engine(engine: str) -> None:
         raise _mistake("U001", f"there is no engine `{engine}`", "there are native and interp")
 
 
-def _require_writers(log: str | Path | None, report: str | Path | None) -> None:
+def require_writers(log: str | Path | None, report: str | Path | None) -> None:
     """Say before a run, not after it, that its log cannot be written."""
     if log is not None:
         from soter.simulate.to_log import require_log_package  # noqa: PLC0415 - an extra
@@ -390,7 +417,7 @@ def _age(binding: str) -> int:
 
 
 def _system_report(system: System, *, default: bool) -> SystemReport:
-    from soter.simulate.assumptions import of_run, verdicts  # noqa: PLC0415 - see the docstring
+    from soter.simulate import assumptions  # noqa: PLC0415 - see the docstring
 
     return SystemReport(
         system.name,
@@ -408,11 +435,12 @@ def _system_report(system: System, *, default: bool) -> SystemReport:
                 system.components[m.ac].name,
                 system.components[m.sc].name,
                 m.forced,
-                verdicts(m),
+                assumptions.verdicts(m),
             )
             for m in system.modules
         ),
-        tuple(of_run(system)),
+        tuple(assumptions.unproved(system)),
+        tuple(assumptions.of_run(system)),
     )
 
 

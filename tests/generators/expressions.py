@@ -274,7 +274,7 @@ class ExpressionMaker:
         arrays = [s for s in at.values() if s.type == ArrayType(FLOAT, 3)]
         if arrays:
             name = choose.pick(arrays).name
-            return f"({n} < 0 || {n} >= {name}.len || {name}[{n}] > 0.0)"
+            return f"({n} < 0 || {n} >= {name}.len || {name}[{n} - 0] > 0.0)"
         return f"({n} == 0 || 100 % {n} < 3)"
 
     def _special_bool(self, at: Sight, _depth: int) -> str | None:

@@ -30,6 +30,7 @@ from generators.kinds import (  # type: ignore[import-not-found]
 from generators.names import Namer  # type: ignore[import-not-found]
 from generators.sight import Globals, Seen, Sight  # type: ignore[import-not-found]
 from generators.statements import Output, StatementMaker  # type: ignore[import-not-found]
+from hypothesis import HealthCheck, Phase, given, seed, settings
 from hypothesis import strategies as st
 
 from soter.program.types import (
@@ -163,10 +164,12 @@ class ProgramMaker:
 
     # ------------------------------------------------------------ topics, before who drives them
 
-    def _topic(self, t: Type, *, complete: bool, is_input: bool = False) -> Topic:
+    def _topic(
+        self, t: Type, *, complete: bool, is_input: bool = False, like: Topic | None = None
+    ) -> Topic:
         choose = self.choose
         name = self.names.fresh("topic")
-        values = self.sets.make(t, complete=complete)
+        values = like.values if like else self.sets.make(t, complete=complete)
         default = ""
         if values.bounds or choose.chance(30):
             default = f" = {self.expressions.fixed(t, values)}"
@@ -252,8 +255,11 @@ class ProgramMaker:
         lines += ["  step {"]
         if counter:
             lines += [f"    {counter} = {counter} + 1;"]
-        mischief = self._mischief(role, counter, sight)
-        lines += [*self.statements.step(sight, published, mischief), "  }", "}"]
+
+        def conditions(at: Sight) -> list[str]:
+            return self._mischief(role, counter, at)
+
+        lines += [*self.statements.step(sight, published, conditions), "  }", "}"]
         self.text.append(lines)
 
     def _locals(self, lines: list[str], sight: Sight) -> str:
@@ -285,7 +291,7 @@ class ProgramMaker:
         found = []
         for _ in range(choose.count(1, 2)):
             options = ["in_control && time > 0.3 && time < 0.6", "time > 0.8 && time < 1.0"]
-            if counter:
+            if counter and not any(counter in frame for frame in sight.frames[1:]):
                 k = choose.pick((17, 40, 90))
                 options += [f"{counter} % {k} == {choose.below(k)}", f"in_control && {counter} % {k} < 3"]
             options.append(f"{self.expressions.make(BOOL, sight, 1)} && {options[-1]}")
@@ -535,7 +541,7 @@ class ProgramMaker:
                 again = self.names.fresh("instance")
                 renames = []
                 for topic in part.drives:
-                    copy = self._topic(topic.type, complete=bool(topic.values.bounds))
+                    copy = self._topic(topic.type, complete=False, like=topic)
                     renames.append(f"{topic.name} = {copy.name}")
                 lines.append(f"  {again}: {part.name} {{ {', '.join(renames)} }};")
                 if part.kind == "plant":
@@ -611,3 +617,24 @@ class ProgramMaker:
 def programs(draw: DrawFn) -> str:
     """The text of a program that checks without errors."""
     return ProgramMaker(Chooser(draw)).run()
+
+
+def program(number: int) -> str:
+    """Program `number`: always the same one.
+
+    Hypothesis is asked for two examples: the first is the simplest of all, the second a random
+    one. More in one run would be small variations of each other, which test little.
+    """
+    found: list[str] = []
+
+    @seed(number)
+    @settings(
+        max_examples=2, database=None, phases=(Phase.generate,), deadline=None,
+        suppress_health_check=list(HealthCheck),
+    )  # fmt: skip
+    @given(programs())
+    def note(text: str) -> None:
+        found.append(text)
+
+    note()
+    return found[-1]

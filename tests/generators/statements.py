@@ -25,6 +25,7 @@ from soter.program.types import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Callable as Callable_
     from collections.abc import Iterator
 
     from generators.chooser import Chooser  # type: ignore[import-not-found]
@@ -82,6 +83,10 @@ class StatementMaker:
         """A name for a new local: it may hide outer ones, but no type or function."""
         taken = set(at.frames[-1]) | at.world.reserved
         return self.names.outside("value", taken)  # type: ignore[no-any-return]
+
+    def _new_name(self, at: Sight) -> str:
+        """A name for a local that hides nothing."""
+        return self.names.outside("value", {s.name for s in at.values()} | at.world.reserved)  # type: ignore[no-any-return]
 
     # ------------------------------------------------------------ statements
 
@@ -290,8 +295,10 @@ class StatementMaker:
 
     # ------------------------------------------------------------ steps
 
-    def step(self, at: Sight, outputs: list[Output], mischief: list[str]) -> list[str]:
-        """The body of a node's step; `mischief` are conditions under which something goes wrong."""
+    def step(
+        self, at: Sight, outputs: list[Output], conditions: Callable_[[Sight], list[str]]
+    ) -> list[str]:
+        """The body of a node's step; `conditions` gives when something is to go wrong."""
         choose = self.choose
         self.lines, self.depth, self.result = [], 2, None
         at.frames.append({})
@@ -305,7 +312,7 @@ class StatementMaker:
                     self._publish(output, at)
             elif not choose.chance(4):
                 self._publish(output, at)
-        for condition in mischief:
+        for condition in conditions(at):
             with self.braces(f"if {condition}", at):
                 self._mischief(at, outputs)
         if choose.chance(20):
@@ -346,7 +353,7 @@ class StatementMaker:
             ("overflow", "narrow", "index", "divide", "modulo", "convert", "assert", "capacity",
              "nonfinite", "range")
         )  # fmt: skip
-        name = self.local_name(at)
+        name = self._new_name(at)
         if kind in {"nonfinite", "range"} and self._bad_publication(kind, at, outputs):
             return
         lines = {
@@ -369,7 +376,7 @@ class StatementMaker:
             if path is None:
                 continue
             bound = output.values.at(path)
-            name = self.local_name(at)
+            name = self._new_name(at)
             place = ".".join((name, *path))
             whole = self.expressions.fixed(output.type, output.values)
             if kind == "nonfinite":

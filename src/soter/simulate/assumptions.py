@@ -24,28 +24,30 @@ def verdicts(module: Module) -> dict[str, str]:
     return {**dict.fromkeys(PROVED, "proved"), **dict.fromkeys(ASSUMED, "assumed")}
 
 
-def of_modules(system: System) -> list[str]:
-    """What is taken for granted about the modules of a system."""
-    found = []
+def unproved(system: System) -> list[str]:
+    """What is taken for granted about the modules of a system that may switch."""
     free = [m for m in system.modules if m.forced is None]
-    if free:
-        names = ", ".join(m.name for m in free)
-        found.append(
-            f"{names}: {', '.join(ASSUMED)} are assumed, not checked (`soter verify` is to come)"
-        )
-    found += [
-        f"{m.name} is forced to {m.forced.upper()}: it protects nothing in this system"
-        for m in system.modules
-        if m.forced is not None
-    ]
+    if not free:
+        return []
+    names = ", ".join(m.name for m in free)
+    found = [f"{names}: {' '.join(ASSUMED)} assumed, not checked (`soter verify`, to come)"]
     for m in free:
         missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
         if missing:
             found.append(
-                f"{m.name} has no {' and no '.join(missing)} and none is computed yet: "
+                f"{m.name} has no {' and no '.join(missing)}, and none is computed yet: "
                 "its AC never gets control"
             )
     return found
+
+
+def forced(system: System) -> list[str]:
+    """Modules that are an experiment's control arm."""
+    return [
+        f"{m.name} is forced to {m.forced.upper()}: it protects nothing in this system"
+        for m in system.modules
+        if m.forced is not None
+    ]
 
 
 def of_environment(system: System) -> list[str]:
@@ -68,7 +70,7 @@ def of_environment(system: System) -> list[str]:
 
 def of_run(system: System) -> list[str]:
     """Everything a run of this system rests on."""
-    return [*of_modules(system), *of_environment(system)]
+    return [*unproved(system), *forced(system), *of_environment(system)]
 
 
 def _plant(x: Component) -> list[str]:

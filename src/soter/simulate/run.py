@@ -102,6 +102,10 @@ class Run:
     changes: list[ModeChange] = field(default_factory=list)
     first_faults: dict[int, FirstFault] = field(default_factory=dict)
     interrupted: bool = False
+    lag_s_max: float | None = None
+    """How late the latest instant was, where the run was paced against the clock."""
+    externs: dict[str, str] = field(default_factory=dict)
+    """What answered each extern, in words."""
 
     @property
     def reached_s(self) -> float:
@@ -229,6 +233,7 @@ class NativeProgram:
             observer.changes if observer else [],
             observer.first_faults if observer else {},
             interrupted=not finished,
+            lag_s_max=pacer.lag_s_max if pacer else None,
         )
 
 
@@ -363,6 +368,7 @@ def run_interpreted(
         observer.changes,
         observer.first_faults,
         interrupted=not finished,
+        lag_s_max=pacer.lag_s_max if pacer else None,
     )
 
 

@@ -67,9 +67,7 @@ def require_log_package() -> None:
         )
 
 
-def write_log(
-    run: Run, path: str | Path, version: str, more: Mapping[str, str] | None = None
-) -> Path:
+def write_log(run: Run, path: str | Path, version: str) -> Path:
     """Write the log of a traced run to `path`; SoterError D006 where it cannot be written."""
     assert run.trace is not None, "run with keep_trace=True"
     require_log_package()
@@ -80,7 +78,11 @@ def write_log(
         run.system.name,
         run.seed,
         version,
-        {"engine": run.engine, "trace_sha256": run.trace_sha256 or "", **(more or {})},
+        {
+            "engine": run.engine,
+            "trace_sha256": run.trace_sha256 or "",
+            **{f"extern {name}": text for name, text in run.externs.items()},
+        },
     )
     try:
         return write_mcap(

@@ -102,7 +102,7 @@ class SystemParser(NodeParser):
             self.semicolon("the driven topic")
         else:
             self.report(
-                "S024",
+                "S024" if self.kinds[self.i] == ";" else "S005",
                 f"expected `=` and a value after the driven topic, found {self.found()}",
                 helps=("only an extern plant drives a topic without saying what",),
             )

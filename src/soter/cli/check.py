@@ -1,0 +1,108 @@
+"""`soter check FILE`: everything that can be known without running.
+
+Purpose: render all diagnostics; on success one line on what was checked, and what was not.
+Non-goals: proofs (`soter verify`, to come).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.api import load
+from soter.cli.outcome import Outcome, exit_of
+from soter.cli.parser import Parser, add_file, add_settings
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.api import CheckReport, SystemReport
+    from soter.cli.console import Console
+
+EXAMPLES = """\
+  soter check drone.soter
+  soter check drone.soter --set GAIN=3     with another value of a parameter
+  soter check drone.soter --json | jq .modules
+"""
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser(
+        "check",
+        "Parse a program, check types, well-formedness (P1a, P1b) and composition.",
+        EXAMPLES,
+    )
+    add_file(made)
+    add_settings(made, bind=False)
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Check."""
+    program = load(args.file)
+    if not program.ok:
+        fields = {"file": args.file, "program_sha256": program.sha256}
+        return Outcome(exit_of(program.diagnostics), program.diagnostics, fields)
+    report = program.check(dict(args.params))
+    _say(report, console)
+    return Outcome(diagnostics=report.warnings, fields=_fields(report))
+
+
+def _say(report: CheckReport, console: Console) -> None:
+    modules = {m.name: m for s in report.systems for m in s.modules}
+    ok = console.paint("green", "ok")
+    counted = f"{_count(len(report.systems), 'system')}, {_count(len(modules), 'module')}"
+    proved = ""
+    if modules:
+        names = [p for p, v in next(iter(modules.values())).verdicts.items() if v == "proved"]
+        proved = f": {' '.join(names)} hold"
+    console.say(f"{ok}  {report.path}  {counted}{proved}  {report.program_sha256[:12]}")
+    for line in _assumptions(report.systems):
+        console.say(console.paint("muted", f"    {line}"))
+
+
+def _assumptions(systems: tuple[SystemReport, ...]) -> list[str]:
+    """What was not checked, once for all systems; the environment is a matter of runs."""
+    lines = [line for s in systems for line in s.unproved]
+    externs = sorted({name for s in systems for name in s.externs})
+    if externs:
+        lines.append(f"extern, so gated and never trusted: {', '.join(externs)}")
+    return list(dict.fromkeys(lines))
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}{'' if n == 1 else 's'}"
+
+
+def _fields(report: CheckReport) -> dict[str, object]:
+    return {
+        "file": report.path,
+        "program_sha256": report.program_sha256,
+        "systems": [_system(s) for s in report.systems],
+        "modules": {
+            m.name: {
+                "verdict": "assumed",
+                "properties": {p: {"verdict": v} for p, v in m.verdicts.items()},
+            }
+            for s in report.systems
+            for m in s.modules
+        },
+    }
+
+
+def _system(s: SystemReport) -> dict[str, object]:
+    return {
+        "name": s.name,
+        "default": s.default,
+        "until_s": s.until_s,
+        "hyperperiod_s": s.hyperperiod_s,
+        "components": s.components,
+        "topics": s.topics,
+        "properties": list(s.properties),
+        "externs": list(s.externs),
+        "modules": [
+            {"name": m.name, "period_s": m.period_s, "ac": m.ac, "sc": m.sc, "forced": m.forced}
+            for m in s.modules
+        ],
+        "assumptions": list(s.assumptions),
+    }

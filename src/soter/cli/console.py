@@ -1,0 +1,178 @@
+"""Where a command's words go.
+
+Purpose: results on standard output, everything else on standard error, colour only where a
+person looks; with `--json` one document on standard output and nothing else, whatever an extern
+prints; closed pipes and full disks end quietly or with a sentence.
+Non-goals: what is said.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+from contextlib import suppress
+from typing import IO, TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from types import TracebackType
+
+    from soter.diagnostics.diagnostic import Diagnostic
+
+STYLES = {"bold": "1", "muted": "2", "red": "1;31", "green": "1;32", "yellow": "1;33", "blue": "34"}
+
+
+class Console:
+    """The two streams of one command. A context: leaving it puts `sys.stdout` back."""
+
+    def __init__(self, *, json: bool) -> None:
+        self.json = json
+        self.out: IO[str] | None = sys.stdout
+        self.err: IO[str] | None = sys.stderr
+        self.output_error: OSError | None = None
+        """Why standard output took no more; a closed pipe is no error."""
+        self._saved: IO[str] | None = None
+        self._guarded_fd = False
+
+    def __enter__(self) -> Console:
+        for stream in (self.out, self.err):
+            with suppress(AttributeError, ValueError, OSError):
+                stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+        self.color_out = colorful(self.out)
+        self.color_err = colorful(self.err)
+        self.ascii_only = (
+            not (getattr(self.out, "encoding", None) or "ascii").lower().startswith("utf")
+        )
+        if self.json:
+            self._guard()
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        traceback: TracebackType | None,
+    ) -> None:
+        if self._saved is not None:
+            self._unguard()
+
+    # ------------------------------------------------------------ writing
+
+    def say(self, text: str = "") -> None:
+        """A result, for people: nothing with `--json`."""
+        if not self.json:
+            self._write(text + "\n")
+
+    def document(self, text: str) -> None:
+        """The JSON document."""
+        self._write(text + "\n")
+
+    def note(self, text: str) -> None:
+        """Something beside the result."""
+        if self.err is not None:
+            with suppress(OSError, ValueError):
+                self.err.write(text + "\n")
+                self.err.flush()
+
+    def diagnostics(self, items: tuple[Diagnostic, ...]) -> None:
+        """Diagnostics, for people."""
+        if items and not self.json:
+            from soter.diagnostics.render import render_all  # noqa: PLC0415 - only then
+
+            self.note(render_all(items, color=self.color_err))
+
+    def paint(self, style: str, text: str) -> str:
+        """`text` in colour where standard output shows it."""
+        return f"\x1b[{STYLES[style]}m{text}\x1b[0m" if self.color_out and text else text
+
+    def flush(self) -> None:
+        """Hand over what is buffered; the outcome stands in `output_error`."""
+        if self.out is not None and self.output_error is None:
+            try:
+                self.out.flush()
+            except (OSError, ValueError) as error:
+                self._lost(error)
+
+    def _write(self, text: str) -> None:
+        if self.out is None or self.output_error is not None:
+            return
+        try:
+            self.out.write(text)
+        except (OSError, ValueError) as error:
+            self._lost(error)
+
+    def _lost(self, error: OSError | ValueError) -> None:
+        """Standard output takes no more: keep Python from complaining at its end."""
+        self.output_error = error if isinstance(error, OSError) else OSError(str(error))
+        with suppress(OSError, ValueError, AttributeError):
+            null = os.open(os.devnull, os.O_WRONLY)
+            os.dup2(null, self.out.fileno())  # type: ignore[union-attr]
+            os.close(null)
+
+    # ------------------------------------------------------------ one document, whatever happens
+
+    def _guard(self) -> None:
+        """Send everything else that is written to standard output to standard error."""
+        self._saved = self.out
+        if _descriptor(self.out) == 1:
+            with suppress(OSError):
+                assert self.out is not None
+                self.out.flush()
+                kept = os.dup(1)
+                os.dup2(_descriptor(self.err) or _null(), 1)
+                self.out = os.fdopen(kept, "w", encoding="utf-8", errors="replace")
+                self._guarded_fd = True
+                return
+        sys.stdout = self.err if self.err is not None else sys.stdout
+
+    def _unguard(self) -> None:
+        if not self._guarded_fd:
+            sys.stdout = self._saved  # type: ignore[assignment]
+            return
+        _flush_c()
+        with suppress(OSError, ValueError):
+            if sys.stdout is not None:
+                sys.stdout.flush()
+        with suppress(OSError, ValueError):
+            assert self.out is not None
+            os.dup2(self.out.fileno(), 1)
+            self.out.close()
+        self.out = self._saved
+
+
+def colorful(stream: IO[str] | None) -> bool:
+    """Whether a person sees colours there: see https://no-color.org and FORCE_COLOR."""
+    if os.environ.get("NO_COLOR"):
+        return False
+    if os.environ.get("FORCE_COLOR"):
+        return True
+    return is_terminal(stream) and os.environ.get("TERM") != "dumb"
+
+
+def is_terminal(stream: IO[str] | None) -> bool:
+    """Whether a person looks at the stream."""
+    try:
+        return stream is not None and stream.isatty()
+    except ValueError:
+        return False
+
+
+def _descriptor(stream: IO[str] | None) -> int | None:
+    try:
+        return stream.fileno() if stream is not None else None
+    except (OSError, ValueError, AttributeError):
+        return None
+
+
+def _null() -> int:
+    return os.open(os.devnull, os.O_WRONLY)
+
+
+def _flush_c() -> None:
+    """Hand over what an extern's C has printed but not written yet."""
+    if "cffi" not in sys.modules:
+        return
+    from cffi import FFI  # noqa: PLC0415 - it is loaded
+
+    ffi = FFI()
+    ffi.cdef("int fflush(void *);")
+    ffi.dlopen(None).fflush(ffi.NULL)

@@ -1,0 +1,78 @@
+"""`soter explain CODE`: the page of a diagnostic code.
+
+Purpose: the rule, a wrong program and a right one, on a terminal; all codes without argument.
+Non-goals: the pages (`diagnostics/pages`).
+"""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+from soter.cli.outcome import DIAGNOSTICS, Outcome
+from soter.cli.parser import Parser
+from soter.diagnostics.diagnostic import Diagnostic
+from soter.diagnostics.explain import all_codes, explain, suggestions, title
+from soter.diagnostics.render import safe
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.cli.console import Console
+
+EXAMPLES = """\
+  soter explain P1a
+  soter explain            all codes with their titles
+"""
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("explain", "Explain a diagnostic code, or list all of them.", EXAMPLES)
+    made.add_argument("code", metavar="CODE", nargs="?", help="such as P1a; none lists all")
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Explain."""
+    if args.code is None:
+        return _list(console)
+    page = explain(args.code)
+    if page is None:
+        return _unknown(args.code)
+    console.say(_shown(page, console))
+    code = next((c for c in all_codes() if c.casefold() == args.code.strip().casefold()), args.code)
+    return Outcome(fields={"code": code, "title": title(code), "page": page})
+
+
+def _list(console: Console) -> Outcome:
+    titles = {code: title(code) or "" for code in all_codes()}
+    for code, text in titles.items():
+        console.say(f"{console.paint('bold', code)}{' ' * (6 - len(code))}{text}")
+    return Outcome(fields={"codes": [{"code": c, "title": t} for c, t in titles.items()]})
+
+
+def _unknown(code: str) -> Outcome:
+    near = ", ".join(f"`{c}`" for c in suggestions(code))
+    helps = (f"did you mean {near}?",) if near else ("`soter explain` lists all codes",)
+    return Outcome(
+        DIAGNOSTICS, (Diagnostic("U007", f"there is no code `{safe(code)[:40]}`", helps=helps),)
+    )
+
+
+def _shown(page: str, console: Console) -> str:
+    """Markdown as it is; on a terminal with headings and code set off."""
+    if not console.color_out:
+        return page.rstrip()
+    lines, in_code = [], False
+    for line in page.rstrip().split("\n"):
+        if line.startswith("```"):
+            in_code = not in_code
+            continue
+        if in_code:
+            lines.append(f"    {console.paint('blue', line)}")
+        elif line.startswith("#"):
+            lines.append(console.paint("bold", line.lstrip("# ")))
+        else:
+            lines.append(re.sub(r"`([^`]+)`", lambda m: console.paint("bold", m[1]), line))
+    return "\n".join(lines)

@@ -1,0 +1,115 @@
+"""`soter fmt FILE...`: one layout for all programs.
+
+Purpose: rewrite files in place, each whole or not at all; `--check` and `--diff` only look.
+Non-goals: the layout (`syntax/printer.py`).
+"""
+
+from __future__ import annotations
+
+import difflib
+import os
+import stat
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.api import format_text, read_text
+from soter.cli.outcome import DIAGNOSTICS, Outcome, exit_of
+from soter.cli.parser import Parser
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.report.whole_file import reason, whole_file
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.cli.console import Console
+
+EXAMPLES = """\
+  soter fmt drone.soter iris.soter
+  soter fmt --check *.soter      exit 1 where something would change
+  soter fmt --diff drone.soter   show what would change
+  soter fmt - < drone.soter      standard input to standard output
+"""
+STDIN_BYTES_MAX = 4 * 1024 * 1024
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("fmt", "Lay out source files, in place.", EXAMPLES)
+    made.add_argument("files", metavar="FILE", nargs="+", help="a program; - for standard input")
+    made.add_argument("--check", action="store_true", help="change nothing, exit 1 if needed")
+    made.add_argument("--diff", action="store_true", help="change nothing, show the difference")
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Lay out every file; mistakes in one do not keep the others from it."""
+    problems: list[Diagnostic] = []
+    changed: list[str] = []
+    for name in args.files:
+        try:
+            before = _stdin() if name == "-" else read_text(name)
+            after = format_text("<stdin>" if name == "-" else name, before)
+            if before != after:
+                changed.append(name)
+            _deliver(name, before, after, args, console)
+        except SoterError as error:
+            problems += error.diagnostics
+    _say(args, changed, problems, console)
+    looked_only = args.check and bool(changed)
+    code = exit_of(problems) or (DIAGNOSTICS if looked_only else 0)
+    return Outcome(code, tuple(problems), {"files": args.files, "changed": changed})
+
+
+def _deliver(
+    name: str, before: str, after: str, args: argparse.Namespace, console: Console
+) -> None:
+    if args.diff:
+        lines = difflib.unified_diff(
+            before.splitlines(), after.splitlines(), name, f"{name} (laid out)", lineterm=""
+        )
+        for line in lines:
+            style = {"+": "green", "-": "red", "@": "blue"}.get(line[:1])
+            console.say(console.paint(style, line) if style else line)
+    elif args.check:
+        return
+    elif name == "-":
+        console.say(after.removesuffix("\n"))
+    elif before != after:
+        _replace(Path(name), after)
+
+
+def _say(
+    args: argparse.Namespace, changed: list[str], problems: list[Diagnostic], console: Console
+) -> None:
+    if args.diff or "-" in args.files:
+        return
+    for name in changed:
+        console.say(f"{'would change' if args.check else 'laid out'}  {name}")
+    if not changed and not problems:
+        n = len(args.files)
+        console.say(f"{n} file{'' if n == 1 else 's'} laid out already")
+
+
+def _replace(path: Path, text: str) -> None:
+    """Write a file whole or not at all, keeping its permissions."""
+    try:
+        mode = stat.S_IMODE(path.stat().st_mode)
+        with whole_file(path) as stream:
+            os.chmod(stream.fileno(), mode)  # noqa: PTH101 - a descriptor has no path
+            stream.write(text.encode("utf-8", "surrogatepass"))
+    except OSError as error:
+        message = f"cannot write `{path}`: {reason(error)}"
+        raise SoterError((Diagnostic("D006", message),)) from error
+
+
+def _stdin() -> str:
+    stream = sys.stdin
+    if stream is None:
+        return ""
+    data = stream.buffer.read(STDIN_BYTES_MAX + 1) if hasattr(stream, "buffer") else stream.read()
+    try:
+        return data if isinstance(data, str) else data.decode("utf-8-sig")
+    except UnicodeDecodeError as error:
+        message = f"standard input is not UTF-8: byte {error.start} is wrong"
+        raise SoterError((Diagnostic("D005", message),)) from error

@@ -1,0 +1,186 @@
+"""`soter`: choose the command, run it, and end with the right code whatever happens.
+
+Purpose: the command table, the top-level help, and the one place where every way to end is
+turned into an exit code and, with `--json`, exactly one document.
+Non-goals: the commands (one file each). Nothing heavy is imported here: `soter check` is as
+fast as the checker.
+"""
+
+from __future__ import annotations
+
+import sys
+from importlib import import_module
+from typing import TYPE_CHECKING, Protocol, cast
+
+from soter import __version__
+from soter.cli.console import Console
+from soter.cli.outcome import (
+    DIAGNOSTICS,
+    FINE,
+    INTERNAL,
+    INTERRUPTED,
+    USAGE,
+    Outcome,
+    UsageError,
+    exit_of,
+)
+from soter.cli.parser import HelpWantedError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Sequence
+
+    from soter.cli.parser import Parser
+
+COMMANDS = {
+    "check": "parse, types, well-formedness, composition, timing",
+    "run": "run a system in virtual time",
+    "build": "write C99, or a package for a target",
+    "explain": "what a diagnostic code means, and what to do",
+    "fmt": "lay out source files",
+    "new": "make a small robot that runs",
+}
+COMING = {
+    "verify": "prove P2a, P2b, P3 per module",
+    "recheck": "check certificates independently",
+    "test": "enumerate every schedule",
+    "replay": "replay a counterexample",
+    "campaign": "many seeded runs with faults, statistics",
+    "advise": "propose the decision period and margins",
+    "measure": "execution times of steps",
+    "monitor": "judge a recorded log",
+}
+
+
+class Command(Protocol):
+    """What a command's file offers."""
+
+    def parser(self) -> Parser:
+        """Its command line."""
+
+    def run(self, args: argparse.Namespace, console: Console) -> Outcome:
+        """Do it."""
+
+
+def main(argv: Sequence[str] | None = None) -> int:
+    """Run one command line and return its exit code."""
+    arguments = list(sys.argv[1:] if argv is None else argv)
+    options = arguments[: arguments.index("--")] if "--" in arguments else arguments
+    with Console(json="--json" in options) as console:
+        name = next((a for a in options if not a.startswith("-")), None)
+        outcome = _guarded(name, arguments, console)
+        console.diagnostics(outcome.diagnostics)
+        if console.json:
+            _print_document(outcome, name, console)
+        console.flush()
+        return _after_output(outcome.exit, console)
+
+
+def _guarded(name: str | None, arguments: list[str], console: Console) -> Outcome:
+    """The outcome of a command line; nothing gets past."""
+    try:
+        return _run(name, arguments, console)
+    except HelpWantedError as wanted:
+        console.say(str(wanted))
+        return Outcome(fields={"help": str(wanted)})
+    except UsageError as error:
+        problem = Diagnostic("U003", str(error), helps=(f"usage: {error.usage}",))
+        return Outcome(USAGE, (problem,))
+    except SoterError as error:
+        return Outcome(exit_of(error.diagnostics) or DIAGNOSTICS, error.diagnostics)
+    except KeyboardInterrupt:
+        console.note("interrupted")
+        return Outcome(INTERRUPTED)
+    except OSError as error:
+        return Outcome(DIAGNOSTICS, (_os_problem(error),))
+    except Exception as error:  # noqa: BLE001 - a defect: apologise, keep the details
+        from soter.cli.crash import apologise  # noqa: PLC0415 - only then
+
+        return Outcome(INTERNAL, (apologise(error, arguments),))
+
+
+def _run(name: str | None, arguments: list[str], console: Console) -> Outcome:
+    if name is None:
+        return _without_command(arguments, console)
+    rest = list(arguments)
+    rest.remove(name)
+    if name in COMMANDS:
+        command = cast("Command", import_module(f"soter.cli.{name}"))
+        return command.run(command.parser().parse_args(rest), console)
+    if name in COMING:
+        from soter.cli.coming import run  # noqa: PLC0415 - only then
+
+        return run(name, COMING[name], rest)
+    from difflib import get_close_matches  # noqa: PLC0415 - only then
+
+    near = get_close_matches(name, [*COMMANDS, *COMING], 1)
+    hint = f"; did you mean `{near[0]}`?" if near else ""
+    raise UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")
+
+
+def _without_command(arguments: list[str], console: Console) -> Outcome:
+    if "--version" in arguments:
+        console.say(f"soter {__version__}")
+        return Outcome(fields={"version": __version__})
+    if {"-h", "--help"} & set(arguments):
+        raise HelpWantedError(_help(console))
+    unknown = [a for a in arguments if a != "--json"]
+    if unknown:
+        raise UsageError(f"there is no option `{unknown[0]}`", "soter COMMAND ...; soter --help")
+    if not console.json:
+        console.note(_help(console))
+        return Outcome(USAGE)
+    raise UsageError("which command?", "soter COMMAND ...; soter --help")
+
+
+def _help(console: Console) -> str:
+    def row(name: str, about: str) -> str:
+        return f"  {console.paint('bold', name)}{' ' * (10 - len(name))}{about}"
+
+    return "\n".join(
+        [
+            f"soter {__version__}: run-time assurance for robots",
+            "",
+            "usage: soter COMMAND [options]",
+            "",
+            *(row(name, about) for name, about in COMMANDS.items()),
+            "",
+            "to come:",
+            *(row(name, about) for name, about in COMING.items()),
+            "",
+            "soter COMMAND --help      options and examples",
+            "soter explain CODE        what a diagnostic means",
+            "",
+            "exit codes: 0 fine, 1 diagnostics, 2 usage, 3 a property was violated,",
+            "            70 a defect of soter, 130 interrupted. Warnings exit 0.",
+            "--json prints one document on standard output on every exit.",
+        ]
+    )
+
+
+def _print_document(outcome: Outcome, name: str | None, console: Console) -> None:
+    import json  # noqa: PLC0415 - only with --json
+
+    command = name if name in COMMANDS or name in COMING else None
+    console.document(json.dumps(outcome.document(command), indent=2, allow_nan=False))
+
+
+def _after_output(exit_code: int, console: Console) -> int:
+    """The exit code, or 1 where standard output could not take the result."""
+    error = console.output_error
+    if error is None or isinstance(error, BrokenPipeError):
+        return exit_code
+    reason = (error.strerror or str(error)).lower()
+    console.note(f"soter: cannot write to standard output: {reason}")
+    return exit_code if exit_code != FINE else DIAGNOSTICS
+
+
+def _os_problem(error: OSError) -> Diagnostic:
+    reason = (error.strerror or str(error)).lower()
+    where = f" `{error.filename}`" if error.filename else ""
+    return Diagnostic("D006", f"the system refused{where}: {reason}")
+
+
+if __name__ == "__main__":
+    sys.exit(main())

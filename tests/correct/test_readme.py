@@ -1,0 +1,72 @@
+"""What the README and the pages promise is so: its program is the example's, its commands work."""
+
+from __future__ import annotations
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from soter.prelude.bounds import BOUNDS
+
+ROOT = Path(__file__).resolve().parents[2]
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+COMMANDS = re.findall(r"^(soter [^\n#]*?)\s*(?:#.*)?$", README, re.MULTILINE)
+VIOLATED = 3
+
+
+def _words(text: str) -> str:
+    return " ".join(re.sub(r"//[^\n]*", "", text).split())
+
+
+def test_the_program_shown_is_the_one_that_is_shipped() -> None:
+    shown = re.search(r"^```\n(node Fast.*?)^```", README, re.MULTILINE | re.DOTALL)
+    assert shown
+    shipped = _words((ROOT / "examples" / "wall" / "cart.soter").read_text(encoding="utf-8"))
+    for declaration in re.split(r"\n(?=\w)", shown.group(1)):
+        part = _words(declaration)
+        core = re.sub(r" verify \{.*?\} \}", " }", shipped)
+        assert part in core or part in shipped, part
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
+    shutil.copytree(ROOT / "examples" / "wall", tmp_path / "examples" / "wall")
+    arguments = command.split()[1:]
+    environment = {**os.environ, "SOTER_CACHE": str(tmp_path / "cache")}
+    done = subprocess.run(
+        [sys.executable, "-m", "soter.cli.main", *arguments],
+        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
+    )
+    expected = VIOLATED if "Unprotected" in command else 0
+    assert done.returncode == expected, done.stdout + done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_the_python_of_the_readme_works(tmp_path: Path) -> None:
+    code = re.search(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
+    assert code
+    environment = {**os.environ, "SOTER_CACHE": str(tmp_path / "cache")}
+    done = subprocess.run(
+        [sys.executable, "-c", code.group(1)],
+        cwd=ROOT, env=environment, capture_output=True, text=True, check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert done.stdout.startswith("0 0.")
+
+
+def test_links_of_the_pages_lead_somewhere() -> None:
+    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+        for target in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):
+            if not target.startswith(("http", "mailto")):
+                assert (page.parent / target).exists(), f"{page.name}: {target}"
+
+
+def test_the_prelude_page_lists_every_bounded_function() -> None:
+    page = (ROOT / "docs" / "prelude.md").read_text(encoding="utf-8")
+    missing = [name for name in BOUNDS if not re.search(rf"`{name}\b", page)]
+    assert missing == []

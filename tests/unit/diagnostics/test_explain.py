@@ -1,0 +1,75 @@
+"""The pages of `soter explain`: they can be found, and their examples say the truth."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.explain import all_codes, explain, suggestions, title
+from soter.diagnostics.source import Source
+from soter.syntax.parser import parse
+
+ROOT = Path(__file__).parents[3]
+SYNTAX_CODES = [code for code in all_codes() if code[0] in "LS"]
+
+
+def examples(code: str, kind: str) -> list[str]:
+    """The fenced examples of a page: `soter,wrong` or `soter`."""
+    page = explain(code)
+    assert page is not None
+    return re.findall(rf"^```{kind}\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+
+
+def codes_of(text: str) -> list[str]:
+    diagnostics = Diagnostics()
+    parse(Source("page.soter", text), diagnostics)
+    return [d.code for d in diagnostics.items]
+
+
+@pytest.mark.parametrize("code", all_codes())
+def test_every_page_has_the_same_shape(code: str) -> None:
+    page = explain(code)
+    assert page is not None
+    assert re.match(rf"# {re.escape(code)}: \S.*\n\n\S", page)
+    assert title(code)
+    assert page.endswith("\n")
+    assert not re.search(r"[ \t]+$", page, re.MULTILINE)
+
+
+@pytest.mark.parametrize("code", SYNTAX_CODES)
+def test_wrong_example_of_a_syntax_page_gives_its_code(code: str) -> None:
+    (wrong,) = examples(code, "soter,wrong")
+    assert code in codes_of(wrong)
+
+
+@pytest.mark.parametrize("code", SYNTAX_CODES)
+def test_mended_example_of_a_syntax_page_parses(code: str) -> None:
+    (mended,) = examples(code, "soter")
+    assert codes_of(mended) == []
+
+
+def test_every_code_of_lexer_and_parser_has_a_page() -> None:
+    sources = (ROOT / "src" / "soter" / "syntax").glob("*.py")
+    used = {c for f in sources for c in re.findall(r'"([LS]\d{3})"', f.read_text("utf-8"))}
+    assert used == set(SYNTAX_CODES)
+
+
+def test_pages_are_found_in_any_letter_case() -> None:
+    assert explain("s004") == explain(" S004 ") == explain("S004")
+    assert title("s004") == "`;` is missing"
+
+
+def test_unknown_code_has_no_page_but_suggestions() -> None:
+    assert explain("S0004") is None
+    assert title("nonsense") is None
+    assert "S004" in suggestions("S0004")
+    assert suggestions("\x00" * 1000) == []
+
+
+def test_codes_come_in_order() -> None:
+    codes = SYNTAX_CODES
+    assert codes == sorted(codes)
+    assert codes[0] == "L001"
