@@ -22,6 +22,9 @@ import tempfile
 import time
 from pathlib import Path
 
+from soter.program.build import check_file, system_of
+from soter.simulate.run import NativeProgram, run_interpreted
+
 ROOT = Path(__file__).resolve().parents[1]
 DRONE = "examples/drone/motion_primitive.soter"
 NATIVE_S = 200.0
@@ -37,9 +40,7 @@ def check_times(repeats: int) -> list[float]:
         subprocess.run(command, cwd=ROOT, check=True, capture_output=True)
         after = resource.getrusage(resource.RUSAGE_CHILDREN)
         if i:  # the first one warms the file cache and the byte code
-            times.append(
-                after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime
-            )
+            times.append(after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime)
     return times
 
 
@@ -58,14 +59,19 @@ print(time.perf_counter() - began)
 
 def load_times(repeats: int) -> tuple[list[float], list[float]]:
     """Wall seconds from text to loaded program: cold, cached."""
-    cold, cached = [], []
+    cold: list[float] = []
+    cached: list[float] = []
     for _ in range(repeats):
         with tempfile.TemporaryDirectory() as cache:
             environment = {**os.environ, "SOTER_CACHE": cache}
             for times in (cold, cached):
                 done = subprocess.run(
                     [sys.executable, "-c", LOAD, DRONE],
-                    cwd=ROOT, env=environment, check=True, capture_output=True, text=True,
+                    cwd=ROOT,
+                    env=environment,
+                    check=True,
+                    capture_output=True,
+                    text=True,
                 )
                 times.append(float(done.stdout))
     return cold, cached
@@ -73,8 +79,6 @@ def load_times(repeats: int) -> tuple[list[float], list[float]]:
 
 def speeds(repeats: int) -> tuple[list[float], float]:
     """Virtual seconds per wall second: native runs, and the interpreter once."""
-    from soter.program.build import check_file, system_of
-    from soter.simulate.run import NativeProgram, run_interpreted
 
     system = system_of(check_file(str(ROOT / DRONE)), "Protected")
     program = NativeProgram(system)
@@ -88,8 +92,6 @@ def speeds(repeats: int) -> tuple[list[float], float]:
 
 def lap_speed(repeats: int) -> list[float]:
     """The same for the 14 s of a lap only, where most of the control happens."""
-    from soter.program.build import check_file, system_of
-    from soter.simulate.run import NativeProgram
 
     program = NativeProgram(system_of(check_file(str(ROOT / DRONE)), "Protected"))
     found = []
@@ -123,8 +125,20 @@ def main() -> None:
         ("soter check, warm, process time", figures["check_process_s"], min(check), "s", "<= 0.4"),
         ("compile and load, cold", figures["load_cold_s"], min(cold), "s", "<= 2"),
         ("compile and load, cached", figures["load_cached_s"], min(cached), "s", "<= 0.15"),
-        ("virtual time, 200 s run", figures["native_x_real_time"], max(native), "x real time", ">= 5000"),
-        ("virtual time, 14 s laps", figures["native_lap_x_real_time"], max(laps), "x real time", ">= 5000"),
+        (
+            "virtual time, 200 s run",
+            figures["native_x_real_time"],
+            max(native),
+            "x real time",
+            ">= 5000",
+        ),
+        (
+            "virtual time, 14 s laps",
+            figures["native_lap_x_real_time"],
+            max(laps),
+            "x real time",
+            ">= 5000",
+        ),
         ("reference interpreter", interpreted, interpreted, "x real time", ""),
         ("native / interpreter", figures["native_over_interpreter"], 0.0, "", ""),
     ]

@@ -14,8 +14,9 @@ import sys
 import time
 from pathlib import Path
 
-import soter
 from flights import ARMS, PROGRAM, Lap, flight, read_lap, scene
+
+import soter
 from soter.report.html import write_html
 from soter.report.record import Cell, Comparison, ReportPage
 from soter.report.summary import mode_timeline, table
@@ -24,12 +25,18 @@ PAPER_LAP_S = {"AdvancedOnly": "10 s", "Protected": "14 s", "SafeOnly": "24 s"}
 PAPER_VIOLATIONS = {"AdvancedOnly": "collides", "Protected": "0", "SafeOnly": "0"}
 PAPER_SHARE = {"AdvancedOnly": "", "Protected": "> 96 %", "SafeOnly": ""}
 ASSUMPTIONS = (
-    "φ_safe, ttf and φ_safer of this module are closed forms with margins; P2a, P2b and P3 are "
-    "tested here, not proved (soter verify, to come)",
-    "wind within ±0.3 m/s² on every axis, redrawn every 0.5 s; position known within ±0.05 m, "
-    "velocity within ±0.1 m/s; attitude and body rates exact",
-    "virtual time: plants, DM, SC, then the rest, each in no time at all; execution times and "
-    "jitter are not simulated (H leaves 10 ms for them)",
+    (
+        "φ_safe, ttf and φ_safer of this module are closed forms with margins; P2a, P2b and P3 are "
+        "tested here, not proved (soter verify, to come)"
+    ),
+    (
+        "wind within ±0.3 m/s² on every axis, redrawn every 0.5 s; position known within ±0.05 m, "
+        "velocity within ±0.1 m/s; attitude and body rates exact"
+    ),
+    (
+        "virtual time: plants, DM, SC, then the rest, each in no time at all; execution times and "
+        "jitter are not simulated (H leaves 10 ms for them)"
+    ),
     "the vehicle is the 13-state Iris model with rotor lag, without drag; as a sphere of 0.35 m",
 )
 
@@ -116,7 +123,8 @@ def main() -> None:
             for quantity in figures["Protected"]
         ),
         f"Ours: {arguments.laps} seeded laps per arm of about 37 m between the buildings, wind and "
-        "noise drawn anew each lap. The paper's lap, drone and simulator are others: compare ratios.",
+        "noise drawn anew each lap. The paper's lap, drone and simulator are others: compare "
+        "ratios.",
     )
     hits = sum(x.collided for x in laps["Protected"])
     alone = sum(x.collided for x in laps["AdvancedOnly"])
@@ -143,7 +151,9 @@ def main() -> None:
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     write_html(page, arguments.output)
     print(f"\nreport: {arguments.output}   ({time.perf_counter() - began:.1f} s in all)")
-    print("rests on: wind and estimator error within the declared bounds; virtual time; see the report")
+    print(
+        "rests on: wind and estimator error within the declared bounds; virtual time; see the report"
+    )
     sys.exit(3 if hits else 0)
 
 

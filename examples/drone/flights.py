@@ -203,9 +203,7 @@ def decisions(run: soter.Run) -> list[Decision]:
     return found
 
 
-def violations(
-    run: soter.Run, city: City, position: NDArray[np.float64]
-) -> list[Violation]:
+def violations(run: soter.Run, city: City, position: NDArray[np.float64]) -> list[Violation]:
     """The first contact with a building, ground, ceiling or edge, if any."""
     hit = np.flatnonzero(city.clearance(position) < 0.0)
     if not len(hit):

@@ -223,7 +223,7 @@ class Program:
         return run
 
     def write_log(self, run: Run, path: str | Path) -> Path:
-        """Write the MCAP log of a traced run; `SoterError` D006, D007 where that is not possible."""
+        """Write the MCAP log of a traced run; `SoterError` D006, D007."""
         from soter.simulate.to_log import write_log  # noqa: PLC0415 - an extra
 
         return write_log(run, path, __version__)

@@ -281,8 +281,8 @@ class ExpressionMaker:
         choose = self.choose
         options = ["in_control"] if at.has_control else []
         options += [f"(mode({m}) == Mode.{choose.pick(MODE.members)})" for m in at.modules]
-        if at.world.durations and not at.constant:
-            d = choose.pick(at.world.durations)
+        if at.durations():
+            d = choose.pick(at.durations())
             options.append(f"({d} {choose.pick(COMPARISONS)} {choose.pick(DURATIONS)})")
         return choose.pick(options) if options else None
 
@@ -405,9 +405,7 @@ class ExpressionMaker:
         options += ["dt"] if at.has_period and not at.shadowed("dt") else []
         if not at.constant:
             options += [f"age({s.name})" for s in at.topics if not at.shadowed(s.name)]
-            if at.world.durations:
-                options.append(f"seconds({choose.pick(at.world.durations)})")
-        options.append(f"seconds({choose.pick(DURATIONS)})")
+        options += [f"seconds({d})" for d in (*at.durations(), choose.pick(DURATIONS))]
         return choose.pick(options)
 
     def _float_of_int(self, at: Sight, depth: int) -> str:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 from generators.chooser import Chooser  # type: ignore[import-not-found]
 from generators.expressions import DURATIONS, ExpressionMaker  # type: ignore[import-not-found]
 from generators.kinds import (  # type: ignore[import-not-found]
+    RANGES,
     VEC2,
     VEC3,
     SetMaker,
@@ -169,6 +170,8 @@ class ProgramMaker:
     ) -> Topic:
         choose = self.choose
         name = self.names.fresh("topic")
+        if t == INT:  # `topic t : int in [0, 9]` has a ranged type, no set
+            t = IntType(*choose.pick(RANGES))
         values = like.values if like else self.sets.make(t, complete=complete)
         default = ""
         if values.bounds or choose.chance(30):

@@ -96,6 +96,12 @@ class Sight:
             outside += [*self.world.parameters, *self.topics]
         return [*self.locals(), *(s for s in outside if not self.shadowed(s.name))]
 
+    def durations(self) -> list[str]:
+        """Parameters that are times."""
+        if self.constant:
+            return []
+        return [d for d in self.world.durations if not self.shadowed(d)]
+
     def declare(self, seen: Seen) -> None:
         """Enter a local into the innermost scope."""
         self.frames[-1][seen.name] = seen

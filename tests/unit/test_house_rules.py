@@ -59,5 +59,7 @@ def test_the_runtime_has_no_heap_and_no_mutable_globals() -> None:
         text = path.read_text(encoding="utf-8")
         assert not re.search(r"\b(malloc|calloc|realloc|free|alloca)\s*\(", text), path.name
         for line in text.splitlines():
-            is_variable = re.match(r"^(static\s+)?(?!const)[a-z_0-9]+ \*?[a-z_]+(\[.*\])?( =.*)?;$", line)
+            is_variable = re.match(
+                r"^(static\s+)?(?!const)[a-z_0-9]+ \*?[a-z_]+(\[.*\])?( =.*)?;$", line
+            )
             assert not is_variable or line.startswith("typedef"), line

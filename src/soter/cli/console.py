@@ -33,7 +33,7 @@ class Console:
         self._saved: IO[str] | None = None
         self._guarded_fd = False
 
-    def __enter__(self) -> Console:
+    def __enter__(self) -> Console:  # noqa: PYI034 - typing.Self came with Python 3.11
         for stream in (self.out, self.err):
             with suppress(AttributeError, ValueError, OSError):
                 stream.reconfigure(errors="replace")  # type: ignore[union-attr]

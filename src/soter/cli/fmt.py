@@ -46,10 +46,12 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Lay out every file; mistakes in one do not keep the others from it."""
     problems: list[Diagnostic] = []
     changed: list[str] = []
+    texts: dict[str, str] = {}
     for name in args.files:
         try:
             before = _stdin() if name == "-" else read_text(name)
             after = format_text("<stdin>" if name == "-" else name, before)
+            texts[name] = after
             if before != after:
                 changed.append(name)
             _deliver(name, before, after, args, console)
@@ -58,7 +60,10 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     _say(args, changed, problems, console)
     looked_only = args.check and bool(changed)
     code = exit_of(problems) or (DIAGNOSTICS if looked_only else 0)
-    return Outcome(code, tuple(problems), {"files": args.files, "changed": changed})
+    fields: dict[str, object] = {"files": args.files, "changed": changed}
+    if "-" in texts:
+        fields["text"] = texts["-"]
+    return Outcome(code, tuple(problems), fields)
 
 
 def _deliver(

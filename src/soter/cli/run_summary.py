@@ -22,8 +22,11 @@ if TYPE_CHECKING:
     from soter.cli.console import Console
     from soter.simulate.run import Run
 
+TIMES = "\N{MULTIPLICATION SIGN}"
 TIMELINE_MAX = 72
 TIMELINE_MIN = 20
+COLUMNS_A_TAKEOVER = 3
+"""Every takeover is drawn, so with more of them a bar would show nothing else."""
 
 
 def summary(run: Run, path: str, console: Console) -> str:
@@ -42,7 +45,7 @@ def summary(run: Run, path: str, console: Console) -> str:
 def _headline(run: Run, path: str, console: Console) -> str:
     speed = run.reached_s / run.wall_s if run.wall_s > 0 else 0.0
     how = f"{run.engine}, {_time(run.wall_s)}"
-    how += f" ({_rounded(speed)} × real time)" if run.lag_s_max is None else ", paced"
+    how += f" ({_rounded(speed)} {TIMES} real time)" if run.lag_s_max is None else ", paced"
     facts = f"{path}  {run.system.name}, seed {run.seed}, {run.duration_s:g} s  {how}"
     return console.paint("muted", facts)
 
@@ -51,11 +54,14 @@ def _verdict(run: Run, console: Console) -> list[str]:
     lines = []
     if run.interrupted:
         at = f"stopped at {run.reached_s:.3f} s of {run.duration_s:g} s"
-        lines.append(f"{console.paint('yellow', 'INTERRUPTED')}  {at}")
+        so_far = "" if run.violations else ", no violation until then"
+        lines.append(f"{console.paint('yellow', 'INTERRUPTED')}  {at}{so_far}")
     properties = len(run.system.properties)
     if run.violations:
         count = f"{run.violations} violation{'s' if run.violations > 1 else ''}"
         lines.append(f"{console.paint('red', 'VIOLATED')}  {count}")
+    elif run.interrupted:
+        pass
     elif properties == 0:
         lines.append(f"{console.paint('yellow', 'NOTHING ASKED')}  the system states no property")
     else:
@@ -68,11 +74,12 @@ def _verdict(run: Run, console: Console) -> list[str]:
 
 
 def _violations(run: Run, console: Console) -> Iterator[str]:
+    cross = "x" if console.ascii_only else TIMES
     for v in run.violation_list:
         first = "" if v.time_s is None else f"at {v.time_s:.3f} s"
         often = f", the first of {v.count} times" if v.count > 1 else ""
         where = f"{v.span.source.name}:{v.span.line}" if v.span is not None else ""
-        yield f"  {console.paint('red', '×' if not console.ascii_only else 'x')} {v.what}"
+        yield f"  {console.paint('red', cross)} {v.what}"
         yield console.paint("muted", f"    {first}{often}  {where}".rstrip())
 
 
@@ -87,7 +94,7 @@ def _faults(run: Run, console: Console) -> Iterator[str]:
         since = f", the first at {first:.3f} s" if isinstance(first, float) else ""
         said = run.extern_failures.get(name)
         kind = f"`{facts['last']}`"
-        yield f"  {name}: {count} × {kind}{since}"
+        yield f"  {name}: {count} {TIMES} {kind}{since}"
         if said:
             yield console.paint("muted", f"    {said}")
 
@@ -114,6 +121,9 @@ def _timelines(run: Run, console: Console) -> Iterator[str]:
     width = max(TIMELINE_MIN, min(columns - label - 3, TIMELINE_MAX))
     for index, name in enumerate(names):
         time_s, in_control = _modes(run, index)
+        if run.modules[name].switches_to_sc > width // COLUMNS_A_TAKEOVER:
+            yield f"{name}{' ' * (label - display_width(name))}  too many takeovers to draw"
+            continue
         bar = mode_timeline(time_s, in_control, width, ascii_only=console.ascii_only)
         yield f"{name}{' ' * (label - display_width(name))}  {bar}"
     end = f"{run.reached_s:g} s"

@@ -48,6 +48,8 @@ class Unit:
     """Extern component -> layout of its answer struct."""
     c_sources: tuple[str, ...]
     """C files that externs are bound to."""
+    names: dict[int, str]
+    """Component -> what its C names begin with (`cart_c`: `cart_c_step`, `cart_c_out`)."""
 
 
 def answer_fields(component: Component) -> tuple[tuple[str, Type], ...]:
@@ -64,12 +66,17 @@ def generate(system: System, core: CoreSystem | None = None, prefix: str | None 
     return _UnitBuilder(system, core or lower(system), prefix).run()
 
 
+def _own(name: str) -> str:
+    """A prefix that is not the run-time's: `soter.soter` must not become a second `soter.h`."""
+    return f"my_{name}" if name.lower().startswith("soter") else name
+
+
 class _UnitBuilder:
     def __init__(self, system: System, core: CoreSystem, prefix: str | None) -> None:
         self.system = system
         self.core = core
         stem = PurePath(system.program.path).stem or "program"
-        self.prefix = prefix or legal(stem)
+        self.prefix = prefix or _own(legal(stem))
         self.layout = state_layout(system)
         self.types = TypeTable(self.prefix)
         unique = Unique()
@@ -160,7 +167,7 @@ class _UnitBuilder:
             print_file(source),
             self.layout,
             answers,
-            tuple(dict.fromkeys(self.c_sources)),
+            tuple(dict.fromkeys(self.c_sources)), dict(self.names),
         )
 
     # ------------------------------------------------------------ functions and steps

@@ -52,6 +52,7 @@ class Diagnostics:
     def __init__(self) -> None:
         self._items: list[Diagnostic] = []
         self._seen: set[tuple[str, str, int, str]] = set()
+        self._errors = 0
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Keep `diagnostic` unless the same code was already reported at the same place."""
@@ -65,6 +66,7 @@ class Diagnostics:
         if key not in self._seen:
             self._seen.add(key)
             self._items.append(diagnostic)
+            self._errors += diagnostic.severity is Severity.ERROR
 
     def error(
         self,
@@ -111,13 +113,18 @@ class Diagnostics:
 
     @property
     def items(self) -> tuple[Diagnostic, ...]:
-        """All diagnostics so far, files in order of loading, each by position."""
+        """All diagnostics so far, in the order they were found."""
         return tuple(self._items)
 
     @property
     def has_errors(self) -> bool:
         """Whether any of them is an error."""
-        return any(d.severity is Severity.ERROR for d in self._items)
+        return self._errors > 0
+
+    @property
+    def error_count(self) -> int:
+        """How many of them are errors."""
+        return self._errors
 
     def __len__(self) -> int:
         return len(self._items)

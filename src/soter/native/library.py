@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
 if TYPE_CHECKING:
     from pathlib import Path
 
@@ -48,12 +50,28 @@ def _ffi() -> Any:  # noqa: ANN401 - cffi has no types for this
     return ffi
 
 
+def opened(ffi: Any, path: Path) -> Any:  # noqa: ANN401 - cffi has no types for this
+    """The library; SoterError X004 where a function it needs is nowhere."""
+    try:
+        return ffi.dlopen(str(path))
+    except OSError as error:
+        _, _, missing = str(error).partition("undefined symbol: ")
+        if missing:
+            message = f"no C file of this program has the function `{missing.strip()}`"
+            helps: tuple[str, ...] = (
+                "is its name right in `c:file.c:name`, and is it not static?",
+            )
+        else:
+            message, helps = f"the compiled program cannot be loaded: {error}", ()
+        raise SoterError((Diagnostic("X004", message, helps=helps),)) from error
+
+
 class Library:
     """One compiled program; holds no state of its own."""
 
     def __init__(self, path: Path, prefix: str, state_size: int) -> None:
         self.ffi = _ffi()
-        self.lib = self.ffi.dlopen(str(path))
+        self.lib = opened(self.ffi, path)
         symbols = self.ffi.cast("void *", 0)
         del symbols
         self._program = _address(self.ffi, path, f"{prefix}_program")

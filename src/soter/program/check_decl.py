@@ -1,6 +1,7 @@
 """Check declarations: signatures first, bodies when every signature is known.
 
-Purpose: one method a kind of declaration, syntax -> symbol.
+Purpose: which checker knows which kind of declaration; types, constants, parameters, functions
+and topics themselves.
 Non-goals: name look-up order (`scope.py`), numbers (`elaborate.py`), P1 (`wellformed.py`).
 """
 
@@ -9,17 +10,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_expr import is_error
+from soter.program.check_base import is_error
+from soter.program.check_module import ModuleChecker
+from soter.program.check_node import NodeChecker
 from soter.program.check_plant import PlantChecker
 from soter.program.check_stmt import always_returns
 from soter.program.check_system import SystemChecker
 from soter.program.context import Context
+from soter.program.durations import write_ns
 from soter.program.types import (
-    BOOL,
     DURATION,
     FLOAT,
     INT,
     ArrayType,
+    BoolType,
     DurationType,
     EnumType,
     ErrorType,
@@ -34,7 +38,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.program.checker import Checker
     from soter.program.scope import Entry, FileScope
-    from soter.program.types import Type
+    from soter.program.types import Type, Value
 
 BINDING_KINDS = ("python", "c")
 
@@ -45,49 +49,43 @@ class DeclChecker:
     def __init__(self, checker: Checker) -> None:
         self.checker = checker
         self.diagnostics = checker.diagnostics
-        self.lazy_bodies: dict[typed.FunSymbol, tuple[tree.FunDecl, FileScope]] = {}
+        self.nodes = NodeChecker(checker)
+        self.modules = ModuleChecker(checker)
         self.plants = PlantChecker(checker)
         self.systems = SystemChecker(checker)
-
-    def topics_of(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
-        """All topics that the instances of a system mention, renames applied."""
-        found: dict[typed.TopicSymbol, None] = {}
-        for instance in system.instances:
-            for topic in topics_of(instance.what, self):
-                found.setdefault(instance.renames.get(topic, topic))
-        return list(found)
+        self._topics: dict[typed.SystemSymbol, list[typed.TopicSymbol]] = {}
 
     def symbol(self, entry: Entry) -> object:
         """The symbol of any declaration, or None when it is too broken."""
-        decl, scope = entry.decl, entry.scope
+        decl, scope, full = entry.decl, entry.scope, entry.full_name
         if isinstance(decl, tree.TypeDecl):
-            return self._type(decl, scope, entry.full_name)
+            return self._type(decl, scope, full)
         if isinstance(decl, tree.ConstDecl):
-            return self._const(decl, scope, entry.full_name)
+            return self._const(decl, scope, full)
         if isinstance(decl, tree.ParamDecl):
-            return self._param(decl, scope, entry.full_name)
+            return self._param(decl, scope, full)
         if isinstance(decl, tree.FunDecl):
-            return self._fun(decl, scope, entry.full_name)
+            return self._fun(decl, scope, full)
         if isinstance(decl, tree.TopicDecl):
-            return self._topic(decl, scope, entry.full_name)
+            return self._topic(decl, scope, full)
         if isinstance(decl, tree.NodeDecl):
-            return self._node(decl, scope, entry.full_name)
+            return self.nodes.signature(decl, scope, full)
         if isinstance(decl, tree.RtaDecl):
-            return self._rta(decl, scope, entry.full_name)
+            return self.modules.signature(decl, scope, full)
         if isinstance(decl, tree.PlantDecl):
-            return self.plants.signature(decl, scope, entry.full_name)
+            return self.plants.signature(decl, scope, full)
         if isinstance(decl, tree.SystemDecl):
-            return self.systems.signature(decl, scope, entry.full_name)
+            return self.systems.signature(decl, scope, full)
         if isinstance(decl, tree.TestDecl):
-            return self.systems.test_signature(decl, scope, entry.full_name)
+            return self.systems.test_signature(decl, scope, full)
         return None
 
     def body(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
         """The part of a declaration that may mention everything else."""
         if isinstance(symbol, typed.NodeSymbol) and isinstance(decl, tree.NodeDecl):
-            self._node_body(symbol, decl, scope)
+            self.nodes.body(symbol, decl, scope)
         elif isinstance(symbol, typed.ModuleSymbol) and isinstance(decl, tree.RtaDecl):
-            self._rta_body(symbol, decl, scope)
+            self.modules.body(symbol, decl, scope)
         elif isinstance(symbol, typed.PlantSymbol) and isinstance(decl, tree.PlantDecl):
             self.plants.body(symbol, decl, scope)
         elif isinstance(symbol, typed.SystemSymbol) and isinstance(decl, tree.SystemDecl):
@@ -99,114 +97,164 @@ class DeclChecker:
 
     def _type(self, decl: tree.TypeDecl, scope: FileScope, full: str) -> object:
         if isinstance(decl.type, tree.EnumTypeExpr):
-            names = [m.text for m in decl.type.members]
-            for i, member in enumerate(decl.type.members):
-                if member.text in names[:i]:
-                    self.diagnostics.error(
-                        "N002", f"member `{member.text}` is declared twice", member.span
-                    )
-            return EnumType(full, tuple(dict.fromkeys(names)))
-        t = self.checker.type_of(decl.type, scope)
+            members: dict[str, Span] = {}
+            for member in decl.type.members:
+                if member.text in members:
+                    first = members[member.text]
+                    self.checker.names.twice(member.text, member.span, first, "member")
+                else:
+                    members[member.text] = member.span
+            return EnumType(full, tuple(members))
+        t = self.checker.types.check(decl.type, scope, duration=True)
         if isinstance(t, RecordType):
             return RecordType(t.fields, full)
-        return t
+        return None if isinstance(t, ErrorType) else t
 
     def _const(self, decl: tree.ConstDecl, scope: FileScope, full: str) -> object:
-        t = self.checker.type_of(decl.type, scope)
-        if isinstance(t, ErrorType):
-            return None
-        if decl.data is not None:
-            value = self.checker.data(decl, t, scope)
+        t = self.checker.types.check(decl.type, scope, duration=True)
+        what = f"constant `{decl.name.text}`"
+        value = None
+        if decl.data is not None and not isinstance(t, (ErrorType, DurationType)):
+            value = self.checker.constants.data(decl, t, scope)
+        elif decl.data is not None and isinstance(t, DurationType):
+            self.diagnostics.error(
+                "T018",
+                "a data file holds no `duration`",
+                decl.type.span,
+                helps=("read a `float` of seconds",),
+            )
         elif decl.value is not None:
-            value = self.checker.constant(decl.value, scope, t, f"constant `{decl.name.text}`")
-        else:
-            return None
-        if value is None:
+            value = self.checker.constants.constant(decl.value, scope, t, what)
+        if value is None or isinstance(t, ErrorType):
             return None
         return typed.ConstSymbol(full, decl.name.span, t, value)
 
     def _param(self, decl: tree.ParamDecl, scope: FileScope, full: str) -> object:
-        t = self.checker.type_of(decl.type, scope)
-        if isinstance(t, ErrorType):
-            return None
-        if not isinstance(t, (FloatType, IntType, DurationType, EnumType)) and t is not BOOL:
+        t = self.checker.types.check(decl.type, scope, duration=True)
+        what = f"parameter `{decl.name.text}`"
+        if not isinstance(t, (FloatType, IntType, DurationType, EnumType, BoolType, ErrorType)):
             self.diagnostics.error(
-                "T018", f"a parameter is a scalar, not `{t}`", decl.type.span
+                "T018",
+                f"a parameter is a single value, not a `{t}`",
+                decl.type.span,
+                notes=("it can be set on the command line: `--set NAME=VALUE`",),
+                helps=("declare one parameter for each number",),
             )
             return None
-        context = Context(scope, f"parameter `{decl.name.text}`", constant=True)
-        default = self.checker.expressions.check(decl.default, context, t)
+        default = self._constant_expr(decl.default, scope, t, what)
         low = high = None
-        if decl.interval is not None:
-            if not isinstance(t, (FloatType, IntType, DurationType)):
-                self.diagnostics.error("V004", f"`{t}` has no order", decl.interval.span)
-            else:
-                low = self.checker.expressions.check(decl.interval.low, context, t)
-                high = self.checker.expressions.check(decl.interval.high, context, t)
-                if is_error(low, high):
-                    low = high = None
-        if is_error(default):
+        if decl.interval is not None and isinstance(t, (BoolType, EnumType)):
+            self.diagnostics.error(
+                "V004", f"a `{t}` has no order, so no interval", decl.interval.span
+            )
+        elif decl.interval is not None:
+            low = self._constant_expr(decl.interval.low, scope, t, what)
+            high = self._constant_expr(decl.interval.high, scope, t, what)
+            if low is None or high is None or not self._ordered(low, high, decl.interval):
+                low = high = None
+        if default is None or isinstance(t, ErrorType):
             return None
+        if low and high and not low.value <= default.value <= high.value:
+            shown = [show(x.value, t) for x in (default, low, high)]
+            self.diagnostics.error(
+                "V007",
+                f"{what} is {shown[0]}, outside [{shown[1]}, {shown[2]}]",
+                default.span,
+                "its default",
+                also=((decl.interval.span, "its range"),) if decl.interval else (),
+            )
         return typed.ParamSymbol(full, decl.name.span, t, default, low, high)
+
+    def _ordered(self, low: typed.Literal, high: typed.Literal, at: tree.Interval) -> bool:
+        """V001 for an interval without a value."""
+        if low.value <= high.value:
+            return True
+        shown = f"[{show(low.value, low.type)}, {show(high.value, high.type)}]"
+        self.diagnostics.error(
+            "V001", f"{shown} is empty", at.span, "the lower bound is above the upper one"
+        )
+        return False
+
+    def _constant_expr(
+        self, expr: tree.Expr, scope: FileScope, t: Type, what: str
+    ) -> typed.Literal | None:
+        """A constant as a literal, or None after a report."""
+        value = self.checker.constants.constant(expr, scope, t, what)
+        return None if value is None else typed.Literal(t, expr.span, value)
 
     # ------------------------------------------------------------ functions
 
     def _fun(self, decl: tree.FunDecl, scope: FileScope, full: str) -> object:
-        parameters = []
-        seen: set[str] = set()
+        parameters: dict[str, typed.Variable] = {}
         for name, type_expr in decl.parameters:
-            t = self.checker.type_of(type_expr, scope)
-            if name.text in seen:
-                self.diagnostics.error(
-                    "N002", f"parameter `{name.text}` is declared twice", name.span
+            t = self.checker.types.check(type_expr, scope)
+            if name.text in parameters:
+                first = parameters[name.text].span
+                self.checker.names.twice(name.text, name.span, first, "argument")
+                parameters[f"{name.text} {name.span.start}"] = typed.Variable(
+                    name.text, t, "parameter", name.span
                 )
-            seen.add(name.text)
-            if isinstance(t, DurationType):
-                self.checker._no_duration(type_expr)  # noqa: SLF001 - same room
-            parameters.append(typed.Variable(name.text, t, "parameter", name.span))
-        result = self.checker.type_of(decl.result, scope)
-        if isinstance(result, DurationType):
-            self.checker._no_duration(decl.result)  # noqa: SLF001 - same room
+                continue
+            parameters[name.text] = typed.Variable(name.text, t, "parameter", name.span)
+        result = self.checker.types.check(decl.result, scope)
         body: tuple[typed.Stmt, ...] | None = None if decl.extern else ()
         self.check_binding(decl.source, decl.source_span)
         fun = typed.FunSymbol(
-            full, decl.name.span, tuple(parameters), result, body, decl.extern,
-            self._located(decl.source, scope), scope.loaded.prelude,
+            full,
+            decl.name.span,
+            tuple(parameters.values()),
+            result,
+            body,
+            decl.extern,
+            self.located(decl.source, scope),
+            scope.loaded.prelude,
         )
         if decl.body is not None:
-            self.checker.defer_body(fun, decl, scope)
+            self.checker.calls.add(fun, decl, scope)
         return fun
 
     def fun_body(self, fun: typed.FunSymbol, decl: tree.FunDecl, scope: FileScope) -> None:
         """Check a function's body and store it in the symbol."""
         assert decl.body is not None
-        context = Context(scope, f"function `{decl.name.text}`", result=fun.result)
+        context = Context(
+            scope,
+            f"function `{decl.name.text}`",
+            result=fun.result,
+            result_span=decl.result.span,
+        )
         context.locals.append({p.name: p for p in fun.parameters})
         fun.body = self.checker.statements.block(decl.body, context)
-        if not always_returns(fun.body) and not isinstance(fun.result, ErrorType):
-            self.diagnostics.error(
-                "T005",
-                f"`{decl.name.text}` may end without `return`",
-                decl.name.span,
-                f"must give `{fun.result}` on every path",
-            )
+        if always_returns(fun.body) or decl.name.text in scope.broken:
+            return
+        self.diagnostics.error(
+            "T005",
+            f"`{decl.name.text}` may end without `return`",
+            decl.name.span,
+            also=((decl.result.span, "every path must give this"),),
+            helps=("add a `return` at the end",),
+        )
+
+    # ------------------------------------------------------------ externs
 
     def check_binding(self, source: str | None, span: Span | None) -> None:
-        """X002 for a binding text that cannot be one."""
+        """X009 for a binding text that cannot be one."""
         if source is None:
             return
         parts = source.split(":")
-        if len(parts) != 3 or parts[0] not in BINDING_KINDS or not all(parts):
-            self.diagnostics.error(
-                "X002",
-                f"`{source}` is not a binding",
-                span,
-                helps=('write `"python:file.py:name"` or `"c:file.c:name"`',),
-            )
+        if len(parts) == 3 and parts[0] in BINDING_KINDS and all(parts):  # noqa: PLR2004
+            return
+        kind = parts[0] if parts[0] in BINDING_KINDS else "python"
+        self.diagnostics.error(
+            "X009",
+            f"`{source}` is no binding",
+            span,
+            notes=("a binding names the language, the file and the function",),
+            helps=(f'write `"{kind}:file.{"py" if kind == "python" else "c"}:name"`',),
+        )
 
-    def _located(self, source: str | None, scope: FileScope) -> str | None:
+    def located(self, source: str | None, scope: FileScope) -> str | None:
         """A binding with its file made relative to the file that declares it."""
-        if source is None or source.count(":") != 2:
+        if source is None or source.count(":") != 2:  # noqa: PLR2004 - kind, file, name
             return source
         kind, file, name = source.split(":")
         return f"{kind}:{scope.loaded.path.parent / file}:{name}"
@@ -214,29 +262,24 @@ class DeclChecker:
     # ------------------------------------------------------------ topics
 
     def _topic(self, decl: tree.TopicDecl, scope: FileScope, full: str) -> object:
-        t = self.checker.type_of(decl.type, scope)
+        t = self.checker.types.check(decl.type, scope)
+        expressions = self.checker.expressions
+        context = Context(scope, f"topic `{decl.name.text}`")
+        values: dict[tuple[str, ...], typed.RangeSet] = {}
+        if decl.values is not None and not isinstance(t, ErrorType):
+            self._value_set(decl.values, t, (), values, context)
+        default = None
+        if decl.default is not None:
+            because = (decl.type.span, f"the topic is `{t}`")
+            default = expressions.check(decl.default, context, t, because)
+        max_age = expressions.check(decl.max_age, context, DURATION) if decl.max_age else None
+        for expr in (default, max_age):
+            self.checker.constants.closed(expr, f"a number of topic `{decl.name.text}`")
         if isinstance(t, ErrorType):
             return None
-        if isinstance(t, DurationType):
-            self.checker._no_duration(decl.type)  # noqa: SLF001 - same room
-            return None
-        context = Context(scope, f"topic `{decl.name.text}`", constant=False)
-        values: dict[tuple[str, ...], typed.RangeSet] = {}
-        if decl.values is not None:
-            self._value_set(decl.values, t, (), values, context)
-        default = (
-            self.checker.expressions.check(decl.default, context, t) if decl.default else None
+        return typed.TopicSymbol(
+            full, decl.name.span, t, decl.input, values, sound(default), sound(max_age)
         )
-        max_age = (
-            self.checker.expressions.check(decl.max_age, context, DURATION)
-            if decl.max_age
-            else None
-        )
-        if default is not None and is_error(default):
-            default = None
-        if max_age is not None and is_error(max_age):
-            max_age = None
-        return typed.TopicSymbol(full, decl.name.span, t, decl.input, values, default, max_age)
 
     def _value_set(
         self,
@@ -247,326 +290,73 @@ class DeclChecker:
         context: Context,
     ) -> None:
         if isinstance(values, tree.Interval):
-            scalar = scalar_of(t)
-            if scalar is None:
-                self.diagnostics.error(
-                    "V004",
-                    f"`{t}` is not made of one kind of number: one interval does not fit it",
-                    values.span,
-                    helps=("give a set field by field: `in { x in [0, 1], y in [-1, 1] }`",)
-                    if isinstance(t, RecordType)
-                    else (),
-                )
-                return
-            low = self.checker.expressions.check(values.low, context, scalar)
-            high = self.checker.expressions.check(values.high, context, scalar)
-            if not is_error(low, high):
-                out[path] = typed.RangeSet(low, high, values.span)
+            interval = self._interval(values, t, context)
+            if interval is not None:
+                out[path] = interval
             return
         if not isinstance(t, RecordType):
-            self.diagnostics.error("V004", f"`{t}` has no fields", values.span)
+            self.diagnostics.error(
+                "V004",
+                f"`{t}` has no fields that could have sets of their own",
+                values.span,
+                helps=("give one interval: `in [-1.0, 1.0]`",) if scalar_of(t) else (),
+            )
             return
-        seen: set[str] = set()
+        seen: dict[str, Span] = {}
         for name, inner in values.fields:
             index = t.index(name.text)
             if index is None:
-                self.diagnostics.error("N004", f"`{t}` has no field `{name.text}`", name.span)
-                continue
-            if name.text in seen:
+                fields = [n for n, _ in t.fields]
                 self.diagnostics.error(
-                    "N002", f"the set of `{name.text}` is given twice", name.span
+                    "N004",
+                    f"`{t}` has no field `{name.text}`",
+                    name.span,
+                    notes=(f"its fields are {', '.join(f'`{n}`' for n in fields)}",),
+                    helps=self.checker.names.suggestion(name.text, fields),
                 )
-                continue
-            seen.add(name.text)
-            self._value_set(inner, t.fields[index][1], (*path, name.text), out, context)
+            elif name.text in seen:
+                self.checker.names.twice(name.text, name.span, seen[name.text], "the set of")
+            else:
+                seen[name.text] = name.span
+                self._value_set(inner, t.fields[index][1], (*path, name.text), out, context)
 
-    # ------------------------------------------------------------ nodes
+    def _interval(
+        self, values: tree.Interval, t: Type, context: Context
+    ) -> typed.RangeSet | None:
+        scalar = scalar_of(t)
+        if scalar is None:
+            kinds = "numbers of one kind" if isinstance(t, RecordType) else "numbers"
+            self.diagnostics.error(
+                "V004",
+                f"one interval does not fit `{t}`: it is not made of {kinds}",
+                values.span,
+                helps=("give a set to each field: `in { x in [0, 1], y in [-1, 1] }`",)
+                if isinstance(t, RecordType)
+                else (),
+            )
+            return None
+        expressions = self.checker.expressions
+        low = expressions.check(values.low, context, scalar)
+        high = expressions.check(values.high, context, scalar)
+        self.checker.constants.closed(low, "a bound")
+        self.checker.constants.closed(high, "a bound")
+        return None if is_error(low, high) else typed.RangeSet(low, high, values.span)
 
     def topic_ref(self, ref: tree.Ref, scope: FileScope) -> typed.TopicSymbol | None:
         """The topic a reference means, or None after a report."""
         entry = self.checker.names.find_ref(scope, ref)
         if entry is None:
             return None
+        symbol = self.checker.resolve(entry, ref.span)
         if entry.kind != "topic":
             self.diagnostics.error(
-                "N003", f"`{ref.text}` is a {entry.kind}, not a topic", ref.span
+                "N003",
+                f"`{ref.text}` is a {entry.kind}, not a topic",
+                ref.span,
+                also=((entry.decl.name.span, "declared here"),),
             )
             return None
-        symbol = self.checker.resolve(entry, ref.span)
         return symbol if isinstance(symbol, typed.TopicSymbol) else None
-
-    def _node(self, decl: tree.NodeDecl, scope: FileScope, full: str) -> object:
-        context = Context(scope, f"node `{decl.name.text}`")
-        period = self.checker.expressions.check(decl.period, context, DURATION)
-        phase = (
-            self.checker.expressions.check(decl.phase, context, DURATION) if decl.phase else None
-        )
-        self.check_binding(decl.source, decl.source_span)
-        subscribes: list[typed.Subscribed] = []
-        for s in decl.subscribes:
-            topic = self.topic_ref(s.topic, scope)
-            if topic is None:
-                continue
-            if any(x.topic is topic for x in subscribes):
-                self.diagnostics.error(
-                    "N002", f"`{s.topic.text}` is subscribed twice", s.span
-                )
-                continue
-            if s.queue is not None and s.queue < 1:
-                self.diagnostics.error("T011", "a queue holds at least one message", s.span)
-            if s.queue is not None:
-                self.diagnostics.warning(
-                    "W002",
-                    "queues are read but not executed yet: this subscription holds the last value",
-                    s.span,
-                )
-            subscribes.append(
-                typed.Subscribed(topic, s.queue, s.policy or "drop_oldest", s.span)
-            )
-        publishes: list[typed.TopicSymbol] = []
-        for ref in decl.publishes:
-            topic = self.topic_ref(ref, scope)
-            if topic is None:
-                continue
-            if topic in publishes:
-                self.diagnostics.error("N002", f"`{ref.text}` is published twice", ref.span)
-                continue
-            if any(x.topic is topic for x in subscribes):
-                both = next(x for x in subscribes if x.topic is topic)
-                self.diagnostics.error(
-                    "M001",
-                    f"`{decl.name.text}` both subscribes to and publishes `{topic.name}`",
-                    ref.span,
-                    "published here",
-                    also=((both.span, "subscribed here"),),
-                    notes=("the paper's nodes have disjoint inputs and outputs",),
-                    helps=("keep the value in a local `var` instead",),
-                )
-            if topic.input:
-                self.diagnostics.error(
-                    "M011",
-                    f"`{topic.name}` is an input topic: only the environment sets it",
-                    ref.span,
-                    also=((topic.span, "declared `input` here"),),
-                )
-            publishes.append(topic)
-        locals_, initial = self._locals(decl, scope, context)
-        failsafe = self._failsafe(decl, scope, publishes, context)
-        if is_error(period):
-            period = typed.Literal(DURATION, decl.period.span, 0, "<error>")
-        node = typed.NodeSymbol(
-            full, decl.name.span, period, phase if phase and not is_error(phase) else None,
-            decl.extern, self._located(decl.source, scope), tuple(subscribes), tuple(publishes),
-            failsafe, tuple(locals_), tuple(initial), (), (), None, (),
-        )
-        self.checker.later(node, decl, scope)
-        return node
-
-    def _locals(
-        self, decl: tree.NodeDecl, scope: FileScope, context: Context
-    ) -> tuple[list[typed.Variable], list[typed.Expr | None]]:
-        variables: list[typed.Variable] = []
-        initial: list[typed.Expr | None] = []
-        for local in decl.locals:
-            t = self.checker.type_of(local.type, scope)
-            if isinstance(t, DurationType):
-                self.checker._no_duration(local.type)  # noqa: SLF001 - same room
-            if any(v.name == local.name.text for v in variables):
-                self.diagnostics.error(
-                    "N002", f"`{local.name.text}` is declared twice", local.name.span
-                )
-                continue
-            value = (
-                self.checker.expressions.check(local.initial, context, t)
-                if local.initial
-                else None
-            )
-            variables.append(typed.Variable(local.name.text, t, "local", local.name.span))
-            initial.append(None if value is None or is_error(value) else value)
-        return variables, initial
-
-    def _failsafe(
-        self,
-        decl: tree.NodeDecl,
-        scope: FileScope,
-        publishes: list[typed.TopicSymbol],
-        context: Context,
-    ) -> dict[typed.TopicSymbol, typed.Expr]:
-        result: dict[typed.TopicSymbol, typed.Expr] = {}
-        for ref, expr in decl.failsafe:
-            topic = self.topic_ref(ref, scope)
-            value = self.checker.expressions.check(expr, context, topic.type if topic else None)
-            if topic is None or is_error(value):
-                continue
-            if topic not in publishes:
-                self.diagnostics.error(
-                    "M009", f"`{decl.name.text}` does not publish `{ref.text}`", ref.span
-                )
-                continue
-            if topic in result:
-                self.diagnostics.error(
-                    "N002", f"the fail-safe value of `{ref.text}` is given twice", ref.span
-                )
-            result[topic] = value
-        return result
-
-    def _node_body(self, node: typed.NodeSymbol, decl: tree.NodeDecl, scope: FileScope) -> None:
-        context = Context(
-            scope,
-            f"node `{decl.name.text}`",
-            topics={s.topic for s in node.subscribes},
-            has_time=True,
-            has_period=True,
-            has_modes=True,
-            node=node,
-        )
-        frame = {v.name: v for v in node.locals}
-        context.locals.append(frame)
-        outputs: set[typed.TopicSymbol] = set(node.publishes)
-        node.assumes = tuple(self.checker.expressions.check(e, context, BOOL) for e in decl.assumes)
-        both = Context(
-            scope, context.where, topics={*outputs, *(s.topic for s in node.subscribes)},
-            has_time=True, has_period=True, has_modes=True, node=node, locals=[frame],
-        )
-        node.guarantees = tuple(
-            self.checker.expressions.check(e, both, BOOL) for e in decl.guarantees
-        )
-        for expr in (*decl.assumes, *decl.guarantees):
-            self.diagnostics.warning(
-                "W003", "`assumes` and `guarantees` are checked for types only, not at run time yet",
-                expr.span,
-            )
-        if decl.takeover is not None:
-            reset = Context(
-                scope, f"`on takeover` of `{decl.name.text}`",
-                topics={s.topic for s in node.subscribes}, has_time=True, has_period=True,
-                locals=[frame],
-            )
-            node.takeover = self.checker.statements.block(decl.takeover, reset)
-        if decl.step is not None:
-            node.step = self.checker.statements.block(decl.step, context)
-            self._warn_node(node, decl, context)
-
-    def _warn_node(self, node: typed.NodeSymbol, decl: tree.NodeDecl, context: Context) -> None:
-        if context.scope.loaded.library:
-            return
-        published = self.checker.published.get(node, set())
-        refs = {r.name.text: r for r in decl.publishes}
-        for topic in node.publishes:
-            if topic not in published and not decl.extern:
-                ref = refs.get(topic.name.rsplit(".", 1)[-1])
-                self.diagnostics.warning(
-                    "W004",
-                    f"`{decl.name.text}` never publishes `{topic.name}`",
-                    ref.span if ref else decl.name.span,
-                )
-        for s in node.subscribes:
-            read = s.topic in context.topics_read or decl.assumes or decl.guarantees
-            if not read and not decl.extern:
-                self.diagnostics.warning(
-                    "W001", f"`{decl.name.text}` never reads `{s.topic.name}`", s.span
-                )
-        for v in node.locals:
-            if not v.used and not v.name.startswith("_") and not decl.extern:
-                self.diagnostics.warning("W001", f"`{v.name}` is never used", v.span)
-
-    # ------------------------------------------------------------ modules
-
-    def node_ref(self, ref: tree.Ref, scope: FileScope) -> typed.NodeSymbol | None:
-        """The node a reference means, or None after a report."""
-        entry = self.checker.names.find_ref(scope, ref)
-        if entry is None:
-            return None
-        symbol = self.checker.resolve(entry, ref.span)
-        if entry.kind != "node":
-            self.diagnostics.error("N003", f"`{ref.text}` is a {entry.kind}, not a node", ref.span)
-            return None
-        return symbol if isinstance(symbol, typed.NodeSymbol) else None
-
-    def _rta(self, decl: tree.RtaDecl, scope: FileScope, full: str) -> object:
-        context = Context(scope, f"module `{decl.name.text}`")
-        missing = [
-            what
-            for what, part in (
-                ("ac", decl.ac),
-                ("sc", decl.sc),
-                ("period", decl.period),
-                ("safe", decl.safe),
-            )
-            if part is None
-        ]
-        if missing:
-            self.diagnostics.error(
-                "M006",
-                f"module `{decl.name.text}` lacks " + ", ".join(f"`{m}`" for m in missing),
-                decl.name.span,
-            )
-        ac = self.node_ref(decl.ac, scope) if decl.ac else None
-        sc = self.node_ref(decl.sc, scope) if decl.sc else None
-        period = (
-            self.checker.expressions.check(decl.period, context, DURATION) if decl.period else None
-        )
-        clean = self.checker.expressions.check(decl.clean, context, INT) if decl.clean else None
-        if clean is not None and is_error(clean):
-            clean = None
-        if missing or ac is None or sc is None or period is None or decl.safe is None:
-            return None
-        if is_error(period):
-            return None
-        placeholder = typed.Literal(BOOL, decl.safe.span, True)  # noqa: FBT003
-        module = typed.ModuleSymbol(
-            full, decl.name.span, ac, sc, period, placeholder, None, None, clean, (), (), None, None
-        )
-        self.checker.later(module, decl, scope)
-        return module
-
-    def _rta_body(self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope) -> None:
-        assert decl.safe is not None
-        expressions = self.checker.expressions
-        context = Context(
-            scope, f"module `{decl.name.text}`", topics="any", has_modes=True
-        )
-        module.safe = expressions.check(decl.safe, context, BOOL)
-        context.topics_read = []
-        module.ttf = expressions.check(decl.ttf, context, BOOL) if decl.ttf else None
-        module.safer = expressions.check(decl.safer, context, BOOL) if decl.safer else None
-        module.topics_read = tuple(context.topics_read)
-        if (decl.ttf is None) != (decl.safer is None):
-            what, other = ("ttf", "safer") if decl.ttf is None else ("safer", "ttf")
-            self.diagnostics.error(
-                "M006",
-                f"module `{decl.name.text}` has `{other}` but no `{what}`",
-                decl.name.span,
-                helps=(f"write `{what}` too, or leave both out: then they are computed",),
-            )
-        verify = decl.verify
-        if verify is None:
-            return
-        plain = Context(scope, "a `verify` block")
-        module.horizon = (
-            expressions.check(verify.horizon, plain, DURATION) if verify.horizon else None
-        )
-        module.levels = expressions.check(verify.levels, plain, INT) if verify.levels else None
-        module.grid = tuple(
-            axis for a in verify.grid if (axis := self._grid_axis(a, scope, plain)) is not None
-        )
-        module.abstracts = self._abstractions(verify, scope)
-
-    def _grid_axis(
-        self, axis: tree.GridAxis, scope: FileScope, context: Context
-    ) -> typed.GridAxis | None:
-        expressions = self.checker.expressions
-        low = expressions.check(axis.interval.low, context, FLOAT)
-        high = expressions.check(axis.interval.high, context, FLOAT)
-        cells = expressions.check(axis.cells, context, INT)
-        found = self.topic_path(axis.path, scope)
-        if found is None or is_error(low, high, cells):
-            return None
-        topic, path, t = found
-        if not isinstance(t, FloatType):
-            self.diagnostics.error("T001", f"a grid axis is a `float`, not `{t}`", axis.path.span)
-            return None
-        return typed.GridAxis(topic, path, low, high, cells, axis.path.span)
 
     def topic_path(
         self, path: tree.Path, scope: FileScope
@@ -575,7 +365,7 @@ class DeclChecker:
         parts = list(path.parts)
         first = parts.pop(0)
         ref = tree.Ref(None, first, first.span)
-        if first.text in scope.imports and parts:
+        if first.text in scope.imports and first.text not in scope.entries and parts:
             second = parts.pop(0)
             ref = tree.Ref(first, second, first.span.to(second.span))
         topic = self.topic_ref(ref, scope)
@@ -583,33 +373,51 @@ class DeclChecker:
             return None
         t: Type = topic.type
         for part in parts:
-            index = t.index(part.text) if isinstance(t, RecordType) else None
-            if index is None:
-                self.diagnostics.error("N004", f"`{t}` has no field `{part.text}`", part.span)
+            fields = [n for n, _ in t.fields] if isinstance(t, RecordType) else []
+            if not isinstance(t, RecordType) or part.text not in fields:
+                self.diagnostics.error(
+                    "N004",
+                    f"`{t}` has no field `{part.text}`",
+                    part.span,
+                    notes=(f"its fields are {', '.join(f'`{n}`' for n in fields)}",)
+                    if fields
+                    else (),
+                    helps=self.checker.names.suggestion(part.text, fields),
+                )
                 return None
-            assert isinstance(t, RecordType)
-            t = t.fields[index][1]
+            t = t.fields[fields.index(part.text)][1]
         return topic, tuple(p.text for p in parts), t
 
-    def _abstractions(
-        self, verify: tree.VerifyBlock, scope: FileScope
-    ) -> tuple[typed.AbstractionLink, ...]:
-        links: list[typed.AbstractionLink] = []
-        for instance, parts in verify.abstracts:
-            for part in parts:
-                entry = self.checker.names.find_ref(scope, part.plant)
-                plant = self.checker.resolve(entry, part.plant.span) if entry else None
-                if entry is not None and not isinstance(plant, typed.PlantSymbol):
-                    self.diagnostics.error(
-                        "N003", f"`{part.plant.text}` is not a plant", part.plant.span
-                    )
-                if isinstance(plant, typed.PlantSymbol):
-                    links.append(
-                        typed.AbstractionLink(
-                            instance.text, part.name.text, plant, None, part.value.span
-                        )
-                    )
-        return tuple(links)
+    # ------------------------------------------------------------ topics of systems
+
+    def topics_of(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
+        """The topics that stand beside the instances of a system, wires applied."""
+        known = self._topics.get(system)
+        if known is not None:
+            return known
+        found: dict[typed.TopicSymbol, None] = {}
+        for instance in system.instances:
+            what = instance.what
+            if isinstance(what, typed.SystemSymbol):
+                for outer in instance.renames.values():
+                    found.setdefault(outer)
+                continue
+            for topic in _topics_in_signature(what):
+                found.setdefault(instance.renames.get(topic, topic))
+        self._topics[system] = list(found)
+        return self._topics[system]
+
+
+def sound(expr: typed.Expr | None) -> typed.Expr | None:
+    """The expression, None where it was already reported."""
+    return None if expr is None or is_error(expr) else expr
+
+
+def show(value: Value, t: Type) -> str:
+    """A scalar as people write it."""
+    if isinstance(t, DurationType):
+        return write_ns(value)
+    return f"{value!r}" if not isinstance(value, bool) else str(value).lower()
 
 
 def scalar_of(t: Type) -> Type | None:
@@ -626,14 +434,13 @@ def scalar_of(t: Type) -> Type | None:
     return None
 
 
-def topics_of(what: object, checker: DeclChecker) -> list[typed.TopicSymbol]:
-    """Topics one plant, node, module or system mentions in its signature."""
+def _topics_in_signature(what: object) -> list[typed.TopicSymbol]:
+    """Topics one plant, node or module mentions in its signature."""
     if isinstance(what, typed.NodeSymbol):
         return [*(s.topic for s in what.subscribes), *what.publishes]
     if isinstance(what, typed.PlantSymbol):
         return [*what.reads, *(t for t, _ in what.drives)]
     if isinstance(what, typed.ModuleSymbol):
-        return [*topics_of(what.ac, checker), *topics_of(what.sc, checker)]
-    if isinstance(what, typed.SystemSymbol):
-        return checker.topics_of(what)
+        nodes = [*_topics_in_signature(what.ac), *_topics_in_signature(what.sc)]
+        return [*nodes, *what.topics_read]
     return []

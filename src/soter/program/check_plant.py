@@ -9,7 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_expr import is_error, plain
+from soter.program.check_base import is_error, plain
+from soter.program.check_node import period_or_unknown
 from soter.program.context import Context
 from soter.program.types import (
     DURATION,
@@ -24,8 +25,10 @@ from soter.program.types import (
 )
 
 if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
     from soter.program.checker import Checker
     from soter.program.scope import FileScope
+    from soter.program.types import Type
     from soter.syntax import tree
 
 
@@ -36,80 +39,122 @@ class PlantChecker:
         self.checker = checker
         self.diagnostics = checker.diagnostics
 
-    def signature(self, decl: tree.PlantDecl, scope: FileScope, full: str) -> object:
+    def signature(self, decl: tree.PlantDecl, scope: FileScope, full: str) -> typed.PlantSymbol:
         """Everything but the right-hand sides."""
         expressions = self.checker.expressions
         declarations = self.checker.declarations
         context = Context(scope, f"plant `{decl.name.text}`")
         period = expressions.check(decl.period, context, DURATION)
-        if is_error(period):
-            period = typed.Literal(DURATION, decl.period.span, 0, "<error>")
+        self.checker.constants.closed(period, "a period")
         declarations.check_binding(decl.source, decl.source_span)
-        reads: list[typed.TopicSymbol] = []
-        for ref in decl.reads:
-            topic = declarations.topic_ref(ref, scope)
-            if topic is not None and topic not in reads:
-                reads.append(topic)
+        reads = self._reads(decl, scope)
         states, initial, ranges = self._states(decl, scope, context)
         disturbances = self._disturbances(decl, scope, context, states)
-        substeps: typed.Expr | None = None
-        method = "rk4"
-        if decl.integrate is not None:
-            method = decl.integrate[0]
-            if decl.integrate[1] is not None:
-                substeps = expressions.check(decl.integrate[1], context, INT)
-                substeps = None if is_error(substeps) else substeps
+        method, substeps = decl.integrate if decl.integrate is not None else ("rk4", None)
+        steps = expressions.check(substeps, context, INT) if substeps is not None else None
+        self.checker.constants.closed(steps, "the number of substeps")
         truth = RecordType(
             tuple((v.name, v.type) for v in states if not isinstance(v.type, ErrorType)),
             f"{full}.truth",
         )
         plant = typed.PlantSymbol(
-            full, decl.name.span, period, decl.extern,
-            declarations._located(decl.source, scope),  # noqa: SLF001 - same room
-            tuple(reads), (), tuple(states), tuple(initial), tuple(ranges), tuple(disturbances),
-            (), {}, {}, method, substeps, (), truth,
+            full,
+            decl.name.span,
+            period_or_unknown(period),
+            decl.extern,
+            declarations.located(decl.source, scope),
+            tuple(reads),
+            (),
+            tuple(states),
+            tuple(initial),
+            tuple(ranges),
+            tuple(disturbances),
+            (),
+            {},
+            {},
+            method,
+            None if steps is None or is_error(steps) else steps,
+            (),
+            truth,
+            tuple(reads.values()),
         )
         self.checker.later(plant, decl, scope)
         return plant
+
+    def _reads(self, decl: tree.PlantDecl, scope: FileScope) -> dict[typed.TopicSymbol, Span]:
+        reads: dict[typed.TopicSymbol, Span] = {}
+        for ref in decl.reads:
+            topic = self.checker.declarations.topic_ref(ref, scope)
+            if topic is None:
+                continue
+            if topic in reads:
+                self._twice(f"`{ref.text}` is read twice", ref.span, reads[topic])
+            reads.setdefault(topic, ref.span)
+        return reads
+
+    def _twice(self, message: str, again: Span, first: Span) -> None:
+        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
 
     def _states(
         self, decl: tree.PlantDecl, scope: FileScope, context: Context
     ) -> tuple[
         list[typed.Variable], list[typed.Expr | None], list[tuple[typed.Expr, typed.Expr] | None]
     ]:
-        expressions = self.checker.expressions
-        states: list[typed.Variable] = []
+        states: dict[str, typed.Variable] = {}
         initial: list[typed.Expr | None] = []
         ranges: list[tuple[typed.Expr, typed.Expr] | None] = []
         for s in decl.states:
-            t = self.checker.type_of(s.type, scope)
-            if isinstance(t, DurationType):
-                self.checker._no_duration(s.type)  # noqa: SLF001 - same room
-                t = ERROR
-            if any(v.name == s.name.text for v in states):
-                self.diagnostics.error(
-                    "N002", f"state `{s.name.text}` is declared twice", s.name.span
-                )
+            t = self.checker.types.check(s.type, scope)
+            value = None
+            if s.initial is not None:
+                because = (s.type.span, f"declared as `{t}`")
+                value = self.checker.expressions.check(s.initial, context, t, because)
+                self.checker.constants.closed(value, "a first value")
+            interval = self._start(s, t, context)
+            first = states.get(s.name.text)
+            if first is not None:
+                self.checker.names.twice(s.name.text, s.name.span, first.span, "state")
                 continue
-            value = expressions.check(s.initial, context, t) if s.initial else None
-            interval = None
-            if s.interval is not None:
-                if not isinstance(t, ErrorType) and not (isinstance(t, FloatType) or is_vector(t)):
-                    self.diagnostics.error(
-                        "V004", f"only floats can start anywhere in an interval, not `{t}`",
-                        s.interval.span,
-                    )
-                low = expressions.check(s.interval.low, context, FLOAT)
-                high = expressions.check(s.interval.high, context, FLOAT)
-                interval = None if is_error(low, high) else (low, high)
-                if value is not None:
-                    self.diagnostics.error(
-                        "V004", "a state starts at a value or in an interval, not both", s.span
-                    )
-            states.append(typed.Variable(s.name.text, t, "state", s.name.span, used=True))
+            states[s.name.text] = typed.Variable(s.name.text, t, "state", s.name.span, used=True)
             initial.append(None if value is None or is_error(value) else value)
             ranges.append(interval)
-        return states, initial, ranges
+        return list(states.values()), initial, ranges
+
+    def _start(
+        self, s: tree.PlantState, t: Type, context: Context
+    ) -> tuple[typed.Expr, typed.Expr] | None:
+        """The interval a state starts in, if it has one."""
+        if s.interval is None:
+            return None
+        interval = self._interval(s.interval, context)
+        if s.initial is not None:
+            self.diagnostics.error(
+                "V008",
+                f"state `{s.name.text}` starts at a value and in an interval",
+                s.initial.span,
+                "the value",
+                also=((s.interval.span, "the interval"),),
+                helps=("keep one of them",),
+            )
+        if isinstance(t, ErrorType) or isinstance(t, FloatType) or is_vector(t):
+            return interval
+        self.diagnostics.error(
+            "V004",
+            f"a `{t}` cannot start anywhere in an interval",
+            s.interval.span,
+            notes=("the start is drawn for floats and vectors only",),
+            helps=(f"give it a value: `state {s.name.text}: {t} = ...;`",),
+        )
+        return None
+
+    def _interval(
+        self, interval: tree.Interval, context: Context
+    ) -> tuple[typed.Expr, typed.Expr] | None:
+        low = self.checker.expressions.check(interval.low, context, FLOAT)
+        high = self.checker.expressions.check(interval.high, context, FLOAT)
+        self.checker.constants.closed(low, "a bound")
+        self.checker.constants.closed(high, "a bound")
+        return None if is_error(low, high) else (low, high)
 
     def _disturbances(
         self,
@@ -118,179 +163,213 @@ class PlantChecker:
         context: Context,
         states: list[typed.Variable],
     ) -> list[typed.DisturbanceSymbol]:
-        expressions = self.checker.expressions
         found: list[typed.DisturbanceSymbol] = []
+        taken = {v.name: v for v in states}
         for d in decl.disturbances:
-            t = self.checker.type_of(d.type, scope)
-            low = expressions.check(d.interval.low, context, FLOAT)
-            high = expressions.check(d.interval.high, context, FLOAT)
-            hold = expressions.check(d.hold, context, DURATION) if d.hold else None
-            taken = [v.name for v in states] + [x.variable.name for x in found]
-            if d.name.text in taken:
-                self.diagnostics.error("N002", f"`{d.name.text}` is declared twice", d.name.span)
+            t = self.checker.types.check(d.type, scope)
+            interval = self._interval(d.interval, context)
+            hold = self.checker.expressions.check(d.hold, context, DURATION) if d.hold else None
+            self.checker.constants.closed(hold, "a hold")
+            first = taken.get(d.name.text)
+            if first is not None:
+                self.checker.names.twice(d.name.text, d.name.span, first.span)
                 continue
-            if isinstance(t, ErrorType):
-                continue
-            if not (isinstance(t, FloatType) or is_vector(t)):
+            if not (isinstance(t, (FloatType, ErrorType)) or is_vector(t)):
                 self.diagnostics.error(
-                    "T018", f"a disturbance is a float or a vector, not `{t}`", d.type.span
+                    "T018",
+                    f"a disturbance is a float or a vector, not a `{t}`",
+                    d.type.span,
                 )
-                continue
+                t = ERROR
             variable = typed.Variable(d.name.text, t, "disturbance", d.name.span)
-            if is_error(low, high):
-                low = high = typed.Literal(FLOAT, d.span, 0.0)
+            taken[d.name.text] = variable
+            if interval is None:
+                zero = typed.Literal(FLOAT, d.interval.span, 0.0)
+                interval = (zero, zero)
             if hold is not None and is_error(hold):
                 hold = None
-            found.append(typed.DisturbanceSymbol(variable, low, high, hold))
+            found.append(typed.DisturbanceSymbol(variable, *interval, hold))
         return found
 
     # ------------------------------------------------------------ body
 
     def body(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope) -> None:
         """Lets, dynamics, outputs and measurement errors."""
-        expressions = self.checker.expressions
         frame = {v.name: v for v in plant.states}
         frame.update({d.variable.name: d.variable for d in plant.disturbances})
         context = Context(
-            scope, f"plant `{decl.name.text}`", topics=set(plant.reads), has_time=True,
-            has_period=True, locals=[frame],
+            scope,
+            f"plant `{decl.name.text}`",
+            topics=set(plant.reads),
+            has_time=True,
+            has_period=True,
+            locals=[frame],
         )
-        lets: list[tuple[typed.Variable, typed.Expr]] = []
-        for item in decl.lets:
-            t = self.checker.type_of(item.type, scope) if item.type else None
-            value = expressions.check(item.value, context, t)
-            if item.name.text in frame:
-                self.diagnostics.error(
-                    "N002", f"`{item.name.text}` is declared twice", item.name.span
-                )
-            variable = typed.Variable(
-                item.name.text, t if t is not None else plain(value.type), "plantlet",
-                item.name.span,
-            )
-            frame[item.name.text] = variable
-            lets.append((variable, value))
-        plant.lets = tuple(lets)
+        plant.lets = tuple(self._let(item, frame, context) for item in decl.lets)
         self._dynamics(plant, decl, context)
-        self._drives(plant, decl, scope, context)
+        mark = self.checker.mark()
+        self._drives(plant, decl, context)
+        if self.checker.mark() != mark:
+            self.checker.damaged.add(plant)
         plant.measured = tuple(self._measured(plant, decl, scope))
-        self._warn(plant, decl, context)
+        if not plant.extern and not scope.loaded.library:
+            self._warn(plant, decl, context)
+
+    def _let(
+        self, item: tree.PlantLet, frame: dict[str, typed.Variable], context: Context
+    ) -> tuple[typed.Variable, typed.Expr]:
+        t = self.checker.types.check(item.type, context.scope) if item.type else None
+        because = (item.type.span, f"declared as `{t}`") if item.type else None
+        value = self.checker.expressions.check(item.value, context, t, because)
+        found = t if t is not None else plain(value.type)
+        if isinstance(found, DurationType):
+            self.checker.statements.duration(value.span)
+            found = ERROR
+        first = frame.get(item.name.text)
+        if first is not None:
+            self.checker.names.twice(item.name.text, item.name.span, first.span)
+            first.used = True
+        variable = typed.Variable(item.name.text, found, "plantlet", item.name.span)
+        frame[item.name.text] = variable
+        return variable, value
 
     def _dynamics(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
         states = {v.name: v for v in plant.states}
-        for table, items, what in ((plant.der, decl.der, "der"), (plant.next, decl.next, "next")):
+        given: dict[str, Span] = {}
+        for table, items, word in ((plant.der, decl.der, "der"), (plant.next, decl.next, "next")):
             for name, expr in items:
                 variable = states.get(name.text)
+                wanted = variable.type if variable else None
+                because = (variable.span, f"the state is `{wanted}`") if variable else None
+                value = self.checker.expressions.check(expr, context, wanted, because)
                 if variable is None:
-                    self.checker.expressions.check(expr, context)
+                    self._no_state(plant, decl, name, context)
+                elif name.text in given:
+                    message = f"the dynamics of `{name.text}` are given twice"
+                    self._twice(message, name.span, given[name.text])
+                elif word == "der" and not _can_be_integrated(variable.type):
                     self.diagnostics.error(
-                        "N001",
-                        f"plant `{decl.name.text}` has no state `{name.text}`",
+                        "T018",
+                        f"`der` is for floats and vectors, not for a `{variable.type}`",
                         name.span,
-                        helps=(f"add `state {name.text}: float;`",),
-                    )
-                    continue
-                value = self.checker.expressions.check(expr, context, variable.type)
-                if variable in plant.der or variable in plant.next:
-                    self.diagnostics.error(
-                        "N002", f"the dynamics of `{name.text}` are given twice", name.span
-                    )
-                    continue
-                t = variable.type
-                if what == "der" and not isinstance(t, (FloatType, ErrorType)) and not is_vector(t):
-                    self.diagnostics.error(
-                        "T018", f"`der` needs a float or a vector, not `{t}`", name.span,
+                        also=((variable.span, "declared here"),),
                         helps=(f"write `next {name.text} = ...;`",),
                     )
-                    continue
-                table[variable] = value
-        if plant.extern and (plant.der or plant.next):
+                else:
+                    table[variable] = value
+                given.setdefault(name.text, name.span)
+        if plant.extern and given:
             self.diagnostics.error(
-                "X002", "an extern plant has no `der` or `next`: its driver moves the states",
-                decl.name.span,
+                "X010",
+                f"extern plant `{decl.name.text}` has dynamics of its own",
+                next(iter(given.values())),
+                notes=("the states of an extern plant are moved by the code it is bound to",),
+                helps=("leave out `extern`, or every `der` and `next`",),
             )
-        if not plant.extern and not plant.states:
+        if not plant.extern and not plant.states and decl.name.text not in context.scope.broken:
             self.diagnostics.error(
-                "M006", f"plant `{decl.name.text}` has no state", decl.name.span
+                "M006",
+                f"plant `{decl.name.text}` has no state",
+                decl.name.span,
+                helps=("add `state x: float;` and `der x = ...;`",),
             )
 
-    def _drives(
-        self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope, context: Context
+    def _no_state(
+        self, plant: typed.PlantSymbol, decl: tree.PlantDecl, name: tree.Name, context: Context
     ) -> None:
-        drives: list[tuple[typed.TopicSymbol, typed.Expr]] = []
+        if decl.name.text in context.scope.broken:
+            self.checker.names.losses += 1
+            return
+        near = self.checker.names.suggestion(name.text, [v.name for v in plant.states])
+        self.diagnostics.error(
+            "N001",
+            f"plant `{decl.name.text}` has no state `{name.text}`",
+            name.span,
+            "not declared",
+            helps=near or (f"add `state {name.text}: float;`",),
+        )
+
+    def _drives(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
+        drives: dict[typed.TopicSymbol, typed.Expr] = {}
+        spans: dict[typed.TopicSymbol, Span] = {}
         for ref, expr in decl.drives:
-            topic = self.checker.declarations.topic_ref(ref, scope)
+            topic = self.checker.declarations.topic_ref(ref, context.scope)
             if expr is None:
                 self.diagnostics.error(
-                    "M006", f"`drives {ref.text}` needs a value: `drives {ref.text} = ...;`",
+                    "M006",
+                    f"`drives {ref.text}` has no value",
                     ref.span,
+                    notes=("also of an extern plant: its code moves the states, nothing else",),
+                    helps=(f"write `drives {ref.text} = ...;` over its states",),
                 )
                 continue
-            value = self.checker.expressions.check(expr, context, topic.type if topic else None)
+            because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
+            wanted = topic.type if topic else None
+            value = self.checker.expressions.check(expr, context, wanted, because)
             if topic is None:
                 continue
-            if any(t is topic for t, _ in drives):
-                self.diagnostics.error("N002", f"`{ref.text}` is driven twice", ref.span)
+            if topic in spans:
+                self._twice(f"`{ref.text}` is driven twice", ref.span, spans[topic])
                 continue
+            spans[topic] = ref.span
             if topic.input:
-                self.diagnostics.error(
-                    "M011", f"`{ref.text}` is an input topic: only the environment sets it",
-                    ref.span,
-                )
-            drives.append((topic, value))
-        plant.drives = tuple(drives)
+                self.checker.declarations.nodes.input_is_set(topic, ref.span)
+            drives[topic] = value
+        plant.drives = tuple(drives.items())
 
     def _measured(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope
     ) -> list[typed.MeasuredSymbol]:
         context = Context(scope, f"plant `{decl.name.text}`")
+        driven = {t for t, _ in plant.drives}
         measured: list[typed.MeasuredSymbol] = []
-        taken: dict[tuple[typed.TopicSymbol, tuple[str, ...]], object] = {}
+        taken: list[tuple[typed.TopicSymbol, tuple[str, ...], Span]] = []
         for path, bound in decl.measured:
             within = self.checker.expressions.check(bound, context, FLOAT)
+            self.checker.constants.closed(within, "the bound of an error")
             found = self.checker.declarations.topic_path(path, scope)
             if found is None:
                 continue
             topic, below, t = found
-            if not any(x is topic for x, _ in plant.drives):
-                self.diagnostics.error(
-                    "M009", f"`{decl.name.text}` does not drive `{topic.name}`", path.span
-                )
-                continue
-            if not isinstance(t, (FloatType, ErrorType)) and not is_vector(t):
-                self.diagnostics.error(
-                    "T018", f"a measurement error needs floats, not `{t}`", path.span
-                )
-                continue
-            overlap = any(
-                o is topic and (below[: len(p)] == p or p[: len(below)] == below)
-                for o, p in taken
+            overlap = next(
+                (s for o, p, s in taken if o is topic and (_begins(below, p) or _begins(p, below))),
+                None,
             )
-            if overlap:
+            if topic not in driven:
+                if plant not in self.checker.damaged:
+                    self.diagnostics.error(
+                        "M009",
+                        f"plant `{decl.name.text}` does not drive `{topic.name}`",
+                        path.span,
+                        notes=("a plant knows the errors of its own outputs only",),
+                    )
+            elif not _can_be_integrated(t):
                 self.diagnostics.error(
-                    "N002", f"the error of `{path.text}` is given twice", path.span
+                    "T018",
+                    f"only floats and vectors are measured with an error, not a `{t}`",
+                    path.span,
+                    helps=("name the fields that are floats",),
                 )
-                continue
-            taken[(topic, below)] = path
-            if not is_error(within):
+            elif overlap is not None:
+                self._twice(f"the error of `{path.text}` is given twice", path.span, overlap)
+            elif not is_error(within):
                 measured.append(typed.MeasuredSymbol(topic, below, within, path.span))
+            taken.append((topic, below, path.span))
         return measured
 
     def _warn(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
-        if context.scope.loaded.library:
-            return
-        for d in plant.disturbances:
-            if not d.variable.used and not plant.extern:
-                self.diagnostics.warning(
-                    "W001", f"disturbance `{d.variable.name}` is never used", d.variable.span
-                )
-        for variable, _ in plant.lets:
-            if not variable.used and not variable.name.startswith("_"):
-                self.diagnostics.warning(
-                    "W001", f"`{variable.name}` is never used", variable.span
-                )
-        for topic in plant.reads:
-            if topic not in context.topics_read and not plant.extern:
-                self.diagnostics.warning(
-                    "W001", f"plant `{decl.name.text}` never reads `{topic.name}`", decl.name.span
-                )
+        unused = self.checker.unused
+        unused.variables([d.variable for d in plant.disturbances])
+        unused.variables([v for v, _ in plant.lets])
+        for topic, span in zip(plant.reads, plant.read_spans, strict=True):
+            if topic not in context.topics_read:
+                message = f"plant `{decl.name.text}` never reads `{topic.name}`"
+                unused.add("W001", message, span, "", "leave it out")
 
+
+def _begins(path: tuple[str, ...], prefix: tuple[str, ...]) -> bool:
+    return path[: len(prefix)] == prefix
+
+
+def _can_be_integrated(t: Type) -> bool:
+    return isinstance(t, (FloatType, ErrorType)) or is_vector(t)

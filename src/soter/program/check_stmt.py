@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_expr import ExprChecker, error_expr, is_error, plain
+from soter.program.check_base import error_expr, is_error, plain
 from soter.program.types import (
     BOOL,
     ERROR,
@@ -24,6 +24,7 @@ from soter.program.types import (
 from soter.syntax import tree
 
 if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
     from soter.program.checker import Checker
     from soter.program.context import Context
     from soter.program.types import Type
@@ -35,9 +36,9 @@ MAX_LOOP = 1_000_000
 class StmtChecker:
     """Checks statements of one program."""
 
-    def __init__(self, checker: Checker, expressions: ExprChecker) -> None:
+    def __init__(self, checker: Checker) -> None:
         self.checker = checker
-        self.expressions = expressions
+        self.expressions = checker.expressions
         self.diagnostics = checker.diagnostics
 
     def block(self, block: tree.Block, context: Context) -> tuple[typed.Stmt, ...]:
@@ -45,34 +46,17 @@ class StmtChecker:
         context.locals.append({})
         statements = [self.statement(s, context) for s in block.statements]
         frame = context.locals.pop()
-        self._warn_unused(frame, context)
+        if not context.scope.loaded.library:
+            self.checker.unused.variables(list(frame.values()))
         return tuple(s for s in statements if s is not None)
 
-    def _warn_unused(self, frame: dict[str, typed.Variable], context: Context) -> None:
-        if context.scope.loaded.library:
-            return
-        for variable in frame.values():
-            name = variable.name
-            if not variable.used and not name.startswith("_") and variable.kind in {"let", "var"}:
-                self.diagnostics.warning(
-                    "W001", f"`{name}` is never used", variable.span, "declared here",
-                    helps=(f"remove it, or call it `_{name}` to say that this is meant",),
-                )
-
-    def declare(
-        self, name: tree.Name, t: Type, kind: str, context: Context
-    ) -> typed.Variable:
+    def declare(self, name: tree.Name, t: Type, kind: str, context: Context) -> typed.Variable:
         """Enter a new local; the same name twice in one scope is N002."""
         frame = context.locals[-1]
         first = frame.get(name.text)
         if first is not None:
-            self.diagnostics.error(
-                "N002",
-                f"`{name.text}` is declared twice",
-                name.span,
-                "declared again here",
-                also=((first.span, "first declared here"),),
-            )
+            self.checker.names.twice(name.text, name.span, first.span)
+            first.used = True
         variable = typed.Variable(name.text, t, kind, name.span)
         frame[name.text] = variable
         return variable
@@ -82,9 +66,7 @@ class StmtChecker:
         if isinstance(s, (tree.LetStmt, tree.VarStmt)):
             return self._declaration(s, context)
         if isinstance(s, tree.AssignStmt):
-            place = self.place(s.place, context)
-            value = self.expressions.check(s.value, context, place.type if place else None)
-            return typed.Assign(s.span, place, value) if place else None
+            return self._assign(s, context)
         if isinstance(s, tree.PushStmt):
             return self._push(s, context)
         if isinstance(s, tree.PublishStmt):
@@ -107,37 +89,48 @@ class StmtChecker:
             return self._for_each(s, context)
         return None
 
-    def _declaration(
-        self, s: tree.LetStmt | tree.VarStmt, context: Context
-    ) -> typed.Stmt | None:
-        t = self.checker.type_of(s.type, context.scope) if s.type is not None else None
+    def _declaration(self, s: tree.LetStmt | tree.VarStmt, context: Context) -> typed.Stmt | None:
+        t = self.checker.types.check(s.type, context.scope) if s.type is not None else None
         if s.value is None:
-            assert t is not None
-            value: typed.Expr = (
-                error_expr(s.span)
-                if isinstance(t, ErrorType)
-                else typed.Literal(t, s.span, default_value(t))
-            )
+            value = error_expr(s.span)
+            if t is not None and not isinstance(t, ErrorType):
+                value = typed.Literal(t, s.span, default_value(t))
         else:
-            value = self.expressions.check(s.value, context, t)
+            because = (s.type.span, f"declared as `{t}`") if s.type is not None else None
+            value = self.expressions.check(s.value, context, t, because)
         found = t if t is not None else plain(value.type)
         if isinstance(found, DurationType):
-            self.diagnostics.error(
-                "T014",
-                "a duration cannot be computed with at run time",
-                s.span,
-                helps=("`seconds(d)` gives a float",),
-            )
+            self.duration(value.span)
             found = ERROR
         kind = "let" if isinstance(s, tree.LetStmt) else "var"
         variable = self.declare(s.name, found, kind, context)
         return typed.Declare(s.span, variable, value)
 
+    def duration(self, span: Span) -> None:
+        """T014 for a duration where a running program would keep it."""
+        self.diagnostics.error(
+            "T014",
+            "a running program has no durations",
+            span,
+            "this is a `duration`",
+            notes=("durations are for constants and parameters: periods and the like",),
+            helps=("`seconds(...)` gives the time as a `float`",),
+        )
+
     # ------------------------------------------------------------ places
+
+    def _assign(self, s: tree.AssignStmt, context: Context) -> typed.Stmt | None:
+        place = self.place(s.place, context)
+        because = None
+        if place is not None and not place.path:
+            variable = place.variable
+            because = (variable.span, f"`{variable.name}` is `{variable.type}`")
+        value = self.expressions.check(s.value, context, place.type if place else None, because)
+        return typed.Assign(s.span, place, value) if place else None
 
     def place(self, expr: tree.Expr, context: Context) -> typed.Place | None:
         """What stands on the left of `=`, or None after a report."""
-        steps: list[tree.Expr] = []
+        steps: list[tree.FieldExpr | tree.IndexExpr] = []
         base = expr
         while isinstance(base, (tree.FieldExpr, tree.IndexExpr)):
             steps.append(base)
@@ -157,66 +150,92 @@ class StmtChecker:
         path: list[int | typed.Expr] = []
         for step in reversed(steps):
             if isinstance(t, ErrorType):
+                self.checker.names.losses += 1
                 return None
             selected = self._select(step, t, context)
             if selected is None:
                 return None
             path.append(selected[0])
             t = selected[1]
-        if path:
+        if path or variable.kind == "local":
             variable.used = True
         return typed.Place(variable, tuple(path), t, expr.span)
 
     def _select(
-        self, step: tree.Expr, t: Type, context: Context
+        self, step: tree.FieldExpr | tree.IndexExpr, t: Type, context: Context
     ) -> tuple[int | typed.Expr, Type] | None:
         if isinstance(step, tree.FieldExpr):
-            if isinstance(t, RecordType):
-                index = t.index(step.field.text)
-                if index is not None:
-                    return index, t.fields[index][1]
-            helps = ("`push` adds an element",) if isinstance(t, ListType) else ()
-            self.diagnostics.error(
-                "N004",
-                f"`{t}` has no field `{step.field.text}` that can be assigned",
-                step.field.span,
-                helps=helps,
-            )
-            return None
-        assert isinstance(step, tree.IndexExpr)
+            return self._select_field(step, t)
         index_expr = self.expressions.check(step.index, context, INT)
         if is_error(index_expr):
             return None
         if not isinstance(t, (ArrayType, ListType)):
-            self.diagnostics.error("T002", f"`{t}` cannot be indexed", step.span)
+            self.diagnostics.error(
+                "T002",
+                f"`{t}` cannot be indexed",
+                step.target.span,
+                f"this is `{t}`",
+                notes=("only arrays and lists have elements",),
+            )
             return None
-        self.expressions.check_constant_index(t, index_expr)
+        self.expressions.constant_index(t, index_expr)
         return index_expr, t.element
+
+    def _select_field(self, step: tree.FieldExpr, t: Type) -> tuple[int, Type] | None:
+        name = step.field.text
+        notes: tuple[str, ...] = ()
+        helps: tuple[str, ...] = ()
+        if isinstance(t, RecordType):
+            index = t.index(name)
+            if index is not None:
+                return index, t.fields[index][1]
+            fields = [n for n, _ in t.fields]
+            notes = (f"its fields are {', '.join(f'`{n}`' for n in fields)}",)
+            helps = self.checker.names.suggestion(name, fields)
+        elif isinstance(t, (ListType, ArrayType)) and name == "len":
+            notes = ("the length follows from the elements",)
+            helps = ("`push list, value;` adds one",) if isinstance(t, ListType) else ()
+        self.diagnostics.error(
+            "N004",
+            f"`{t}` has no field `{name}` that could be assigned",
+            step.field.span,
+            notes=notes,
+            helps=helps,
+        )
+        return None
 
     def _not_a_variable(self, base: tree.NameExpr, context: Context) -> None:
         name = base.name.text
         entry = self.checker.names.find(context.scope, name)
         if entry is None:
-            if name not in context.scope.broken:
-                more = tuple(n for frame in context.locals for n in frame)
-                self.checker.names.unknown(context.scope, name, base.span, more)
+            self.checker.names.unknown(context.scope, name, base.span, context.local_names())
+            return
+        if self.checker.resolve(entry, base.span) is None:
             return
         helps = (f"write `publish {name} = ...;`",) if entry.kind == "topic" else ()
         self.diagnostics.error(
-            "T009", f"`{name}` is a {entry.kind}: it cannot be assigned", base.span, helps=helps
+            "T009",
+            f"`{name}` is a {entry.kind}: it cannot be assigned",
+            base.span,
+            also=((entry.decl.name.span, "declared here"),),
+            helps=helps,
         )
 
     def _not_assignable(self, variable: typed.Variable, base: tree.NameExpr) -> None:
         what = {
             "let": "was declared with `let`",
-            "parameter": "is a parameter",
-            "loop": "is a loop variable",
+            "parameter": "is an argument",
+            "loop": "is the variable of a loop",
         }.get(variable.kind, "cannot be assigned here")
-        helps = ("declare it with `var`",) if variable.kind == "let" else ()
+        helps = {
+            "let": ("declare it with `var`",),
+            "parameter": (f"copy it first: `var {variable.name}_now = {variable.name};`",),
+        }.get(variable.kind, ())
         self.diagnostics.error(
             "T009",
             f"`{variable.name}` {what}: it never changes",
             base.span,
+            "assigned here",
             also=((variable.span, "declared here"),),
             helps=helps,
         )
@@ -224,34 +243,38 @@ class StmtChecker:
     def _push(self, s: tree.PushStmt, context: Context) -> typed.Stmt | None:
         place = self.place(s.place, context)
         t = place.type if place else None
-        if place and not isinstance(t, (ListType, ErrorType)):
+        if place is not None and not isinstance(t, (ListType, ErrorType)):
             self.diagnostics.error(
-                "T002", f"`push` needs a bounded list `T[<=n]`, not `{t}`", s.place.span
+                "T002",
+                f"`push` does not apply to `{t}`",
+                s.place.span,
+                f"this is `{t}`",
+                notes=("only bounded lists `T[<=n]` grow",),
             )
             place = None
         element = t.element if isinstance(t, ListType) else None
         value = self.expressions.check(s.value, context, element)
         if place is None or is_error(value) or not isinstance(t, ListType):
             return None
-        place.variable.used = True
         return typed.Push(s.span, place, value)
 
     # ------------------------------------------------------------ publish, return, loops
 
     def _publish(self, s: tree.PublishStmt, context: Context) -> typed.Stmt | None:
-        entry = self.checker.names.find_ref(context.scope, s.topic)
-        symbol = self.checker.resolve(entry, s.topic.span) if entry else None
-        if entry is not None and entry.kind != "topic":
-            self.diagnostics.error(
-                "N003", f"`{s.topic.text}` is a {entry.kind}, not a topic", s.topic.span
-            )
-        topic = symbol if isinstance(symbol, typed.TopicSymbol) else None
-        value = self.expressions.check(s.value, context, topic.type if topic else None)
+        topic = self.checker.declarations.topic_ref(s.topic, context.scope)
+        because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
+        value = self.expressions.check(s.value, context, topic.type if topic else None, because)
         if topic is None:
             return None
         if context.node is None:
             self.diagnostics.error(
-                "M009", f"only a node's step publishes, not {context.where}", s.span
+                "M009",
+                f"{context.where} cannot publish",
+                s.span,
+                notes=("only the step of a node publishes",),
+                helps=("return the value, and publish it in the step",)
+                if context.result is not None
+                else (),
             )
             return None
         if topic not in context.node.publishes:
@@ -259,7 +282,8 @@ class StmtChecker:
                 "M009",
                 f"{context.where} does not declare that it publishes `{topic.name}`",
                 s.topic.span,
-                helps=(f"add `publishes {topic.name};`",),
+                also=((context.node.span, "the node"),),
+                helps=(f"add `{topic.name}` to `publishes`",),
             )
             return None
         self.checker.published.setdefault(context.node, set()).add(topic)
@@ -268,22 +292,35 @@ class StmtChecker:
     def _return(self, s: tree.ReturnStmt, context: Context) -> typed.Stmt | None:
         if context.result is None:
             self.expressions.check(s.value, context)
-            self.diagnostics.error("T005", f"`return` has no meaning in {context.where}", s.span)
+            self.diagnostics.error(
+                "T013",
+                f"`return` has no meaning in {context.where}",
+                s.span,
+                notes=("only functions return a value; a step publishes",),
+            )
             return None
-        value = self.expressions.check(s.value, context, context.result)
+        because = None
+        if context.result_span is not None:
+            because = (context.result_span, f"returns `{context.result}`")
+        value = self.expressions.check(s.value, context, context.result, because)
         return typed.Return(s.span, value)
 
     def _bound(self, expr: tree.Expr, context: Context) -> int | None:
-        value = self.checker.constant(expr, context.scope, INT, "a loop bound", context)
+        value = self.checker.constants.constant(
+            expr, context.scope, INT, "the bound of a loop", context, "T007"
+        )
         return value if isinstance(value, int) else None
 
     def _for_range(self, s: tree.ForRangeStmt, context: Context) -> typed.Stmt | None:
         low, high = self._bound(s.low, context), self._bound(s.high, context)
         if low is not None and high is not None and high - low > MAX_LOOP:
             self.diagnostics.error(
-                "T007", f"this loop runs {high - low} times, at most {MAX_LOOP} are allowed",
-                s.high.span,
+                "T007",
+                f"this loop runs {high - low} times",
+                s.low.span.to(s.high.span),
+                f"at most {MAX_LOOP} rounds are possible",
             )
+            low = None
         context.locals.append({})
         variable = self.declare(s.name, INT, "loop", context)
         body = self.block(s.body, context)
@@ -300,7 +337,11 @@ class StmtChecker:
             element = t.element
         elif not isinstance(t, ErrorType):
             self.diagnostics.error(
-                "T002", f"`for` needs an array or a list, not `{t}`", s.sequence.span,
+                "T002",
+                f"`for` does not apply to `{t}`",
+                s.sequence.span,
+                f"this is `{t}`",
+                notes=("a loop goes through an array, a list, or from one int to another",),
                 helps=("to count, write `for i in 0..10 { ... }`",),
             )
         context.locals.append({})

@@ -9,27 +9,21 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_expr import is_error
+from soter.program.check_base import is_error
+from soter.program.check_field import find_instance
 from soter.program.context import Context
-from soter.program.scope import suggestion
-from soter.program.types import (
-    BOOL,
-    DURATION,
-    ArrayType,
-    FloatType,
-    ListType,
-    RecordType,
-    is_vector,
-)
+from soter.program.types import BOOL, DURATION, ArrayType, ListType, RecordType
 from soter.syntax import tree
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.program.checker import Checker
     from soter.program.scope import FileScope
-    from soter.syntax import tree
+    from soter.program.types import Type
 
-INSTANTIABLE = {"plant", "node", "module", "system"}
+    Replaced = tuple[str, typed.NodeSymbol | typed.PlantSymbol, Span]
+
+INSTANTIABLE = ("plant", "node", "module", "system")
 
 
 class SystemChecker:
@@ -39,48 +33,84 @@ class SystemChecker:
         self.checker = checker
         self.diagnostics = checker.diagnostics
 
-    def signature(self, decl: tree.SystemDecl, scope: FileScope, full: str) -> object:
+    # ------------------------------------------------------------ instances
+
+    def signature(self, decl: tree.SystemDecl, scope: FileScope, full: str) -> typed.SystemSymbol:
         """Instances only: what `other.truth` and sub-systems need."""
-        instances: list[typed.InstanceSymbol] = []
+        instances: dict[str, typed.InstanceSymbol] = {}
         for item in decl.instances:
-            entry = self.checker.names.find_ref(scope, item.what)
-            what = self.checker.resolve(entry, item.what.span) if entry else None
-            wanted = {item.kind} if item.kind else INSTANTIABLE
-            if entry is not None and entry.kind not in wanted:
-                expected = " or ".join(sorted(wanted))
-                self.diagnostics.error(
-                    "N003",
-                    f"`{item.what.text}` is a {entry.kind}, not a {expected}",
-                    item.what.span,
-                )
-                continue
+            what = self._what(item, scope)
+            renames = self._renames(item, scope)
             if what is None:
                 continue
-            first = next((i for i in instances if i.name == item.name.text), None)
+            first = instances.get(item.name.text)
             if first is not None:
-                self.diagnostics.error(
-                    "N002",
-                    f"instance `{item.name.text}` is declared twice",
-                    item.name.span,
-                    also=((first.span, "first declared here"),),
-                )
+                self._instance_twice(item, first)
                 continue
-            assert isinstance(
-                what,
-                (typed.PlantSymbol, typed.NodeSymbol, typed.ModuleSymbol, typed.SystemSymbol),
+            instances[item.name.text] = typed.InstanceSymbol(
+                item.name.text, what, *renames, item.name.span
             )
-            renames = self._renames(item, scope)
-            instances.append(typed.InstanceSymbol(item.name.text, what, renames, item.name.span))
         system = typed.SystemSymbol(
-            full, decl.name.span, decl.default, tuple(instances), None, (), (), (), (), ()
+            full,
+            decl.name.span,
+            decl.default,
+            tuple(instances.values()),
+            None,
+            (),
+            (),
+            (),
+            (),
+            (),
         )
         self.checker.later(system, decl, scope)
         return system
 
+    def _what(
+        self, item: tree.Instance, scope: FileScope
+    ) -> typed.PlantSymbol | typed.NodeSymbol | typed.ModuleSymbol | typed.SystemSymbol | None:
+        entry = self.checker.names.find_ref(scope, item.what)
+        if entry is None:
+            return None
+        what = self.checker.resolve(entry, item.what.span)
+        wanted = (item.kind,) if item.kind else INSTANTIABLE
+        if entry.kind not in wanted:
+            expected = " or ".join(wanted)
+            helps: tuple[str, ...] = ()
+            if entry.kind in {"node", "module"}:
+                helps = (f"write `{entry.kind} {item.what.text};`",)
+            elif entry.kind in INSTANTIABLE:
+                helps = (f"write `name: {item.what.text};`",)
+            self.diagnostics.error(
+                "N003",
+                f"`{item.what.text}` is a {entry.kind}, not a {expected}",
+                item.what.span,
+                also=((entry.decl.name.span, "declared here"),),
+                helps=helps,
+            )
+            return None
+        if isinstance(
+            what, (typed.PlantSymbol, typed.NodeSymbol, typed.ModuleSymbol, typed.SystemSymbol)
+        ):
+            return what
+        return None
+
+    def _instance_twice(self, item: tree.Instance, first: typed.InstanceSymbol) -> None:
+        name = item.name.text
+        self.diagnostics.error(
+            "N002",
+            f"instance `{name}` is declared twice",
+            item.name.span,
+            "declared again here",
+            also=((first.span, "first declared here"),),
+            helps=(f"give it a name of its own: `{name}_2: {item.what.text};`",),
+        )
+
     def _renames(
         self, item: tree.Instance, scope: FileScope
-    ) -> dict[typed.TopicSymbol, typed.TopicSymbol]:
+    ) -> tuple[dict[typed.TopicSymbol, typed.TopicSymbol], dict[typed.TopicSymbol, Span]]:
+        """The wires of an instance, and where each inner topic is written."""
         renames: dict[typed.TopicSymbol, typed.TopicSymbol] = {}
+        spans: dict[typed.TopicSymbol, Span] = {}
         for inner_ref, outer_ref in item.renames:
             inner = self.checker.declarations.topic_ref(inner_ref, scope)
             outer = self.checker.declarations.topic_ref(outer_ref, scope)
@@ -89,56 +119,70 @@ class SystemChecker:
             if inner.type != outer.type:
                 self.diagnostics.error(
                     "T001",
-                    f"`{inner.name}` is `{inner.type}`, but `{outer.name}` is `{outer.type}`",
+                    f"`{inner_ref.text}` is `{inner.type}`, but `{outer_ref.text}` is "
+                    f"`{outer.type}`",
                     outer_ref.span,
+                    also=((inner.span, f"`{inner.type}`"), (outer.span, f"`{outer.type}`")),
+                    notes=("wired topics are one topic, so they have one type",),
                 )
-                continue
-            if inner in renames:
-                self.diagnostics.error(
-                    "N002", f"`{inner_ref.text}` is renamed twice", inner_ref.span
-                )
-            renames[inner] = outer
-        return renames
+            elif inner in renames:
+                self._twice(f"`{inner_ref.text}` is wired twice", inner_ref.span, spans[inner])
+            else:
+                renames[inner] = outer
+            spans.setdefault(inner, inner_ref.span)
+        return renames, spans
+
+    def _twice(self, message: str, again: Span, first: Span) -> None:
+        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
+
+    # ------------------------------------------------------------ properties and overrides
 
     def body(self, system: typed.SystemSymbol, decl: tree.SystemDecl, scope: FileScope) -> None:
         """Properties, overrides, inputs."""
-        expressions = self.checker.expressions
-        plain = Context(scope, f"system `{decl.name.text}`")
-        if decl.until is not None:
-            until = expressions.check(decl.until, plain, DURATION)
-            system.until = None if is_error(until) else until
+        where = f"system `{decl.name.text}`"
         instances = {i.name: i for i in system.instances}
-        system.properties = tuple(
-            p
-            for item in decl.properties
-            if (p := self._property(item, scope, instances, decl.name.text)) is not None
-        )
-        system.forces = tuple((f.module.text, f.to, f.span) for f in decl.forces)
-        for force in decl.forces:
-            if not isinstance(self._find(instances, force.module), typed.ModuleSymbol):
-                self.diagnostics.error(
-                    "M013",
-                    f"`{force.module.text}` is not a module of this system",
-                    force.module.span,
-                    helps=suggestion(force.module.text, list(instances)),
-                )
+        system.until = self._time(decl.until, Context(scope, where), "`until`")
+        found = [self._property(p, scope, instances, decl.name.text) for p in decl.properties]
+        system.properties = tuple(p for p in found if p is not None)
+        self._forces(system, decl, instances)
         system.replaces = tuple(self._replaces(decl.replaces, scope))
-        system.sets = tuple(self._sets(decl, scope, plain))
+        system.sets = tuple(self._sets(decl, scope))
         system.inputs = tuple(self._inputs(decl, scope, instances))
 
-    def _find(
-        self, instances: dict[str, typed.InstanceSymbol], path: tree.Path
-    ) -> object:
-        what: object = None
-        for part in path.parts:
-            instance = instances.get(part.text)
-            if instance is None:
-                return None
-            what = instance.what
-            instances = (
-                {i.name: i for i in what.instances} if isinstance(what, typed.SystemSymbol) else {}
-            )
-        return what
+    def _time(self, expr: tree.Expr | None, context: Context, what: str) -> typed.Expr | None:
+        if expr is None:
+            return None
+        value = self.checker.expressions.check(expr, context, DURATION)
+        self.checker.constants.closed(value, what)
+        return None if is_error(value) else value
+
+    def _forces(
+        self,
+        system: typed.SystemSymbol,
+        decl: tree.SystemDecl,
+        instances: dict[str, typed.InstanceSymbol],
+    ) -> None:
+        forces: dict[str, tuple[str, str, Span]] = {}
+        for force in decl.forces:
+            path = force.module.text
+            what, depth = find_instance(instances, force.module.parts)
+            whole = depth == len(force.module.parts)
+            if path in forces:
+                self._twice(f"`{path}` is forced twice", force.module.span, forces[path][2])
+            elif whole and isinstance(what, typed.ModuleSymbol):
+                forces[path] = (path, force.to, force.module.span)
+            elif system in self.checker.damaged or what in self.checker.damaged:
+                self.checker.names.losses += 1
+            else:
+                modules = [n for n, i in instances.items() if isinstance(i.what, typed.ModuleSymbol)]
+                self.diagnostics.error(
+                    "M013",
+                    f"`{path}` is not a module of system `{decl.name.text}`",
+                    force.module.span,
+                    notes=("only modules have a mode that can be forced",) if whole else (),
+                    helps=self.checker.names.suggestion(path, modules),
+                )
+        system.forces = tuple(forces.values())
 
     def _property(
         self,
@@ -148,57 +192,70 @@ class SystemChecker:
         name: str,
     ) -> typed.PropertySymbol | None:
         context = Context(
-            scope, f"a property of `{name}`", topics="any", has_time=True, has_modes=True,
+            scope,
+            f"a property of `{name}`",
+            topics="any",
+            has_time=True,
+            has_modes=True,
             instances=instances,
         )
-        expressions = self.checker.expressions
-        premise = expressions.check(item.premise, context, BOOL) if item.premise else None
-        condition = expressions.check(item.condition, context, BOOL)
-        within = expressions.check(item.within, context, DURATION) if item.within else None
+        check = self.checker.expressions.check
+        premise = check(item.premise, context, BOOL) if item.premise else None
+        condition = check(item.condition, context, BOOL)
+        within = self._time(item.within, Context(scope, context.where), "`within`")
         if is_error(condition) or (premise is not None and is_error(premise)):
             return None
-        return typed.PropertySymbol(
-            item.kind, premise, condition, within, " ".join(item.condition.span.text.split()),
-            item.span,
-        )
+        text = " ".join(item.condition.span.text.split())
+        return typed.PropertySymbol(item.kind, premise, condition, within, text, item.span)
 
-    def _replaces(
-        self, items: tuple[tree.Replace, ...], scope: FileScope
-    ) -> list[tuple[str, typed.NodeSymbol | typed.PlantSymbol, Span]]:
-        found: list[tuple[str, typed.NodeSymbol | typed.PlantSymbol, Span]] = []
+    def _replaces(self, items: tuple[tree.Replace, ...], scope: FileScope) -> list[Replaced]:
+        found: list[Replaced] = []
         for item in items:
             entry = self.checker.names.find_ref(scope, item.by)
             symbol = self.checker.resolve(entry, item.by.span) if entry else None
             if isinstance(symbol, (typed.NodeSymbol, typed.PlantSymbol)):
-                found.append((item.what.text, symbol, item.span))
-            elif entry is not None and symbol is not None:
+                found.append((item.what.text, symbol, item.what.span))
+            elif entry is not None and entry.kind not in {"node", "plant"}:
                 self.diagnostics.error(
-                    "N003", f"`{item.by.text}` is a {entry.kind}, not a node or plant", item.by.span
+                    "N003",
+                    f"`{item.by.text}` is a {entry.kind}, not a node or plant",
+                    item.by.span,
+                    also=((entry.decl.name.span, "declared here"),),
                 )
-        # a name that is only replaced counts as used
-        for item in items:
-            for part in item.what.parts:
+            for part in item.what.parts:  # a name that is only replaced counts as used
                 if part.text in scope.entries:
                     scope.entries[part.text].used = True
+                elif part.text in scope.imports:
+                    scope.used_imports.add(part.text)
         return found
 
     def _sets(
-        self, decl: tree.SystemDecl, scope: FileScope, context: Context
+        self, decl: tree.SystemDecl, scope: FileScope
     ) -> list[tuple[typed.ParamSymbol, typed.Expr, Span]]:
-        found: list[tuple[typed.ParamSymbol, typed.Expr, Span]] = []
+        found: dict[typed.ParamSymbol, tuple[typed.ParamSymbol, typed.Expr, Span]] = {}
         for item in decl.sets:
             entry = self.checker.names.find_ref(scope, item.param)
             symbol = self.checker.resolve(entry, item.param.span) if entry else None
             if entry is not None and entry.kind != "parameter":
+                helps = ("declare it with `param`",) if entry.kind == "constant" else ()
                 self.diagnostics.error(
-                    "N003", f"`{item.param.text}` is a {entry.kind}, not a parameter",
+                    "N003",
+                    f"`{item.param.text}` is a {entry.kind}, not a parameter",
                     item.param.span,
+                    also=((entry.decl.name.span, "declared here"),),
+                    helps=helps,
                 )
-            expected = symbol.type if isinstance(symbol, typed.ParamSymbol) else None
-            value = self.checker.expressions.check(item.value, context, expected)
-            if isinstance(symbol, typed.ParamSymbol) and not is_error(value):
-                found.append((symbol, value, item.span))
-        return found
+            if not isinstance(symbol, typed.ParamSymbol):
+                continue
+            what = f"the value of `{item.param.text}`"
+            value = self.checker.constants.constant(item.value, scope, symbol.type, what)
+            if symbol in found:
+                message = f"`{item.param.text}` is set twice"
+                self._twice(message, item.param.span, found[symbol][2])
+            elif value is not None:
+                literal = typed.Literal(symbol.type, item.value.span, value)
+                found[symbol] = (symbol, literal, item.param.span)
+        return list(found.values())
 
     def _inputs(
         self,
@@ -206,40 +263,66 @@ class SystemChecker:
         scope: FileScope,
         instances: dict[str, typed.InstanceSymbol],
     ) -> list[typed.InputSymbol]:
-        context = Context(scope, f"system `{decl.name.text}`", topics="any", instances=instances)
-        found: list[typed.InputSymbol] = []
+        where = f"system `{decl.name.text}`"
+        context = Context(scope, where, topics="any", instances=instances)
+        found: dict[typed.TopicSymbol, typed.InputSymbol] = {}
         for item in decl.inputs:
-            every = self.checker.expressions.check(item.every, context, DURATION)
-            expr = _path_expr(item.topic)
-            read = self.checker.expressions.check(expr, context)
-            if is_error(every, read):
+            every = self._time(item.every, Context(scope, where), "`every`")
+            read = self.checker.expressions.check(_path_expr(item.topic), context)
+            if is_error(read):
                 continue
             if not isinstance(read, typed.TopicRead) or not read.topic.input:
+                self._no_input(item, read)
+            elif read.topic in found:
+                first = found[read.topic].span
+                self._twice(f"`{item.topic.text}` is drawn twice", item.topic.span, first)
+            elif _has_list(read.type):
                 self.diagnostics.error(
-                    "M011", f"`{item.topic.text}` is not an `input topic`", item.topic.span
+                    "T018",
+                    f"a `{read.type}` cannot be drawn: it has a list inside",
+                    item.topic.span,
+                    also=((read.topic.span, "declared here"),),
                 )
-                continue
-            t = read.type
-            if not isinstance(t, FloatType) and not is_vector(t) and _has_list(t):
-                self.diagnostics.error("T018", f"`{t}` cannot be drawn", item.topic.span)
-                continue
-            found.append(typed.InputSymbol(item.topic.text, read.topic, every, item.span))
-        return found
+            elif every is not None:
+                found[read.topic] = typed.InputSymbol(
+                    item.topic.text, read.topic, every, item.topic.span
+                )
+        return list(found.values())
+
+    def _no_input(self, item: tree.DriveInput, read: typed.Expr) -> None:
+        topic = read.topic if isinstance(read, typed.TopicRead) else None
+        self.diagnostics.error(
+            "M011",
+            f"`{item.topic.text}` is not an input topic",
+            item.topic.span,
+            also=((topic.span, "declared here"),) if topic else (),
+            notes=("only topics of the environment are drawn",),
+            helps=(f"declare it `input topic {item.topic.parts[-1].text}`",) if topic else (),
+        )
 
     # ------------------------------------------------------------ tests
 
-    def test_signature(self, decl: tree.TestDecl, scope: FileScope, full: str) -> object:
+    def test_signature(
+        self, decl: tree.TestDecl, scope: FileScope, full: str
+    ) -> typed.TestSymbol | None:
         """A test and the system it names."""
         if decl.system is None:
-            self.diagnostics.error(
-                "M006", f"test `{decl.name.text}` names no system", decl.name.span
-            )
+            if decl.name.text not in scope.broken:
+                self.diagnostics.error(
+                    "M006",
+                    f"test `{decl.name.text}` names no system",
+                    decl.name.span,
+                    helps=("add `system Name;`",),
+                )
             return None
         entry = self.checker.names.find_ref(scope, decl.system)
         system = self.checker.resolve(entry, decl.system.span) if entry else None
         if entry is not None and entry.kind != "system":
             self.diagnostics.error(
-                "N003", f"`{decl.system.text}` is a {entry.kind}, not a system", decl.system.span
+                "N003",
+                f"`{decl.system.text}` is a {entry.kind}, not a system",
+                decl.system.span,
+                also=((entry.decl.name.span, "declared here"),),
             )
         if not isinstance(system, typed.SystemSymbol):
             return None
@@ -249,27 +332,26 @@ class SystemChecker:
 
     def test_body(self, test: typed.TestSymbol, decl: tree.TestDecl, scope: FileScope) -> None:
         """Properties, replacements, bounds."""
-        context = Context(scope, f"test `{decl.name.text}`")
+        name = decl.name.text
+        context = Context(scope, f"test `{name}`")
         instances = {i.name: i for i in test.system.instances}
-        expressions = self.checker.expressions
-        test.skew = expressions.check(decl.skew, context, DURATION) if decl.skew else None
-        test.horizon = expressions.check(decl.horizon, context, DURATION) if decl.horizon else None
+        test.skew = self._time(decl.skew, context, "`skew`")
+        test.horizon = self._time(decl.horizon, context, "`horizon`")
         test.replaces = tuple(self._replaces(decl.replaces, scope))
-        test.properties = tuple(
-            p
-            for item in decl.properties
-            if (p := self._property(item, scope, instances, decl.name.text)) is not None
-        )
+        found = [self._property(p, scope, instances, name) for p in decl.properties]
+        test.properties = tuple(p for p in found if p is not None)
 
 
 def _path_expr(path: tree.Path) -> tree.Expr:
-    expr: tree.Expr = tree.NameExpr(path.parts[0].span, path.parts[0])
+    """The path as an expression."""
+    first = path.parts[0]
+    expr: tree.Expr = tree.NameExpr(first.span, first)
     for part in path.parts[1:]:
-        expr = tree.FieldExpr(path.span, expr, part)
+        expr = tree.FieldExpr(first.span.to(part.span), expr, part)
     return expr
 
 
-def _has_list(t: object) -> bool:
+def _has_list(t: Type) -> bool:
     if isinstance(t, ListType):
         return True
     if isinstance(t, ArrayType):

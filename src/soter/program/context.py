@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
     from soter.program.scope import FileScope
     from soter.program.typed import InstanceSymbol, NodeSymbol, TopicSymbol, Variable
     from soter.program.types import Type
@@ -20,14 +21,17 @@ if TYPE_CHECKING:
 class Context:
     """A place in the program.
 
-    `where` names the place in messages ("a function", "node `Fast`"). `topics` is None where no
-    topic may be read, "any" where each may (predicates, properties), else the readable ones.
+    `where` names the place in messages ("function `f`", "node `Fast`", "the size of an array").
+    `constant` is the code to report where only constants may stand (T008; T007 for the bound of
+    a loop), else empty; `hidden` is then the place around it, whose locals exist but are not
+    known yet. `topics` is None where no topic may be read, "any" where each may (predicates,
+    properties), else the readable ones.
     """
 
     scope: FileScope
     where: str
-    constant: bool = False
-    """Only constants: array sizes, loop bounds, values of `const`."""
+    constant: str = ""
+    hidden: Context | None = None
     topics: set[TopicSymbol] | str | None = None
     has_time: bool = False
     has_period: bool = False
@@ -36,10 +40,12 @@ class Context:
     """The node whose step this is: `in_control`, publish."""
     result: Type | None = None
     """Inside a function: what `return` gives."""
+    result_span: Span | None = None
+    """Where that is declared."""
     instances: dict[str, InstanceSymbol] | None = None
     """Inside a system: `instance.truth`, `mode(instance)`, topics of sub-systems."""
     locals: list[dict[str, Variable]] = field(default_factory=list)
-    topics_read: list[TopicSymbol] = field(default_factory=list)
+    topics_read: dict[TopicSymbol, None] = field(default_factory=dict)
     """Topics read so far, in order of first use."""
 
     def find_local(self, name: str) -> Variable | None:
@@ -48,3 +54,7 @@ class Context:
             if name in frame:
                 return frame[name]
         return None
+
+    def local_names(self) -> list[str]:
+        """The names of all locals in reach."""
+        return [name for frame in self.locals for name in frame]

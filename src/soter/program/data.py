@@ -9,9 +9,20 @@ from __future__ import annotations
 import csv
 import io
 import json
+import math
+import warnings
 from typing import TYPE_CHECKING
 
-from soter.program.types import ArrayType, FloatType, IntType, ListType, RecordType
+from soter.program.files import read_bytes
+from soter.program.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
 from soter.program.values import ValueShapeError, from_json
 
 if TYPE_CHECKING:
@@ -20,40 +31,60 @@ if TYPE_CHECKING:
     from soter.program.types import Type, Value
 
 MAX_DATA_BYTES = 16 * 1024 * 1024
+NPY_MAGIC = b"\x93NUMPY"
+KINDS = {".json", ".csv", ".npy"}
 
 
 class DataError(Exception):
-    """A data file that cannot be read as the declared type; the text says why."""
+    """A data file that is no value of the declared type; the text says why."""
 
 
 def read_data(path: Path, t: Type) -> tuple[Value, bytes]:
-    """The value of type `t` in the file and the file's bytes (for the program's hash)."""
-    try:
-        if path.stat().st_size > MAX_DATA_BYTES:
-            raise DataError(f"the file is larger than {MAX_DATA_BYTES} bytes")
-        raw = path.read_bytes()
-    except OSError as error:
-        raise DataError((error.strerror or str(error)).lower()) from error
+    """The value of type `t` in the file and the file's bytes (for the program's hash).
+
+    Raises `ReadError` where the file cannot be read, `DataError` where its content is wrong.
+    """
     suffix = path.suffix.lower()
+    if suffix not in KINDS:
+        kind = f"a file called `*{suffix}`" if suffix else "a file without an ending"
+        raise DataError(f"{kind} cannot be read as data: .json, .csv and .npy can")
+    raw = read_bytes(path, MAX_DATA_BYTES)
     if suffix == ".json":
         document = _without_comment(_json(raw))
     elif suffix == ".csv":
         document = _csv(raw, t)
-    elif suffix == ".npy":
-        document = _npy(raw)
     else:
-        raise DataError(f"unknown kind of data file `{suffix}`: json, csv and npy are read")
+        document = _npy(raw)
     try:
-        return from_json(t, document), raw
-    except ValueShapeError as error:
+        value = from_json(t, document)
+    except (ValueShapeError, RecursionError) as error:
         raise DataError(str(error)) from error
+    wrong = _not_finite(t, value, "")
+    if wrong is not None:
+        raise DataError(wrong)
+    return value, raw
+
+
+def _not_finite(t: Type, value: Value, path: str) -> str | None:
+    """Where a NaN or an infinity stands in the value, if one does."""
+    if isinstance(t, FloatType):
+        if math.isfinite(value):
+            return None
+        return (f"{path}: " if path else "") + f"{value} is no number a constant may have"
+    parts: list[tuple[str, Type, Value]] = []
+    if isinstance(t, RecordType):
+        pairs = zip(t.fields, value, strict=True)
+        parts = [(f"{path}.{n}" if path else n, f, v) for (n, f), v in pairs]
+    elif isinstance(t, (ArrayType, ListType)):
+        parts = [(f"{path}[{i}]", t.element, v) for i, v in enumerate(value)]
+    return next((w for at, f, v in parts if (w := _not_finite(f, v, at))), None)
 
 
 def _json(raw: bytes) -> object:
     try:
         return json.loads(raw.decode("utf-8-sig"))
     except (ValueError, RecursionError) as error:
-        raise DataError(f"not valid JSON: {error}") from error
+        raise DataError(f"it is not valid JSON: {error}") from error
 
 
 def _without_comment(document: object) -> object:
@@ -63,58 +94,78 @@ def _without_comment(document: object) -> object:
     return document
 
 
+# ---------------------------------------------------------------- csv
+
+
 def _csv(raw: bytes, t: Type) -> object:
     """Rows of a csv: with a header line for records, plain numbers otherwise."""
     if not isinstance(t, (ArrayType, ListType)):
         raise DataError(f"a csv file gives an array or a list, not `{t}`")
     try:
-        rows = [row for row in csv.reader(io.StringIO(raw.decode("utf-8-sig"))) if row]
+        text = raw.decode("utf-8-sig")
+        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if row]
     except (ValueError, csv.Error) as error:
-        raise DataError(f"not a csv file: {error}") from error
+        raise DataError(f"it is not a csv file: {error}") from error
     element = t.element
     if isinstance(element, RecordType):
-        if not rows:
-            raise DataError("the csv file is empty: a header line is expected")
-        header = [h.strip() for h in rows[0]]
-        if len(set(header)) != len(header):
-            raise DataError("the header names a column twice")
-        bodies = rows[1:]
-        for number, row in enumerate(bodies, start=2):
-            if len(row) != len(header):
-                raise DataError(f"row {number} has {len(row)} columns, the header {len(header)}")
-        types = dict(element.fields)
-        return [
-            {
-                h: _cell(cell, types.get(h), n)
-                for h, cell in zip(header, row, strict=True)
-                if h in types
-            }
-            for n, row in enumerate(bodies, start=2)
-        ]
+        return _records(rows, element)
     if isinstance(element, (ArrayType, ListType)):
         return [[_cell(c, element.element, n) for c in row] for n, row in enumerate(rows, 1)]
     return [_cell(c, element, n) for n, row in enumerate(rows, 1) for c in row]
 
 
-def _cell(text: str, t: Type | None, row: int) -> object:
+def _records(rows: list[list[str]], element: RecordType) -> list[dict[str, object]]:
+    """One object a row; the header says which field each column is, other columns are left out."""
+    if not rows:
+        raise DataError("it is empty: a header line is expected")
+    header = [h.strip() for h in rows[0]]
+    if len(set(header)) != len(header):
+        twice = next(h for h in header if header.count(h) > 1)
+        raise DataError(f"the header names the column `{twice}` twice")
+    types = dict(element.fields)
+    missing = [n for n in types if n not in header]
+    if missing:
+        raise DataError(f"the header has no column `{missing[0]}`")
+    found = []
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) != len(header):
+            raise DataError(f"row {number} has {len(row)} columns, the header {len(header)}")
+        cells = zip(header, row, strict=True)
+        found.append({h: _cell(cell, types[h], number) for h, cell in cells if h in types})
+    return found
+
+
+def _cell(text: str, t: Type, row: int) -> object:
     text = text.strip()
-    try:
-        if isinstance(t, FloatType):
-            return float(text)
-        if isinstance(t, IntType):
-            return int(text)
-    except ValueError as error:
-        raise DataError(f"row {row}: `{text}` is not a number") from error
-    if text in {"true", "false"}:
+    if isinstance(t, (FloatType, IntType)):
+        kind = "a number" if isinstance(t, FloatType) else "a whole number"
+        try:
+            return float(text) if isinstance(t, FloatType) else int(text)
+        except ValueError:
+            shown = text if len(text) <= 40 else text[:37] + "..."  # noqa: PLR2004 - a line
+            raise DataError(f"row {row}: expected {kind}, found `{shown}`") from None
+    if isinstance(t, BoolType) and text in {"true", "false"}:
         return text == "true"
-    return text
+    if isinstance(t, (BoolType, EnumType)):
+        return text
+    raise DataError(f"a cell of a csv file cannot hold a `{t}`")
+
+
+# ---------------------------------------------------------------- npy
 
 
 def _npy(raw: bytes) -> object:
+    if not raw.startswith(NPY_MAGIC):
+        raise DataError("it is not an npy file")
     import numpy as np  # noqa: PLC0415 - only programs with npy data pay for it
 
     try:
-        array = np.load(io.BytesIO(raw), allow_pickle=False)
-    except (ValueError, OSError, EOFError) as error:
-        raise DataError(f"not an npy file: {error}") from error
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            array = np.load(io.BytesIO(raw), allow_pickle=False)
+    except Exception as error:  # a broken header can break the reader in any way
+        reason = " ".join(str(error).split())[:100]
+        raise DataError(f"it is not a complete npy file: {reason}") from error
+    if array.dtype.kind not in "biuf":
+        raise DataError(f"its elements are `{array.dtype}`, not numbers or bools")
     return array.tolist()

@@ -97,6 +97,16 @@ class ExpressionEvaluator(ABC):
         except RecursionError:
             raise BudgetExceeded from None
 
+    def allow(self, operations: int) -> None:
+        """Set the budget of the next values; only for an evaluator that was made with one."""
+        assert self._budget is not None
+        self._budget = operations
+
+    @property
+    def spent(self) -> int:
+        """Operations that the last value took."""
+        return (self._budget or 0) - self._left
+
     def expression(self, expr: t.Expr) -> Compiled:
         """`environment -> value`; the closure raises `StepFault`."""
         compiled = self._expressions.get(expr)

@@ -9,20 +9,27 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
-from soter.syntax import tree
+from soter.program.files import ReadError, near_names, read_bytes
 from soter.syntax.parser import parse
 
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.syntax import tree
+
 MAX_FILE_BYTES = 4 * 1024 * 1024
+MAX_NAMES_IN_CYCLE = 8
 PRELUDE_DIR = Path(__file__).resolve().parent.parent / "prelude"
 
 
 @dataclass(eq=False)
 class LoadedFile:
-    """One parsed file. `imports` maps the local name of an import to its file."""
+    """One parsed file. `imports` maps the local name of an import to its file, None if unread."""
 
     path: Path
     source: Source
@@ -45,46 +52,29 @@ class LoadedProgram:
     digest: hashlib._Hash
 
 
-def read_text(path: Path, shown: str, diagnostics: Diagnostics, span: object = None) -> str | None:
+def read_text(
+    path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
+) -> str | None:
     """Read a UTF-8 file; None, with a diagnostic (D001, D005), when that is not possible."""
-    from soter.diagnostics.span import Span  # noqa: PLC0415 - typing helper only
-
-    at = span if isinstance(span, Span) else None
     try:
-        if path.is_dir():
-            diagnostics.error("D001", f"`{shown}` is a folder, not a file", at)
-            return None
-        data = path.read_bytes()
-    except FileNotFoundError:
-        diagnostics.error("D001", f"cannot find `{shown}`", at, helps=_near(path))
-        return None
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
-        diagnostics.error("D005", f"cannot read `{shown}`: {reason.lower()}", at)
-        return None
-    if len(data) > MAX_FILE_BYTES:
-        diagnostics.error(
-            "D005",
-            f"`{shown}` is too large: {len(data)} bytes, at most {MAX_FILE_BYTES} are read",
-            at,
-        )
+        data = read_bytes(path, MAX_FILE_BYTES, special=span is None)
+    except ReadError as error:
+        if error.missing:
+            diagnostics.error("D001", f"cannot find `{shown}`", span, helps=near_names(path))
+        else:
+            diagnostics.error("D005", f"cannot read `{shown}`: {error}", span)
         return None
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        diagnostics.error("D005", f"`{shown}` is not UTF-8: byte {error.start} is wrong", at)
+        line = data.count(b"\n", 0, error.start) + 1
+        diagnostics.error(
+            "D005",
+            f"cannot read `{shown}`: it is not UTF-8",
+            span,
+            notes=(f"the first wrong byte is number {error.start}, in line {line}",),
+        )
         return None
-
-
-def _near(path: Path) -> tuple[str, ...]:
-    import difflib  # noqa: PLC0415 - only on the way to an error
-
-    try:
-        names = [p.name for p in path.parent.iterdir() if p.is_file()]
-    except OSError:
-        return (f"there is no folder `{path.parent}`",)
-    close = difflib.get_close_matches(path.name, names, n=1)
-    return (f"did you mean `{path.parent / close[0]}`?",) if close else ()
 
 
 def load(path: str, diagnostics: Diagnostics, text: str | None = None) -> LoadedProgram | None:
@@ -94,36 +84,49 @@ def load(path: str, diagnostics: Diagnostics, text: str | None = None) -> Loaded
         text = read_text(main_path, path, diagnostics)
         if text is None:
             return None
-    digest = hashlib.sha256(b"soter 1\0")
-    loader = _Loader(diagnostics, digest)
-    prelude = [loader.prelude(p) for p in sorted(PRELUDE_DIR.glob("*.soter"))]
+    loader = _Loader(diagnostics)
+    prelude = [loader.prelude(p) for p in _prelude_paths()]
     main = loader.file(main_path, path, text, prefix="", library=False)
-    loader.follow_imports(main, (main.path.resolve(),))
-    return LoadedProgram(main, loader.files, prelude, digest)
+    loader.follow_imports(main)
+    return LoadedProgram(main, loader.files, prelude, loader.digest)
+
+
+@cache
+def _prelude_paths() -> tuple[Path, ...]:
+    return tuple(sorted(PRELUDE_DIR.glob("*.soter")))
+
+
+@cache
+def _prelude_file(path: Path) -> LoadedFile:
+    """A file of the prelude: the same for every program, so parsed once a process."""
+    source = Source(f"<prelude>/{path.name}", path.read_text(encoding="utf-8"))
+    problems = Diagnostics()
+    parsed = parse(source, problems)
+    assert not problems.has_errors, path
+    return LoadedFile(path, source, parsed, "", library=True, prelude=True)
 
 
 class _Loader:
     """Loads each file once, however often it is imported."""
 
-    def __init__(self, diagnostics: Diagnostics, digest: hashlib._Hash) -> None:
+    def __init__(self, diagnostics: Diagnostics) -> None:
         self.diagnostics = diagnostics
-        self.digest = digest
+        self.digest = hashlib.sha256(b"soter 1\0")
         self.files: list[LoadedFile] = []
-        self.by_path: dict[Path, LoadedFile] = {}
+        self._by_path: dict[Path, LoadedFile] = {}
+        self._prefixes: set[str] = set()
 
     def prelude(self, path: Path) -> LoadedFile:
-        text = path.read_text(encoding="utf-8")
-        self._hash(path.name, text)
-        source = Source(f"<prelude>/{path.name}", text)
-        parsed = parse(source, self.diagnostics)
-        return LoadedFile(path, source, parsed, "", library=True, prelude=True)
+        loaded = _prelude_file(path)
+        self._hash(path.name, loaded.source.text)
+        return loaded
 
     def file(self, path: Path, shown: str, text: str, *, prefix: str, library: bool) -> LoadedFile:
         self._hash(prefix, text)
         source = Source(shown, text)
         loaded = LoadedFile(path, source, parse(source, self.diagnostics), prefix, library)
         self.files.append(loaded)
-        self.by_path[path.resolve()] = loaded
+        self._by_path[_resolved(path)] = loaded
         return loaded
 
     def _hash(self, name: str, text: str) -> None:
@@ -131,44 +134,84 @@ class _Loader:
         self.digest.update(f"{name}\0{len(data)}\0".encode())
         self.digest.update(data)
 
-    def follow_imports(self, loaded: LoadedFile, chain: tuple[Path, ...]) -> None:
-        for imported in loaded.file.imports:
+    def follow_imports(self, main: LoadedFile) -> None:
+        """Depth first, in written order; without recursion, as chains may be long."""
+        chain = {_resolved(main.path): main}
+        waiting = [iter(main.file.imports)]
+        while waiting:
+            imported = next(waiting[-1], None)
+            if imported is None:
+                waiting.pop()
+                chain.popitem()
+                continue
+            importer = next(reversed(chain.values()))
             name = imported.name.text
-            if name in loaded.imports:
+            if name in importer.imports:
+                first = next(i for i in importer.file.imports if i.name.text == name)
                 self.diagnostics.error(
-                    "N002", f"`{name}` is imported twice", imported.name.span, "second import"
+                    "N002",
+                    f"`{name}` is imported twice",
+                    imported.name.span,
+                    "second import",
+                    also=((first.name.span, "first import"),),
+                    helps=("give one of them another name",),
                 )
                 continue
-            loaded.imports[name] = self._import(loaded, imported, chain)
+            found, fresh = self._import(importer, imported, chain)
+            importer.imports[name] = found
+            if fresh and found is not None:
+                chain[_resolved(found.path)] = found
+                waiting.append(iter(found.file.imports))
 
     def _import(
-        self, loaded: LoadedFile, imported: tree.ImportDecl, chain: tuple[Path, ...]
-    ) -> LoadedFile | None:
-        path = loaded.path.parent / imported.path
-        try:
-            resolved = path.resolve()
-        except (OSError, ValueError, RuntimeError):
-            resolved = path
+        self, importer: LoadedFile, imported: tree.ImportDecl, chain: dict[Path, LoadedFile]
+    ) -> tuple[LoadedFile | None, bool]:
+        """The file, None where it cannot be had; whether its imports are still to follow."""
+        path = importer.path.parent / imported.path
+        resolved = _resolved(path)
         if resolved in chain:
-            cycle = " -> ".join(p.name for p in (*chain[chain.index(resolved) :], resolved))
-            self.diagnostics.error(
-                "D002",
-                f"import cycle: {cycle}",
-                imported.path_span,
-                "this import closes the cycle",
-                helps=("move what both files need into a third file and import that",),
-            )
-            return None
-        known = self.by_path.get(resolved)
+            self._cycle(resolved, imported, chain)
+            return None, False
+        known = self._by_path.get(resolved)
         if known is not None:
-            return known
+            return known, False
         shown = str(path)
         text = read_text(path, shown, self.diagnostics, imported.path_span)
         if text is None:
-            return None
-        prefix = f"{imported.name.text}."
-        if any(f.prefix == prefix for f in self.files):
-            prefix = f"{imported.name.text}_{len(self.files)}."
-        child = self.file(path, shown, text, prefix=prefix, library=True)
-        self.follow_imports(child, (*chain, resolved))
-        return child
+            return None, False
+        prefix = self._prefix(imported.name.text)
+        return self.file(path, shown, text, prefix=prefix, library=True), True
+
+    def _prefix(self, name: str) -> str:
+        prefix, count = f"{name}.", 1
+        while prefix in self._prefixes:
+            count += 1
+            prefix = f"{name}_{count}."
+        self._prefixes.add(prefix)
+        return prefix
+
+    def _cycle(
+        self, closing: Path, imported: tree.ImportDecl, chain: dict[Path, LoadedFile]
+    ) -> None:
+        paths = list(chain)
+        names = [p.name for p in (*paths[paths.index(closing) :], closing)]
+        if len(names) > MAX_NAMES_IN_CYCLE:
+            names[3:-3] = ["..."]
+        itself = len(names) == 2  # noqa: PLR2004 - the file and the file again
+        self.diagnostics.error(
+            "D002",
+            "a file imports itself" if itself else "the imports go round in a circle",
+            imported.path_span,
+            "this import closes the circle",
+            notes=("a file is meant to stand on what it imports: " + " -> ".join(names),),
+            helps=("leave this import out",)
+            if itself
+            else ("move what the files share into one of its own, and import that",),
+        )
+
+
+def _resolved(path: Path) -> Path:
+    try:
+        return path.resolve()
+    except (OSError, ValueError, RuntimeError):
+        return path

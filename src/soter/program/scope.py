@@ -1,7 +1,8 @@
 """Names: which declaration a name means, resolved on demand and once.
 
-Purpose: one table a file, one look-up rule (own file, then prelude), cycles found on the way.
-Non-goals: what the declarations mean; `Resolver` implementations in the checkers do that.
+Purpose: one table a file, one look-up rule (own file, then prelude), and what to say about a
+name that means nothing.
+Non-goals: what the declarations mean (the checkers).
 """
 
 from __future__ import annotations
@@ -11,6 +12,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
     from soter.program.loader import LoadedFile
@@ -28,7 +31,6 @@ KINDS = {
     "SystemDecl": "system",
     "TestDecl": "test",
 }
-ARTICLE = {"int": "an"}
 BUILTIN_FUNCTIONS = (
     "sqrt",
     "floor",
@@ -42,6 +44,10 @@ BUILTIN_FUNCTIONS = (
     "mode",
     "age",
 )
+SUGGESTIONS_MAX = 100
+"""So many unknown names get a suggestion; looking for more would only cost time."""
+NAME_MAX = 60
+"""Nobody mistypes a longer name in one letter."""
 
 
 @dataclass(eq=False)
@@ -75,47 +81,83 @@ class FileScope:
 
 
 class Names:
-    """The scopes of a whole program."""
+    """The scopes of a whole program.
+
+    `losses` counts how often something was missing that had been reported before: whoever sees
+    it grow while it works knows that its result is incomplete through no fault of its own.
+    """
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self.diagnostics = diagnostics
         self.scopes: list[FileScope] = []
         self.prelude: dict[str, Entry] = {}
+        self.losses = 0
         self._by_file: dict[int, FileScope] = {}
+        self._suggested = 0
 
-    def add_file(self, loaded: LoadedFile) -> FileScope:
-        """Enter every declaration of a file; a second declaration of a name is N002."""
+    # ------------------------------------------------------------ entering
+
+    def add_program(self, main: LoadedFile) -> FileScope:
+        """Enter the declarations of a file and of everything it imports."""
+        scope = self._scope_of(main)
+        waiting = [main]
+        entered = {id(main)}
+        while waiting:
+            loaded = waiting.pop(0)
+            own = self._scope_of(loaded)
+            for name, child in loaded.imports.items():
+                own.imports[name] = self._scope_of(child) if child is not None else None
+                if child is not None and id(child) not in entered:
+                    entered.add(id(child))
+                    waiting.append(child)
+                if name in own.entries:
+                    self._import_and_declaration(own, name)
+        return scope
+
+    def add_prelude(self, loaded: LoadedFile) -> None:
+        """Enter the declarations of a prelude file, which every file sees."""
+        self.prelude.update(self._scope_of(loaded).entries)
+
+    def _scope_of(self, loaded: LoadedFile) -> FileScope:
         known = self._by_file.get(id(loaded))
         if known is not None:
             return known
         scope = FileScope(loaded, broken=loaded.file.broken)
         self._by_file[id(loaded)] = scope
+        if not loaded.prelude:
+            self.scopes.append(scope)
         for decl in loaded.file.declarations:
             name = decl.name.text
             first = scope.entries.get(name)
-            if first is not None:
-                self.diagnostics.error(
-                    "N002",
-                    f"`{name}` is declared twice",
-                    decl.name.span,
-                    "declared again here",
-                    also=((first.decl.name.span, "first declared here"),),
-                )
-                continue
-            scope.entries[name] = Entry(decl, scope, KINDS[type(decl).__name__])
-        if loaded.prelude:
-            self.prelude.update(scope.entries)
-        else:
-            self.scopes.append(scope)
-        for name, child in loaded.imports.items():
-            scope.imports[name] = self.add_file(child) if child is not None else None
-            if name in scope.entries:
-                self.diagnostics.error(
-                    "N002",
-                    f"`{name}` is both an import and a declaration",
-                    scope.entries[name].decl.name.span,
-                )
+            if first is None:
+                scope.entries[name] = Entry(decl, scope, KINDS[type(decl).__name__])
+            else:
+                self.twice(name, decl.name.span, first.decl.name.span)
         return scope
+
+    def _import_and_declaration(self, scope: FileScope, name: str) -> None:
+        imported = next(i for i in scope.loaded.file.imports if i.name.text == name)
+        self.diagnostics.error(
+            "N002",
+            f"`{name}` is both an import and a {scope.entries[name].kind}",
+            scope.entries[name].decl.name.span,
+            "declared here",
+            also=((imported.name.span, "imported here"),),
+            helps=("import the file under another name",),
+        )
+
+    def twice(self, name: str, again: Span, first: Span, what: str = "") -> None:
+        """N002: one name for two things of one place; `what` says which kind of things."""
+        kind = f"{what} " if what else ""
+        self.diagnostics.error(
+            "N002",
+            f"{kind}`{name}` is declared twice",
+            again,
+            "declared again here",
+            also=((first, "first declared here"),),
+        )
+
+    # ------------------------------------------------------------ looking up
 
     def find(self, scope: FileScope, name: str) -> Entry | None:
         """The entry a bare name means in a file, or None; marks it used."""
@@ -127,51 +169,101 @@ class Names:
         return entry
 
     def find_ref(self, scope: FileScope, ref: tree.Ref) -> Entry | None:
-        """The entry a reference means; reports N001/N006 and gives None when there is none."""
-        if ref.qualifier is None:
-            entry = self.find(scope, ref.name.text)
-            if entry is None and ref.name.text not in scope.broken:
-                self.unknown(scope, ref.name.text, ref.name.span)
-            return entry
-        return self.find_in_import(scope, ref.qualifier, ref.name)
+        """The entry a reference means; reports N001 or N006 and gives None when there is none."""
+        if ref.qualifier is not None:
+            return self.find_in_import(scope, ref.qualifier, ref.name)
+        entry = self.find(scope, ref.name.text)
+        if entry is None:
+            self.unknown(scope, ref.name.text, ref.name.span)
+        return entry
 
     def find_in_import(
         self, scope: FileScope, qualifier: tree.Name, name: tree.Name
     ) -> Entry | None:
         """The entry `qualifier.name`; reports what is wrong."""
         if qualifier.text not in scope.imports:
-            self.diagnostics.error(
-                "N006",
-                f"there is no import called `{qualifier.text}`",
-                qualifier.span,
-                helps=(f'add `import "{qualifier.text}.soter" as {qualifier.text};`',),
-            )
+            self._no_import(scope, qualifier)
             return None
         scope.used_imports.add(qualifier.text)
         child = scope.imports[qualifier.text]
-        if child is None:
+        entry = child.entries.get(name.text) if child is not None else None
+        if child is None or (entry is None and name.text in child.broken):
+            self.losses += 1
             return None
-        entry = child.entries.get(name.text)
-        if entry is None and name.text not in child.broken:
+        if entry is None:
             self.diagnostics.error(
                 "N001",
                 f"`{qualifier.text}` declares no `{name.text}`",
                 name.span,
-                helps=suggestion(name.text, child.entries),
+                f"not in `{child.loaded.source.name}`",
+                helps=self.suggestion(name.text, child.entries),
             )
-        elif entry is not None:
-            entry.used = True
+            return None
+        entry.used = True
         return entry
 
-    def unknown(self, scope: FileScope, name: str, span: Span, more: tuple[str, ...] = ()) -> None:
-        """Report an unknown name with the nearest known one."""
-        candidates = (*more, *scope.entries, *self.prelude, *BUILTIN_FUNCTIONS)
+    # ------------------------------------------------------------ what to say
+
+    def _no_import(self, scope: FileScope, qualifier: tree.Name) -> None:
+        name = qualifier.text
+        if name in scope.broken:
+            self.losses += 1
+            return
+        entry = scope.entries.get(name)
+        if entry is not None:
+            self.diagnostics.error(
+                "N006",
+                f"`{name}` is a {entry.kind}, not an imported file",
+                qualifier.span,
+                also=((entry.decl.name.span, "declared here"),),
+                notes=("before a dot a reference names an import",),
+            )
+            return
+        near = self.suggestion(name, scope.imports)
         self.diagnostics.error(
-            "N001", f"unknown name `{name}`", span, "not declared", helps=suggestion(name, candidates)
+            "N006",
+            f"there is no import called `{name}`",
+            qualifier.span,
+            "not imported",
+            helps=near or (f'add `import "{name}.soter" as {name};` after the first line',),
         )
 
+    def unknown(self, scope: FileScope, name: str, span: Span, more: Iterable[str] = ()) -> None:
+        """N001 for a name that means nothing here; `more` are local names that would."""
+        if name in scope.broken:
+            self.losses += 1
+            return
+        helps = self.suggestion(name, (*more, *scope.entries))
+        if not helps:
+            helps = self._elsewhere(scope, name)
+        if not helps:
+            public = (n for n in (*self.prelude, *BUILTIN_FUNCTIONS) if not n.startswith("_"))
+            helps = self.suggestion(name, public)
+        if not helps and name in scope.imports:
+            helps = (f"it is an imported file: write `{name}.` and the name it declares",)
+        self.diagnostics.error("N001", f"unknown name `{name}`", span, "not declared", helps=helps)
 
-def suggestion(name: str, candidates: object) -> tuple[str, ...]:
+    def _elsewhere(self, scope: FileScope, name: str) -> tuple[str, ...]:
+        """A help line for a name that an imported file declares."""
+        for qualifier, child in scope.imports.items():
+            if child is not None and name in child.entries:
+                scope.used_imports.add(qualifier)
+                return (f"did you mean `{qualifier}.{name}`?",)
+        return ()
+
+    def suggestion(self, name: str, candidates: Iterable[str]) -> tuple[str, ...]:
+        """A help line naming the closest candidate, if any is close."""
+        self._suggested += 1
+        if self._suggested > SUGGESTIONS_MAX:
+            return ()
+        return suggestion(name, candidates)
+
+
+def suggestion(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
     """A help line naming the closest candidate, if any is close."""
-    close = difflib.get_close_matches(name, list(candidates), n=1, cutoff=0.7)  # type: ignore[call-overload]
+    if len(name) > NAME_MAX:
+        return ()
+    near = [c for c in candidates if abs(len(c) - len(name)) <= 1 + len(name) // 3]
+    folded = next((c for c in near if c.casefold() == name.casefold() and c != name), None)
+    close = [folded] if folded else difflib.get_close_matches(name, near, n=1, cutoff=0.7)
     return (f"did you mean `{close[0]}`?",) if close else ()

@@ -451,6 +451,9 @@ class ModuleSymbol(Symbol):
     levels: Expr | None
     topics_read: tuple[TopicSymbol, ...] = ()
     """Topics that `ttf` and `safer` read, in order of first use: the DM's inputs."""
+    ac_span: Span | None = None
+    sc_span: Span | None = None
+    """Where the module names its controllers."""
 
 
 @dataclass(eq=False)
@@ -498,6 +501,8 @@ class PlantSymbol(Symbol):
     substeps: Expr | None
     measured: tuple[MeasuredSymbol, ...]
     truth: RecordType
+    read_spans: tuple[Span, ...] = ()
+    """Where it names the topics of `reads`, in that order."""
 
 
 @dataclass(eq=False)
@@ -507,6 +512,8 @@ class InstanceSymbol:
     name: str
     what: PlantSymbol | NodeSymbol | ModuleSymbol | SystemSymbol
     renames: dict[TopicSymbol, TopicSymbol]
+    rename_spans: dict[TopicSymbol, Span]
+    """Where the inner topic of each wire is written."""
     span: Span
 
 
@@ -575,3 +582,7 @@ class Program:
     tests: dict[str, TestSymbol] = field(default_factory=dict)
     stand_ins: dict[TopicSymbol, tuple[tuple[str, ...], TopicSymbol]] = field(default_factory=dict)
     """Topics of sub-systems that a system mentions: instance path and the topic itself."""
+    damaged: set[object] = field(default_factory=set)
+    """Symbols whose declarations have errors: what they lack is no error of others."""
+    incomplete: bool = False
+    """Whether a declaration of the main file could not be read at all."""

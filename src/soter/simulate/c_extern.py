@@ -8,12 +8,14 @@ nodes with locals of their own, which only the native engine runs (X008).
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.codegen.unit import answer_fields, generate
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.lower.layout import align_of, arrange, decode_from, encode_into, scalar, size_of
 from soter.native.build import library
+from soter.native.library import opened
 from soter.program.types import BoolType, EnumType, FloatType, IntType
 from soter.program.values import from_python, to_python
 from soter.simulate.externs import PlainError
@@ -157,4 +159,4 @@ def _symbol(
     ffi = FFI()
     name = source.rsplit(":", 1)[1]
     ffi.cdef(f"{result} {name}({', '.join(parameters) or 'void'});")
-    return ffi, getattr(ffi.dlopen(path), name)
+    return ffi, getattr(opened(ffi, Path(path)), name)

@@ -24,7 +24,7 @@ from soter.program.arith import FaultKind
 from soter.semantics.externs import ExternResetError, reset
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_release
-from soter.simulate.externs import ExternAnswers, noting
+from soter.simulate.externs import ExternAnswers, described, noting
 from soter.simulate.image import image
 from soter.simulate.interrupt import Stop, StopRequest
 from soter.simulate.observe import Observer
@@ -381,7 +381,9 @@ def _reset_all(bound: Mapping[str, object], seed: int) -> None:
 
 
 def _reset_failed(error: ExternResetError) -> SoterError:
-    return SoterError((Diagnostic("X003", f"extern {error}"),))
+    why = described(error.__cause__ or error)
+    message = f"extern `{error.name}` could not be reset: {why}"
+    return SoterError((Diagnostic("X003", message),))
 
 
 __all__ = ["NEVER", "ModuleSummary", "NativeProgram", "Run", "Violation", "run_interpreted"]

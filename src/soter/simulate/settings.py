@@ -76,8 +76,7 @@ def duration_ns(given: float | str) -> int:
 
 
 def _duration_of_text(text: str) -> int:
-    text = text[:TEXT_MAX]
-    match = _DURATION.fullmatch(text)
+    match = _DURATION.fullmatch(text) if len(text) <= TEXT_MAX else None
     if match is None or match[2] not in UNIT_NS:
         units = ", ".join(UNIT_NS)
         raise WrongTextError(f"write a number with its unit ({units}), such as 30s or 1.5min")
@@ -125,7 +124,7 @@ def _param_value(t: Type, given: object) -> Value:
     if isinstance(t, DurationType):
         return duration_ns(given)  # type: ignore[arg-type]  # it checks
     if isinstance(given, str) and not isinstance(t, EnumType):
-        return _value_of_text(t, given.strip()[:TEXT_MAX])
+        return _value_of_text(t, given.strip())
     if isinstance(t, EnumType) and not (isinstance(given, str) and given in t.members):
         raise WrongTextError(f"it is one of {', '.join(t.members)}")
     value = from_python(t, given)
@@ -139,7 +138,7 @@ def _value_of_text(t: Type, text: str) -> Value:
         if text in ("true", "false"):
             return text == "true"
         raise WrongTextError("it is true or false")
-    if not _NUMBER.fullmatch(text):
+    if len(text) > TEXT_MAX or not _NUMBER.fullmatch(text):
         raise WrongTextError("a number is expected")
     if isinstance(t, IntType):
         if not text.lstrip("+-").isdigit():

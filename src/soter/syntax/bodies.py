@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 
 from soter.syntax import tree
 from soter.syntax.cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
-from soter.syntax.statements import StatementParser
+from soter.syntax.statements import PLACE_FOLLOWS, StatementParser
 from soter.syntax.tokens import EOF, NAME, STRING, string_value, visible
 
 if TYPE_CHECKING:
@@ -144,10 +144,7 @@ class BodyParser(StatementParser):
         word, kind = self.texts[self.i], self.kinds[self.i]
         message = f"expected an item of {what}, found {self.found()}"
         if kind in STATEMENT_WORDS and not (kind == "publish" and self._only_names()):
-            self.report("S010", message, notes=("statements stand inside a `step { ... }` block",))
-            self.quiet = -1
-            self.damaged = True
-            self._recovering([], kind)
+            self._loose_statements(message, items)
             return
         near = self.close_word(word, items) if word.isidentifier() else None
         if near is not None:
@@ -155,12 +152,26 @@ class BodyParser(StatementParser):
             self.quiet = -1
             items[near](self, parts)
             return
+        if kind == NAME and self.kinds[self.i + 1] in PLACE_FOLLOWS:
+            self._loose_statements(message, items)
+            return
         homes = [home for home, words in HOMES.items() if word in words]
         known = ", ".join(f"`{w}`" for w in items)
         notes = (f"the items of {what.partition(' `')[0]} are {known}",)
         if homes:
             notes = (f"`{word}` belongs in {' or '.join(homes)}",)
         raise self.failure("S010", message, notes=notes)
+
+    def _loose_statements(self, message: str, items: Mapping[str, object]) -> None:
+        """Statements without a `step {` around them: reported once, read, and left out."""
+        self.report("S010", message, notes=("statements stand inside a `step { ... }` block",))
+        self.damaged = True
+        while self._at_statement() and self.texts[self.i] not in items:
+            self.quiet = -1
+            self._recovering([], self.kinds[self.i])
+        after = self.i + 1
+        if self.kinds[self.i] == "}" and (self.kinds[after] == "}" or self.texts[after] in items):
+            self.i += 1  # only the opening of the block was missing
 
     def _only_names(self) -> bool:
         """Whether `publish` is followed by names only, so that `publishes` is meant."""

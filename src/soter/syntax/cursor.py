@@ -452,13 +452,6 @@ class Cursor:
 
     # ------------------------------------------------------------ braces
 
-    def open_brace(self, where: str) -> int:
-        """Step over the `{` of a block and give its token index."""
-        i = self.i
-        self.expect("{", where)
-        self.opened.append(i)
-        return i
-
     def unclosed(self, opener: int, what: str) -> None:
         """Report that the block opened at token `opener` has no end before the cursor."""
         begins = "it" if what == "this block" else f"the body of {what}"

@@ -610,7 +610,7 @@ class ExpressionParser(Cursor):
             return tree.BuiltinType(self.token_span(i), kind)
         if kind == "int":
             self.i = i + 1
-            if self.kinds[self.i] == "in":
+            if self.kinds[self.i] == "in" and self.kinds[self.i + 1] != "{":
                 self.i += 1
                 interval = self.interval("the range of an int")
                 return tree.RangedIntType(self.span_from(self.starts[i]), interval)

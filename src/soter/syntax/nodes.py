@@ -104,8 +104,7 @@ class NodeParser(BodyParser):
             policy: str | None = None
             if self.accept_word("queue"):
                 queue = self._count("the length of the queue")
-                if self.kinds[self.i] == NAME and not self.new_line():
-                    policy = self._policy()
+                policy = self._policy()
             span = self.span_from(start)
             parts.subscribes.append(tree.Subscription(topic, queue, policy, span))
             if not self.accept(",") and not self._forgotten_comma():
@@ -124,11 +123,13 @@ class NodeParser(BodyParser):
         raise self.failure("S005", f"expected {what} as a whole number, found {self.found()}")
 
     def _policy(self) -> str | None:
-        words = ("drop_oldest", "drop_newest", "fault")
+        """What a full queue does, where it is said."""
         word = self.texts[self.i]
-        if word in words:
+        if word in ("drop_oldest", "drop_newest", "fault"):
             self.i += 1
             return word
+        if self.kinds[self.i] != NAME or self.new_line() or word in self.items:
+            return None
         self.report(
             "S005",
             f"expected `;` or what a full queue does, found {self.found()}",

@@ -390,7 +390,7 @@ class Parser(SystemParser):
         self.quiet = -1
         span = self.token_span(at)
         if again:
-            self.report("S022", f"`{word}` stands twice in this topic", span)
+            self.report("S005", f"`{word}` stands twice in this topic", span)
         else:
             self.report(
                 "S005",
@@ -447,13 +447,11 @@ class Parser(SystemParser):
             return None
         self.report("S005", message)
         self.damaged = True
-        start = self.i
         while self.kinds[self.i] not in ("{", ";", "}", EOF) and not self.at_declaration():
             self.i += 1
         if self.kinds[self.i] == "{":
             return self.block("after the result type")
         self.accept(";")
-        del start
         return None
 
     def _extern_body(self, name: tree.Name) -> None:

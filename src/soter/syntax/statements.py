@@ -10,7 +10,7 @@ Non-goals: expressions (`expressions.py`); whether a place may be assigned (`pro
 from __future__ import annotations
 
 from soter.syntax import tree
-from soter.syntax.cursor import STATEMENT_WORDS, Panic
+from soter.syntax.cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
 from soter.syntax.expressions import ExpressionParser
 from soter.syntax.tokens import (
     DURATION,
@@ -29,7 +29,8 @@ BLOCKS_MAX = 64
 
 _ELSEIF = frozenset(["elif", "elsif", "else_if"])
 _VALUES = frozenset([INT, FLOAT, DURATION, "true", "false", "(", "-"])
-_PLACE_FOLLOWS = frozenset(["=", ".", "[", ":="])
+#: What may follow the name of a variable that is assigned.
+PLACE_FOLLOWS = frozenset(["=", ".", "[", ":="])
 _NO_STATEMENT = {
     "break": "loops always run to their end: guard the body with `if`",
     "continue": "loops always run to their end: guard the body with `if`",
@@ -89,6 +90,9 @@ class StatementParser(ExpressionParser):
                     continue
                 self.unclosed(opener, "this block")
                 break
+            if kind in ITEM_WORDS and kind in self.items and kinds[self.i + 1] in (NAME, "{"):
+                self.unclosed(opener, "this block")  # the body around goes on here
+                break
             self._recovering(statements, kind)
         self.blocks -= 1
         return tree.Block(tuple(statements), self.span_from(start))
@@ -99,7 +103,7 @@ class StatementParser(ExpressionParser):
         blocks = self.blocks
         try:
             parse = _STATEMENTS.get(kind)
-            if parse is None and kind in RESERVED and self.kinds[before + 1] in _PLACE_FOLLOWS:
+            if parse is None and kind in RESERVED and self.kinds[before + 1] in PLACE_FOLLOWS:
                 parse = StatementParser._assign  # a reserved word taken for a variable
             if parse is not None:
                 statements.append(parse(self))
@@ -138,7 +142,7 @@ class StatementParser(ExpressionParser):
     def _at_statement(self) -> bool:
         kind = self.kinds[self.i]
         if kind == NAME:
-            return self.kinds[self.i + 1] in _PLACE_FOLLOWS
+            return self.kinds[self.i + 1] in PLACE_FOLLOWS
         return kind in STATEMENT_WORDS
 
     def _head(self, what: str) -> tree.Expr:
@@ -255,7 +259,7 @@ class StatementParser(ExpressionParser):
         """A word that is nearly a statement word, or is one in other languages."""
         i = self.i
         word, following = self.texts[i], self.kinds[i + 1]
-        if following in _PLACE_FOLLOWS:
+        if following in PLACE_FOLLOWS:
             return None
         if word in _NO_STATEMENT:
             message = f"`{word}` is no statement of Soter"

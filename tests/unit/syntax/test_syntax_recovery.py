@@ -191,6 +191,10 @@ SLIPS = [
     ("return m.x", "assert m.x, 3; return m.x", "S005"),
     ("return m.x", "push a; return m.x", "S005"),
     ("return m.x", "\n  const X: float = 1.0;\n  return m.x", "S009"),
+    # blocks around statements
+    ("  step {\n", "", "S010"),
+    ("  step {\n", "    a = 1.0;\n    let b = 2.0;\n", "S010"),
+    ("  subscribes motion, goal;", "  on takeover {\n    a = 1.0;\n  subscribes motion;", "S012"),
     # what stands twice or is missing
     ("  sc Fast;", "  sc Fast; sc Fast;", "S022"),
     ("  subscribes motion", "  step { }\n  subscribes motion", "S022"),

@@ -1,0 +1,66 @@
+"""`soter build FILE --target c -o DIR`: a program as sources for a target.
+
+Purpose: write the package and say what to do next.
+Non-goals: compiling it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.api import load
+from soter.cli.outcome import Outcome
+from soter.cli.parser import Parser, add_file, add_settings
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.cli.console import Console
+    from soter.targets.package import Package
+
+EXAMPLES = """\
+  soter build cart.soter --target c -o cart_c && make -C cart_c && cart_c/cart
+  soter build cart.soter --system Unprotected -o out
+  soter build robot.soter -o out --bind Learned=c:policy.c:policy_step
+"""
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("build", "Write C99, or a package for a target.", EXAMPLES)
+    add_file(made)
+    made.add_argument("--target", metavar="T", default="c", help="c (the default)")
+    made.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
+    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
+    add_settings(made)
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Build."""
+    program = load(args.file)
+    for name, target in args.bindings:
+        program.bind(name, target)
+    package = program.build(args.target, args.output, args.system, dict(args.params))
+    _say(package, console)
+    fields: dict[str, object] = {
+        "file": args.file,
+        "target": package.target,
+        "output": str(package.folder),
+        "program_sha256": program.sha256,
+        "written": package.written,
+        "kept": package.kept,
+        "notes": package.notes,
+        "commands": package.commands,
+    }
+    return Outcome(diagnostics=program.diagnostics, fields=fields)
+
+
+def _say(package: Package, console: Console) -> None:
+    count = len(package.written)
+    console.say(f"{console.paint('green', 'built')}  {package.folder}  {count} files, target c")
+    for name in package.kept:
+        console.say(f"kept   {package.folder / name}, which is yours")
+    for note in package.notes:
+        console.say(f"{console.paint('yellow', 'note')}   {note}")
+    console.say("\nnext\n" + "\n".join(f"  {command}" for command in package.commands))

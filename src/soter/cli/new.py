@@ -1,0 +1,124 @@
+"""`soter new NAME`: a small robot that runs.
+
+Purpose: a folder with a program, its policy in Python and in C, and a test; all or nothing.
+Non-goals: more than one kind of robot.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.cli.outcome import Outcome
+from soter.cli.parser import Parser
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.render import safe
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.cli.console import Console
+
+TEMPLATE = Path(__file__).parent / "templates" / "robot"
+FILES = {
+    "NAME.soter": "{name}.soter",
+    "policy.py.in": "policy.py",
+    "policy.c": "policy.c",
+    "test_NAME.py.in": "test_{prefix}.py",
+    "README.md": "README.md",
+    "gitignore": ".gitignore",
+}
+NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
+TAKEN = frozenset({"soter"})
+"""Names whose C header would be one of soter's own."""
+
+EXAMPLES = """\
+  soter new rover
+  cd rover && soter run rover.soter
+"""
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("new", "Make a small robot that runs, in a new folder.", EXAMPLES)
+    made.add_argument("name", metavar="NAME", help="of the robot and of its folder")
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Make it."""
+    folder = Path(args.name)
+    name = _checked(folder, args.name)
+    names = {"name": name, "prefix": name.replace("-", "_")}
+    _make(folder, {f.format(**names): _filled(t, names) for t, f in FILES.items()})
+    files = sorted(f.format(**names) for f in FILES.values())
+    commands = _commands(folder, name)
+    _say(folder, files, commands, console)
+    fields: dict[str, object] = {
+        "folder": str(folder), "files": files, "commands": [c for c, _ in commands]
+    }
+    return Outcome(fields=fields)
+
+
+def _checked(folder: Path, given: str) -> str:
+    """The robot's name: the last part of the path."""
+    name = folder.name
+    if not NAME.fullmatch(name) or name in TAKEN:
+        rule = "letters, digits, - and _, a letter first, 64 characters at most"
+        why = f"`{name}` is soter's own" if name in TAKEN else rule
+        raise _mistake("U001", f"`{safe(given)[:60]}` cannot be the name of a robot", why)
+    if os.path.lexists(folder):
+        raise _mistake("D008", f"`{folder}` exists already", "choose another name")
+    if not folder.absolute().parent.is_dir():
+        raise _mistake("D001", f"there is no folder `{folder.parent}`", "make it first")
+    return name
+
+
+def _mistake(code: str, message: str, help_: str) -> SoterError:
+    return SoterError((Diagnostic(code, message, helps=(help_,)),))
+
+
+def _filled(template: str, names: dict[str, str]) -> str:
+    text = (TEMPLATE / template).read_text(encoding="utf-8")
+    for key, value in names.items():
+        text = text.replace("{{" + key + "}}", value)
+    return text
+
+
+def _make(folder: Path, texts: dict[str, str]) -> None:
+    """Fill a folder under another name, then give it its own: it is there whole or not at all."""
+    hidden = folder.with_name(f".{folder.name}.{secrets.token_hex(4)}")
+    try:
+        hidden.mkdir()
+        for name, text in texts.items():
+            (hidden / name).write_text(text, encoding="utf-8", newline="\n")
+        hidden.rename(folder)
+    except BaseException:
+        shutil.rmtree(hidden, ignore_errors=True)
+        raise
+
+
+def _commands(folder: Path, name: str) -> list[tuple[str, str]]:
+    program = f"{name}.soter"
+    return [
+        (f"cd {folder}", ""),
+        (f"soter check {program}", ""),
+        (f"soter run {program} --report", "the policy, guarded: stays on the rail"),
+        (f"soter run {program} --system Unguarded", "the policy alone: leaves it, exit 3"),
+        (f"soter run {program} --bind Learned=c:policy.c:policy_step", "the same policy in C"),
+        ("python -m pytest", ""),
+    ]
+
+
+def _say(
+    folder: Path, files: list[str], commands: list[tuple[str, str]], console: Console
+) -> None:
+    console.say(f"{console.paint('green', 'made')}  {folder}/  {'  '.join(files)}\n\nnext")
+    width = max(len(c) for c, about in commands if about)
+    for command, about in commands:
+        text = f"  {command:<{width}}  {console.paint('muted', about)}" if about else f"  {command}"
+        console.say(text)

@@ -1,0 +1,283 @@
+"""Check nodes: what they read and write, their locals, their step.
+
+Purpose: `node` and `extern node` declarations -> `NodeSymbol`; inputs disjoint from outputs.
+Non-goals: modules (`check_module.py`), numbers (`elaborate.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.program import typed
+from soter.program.check_base import is_error
+from soter.program.context import Context
+from soter.program.types import BOOL, DURATION
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.program.checker import Checker
+    from soter.program.scope import FileScope
+    from soter.syntax import tree
+
+UNKNOWN = "<error>"
+"""Name of the literal that stands for a period with an error."""
+
+
+def period_or_unknown(period: typed.Expr) -> typed.Expr:
+    """The period, or a literal that `elaborate.py` says nothing about."""
+    return typed.Literal(DURATION, period.span, 0, UNKNOWN) if is_error(period) else period
+
+
+class NodeChecker:
+    """Checks nodes of one program."""
+
+    def __init__(self, checker: Checker) -> None:
+        self.checker = checker
+        self.diagnostics = checker.diagnostics
+
+    def signature(self, decl: tree.NodeDecl, scope: FileScope, full: str) -> typed.NodeSymbol:
+        """Everything but the code."""
+        context = Context(scope, f"node `{decl.name.text}`")
+        expressions = self.checker.expressions
+        declarations = self.checker.declarations
+        period = expressions.check(decl.period, context, DURATION)
+        phase = expressions.check(decl.phase, context, DURATION) if decl.phase else None
+        self.checker.constants.closed(period, "a period")
+        self.checker.constants.closed(phase, "a phase")
+        declarations.check_binding(decl.source, decl.source_span)
+        subscribes = self._subscribes(decl, scope)
+        publishes = self._publishes(decl, scope, subscribes)
+        locals_, initial = self._locals(decl, scope, context)
+        failsafe = self._failsafe(decl, scope, publishes, context)
+        node = typed.NodeSymbol(
+            full,
+            decl.name.span,
+            period_or_unknown(period),
+            None if phase is None or is_error(phase) else phase,
+            decl.extern,
+            declarations.located(decl.source, scope),
+            tuple(subscribes.values()),
+            tuple(publishes),
+            failsafe,
+            tuple(locals_),
+            tuple(initial),
+            (),
+            (),
+            None,
+            (),
+        )
+        self.checker.later(node, decl, scope)
+        return node
+
+    # ------------------------------------------------------------ inputs and outputs
+
+    def _subscribes(
+        self, decl: tree.NodeDecl, scope: FileScope
+    ) -> dict[typed.TopicSymbol, typed.Subscribed]:
+        found: dict[typed.TopicSymbol, typed.Subscribed] = {}
+        for s in decl.subscribes:
+            topic = self.checker.declarations.topic_ref(s.topic, scope)
+            if topic is None:
+                continue
+            if topic in found:
+                self._twice(f"`{s.topic.text}` is subscribed to twice", s.span, found[topic].span)
+                continue
+            if s.queue is not None and s.queue < 1:
+                self.diagnostics.error(
+                    "T011", "a queue holds at least one message", s.span, f"not {s.queue}"
+                )
+            elif s.queue is not None:
+                self.diagnostics.warning(
+                    "W002",
+                    f"the queue of `{topic.name}` has no effect yet",
+                    s.span,
+                    notes=("in this version every subscription holds the last value",),
+                )
+            policy = s.policy or "drop_oldest"
+            found[topic] = typed.Subscribed(topic, s.queue, policy, s.span)
+        return found
+
+    def _publishes(
+        self,
+        decl: tree.NodeDecl,
+        scope: FileScope,
+        subscribes: dict[typed.TopicSymbol, typed.Subscribed],
+    ) -> dict[typed.TopicSymbol, Span]:
+        """I and O are disjoint (paper, Definition of a node): M001."""
+        found: dict[typed.TopicSymbol, Span] = {}
+        for ref in decl.publishes:
+            topic = self.checker.declarations.topic_ref(ref, scope)
+            if topic is None:
+                continue
+            if topic in found:
+                self._twice(f"`{ref.text}` is published twice", ref.span, found[topic])
+                continue
+            if topic in subscribes:
+                self.diagnostics.error(
+                    "M001",
+                    f"`{decl.name.text}` both subscribes to and publishes `{topic.name}`",
+                    ref.span,
+                    "published here",
+                    also=((subscribes[topic].span, "subscribed to here"),),
+                    notes=("the inputs and the outputs of a node are disjoint",),
+                    helps=("keep the value in a local: `var last: ...;`",),
+                )
+            if topic.input:
+                self.input_is_set(topic, ref.span)
+            found[topic] = ref.span
+        return found
+
+    def input_is_set(self, topic: typed.TopicSymbol, span: Span) -> None:
+        """M011 for an input topic that the program itself would set."""
+        self.diagnostics.error(
+            "M011",
+            f"`{topic.name}` is an input topic: only the environment sets it",
+            span,
+            "set by the program here",
+            also=((topic.span, "declared `input` here"),),
+            helps=("declare it without `input`",),
+        )
+
+    def _twice(self, message: str, again: Span, first: Span) -> None:
+        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
+
+    # ------------------------------------------------------------ locals and fail-safe values
+
+    def _locals(
+        self, decl: tree.NodeDecl, scope: FileScope, context: Context
+    ) -> tuple[list[typed.Variable], list[typed.Expr | None]]:
+        variables: dict[str, typed.Variable] = {}
+        initial: list[typed.Expr | None] = []
+        for local in decl.locals:
+            t = self.checker.types.check(local.type, scope)
+            because = (local.type.span, f"declared as `{t}`")
+            value = None
+            if local.initial is not None:
+                value = self.checker.expressions.check(local.initial, context, t, because)
+                self.checker.constants.closed(value, "a first value")
+            first = variables.get(local.name.text)
+            if first is not None:
+                self.checker.names.twice(local.name.text, local.name.span, first.span)
+                continue
+            variables[local.name.text] = typed.Variable(
+                local.name.text, t, "local", local.name.span
+            )
+            initial.append(None if value is None or is_error(value) else value)
+        return list(variables.values()), initial
+
+    def _failsafe(
+        self,
+        decl: tree.NodeDecl,
+        scope: FileScope,
+        publishes: dict[typed.TopicSymbol, Span],
+        context: Context,
+    ) -> dict[typed.TopicSymbol, typed.Expr]:
+        result: dict[typed.TopicSymbol, typed.Expr] = {}
+        spans: dict[typed.TopicSymbol, Span] = {}
+        for ref, expr in decl.failsafe:
+            topic = self.checker.declarations.topic_ref(ref, scope)
+            because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
+            wanted = topic.type if topic else None
+            value = self.checker.expressions.check(expr, context, wanted, because)
+            self.checker.constants.closed(value, "a fail-safe value")
+            if topic is None:
+                continue
+            if topic not in publishes:
+                self.diagnostics.error(
+                    "M009",
+                    f"`{decl.name.text}` does not publish `{ref.text}`",
+                    ref.span,
+                    notes=("fail-safe values take the place of what a node publishes",),
+                    helps=(f"add `{ref.text}` to `publishes`",),
+                )
+            elif topic in spans:
+                self._twice(
+                    f"the fail-safe value of `{ref.text}` is given twice", ref.span, spans[topic]
+                )
+            elif not is_error(value):
+                result[topic] = value
+            spans.setdefault(topic, ref.span)
+        return result
+
+    # ------------------------------------------------------------ code
+
+    def body(self, node: typed.NodeSymbol, decl: tree.NodeDecl, scope: FileScope) -> None:
+        """Assumptions, the reset on takeover, the step."""
+        frame = {v.name: v for v in node.locals}
+        inputs = {s.topic for s in node.subscribes}
+        where = f"node `{decl.name.text}`"
+        context = Context(
+            scope,
+            where,
+            topics=inputs,
+            has_time=True,
+            has_period=True,
+            has_modes=True,
+            node=node,
+            locals=[frame],
+        )
+        self._contracts(node, decl, context)
+        if decl.takeover is not None:
+            reset = Context(
+                scope,
+                f"`on takeover` of `{decl.name.text}`",
+                topics=inputs,
+                has_time=True,
+                has_period=True,
+                locals=[frame],
+                topics_read=context.topics_read,
+            )
+            node.takeover = self.checker.statements.block(decl.takeover, reset)
+        if decl.step is not None:
+            node.step = self.checker.statements.block(decl.step, context)
+        if not decl.extern and not scope.loaded.library:
+            self._warn(node, decl, context)
+
+    def _contracts(self, node: typed.NodeSymbol, decl: tree.NodeDecl, context: Context) -> None:
+        check = self.checker.expressions.check
+        node.assumes = tuple(check(e, context, BOOL) for e in decl.assumes)
+        inputs = {s.topic for s in node.subscribes}
+        both = Context(
+            context.scope,
+            context.where,
+            topics=inputs | set(node.publishes),
+            has_time=True,
+            has_period=True,
+            has_modes=True,
+            node=node,
+            locals=context.locals,
+            topics_read=context.topics_read,
+        )
+        node.guarantees = tuple(check(e, both, BOOL) for e in decl.guarantees)
+        for word, exprs in (("assumes", decl.assumes), ("guarantees", decl.guarantees)):
+            for expr in exprs:
+                self.diagnostics.warning(
+                    "W003",
+                    f"`{word}` has no effect yet",
+                    expr.span,
+                    notes=("in this version its names and types are checked, nothing else",),
+                )
+
+    def _warn(self, node: typed.NodeSymbol, decl: tree.NodeDecl, context: Context) -> None:
+        name = decl.name.text
+        published = self.checker.published.get(node, set())
+        spans = {
+            t: r.span
+            for r in decl.publishes
+            if (t := self.checker.declarations.topic_ref(r, context.scope)) is not None
+        }
+        for topic in node.publishes:
+            if topic not in published:
+                self.checker.unused.add(
+                    "W004",
+                    f"`{name}` never publishes `{topic.name}`",
+                    spans.get(topic, decl.name.span),
+                    "declared here",
+                    "publish it in the step, or leave it out here",
+                )
+        for s in node.subscribes:
+            if s.topic not in context.topics_read:
+                self.checker.unused.add(
+                    "W001", f"`{name}` never reads `{s.topic.name}`", s.span, "", "leave it out"
+                )
+        self.checker.unused.variables(list(node.locals))

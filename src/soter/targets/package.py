@@ -1,0 +1,89 @@
+"""A package: the files a target is made of, and writing them.
+
+Purpose: text in, a folder out, without harming files that soter did not write.
+Non-goals: what the files say (`c99.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.report.whole_file import reason, whole_file
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+MARK = "soter"
+"""Stands in the first lines of every file that soter writes."""
+MARK_WITHIN = 400
+
+
+@dataclass(frozen=True)
+class File:
+    """One file: its path in the package. `yours`: made once, then the person's to change."""
+
+    path: str
+    text: str
+    yours: bool = False
+
+
+@dataclass
+class Package:
+    """What a target is: files, and what a person must know about them.
+
+    `written` and `kept` are filled by `write`: paths in `folder`.
+    """
+
+    target: str
+    folder: Path
+    files: list[File] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    commands: list[str] = field(default_factory=list)
+    written: list[str] = field(default_factory=list)
+    kept: list[str] = field(default_factory=list)
+
+    def write(self) -> Package:
+        """Write everything; SoterError D006, D008, the latter before anything is written."""
+        foreign = [f.path for f in self.files if not f.yours and self._is_foreign(f)]
+        if foreign:
+            names = ", ".join(f"`{name}`" for name in foreign[:5])
+            raise SoterError(
+                (
+                    Diagnostic(
+                        "D008",
+                        f"`{self.folder}` has files that soter did not write: {names}",
+                        helps=("choose another folder with -o",),
+                    ),
+                )
+            )
+        for file in self.files:
+            path = self.folder / file.path
+            if file.yours and path.exists():
+                self.kept.append(file.path)
+                continue
+            self._write(path, file.text)
+            self.written.append(file.path)
+        return self
+
+    def _is_foreign(self, file: File) -> bool:
+        path = self.folder / file.path
+        try:
+            with path.open("rb") as stream:
+                return MARK.encode() not in stream.read(MARK_WITHIN).lower()
+        except FileNotFoundError:
+            return False
+        except OSError as error:
+            raise _cannot_write(path, error) from error
+
+    def _write(self, path: Path, text: str) -> None:
+        try:
+            with whole_file(path) as stream:
+                stream.write(text.encode("utf-8", "surrogatepass"))
+        except OSError as error:
+            raise _cannot_write(path, error) from error
+
+
+def _cannot_write(path: Path, error: OSError) -> SoterError:
+    return SoterError((Diagnostic("D006", f"cannot write `{path}`: {reason(error)}"),))

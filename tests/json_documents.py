@@ -1,0 +1,76 @@
+"""The schemas of docs/json.md, and whether a document keeps to them.
+
+Purpose: one place that reads the page, so that what is documented is what is tested.
+Non-goals: all of JSON Schema; only the words the page uses.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+from typing import Any
+
+PAGE = Path(__file__).resolve().parents[1] / "docs" / "json.md"
+BLOCK = re.compile(r"^```json schema=(\w+)\n(.*?)^```", re.MULTILINE | re.DOTALL)
+SCHEMAS: dict[str, dict[str, Any]] = {
+    name: json.loads(text) for name, text in BLOCK.findall(PAGE.read_text(encoding="utf-8"))
+}
+TYPES: dict[str, tuple[type, ...]] = {
+    "object": (dict,),
+    "array": (list,),
+    "string": (str,),
+    "boolean": (bool,),
+    "integer": (int,),
+    "number": (int, float),
+    "null": (type(None),),
+}
+
+
+def problems_of(document: dict[str, Any]) -> list[str]:
+    """What is wrong with a document, whichever command it is of; nothing undocumented is in it."""
+    found = list(_check(SCHEMAS["common"], document, ""))
+    known = set(SCHEMAS["common"]["properties"]) | {"file"}
+    schema = SCHEMAS.get(document.get("command") or "")
+    if schema is not None:
+        known |= set(schema["properties"])
+        done = document["exit"] in (0, 3, 130) and "help" not in document
+        if done and not _nothing_reached(document):
+            found += _check(schema, document, "")
+        else:
+            found += _check({**schema, "required": []}, document, "")
+    found += [f"{name}: not documented" for name in set(document) - known]
+    return found
+
+
+def _nothing_reached(document: dict[str, Any]) -> bool:
+    return document["exit"] == 130 and "interrupted" not in document
+
+
+def _check(schema: dict[str, Any], value: object, path: str) -> Any:
+    if "$ref" in schema:
+        yield from _check(SCHEMAS[schema["$ref"]], value, path)
+        return
+    if "const" in schema and value != schema["const"]:
+        yield f"{path}: {value!r} is not {schema['const']!r}"
+    if "enum" in schema and value not in schema["enum"]:
+        yield f"{path}: {value!r} is not one of {schema['enum']}"
+    if "type" in schema and not _is(schema["type"], value):
+        yield f"{path}: {value!r} is no {schema['type']}"
+        return
+    if isinstance(value, dict):
+        properties = schema.get("properties", {})
+        yield from (f"{path}.{n}: missing" for n in schema.get("required", []) if n not in value)
+        for name, part in value.items():
+            inner = properties.get(name, schema.get("additionalProperties", {}))
+            yield from _check(inner, part, f"{path}.{name}")
+    if isinstance(value, list):
+        for index, part in enumerate(value):
+            yield from _check(schema.get("items", {}), part, f"{path}[{index}]")
+
+
+def _is(wanted: str | list[str], value: object) -> bool:
+    names = [wanted] if isinstance(wanted, str) else wanted
+    if isinstance(value, bool):
+        return "boolean" in names
+    return any(isinstance(value, TYPES[name]) for name in names)

@@ -1,0 +1,176 @@
+"""`soter build`: sources that compile clean and do what `soter run` does."""
+
+from __future__ import annotations
+
+import subprocess
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.native.compiler import WARNINGS, find
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from typing import Any
+
+    Soter = Callable[..., Any]
+
+
+def make(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+    """Build with the strict flags as errors, and run."""
+    compiler = " ".join(find().command)
+    done = subprocess.run(
+        ["make", f"CC={compiler}", f"CFLAGS=-O2 {' '.join(WARNINGS)}"],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    return subprocess.run(
+        [str(folder / name), *arguments], capture_output=True, text=True, check=False
+    )
+
+
+def facts(text: str) -> dict[str, str]:
+    return dict(line.split(" ", 1) for line in text.splitlines())
+
+
+def test_the_cart_gives_the_same_trace(soter: Soter, here: Path) -> None:
+    assert soter("build", "cart.soter", "--target", "c", "-o", "out").exit == 0
+    built = make(here / "out", "cart")
+    run = soter("run", "cart.soter", "--json").document
+    assert built.returncode == 0
+    assert facts(built.stdout)["trace_sha256"] == run["trace_sha256"]
+    assert "safe: 0 violations" in built.stdout
+    assert "module SafeCart: AC share 94.2 %, 4 to AC, 3 to SC, 0 gate faults" in built.stdout
+    again = make(here / "out", "cart", "--seed", "5", "--until", "2.5")
+    other = soter("run", "cart.soter", "--seed", "5", "--until", "2500ms", "--json").document
+    assert facts(again.stdout)["trace_sha256"] == other["trace_sha256"]
+
+
+def test_a_violated_system_exits_3(soter: Soter, here: Path) -> None:
+    assert soter("build", "cart.soter", "-o", "out", "--system", "Unprotected").exit == 0
+    built = make(here / "out", "cart")
+    assert built.returncode == 3
+    assert "violated always Clear(c.truth): 2, the first at 2.635 s" in built.stdout
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("--seed", "x"),
+        ("--until", "0"),
+        ("--until", "-1"),
+        ("--until",),
+        ("what",),
+        ("--seed", "99999999999999999999"),
+        ("--until", "nan"),
+    ],
+)
+def test_the_built_command_refuses_nonsense(
+    soter: Soter, here: Path, arguments: tuple[str, ...]
+) -> None:
+    soter("build", "cart.soter", "-o", "out")
+    built = make(here / "out", "cart", *arguments)
+    assert built.returncode == 2
+    assert built.stderr.startswith("usage:")
+
+
+def test_externs_bound_to_c_are_copied_with_their_headers(
+    soter: Soter, robot: Path, here: Path
+) -> None:
+    assert robot.exists()
+    (here / "lib").mkdir()
+    (here / "lib" / "gain.h").write_text("#define GAIN 0.8\n")
+    (here / "lib" / "mine.c").write_text(
+        '#include "robot.h"\n#include "gain.h"\n'
+        "int mine(const robot_Guard_Learned_in *in, robot_Guard_Learned_out *out) {\n"
+        "  (void)in; out->u = GAIN; out->has_u = 1; return 0;\n}\n"
+    )
+    bind = ("--bind", "Learned=c:lib/mine.c:mine")
+    assert soter("build", "robot.soter", "-o", "out", *bind).exit == 0
+    (here / "lib" / "gain.h").unlink()
+    built = make(here / "out", "robot")
+    run = soter(
+        "run", "robot.soter", "--bind", "Learned=python:policies.py:good", "--json"
+    ).document
+    assert facts(built.stdout)["trace_sha256"] == run["trace_sha256"]
+
+
+def test_other_externs_get_a_file_to_fill_in_that_is_kept(
+    soter: Soter, robot: Path, here: Path
+) -> None:
+    assert robot.exists()
+    first = soter("build", "robot.soter", "-o", "out", "--json").document
+    assert first["notes"] == ["fill in externs.c: Guard.Learned fail until then"]
+    built = make(here / "out", "robot")
+    assert "faults Guard.Learned: 101, the last of kind 9" in built.stdout
+    stub = here / "out" / "externs.c"
+    filled = stub.read_text().replace(
+        "  return 1;", "  out->u = 0.8;\n  out->has_u = 1;\n  return 0;"
+    )
+    stub.write_text(filled)
+    again = soter("build", "robot.soter", "-o", "out", "--json").document
+    assert again["kept"] == ["externs.c"]
+    assert stub.read_text() == filled
+    built = make(here / "out", "robot")
+    run = soter(
+        "run", "robot.soter", "--bind", "Learned=python:policies.py:good", "--json"
+    ).document
+    assert facts(built.stdout)["trace_sha256"] == run["trace_sha256"]
+
+
+def test_an_extern_plant_gets_a_function_too(soter: Soter, here: Path) -> None:
+    (here / "p.soter").write_text(
+        "soter 1;\ntopic x: float;\n"
+        "extern plant Sim period 10ms { state p: float = 1.0; drives x = p; }\n"
+        "system S { sim: Sim; until 100ms; always x < 3.0; }\n"
+    )
+    assert soter("build", "p.soter", "-o", "out").exit == 0
+    assert make(here / "out", "p").returncode == 3, "an extern plant that fails is latched"
+    stub = here / "out" / "externs.c"
+    stub.write_text(
+        stub.read_text().replace(
+            "  return SOTER_EXTERN_FAULT;", "  out->p = state->sim.p + 0.5;\n  return SOTER_OK;"
+        )
+    )
+    (here / "sim.py").write_text("def step(inputs):\n    return inputs.state.p + 0.5\n")
+    run = soter("run", "p.soter", "--bind", "sim=python:sim.py:step", "--json").document
+    built = make(here / "out", "p")
+    assert facts(built.stdout)["trace_sha256"] == run["trace_sha256"]
+
+
+def test_an_extern_function_without_c_is_noted(soter: Soter, here: Path) -> None:
+    (here / "f.soter").write_text(
+        "soter 1;\ntopic y: float in [0.0, 1.0];\nextern fun f(x: float): float;\n"
+        "node N period 10ms { publishes y; failsafe y = 0.5; step { publish y = f(0.0); } }\n"
+        "system S { node N; until 50ms; }\n"
+    )
+    done = soter("build", "f.soter", "-o", "out", "--json")
+    assert "extern function f is not bound to C" in done.document["notes"][0]
+    assert make(here / "out", "f").returncode == 3
+
+
+@pytest.mark.parametrize("name", ["main", "externs", "soter_app", "soter", "int"])
+def test_a_program_may_be_called_like_one_of_the_files(soter: Soter, here: Path, name: str) -> None:
+    (here / f"{name}.soter").write_text((here / "cart.soter").read_text())
+    assert soter("build", f"{name}.soter", "-o", "out").exit == 0
+    prefix = f"my_{name}" if name.startswith("soter") else name
+    assert make(here / "out", prefix).returncode == 0
+
+
+def test_targets_that_are_not_there(soter: Soter) -> None:
+    for target in ("posix", "cortex-m", "nonsense"):
+        done = soter("build", "cart.soter", "--target", target, "-o", "out", "--json")
+        assert (done.exit, done.codes) == (2, ["U001"])
+
+
+def test_files_of_others_are_not_overwritten(soter: Soter, here: Path) -> None:
+    (here / "out").mkdir()
+    (here / "out" / "main.c").write_text("int main(void) { return 0; }\n")
+    done = soter("build", "cart.soter", "-o", "out", "--json")
+    assert (done.exit, done.codes) == (1, ["D008"])
+    assert [p.name for p in (here / "out").iterdir()] == ["main.c"]
+    assert soter("build", "cart.soter", "-o", "cart.soter").exit == 1

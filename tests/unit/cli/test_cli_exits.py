@@ -1,0 +1,151 @@
+"""Every exit code of the contract, and the top-level command line."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+import soter as package
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from typing import Any
+
+    Soter = Callable[..., Any]
+
+
+def test_0_a_sound_program(soter: Soter) -> None:
+    done = soter("check", "cart.soter")
+    assert done.exit == 0
+    assert done.err == ""
+
+
+def test_0_with_warnings(soter: Soter, here: Path) -> None:
+    (here / "w.soter").write_text((here / "cart.soter").read_text() + "\nconst UNUSED: int = 3;\n")
+    done = soter("check", "w.soter")
+    assert done.exit == 0
+    assert "warning[" in done.err
+
+
+def test_1_a_program_with_mistakes(soter: Soter, here: Path) -> None:
+    (here / "bad.soter").write_text("soter 1;\nconst A: int = true;\n")
+    done = soter("check", "bad.soter")
+    assert done.exit == 1
+    assert "error[" in done.err
+    assert done.out == ""
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        ("check",),
+        ("check", "cart.soter", "another"),
+        ("check", "cart.soter", "--wrong"),
+        ("run", "cart.soter", "--seed", "x"),
+        ("run", "cart.soter", "--system", "Nobody"),
+        ("run", "cart.soter", "--until", "soon"),
+        ("run", "cart.soter", "--set", "K=3"),
+        ("run", "cart.soter", "--engine", "steam"),
+        ("run", "cart.soter", "--bind", "Fast"),
+        ("build", "cart.soter"),
+        ("chekc", "cart.soter"),
+        ("--wrong",),
+    ],
+)
+def test_2_a_wrong_command_line(soter: Soter, arguments: tuple[str, ...]) -> None:
+    done = soter(*arguments)
+    assert done.exit == 2
+    assert done.err.startswith("error[U")
+    assert soter(*arguments, "--json").document["exit"] == 2
+
+
+def test_2_without_anything_gives_the_help(soter: Soter) -> None:
+    done = soter()
+    assert done.exit == 2
+    assert "usage: soter COMMAND" in done.err
+
+
+def test_3_a_violated_property(soter: Soter) -> None:
+    done = soter("run", "cart.soter", "--system", "Unprotected")
+    assert done.exit == 3
+    assert done.out.splitlines()[1] == "VIOLATED  2 violations"
+
+
+def test_70_a_defect_of_soter(soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    def broken(_: object) -> None:
+        raise AssertionError("a defect")
+
+    monkeypatch.setattr("soter.cli.check.load", broken)
+    done = soter("check", "cart.soter")
+    assert done.exit == 70
+    assert "sorry" in done.err
+    (crash,) = (here / ".soter").glob("crash-*.txt")
+    assert "a defect" in crash.read_text()
+    assert soter("check", "cart.soter", "--json").codes == ["I001"]
+
+
+def test_70_where_no_crash_file_can_be_written(
+    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (here / ".soter").write_text("in the way")
+    monkeypatch.setattr("soter.cli.check.load", lambda _: 1 // 0)
+    done = soter("check", "cart.soter")
+    assert done.exit == 70
+    assert "ZeroDivisionError in test_cli_exits.py" in done.err
+
+
+def test_130_an_interrupt(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None:
+    def pressed(_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("soter.cli.check.load", pressed)
+    assert soter("check", "cart.soter").exit == 130
+    assert soter("check", "cart.soter", "--json").document["exit"] == 130
+
+
+# ---------------------------------------------------------------- the top level
+
+
+COMMANDS = ("check", "run", "build", "explain", "fmt", "new")
+COMING = ("verify", "recheck", "test", "replay", "campaign", "advise", "measure", "monitor")
+
+
+def test_the_help_lists_every_command_of_the_contract(soter: Soter) -> None:
+    done = soter("--help")
+    assert done.exit == 0
+    for name in (*COMMANDS, *COMING):
+        assert f"\n  {name} " in done.out
+    assert max(map(len, done.out.splitlines())) <= 80
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_every_command_has_help_with_examples(soter: Soter, name: str) -> None:
+    done = soter(name, "--help")
+    assert done.exit == 0
+    assert f"usage: soter {name}" in done.out
+    assert "examples:\n" in done.out
+    assert soter(name, "--help", "--json").document["help"].startswith("usage:")
+
+
+@pytest.mark.parametrize("name", COMING)
+def test_a_command_to_come_says_so(soter: Soter, name: str) -> None:
+    done = soter(name, "cart.soter")
+    assert done.exit == 2
+    assert "is not in soter" in done.err
+    assert soter(name, "cart.soter", "--json").codes == ["U006"]
+    assert soter(name, "--help").exit == 0
+
+
+def test_a_mistyped_command_is_guessed(soter: Soter) -> None:
+    assert "did you mean `check`?" in soter("chekc").err
+
+
+def test_the_version(soter: Soter) -> None:
+    assert soter("--version").out == f"soter {package.__version__}\n"
+    assert soter("--version", "--json").document["version"] == package.__version__
+
+
+def test_json_may_stand_before_the_command(soter: Soter) -> None:
+    assert soter("--json", "check", "cart.soter").document["command"] == "check"

@@ -1,0 +1,72 @@
+"""`soter explain`: pages on a terminal."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.explain import all_codes
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    import pytest
+
+    Soter = Callable[..., Any]
+
+
+def test_a_page(soter: Soter) -> None:
+    done = soter("explain", "s001")
+    assert done.exit == 0
+    assert done.out.startswith("# S001: ")
+    assert soter("explain", "S001", "--json").document["code"] == "S001"
+
+
+def test_a_page_in_colour(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    done = soter("explain", "S001")
+    assert done.out.startswith("\x1b[1mS001: ")
+    assert "```" not in done.out
+
+
+def test_all_codes(soter: Soter) -> None:
+    done = soter("explain")
+    assert done.exit == 0
+    assert len(done.out.splitlines()) == len(all_codes()) > 0
+    assert [c["code"] for c in soter("explain", "--json").document["codes"]] == all_codes()
+
+
+def test_an_unknown_code(soter: Soter) -> None:
+    done = soter("explain", "S0001")
+    assert done.exit == 1
+    assert "did you mean" in done.err
+    assert soter("explain", "\x1b[31m").exit == 1
+    assert "\x1b" not in soter("explain", "\x1b[31m").err
+
+
+CLI_CODES = [
+    "D006",
+    "D007",
+    "D008",
+    "I001",
+    "U001",
+    "U002",
+    "U003",
+    "U004",
+    "U005",
+    "U006",
+    "U007",
+    "X001",
+    "X002",
+    "X003",
+    "X004",
+    "X005",
+    "X006",
+    "X007",
+    "X008",
+]
+
+
+def test_every_code_of_the_command_line_has_a_page(soter: Soter) -> None:
+    for code in CLI_CODES:
+        assert soter("explain", code).exit == 0, code

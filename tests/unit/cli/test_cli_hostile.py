@@ -1,0 +1,116 @@
+"""Files and words that no careful person gives a command, and what they get."""
+
+from __future__ import annotations
+
+import os
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.cli.main import main
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from typing import Any
+
+    Soter = Callable[..., Any]
+
+COMMANDS = [("check",), ("run",), ("build", "-o", "out"), ("fmt",)]
+CODE = re.compile(r"error\[[A-Z]\d{3}\]")
+
+
+@pytest.mark.parametrize("command", COMMANDS, ids=lambda c: c[0])
+@pytest.mark.parametrize(
+    "name",
+    ["missing.soter", "folder", "binary.soter", "huge.soter", "cart.soter/x", "\n", "", "a" * 5000],
+    ids=["missing", "folder", "binary", "huge", "below a file", "newline", "empty", "long"],
+)
+def test_what_cannot_be_read_is_a_diagnostic(
+    soter: Soter, here: Path, command: tuple[str, ...], name: str
+) -> None:
+    (here / "folder").mkdir()
+    (here / "binary.soter").write_bytes(bytes(range(256)) * 40)
+    with (here / "huge.soter").open("wb") as stream:
+        stream.truncate(5 * 1024 * 1024)
+    done = soter(*command, name)
+    assert done.exit == 1
+    assert CODE.match(done.err)
+    assert soter(*command, name, "--json").document["diagnostics"]
+
+
+def test_a_file_without_permission(soter: Soter, here: Path) -> None:
+    (here / "cart.soter").chmod(0)
+    if os.access(here / "cart.soter", os.R_OK):
+        pytest.skip("root may read anything")
+    assert soter("check", "cart.soter").exit == 1
+
+
+def test_control_characters_never_reach_the_terminal(soter: Soter, here: Path) -> None:
+    (here / "esc.soter").write_text("soter 1;\nconst \x1b[31mA: int = 3;\n")
+    for done in (soter("check", "esc.soter"), soter("check", "\x1b[31mno.soter")):
+        assert done.exit == 1
+        assert "\x1b" not in done.err
+
+
+@pytest.mark.parametrize("seed", ["-1", "1.5", "", "99999999999999999999", "0x10", "²"])
+def test_seeds_that_are_none(soter: Soter, seed: str) -> None:
+    assert soter("run", "cart.soter", "--seed", seed).exit == 2
+
+
+def test_the_largest_seed(soter: Soter) -> None:
+    for engine in ("native", "interp"):
+        done = soter(
+            "run",
+            "cart.soter",
+            "--until",
+            "10ms",
+            "--seed",
+            str(2**64 - 1),
+            "--engine",
+            engine,
+            "--json",
+        )
+        assert done.document["seed"] == 2**64 - 1
+
+
+@pytest.mark.parametrize(
+    "until", ["30", "s", "0s", "1e999s", "1 fortnight", "nan s", "0.1ns", "200000h" * 9, "5m"]
+)
+def test_lengths_of_time_that_are_none(soter: Soter, until: str) -> None:
+    done = soter("run", "cart.soter", "--until", until)
+    assert done.exit == 2
+    assert "such as 30s" in done.err or "until" in done.err
+
+
+def test_no_length_of_time_anywhere(soter: Soter, here: Path) -> None:
+    text = (here / "cart.soter").read_text().replace("until 30s;", "")
+    (here / "endless.soter").write_text(text)
+    done = soter("run", "endless.soter")
+    assert done.exit == 2
+    assert "--until 30s" in done.err
+
+
+def test_a_program_without_anything_to_run(soter: Soter, here: Path) -> None:
+    (here / "empty.soter").write_text("soter 1;\n")
+    assert soter("check", "empty.soter").exit == 0
+    assert soter("run", "empty.soter").exit == 2
+
+
+def test_standard_output_that_is_gone(here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    assert here.exists()
+    monkeypatch.setattr("sys.stdout", None)
+    assert main(["check", "cart.soter"]) == 0
+    assert main(["check", "cart.soter", "--json"]) == 0
+    monkeypatch.setattr("sys.stderr", None)
+    assert main(["check", "nowhere.soter"]) == 1
+
+
+def test_a_cache_folder_that_cannot_be_written(
+    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (here / "file").write_text("")
+    monkeypatch.setenv("SOTER_CACHE", str(here / "file" / "cache"))
+    done = soter("run", "cart.soter", "--json")
+    assert (done.exit, done.codes) == (1, ["X006"])
