@@ -44,11 +44,13 @@ lint: $(VENV)/.dev  ## formatter, linter, strict types, import layers, C format
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 	$(BIN)/clang-format --dry-run -Werror src/soter/runtime/*.[ch]
+	$(BIN)/soter fmt --check examples/*/*.soter src/soter/prelude/*.soter
 
 format: $(VENV)/.dev  ## put Python and C into the one format
 	$(BIN)/ruff format $(LINTED)
 	$(BIN)/ruff check --fix-only $(LINTED)
 	$(BIN)/clang-format -i src/soter/runtime/*.[ch]
+	$(BIN)/soter fmt examples/*/*.soter src/soter/prelude/*.soter
 
 bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md
 	$(PY) bench/run_all.py

@@ -79,7 +79,6 @@ def load_times(repeats: int) -> tuple[list[float], list[float]]:
 
 def speeds(repeats: int) -> tuple[list[float], float]:
     """Virtual seconds per wall second: native runs, and the interpreter once."""
-
     system = system_of(check_file(str(ROOT / DRONE)), "Protected")
     program = NativeProgram(system)
     native = []
@@ -92,7 +91,6 @@ def speeds(repeats: int) -> tuple[list[float], float]:
 
 def lap_speed(repeats: int) -> list[float]:
     """The same for the 14 s of a lap only, where most of the control happens."""
-
     program = NativeProgram(system_of(check_file(str(ROOT / DRONE)), "Protected"))
     found = []
     for seed in range(repeats):

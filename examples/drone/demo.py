@@ -151,9 +151,7 @@ def main() -> None:
     arguments.output.parent.mkdir(parents=True, exist_ok=True)
     write_html(page, arguments.output)
     print(f"\nreport: {arguments.output}   ({time.perf_counter() - began:.1f} s in all)")
-    print(
-        "rests on: wind and estimator error within the declared bounds; virtual time; see the report"
-    )
+    print("rests on: declared bounds of wind and estimator error; virtual time; see the report")
     sys.exit(3 if hits else 0)
 
 

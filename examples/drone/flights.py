@@ -13,11 +13,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-import soter
 from soter.report.record import Decision, Flight, Scene, Tube, Vec3, Violation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
+
+    import soter
 
 PROGRAM = Path(__file__).with_name("motion_primitive.soter")
 MODULE = "SafeMotionPrimitive"
