@@ -6,20 +6,22 @@ Non-goals: rendering diagnostics, anything dynamic.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostics, Severity, SoterError
 from soter.program.checker import check
-from soter.program.elaborate import elaborate, implicit_system
+from soter.program.elaborate import Elaborator, implicit_system
 from soter.program.loader import load
+from soter.program.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 from soter.program.wellformed import check_declaration, check_periods
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from soter.program.loader import LoadedProgram
     from soter.program.system import System
-    from soter.program.typed import Program, SystemSymbol
+    from soter.program.typed import Program, TestSymbol
     from soter.program.types import Value
 
 
@@ -48,56 +50,125 @@ def check_file(
     path: str, text: str | None = None, overrides: Mapping[str, Value] | None = None
 ) -> Checked:
     """Check the program in `path` (or in `text`, with `path` as its name)."""
-    diagnostics = Diagnostics()
-    loaded = load(path, diagnostics, text)
+    found = Diagnostics()
+    loaded = load(path, found, text)
     if loaded is None:
-        return Checked(None, diagnostics)
-    program = check(loaded, diagnostics)
-    checked = Checked(program, diagnostics)
-    for module in program.modules.values():
-        check_declaration(module, diagnostics)
+        return Checked(None, found)
+    program = check(loaded, found)
     own = {n: s for n, s in program.systems.items() if "." not in n}
-    if not own:
+    draft = not own
+    if draft:
         everything = implicit_system(program)
         own = {everything.name: everything} if everything else {}
-    checked.systems = own
-    marked = [s for s in own.values() if s.default]
-    if len(marked) > 1 and program.systems:
-        diagnostics.error(
-            "M012", "two systems are marked `default`", marked[1].span,
-            also=((marked[0].span, "the first one"),),
-        )
-    if any(d.code in {"T012"} for d in diagnostics.items):
-        return checked
-    structural = diagnostics.has_errors
+    _one_default(own, found)
+    for module in program.modules.values():
+        check_declaration(module, found, program.damaged)
     for system in own.values():
-        flat = elaborate(program, system, overrides or {}, _quiet(diagnostics, structural))
-        check_periods(flat, diagnostics)
-    return checked
+        _flatten(program, system, overrides or {}, found, draft=draft)
+    for test in program.tests.values():
+        _flatten_test(program, test, overrides or {}, found)
+    _check_the_rest(program, own, found)
+    return Checked(program, _in_order(found, loaded), own)
 
 
-def _quiet(diagnostics: Diagnostics, structural: bool) -> Diagnostics:
-    """Composition errors after structural ones would mostly be their shadows: drop M004, M005."""
-    if not structural:
-        return diagnostics
-    return _Filtered(diagnostics)
+def _flatten(
+    program: Program,
+    symbol: SystemSymbol,
+    overrides: Mapping[str, Value],
+    diagnostics: Diagnostics,
+    *,
+    draft: bool = False,
+) -> System | None:
+    elaborator = Elaborator(program, symbol, overrides, diagnostics, draft=draft)
+    flat = elaborator.run()
+    if flat is not None:
+        check_periods(flat, diagnostics, elaborator.unknown)
+    return flat
 
 
-class _Filtered(Diagnostics):
-    """Passes everything on but the codes that a missing declaration would cause."""
+def _flatten_test(
+    program: Program, test: TestSymbol, overrides: Mapping[str, Value], diagnostics: Diagnostics
+) -> None:
+    """A test is its system with replacements and properties of its own."""
+    system = replace(
+        test.system,
+        replaces=(*test.system.replaces, *test.replaces),
+        properties=test.properties,
+    )
+    if test.system in program.damaged:
+        program.damaged.add(system)
+    elaborator = Elaborator(program, system, overrides, diagnostics)
+    elaborator.long_duration(test.horizon, "`horizon`")
+    elaborator.skew(test.skew)
+    flat = elaborator.run()
+    if flat is not None:
+        check_periods(flat, diagnostics, elaborator.unknown)
 
-    SHADOWS = frozenset({"M005", "M013", "V003"})
 
-    def __init__(self, target: Diagnostics) -> None:
-        super().__init__()
-        self._target = target
+def _check_the_rest(
+    program: Program, systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics
+) -> None:
+    """Numbers of what the main file declares and no system has: with default parameters."""
+    placed: set[object] = set()
+    todo: list[object] = [*systems.values(), *(t.system for t in program.tests.values())]
+    while todo:
+        what = todo.pop()
+        if what in placed:
+            continue
+        placed.add(what)
+        if isinstance(what, SystemSymbol):
+            todo += [i.what for i in what.instances]
+            todo += [by for _, by, _ in what.replaces]
+        elif isinstance(what, ModuleSymbol):
+            todo += [what.ac, what.sc]
+    rest = [
+        s
+        for table in (program.plants, program.modules, program.nodes)
+        for n, s in table.items()
+        if "." not in n and s not in placed
+    ]
+    used = {n for s in rest if isinstance(s, ModuleSymbol) for n in (s.ac, s.sc)}
+    instances = tuple(
+        InstanceSymbol(s.name, s, {}, {}, s.span) for s in rest if s not in used
+    )
+    topics = [t for n, t in program.topics.items() if "." not in n]
+    if not instances and not topics:
+        return
+    span = (instances[0] if instances else topics[0]).span
+    loose = SystemSymbol("", span, False, instances, None, (), (), (), (), ())  # noqa: FBT003
+    elaborator = Elaborator(program, loose, {}, diagnostics)
+    flat = elaborator.run_loose(topics)
+    if flat is not None:
+        check_periods(flat, diagnostics, elaborator.unknown)
 
-    def add(self, diagnostic: object) -> None:  # type: ignore[override]
-        from soter.diagnostics.diagnostic import Diagnostic  # noqa: PLC0415 - narrow type
 
-        assert isinstance(diagnostic, Diagnostic)
-        if diagnostic.code not in self.SHADOWS:
-            self._target.add(diagnostic)
+def _one_default(systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics) -> None:
+    marked = [s for s in systems.values() if s.default]
+    for other in marked[1:]:
+        diagnostics.error(
+            "M012",
+            "two systems are marked `default`",
+            other.span,
+            "another one",
+            also=((marked[0].span, "the first one"),),
+            notes=("it is the system that runs when none is named",),
+        )
+
+
+def _in_order(found: Diagnostics, loaded: LoadedProgram) -> Diagnostics:
+    """By file in order of loading, then by position; errors before warnings at one place."""
+    files = {id(f.source): i for i, f in enumerate(loaded.files)}
+    ordered = Diagnostics()
+    for d in sorted(
+        found.items,
+        key=lambda d: (
+            files.get(id(d.primary.span.source), -1) if d.primary else -1,
+            d.primary.span.start if d.primary else -1,
+            d.severity is not Severity.ERROR,
+        ),
+    ):
+        ordered.add(d)
+    return ordered
 
 
 def system_of(
@@ -110,19 +181,28 @@ def system_of(
     symbol = checked.systems.get(name) if name else checked.default_system()
     diagnostics = Diagnostics()
     if symbol is None:
-        known = ", ".join(f"`{n}`" for n in checked.systems) or "none"
-        if name:
-            diagnostics.error("U002", f"there is no system `{name}`; declared: {known}")
-        elif not checked.systems:
-            diagnostics.error("U002", "the program declares nothing that could run")
-        else:
-            diagnostics.error(
-                "U002", f"which system? declared: {known}",
-                helps=("name one with --system, or mark one `default`",),
-            )
+        _no_system(checked, name, diagnostics)
         raise SoterError(diagnostics.items)
-    flat = elaborate(checked.program, symbol, overrides or {}, diagnostics)
-    check_periods(flat, diagnostics)
-    if diagnostics.has_errors:
+    flat = _flatten(checked.program, symbol, overrides or {}, diagnostics)
+    if flat is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     return flat
+
+
+def _no_system(checked: Checked, name: str | None, diagnostics: Diagnostics) -> None:
+    known = ", ".join(f"`{n}`" for n in checked.systems) or "none"
+    if name:
+        diagnostics.error("U002", f"there is no system `{name}`", notes=(f"there are: {known}",))
+    elif not checked.systems:
+        diagnostics.error(
+            "U002",
+            "the program declares nothing that could run",
+            helps=("add a `system` with a plant, nodes or modules",),
+        )
+    else:
+        diagnostics.error(
+            "U002",
+            "which system is meant?",
+            notes=(f"there are: {known}",),
+            helps=("name one with --system, or mark one `default`",),
+        )

@@ -32,6 +32,7 @@ from soter.program.types import (
     ListType,
     RecordType,
 )
+from soter.program.walk import topics_beside
 from soter.syntax import tree
 
 if TYPE_CHECKING:
@@ -392,19 +393,8 @@ class DeclChecker:
 
     def topics_of(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
         """The topics that stand beside the instances of a system, wires applied."""
-        known = self._topics.get(system)
-        if known is not None:
-            return known
-        found: dict[typed.TopicSymbol, None] = {}
-        for instance in system.instances:
-            what = instance.what
-            if isinstance(what, typed.SystemSymbol):
-                for outer in instance.renames.values():
-                    found.setdefault(outer)
-                continue
-            for topic in _topics_in_signature(what):
-                found.setdefault(instance.renames.get(topic, topic))
-        self._topics[system] = list(found)
+        if system not in self._topics:
+            self._topics[system] = topics_beside(system)
         return self._topics[system]
 
 
@@ -432,15 +422,3 @@ def scalar_of(t: Type) -> Type | None:
     if isinstance(t, (ArrayType, ListType)):
         return scalar_of(t.element)
     return None
-
-
-def _topics_in_signature(what: object) -> list[typed.TopicSymbol]:
-    """Topics one plant, node or module mentions in its signature."""
-    if isinstance(what, typed.NodeSymbol):
-        return [*(s.topic for s in what.subscribes), *what.publishes]
-    if isinstance(what, typed.PlantSymbol):
-        return [*what.reads, *(t for t, _ in what.drives)]
-    if isinstance(what, typed.ModuleSymbol):
-        nodes = [*_topics_in_signature(what.ac), *_topics_in_signature(what.sc)]
-        return [*nodes, *what.topics_read]
-    return []

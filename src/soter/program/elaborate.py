@@ -1,8 +1,8 @@
 """Flatten a system: instances named, parameters fixed, every number computed.
 
 Purpose: `SystemSymbol` + overrides -> `System`, with diagnostics where numbers are wrong
-(periods, value sets, defaults) or the composition is (two drivers, nobody drives).
-Non-goals: P1a and P1b (`wellformed.py`), behaviour, storage.
+(periods, value sets, defaults) or wiring is.
+Non-goals: composition (`composition.py`), P1a and P1b (`wellformed.py`), behaviour, storage.
 """
 
 from __future__ import annotations
@@ -12,8 +12,12 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.arith import StepFault
-from soter.program.evaluate import BudgetExceeded, Evaluator
+from soter.program.check_const import Calculator
+from soter.program.check_decl import show
+from soter.program.check_node import UNKNOWN
+from soter.program.composition import Composition, hyperperiod
+from soter.program.durations import show_ns
+from soter.program.measure import Measure
 from soter.program.system import (
     Bound,
     Component,
@@ -27,14 +31,22 @@ from soter.program.system import (
     Topic,
 )
 from soter.program.types import (
-    DurationType,
+    ArrayType,
+    BoolType,
+    EnumType,
     FloatType,
     IntType,
     ListType,
     RecordType,
-    ArrayType,
     default_value,
     leaves,
+)
+from soter.program.walk import (
+    mode_reads,
+    nodes,
+    topic_reads,
+    topics_beside,
+    topics_mentioned,
 )
 
 if TYPE_CHECKING:
@@ -46,35 +58,46 @@ if TYPE_CHECKING:
 
 MIN_PERIOD_NS = 1_000
 MAX_PERIOD_NS = 3_600_000_000_000
-MAX_HYPERPERIOD_NS = 2**62
+MAX_TIME_NS = 2**62
 CLEAN_DEFAULT = 3
+MAX_CLEAN = 1_000_000
+MAX_SUBSTEPS = 1_000
+MAX_CELLS = 1_000_000
+MAX_LEVELS = 100
 RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
 TopicKey = tuple[str, typed.TopicSymbol]
-Mapping_ = dict[typed.TopicSymbol, TopicKey]
+Wires = dict[typed.TopicSymbol, TopicKey]
 
-
-def instance_path(prefix: str, name: str) -> str:
-    """Full name of an instance below a prefix such as `left.`."""
-    return prefix + name
+__all__ = ["Elaborator", "elaborate", "first_outside", "implicit_system", "show_ns"]
 
 
 @dataclass(eq=False)
 class _Placed:
     """A plant, node or module found while walking the instances."""
 
-    kind: str
     name: str
     symbol: typed.PlantSymbol | typed.NodeSymbol | typed.ModuleSymbol
     prefix: str
-    renames: list[dict[typed.TopicSymbol, TopicKey]]
+    wires: list[Wires]
     span: Span
     forced: str | None = None
     replaced: dict[str, typed.NodeSymbol] = field(default_factory=dict)
 
+    def controllers(self) -> tuple[typed.NodeSymbol, typed.NodeSymbol]:
+        """AC and SC of a module, replacements applied."""
+        module = self.symbol
+        assert isinstance(module, typed.ModuleSymbol)
+        ac = self.replaced.get(module.ac.name, module.ac)
+        return ac, self.replaced.get(module.sc.name, module.sc)
+
 
 class Elaborator:
-    """One elaboration of one system."""
+    """One elaboration of one system.
+
+    `draft`: the system is what a file without one would run as; it may be meant for others to
+    import, so that topics nobody drives are only warned about.
+    """
 
     def __init__(
         self,
@@ -82,186 +105,298 @@ class Elaborator:
         symbol: typed.SystemSymbol,
         overrides: Mapping[str, Value],
         diagnostics: Diagnostics,
+        *,
+        draft: bool = False,
     ) -> None:
         self.program = program
         self.symbol = symbol
         self.diagnostics = diagnostics
+        self.draft = draft
         self.params = self._params(overrides)
-        self.evaluator = Evaluator(self.params, None, 2_000_000)
-        self.topics: dict[TopicKey, Topic] = {}
+        self.calculator = Calculator(diagnostics, self.params)
+        self.measure = Measure(symbol, diagnostics)
+        self.topics: list[Topic] = []
         self.placed: list[_Placed] = []
-        self.plant_index: dict[str, int] = {}
-        self.module_index: dict[str, int] = {}
+        self.unknown: set[str] = set()
+        """Names of components whose period has an error: nothing is said about it again."""
+        self.partial = symbol in program.damaged or (draft and program.incomplete)
+        """Whether something is missing that was reported: then absence is no error."""
+        self._by_key: dict[TopicKey, Topic] = {}
+        self._ranges: dict[typed.TopicSymbol, tuple[tuple[Bound | None, ...], bool, Value]] = {}
 
-    # ------------------------------------------------------------ numbers
+    # ------------------------------------------------------------ parameters
 
     def _params(self, overrides: Mapping[str, Value]) -> dict[typed.ParamSymbol, Value]:
         values: dict[typed.ParamSymbol, Value] = {}
-        basic = Evaluator({}, None, 2_000_000)
-        chosen: dict[typed.ParamSymbol, tuple[typed.Expr, Span]] = {
-            p: (p.default, p.span) for p in self.program.params.values()
-        }
-        for param, expr, span in self.symbol.sets:
-            chosen[param] = (expr, span)
-        for param, (expr, span) in chosen.items():
+        sets = {param: (expr, span) for param, expr, span in self.symbol.sets}
+        for param in self.program.params.values():
+            assert isinstance(param.default, typed.Literal)
+            values[param] = param.default.value
             if param.name in overrides:
                 values[param] = overrides[param.name]
-                span = param.span
-            else:
-                value = self._try(basic, expr)
-                values[param] = default_value(param.type) if value is None else value
-            self._check_param(param, values[param], span, basic)
+                self._check_param(param, values[param], param.span, "was set to")
+            elif param in sets:
+                expr, span = sets[param]
+                assert isinstance(expr, typed.Literal)
+                values[param] = expr.value
+                self._check_param(param, values[param], span, "is set to")
         return values
 
-    def _check_param(
-        self, param: typed.ParamSymbol, value: Value, span: Span, basic: Evaluator
-    ) -> None:
-        if param.low is None or param.high is None:
+    def _check_param(self, param: typed.ParamSymbol, value: Value, span: Span, how: str) -> None:
+        if not isinstance(param.low, typed.Literal) or not isinstance(param.high, typed.Literal):
             return
-        low, high = self._try(basic, param.low), self._try(basic, param.high)
-        if low is not None and high is not None and not low <= value <= high:
-            unit = " ns" if isinstance(param.type, DurationType) else ""
+        low, high = param.low.value, param.high.value
+        if not low <= value <= high:
+            shown = [show(x, param.type) for x in (value, low, high)]
             self.diagnostics.error(
                 "V007",
-                f"parameter `{param.name}` = {value}{unit} is outside [{low}, {high}]{unit}",
+                f"parameter `{param.name}` {how} {shown[0]}, outside [{shown[1]}, {shown[2]}]",
                 span,
+                also=((param.span, "declared here"),) if span is not param.span else (),
             )
 
-    def _try(self, evaluator: Evaluator, expr: typed.Expr) -> Value | None:
-        try:
-            return evaluator.value(expr)
-        except StepFault as fault:
-            self.diagnostics.error(
-                "T008", f"this has no value: {fault.kind.name.lower()}", expr.span
-            )
-        except BudgetExceeded:
-            self.diagnostics.error("T008", "computing this takes too long", expr.span)
-        return None
+    # ------------------------------------------------------------ numbers
 
-    def number(self, expr: typed.Expr) -> Value | None:
+    def number(self, expr: typed.Expr, what: str) -> Value | None:
         """The value of a constant expression under this system's parameters."""
-        return self._try(self.evaluator, expr)
+        return self.calculator.value(expr, what)
 
-    def duration(self, expr: typed.Expr, what: str) -> int:
-        """A period in ns; C001/C002 when it is impossible or absurd; 1 s then, to go on."""
-        value = self.number(expr)
+    def duration(self, expr: typed.Expr, what: str) -> int | None:
+        """A time in ns, None after a report: C001 when it is impossible, C002 when absurd."""
+        if isinstance(expr, typed.Literal) and expr.name == UNKNOWN:
+            return None
+        value = self.number(expr, what)
         if value is None:
-            return 1_000_000_000
+            return None
         assert isinstance(value, int)
-        if isinstance(expr, typed.Literal) and expr.name == "<error>":
-            return 1_000_000_000
         if value <= 0:
             self.diagnostics.error(
-                "C001", f"{what} must be longer than zero", expr.span, show_ns(value)
+                "C001", f"{what} must be longer than zero", expr.span, f"this is {show_ns(value)}"
             )
-            return 1_000_000_000
+            return None
         if not MIN_PERIOD_NS <= value <= MAX_PERIOD_NS:
             self.diagnostics.error(
                 "C002",
-                f"{what} of {show_ns(value)} is absurd: 1 us to 1 h are possible",
+                f"{what} cannot be {show_ns(value)}",
                 expr.span,
+                f"{show_ns(MIN_PERIOD_NS)} to {show_ns(MAX_PERIOD_NS)} are possible",
             )
-            return 1_000_000_000
+            return None
         return value
+
+    def long_duration(self, expr: typed.Expr | None, what: str) -> int | None:
+        """The length of a run in ns, None where there is none or after a report."""
+        value = self.number(expr, what) if expr is not None else None
+        if value is None or expr is None:
+            return None
+        if value <= 0:
+            self.diagnostics.error(
+                "C001", f"{what} must be longer than zero", expr.span, f"this is {show_ns(value)}"
+            )
+            return None
+        if value > MAX_TIME_NS:
+            self.diagnostics.error(
+                "C002", f"{what} is too long", expr.span, "at most 146 years are possible"
+            )
+            return None
+        return int(value)
+
+    def count(self, expr: typed.Expr | None, what: str, low: int, high: int) -> int | None:
+        """A whole number in [low, high]; None where there is none or after a report (C002)."""
+        value = self.number(expr, what) if expr is not None else None
+        if value is None or expr is None:
+            return None
+        if not low <= value <= high:
+            self.diagnostics.error(
+                "C002", f"{what} cannot be {value}", expr.span, f"{low} to {high} are possible"
+            )
+            return None
+        return int(value)
+
+    def interval(
+        self, low: typed.Expr, high: typed.Expr, span: Span, what: str
+    ) -> tuple[float, float] | None:
+        """Bounds, None after a report: V006 when they are not finite, V001 when out of order."""
+        values = self.number(low, what), self.number(high, what)
+        if values[0] is None or values[1] is None:
+            return None
+        shown = f"[{values[0]!r}, {values[1]!r}]"
+        if not all(math.isfinite(v) for v in values):
+            self.diagnostics.error(
+                "V006", f"{what} must be bounded", span, f"this is {shown}"
+            )
+            return None
+        if values[0] > values[1]:
+            self.diagnostics.error(
+                "V001", f"{shown} is empty", span, "the lower bound is above the upper one"
+            )
+            return None
+        return values
 
     # ------------------------------------------------------------ walking instances
 
-    def _walk(
-        self, system: typed.SystemSymbol, prefix: str,
-        outer: list[dict[typed.TopicSymbol, TopicKey]],
-    ) -> None:
+    def _walk(self, system: typed.SystemSymbol, prefix: str, outer: list[Wires]) -> None:
         for instance in system.instances:
             name = prefix + instance.name
             what = instance.what
-            renames = {
+            self.partial = self.partial or what in self.program.damaged
+            self._check_wires(instance)
+            wires = {
                 inner: self._key(target, prefix, outer)
                 for inner, target in instance.renames.items()
             }
             if isinstance(what, typed.SystemSymbol):
-                self._walk(what, name + ".", [renames])
+                self._ignored_sets(what)
+                self._walk(what, name + ".", [wires])
                 continue
-            kind = {
-                typed.PlantSymbol: "plant", typed.NodeSymbol: "node", typed.ModuleSymbol: "module",
-            }[type(what)]
-            self.placed.append(
-                _Placed(kind, name, what, prefix, [renames, *outer], instance.span)
-            )
-        self._apply(system, prefix)
-
-    def _apply(self, system: typed.SystemSymbol, prefix: str) -> None:
+            if isinstance(what, typed.ModuleSymbol):
+                damaged = self.program.damaged
+                self.partial = self.partial or what.ac in damaged or what.sc in damaged
+            self.placed.append(_Placed(name, what, prefix, [wires, *outer], instance.span))
         for path, to, _ in system.forces:
             for placed in self.placed:
-                if placed.kind == "module" and placed.name == prefix + path:
+                if placed.name == prefix + path:
                     placed.forced = to
         for path, by, span in system.replaces:
             self._replace(prefix, path, by, span)
 
+    def _check_wires(self, instance: typed.InstanceSymbol) -> None:
+        """M013 for a wire to a topic that the instance does not have."""
+        what = instance.what
+        if not instance.renames or what in self.program.damaged:
+            return
+        is_system = isinstance(what, typed.SystemSymbol)
+        known = set(topics_beside(what) if is_system else topics_mentioned(what))
+        for topic, span in instance.rename_spans.items():
+            if topic not in known:
+                self.diagnostics.error(
+                    "M013",
+                    f"`{instance.name}` has no topic `{topic.name}` that could be wired",
+                    span,
+                    "left of `=` stands a topic of the instance",
+                    also=((what.span, f"`{what.name}` is declared here"),),
+                )
+
+    def _ignored_sets(self, inner: typed.SystemSymbol) -> None:
+        for param, _, span in inner.sets:
+            if all(p is not param for p, _, _ in self.symbol.sets):
+                self.diagnostics.warning(
+                    "W006",
+                    f"`set {param.name}` has no effect in system `{self.symbol.name}`",
+                    span,
+                    also=((self.symbol.span, f"this system has `{inner.name}` as a part"),),
+                    notes=("parameters belong to the program: the system that runs sets them",),
+                    helps=(f"repeat it in `{self.symbol.name}`",),
+                )
+
     def _replace(
         self, prefix: str, path: str, by: typed.NodeSymbol | typed.PlantSymbol, span: Span
     ) -> None:
+        self.partial = self.partial or by in self.program.damaged
         hit = False
         for placed in self.placed:
             if not placed.name.startswith(prefix):
                 continue
-            local = placed.name[len(prefix) :]
-            if isinstance(placed.symbol, typed.ModuleSymbol) and isinstance(by, typed.NodeSymbol):
-                for node in (placed.symbol.ac, placed.symbol.sc):
+            local, symbol = placed.name[len(prefix) :], placed.symbol
+            if isinstance(symbol, typed.ModuleSymbol) and isinstance(by, typed.NodeSymbol):
+                for node in (symbol.ac, symbol.sc):
                     short = node.name.rsplit(".", 1)[-1]
                     if path in {node.name, short, f"{local}.{short}"}:
                         hit = True
-                        self._same_topics(node, by, span)
+                        self._same_outputs(node, by, span)
                         placed.replaced[node.name] = by
-            elif type(placed.symbol) is type(by) and path in {local, placed.symbol.name}:
+                self._still_two(placed, span)
+            elif type(symbol) is type(by) and path in {local, symbol.name}:
                 hit = True
-                self._same_topics(placed.symbol, by, span)
+                self._same_outputs(symbol, by, span)
+                self._same_truth(placed, by, span)
                 placed.symbol = by
-        if not hit:
+        if not hit and not self.partial:
+            known = [p.name[len(prefix) :] for p in self.placed if p.name.startswith(prefix)]
+            what = "plant" if isinstance(by, typed.PlantSymbol) else "node"
             self.diagnostics.error(
-                "M013", f"there is nothing called `{path}` to replace in this system", span
+                "M013",
+                f"this system has no {what} `{path}` to replace",
+                span,
+                notes=("its instances are " + ", ".join(f"`{n}`" for n in known[:12]),)
+                if known
+                else (),
             )
 
-    def _same_topics(self, old: object, new: object, span: Span) -> None:
+    def _same_outputs(self, old: object, new: object, span: Span) -> None:
         def outputs(s: object) -> set[typed.TopicSymbol]:
             if isinstance(s, typed.NodeSymbol):
                 return set(s.publishes)
             return {t for t, _ in s.drives} if isinstance(s, typed.PlantSymbol) else set()
 
-        if outputs(old) != outputs(new):
-            old_names = ", ".join(sorted(f"`{t.name}`" for t in outputs(old)))
-            new_names = ", ".join(sorted(f"`{t.name}`" for t in outputs(new)))
+        if outputs(old) == outputs(new) or {old, new} & self.program.damaged:
+            return
+        assert isinstance(old, typed.Symbol)
+        assert isinstance(new, typed.Symbol)
+        self.diagnostics.error(
+            "M014",
+            f"`{new.name}` does not publish what `{old.name}` publishes",
+            span,
+            also=(
+                (old.span, f"publishes {_names(outputs(old))}"),
+                (new.span, f"publishes {_names(outputs(new))}"),
+            ),
+            helps=("a replacement offers the same topics",),
+        )
+
+    def _same_truth(self, placed: _Placed, by: object, span: Span) -> None:
+        """M014 where a property reads a state that the replacement does not have."""
+        if not isinstance(by, typed.PlantSymbol):
+            return
+        conditions = [p.condition for p in self.symbol.properties]
+        for node in nodes(conditions):
+            read = isinstance(node, typed.TruthRead) and node.instance == placed.name
+            if read and node.type != by.truth:
+                self.diagnostics.error(
+                    "M014",
+                    f"`{by.name}` has other states than `{placed.symbol.name}`",
+                    span,
+                    also=((node.span, "but a property reads them here"),),
+                    helps=("declare the same states, in the same order",),
+                )
+                return
+
+    def _still_two(self, placed: _Placed, span: Span) -> None:
+        """AC != SC also after a replacement."""
+        ac, sc = placed.controllers()
+        module = placed.symbol
+        assert isinstance(module, typed.ModuleSymbol)
+        if ac is sc and module.ac is not module.sc:
             self.diagnostics.error(
-                "M014",
-                f"the replacement publishes {new_names or 'nothing'} instead of {old_names}",
+                "M002",
+                f"with this, `{ac.name}` is both AC and SC of module `{module.name}`",
                 span,
-                helps=("a replacement must offer the same topics",),
+                also=((module.span, "the module"),),
+                helps=("to run one controller alone, write `force M ac;` or `force M sc;`",),
             )
 
-    def _key(
-        self, topic: typed.TopicSymbol, prefix: str,
-        renames: list[dict[typed.TopicSymbol, TopicKey]],
-    ) -> TopicKey:
+    # ------------------------------------------------------------ topics
+
+    def _key(self, topic: typed.TopicSymbol, prefix: str, wires: list[Wires]) -> TopicKey:
         stand_in = self.program.stand_ins.get(topic)
         if stand_in is not None:
             path, real = stand_in
             return self._sub_key(prefix, path, real)
-        for table in renames:
+        for table in wires:
             if topic in table:
                 return table[topic]
         return prefix, topic
 
     def _sub_key(self, prefix: str, path: tuple[str, ...], topic: typed.TopicSymbol) -> TopicKey:
-        """The key of a sub-system's topic, following the renames on the way down."""
+        """The key of a sub-system's topic, following the wires on the way down."""
         system: object = self.symbol
         at = ""
-        outer: list[dict[typed.TopicSymbol, TopicKey]] = []
-        full = [*filter(None, prefix.split(".")), *path]
-        for part in full:
+        outer: list[Wires] = []
+        for part in [*filter(None, prefix.split(".")), *path]:
             if not isinstance(system, typed.SystemSymbol):
                 break
             instance = next(i for i in system.instances if i.name == part)
-            outer = [
-                {i: self._key(t, at, outer) for i, t in instance.renames.items()}
-            ]
+            outer = [{i: self._key(t, at, outer) for i, t in instance.renames.items()}]
             at += part + "."
             system = instance.what
         for table in outer:
@@ -271,38 +406,44 @@ class Elaborator:
 
     def topic(self, key: TopicKey) -> int:
         """Index of a topic, entered on first mention."""
-        known = self.topics.get(key)
+        known = self._by_key.get(key)
         if known is None:
-            known = self._new_topic(key)
-            self.topics[key] = known
+            prefix, symbol = key
+            self.measure.add(symbol.type)
+            if symbol not in self._ranges:
+                bounds, declared = self._bounds(symbol)
+                self._ranges[symbol] = bounds, declared, self._default(symbol, bounds)
+            bounds, declared, default = self._ranges[symbol]
+            max_age = None
+            if symbol.max_age is not None:
+                max_age = self.duration(symbol.max_age, f"`max_age` of `{symbol.name}`")
+            known = Topic(
+                len(self.topics),
+                prefix + symbol.name,
+                symbol,
+                symbol.type,
+                bounds,
+                declared,
+                default,
+                max_age,
+                "",
+            )
+            self._by_key[key] = known
+            self.topics.append(known)
         return known.index
 
-    def _new_topic(self, key: TopicKey) -> Topic:
-        prefix, symbol = key
-        bounds, declared = self._bounds(symbol)
-        default = self._default(symbol, bounds)
-        max_age = None
-        if symbol.max_age is not None:
-            max_age = self.duration(symbol.max_age, f"`max_age` of `{symbol.name}`")
-        return Topic(
-            len(self.topics), prefix + symbol.name, symbol, symbol.type, bounds, declared,
-            default, max_age, "",
-        )
-
     def _bounds(self, symbol: typed.TopicSymbol) -> tuple[tuple[Bound | None, ...], bool]:
+        """A bound for each leaf, and whether every number has one."""
+        what = f"the set of `{symbol.name}`"
         resolved: dict[tuple[str, ...], Bound] = {}
-        for path, values in symbol.values.items():
-            low, high = self.number(values.low), self.number(values.high)
-            if low is None or high is None:
-                continue
-            if not (math.isfinite(low) and math.isfinite(high)):
-                self.diagnostics.error("V006", "the bounds of a set are finite", values.span)
-            elif low > high:
-                self.diagnostics.error("V001", f"[{low}, {high}] is empty", values.span)
-            else:
-                resolved[path] = Bound(low, high)
-        bounds: list[Bound | None] = []
         declared = True
+        for path, values in symbol.values.items():
+            interval = self.interval(values.low, values.high, values.span, what)
+            if interval is not None:
+                resolved[path] = Bound(*interval)
+            else:
+                self._unreliable(symbol)
+        bounds: list[Bound | None] = []
         for path, t in leaves(symbol.type):
             bound = next(
                 (resolved[path[:n]] for n in range(len(path), -1, -1) if path[:n] in resolved),
@@ -310,148 +451,210 @@ class Elaborator:
             )
             if bound is None and isinstance(t, IntType) and not t.is_full:
                 bound = Bound(t.low, t.high)
-            if bound is None and isinstance(t, (FloatType, IntType)):
-                declared = False
-            bounds.append(bound if isinstance(t, (FloatType, IntType)) else None)
+            number = isinstance(t, (FloatType, IntType))
+            declared = declared and (bound is not None or not number)
+            bounds.append(bound if number else None)
         return tuple(bounds), declared
 
+    def _unreliable(self, symbol: typed.TopicSymbol) -> None:
+        """Its set has an error: nothing is said about what follows from it."""
+        self.program.damaged.add(symbol)
+
     def _default(self, symbol: typed.TopicSymbol, bounds: tuple[Bound | None, ...]) -> Value:
-        written = symbol.default is not None
-        value = self.number(symbol.default) if symbol.default is not None else None
+        """The first value; V002 where it lies outside the set."""
+        written = symbol.default
+        what = f"the default of `{symbol.name}`"
+        value = self.number(written, what) if written is not None else None
         if value is None:
             value = default_value(symbol.type)
+        if symbol in self.program.damaged:
+            return value
         outside = first_outside(symbol.type, value, bounds)
         if outside is not None:
             leaf, number, bound = outside
-            where = f" ({leaf})" if leaf else ""
+            where = f" (`{leaf}`)" if leaf else ""
+            sets = tuple((r.span, "its set") for r in symbol.values.values())
             self.diagnostics.error(
                 "V002",
-                f"the default of `{symbol.name}`{where} is {number}, outside [{bound.low}, {bound.high}]",
-                symbol.default.span if symbol.default else symbol.span,
-                helps=() if written else (f"give `{symbol.name}` a default inside: `= ...`",),
+                f"{what}{where} is {number!r}, outside {bound}",
+                written.span if written is not None else symbol.span,
+                f"starts at {number!r}" if written is None else "",
+                also=sets if len(sets) == 1 else (),
                 notes=()
-                if written
-                else ("without `= value` a topic starts at the default of its type",),
+                if written is not None
+                else ("without `= ...` a topic starts at the default of its type",),
+                helps=(f"give it a first value in {bound}: `= ...`",) if written is None else (),
             )
         return value
 
     # ------------------------------------------------------------ the result
 
-    def run(self) -> System:
-        """Flatten; meaningful only when no error was added."""
+    def run(self) -> System | None:
+        """Flatten; None where the system is too large, meaningful only without errors."""
+        if not self.measure.instances(self.program):
+            return None
         self._walk(self.symbol, "", [])
         components: list[Component] = []
-        modules: list[Module] = []
-        pending: list[tuple[_Placed, int]] = []
+        pending: list[_Placed] = []
         for placed in self.placed:
             if isinstance(placed.symbol, typed.PlantSymbol):
                 components.append(self._plant(placed, placed.symbol))
             elif isinstance(placed.symbol, typed.NodeSymbol):
                 components.append(self._node(placed, placed.symbol, placed.name, "node"))
             else:
-                pending.append((placed, len(components)))
-                components.extend(self._module_nodes(placed, placed.symbol, len(pending) - 1))
-        components = self._deployed_order(components)
-        for placed, _ in pending:
-            modules.append(self._module(placed, len(modules), components))
+                components.extend(self._module_nodes(placed, placed.symbol, len(pending)))
+                pending.append(placed)
+            if self.measure.exceeded:
+                return None
+        components = _deployed_order(components)
+        modules = self._modules(pending, components)
         self._modes_in_scope(components, modules)
         properties = self._properties(modules, components)
         inputs = self._inputs()
-        self._composition(components, modules)
-        until = (
-            self.duration_at_least_zero(self.symbol.until) if self.symbol.until is not None else None
+        system = System(
+            self.symbol.name,
+            self.program,
+            tuple(self.topics),
+            tuple(components),
+            tuple(modules),
+            tuple(properties),
+            tuple(inputs),
+            self.long_duration(self.symbol.until, "`until`"),
+            {p.name: v for p, v in self.params.items()},
+            1,
         )
-        hyperperiod = self._hyperperiod(components)
-        return System(
-            self.symbol.name, self.program, tuple(self.topics.values()), tuple(components),
-            tuple(modules), tuple(properties), tuple(inputs), until,
-            {p.name: v for p, v in self.params.items()}, hyperperiod,
+        composition = Composition(
+            system, self.symbol, self.diagnostics, partial=self.partial, draft=self.draft
         )
+        composition.check()
+        if not self.unknown:
+            system.hyperperiod_ns = hyperperiod(system, self.symbol, self.diagnostics)
+        return None if self.measure.exceeded else system
 
-    def duration_at_least_zero(self, expr: typed.Expr) -> int | None:
-        """A run length in ns; C001 when it is not positive."""
-        value = self.number(expr)
-        if value is not None and value <= 0:
-            self.diagnostics.error("C001", "`until` must be longer than zero", expr.span)
+    def run_loose(self, topics: list[typed.TopicSymbol]) -> System | None:
+        """Check the numbers of declarations that no system has, and of `topics`; no composition."""
+        if not self.measure.instances(self.program):
             return None
-        return value if isinstance(value, int) else None
+        self.partial = True
+        self._walk(self.symbol, "", [])
+        components: list[Component] = []
+        pending: list[_Placed] = []
+        for placed in self.placed:
+            if isinstance(placed.symbol, typed.PlantSymbol):
+                components.append(self._plant(placed, placed.symbol))
+            elif isinstance(placed.symbol, typed.NodeSymbol):
+                components.append(self._node(placed, placed.symbol, placed.name, "sc"))
+            else:
+                components.extend(self._module_nodes(placed, placed.symbol, len(pending)))
+                pending.append(placed)
+        components = _deployed_order(components)
+        modules = self._modules(pending, components)
+        for topic in topics:
+            self.topic(("", topic))
+        if self.measure.exceeded:
+            return None
+        parts = (tuple(self.topics), tuple(components), tuple(modules))
+        return System(self.symbol.name, self.program, *parts, (), (), None, {}, 1)
 
-    def _deployed_order(self, components: list[Component]) -> list[Component]:
-        """Ruling 5: plants, DMs, SCs, the rest; ties by declaration."""
-        ordered = sorted(components, key=lambda c: RANK[c.role])
-        for index, component in enumerate(ordered):
-            component.index = index
-            if component.role == "plant":
-                self.plant_index[component.name] = index
-        return ordered
+    def skew(self, expr: typed.Expr | None) -> None:
+        """The skew of a test: zero is allowed."""
+        value = self.number(expr, "`skew`") if expr is not None else None
+        if expr is not None and value is not None and not 0 <= value <= MAX_PERIOD_NS:
+            self.diagnostics.error(
+                "C002",
+                f"`skew` cannot be {show_ns(value)}",
+                expr.span,
+                f"0 s to {show_ns(MAX_PERIOD_NS)} are possible",
+            )
+
+    def _period(self, expr: typed.Expr, what: str, name: str) -> int:
+        period = self.duration(expr, what)
+        if period is None:
+            self.unknown.add(name)
+            return 1_000_000_000
+        return period
 
     def _scope(self, placed: _Placed, topics: list[typed.TopicSymbol]) -> Scope:
         return Scope(
-            {t: self.topic(self._key(t, placed.prefix, placed.renames)) for t in topics},
+            {t: self.topic(self._key(t, placed.prefix, placed.wires)) for t in topics},
             self.params,
         )
 
+    def _first_values(
+        self, variables: tuple[typed.Variable, ...], initial: tuple[typed.Expr | None, ...]
+    ) -> tuple[Value, ...]:
+        found = []
+        for variable, expr in zip(variables, initial, strict=True):
+            self.measure.add(variable.type)
+            what = f"the first value of `{variable.name}`"
+            value = self.number(expr, what) if expr is not None else None
+            found.append(default_value(variable.type) if value is None else value)
+        return tuple(found)
+
+    # ------------------------------------------------------------ plants
+
     def _plant(self, placed: _Placed, plant: typed.PlantSymbol) -> Component:
         scope = self._scope(placed, [*plant.reads, *(t for t, _ in plant.drives)])
-        period = self.duration(plant.period, f"the period of plant `{plant.name}`")
-        initial: list[Value] = []
+        period = self._period(plant.period, f"the period of plant `{plant.name}`", placed.name)
+        states = [v for v in plant.states if not self._is_damaged(v)]
+        initial = {v: i for v, i in zip(plant.states, plant.initial, strict=True)}
         ranges: list[tuple[float, float] | None] = []
-        for variable, expr, interval in zip(
-            plant.states, plant.initial, plant.initial_range, strict=True
-        ):
-            value = self.number(expr) if expr is not None else None
-            initial.append(default_value(variable.type) if value is None else value)
-            ranges.append(self._interval(interval, expr))
-        substeps = self.number(plant.substeps) if plant.substeps is not None else 1
-        if substeps is None or not 1 <= substeps <= 1000:  # noqa: PLR2004
-            if substeps is not None and plant.substeps is not None:
-                self.diagnostics.error(
-                    "C002", f"{substeps} substeps are absurd: 1 to 1000 are possible",
-                    plant.substeps.span,
-                )
-            substeps = 1
+        for variable, interval in zip(plant.states, plant.initial_range, strict=True):
+            what = f"the start of `{variable.name}`"
+            found = None
+            if interval is not None:
+                span = interval[0].span.to(interval[1].span)
+                found = self.interval(interval[0], interval[1], span, what)
+            ranges.append(found)
+        substeps = self.count(plant.substeps, "the number of substeps", 1, MAX_SUBSTEPS)
         return Component(
-            0, placed.name, "plant", period, 0, scope, placed.span, plant=plant,
-            initial=tuple(initial), initial_range=tuple(ranges), substeps=substeps,
+            0,
+            placed.name,
+            "plant",
+            period,
+            0,
+            scope,
+            placed.span,
+            plant=plant,
+            initial=self._first_values(tuple(states), tuple(initial[v] for v in states)),
+            initial_range=tuple(ranges),
+            substeps=substeps or 1,
             disturbances=tuple(self._disturbance(placed.name, d) for d in plant.disturbances),
             measured=tuple(self._measurements(placed.name, plant, scope)),
             binding=plant.source,
         )
 
-    def _interval(
-        self, interval: tuple[typed.Expr, typed.Expr] | None, _: object
-    ) -> tuple[float, float] | None:
-        if interval is None:
-            return None
-        low, high = self.number(interval[0]), self.number(interval[1])
-        if low is None or high is None:
-            return None
-        if not low <= high or not math.isfinite(low) or not math.isfinite(high):
-            self.diagnostics.error("V001", f"[{low}, {high}] is empty", interval[0].span)
-            return None
-        return (low, high)
+    @staticmethod
+    def _is_damaged(variable: typed.Variable) -> bool:
+        return str(variable.type) == "<error>"
 
     def _disturbance(self, plant: str, d: typed.DisturbanceSymbol) -> Disturbance:
-        interval = self._interval((d.low, d.high), None) or (0.0, 0.0)
-        hold = 0
+        name = d.variable.name
+        span = d.low.span.to(d.high.span)
+        interval = self.interval(d.low, d.high, span, f"disturbance `{name}`") or (0.0, 0.0)
+        hold = None
         if d.hold is not None:
-            hold = self.duration(d.hold, f"`hold` of `{d.variable.name}`")
-        streams = tuple(
-            ".".join((plant, d.variable.name, *path)) for path, _ in leaves(d.variable.type)
-        )
-        return Disturbance(d.variable, interval[0], interval[1], hold, streams)
+            hold = self.duration(d.hold, f"`hold` of `{name}`")
+        streams: tuple[str, ...] = ()
+        if not self._is_damaged(d.variable):
+            paths = [path for path, _ in leaves(d.variable.type)]
+            streams = tuple(".".join((plant, name, *path)) for path in paths)
+        return Disturbance(d.variable, interval[0], interval[1], hold or 0, streams)
 
     def _measurements(
         self, name: str, plant: typed.PlantSymbol, scope: Scope
     ) -> list[Measurement]:
         found: list[Measurement] = []
         for m in plant.measured:
-            bound = self.number(m.within)
+            bound = self.number(m.within, "the bound of an error")
             if bound is None:
                 continue
             if not (math.isfinite(bound) and bound >= 0):
                 self.diagnostics.error(
-                    "V006", f"an error bound is finite and not negative, not {bound}", m.within.span
+                    "V006",
+                    "the bound of an error must be finite and not negative",
+                    m.within.span,
+                    f"this is {bound!r}",
                 )
                 continue
             topic = scope.topics[m.topic]
@@ -461,156 +664,224 @@ class Elaborator:
                     found.append(Measurement(topic, index, bound, stream))
         return sorted(found, key=lambda m: (m.topic, m.leaf))
 
+    # ------------------------------------------------------------ nodes
+
     def _node(
-        self, placed: _Placed, node: typed.NodeSymbol, name: str, role: str,
+        self,
+        placed: _Placed,
+        node: typed.NodeSymbol,
+        name: str,
+        role: str,
         module: int | None = None,
     ) -> Component:
         scope = self._scope(placed, [*(s.topic for s in node.subscribes), *node.publishes])
-        period = self.duration(node.period, f"the period of `{node.name}`")
-        phase = 0
-        if node.phase is not None:
-            phase = self.number(node.phase) or 0
-            if not 0 <= phase < period:
-                self.diagnostics.error(
-                    "C004", f"the phase of `{node.name}` must lie in [0, period)", node.phase.span
-                )
-                phase = 0
-        initial = []
-        for variable, expr in zip(node.locals, node.initial, strict=True):
-            value = self.number(expr) if expr is not None else None
-            initial.append(default_value(variable.type) if value is None else value)
-        failsafe: dict[int, Value] = {}
-        for topic, expr in node.failsafe.items():
-            value = self.number(expr)
-            if value is None:
-                continue
-            index = scope.topics[topic]
-            bounds = next(t.bounds for t in self.topics.values() if t.index == index)
-            outside = first_outside(topic.type, value, bounds)
-            if outside is not None:
-                _, number, bound = outside
-                self.diagnostics.error(
-                    "V005",
-                    f"the fail-safe value {number} is outside [{bound.low}, {bound.high}]",
-                    expr.span,
-                )
-            failsafe[index] = value
+        period = self._period(node.period, f"the period of node `{node.name}`", name)
+        self._takeover_in_module(node, role)
+        locals_ = [v for v in node.locals if not self._is_damaged(v)]
+        initial = {v: i for v, i in zip(node.locals, node.initial, strict=True)}
+        return Component(
+            0,
+            name,
+            role,
+            period,
+            self._phase(node, period, name),
+            scope,
+            placed.span,
+            module=module,
+            node=node,
+            initial=self._first_values(tuple(locals_), tuple(initial[v] for v in locals_)),
+            failsafe=self._failsafe(node, scope),
+            binding=node.source,
+        )
+
+    def _phase(self, node: typed.NodeSymbol, period: int, name: str) -> int:
+        phase = self.number(node.phase, "a phase") if node.phase is not None else None
+        if phase is None or node.phase is None:
+            return 0
+        if 0 <= phase < period or name in self.unknown:
+            return max(int(phase), 0)
+        self.diagnostics.error(
+            "C004",
+            f"the phase of node `{node.name}` must be shorter than its period"
+            if phase > 0
+            else f"the phase of node `{node.name}` cannot be negative",
+            node.phase.span,
+            f"this is {show_ns(phase)}",
+            also=((node.period.span, f"steps every {show_ns(period)}"),),
+        )
+        return 0
+
+    def _takeover_in_module(self, node: typed.NodeSymbol, role: str) -> None:
         if node.takeover is not None and role == "node":
             self.diagnostics.error(
-                "M015", f"`{node.name}` has `on takeover` but is the AC or SC of no module here",
+                "M015",
+                f"`{node.name}` has `on takeover`, but is in control all the time",
                 node.span,
+                also=((self.symbol.span, "in this system it belongs to no module"),),
+                notes=("control is taken and given back inside an `rta` module only",),
+                helps=("leave the block out, or make the node the AC or SC of a module",),
             )
-        return Component(
-            0, name, role, period, phase, scope, placed.span, module=module, node=node,
-            initial=tuple(initial), failsafe=failsafe, binding=node.source,
-        )
+
+    def _failsafe(self, node: typed.NodeSymbol, scope: Scope) -> dict[int, Value]:
+        found: dict[int, Value] = {}
+        for symbol, expr in node.failsafe.items():
+            value = self.number(expr, f"the fail-safe value of `{symbol.name}`")
+            if value is None:
+                continue
+            topic = self.topics[scope.topics[symbol]]
+            found[topic.index] = value
+            outside = first_outside(topic.type, value, topic.bounds)
+            if outside is not None and topic.symbol not in self.program.damaged:
+                leaf, number, bound = outside
+                where = f" (`{leaf}`)" if leaf else ""
+                self.diagnostics.error(
+                    "V005",
+                    f"the fail-safe value of `{symbol.name}`{where} is {number!r}, outside {bound}",
+                    expr.span,
+                    also=((topic.symbol.span, "the topic"),),
+                    notes=("what is published after a step fault must be allowed too",),
+                )
+        return found
+
+    # ------------------------------------------------------------ modules
 
     def _module_nodes(
         self, placed: _Placed, module: typed.ModuleSymbol, index: int
     ) -> list[Component]:
-        ac = placed.replaced.get(module.ac.name, module.ac)
-        sc = placed.replaced.get(module.sc.name, module.sc)
-        period = self.duration(module.period, f"the period of module `{module.name}`")
-        reads = list(module.topics_read)
-        for expr in (module.safe, module.ttf, module.safer):
-            if expr is not None:
-                reads.extend(t for t in topics_in(expr) if t not in reads)
-        dm = Component(
-            0, f"{placed.name}.dm", "dm", period, 0, self._scope(placed, reads), placed.span,
-            module=index,
-        )
+        ac, sc = placed.controllers()
+        name = f"{placed.name}.dm"
+        period = self._period(module.period, f"the period of module `{module.name}`", name)
+        predicates = [e for e in (module.safe, module.ttf, module.safer) if e is not None]
+        reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*predicates)]))
+        scope = self._scope(placed, reads)
         names = [f"{placed.name}.{n.name.rsplit('.', 1)[-1]}" for n in (ac, sc)]
         return [
-            dm,
+            Component(0, name, "dm", period, 0, scope, placed.span, module=index),
             self._node(placed, sc, names[1], "sc", index),
             self._node(placed, ac, names[0], "ac", index),
         ]
 
-    def _module(self, placed: _Placed, index: int, components: list[Component]) -> Module:
+    def _modules(self, pending: list[_Placed], components: list[Component]) -> list[Module]:
+        roles: list[dict[str, Component]] = [{} for _ in pending]
+        for c in components:
+            if c.module is not None:
+                roles[c.module][c.role] = c
+        return [self._module(p, i, roles[i]) for i, p in enumerate(pending)]
+
+    def _module(self, placed: _Placed, index: int, by_role: dict[str, Component]) -> Module:
         module = placed.symbol
         assert isinstance(module, typed.ModuleSymbol)
-        by_role = {c.role: c for c in components if c.module == index}
-        clean = CLEAN_DEFAULT
-        if module.clean is not None:
-            value = self.number(module.clean)
-            if value is not None:
-                if not 1 <= value <= 1_000_000:  # noqa: PLR2004
-                    self.diagnostics.error(
-                        "C002", "`clean` is 1 to 1000000 outputs", module.clean.span
-                    )
-                else:
-                    clean = value
+        clean = self.count(module.clean, "`clean`", 1, MAX_CLEAN)
         dm = by_role["dm"]
-        self.module_index[placed.name] = index
         outputs = tuple(
-            self.topic(self._key(t, placed.prefix, placed.renames)) for t in module.sc.publishes
+            self.topic(self._key(t, placed.prefix, placed.wires)) for t in module.sc.publishes
         )
-        result = Module(
-            index, placed.name, module, dm.index, by_role["ac"].index, by_role["sc"].index,
-            dm.period_ns, dm.scope, clean,
-            tuple(dm.scope.topics[t] for t in module.topics_read), outputs, placed.forced,
+        for output in outputs:
+            self._has_set(self.topics[output], module)
+        self._verify_block(module)
+        return Module(
+            index,
+            placed.name,
+            module,
+            dm.index,
+            by_role["ac"].index,
+            by_role["sc"].index,
+            dm.period_ns,
+            dm.scope,
+            CLEAN_DEFAULT if clean is None else clean,
+            tuple(dm.scope.topics[t] for t in module.topics_read),
+            outputs,
+            placed.forced,
         )
-        for topic in self.topics.values():
-            if topic.index in outputs and not topic.set_declared:
-                self.diagnostics.error(
-                    "V003",
-                    f"output topic `{topic.name}` of module `{module.name}` has no value set",
-                    topic.symbol.span,
-                    "every value it may take must be known",
-                    also=((module.span, "gated by this module"),),
-                    notes=(
-                        "the theorem needs to know what the advanced controller can do at worst: "
-                        "the gate refuses everything outside",
-                    ),
-                    helps=("add a set, such as `in [-1.0, 1.0]`",),
-                )
-        return result
+
+    def _has_set(self, topic: Topic, module: typed.ModuleSymbol) -> None:
+        """The theorem's "*": all the values that the AC may publish."""
+        if topic.set_declared or topic.symbol in self.program.damaged:
+            return
+        bare = [
+            ".".join(path)
+            for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True)
+            if bound is None and isinstance(t, (FloatType, IntType))
+        ]
+        which = f"; `{bare[0]}` has none" if topic.symbol.values and bare[0] else ""
+        self.diagnostics.error(
+            "V003",
+            f"output topic `{topic.symbol.name}` of module `{module.name}` has no value set{which}",
+            topic.symbol.span,
+            "every value it may take must be known",
+            also=((module.span, "gated by this module"),),
+            notes=(
+                "theorem 3.1 is about everything the advanced controller may do: "
+                "the gate refuses what lies outside the set",
+            ),
+            helps=("add a set: `in [-1.0, 1.0]` with your bounds",),
+        )
+
+    def _verify_block(self, module: typed.ModuleSymbol) -> None:
+        """Numbers that only `soter verify` needs, checked now."""
+        self.long_duration(module.horizon, "`horizon`")
+        self.count(module.levels, "the number of levels", 2, MAX_LEVELS)
+        for axis in module.grid:
+            self.interval(axis.low, axis.high, axis.low.span.to(axis.high.span), "a grid axis")
+            self.count(axis.cells, "the number of cells", 1, MAX_CELLS)
+
+    # ------------------------------------------------------------ modes, properties, inputs
 
     def _modes_in_scope(self, components: list[Component], modules: list[Module]) -> None:
         """Let nodes read `mode(M)` of a module instance beside them."""
         prefixes = {p.name: p.prefix for p in self.placed}
+        beside: dict[tuple[str, object], list[Module]] = {}
+        for m in modules:
+            beside.setdefault((prefixes[m.name], m.symbol), []).append(m)
         for component in components:
-            prefix = prefixes.get(component.name)
-            if prefix is None:
-                prefix = prefixes.get(component.name.rsplit(".", 1)[0], "")
-            wanted = set()
+            wanted: dict[typed.ModuleSymbol | str, typed.Expr] = {}
+            home = component.name
+            if component.module is not None:
+                home = modules[component.module].name
             if component.node is not None:
-                wanted = modules_in(component.node)
+                wanted = mode_reads(*component.node.step, *(component.node.takeover or ()))
             elif component.role == "dm" and component.module is not None:
                 m = modules[component.module].symbol
-                for e in (m.safe, m.ttf, m.safer):
-                    if e is not None:
-                        _collect_modules(e, wanted)
-            for symbol in wanted:
-                found = [
-                    m for m in modules
-                    if m.symbol is symbol and prefixes[m.name] == prefix
-                ]
+                wanted = mode_reads(*(e for e in (m.safe, m.ttf, m.safer) if e is not None))
+            for symbol, read in wanted.items():
+                found = beside.get((prefixes[home], symbol), [])
                 if len(found) == 1:
                     component.scope.modules[symbol] = found[0].index
                 elif isinstance(symbol, typed.ModuleSymbol):
-                    n = "no" if not found else f"{len(found)}"
-                    self.diagnostics.error(
-                        "M013",
-                        f"`{component.name}` reads `mode({symbol.name})`, "
-                        f"but this system has {n} such module",
-                        component.span,
-                    )
+                    self._no_module(symbol, len(found), read, f"beside `{component.name}`")
 
-    def _properties(
-        self, modules: list[Module], components: list[Component]
-    ) -> list[Property]:
+    def _no_module(
+        self, symbol: typed.ModuleSymbol, count: int, read: typed.Expr, where: str
+    ) -> None:
+        if count == 0 and self.partial:
+            return
+        self.diagnostics.error(
+            "M013",
+            f"there {'is no' if count == 0 else f'are {count}'} module `{symbol.name}` {where}"
+            f"{'' if count == 0 else ', so it is not clear which one is meant'}",
+            read.span,
+            "its mode is read here",
+            also=((self.symbol.span, "in this system"),),
+        )
+
+    def _properties(self, modules: list[Module], components: list[Component]) -> list[Property]:
         result: list[Property] = []
         scope = Scope({}, self.params)
         scope.plants = {c.name: c.index for c in components if c.role == "plant"}
         scope.modules = {m.name: m.index for m in modules}
+        counts: dict[object, int] = {}
         for m in modules:
-            same = [x for x in modules if x.symbol is m.symbol]
-            if len(same) == 1:
-                scope.modules[m.symbol] = m.index
+            counts[m.symbol] = counts.get(m.symbol, 0) + 1
+            scope.modules[m.symbol] = m.index
         for item in self.symbol.properties:
-            for topic in topics_in(item.condition):
+            roots = [e for e in (item.premise, item.condition) if e is not None]
+            for topic in topic_reads(*roots):
                 scope.topics[topic] = self.topic(self._key(topic, "", []))
+            for module, read in mode_reads(*roots).items():
+                if isinstance(module, typed.ModuleSymbol) and counts.get(module) != 1:
+                    self._no_module(module, counts.get(module, 0), read, "in this system")
+            if item.within is not None:
+                self.long_duration(item.within, "`within`")
             if item.kind in {"always", "never"}:
                 result.append(
                     Property(len(result), item.kind, item.condition, scope, item.text, item.span)
@@ -622,208 +893,70 @@ class Elaborator:
         for item in self.symbol.inputs:
             index = self.topic(self._key(item.topic, "", []))
             every = self.duration(item.every, f"`every` of `{item.path}`")
-            topic = next(t for t in self.topics.values() if t.index == index)
-            if not topic.set_declared:
+            topic = self.topics[index]
+            if not topic.set_declared and topic.symbol not in self.program.damaged:
                 self.diagnostics.error(
-                    "V003", f"`{topic.name}` needs a value set to be drawn from", item.span
+                    "V009",
+                    f"input topic `{topic.symbol.name}` has no value set to be drawn from",
+                    item.span,
+                    "drawn here",
+                    also=((topic.symbol.span, "declared here"),),
+                    helps=("add a set: `in [-1.0, 1.0]` with your bounds",),
                 )
-            result.append(InputDrive(index, every))
+            result.append(InputDrive(index, every or 1_000_000_000))
         return result
 
-    # ------------------------------------------------------------ composition
 
-    def _composition(self, components: list[Component], modules: list[Module]) -> None:
-        """Disjoint nodes, one driver a topic, nobody's topics (paper: composability)."""
-        topics = list(self.topics.values())
-        drivers: dict[int, list[tuple[str, Span]]] = {}
-        for c in components:
-            if c.role == "plant" and c.plant is not None:
-                for t, _ in c.plant.drives:
-                    drivers.setdefault(c.scope.topics[t], []).append((f"plant `{c.name}`", c.span))
-            elif c.role == "node" and c.node is not None:
-                for t in c.node.publishes:
-                    drivers.setdefault(c.scope.topics[t], []).append((f"node `{c.name}`", c.span))
-        for m in modules:
-            for index in m.outputs:
-                drivers.setdefault(index, []).append((f"module `{m.name}`", m.symbol.span))
-        for index, found in drivers.items():
-            topics[index].driver = found[0][0]
-            if len(found) > 1:
-                both_modules = all(w.startswith("module") for w, _ in found)
-                rule = (
-                    "the outputs of composed modules must be disjoint"
-                    if both_modules
-                    else "a topic has exactly one driver"
-                )
-                self.diagnostics.error(
-                    "M004",
-                    f"topic `{topics[index].name}` is driven by {found[0][0]} and {found[1][0]}",
-                    found[1][1],
-                    "second driver",
-                    also=((found[0][1], "first driver"),),
-                    notes=(rule,),
-                )
-        self._undriven(components, drivers, topics)
-        self._disjoint_nodes(modules)
-
-    def _undriven(
-        self, components: list[Component], drivers: dict[int, list[tuple[str, Span]]],
-        topics: list[Topic],
-    ) -> None:
-        for c in components:
-            reads: list[tuple[typed.TopicSymbol, Span]] = []
-            if c.node is not None:
-                reads = [(s.topic, s.span) for s in c.node.subscribes]
-            elif c.plant is not None:
-                reads = [(t, c.plant.span) for t in c.plant.reads]
-            elif c.role == "dm":
-                reads = [(t, c.span) for t in c.scope.topics]
-            for symbol, span in reads:
-                topic = topics[c.scope.topics[symbol]]
-                if topic.index in drivers or symbol.input:
-                    if symbol.input and topic.index not in drivers:
-                        topic.driver = "input"
-                    continue
-                self.diagnostics.error(
-                    "M005",
-                    f"`{c.name}` reads `{topic.name}`, which nobody drives",
-                    span,
-                    "read here",
-                    also=((symbol.span, "declared here"),),
-                    helps=(
-                        f"if the environment sets it, declare `input topic {symbol.name}`",
-                        "otherwise add the node or plant that publishes it to the system",
-                    ),
-                )
-
-    def _disjoint_nodes(self, modules: list[Module]) -> None:
-        seen: dict[tuple[str, typed.NodeSymbol], Module] = {}
-        for m in modules:
-            prefix = m.name.rsplit(".", 1)[0] if "." in m.name else ""
-            for node in (m.symbol.ac, m.symbol.sc):
-                other = seen.get((prefix, node))
-                if other is not None and other.symbol is not m.symbol:
-                    self.diagnostics.error(
-                        "M003",
-                        f"node `{node.name}` is in modules `{other.name}` and `{m.name}`",
-                        m.symbol.span,
-                        "second module",
-                        also=((other.symbol.span, "first module"),),
-                        notes=("the nodes of composed modules must be disjoint",),
-                    )
-                seen.setdefault((prefix, node), m)
-
-    def _hyperperiod(self, components: list[Component]) -> int:
-        value = 1
-        for c in components:
-            value = math.lcm(value, c.period_ns)
-            if value > MAX_HYPERPERIOD_NS:
-                periods = ", ".join(sorted({show_ns(x.period_ns) for x in components}))
-                self.diagnostics.error(
-                    "C003",
-                    "the periods of this system have no common multiple that fits 64 bits",
-                    self.symbol.span,
-                    notes=(f"the periods are {periods}",),
-                    helps=("choose periods that divide each other",),
-                )
-                return 1
-        return value
+def _deployed_order(components: list[Component]) -> list[Component]:
+    """Ruling 5: plants, DMs, SCs, the rest; ties by declaration."""
+    ordered = sorted(components, key=lambda c: RANK[c.role])
+    for index, component in enumerate(ordered):
+        component.index = index
+    return ordered
 
 
-def show_ns(ns: int) -> str:
-    """A duration as people write it: `10ms`, `1.5us`."""
-    for unit, size in (("s", 10**9), ("ms", 10**6), ("us", 10**3)):
-        if abs(ns) >= size:
-            text = f"{ns / size:.6f}".rstrip("0").rstrip(".")
-            return f"{text} {unit}"
-    return f"{ns} ns"
+def _names(topics: set[typed.TopicSymbol]) -> str:
+    return ", ".join(sorted(f"`{t.name}`" for t in topics)) or "nothing"
 
 
 def first_outside(
     t: Type, value: Value, bounds: tuple[Bound | None, ...]
 ) -> tuple[str, float, Bound] | None:
     """The first leaf of a value outside its bound: (path, value, bound), or None."""
-    counter = [0]
-
-    def walk(t: Type, v: Value, path: str) -> tuple[str, float, Bound] | None:
-        if isinstance(t, RecordType):
-            for (name, ft), fv in zip(t.fields, v, strict=True):
-                found = walk(ft, fv, f"{path}.{name}" if path else name)
-                if found:
-                    return found
-            return None
-        if isinstance(t, ArrayType):
-            for i, e in enumerate(v):
-                found = walk(t.element, e, f"{path}[{i}]")
-                if found:
-                    return found
-            return None
-        if isinstance(t, ListType):
-            start = counter[0]
-            result = None
-            for i, e in enumerate(v):
-                counter[0] = start
-                result = result or walk(t.element, e, f"{path}[{i}]")
-            counter[0] = start + sum(1 for _ in leaves(t.element))
-            return result
-        bound = bounds[counter[0]]
-        counter[0] += 1
-        if bound is not None and not bound.low <= v <= bound.high:
-            return path, v, bound
-        if isinstance(t, FloatType) and not math.isfinite(v):
-            return path, v, Bound(-math.inf, math.inf)
-        return None
-
-    return walk(t, value, "")
-
-
-# ---------------------------------------------------------------- walks over typed trees
-
-
-def children(node: object) -> list[object]:
-    """Direct typed sub-nodes of an expression, statement or place."""
-    found: list[object] = []
-    for name in getattr(node, "__dataclass_fields__", {}):
-        if name in {"type", "span", "fun", "param", "topic", "module", "variable"}:
-            continue
-        value = getattr(node, name)
-        stack = [value]
-        while stack:
-            v = stack.pop()
-            if isinstance(v, (typed.Expr, typed.Stmt, typed.Place)):
-                found.append(v)
-            elif isinstance(v, tuple):
-                stack.extend(v)
+    found, _ = _outside(t, value, bounds, 0, "")
     return found
 
 
-def topics_in(root: object) -> list[typed.TopicSymbol]:
-    """Topics an expression reads, in some fixed order."""
-    found: dict[typed.TopicSymbol, None] = {}
-    todo = [root]
-    while todo:
-        node = todo.pop()
-        if isinstance(node, (typed.TopicRead, typed.AgeRead)):
-            found.setdefault(node.topic)
-        todo.extend(children(node))
-    return list(found)
-
-
-def _collect_modules(root: object, into: set[typed.ModuleSymbol | str]) -> None:
-    todo = [root]
-    while todo:
-        node = todo.pop()
-        if isinstance(node, typed.ModeRead):
-            into.add(node.module)
-        todo.extend(children(node))
-
-
-def modules_in(node: typed.NodeSymbol) -> set[typed.ModuleSymbol | str]:
-    """Modules whose mode a node reads."""
-    found: set[typed.ModuleSymbol | str] = set()
-    for stmt in (*node.step, *(node.takeover or ())):
-        _collect_modules(stmt, found)
-    return found
+def _outside(
+    t: Type, value: Value, bounds: tuple[Bound | None, ...], at: int, path: str
+) -> tuple[tuple[str, float, Bound] | None, int]:
+    """The first leaf outside, and the position in `bounds` behind this value's leaves."""
+    if isinstance(t, RecordType):
+        for (name, ft), fv in zip(t.fields, value, strict=True):
+            found, at = _outside(ft, fv, bounds, at, f"{path}.{name}" if path else name)
+            if found is not None:
+                return found, at
+        return None, at
+    if isinstance(t, ArrayType):
+        for i, e in enumerate(value):
+            found, at = _outside(t.element, e, bounds, at, f"{path}[{i}]")
+            if found is not None:
+                return found, at
+        return None, at
+    if isinstance(t, ListType):
+        after = at + sum(1 for _ in leaves(t.element))
+        for i, e in enumerate(value):
+            found, _ = _outside(t.element, e, bounds, at, f"{path}[{i}]")
+            if found is not None:
+                return found, after
+        return None, after
+    bound = bounds[at]
+    if bound is None and isinstance(t, FloatType) and not math.isfinite(value):
+        bound = Bound(-math.inf, math.inf)
+    inside = isinstance(t, (BoolType, EnumType)) or bound is None
+    if inside or (bound.low <= value <= bound.high and math.isfinite(value)):
+        return None, at + 1
+    return (path, value, bound), at + 1
 
 
 def elaborate(
@@ -831,24 +964,23 @@ def elaborate(
     symbol: typed.SystemSymbol,
     overrides: Mapping[str, Value],
     diagnostics: Diagnostics,
-) -> System:
-    """Flatten `symbol`; `overrides` maps full parameter names to values."""
+) -> System | None:
+    """Flatten `symbol`; `overrides` maps full parameter names to values. None after an error."""
     return Elaborator(program, symbol, overrides, diagnostics).run()
 
 
 def implicit_system(program: typed.Program) -> typed.SystemSymbol | None:
     """For a file without systems: everything it declares, once."""
-    from soter.diagnostics.source import Source  # noqa: PLC0415 - rare
-    from soter.diagnostics.span import Span  # noqa: PLC0415 - rare
-
     used = {n for m in program.modules.values() for n in (m.ac, m.sc)}
     whats: list[typed.PlantSymbol | typed.ModuleSymbol | typed.NodeSymbol] = [
         *program.plants.values(),
         *program.modules.values(),
         *(n for n in program.nodes.values() if n not in used),
     ]
-    if not whats:
+    own = [w for w in whats if "." not in w.name]
+    if not own:
         return None
-    span = whats[0].span if whats else Span(Source(program.path, ""), 0, 0)
-    instances = tuple(typed.InstanceSymbol(w.name, w, {}, w.span) for w in whats)
-    return typed.SystemSymbol("Main", span, True, instances, None, (), (), (), (), ())  # noqa: FBT003
+    instances = tuple(typed.InstanceSymbol(w.name, w, {}, {}, w.span) for w in own)
+    return typed.SystemSymbol(
+        "Main", own[0].span, True, instances, None, (), (), (), (), ()  # noqa: FBT003
+    )

@@ -63,3 +63,28 @@ def mode_reads(*roots: object) -> dict[typed.ModuleSymbol | str, typed.Expr]:
         if isinstance(node, typed.ModeRead):
             found.setdefault(node.module, node)
     return found
+
+
+def topics_mentioned(what: object) -> list[typed.TopicSymbol]:
+    """Topics that a plant, a node or a module reads or writes."""
+    if isinstance(what, typed.NodeSymbol):
+        return [*(s.topic for s in what.subscribes), *what.publishes]
+    if isinstance(what, typed.PlantSymbol):
+        return [*what.reads, *(t for t, _ in what.drives)]
+    if isinstance(what, typed.ModuleSymbol):
+        predicates = [e for e in (what.safe, what.ttf, what.safer) if e is not None]
+        nodes_ = [*topics_mentioned(what.ac), *topics_mentioned(what.sc)]
+        return [*nodes_, *what.topics_read, *topic_reads(*predicates)]
+    return []
+
+
+def topics_beside(system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
+    """The topics that stand beside the instances of a system, wires applied."""
+    found: dict[typed.TopicSymbol, None] = {}
+    for instance in system.instances:
+        if isinstance(instance.what, typed.SystemSymbol):
+            for outer in instance.renames.values():
+                found.setdefault(outer)
+        for topic in topics_mentioned(instance.what):
+            found.setdefault(instance.renames.get(topic, topic))
+    return list(found)

@@ -1,0 +1,192 @@
+"""Check that the parts of a flat system fit together.
+
+Purpose: the paper's composability (Section IV: disjoint nodes, disjoint outputs), one driver a
+topic, no topic without one, and a calendar that repeats.
+Non-goals: numbers of single declarations (`elaborate.py`), P1 (`wellformed.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.program.durations import show_ns
+from soter.program.walk import topic_reads
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+    from soter.program.system import Component, Module, System, Topic
+    from soter.program.typed import NodeSymbol, SystemSymbol, TopicSymbol
+
+MAX_HYPERPERIOD_NS = 2**62
+PERIODS_SHOWN = 8
+DRIVERS_SHOWN = 4
+
+
+class Composition:
+    """Checks one flat system.
+
+    `partial`: something is missing that was reported, so that absence is no error; `draft`: the
+    system is only what a file without one would run as.
+    """
+
+    def __init__(
+        self,
+        system: System,
+        symbol: SystemSymbol,
+        diagnostics: Diagnostics,
+        *,
+        partial: bool,
+        draft: bool,
+    ) -> None:
+        self.system = system
+        self.symbol = symbol
+        self.diagnostics = diagnostics
+        self.partial = partial
+        self.draft = draft
+
+    def check(self) -> None:
+        """All rules; also enters the driver of every topic."""
+        drivers = self._drivers()
+        for index, found in drivers.items():
+            self.system.topics[index].driver = found[0][0]
+            if len(found) > 1:
+                self._two_drivers(self.system.topics[index], found)
+        driven = set(drivers)
+        for component in self.system.components:
+            for topic, span in self._reads(component):
+                self._driven(component.scope.topics[topic], span, f"`{component.name}`", driven)
+        for item in self.symbol.properties:
+            roots = [e for e in (item.premise, item.condition) if e is not None]
+            for topic, read in topic_reads(*roots).items():
+                scope = next((p.scope for p in self.system.properties), None)
+                if scope is not None and topic in scope.topics:
+                    self._driven(scope.topics[topic], read.span, "a property", driven)
+        self._disjoint_nodes()
+
+    # ------------------------------------------------------------ drivers
+
+    def _drivers(self) -> dict[int, list[tuple[str, Span]]]:
+        """Who publishes each topic: full name and kind, and where it stands in the system."""
+        found: dict[int, list[tuple[str, Span]]] = {}
+        for c in self.system.components:
+            topics: list[TopicSymbol] = []
+            if c.role == "plant" and c.plant is not None:
+                topics = [t for t, _ in c.plant.drives]
+            elif c.role == "node" and c.node is not None:
+                topics = list(c.node.publishes)
+            for t in topics:
+                found.setdefault(c.scope.topics[t], []).append((f"{c.role} `{c.name}`", c.span))
+        for m in self.system.modules:
+            span = self.system.components[m.dm].span
+            for index in m.outputs:
+                found.setdefault(index, []).append((f"module `{m.name}`", span))
+        return found
+
+    def _two_drivers(self, topic: Topic, found: list[tuple[str, Span]]) -> None:
+        both_modules = all(who.startswith("module") for who, _ in found)
+        second, first = found[1], found[0]
+        others = [(span, who) for who, span in found[2:DRIVERS_SHOWN]]
+        self.diagnostics.error(
+            "M004",
+            f"topic `{topic.name}` is driven by {first[0]} and {second[0]}",
+            second[1],
+            "second driver",
+            also=((first[1], "first driver"), *others, (topic.symbol.span, "the topic")),
+            notes=(
+                "modules are composed only if their outputs are disjoint"
+                if both_modules
+                else "a topic has exactly one driver",
+            ),
+            helps=("give one of them a topic of its own, or wire it: `{ topic = other }`",),
+        )
+
+    # ------------------------------------------------------------ readers
+
+    def _reads(self, c: Component) -> list[tuple[TopicSymbol, Span]]:
+        if c.node is not None:
+            return [(s.topic, s.span) for s in c.node.subscribes]
+        if c.plant is not None:
+            return list(zip(c.plant.reads, c.plant.read_spans, strict=True))
+        assert c.module is not None
+        m = self.system.modules[c.module].symbol
+        predicates = [e for e in (m.safe, m.ttf, m.safer) if e is not None]
+        return [(t, read.span) for t, read in topic_reads(*predicates).items()]
+
+    def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
+        topic = self.system.topics[index]
+        if index in driven:
+            return
+        if topic.symbol.input:
+            topic.driver = "input"
+            return
+        if self.partial:
+            return
+        name = topic.symbol.name
+        publisher = (
+            f"add the node or plant that publishes it to system `{self.symbol.name}`"
+            if not self.draft
+            else "add the node or plant that publishes it"
+        )
+        if self.draft:
+            self.diagnostics.warning(
+                "W005",
+                f"{reader} reads `{topic.name}`, which nobody in this file drives",
+                span,
+                "read here",
+                also=((topic.symbol.span, "declared here"),),
+                notes=("the file has no `system`; on its own it cannot run",),
+                helps=(f"if the environment sets it, declare `input topic {name}`", publisher),
+            )
+            return
+        self.diagnostics.error(
+            "M005",
+            f"{reader} reads `{topic.name}`, which nobody drives",
+            span,
+            "read here",
+            also=((topic.symbol.span, "declared here"), (self.symbol.span, "in this system")),
+            helps=(f"if the environment sets it, declare `input topic {name}`", publisher),
+        )
+
+    # ------------------------------------------------------------ nodes of modules
+
+    def _disjoint_nodes(self) -> None:
+        seen: dict[tuple[str, NodeSymbol], Module] = {}
+        for m in self.system.modules:
+            prefix = m.name.rpartition(".")[0]
+            for index, span in ((m.ac, m.symbol.ac_span), (m.sc, m.symbol.sc_span)):
+                node = self.system.components[index].node
+                assert node is not None
+                other = seen.setdefault((prefix, node), m)
+                if other is m or other.symbol is m.symbol:
+                    continue
+                first = other.symbol
+                at_first = first.ac_span if first.ac is node else first.sc_span
+                self.diagnostics.error(
+                    "M003",
+                    f"node `{node.name}` is in modules `{other.name}` and `{m.name}`",
+                    span or m.symbol.span,
+                    "second module",
+                    also=((at_first or first.span, "first module"),),
+                    notes=("modules are composed only if their nodes are disjoint",),
+                    helps=("give one of the modules a node of its own",),
+                )
+
+
+def hyperperiod(system: System, symbol: SystemSymbol, diagnostics: Diagnostics) -> int:
+    """The time after which the calendar repeats, in ns; C003 where it does not fit."""
+    value = math.lcm(*{c.period_ns for c in system.components}) if system.components else 1
+    if value <= MAX_HYPERPERIOD_NS:
+        return value
+    periods = sorted({c.period_ns for c in system.components})
+    shown = ", ".join(show_ns(p) for p in periods[:PERIODS_SHOWN])
+    more = len(periods) - PERIODS_SHOWN
+    diagnostics.error(
+        "C003",
+        f"the periods of system `{symbol.name}` have no common multiple that fits 64 bits",
+        symbol.span,
+        notes=(f"they are {shown}" + (f" and {more} more" if more > 0 else ""),),
+        helps=("choose periods that divide each other",),
+    )
+    return 1
