@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import os
 from dataclasses import dataclass
+from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -124,8 +125,13 @@ class Program:
         """What is known about a sound program; `SoterError` with every error otherwise."""
         program = self._require_sound()
         values = self._values(params)
+        flat = {name: system_of(self._checked, name, values) for name in self.systems}
+        if self._bound:
+            from soter.simulate.bindings import bind_somewhere  # noqa: PLC0415
+
+            bind_somewhere(list(flat.values()), self._bound)
         reports = tuple(
-            _system_report(system_of(self._checked, name, values), default=symbol.default)
+            _system_report(flat[name], default=symbol.default)
             for name, symbol in self._checked.systems.items()
         )
         return CheckReport(self.path, program.sha256, reports, self.diagnostics)
@@ -197,22 +203,30 @@ class Program:
         or, where `partial`, gives back what was reached.
         """
         from soter.simulate.bindings import callables  # noqa: PLC0415 - see the docstring
-        from soter.simulate.interrupt import stoppable  # noqa: PLC0415
+        from soter.simulate.interrupt import Stop, StopRequest, stoppable  # noqa: PLC0415
+        from soter.simulate.pace import Pacer  # noqa: PLC0415
 
         _require_engine(engine)
         flat = self._system(system, params)
         end_ns = _end_ns(flat, until)
         require_writers(log, report)
         bindings = self._bindings(flat)
-        keep = trace or log is not None or report is not None
-        with stoppable() as stop:
-            bound = callables(bindings, engine, stop)
-            options: dict[str, Any] = {"keep_trace": keep, "progress": progress, "stop": stop}
-            if real_time:
-                from soter.simulate.pace import Pacer  # noqa: PLC0415
-
-                options["pacer"] = Pacer()
-            run = self._run(engine, bindings, end_ns, seed, bound, options)
+        stop = StopRequest()
+        bound = callables(bindings, engine, stop)
+        go = self._engine(engine, bindings)
+        try:
+            with stoppable(stop):
+                run = go(
+                    end_ns,
+                    seed,
+                    bound,
+                    keep_trace=trace or log is not None or report is not None,
+                    progress=progress,
+                    stop=stop,
+                    pacer=Pacer() if real_time else None,
+                )
+        except Stop:  # before the first instant
+            raise KeyboardInterrupt from None
         if run.interrupted and not partial:
             raise KeyboardInterrupt
         run.externs = bindings.texts()
@@ -243,20 +257,13 @@ class Program:
         }
         return write_report(run, path, Path(self.path).name, facts)
 
-    def _run(
-        self,
-        engine: str,
-        bindings: Bindings,
-        end_ns: int,
-        seed: int,
-        bound: Mapping[str, object],
-        options: dict[str, Any],
-    ) -> Run:
+    def _engine(self, engine: str, bindings: Bindings) -> Callable[..., Run]:
+        """What runs the system: everything slow that is no run happens here."""
         from soter.simulate.run import run_interpreted  # noqa: PLC0415 - see the docstring
 
         if engine == "interp":
-            return run_interpreted(bindings.system, end_ns, seed, bound, **options)
-        return self._compiled(bindings).run(end_ns, seed, bound, hash_trace=True, **options)
+            return partial_(run_interpreted, bindings.system)
+        return partial_(self._compiled(bindings).run, hash_trace=True)
 
     def _compiled(self, bindings: Bindings) -> NativeProgram:
         """The compiled system; kept, so that the next seed costs nothing."""

@@ -126,7 +126,7 @@ class Console:
 
     def _unguard(self) -> None:
         if not self._guarded_fd:
-            sys.stdout = self._saved  # type: ignore[assignment]
+            sys.stdout = self._saved
             return
         _flush_c()
         with suppress(OSError, ValueError):
@@ -175,4 +175,5 @@ def _flush_c() -> None:
 
     ffi = FFI()
     ffi.cdef("int fflush(void *);")
-    ffi.dlopen(None).fflush(ffi.NULL)
+    flush = getattr(ffi.dlopen(None), "fflush")  # noqa: B009 - types-cffi knows no attributes
+    flush(ffi.NULL)

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.cli.outcome import Outcome
 from soter.cli.parser import Parser
+from soter.codegen.names import program_prefix
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.render import safe
 
@@ -33,8 +34,6 @@ FILES = {
     "gitignore": ".gitignore",
 }
 NAME = re.compile(r"[A-Za-z][A-Za-z0-9_-]{0,63}")
-TAKEN = frozenset({"soter"})
-"""Names whose C header would be one of soter's own."""
 
 EXAMPLES = """\
   soter new rover
@@ -53,13 +52,15 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Make it."""
     folder = Path(args.name)
     name = _checked(folder, args.name)
-    names = {"name": name, "prefix": name.replace("-", "_")}
+    names = {"name": name, "prefix": program_prefix(name)}
     _make(folder, {f.format(**names): _filled(t, names) for t, f in FILES.items()})
     files = sorted(f.format(**names) for f in FILES.values())
     commands = _commands(folder, name)
     _say(folder, files, commands, console)
     fields: dict[str, object] = {
-        "folder": str(folder), "files": files, "commands": [c for c, _ in commands]
+        "folder": str(folder),
+        "files": files,
+        "commands": [c for c, _ in commands],
     }
     return Outcome(fields=fields)
 
@@ -67,10 +68,9 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
 def _checked(folder: Path, given: str) -> str:
     """The robot's name: the last part of the path."""
     name = folder.name
-    if not NAME.fullmatch(name) or name in TAKEN:
+    if not NAME.fullmatch(name):
         rule = "letters, digits, - and _, a letter first, 64 characters at most"
-        why = f"`{name}` is soter's own" if name in TAKEN else rule
-        raise _mistake("U001", f"`{safe(given)[:60]}` cannot be the name of a robot", why)
+        raise _mistake("U001", f"`{safe(given)[:60]}` cannot be the name of a robot", rule)
     if os.path.lexists(folder):
         raise _mistake("D008", f"`{folder}` exists already", "choose another name")
     if not folder.absolute().parent.is_dir():
@@ -114,9 +114,7 @@ def _commands(folder: Path, name: str) -> list[tuple[str, str]]:
     ]
 
 
-def _say(
-    folder: Path, files: list[str], commands: list[tuple[str, str]], console: Console
-) -> None:
+def _say(folder: Path, files: list[str], commands: list[tuple[str, str]], console: Console) -> None:
     console.say(f"{console.paint('green', 'made')}  {folder}/  {'  '.join(files)}\n\nnext")
     width = max(len(c) for c, about in commands if about)
     for command, about in commands:

@@ -48,7 +48,7 @@ def add_file(parser: Parser, help_: str = "the program") -> None:
     parser.add_argument("file", metavar="FILE", help=help_)
 
 
-def add_settings(parser: Parser, *, bind: bool = True) -> None:
+def add_settings(parser: Parser) -> None:
     """--set and --bind."""
     parser.add_argument(
         "--set",
@@ -59,16 +59,15 @@ def add_settings(parser: Parser, *, bind: bool = True) -> None:
         dest="params",
         help="value of a parameter, such as --set GAIN=3 or --set d.PERIOD=20ms",
     )
-    if bind:
-        parser.add_argument(
-            "--bind",
-            action="append",
-            default=[],
-            metavar="X=WHAT",
-            type=_pair,
-            dest="bindings",
-            help="what answers extern X: python:file.py:name or c:file.c:name",
-        )
+    parser.add_argument(
+        "--bind",
+        action="append",
+        default=[],
+        metavar="X=WHAT",
+        type=_pair,
+        dest="bindings",
+        help="what answers extern X: python:file.py:name or c:file.c:name",
+    )
 
 
 def _pair(text: str) -> tuple[str, str]:

@@ -9,12 +9,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen.names import local
-from soter.codegen.types import FAULT, field_name, int_number
+from soter.codegen.names import field_name, local
+from soter.codegen.types import FAULT, int_number
 from soter.lower import core
 from soter.lower.footprint import walk
+from soter.lower.layout import LENGTH, scalar, storage_range
 from soter.program.arith import FaultKind
-from soter.program.types import ArrayType, IntType, ListType, RecordType
+from soter.program.types import ArrayType, EnumType, FloatType, IntType, ListType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,6 +34,7 @@ FAULT_NAMES = {
     FaultKind.RANGE: "SOTER_RANGE",
     FaultKind.EXTERN: "SOTER_EXTERN_FAULT",
 }
+COMPARISONS = frozenset(("<", "<=", ">", ">=", "==", "!="))
 UNARY_CALLS = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
 
 
@@ -50,6 +52,10 @@ class Body:
         """Core function name -> C name, may fault."""
         self.cell = cell
 
+    def local(self, name: str) -> str:
+        """The C name of a temporary."""
+        return local(name, self.types.prefix)
+
     # ------------------------------------------------------------ expressions
 
     def expr(self, e: core.Expr) -> c.CExpr:
@@ -57,15 +63,15 @@ class Body:
         if isinstance(e, core.Const):
             return self.types.constant(e.type, e.value, e.name)
         if isinstance(e, core.Var):
-            return c.Name(local(e.name))
+            return c.Name(self.local(e.name))
         if isinstance(e, core.Get):
-            return self.cell(e.cell)
+            return self._read(e.type, self.cell(e.cell))
         if isinstance(e, core.Fact):
             return self._fact(e)
         if isinstance(e, core.Unary):
             return self._unary(e)
         if isinstance(e, core.Binary):
-            return c.Binary(e.op, self.expr(e.left), self.expr(e.right))
+            return self._binary(e)
         if isinstance(e, core.Extreme):
             suffix = "_int" if isinstance(e.type, IntType) else ""
             return c.CallExpr(f"soter_{e.op}{suffix}", (self.expr(e.left), self.expr(e.right)))
@@ -74,13 +80,32 @@ class Body:
         if isinstance(e, core.Field):
             t = e.target.type
             assert isinstance(t, RecordType)
-            return c.Member(self.expr(e.target), field_name(t.fields[e.index][0]))
+            member = c.Member(self.expr(e.target), field_name(t.fields[e.index][0]))
+            return self._read(e.type, member)
         if isinstance(e, core.Element):
-            return c.IndexExpr(self._items(e.target), self.expr(e.index))
+            return self._read(e.type, c.IndexExpr(self._items(e.target), self.expr(e.index)))
         if isinstance(e, core.Length):
             return c.Member(self.expr(e.target), "len")
         assert isinstance(e, core.Make)
         return self._make(e)
+
+    def _read(self, t: Type, e: c.CExpr) -> c.CExpr:
+        """A stored value as an operand.
+
+        What is narrower than `int` C widens itself without harm; an unsigned 32-bit number would
+        drag its neighbour into unsigned arithmetic.
+        """
+        s = scalar(t)
+        return c.Cast("int64_t", e) if s is not None and s.c_type == "uint32_t" else e
+
+    def _binary(self, e: core.Binary) -> c.CExpr:
+        left, right = self.expr(e.left), self.expr(e.right)
+        if e.op in COMPARISONS and not isinstance(e.left.type, FloatType):
+            if left == right or _is_foregone(e.op, e.left, e.right):
+                left = c.CallExpr("soter_plain", (left,))
+            if _is_foregone(e.op, e.right, e.left):
+                right = c.CallExpr("soter_plain", (right,))
+        return c.Binary(e.op, left, right)
 
     def _items(self, target: core.Expr) -> c.CExpr:
         return c.Member(self.expr(target), "at" if isinstance(target.type, ArrayType) else "items")
@@ -176,7 +201,7 @@ class Body:
             ]
         if isinstance(s, core.Loop):
             body = self._inner(s.body, used)
-            return [c.For(local(s.variable), int_number(s.low), int_number(s.high), body)]
+            return [c.For(self.local(s.variable), int_number(s.low), int_number(s.high), body)]
         assert isinstance(s, core.Publish)
         return [
             c.Assign(c.Name(f"out_{s.output}"), self.expr(s.value)),
@@ -190,10 +215,10 @@ class Body:
         return tuple(found)
 
     def _declare(self, name: str, t: Type, value: c.CExpr, *, const: bool) -> c.CStmt:
-        return c.Declare(self.types.work(t), local(name), value, const)
+        return c.Declare(self.types.work(t), self.local(name), value, const)
 
     def _marked(self, s: c.CStmt, name: str, used: set[str]) -> list[c.CStmt]:
-        return [s] if name in used else [s, c.Unused(local(name))]
+        return [s] if name in used else [s, c.Unused(self.local(name))]
 
     def _checked(self, s: core.Checked) -> c.CStmt:
         operands = [self.expr(o) for o in s.operands]
@@ -202,14 +227,22 @@ class Body:
             operands += [int_number(s.type.low), int_number(s.type.high)]
         elif s.op == "index":
             assert s.limit is not None
-            operands.append(self.expr(s.limit))
+            operands.append(self._limit(s.limit))
         call = c.CallExpr(f"soter_{s.op}", (*operands, FAULT))
         return self._declare(s.name, s.type, call, const=True)
+
+    def _limit(self, limit: core.Expr) -> c.CExpr:
+        """How far an index may go; compilers see that a list's length stays in its capacity."""
+        e = self.expr(limit)
+        if not isinstance(limit, core.Length):
+            return e
+        assert isinstance(limit.target.type, ListType)
+        return c.CallExpr("soter_min_int", (e, c.Number(str(limit.target.type.capacity))))
 
     def _target(
         self, name: str, t: Type, path: tuple[int | core.Expr, ...]
     ) -> tuple[c.CExpr, Type]:
-        target: c.CExpr = c.Name(local(name))
+        target: c.CExpr = c.Name(self.local(name))
         for step in path:
             if isinstance(step, int):
                 assert isinstance(t, RecordType)
@@ -238,6 +271,25 @@ class Body:
                 ),
             ),
         ]
+
+
+def _is_foregone(op: str, value: core.Expr, other: core.Expr) -> bool:
+    """Whether a compiler could tell the result of an int comparison, and would remark on it.
+
+    That is a stored value against a constant at or beyond the limits of its storage, or constants
+    chosen by a condition that it knows.
+    """
+    if isinstance(value, core.Select):
+        return True
+    if not isinstance(other, core.Const) or isinstance(value, (core.Var, core.Const)):
+        return False
+    s = scalar(LENGTH if isinstance(value, core.Length) else value.type)
+    if s is None or not isinstance(value.type, (IntType, EnumType)):
+        return False
+    low, high = storage_range(s)
+    if op in {"==", "!="}:
+        return not low <= other.value <= high
+    return not low < other.value < high
 
 
 def used_names(root: object) -> set[str]:

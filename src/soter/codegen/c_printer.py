@@ -100,6 +100,8 @@ def _binary(e: c.Binary) -> str:
             mixed_logic = {e.op, x.op} == {"&&", "||"}
             compared = e.op in COMPARISONS and x.op in COMPARISONS
             loose = loose or mixed_logic or compared
+        if isinstance(x, c.Unary) and x.op == "!":
+            loose = loose or e.op in COMPARISONS
         return f"({text})" if loose else text
 
     return f"{side(e.left, own)} {e.op} {side(e.right, own + 1)}"

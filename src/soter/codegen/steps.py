@@ -9,8 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen.names import local
-from soter.codegen.types import FAULT, field_name, float_number, int_number
+from soter.codegen.names import Unique, field_name
+from soter.codegen.types import FAULT, float_number, int_number
 from soter.lower import core
 from soter.lower.footprint import walk
 from soter.program.types import (
@@ -67,6 +67,8 @@ class StepEmitter:
         self.prefix = prefix
         self.groups = groups
         """Component index -> C name of its group of locals or states."""
+        unique = Unique()
+        self._topic_fields = [unique(t.name) for t in system.topics]
 
     # ------------------------------------------------------------ shared pieces
 
@@ -88,7 +90,7 @@ class StepEmitter:
 
     def topic_field(self, index: int) -> str:
         """The member of `topics` that holds a topic."""
-        return field_name(self.system.topics[index].name)
+        return self._topic_fields[index]
 
     def member(self, owner: int, name: str) -> c.CExpr:
         """A local or plant state in the state struct."""
@@ -102,23 +104,23 @@ class StepEmitter:
 
     def load(self, copies: tuple[core.LocalCopy, ...], used: set[str]) -> list[c.CStmt]:
         """Copy cells into temporaries."""
-        found: list[c.CStmt] = []
-        for copy in copies:
-            if copy.name in used or copy.written:
-                found.append(
-                    c.Declare(
-                        self.types.work(copy.type),
-                        local(copy.name),
-                        self.cell(copy.cell),
-                        const=not copy.written,
-                    )
-                )
-        return found
+        return [
+            c.Declare(
+                self.types.work(copy.type),
+                self.body.local(copy.name),
+                self.cell(copy.cell),
+                const=not copy.written,
+            )
+            for copy in copies
+            if copy.name in used or copy.written
+        ]
 
     def store(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
         """Commit written temporaries."""
         return [
-            c.Assign(self.cell(x.cell), self.types.canonical(x.type, c.Name(local(x.name))))
+            c.Assign(
+                self.cell(x.cell), self.types.canonical(x.type, c.Name(self.body.local(x.name)))
+            )
             for x in copies
             if x.written
         ]
@@ -186,7 +188,7 @@ class StepEmitter:
             body += self.load(step.locals, used)
             body += self.declare_outputs(step.outputs)
             body += inner
-        body += [c.Unused("flags"), c.Unused("answer"), c.Unused("published"), c.Unused("fault")]
+        body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault")]
         body += self.check_outputs(step.outputs, untrusted=foreign)
         body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
         if foreign and c_source and step.locals:
@@ -294,7 +296,7 @@ class StepEmitter:
             body.append(c.IfStmt(c.Unary("!", first), tuple(inner)))
         body += self.body.block(step.publish)
         body += self._noise(component, step)
-        body += [c.Unused(n) for n in ("flags", "answer", "published", "fault", "first")]
+        body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault", "first")]
         body += self.check_outputs(step.outputs, untrusted=step.extern)
         body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
         body += self.store(step.states)
@@ -318,7 +320,7 @@ class StepEmitter:
                 found.append(
                     c.Declare(
                         self.types.work(t),
-                        local(name),
+                        self.body.local(name),
                         _assemble(self.types, t, values),
                         const=True,
                     )
@@ -339,7 +341,7 @@ class StepEmitter:
         got = c.Name("got")
         found: list[c.CStmt] = [c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))]
         assigns = tuple(
-            c.Assign(c.Name(local(x.name)), c.Arrow(got, field_name(x.cell.name)))
+            c.Assign(c.Name(self.body.local(x.name)), c.Arrow(got, field_name(x.cell.name)))
             for x in step.states
         )
         found.append(c.IfStmt(c.Binary("!=", got, c.Name("NULL")), assigns))

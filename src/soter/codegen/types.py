@@ -11,7 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen.names import Unique, legal
+from soter.codegen.names import FileNames, field_name
 from soter.lower.layout import scalar, size_of, struct_of
 from soter.program.types import (
     ArrayType,
@@ -36,12 +36,12 @@ FAULT = c.Name("fault")
 class TypeTable:
     """Types, pooled constants and helper functions of one generated program."""
 
-    def __init__(self, prefix: str) -> None:
-        self.prefix = prefix
+    def __init__(self, unique: FileNames) -> None:
+        self.prefix = unique.prefix
         self.definitions: list[c.CTop] = []
         self.helpers: list[c.CTop] = []
         self.constants: list[c.CTop] = []
-        self.unique = Unique()
+        self.unique = unique
         self._names: dict[Type, str] = {}
         self._pool: dict[tuple[Type, str], str] = {}
         self._checks: dict[tuple[Type, tuple[object, ...]], str] = {}
@@ -145,6 +145,8 @@ class TypeTable:
             return e
         if isinstance(e, c.Name) and e.text in {"true", "false"}:
             return c.Number("1" if e.text == "true" else "0")
+        if isinstance(e, c.Cast) and e.type == "int64_t":
+            e = e.operand
         return c.Cast(s.c_type, e)
 
     # ------------------------------------------------------------ canonical form
@@ -301,30 +303,6 @@ class TypeTable:
             element = c.IndexExpr(array, c.Number(str(i)))
             found += self.check(t.element, g, element, untrusted=untrusted)
         return found
-
-
-def field_name(name: str) -> str:
-    """A record field in C: source names survive; words of C get an underscore."""
-    from soter.codegen.names import C_RESERVED  # noqa: PLC0415 - one table
-
-    text = legal(name)
-    keyword = (
-        text in C_RESERVED
-        and len(text) > 1
-        and text
-        not in {
-            "state",
-            "flags",
-            "published",
-            "answer",
-            "fault",
-            "status",
-            "first",
-            "began",
-            "index",
-        }
-    )
-    return text + "_" if keyword or text == "pad_" else text
 
 
 def scalar_constant(t: Type, value: Value) -> c.CExpr:

@@ -38,6 +38,11 @@ INT_OPS = {"+": "add", "-": "sub", "*": "mul", "/": "div", "%": "mod"}
 ATOMS = (core.Var, core.Const)
 
 
+def core_type(t: Type) -> Type:
+    """The type in Core: a duration is the int of its nanoseconds."""
+    return INT if isinstance(t, DurationType) else t
+
+
 def index_components(t: Type) -> list[tuple[tuple[int, ...], Type]]:
     """Leaf selections of a vector type, in order; array elements as indices."""
     if isinstance(t, FloatType):
@@ -156,18 +161,17 @@ class Builder:
 
     def expr(self, e: typed.Expr) -> core.Expr:
         """A pure Core expression; what may fault was emitted before."""
-        if isinstance(e.type, DurationType):
-            return core.Const(e.type, self.functions.evaluator.value(e))
         method = getattr(self, "_" + type(e).__name__.lower())
         result = method(e)
         assert isinstance(result, core.Expr)
         return result
 
     def _literal(self, e: typed.Literal) -> core.Expr:
-        return core.Const(e.type, e.value, e.name)
+        return core.Const(core_type(e.type), e.value, e.name)
 
     def _paramread(self, e: typed.ParamRead) -> core.Expr:
-        return core.Const(e.type, self.functions.evaluator.value(e), e.param.name)
+        value = self.functions.evaluator.value(e)
+        return core.Const(core_type(e.type), value, e.param.name)
 
     def _varread(self, e: typed.VarRead) -> core.Expr:
         return core.Var(e.type, self.names[e.variable])
@@ -236,7 +240,7 @@ class Builder:
         right = self.expr(e.right)
         if e.type == BOOL:
             return core.Binary(BOOL, e.op, left, right)
-        if isinstance(e.type, IntType):
+        if isinstance(e.type, (IntType, DurationType)):
             return self._checked(e.span, INT_OPS[e.op], INT, (left, right))
         if e.op == "/":
             right = self._divisor(right, e.right.span)
@@ -285,11 +289,12 @@ class Builder:
         else_block, otherwise = self.capture(lambda: self.expr(e.otherwise))
         assert then is not None
         assert otherwise is not None
+        t = core_type(e.type)
         if not then_block and not else_block:
-            return core.Select(e.type, condition, then, otherwise)
-        result = self.let(e.span, "chosen", core.Const(e.type, default_value(e.type)), mutable=True)
-        set_then = core.Set(e.span, result.name, e.type, (), then)
-        set_else = core.Set(e.span, result.name, e.type, (), otherwise)
+            return core.Select(t, condition, then, otherwise)
+        result = self.let(e.span, "chosen", core.Const(t, default_value(t)), mutable=True)
+        set_then = core.Set(e.span, result.name, t, (), then)
+        set_else = core.Set(e.span, result.name, t, (), otherwise)
         self.emit(core.If(e.span, condition, (*then_block, set_then), (*else_block, set_else)))
         return result
 
@@ -302,7 +307,7 @@ class Builder:
 
     def _builtin(self, e: typed.Builtin) -> core.Expr:
         if e.name == "seconds":
-            return core.Const(FLOAT, self.functions.evaluator.value(e))
+            return self._seconds(self.expr(e.arguments[0]))
         arguments = [self.expr(a) for a in e.arguments]
         first = arguments[0]
         if e.name in {"sqrt", "floor"}:
@@ -338,6 +343,12 @@ class Builder:
             return core.Extreme(FLOAT, "min", raised, limit)
 
         return rebuild(e.type, leaf)
+
+    def _seconds(self, ns: core.Expr) -> core.Expr:
+        if isinstance(ns, core.Const):
+            return core.Const(FLOAT, float(ns.value) / 1e9, ns.name)
+        whole = core.Unary(FLOAT, "to_float", ns)
+        return core.Binary(FLOAT, "/", whole, core.Const(FLOAT, 1e9))
 
     def _dot(self, a: core.Expr, b: core.Expr) -> core.Expr:
         total: core.Expr | None = None

@@ -109,6 +109,11 @@ def scalar(t: Type) -> Scalar | None:
     return None
 
 
+def storage_range(s: Scalar) -> tuple[int, int]:
+    """The smallest and largest int that the storage can hold."""
+    return next((low, high) for fmt, _, low, high, _, _ in INT_KINDS if fmt == s.format)
+
+
 @dataclass(frozen=True)
 class Member:
     """A member of a struct: source name, type (None for raw bytes), offset."""
@@ -332,11 +337,20 @@ def _fields(spec: tuple[tuple[Any, ...], ...]) -> list[Any]:
     return [(f[0], f[1]) if len(f) == 2 else (f[0], f[1], (f[2],)) for f in spec]
 
 
+FIXED_FIELDS = ("header", "components", "modules", "properties", "stamps", "topics")
+
+
+def group_field(group: Group) -> str:
+    """The field of the dtype that holds a group: its name, or `header_` for one called `header`."""
+    taken = group.owner >= 0 and group.name.rstrip("_") in FIXED_FIELDS
+    return f"{group.name}_" if taken else group.name
+
+
 def state_dtype(system: System, layout: StateLayout) -> np.dtype[Any]:
     """The whole state as a numpy dtype: header, components, modules, properties, stamps, groups."""
     import numpy as np  # noqa: PLC0415 - only traces need numpy
 
-    names = ["header", "components", "modules", "properties", "stamps"]
+    names = [*FIXED_FIELDS[:5]]
     formats: list[Any] = [
         np.dtype(_fields(HEADER)),
         np.dtype((np.dtype(_fields(COMPONENT)), (layout.components,))),
@@ -354,7 +368,7 @@ def state_dtype(system: System, layout: StateLayout) -> np.dtype[Any]:
     for g in layout.groups:
         if not g.struct.members:
             continue
-        names.append(g.name)
+        names.append(group_field(g))
         formats.append(
             np.dtype(
                 {

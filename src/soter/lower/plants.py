@@ -188,6 +188,9 @@ class _Plant:
             e = inner.expr(value)
             inner.emit(core.Let(span, inner.bind(variable), e))
         values = tuple(inner.expr(e) for e in plant.der.values())
+        for index, name in inner.ages.items():
+            parameters.append(core.Parameter(name, FLOAT))
+            extra.append(core.Fact(FLOAT, "age", index))
         function = core.Function(
             self.functions.unique(f"{self.component.name}_derivative"),
             f"{plant.name}: der",
@@ -204,18 +207,27 @@ class _Plant:
 
 
 class _RightHandSide(Builder):
-    """A builder inside a pure function: topics and time come as parameters."""
+    """A builder inside a pure function: topics, time and ages come as parameters."""
 
     def __init__(self, functions: FunctionTable, system: System, scope: object) -> None:
         super().__init__(functions, system, scope)  # type: ignore[arg-type]
         self.topics: dict[typed.TopicSymbol, str] = {}
         self.time = ""
+        self.ages: dict[int, str] = {}
+        """Topic index -> parameter with its age, for the ages that are read."""
 
     def _topicread(self, e: typed.TopicRead) -> core.Expr:
         return core.Var(e.type, self.topics[e.topic])
 
     def _timeread(self, e: typed.TimeRead) -> core.Expr:
         return core.Var(e.type, self.time)
+
+    def _ageread(self, e: typed.AgeRead) -> core.Expr:
+        index = self.topic_cell(e.topic).owner
+        if index not in self.ages:
+            short = e.topic.name.rsplit(".", 1)[-1]
+            self.ages[index] = self.fresh(f"age_{short}")
+        return core.Var(e.type, self.ages[index])
 
 
 def _add(a: core.Expr, b: core.Expr) -> core.Expr:

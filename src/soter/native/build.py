@@ -9,6 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import subprocess
+import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -22,6 +23,8 @@ if TYPE_CHECKING:
 RUNTIME = Path(__file__).resolve().parent.parent / "runtime"
 KERNEL = ("soter_kernel.c", "soter_virtual.c")
 TIMEOUT_S = 300
+OWN_SYMBOLS = ("-Wl,-Bsymbolic",) if sys.platform.startswith("linux") else ()
+"""A library calls its own functions: without it an extern named `step` would be that of libc."""
 
 
 def cache_dir() -> Path:
@@ -63,7 +66,7 @@ def _read_extern(source: str) -> str:
 def library(unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = ()) -> Path:
     """The shared library of a unit, from the cache or freshly compiled."""
     compiler = find()
-    flags = (*STRICT, optimise, "-fPIC", "-shared", *extra)
+    flags = (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS, *extra)
     folder = cache_dir()
     target = folder / f"{unit.prefix[:40]}-{_content(unit, flags, compiler.identity)[:32]}.so"
     if target.exists():

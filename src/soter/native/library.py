@@ -57,7 +57,8 @@ def opened(ffi: Any, path: Path) -> Any:  # noqa: ANN401 - cffi has no types for
     except OSError as error:
         _, _, missing = str(error).partition("undefined symbol: ")
         if missing:
-            message = f"no C file of this program has the function `{missing.strip()}`"
+            symbol = missing.split()[0].rstrip(".")
+            message = f"no C file of this program has the function `{symbol}`"
             helps: tuple[str, ...] = (
                 "is its name right in `c:file.c:name`, and is it not static?",
             )

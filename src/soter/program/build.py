@@ -25,6 +25,10 @@ if TYPE_CHECKING:
     from soter.program.types import Value
 
 
+HUSHED = {"W001", "W004", "W005"}
+"""Warnings about absence, which an error may have caused."""
+
+
 @dataclass(eq=False)
 class Checked:
     """A program and every diagnostic about it; `program` is None when nothing was read."""
@@ -128,14 +132,12 @@ def _check_the_rest(
         if "." not in n and s not in placed
     ]
     used = {n for s in rest if isinstance(s, ModuleSymbol) for n in (s.ac, s.sc)}
-    instances = tuple(
-        InstanceSymbol(s.name, s, {}, {}, s.span) for s in rest if s not in used
-    )
+    instances = tuple(InstanceSymbol(s.name, s, {}, {}, s.span) for s in rest if s not in used)
     topics = [t for n, t in program.topics.items() if "." not in n]
     if not instances and not topics:
         return
     span = (instances[0] if instances else topics[0]).span
-    loose = SystemSymbol("", span, False, instances, None, (), (), (), (), ())  # noqa: FBT003
+    loose = SystemSymbol("", span, False, instances, None, (), (), (), (), ())
     elaborator = Elaborator(program, loose, {}, diagnostics)
     flat = elaborator.run_loose(topics)
     if flat is not None:
@@ -156,7 +158,10 @@ def _one_default(systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics) 
 
 
 def _in_order(found: Diagnostics, loaded: LoadedProgram) -> Diagnostics:
-    """By file in order of loading, then by position; errors before warnings at one place."""
+    """By file in order of loading, then by position; errors before warnings at one place.
+
+    Beside errors there are no warnings about what is missing: the error may be what hides it.
+    """
     files = {id(f.source): i for i, f in enumerate(loaded.files)}
     ordered = Diagnostics()
     for d in sorted(
@@ -167,7 +172,8 @@ def _in_order(found: Diagnostics, loaded: LoadedProgram) -> Diagnostics:
             d.severity is not Severity.ERROR,
         ),
     ):
-        ordered.add(d)
+        if d.severity is Severity.ERROR or not found.has_errors or d.code not in HUSHED:
+            ordered.add(d)
     return ordered
 
 

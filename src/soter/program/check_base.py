@@ -43,6 +43,16 @@ def is_error(*exprs: typed.Expr) -> bool:
     return any(isinstance(e.type, ErrorType) for e in exprs)
 
 
+def sound(expr: typed.Expr | None) -> typed.Expr | None:
+    """The expression, None where it was already reported."""
+    return None if expr is None or is_error(expr) else expr
+
+
+def a_type(t: Type) -> str:
+    """A type with its article: a `float`, an `int`."""
+    return f"an `{t}`" if str(t).startswith(("int", "A", "E", "I", "O")) else f"a `{t}`"
+
+
 def plain(t: Type) -> Type:
     """The type a fresh variable gets from a value: ranged ints become plain ints."""
     return INT if isinstance(t, IntType) else t

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_base import error_expr, float_literal, is_error, unify_literals
+from soter.program.check_base import a_type, error_expr, float_literal, is_error, unify_literals
 from soter.program.check_field import FieldChecker, find_instance, flat_names
 from soter.program.scope import BUILTIN_FUNCTIONS
 from soter.program.types import (
@@ -126,7 +126,7 @@ class CallChecker(FieldChecker):
             return self._mode_or_age(name, expr, context)
         if name not in TAKES:
             more = (*context.local_names(), *BUILTIN_FUNCTIONS)
-            self.names.unknown(context.scope, name, expr.callee.span, more)
+            self.names.unknown(context.scope, name, expr.callee.span, more, where=context.where)
             return self._failed(expr, context)
         arity = ARITY.get(name, 1)
         if not self._counted(name, expr, arity):
@@ -139,7 +139,7 @@ class CallChecker(FieldChecker):
         arguments = [self.dispatch(a, context, hint) for a in expr.arguments]
         if is_error(*arguments):
             return error_expr(span)
-        if arity == 2:  # noqa: PLR2004 - the only arity with literals beside floats
+        if arity == 2:
             arguments = list(unify_literals(*arguments))
         result = _result(name, arguments)
         if result is None:
@@ -164,9 +164,7 @@ class CallChecker(FieldChecker):
         )
         return False
 
-    def _wrong_arguments(
-        self, name: str, expr: tree.CallExpr, arguments: list[typed.Expr]
-    ) -> None:
+    def _wrong_arguments(self, name: str, expr: tree.CallExpr, arguments: list[typed.Expr]) -> None:
         shown = " and ".join(f"`{a.type}`" for a in arguments)
         kinds = {type(a.type) for a in arguments}
         helps: tuple[str, ...] = ()
@@ -202,7 +200,7 @@ class CallChecker(FieldChecker):
                 "T002",
                 "`age` takes a topic",
                 argument.span,
-                f"this is a `{read.type}`",
+                f"this is {a_type(read.type)}",
                 notes=("a topic as a whole has an age, a part of it has none",),
             )
             return error_expr(span)
@@ -230,7 +228,7 @@ class CallChecker(FieldChecker):
                 return ".".join(n.text for n in names)
             if depth:
                 what = "an instance of something else"
-            elif len(names) > 2:  # noqa: PLR2004 - file and name
+            elif len(names) > 2:
                 what = "nothing that is known"
             else:
                 ref = tree.Ref(names[0] if len(names) > 1 else None, names[-1], argument.span)

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.program import typed
 from soter.program.arith import FaultKind, StepFault
+from soter.program.check_base import error_expr
 from soter.program.context import Context
 from soter.program.data import DataError, read_data
 from soter.program.evaluate import BudgetExceeded, Evaluator
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.program.check_base import Because
     from soter.program.checker import Checker
     from soter.program.scope import FileScope
     from soter.program.types import Type, Value
@@ -31,7 +33,7 @@ PROGRAM_BUDGET = 2_000_000
 """Operations that all constants of a program may take together: about a second."""
 
 WHY = {
-    FaultKind.OVERFLOW: "an int overflows",
+    FaultKind.OVERFLOW: "an int leaves its range",
     FaultKind.INDEX: "an index lies outside",
     FaultKind.DIVIDE: "a division by zero",
     FaultKind.CONVERT: "this float is no 64-bit int",
@@ -123,12 +125,23 @@ class ConstantChecker:
             return None
         return self.calculator.value(checked, what)
 
-    def closed(self, checked: typed.Expr | None, what: str) -> None:
-        """Make sure an expression over parameters can be evaluated later (`elaborate.py`)."""
-        if checked is None or isinstance(checked.type, ErrorType):
-            return
-        for call in calls_in(checked):
-            self._sound(call, what)
+    def number(
+        self,
+        expr: tree.Expr,
+        context: Context,
+        expected: Type | None,
+        what: str,
+        because: Because | None = None,
+    ) -> typed.Expr:
+        """An expression over constants and parameters, to be evaluated for each system.
+
+        It has type `expected`, or ERROR after a report.
+        """
+        checked = self.checker.expressions.check(expr, context, expected, because)
+        if isinstance(checked.type, ErrorType):
+            return checked
+        sound = [self._sound(call, what) for call in calls_in(checked)]
+        return checked if all(sound) else error_expr(expr.span)
 
     def _callable(self, checked: typed.Expr, what: str) -> bool:
         """Whether every function it calls can be run now."""
@@ -140,7 +153,7 @@ class ConstantChecker:
                 symbol, span = param
                 self.diagnostics.error(
                     "T008",
-                    f"{what} would depend on the parameter `{symbol.name}`",
+                    f"{what} cannot depend on the parameter `{symbol.name}`",
                     call.span,
                     "through this call",
                     also=((span, "read here"),),

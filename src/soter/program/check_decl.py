@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_base import is_error
+from soter.program.check_base import a_type, is_error, sound
 from soter.program.check_module import ModuleChecker
 from soter.program.check_node import NodeChecker
 from soter.program.check_plant import PlantChecker
@@ -136,7 +136,7 @@ class DeclChecker:
         if not isinstance(t, (FloatType, IntType, DurationType, EnumType, BoolType, ErrorType)):
             self.diagnostics.error(
                 "T018",
-                f"a parameter is a single value, not a `{t}`",
+                f"a parameter is a single value, not {a_type(t)}",
                 decl.type.span,
                 notes=("it can be set on the command line: `--set NAME=VALUE`",),
                 helps=("declare one parameter for each number",),
@@ -146,7 +146,7 @@ class DeclChecker:
         low = high = None
         if decl.interval is not None and isinstance(t, (BoolType, EnumType)):
             self.diagnostics.error(
-                "V004", f"a `{t}` has no order, so no interval", decl.interval.span
+                "V004", f"{a_type(t)} has no order, so no interval", decl.interval.span
             )
         elif decl.interval is not None:
             low = self._constant_expr(decl.interval.low, scope, t, what)
@@ -242,7 +242,7 @@ class DeclChecker:
         if source is None:
             return
         parts = source.split(":")
-        if len(parts) == 3 and parts[0] in BINDING_KINDS and all(parts):  # noqa: PLR2004
+        if len(parts) == 3 and parts[0] in BINDING_KINDS and all(parts):
             return
         kind = parts[0] if parts[0] in BINDING_KINDS else "python"
         self.diagnostics.error(
@@ -255,7 +255,7 @@ class DeclChecker:
 
     def located(self, source: str | None, scope: FileScope) -> str | None:
         """A binding with its file made relative to the file that declares it."""
-        if source is None or source.count(":") != 2:  # noqa: PLR2004 - kind, file, name
+        if source is None or source.count(":") != 2:
             return source
         kind, file, name = source.split(":")
         return f"{kind}:{scope.loaded.path.parent / file}:{name}"
@@ -264,18 +264,18 @@ class DeclChecker:
 
     def _topic(self, decl: tree.TopicDecl, scope: FileScope, full: str) -> object:
         t = self.checker.types.check(decl.type, scope)
-        expressions = self.checker.expressions
-        context = Context(scope, f"topic `{decl.name.text}`")
+        number = self.checker.constants.number
+        context = Context(scope, f"the declaration of topic `{decl.name.text}`")
         values: dict[tuple[str, ...], typed.RangeSet] = {}
         if decl.values is not None and not isinstance(t, ErrorType):
             self._value_set(decl.values, t, (), values, context)
         default = None
         if decl.default is not None:
             because = (decl.type.span, f"the topic is `{t}`")
-            default = expressions.check(decl.default, context, t, because)
-        max_age = expressions.check(decl.max_age, context, DURATION) if decl.max_age else None
-        for expr in (default, max_age):
-            self.checker.constants.closed(expr, f"a number of topic `{decl.name.text}`")
+            default = number(decl.default, context, t, "a default", because)
+        max_age = None
+        if decl.max_age is not None:
+            max_age = number(decl.max_age, context, DURATION, "`max_age`")
         if isinstance(t, ErrorType):
             return None
         return typed.TopicSymbol(
@@ -316,14 +316,18 @@ class DeclChecker:
                     helps=self.checker.names.suggestion(name.text, fields),
                 )
             elif name.text in seen:
-                self.checker.names.twice(name.text, name.span, seen[name.text], "the set of")
+                self.diagnostics.error(
+                    "N002",
+                    f"the set of `{name.text}` is given twice",
+                    name.span,
+                    "again",
+                    also=((seen[name.text], "the first time"),),
+                )
             else:
                 seen[name.text] = name.span
                 self._value_set(inner, t.fields[index][1], (*path, name.text), out, context)
 
-    def _interval(
-        self, values: tree.Interval, t: Type, context: Context
-    ) -> typed.RangeSet | None:
+    def _interval(self, values: tree.Interval, t: Type, context: Context) -> typed.RangeSet | None:
         scalar = scalar_of(t)
         if scalar is None:
             kinds = "numbers of one kind" if isinstance(t, RecordType) else "numbers"
@@ -336,16 +340,13 @@ class DeclChecker:
                 else (),
             )
             return None
-        expressions = self.checker.expressions
-        low = expressions.check(values.low, context, scalar)
-        high = expressions.check(values.high, context, scalar)
-        self.checker.constants.closed(low, "a bound")
-        self.checker.constants.closed(high, "a bound")
+        low = self.checker.constants.number(values.low, context, scalar, "a bound")
+        high = self.checker.constants.number(values.high, context, scalar, "a bound")
         return None if is_error(low, high) else typed.RangeSet(low, high, values.span)
 
     def topic_ref(self, ref: tree.Ref, scope: FileScope) -> typed.TopicSymbol | None:
         """The topic a reference means, or None after a report."""
-        entry = self.checker.names.find_ref(scope, ref)
+        entry = self.checker.names.find_ref(scope, ref, "topic")
         if entry is None:
             return None
         symbol = self.checker.resolve(entry, ref.span)
@@ -396,11 +397,6 @@ class DeclChecker:
         if system not in self._topics:
             self._topics[system] = topics_beside(system)
         return self._topics[system]
-
-
-def sound(expr: typed.Expr | None) -> typed.Expr | None:
-    """The expression, None where it was already reported."""
-    return None if expr is None or is_error(expr) else expr
 
 
 def show(value: Value, t: Type) -> str:

@@ -125,7 +125,7 @@ class ExprChecker(CallChecker, OperatorChecker):
             )
         else:
             more = [*context.local_names(), *SPECIALS, *(context.instances or ())]
-            self.names.unknown(context.scope, name, span, more)
+            self.names.unknown(context.scope, name, span, more, where=context.where)
         return error_expr(span)
 
     def _special(self, name: str, span: Span, context: Context) -> typed.Expr:
@@ -152,7 +152,7 @@ class ExprChecker(CallChecker, OperatorChecker):
         loop = context.constant == "T007"
         self.diagnostics.error(
             context.constant or "T008",
-            f"{context.where} must be a constant, but {what} is none",
+            f"{context.where} cannot depend on {what}",
             span,
             "known only when the program runs",
             also=((declared, "declared here"),) if declared is not None else (),
@@ -210,7 +210,7 @@ class ExprChecker(CallChecker, OperatorChecker):
                 span,
                 notes=("functions see their arguments, constants and parameters only",)
                 if in_function
-                else (),
+                else ("this is computed before the program runs",),
                 helps=("pass its value as an argument",) if in_function else (),
             )
             return error_expr(span)
@@ -221,15 +221,13 @@ class ExprChecker(CallChecker, OperatorChecker):
         return typed.TopicRead(topic.type, span, topic)
 
     def _not_subscribed(self, topic: typed.TopicSymbol, span: Span, context: Context) -> None:
-        if context.node is None:  # a plant, or the reset of a node
-            message = f"{context.where} does not read `{topic.name}`"
-            helps = (f"add `{topic.name}` to `reads`",)
-        elif topic in context.node.publishes:
+        if context.node is not None and topic in context.node.publishes:
             message = f"{context.where} publishes `{topic.name}` and cannot read it back"
             helps = ("keep the value in a local `var`",)
         else:
-            message = f"{context.where} does not subscribe to `{topic.name}`"
-            helps = (f"add `{topic.name}` to `subscribes`",)
+            verb = "read" if context.inputs == "reads" else "subscribe to"
+            message = f"{context.where} does not {verb} `{topic.name}`"
+            helps = (f"add `{topic.name}` to `{context.inputs}`",)
         self.diagnostics.error("M010", message, span, helps=helps)
 
     # ------------------------------------------------------------ records and lists

@@ -70,7 +70,8 @@ class FieldChecker(ExprBase):
         if names is not None and context.find_local(names[0].text) is None:
             if context.instances is not None and names[0].text in context.instances:
                 return self._below_instance(expr.span, names, context)
-            found = self._below_name(expr, names, context)
+            found = self._constant_length(expr, names, context)
+            found = found or self._below_name(expr, names, context)
             if found is not None:
                 return found
         target = self.check(expr.target, context)
@@ -78,29 +79,46 @@ class FieldChecker(ExprBase):
             return error_expr(expr.span)
         return self._select(target, expr.field, expr.span)
 
+    def _constant_length(
+        self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
+    ) -> typed.Expr | None:
+        """`xs.len` of an array, where only constants may stand: its type says it."""
+        if context.hidden is None or expr.field.text != "len":
+            return None
+        local = context.hidden.find_local(names[0].text)
+        t: Type | None = local.type if local is not None else None
+        for name in names[1:-1]:
+            t = dict(t.fields).get(name.text) if isinstance(t, RecordType) else None
+        if local is None or not isinstance(t, ArrayType):
+            return None
+        local.used = True
+        return typed.Literal(INT, expr.span, t.size)
+
     def _below_name(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
     ) -> typed.Expr | None:
         """`Enum.member`, `file.name`, `file.Enum.member`; None for a field of a value."""
         scope, first = context.scope, names[0].text
         if first in scope.imports and first not in scope.entries:
-            if len(names) == 2:  # noqa: PLR2004 - file and name
+            if len(names) == 2:
                 entry = self.names.find_in_import(scope, names[0], names[1])
                 return error_expr(expr.span) if not entry else self.entry(entry, expr.span, context)
             child = scope.imports[first]
             entry = child.entries.get(names[1].text) if child is not None else None
-            if len(names) == 3 and entry is not None and entry.kind == "type":  # noqa: PLR2004
+            if len(names) == 3 and entry is not None and entry.kind == "type":
                 self.names.find_in_import(scope, names[0], names[1])
                 t = self.checker.resolve(entry, expr.target.span)
                 return self._member(t, names[2], expr.span)
             return None
-        if len(names) != 2:  # noqa: PLR2004 - type and member
+        if len(names) != 2:
             return None
         entry = scope.entries.get(first) or self.names.prelude.get(first)
         if entry is not None and entry.kind == "type":
             entry.used = True
             return self._member(self.checker.resolve(entry, names[0].span), names[1], expr.span)
-        return self._member(MODE, names[1], expr.span) if entry is None and first == "Mode" else None
+        return (
+            self._member(MODE, names[1], expr.span) if entry is None and first == "Mode" else None
+        )
 
     def _select(self, target: typed.Expr, name: tree.Name, span: Span) -> typed.Expr:
         """A field of a value, or the length of a list."""

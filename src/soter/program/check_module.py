@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_base import is_error
+from soter.program.check_base import is_error, sound
 from soter.program.check_node import period_or_unknown
 from soter.program.check_order import mentioned
 from soter.program.context import Context
@@ -31,7 +31,7 @@ class ModuleChecker:
 
     def node_ref(self, ref: tree.Ref, scope: FileScope) -> typed.NodeSymbol | None:
         """The node a reference means, or None after a report."""
-        entry = self.checker.names.find_ref(scope, ref)
+        entry = self.checker.names.find_ref(scope, ref, "node")
         if entry is None:
             return None
         symbol = self.checker.resolve(entry, ref.span)
@@ -49,7 +49,7 @@ class ModuleChecker:
         self, decl: tree.RtaDecl, scope: FileScope, full: str
     ) -> typed.ModuleSymbol | None:
         """Controllers and period; None where one of them is missing."""
-        context = Context(scope, f"module `{decl.name.text}`")
+        context = Context(scope, f"the declaration of module `{decl.name.text}`")
         parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
         missing = [word for word, part in parts.items() if part is None]
         if missing and decl.name.text not in scope.broken:
@@ -66,13 +66,11 @@ class ModuleChecker:
                 notes=("a module is an advanced and a safe controller, a period and a property",),
                 helps=("add " + ", ".join(f"`{examples[m]}`" for m in missing),),
             )
-        expressions = self.checker.expressions
+        number = self.checker.constants.number
         ac = self.node_ref(decl.ac, scope) if decl.ac else None
         sc = self.node_ref(decl.sc, scope) if decl.sc else None
-        period = expressions.check(decl.period, context, DURATION) if decl.period else None
-        clean = expressions.check(decl.clean, context, INT) if decl.clean else None
-        for expr in (period, clean):
-            self.checker.constants.closed(expr, f"a number of module `{decl.name.text}`")
+        period = number(decl.period, context, DURATION, "a period") if decl.period else None
+        clean = number(decl.clean, context, INT, "`clean`") if decl.clean else None
         if decl.ac is None or decl.sc is None or decl.safe is None:
             return None
         if ac is None or sc is None or period is None:
@@ -83,10 +81,10 @@ class ModuleChecker:
             ac,
             sc,
             period_or_unknown(period),
-            typed.Literal(BOOL, decl.safe.span, True),  # noqa: FBT003 - until the body is checked
+            typed.Literal(BOOL, decl.safe.span, True),
             None,
             None,
-            None if clean is None or is_error(clean) else clean,
+            sound(clean),
             (),
             (),
             None,
@@ -125,10 +123,12 @@ class ModuleChecker:
     def _verify(
         self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope
     ) -> None:
-        check = self.checker.expressions.check
+        number = self.checker.constants.number
         context = Context(scope, "a `verify` block")
-        module.horizon = check(verify.horizon, context, DURATION) if verify.horizon else None
-        module.levels = check(verify.levels, context, INT) if verify.levels else None
+        if verify.horizon is not None:
+            module.horizon = sound(number(verify.horizon, context, DURATION, "`horizon`"))
+        if verify.levels is not None:
+            module.levels = sound(number(verify.levels, context, INT, "`levels`"))
         axes: dict[tuple[typed.TopicSymbol, tuple[str, ...]], typed.GridAxis] = {}
         for item in verify.grid:
             axis = self._grid_axis(item, scope, context)
@@ -150,18 +150,14 @@ class ModuleChecker:
         for instance, parts in verify.abstracts:
             links += self._abstractions(module, instance, parts, scope)
         module.abstracts = tuple(links)
-        for expr in (module.horizon, module.levels):
-            self.checker.constants.closed(expr, "a number of a `verify` block")
 
     def _grid_axis(
         self, axis: tree.GridAxis, scope: FileScope, context: Context
     ) -> typed.GridAxis | None:
-        check = self.checker.expressions.check
-        low = check(axis.interval.low, context, FLOAT)
-        high = check(axis.interval.high, context, FLOAT)
-        cells = check(axis.cells, context, INT)
-        for expr in (low, high, cells):
-            self.checker.constants.closed(expr, "a number of a grid")
+        number = self.checker.constants.number
+        low = number(axis.interval.low, context, FLOAT, "a bound")
+        high = number(axis.interval.high, context, FLOAT, "a bound")
+        cells = number(axis.cells, context, INT, "the number of cells")
         found = self.checker.declarations.topic_path(axis.path, scope)
         if found is None:
             return None
@@ -213,7 +209,7 @@ class ModuleChecker:
         return links
 
     def _plant(self, ref: tree.Ref, scope: FileScope) -> typed.PlantSymbol | None:
-        entry = self.checker.names.find_ref(scope, ref)
+        entry = self.checker.names.find_ref(scope, ref, "plant")
         if entry is None:
             return None
         plant = self.checker.resolve(entry, ref.span)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_base import is_error
+from soter.program.check_base import is_error, sound
 from soter.program.context import Context
 from soter.program.types import BOOL, DURATION
 
@@ -37,13 +37,11 @@ class NodeChecker:
 
     def signature(self, decl: tree.NodeDecl, scope: FileScope, full: str) -> typed.NodeSymbol:
         """Everything but the code."""
-        context = Context(scope, f"node `{decl.name.text}`")
-        expressions = self.checker.expressions
+        context = Context(scope, f"the declaration of node `{decl.name.text}`")
+        number = self.checker.constants.number
         declarations = self.checker.declarations
-        period = expressions.check(decl.period, context, DURATION)
-        phase = expressions.check(decl.phase, context, DURATION) if decl.phase else None
-        self.checker.constants.closed(period, "a period")
-        self.checker.constants.closed(phase, "a phase")
+        period = number(decl.period, context, DURATION, "a period")
+        phase = number(decl.phase, context, DURATION, "a phase") if decl.phase else None
         declarations.check_binding(decl.source, decl.source_span)
         subscribes = self._subscribes(decl, scope)
         publishes = self._publishes(decl, scope, subscribes)
@@ -53,7 +51,7 @@ class NodeChecker:
             full,
             decl.name.span,
             period_or_unknown(period),
-            None if phase is None or is_error(phase) else phase,
+            sound(phase),
             decl.extern,
             declarations.located(decl.source, scope),
             tuple(subscribes.values()),
@@ -153,8 +151,9 @@ class NodeChecker:
             because = (local.type.span, f"declared as `{t}`")
             value = None
             if local.initial is not None:
-                value = self.checker.expressions.check(local.initial, context, t, because)
-                self.checker.constants.closed(value, "a first value")
+                value = self.checker.constants.number(
+                    local.initial, context, t, "a first value", because
+                )
             first = variables.get(local.name.text)
             if first is not None:
                 self.checker.names.twice(local.name.text, local.name.span, first.span)
@@ -162,7 +161,7 @@ class NodeChecker:
             variables[local.name.text] = typed.Variable(
                 local.name.text, t, "local", local.name.span
             )
-            initial.append(None if value is None or is_error(value) else value)
+            initial.append(sound(value))
         return list(variables.values()), initial
 
     def _failsafe(
@@ -178,8 +177,9 @@ class NodeChecker:
             topic = self.checker.declarations.topic_ref(ref, scope)
             because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
             wanted = topic.type if topic else None
-            value = self.checker.expressions.check(expr, context, wanted, because)
-            self.checker.constants.closed(value, "a fail-safe value")
+            value = self.checker.constants.number(
+                expr, context, wanted, "a fail-safe value", because
+            )
             if topic is None:
                 continue
             if topic not in publishes:

@@ -150,9 +150,7 @@ def _number_hint(expected: Type | None) -> Type | None:
     return None
 
 
-def _arithmetic(
-    expr: tree.BinaryExpr, left: typed.Expr, right: typed.Expr
-) -> typed.Expr | None:
+def _arithmetic(expr: tree.BinaryExpr, left: typed.Expr, right: typed.Expr) -> typed.Expr | None:
     op, lt, rt, span = expr.op, left.type, right.type, expr.span
     if isinstance(lt, IntType) and isinstance(rt, IntType):
         return typed.Binary(INT, span, op, left, right)

@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_base import is_error, plain
+from soter.program.check_base import a_type, is_error, plain, sound
 from soter.program.check_node import period_or_unknown
 from soter.program.context import Context
 from soter.program.types import (
@@ -41,18 +41,18 @@ class PlantChecker:
 
     def signature(self, decl: tree.PlantDecl, scope: FileScope, full: str) -> typed.PlantSymbol:
         """Everything but the right-hand sides."""
-        expressions = self.checker.expressions
+        number = self.checker.constants.number
         declarations = self.checker.declarations
-        context = Context(scope, f"plant `{decl.name.text}`")
-        period = expressions.check(decl.period, context, DURATION)
-        self.checker.constants.closed(period, "a period")
+        context = Context(scope, f"the declaration of plant `{decl.name.text}`")
+        period = number(decl.period, context, DURATION, "a period")
         declarations.check_binding(decl.source, decl.source_span)
         reads = self._reads(decl, scope)
         states, initial, ranges = self._states(decl, scope, context)
         disturbances = self._disturbances(decl, scope, context, states)
         method, substeps = decl.integrate if decl.integrate is not None else ("rk4", None)
-        steps = expressions.check(substeps, context, INT) if substeps is not None else None
-        self.checker.constants.closed(steps, "the number of substeps")
+        steps = None
+        if substeps is not None:
+            steps = number(substeps, context, INT, "the number of substeps")
         truth = RecordType(
             tuple((v.name, v.type) for v in states if not isinstance(v.type, ErrorType)),
             f"{full}.truth",
@@ -73,7 +73,7 @@ class PlantChecker:
             {},
             {},
             method,
-            None if steps is None or is_error(steps) else steps,
+            sound(steps),
             (),
             truth,
             tuple(reads.values()),
@@ -108,15 +108,16 @@ class PlantChecker:
             value = None
             if s.initial is not None:
                 because = (s.type.span, f"declared as `{t}`")
-                value = self.checker.expressions.check(s.initial, context, t, because)
-                self.checker.constants.closed(value, "a first value")
+                value = self.checker.constants.number(
+                    s.initial, context, t, "a first value", because
+                )
             interval = self._start(s, t, context)
             first = states.get(s.name.text)
             if first is not None:
                 self.checker.names.twice(s.name.text, s.name.span, first.span, "state")
                 continue
             states[s.name.text] = typed.Variable(s.name.text, t, "state", s.name.span, used=True)
-            initial.append(None if value is None or is_error(value) else value)
+            initial.append(sound(value))
             ranges.append(interval)
         return list(states.values()), initial, ranges
 
@@ -136,11 +137,11 @@ class PlantChecker:
                 also=((s.interval.span, "the interval"),),
                 helps=("keep one of them",),
             )
-        if isinstance(t, ErrorType) or isinstance(t, FloatType) or is_vector(t):
+        if _can_be_integrated(t):
             return interval
         self.diagnostics.error(
             "V004",
-            f"a `{t}` cannot start anywhere in an interval",
+            f"{a_type(t)} cannot start anywhere in an interval",
             s.interval.span,
             notes=("the start is drawn for floats and vectors only",),
             helps=(f"give it a value: `state {s.name.text}: {t} = ...;`",),
@@ -150,10 +151,8 @@ class PlantChecker:
     def _interval(
         self, interval: tree.Interval, context: Context
     ) -> tuple[typed.Expr, typed.Expr] | None:
-        low = self.checker.expressions.check(interval.low, context, FLOAT)
-        high = self.checker.expressions.check(interval.high, context, FLOAT)
-        self.checker.constants.closed(low, "a bound")
-        self.checker.constants.closed(high, "a bound")
+        low = self.checker.constants.number(interval.low, context, FLOAT, "a bound")
+        high = self.checker.constants.number(interval.high, context, FLOAT, "a bound")
         return None if is_error(low, high) else (low, high)
 
     def _disturbances(
@@ -168,8 +167,9 @@ class PlantChecker:
         for d in decl.disturbances:
             t = self.checker.types.check(d.type, scope)
             interval = self._interval(d.interval, context)
-            hold = self.checker.expressions.check(d.hold, context, DURATION) if d.hold else None
-            self.checker.constants.closed(hold, "a hold")
+            hold = None
+            if d.hold is not None:
+                hold = self.checker.constants.number(d.hold, context, DURATION, "`hold`")
             first = taken.get(d.name.text)
             if first is not None:
                 self.checker.names.twice(d.name.text, d.name.span, first.span)
@@ -177,7 +177,7 @@ class PlantChecker:
             if not (isinstance(t, (FloatType, ErrorType)) or is_vector(t)):
                 self.diagnostics.error(
                     "T018",
-                    f"a disturbance is a float or a vector, not a `{t}`",
+                    f"a disturbance is a float or a vector, not {a_type(t)}",
                     d.type.span,
                 )
                 t = ERROR
@@ -186,9 +186,7 @@ class PlantChecker:
             if interval is None:
                 zero = typed.Literal(FLOAT, d.interval.span, 0.0)
                 interval = (zero, zero)
-            if hold is not None and is_error(hold):
-                hold = None
-            found.append(typed.DisturbanceSymbol(variable, *interval, hold))
+            found.append(typed.DisturbanceSymbol(variable, *interval, sound(hold)))
         return found
 
     # ------------------------------------------------------------ body
@@ -201,6 +199,7 @@ class PlantChecker:
             scope,
             f"plant `{decl.name.text}`",
             topics=set(plant.reads),
+            inputs="reads",
             has_time=True,
             has_period=True,
             locals=[frame],
@@ -218,7 +217,7 @@ class PlantChecker:
     def _let(
         self, item: tree.PlantLet, frame: dict[str, typed.Variable], context: Context
     ) -> tuple[typed.Variable, typed.Expr]:
-        t = self.checker.types.check(item.type, context.scope) if item.type else None
+        t = self.checker.types.check(item.type, context.scope, context) if item.type else None
         because = (item.type.span, f"declared as `{t}`") if item.type else None
         value = self.checker.expressions.check(item.value, context, t, because)
         found = t if t is not None else plain(value.type)
@@ -250,7 +249,7 @@ class PlantChecker:
                 elif word == "der" and not _can_be_integrated(variable.type):
                     self.diagnostics.error(
                         "T018",
-                        f"`der` is for floats and vectors, not for a `{variable.type}`",
+                        f"`der` is for floats and vectors, not for {a_type(variable.type)}",
                         name.span,
                         also=((variable.span, "declared here"),),
                         helps=(f"write `next {name.text} = ...;`",),
@@ -320,13 +319,12 @@ class PlantChecker:
     def _measured(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope
     ) -> list[typed.MeasuredSymbol]:
-        context = Context(scope, f"plant `{decl.name.text}`")
+        context = Context(scope, f"the declaration of plant `{decl.name.text}`")
         driven = {t for t, _ in plant.drives}
         measured: list[typed.MeasuredSymbol] = []
         taken: list[tuple[typed.TopicSymbol, tuple[str, ...], Span]] = []
         for path, bound in decl.measured:
-            within = self.checker.expressions.check(bound, context, FLOAT)
-            self.checker.constants.closed(within, "the bound of an error")
+            within = self.checker.constants.number(bound, context, FLOAT, "the bound of an error")
             found = self.checker.declarations.topic_path(path, scope)
             if found is None:
                 continue
@@ -346,7 +344,7 @@ class PlantChecker:
             elif not _can_be_integrated(t):
                 self.diagnostics.error(
                     "T018",
-                    f"only floats and vectors are measured with an error, not a `{t}`",
+                    f"only floats and vectors are measured with an error, not {a_type(t)}",
                     path.span,
                     helps=("name the fields that are floats",),
                 )

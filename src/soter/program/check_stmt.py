@@ -90,7 +90,9 @@ class StmtChecker:
         return None
 
     def _declaration(self, s: tree.LetStmt | tree.VarStmt, context: Context) -> typed.Stmt | None:
-        t = self.checker.types.check(s.type, context.scope) if s.type is not None else None
+        t = None
+        if s.type is not None:
+            t = self.checker.types.check(s.type, context.scope, context)
         if s.value is None:
             value = error_expr(s.span)
             if t is not None and not isinstance(t, ErrorType):
@@ -208,7 +210,9 @@ class StmtChecker:
         name = base.name.text
         entry = self.checker.names.find(context.scope, name)
         if entry is None:
-            self.checker.names.unknown(context.scope, name, base.span, context.local_names())
+            self.checker.names.unknown(
+                context.scope, name, base.span, context.local_names(), where=context.where
+            )
             return
         if self.checker.resolve(entry, base.span) is None:
             return

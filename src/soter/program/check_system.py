@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_base import is_error
+from soter.program.check_base import a_type, is_error, sound
 from soter.program.check_field import find_instance
 from soter.program.context import Context
 from soter.program.types import BOOL, DURATION, ArrayType, ListType, RecordType
@@ -68,13 +68,13 @@ class SystemChecker:
     def _what(
         self, item: tree.Instance, scope: FileScope
     ) -> typed.PlantSymbol | typed.NodeSymbol | typed.ModuleSymbol | typed.SystemSymbol | None:
-        entry = self.checker.names.find_ref(scope, item.what)
+        entry = self.checker.names.find_ref(scope, item.what, item.kind or "name")
         if entry is None:
             return None
         what = self.checker.resolve(entry, item.what.span)
         wanted = (item.kind,) if item.kind else INSTANTIABLE
         if entry.kind not in wanted:
-            expected = " or ".join(wanted)
+            expected = ", ".join(wanted[:-1]) + " or " + wanted[-1] if wanted[1:] else wanted[0]
             helps: tuple[str, ...] = ()
             if entry.kind in {"node", "module"}:
                 helps = (f"write `{entry.kind} {item.what.text};`",)
@@ -152,9 +152,7 @@ class SystemChecker:
     def _time(self, expr: tree.Expr | None, context: Context, what: str) -> typed.Expr | None:
         if expr is None:
             return None
-        value = self.checker.expressions.check(expr, context, DURATION)
-        self.checker.constants.closed(value, what)
-        return None if is_error(value) else value
+        return sound(self.checker.constants.number(expr, context, DURATION, what))
 
     def _forces(
         self,
@@ -174,7 +172,9 @@ class SystemChecker:
             elif system in self.checker.damaged or what in self.checker.damaged:
                 self.checker.names.losses += 1
             else:
-                modules = [n for n, i in instances.items() if isinstance(i.what, typed.ModuleSymbol)]
+                modules = [
+                    n for n, i in instances.items() if isinstance(i.what, typed.ModuleSymbol)
+                ]
                 self.diagnostics.error(
                     "M013",
                     f"`{path}` is not a module of system `{decl.name.text}`",
@@ -234,7 +234,7 @@ class SystemChecker:
     ) -> list[tuple[typed.ParamSymbol, typed.Expr, Span]]:
         found: dict[typed.ParamSymbol, tuple[typed.ParamSymbol, typed.Expr, Span]] = {}
         for item in decl.sets:
-            entry = self.checker.names.find_ref(scope, item.param)
+            entry = self.checker.names.find_ref(scope, item.param, "parameter")
             symbol = self.checker.resolve(entry, item.param.span) if entry else None
             if entry is not None and entry.kind != "parameter":
                 helps = ("declare it with `param`",) if entry.kind == "constant" else ()
@@ -279,7 +279,7 @@ class SystemChecker:
             elif _has_list(read.type):
                 self.diagnostics.error(
                     "T018",
-                    f"a `{read.type}` cannot be drawn: it has a list inside",
+                    f"{a_type(read.type)} cannot be drawn: it has a list inside",
                     item.topic.span,
                     also=((read.topic.span, "declared here"),),
                 )

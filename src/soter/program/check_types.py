@@ -27,7 +27,9 @@ from soter.program.types import (
 from soter.syntax import tree
 
 if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
     from soter.program.checker import Checker
+    from soter.program.context import Context
     from soter.program.scope import FileScope
 
 MAX_LEAVES = 100_000
@@ -45,10 +47,23 @@ class TypeChecker:
     def __init__(self, checker: Checker) -> None:
         self.checker = checker
         self.diagnostics = checker.diagnostics
+        self._around: Context | None = None
 
-    def check(self, expr: tree.TypeExpr, scope: FileScope, *, duration: bool = False) -> Type:
-        """The type it means, ERROR after a report; `duration` where one may stand (T014)."""
+    def check(
+        self,
+        expr: tree.TypeExpr,
+        scope: FileScope,
+        around: Context | None = None,
+        *,
+        duration: bool = False,
+    ) -> Type:
+        """The type it means, ERROR after a report; `duration` where one may stand (T014).
+
+        `around` is the place it stands in, where that has locals: sizes cannot mention them.
+        """
+        outer, self._around = self._around, around
         t = self._dispatch(expr, scope)
+        self._around = outer
         if isinstance(t, DurationType) and not duration:
             self.diagnostics.error(
                 "T014",
@@ -71,14 +86,7 @@ class TypeChecker:
             return self._bounded(self._record(expr, scope), expr)
         if isinstance(expr, (tree.ArrayTypeExpr, tree.ListTypeExpr)):
             return self._bounded(self._array(expr, scope), expr)
-        if isinstance(expr, tree.EnumTypeExpr):
-            self.diagnostics.error(
-                "T018",
-                "an enum needs a name",
-                expr.span,
-                helps=("declare it: `type Name = enum { A, B };`",),
-            )
-        return ERROR
+        return ERROR  # the parser has reported it
 
     def _bounded(self, t: Type, expr: tree.TypeExpr) -> Type:
         """T011 for a type of too many scalars: every value of it is copied as a whole."""
@@ -94,10 +102,14 @@ class TypeChecker:
         )
         return ERROR
 
+    def _constant(self, expr: tree.Expr, scope: FileScope, what: str) -> int | None:
+        value = self.checker.constants.constant(expr, scope, INT, what, self._around)
+        return value if isinstance(value, int) else None
+
     def _ranged(self, expr: tree.RangedIntType, scope: FileScope) -> Type:
         what = "the bound of a type"
-        low = self.checker.constants.constant(expr.interval.low, scope, INT, what)
-        high = self.checker.constants.constant(expr.interval.high, scope, INT, what)
+        low = self._constant(expr.interval.low, scope, what)
+        high = self._constant(expr.interval.high, scope, what)
         if low is None or high is None:
             return ERROR
         if low > high:
@@ -115,7 +127,7 @@ class TypeChecker:
         name = expr.ref.name.text
         if expr.ref.qualifier is None and name == "Mode" and name not in scope.entries:
             return MODE
-        entry = self.checker.names.find_ref(scope, expr.ref)
+        entry = self.checker.names.find_ref(scope, expr.ref, "type")
         if entry is None:
             return ERROR
         if entry.kind != "type":
@@ -131,10 +143,10 @@ class TypeChecker:
 
     def _record(self, expr: tree.RecordTypeExpr, scope: FileScope) -> Type:
         fields: dict[str, Type] = {}
-        spans = {}
+        spans: dict[str, Span] = {}
         failed = False
         for name, field_type in expr.fields:
-            t = self.check(field_type, scope)
+            t = self.check(field_type, scope, self._around)
             failed = failed or isinstance(t, ErrorType)
             if name.text in fields:
                 self.checker.names.twice(name.text, name.span, spans[name.text], "field")
@@ -145,11 +157,11 @@ class TypeChecker:
         return ERROR if failed else RecordType(tuple(fields.items()))
 
     def _array(self, expr: tree.ArrayTypeExpr | tree.ListTypeExpr, scope: FileScope) -> Type:
-        element = self.check(expr.element, scope)
+        element = self.check(expr.element, scope, self._around)
         is_array = isinstance(expr, tree.ArrayTypeExpr)
         what = "the size of an array" if is_array else "the capacity of a list"
         size_expr = expr.size if isinstance(expr, tree.ArrayTypeExpr) else expr.capacity
-        size = self.checker.constants.constant(size_expr, scope, INT, what)
+        size = self._constant(size_expr, scope, what)
         if size is None or isinstance(element, ErrorType):
             return ERROR
         if not 1 <= size <= MAX_LEAVES:

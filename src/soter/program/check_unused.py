@@ -1,7 +1,6 @@
 """Declarations that nothing uses: warnings W001 and W004.
 
-Purpose: collect them while checking, and say them only when nothing else is wrong: after an
-error the use may be what could not be read.
+Purpose: collect them while checking and say them at the end, when every use is known.
 Non-goals: errors.
 """
 
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
-    from soter.program.scope import FileScope, Names
+    from soter.program.scope import FileScope
     from soter.program.typed import Variable
 
 ROOTS = {"system", "test"}
@@ -33,9 +32,11 @@ class Unused:
         """W001 for locals that are never read; a leading `_` says that this is meant."""
         for v in variables:
             if not v.used and not v.name.startswith("_"):
-                self.add("W001", f"`{v.name}` is never used", v.span, "declared here", _meant(v.name))
+                self.add(
+                    "W001", f"`{v.name}` is never used", v.span, "declared here", _meant(v.name)
+                )
 
-    def declarations(self, names: Names, main: FileScope) -> None:
+    def declarations(self, main: FileScope) -> None:
         """W001 for what the main file declares or imports and nobody mentions.
 
         Only where a system or a test says what the program is: without one the file may be there
@@ -54,9 +55,7 @@ class Unused:
                 self.add("W001", f"import `{name.text}` is never used", name.span, "", "remove it")
 
     def report(self) -> None:
-        """Say them, unless there are errors; names of one place only once."""
-        if self.diagnostics.has_errors:
-            return
+        """Say them; `build.py` leaves them out where there are errors."""
         for code, message, span, label, help_ in self._waiting:
             self.diagnostics.warning(code, message, span, label, helps=(help_,) if help_ else ())
 

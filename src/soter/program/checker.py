@@ -70,7 +70,7 @@ class Checker:
             _register(program, entry)
         if not self.diagnostics.has_errors:
             check_rounds(program, self.diagnostics)
-        self.unused.declarations(self.names, main)
+        self.unused.declarations(main)
         self.unused.report()
         program.stand_ins = self.stand_ins
         program.damaged = self.damaged
@@ -139,6 +139,8 @@ class Checker:
     def _cycle(self, entry: Entry, span: Span) -> None:
         circle = self._resolving[self._resolving.index(entry) :]
         names = [e.decl.name.text for e in (*circle, entry)]
+        names[0:1] = [f"{names[0]}` needs `{names[1]}"]
+        del names[1]
         if len(names) > NAMES_IN_CYCLE:
             names[3:-3] = ["..."]
         name = entry.decl.name
@@ -148,7 +150,7 @@ class Checker:
             name.span,
             "this needs itself",
             also=((span, "needed again here"),) if span != name.span else (),
-            notes=(" needs ".join(f"`{n}`" if n != "..." else n for n in names),)
+            notes=(", which needs ".join(f"`{n}`" if n != "..." else n for n in names),)
             if len(circle) > 1
             else (),
         )

@@ -56,7 +56,12 @@ class Composition:
         driven = set(drivers)
         for component in self.system.components:
             for topic, span in self._reads(component):
-                self._driven(component.scope.topics[topic], span, f"`{component.name}`", driven)
+                reader = f"{component.role} `{component.name}`"
+                if component.role == "dm":
+                    reader = f"module `{component.name.rpartition('.')[0]}`"
+                elif component.role in {"ac", "sc"}:
+                    reader = f"node `{component.name}`"
+                self._driven(component.scope.topics[topic], span, reader, driven)
         for item in self.symbol.properties:
             roots = [e for e in (item.premise, item.condition) if e is not None]
             for topic, read in topic_reads(*roots).items():
@@ -85,22 +90,44 @@ class Composition:
         return found
 
     def _two_drivers(self, topic: Topic, found: list[tuple[str, Span]]) -> None:
+        if self.draft and self.partial:
+            return  # a module that could not be read may own one of them
         both_modules = all(who.startswith("module") for who, _ in found)
         second, first = found[1], found[0]
         others = [(span, who) for who, span in found[2:DRIVERS_SHOWN]]
-        self.diagnostics.error(
+        self._report(
             "M004",
             f"topic `{topic.name}` is driven by {first[0]} and {second[0]}",
             second[1],
             "second driver",
             also=((first[1], "first driver"), *others, (topic.symbol.span, "the topic")),
-            notes=(
-                "modules are composed only if their outputs are disjoint"
-                if both_modules
-                else "a topic has exactly one driver",
-            ),
+            note="modules are composed only if their outputs are disjoint"
+            if both_modules
+            else "a topic has exactly one driver",
             helps=("give one of them a topic of its own, or wire it: `{ topic = other }`",),
         )
+
+    def _report(
+        self,
+        code: str,
+        message: str,
+        span: Span,
+        label: str,
+        *,
+        also: tuple[tuple[Span, str], ...],
+        note: str,
+        helps: tuple[str, ...],
+    ) -> None:
+        """An error; in a draft a warning W005, as the file may be there for others to import."""
+        notes = (note,) if note else ()
+        if self.draft:
+            notes = (*notes, "the file has no `system`, and on its own it cannot run")
+            helps = (*helps, "or declare a `system` that says what runs")
+            self.diagnostics.warning(
+                "W005", message, span, label, also=also, notes=notes, helps=helps
+            )
+        else:
+            self.diagnostics.error(code, message, span, label, also=also, notes=notes, helps=helps)
 
     # ------------------------------------------------------------ readers
 
@@ -123,30 +150,22 @@ class Composition:
             return
         if self.partial:
             return
-        name = topic.symbol.name
-        publisher = (
-            f"add the node or plant that publishes it to system `{self.symbol.name}`"
-            if not self.draft
-            else "add the node or plant that publishes it"
-        )
-        if self.draft:
-            self.diagnostics.warning(
-                "W005",
-                f"{reader} reads `{topic.name}`, which nobody in this file drives",
-                span,
-                "read here",
-                also=((topic.symbol.span, "declared here"),),
-                notes=("the file has no `system`; on its own it cannot run",),
-                helps=(f"if the environment sets it, declare `input topic {name}`", publisher),
-            )
-            return
-        self.diagnostics.error(
+        also: tuple[tuple[Span, str], ...] = ((topic.symbol.span, "declared here"),)
+        publisher = "add the node or plant that publishes it"
+        if not self.draft:
+            also = (*also, (self.symbol.span, "in this system"))
+            publisher += f" to system `{self.symbol.name}`"
+        self._report(
             "M005",
             f"{reader} reads `{topic.name}`, which nobody drives",
             span,
             "read here",
-            also=((topic.symbol.span, "declared here"), (self.symbol.span, "in this system")),
-            helps=(f"if the environment sets it, declare `input topic {name}`", publisher),
+            also=also,
+            note="",
+            helps=(
+                f"if the environment sets it, declare `input topic {topic.symbol.name}`",
+                publisher,
+            ),
         )
 
     # ------------------------------------------------------------ nodes of modules
@@ -163,13 +182,13 @@ class Composition:
                     continue
                 first = other.symbol
                 at_first = first.ac_span if first.ac is node else first.sc_span
-                self.diagnostics.error(
+                self._report(
                     "M003",
                     f"node `{node.name}` is in modules `{other.name}` and `{m.name}`",
                     span or m.symbol.span,
                     "second module",
                     also=((at_first or first.span, "first module"),),
-                    notes=("modules are composed only if their nodes are disjoint",),
+                    note="modules are composed only if their nodes are disjoint",
                     helps=("give one of the modules a node of its own",),
                 )
 

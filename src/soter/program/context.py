@@ -33,6 +33,8 @@ class Context:
     constant: str = ""
     hidden: Context | None = None
     topics: set[TopicSymbol] | str | None = None
+    inputs: str = "subscribes"
+    """The word that would make a topic readable."""
     has_time: bool = False
     has_period: bool = False
     has_modes: bool = False

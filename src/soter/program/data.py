@@ -142,7 +142,7 @@ def _cell(text: str, t: Type, row: int) -> object:
         try:
             return float(text) if isinstance(t, FloatType) else int(text)
         except ValueError:
-            shown = text if len(text) <= 40 else text[:37] + "..."  # noqa: PLR2004 - a line
+            shown = text if len(text) <= 40 else text[:37] + "..."
             raise DataError(f"row {row}: expected {kind}, found `{shown}`") from None
     if isinstance(t, BoolType) and text in {"true", "false"}:
         return text == "true"

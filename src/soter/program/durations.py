@@ -6,11 +6,14 @@ Non-goals: reading them (`syntax/tokens.py`).
 
 from __future__ import annotations
 
+HOUR = 3600 * 10**9
 UNITS = (("s", 10**9), ("ms", 10**6), ("us", 10**3), ("ns", 1))
 
 
 def _parts(ns: int) -> tuple[str, str]:
     """Number and unit: the largest unit that is not larger than the duration, exactly."""
+    if ns and ns % HOUR == 0:
+        return f"{ns // HOUR}", "h"
     for unit, size in UNITS:
         if abs(ns) >= size:
             whole, rest = divmod(abs(ns), size)

@@ -197,7 +197,7 @@ class _Loader:
         names = [p.name for p in (*paths[paths.index(closing) :], closing)]
         if len(names) > MAX_NAMES_IN_CYCLE:
             names[3:-3] = ["..."]
-        itself = len(names) == 2  # noqa: PLR2004 - the file and the file again
+        itself = len(names) == 2
         self.diagnostics.error(
             "D002",
             "a file imports itself" if itself else "the imports go round in a circle",

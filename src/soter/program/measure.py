@@ -16,8 +16,12 @@ if TYPE_CHECKING:
     from soter.program.types import Type
 
 MAX_COMPONENTS = 20_000
-MAX_NUMBERS = 2_000_000
+MAX_NUMBERS = 1_000_000
 MAX_DEPTH = 100
+
+
+class TooLargeError(Exception):
+    """The system is too large to be flattened; reported."""
 
 
 class Measure:
@@ -26,13 +30,11 @@ class Measure:
     def __init__(self, system: typed.SystemSymbol, diagnostics: Diagnostics) -> None:
         self.system = system
         self.diagnostics = diagnostics
-        self.exceeded = False
         self._numbers = 0
         self._sizes: dict[int, tuple[Type, int]] = {}
 
-    def instances(self, program: typed.Program) -> bool:
+    def instances(self) -> bool:
         """Whether the system has a possible number of instances; M007 otherwise."""
-        del program
         counts: dict[typed.SystemSymbol, int] = {}
         depths: dict[typed.SystemSymbol, int] = {}
         path = [self.system]
@@ -49,6 +51,9 @@ class Measure:
                 for i in system.instances
             )
             depths[system] = 1 + max((depths[s] for s in inner), default=0)
+        inner = [i.what for i in self.system.instances if isinstance(i.what, typed.SystemSymbol)]
+        if any(counts[s] > MAX_COMPONENTS or depths[s] > MAX_DEPTH for s in inner):
+            return False  # reported there
         if counts[self.system] > MAX_COMPONENTS:
             shown = counts[self.system]
             text = str(shown) if shown < 10**12 else f"about 10^{len(str(shown)) - 1}"
@@ -60,21 +65,21 @@ class Measure:
             self._report(
                 f"nests {depths[self.system]} levels deep", f"at most {MAX_DEPTH} are possible"
             )
-        return not self.exceeded
+        return counts[self.system] <= MAX_COMPONENTS and depths[self.system] <= MAX_DEPTH
 
-    def add(self, t: Type) -> None:
-        """A topic, a local or a state of type `t`; M007 when there are too many numbers."""
+    def fits(self, t: Type) -> bool:
+        """Whether there is room for a topic, a local or a state of type `t`; M007 if not."""
         known = self._sizes.get(id(t))
         if known is None:
             known = self._sizes[id(t)] = (t, leaf_count(t))
         self._numbers += known[1]
-        if self._numbers > MAX_NUMBERS and not self.exceeded:
-            self._report(
-                f"has a state of more than {MAX_NUMBERS} numbers", "topics, locals and states"
-            )
+        if self._numbers > MAX_NUMBERS:
+            self._report(f"has a state of more than {MAX_NUMBERS} numbers", "in this system")
+        return self._numbers <= MAX_NUMBERS
 
     def _report(self, what: str, label: str) -> None:
-        self.exceeded = True
+        if not self.system.name:
+            return  # no system of the program's
         self.diagnostics.error(
             "M007",
             f"system `{self.system.name}` {what}",

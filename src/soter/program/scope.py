@@ -44,6 +44,14 @@ BUILTIN_FUNCTIONS = (
     "mode",
     "age",
 )
+EXAMPLES = {
+    "type": "type {} = {{ ... }};",
+    "topic": "topic {}: float;",
+    "parameter": "param {}: float = 1.0;",
+    "node": "node {} period 10ms {{ ... }}",
+    "plant": "plant {} period 5ms {{ ... }}",
+}
+"""How a declaration that is missing would begin."""
 SUGGESTIONS_MAX = 100
 """So many unknown names get a suggestion; looking for more would only cost time."""
 NAME_MAX = 60
@@ -94,6 +102,7 @@ class Names:
         self.losses = 0
         self._by_file: dict[int, FileScope] = {}
         self._suggested = 0
+        self._missing: set[tuple[object, ...]] = set()
 
     # ------------------------------------------------------------ entering
 
@@ -168,13 +177,20 @@ class Names:
             entry.used = True
         return entry
 
-    def find_ref(self, scope: FileScope, ref: tree.Ref) -> Entry | None:
-        """The entry a reference means; reports N001 or N006 and gives None when there is none."""
+    def find_ref(self, scope: FileScope, ref: tree.Ref, wanted: str = "name") -> Entry | None:
+        """The entry a reference means; reports N001 or N006 and gives None when there is none.
+
+        `wanted` is the kind of declaration that would do.
+        """
         if ref.qualifier is not None:
             return self.find_in_import(scope, ref.qualifier, ref.name)
-        entry = self.find(scope, ref.name.text)
-        if entry is None:
-            self.unknown(scope, ref.name.text, ref.name.span)
+        name = ref.name.text
+        entry = self.find(scope, name)
+        if entry is None and (id(scope), name) in self._missing:
+            self.losses += 1
+        elif entry is None:
+            self.unknown(scope, name, ref.name.span, kind=wanted)
+            self._missing.add((id(scope), name))
         return entry
 
     def find_in_import(
@@ -228,11 +244,25 @@ class Names:
             helps=near or (f'add `import "{name}.soter" as {name};` after the first line',),
         )
 
-    def unknown(self, scope: FileScope, name: str, span: Span, more: Iterable[str] = ()) -> None:
-        """N001 for a name that means nothing here; `more` are local names that would."""
-        if name in scope.broken:
+    def unknown(
+        self,
+        scope: FileScope,
+        name: str,
+        span: Span,
+        more: Iterable[str] = (),
+        kind: str = "name",
+        where: str = "",
+    ) -> None:
+        """N001 for a name that means nothing here; `more` are local names that would.
+
+        A declaration that is missing is missed once, another name once in each place `where`.
+        """
+        known = {(id(scope), name), (id(scope), name, where)} & self._missing
+        if name in scope.broken or known:
             self.losses += 1
             return
+        if where:
+            self._missing.add((id(scope), name, where))
         helps = self.suggestion(name, (*more, *scope.entries))
         if not helps:
             helps = self._elsewhere(scope, name)
@@ -241,7 +271,11 @@ class Names:
             helps = self.suggestion(name, public)
         if not helps and name in scope.imports:
             helps = (f"it is an imported file: write `{name}.` and the name it declares",)
-        self.diagnostics.error("N001", f"unknown name `{name}`", span, "not declared", helps=helps)
+        if not helps and kind in EXAMPLES:
+            helps = (f"declare it: `{EXAMPLES[kind].format(name)}`",)
+        self.diagnostics.error(
+            "N001", f"unknown {kind} `{name}`", span, "not declared", helps=helps
+        )
 
     def _elsewhere(self, scope: FileScope, name: str) -> tuple[str, ...]:
         """A help line for a name that an imported file declares."""

@@ -164,8 +164,9 @@ class Property:
 
 @dataclass(eq=False)
 class InputDrive:
-    """A seeded environment input: drawn at every multiple of `every_ns`, before all else;
-    one stream `input.<topic>[.<leaf>]` a leaf, index = t // every.
+    """A seeded environment input: drawn at every multiple of `every_ns`, before all else.
+
+    One stream `input.<topic>[.<leaf>]` a leaf, index = t // every.
     """
 
     topic: int

@@ -139,9 +139,11 @@ class Binary(Expr):
 
 @dataclass(eq=False)
 class Vector(Expr):
-    """Componentwise: vector + vector, vector - vector, scalar * vector, vector * scalar,
-    vector / scalar (faults on zero). Operands are evaluated once, left first; each component
-    is the machine operation in that operand order.
+    """Componentwise, on one or two vectors.
+
+    vector + vector, vector - vector, scalar * vector, vector * scalar, vector / scalar (faults on
+    zero). Operands are evaluated once, left first; each component is the machine operation in
+    that operand order.
     """
 
     op: str

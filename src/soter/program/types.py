@@ -161,9 +161,7 @@ def default_value(t: Type) -> Value:
 def is_vector(t: Type) -> bool:
     """Whether arithmetic works component by component: a record or array of only floats."""
     if isinstance(t, RecordType):
-        return bool(t.fields) and all(
-            isinstance(f, FloatType) or is_vector(f) for _, f in t.fields
-        )
+        return bool(t.fields) and all(isinstance(f, FloatType) or is_vector(f) for _, f in t.fields)
     if isinstance(t, ArrayType):
         return isinstance(t.element, FloatType) or is_vector(t.element)
     return False
@@ -184,7 +182,7 @@ def leaves(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...
 
 
 def leaf_count(t: Type) -> int:
-    """Number of scalar leaves of a fully allocated value (lists count their capacity and length)."""
+    """Number of scalar leaves of a full value; lists count their capacity and their length."""
     if isinstance(t, RecordType):
         return sum(leaf_count(f) for _, f in t.fields)
     if isinstance(t, ArrayType):

@@ -73,9 +73,7 @@ def _listed(node: NodeSymbol) -> str:
     return ", ".join(f"`{t.name}`" for t in node.publishes) or "nothing"
 
 
-def check_periods(
-    system: System, diagnostics: Diagnostics, unknown: Collection[str] = ()
-) -> None:
+def check_periods(system: System, diagnostics: Diagnostics, unknown: Collection[str] = ()) -> None:
     """P1a: delta(N_ac) <= Delta and delta(N_sc) <= Delta (ruling 4).
 
     `unknown` names the components whose period has an error of its own.
@@ -95,6 +93,7 @@ def _slower(module: Module, role: str, node: Component, diagnostics: Diagnostics
     replaced = node.node not in (symbol.ac, symbol.sc)
     at = symbol.ac_span if role == "AC" else symbol.sc_span
     own, delta = node.period_ns, module.period_ns
+    steps = f"steps every {show_ns(own)}"
     why = (
         "a switch could come too late: P1a needs period(SC) <= Δ"
         if role == "SC"
@@ -104,8 +103,10 @@ def _slower(module: Module, role: str, node: Component, diagnostics: Diagnostics
         "P1a",
         f"`{node.node.name}` is slower than its decision module",
         at or symbol.span,
-        f"steps every {show_ns(own)}" if not replaced else f"replaced: steps every {show_ns(own)}",
+        f"replaced; it {steps}" if replaced else steps,
         also=((symbol.period.span, f"the decision module samples every {show_ns(delta)}"),),
         notes=(why,),
-        helps=(f"set the node's period to {write_ns(delta)} or less, or raise Δ to {write_ns(own)}",),
+        helps=(
+            f"set the node's period to {write_ns(delta)} or less, or raise Δ to {write_ns(own)}",
+        ),
     )

@@ -25,12 +25,15 @@ def verdicts(module: Module) -> dict[str, str]:
 
 
 def unproved(system: System) -> list[str]:
-    """What is taken for granted about the modules of a system that may switch."""
+    """What is taken for granted about code: modules that may switch, externs that are trusted."""
     free = [m for m in system.modules if m.forced is None]
-    if not free:
-        return []
-    names = ", ".join(m.name for m in free)
-    found = [f"{names}: {' '.join(ASSUMED)} assumed, not checked (`soter verify`, to come)"]
+    found = []
+    if free:
+        names = ", ".join(m.name for m in free)
+        found.append(f"{names}: {' '.join(ASSUMED)} assumed, not checked (`soter verify`, to come)")
+    trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
+    if trusted:
+        found.append(f"{', '.join(trusted)}: extern and trusted, nothing is known about the code")
     for m in free:
         missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
         if missing:

@@ -18,7 +18,7 @@ from soter.simulate.python_extern import PythonExtern, instantiated, load_python
 from soter.simulate.settings import did_you_mean, usage_error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
+    from collections.abc import Iterable, Mapping, Sequence
 
     from soter.diagnostics.span import Span
     from soter.lower.core import CoreSystem
@@ -90,6 +90,25 @@ def bind(system: System, given: Mapping[str, object]) -> Bindings:
                     extern.bound = check_text(name, target) if isinstance(target, str) else target
     _enter_c(core, externs)
     return Bindings(system, core, externs)
+
+
+def bind_somewhere(systems: Sequence[System], given: Mapping[str, object]) -> None:
+    """SoterError U005 for a name that no system of a program has an extern for."""
+    problems: list[Diagnostic] = []
+    for name, target in given.items():
+        found = [_problems_of_binding(system, name, target) for system in systems]
+        if all(found):
+            problems += found[0] if found else ()
+    if problems:
+        raise SoterError(tuple(problems))
+
+
+def _problems_of_binding(system: System, name: str, target: object) -> tuple[Diagnostic, ...]:
+    try:
+        bind(system, {name: target})
+    except SoterError as error:
+        return error.diagnostics
+    return ()
 
 
 def callables(bindings: Bindings, engine: str, stop: StopRequest) -> dict[str, object]:

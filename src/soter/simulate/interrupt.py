@@ -37,18 +37,17 @@ class StopRequest:
 
 
 @contextmanager
-def stoppable() -> Iterator[StopRequest]:
-    """A request that Ctrl-C sets, while inside; whoever handles Ctrl-C otherwise keeps doing so."""
-    request = StopRequest()
+def stoppable(request: StopRequest) -> Iterator[None]:
+    """Let Ctrl-C set the request, while inside; whoever handles Ctrl-C otherwise keeps doing so."""
     ours = (
         threading.current_thread() is threading.main_thread()
         and signal.getsignal(signal.SIGINT) is signal.default_int_handler
     )
     if not ours:
-        yield request
+        yield
         return
     signal.signal(signal.SIGINT, request._on_signal)  # noqa: SLF001 - its own
     try:
-        yield request
+        yield
     finally:
         signal.signal(signal.SIGINT, signal.default_int_handler)

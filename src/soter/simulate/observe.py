@@ -88,14 +88,15 @@ class Observer:
         return self._digest.hexdigest() if self._digest is not None else None
 
     def trace(self) -> npt.NDArray[Any] | None:
-        """All states as records, None where they were not kept."""
+        """All states as records, None where they were not kept; asked for once, at the end."""
         if self._kept is None:
             return None
         size = self._dtype.itemsize
         if self._file is not None:
             self._spill()
-            self._file.flush()
-            return np.memmap(self._file, dtype=self._dtype, mode="r", shape=(self.instants,))
+            with self._file as file:  # a map keeps what it needs of a file
+                file.flush()
+                return np.memmap(file, dtype=self._dtype, mode="r", shape=(self.instants,))
         rows = np.concatenate(self._kept) if self._kept else np.zeros((0, size), dtype=np.uint8)
         return np.ascontiguousarray(rows).view(self._dtype).reshape(-1)
 

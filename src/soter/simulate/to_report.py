@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.lower.layout import group_field
 from soter.program.types import FloatType, RecordType
 from soter.report.errors import ReportError
 from soter.report.html import write_html
@@ -115,11 +116,13 @@ def _summary(run: Run) -> dict[str, float | int | str]:
 
 def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
     """Plants' true states first: they are what the properties speak of."""
-    for x in run.system.components:
-        if x.plant is None:
+    for group in run.layout.groups:
+        x = run.system.components[group.owner] if group.owner >= 0 else None
+        if x is None or x.plant is None:
             continue
+        states = trace[group_field(group)]
         for v in x.plant.states:
-            yield from _signals(f"{x.name}.{v.name}", v.type, trace[x.name][v.name], ())
+            yield from _signals(f"{x.name}.{v.name}", v.type, states[v.name], ())
     for topic in run.system.topics:
         bounds = iter(topic.bounds)
         levels = next(bounds, None)

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
 from soter.codegen.c_printer import print_file
-from soter.codegen.names import Unique
-from soter.codegen.types import field_name
+from soter.codegen.names import Unique, field_name
 from soter.codegen.unit import generate
 from soter.native.build import RUNTIME
 from soter.native.compiler import STRICT, WARNINGS

@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from json_documents import problems_of
 
+from json_documents import problems_of  # type: ignore[import-not-found]
 from soter.cli.main import main
 
 if TYPE_CHECKING:

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.codegen.names import program_prefix
 from soter.native.compiler import WARNINGS, find
 
 if TYPE_CHECKING:
@@ -157,8 +158,7 @@ def test_an_extern_function_without_c_is_noted(soter: Soter, here: Path) -> None
 def test_a_program_may_be_called_like_one_of_the_files(soter: Soter, here: Path, name: str) -> None:
     (here / f"{name}.soter").write_text((here / "cart.soter").read_text())
     assert soter("build", f"{name}.soter", "-o", "out").exit == 0
-    prefix = f"my_{name}" if name.startswith("soter") else name
-    assert make(here / "out", prefix).returncode == 0
+    assert make(here / "out", program_prefix(name)).returncode == 0
 
 
 def test_targets_that_are_not_there(soter: Soter) -> None:

@@ -114,3 +114,17 @@ def test_a_cache_folder_that_cannot_be_written(
     monkeypatch.setenv("SOTER_CACHE", str(here / "file" / "cache"))
     done = soter("run", "cart.soter", "--json")
     assert (done.exit, done.codes) == (1, ["X006"])
+
+
+@pytest.mark.parametrize("name", ["header", "header_", "topics", "stamps", "main"])
+def test_instances_called_like_parts_of_the_state(soter: Soter, here: Path, name: str) -> None:
+    text = (here / "cart.soter").read_text()
+    text = text.replace("  c: Cart;", f"  {name}: Cart;").replace("c.truth", f"{name}.truth")
+    (here / "named.soter").write_text(text)
+    runs = {
+        soter("run", "named.soter", "--until", "1s", "--engine", e, "--json", "--report").document[
+            "trace_sha256"
+        ]
+        for e in ("native", "interp")
+    }
+    assert len(runs) == 1

@@ -42,7 +42,7 @@ def test_what_it_makes_is_laid_out_and_sound(soter: Soter) -> None:
 
 
 @pytest.mark.parametrize(
-    "name", ["", "1st", "a b", "-x", "ä", "a/", "..", "a.b", "x" * 65, "soter", "\x1b[31m", "a\n"]
+    "name", ["", "1st", "a b", "-x", "ä", "a/", "..", "a.b", "x" * 65, "\x1b[31m", "a\n"]
 )
 def test_names_that_cannot_be(soter: Soter, here: Path, name: str) -> None:
     before = sorted(here.iterdir())

@@ -341,7 +341,7 @@ def test_a_budget_ends_nested_loops() -> None:
     checked = program(
         """fun F(): int {
             var n = 0;
-            for i in 0..1000000 { for j in 0..1000000 { n = n + 1; } }
+            for i in 0..9000 { for j in 0..9000 { n = n + 1; } }
             return n;
         }
         fun Small(): int { return 7; }"""

@@ -1,0 +1,196 @@
+"""The topics of a system: all the values each may hold, and its first one.
+
+Purpose: bounds of every leaf, defaults inside them, `max_age`; one topic for all that is wired.
+Non-goals: who drives a topic (`composition.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.program.measure import Measure, TooLargeError
+from soter.program.placing import Placing, TopicKey
+from soter.program.system import Bound, Topic
+from soter.program.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    default_value,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.program import typed
+    from soter.program.types import Type, Value
+
+
+class Topics(Placing):
+    """Enters the topics of one system as they are mentioned."""
+
+    def __init__(
+        self,
+        program: typed.Program,
+        symbol: typed.SystemSymbol,
+        overrides: Mapping[str, Value],
+        diagnostics: Diagnostics,
+        *,
+        draft: bool = False,
+    ) -> None:
+        super().__init__(program, symbol, overrides, diagnostics, draft=draft)
+        self.measure = Measure(symbol, diagnostics)
+        self.topics: list[Topic] = []
+        self._by_key: dict[TopicKey, Topic] = {}
+        self._ranges: dict[typed.TopicSymbol, tuple[tuple[Bound | None, ...], bool, Value]] = {}
+
+    def topic(self, key: TopicKey) -> int:
+        """Index of a topic, entered on first mention."""
+        known = self._by_key.get(key)
+        if known is None:
+            prefix, symbol = key
+            if not self.measure.fits(symbol.type):
+                raise TooLargeError
+            if symbol not in self._ranges:
+                bounds, declared = self._bounds(symbol)
+                self._ranges[symbol] = bounds, declared, self._default(symbol, bounds)
+            bounds, declared, default = self._ranges[symbol]
+            max_age = None
+            if symbol.max_age is not None:
+                max_age = self.duration(symbol.max_age, f"`max_age` of `{symbol.name}`")
+            known = Topic(
+                len(self.topics),
+                prefix + symbol.name,
+                symbol,
+                symbol.type,
+                bounds,
+                declared,
+                default,
+                max_age,
+                "",
+            )
+            self._by_key[key] = known
+            self.topics.append(known)
+        return known.index
+
+    def _bounds(self, symbol: typed.TopicSymbol) -> tuple[tuple[Bound | None, ...], bool]:
+        """A bound for each leaf, and whether every number has one."""
+        what = f"the set of `{symbol.name}`"
+        resolved: dict[tuple[str, ...], Bound] = {}
+        for path, values in symbol.values.items():
+            interval = self.interval(values.low, values.high, values.span, what)
+            if interval is not None:
+                resolved[path] = Bound(*interval)
+            else:
+                self._unreliable(symbol)
+        bounds, declared = _leaf_bounds(symbol.type, (), resolved, None)
+        return bounds, declared
+
+    def _unreliable(self, symbol: typed.TopicSymbol) -> None:
+        """Its set has an error: nothing is said about what follows from it."""
+        self.program.damaged.add(symbol)
+
+    def _default(self, symbol: typed.TopicSymbol, bounds: tuple[Bound | None, ...]) -> Value:
+        """The first value; V002 where it lies outside the set."""
+        written = symbol.default
+        what = f"the default of `{symbol.name}`"
+        value = self.number(written, what) if written is not None else None
+        if value is None:
+            value = default_value(symbol.type)
+        if symbol in self.program.damaged or (written is None and not any(bounds)):
+            return value
+        outside = first_outside(symbol.type, value, bounds)
+        if outside is not None:
+            leaf, number, bound = outside
+            where = f" (`{leaf}`)" if leaf else ""
+            sets = tuple((r.span, "its set") for r in symbol.values.values())
+            self.diagnostics.error(
+                "V002",
+                f"{what}{where} is {beyond(number, bound)}",
+                written.span if written is not None else symbol.span,
+                f"starts at {number!r}" if written is None else "",
+                also=sets if len(sets) == 1 else (),
+                notes=()
+                if written is not None
+                else ("without `= ...` a topic starts at the default of its type",),
+                helps=(f"give it a first value in {shown(bound)}: `= ...`",)
+                if written is None
+                else (),
+            )
+        return value
+
+
+def shown(bound: Bound) -> str:
+    """A bound as people write it."""
+    return f"[{bound.low!r}, {bound.high!r}]"
+
+
+def beyond(number: float, bound: Bound) -> str:
+    """The end of a sentence about a number that is not in its bound."""
+    if math.isfinite(number):
+        return f"{number!r}, outside {shown(bound)}"
+    return f"{number!r}, which no topic may hold"
+
+
+def _leaf_bounds(
+    t: Type, path: tuple[str, ...], sets: dict[tuple[str, ...], Bound], outer: Bound | None
+) -> tuple[tuple[Bound | None, ...], bool]:
+    """A bound for each leaf of `t`, the innermost set that covers it, and whether all have one."""
+    outer = sets.get(path, outer)
+    if isinstance(t, RecordType):
+        parts = [_leaf_bounds(f, (*path, n), sets, outer) for n, f in t.fields]
+        return tuple(b for bounds, _ in parts for b in bounds), all(d for _, d in parts)
+    if isinstance(t, (ArrayType, ListType)):
+        bounds, declared = _leaf_bounds(t.element, (*path, ""), sets, outer)
+        return bounds * (t.size if isinstance(t, ArrayType) else 1), declared
+    if not isinstance(t, (FloatType, IntType)):
+        return (None,), True
+    if outer is None and isinstance(t, IntType) and not t.is_full:
+        outer = Bound(t.low, t.high)
+    return (outer,), outer is not None
+
+
+def first_outside(
+    t: Type, value: Value, bounds: tuple[Bound | None, ...]
+) -> tuple[str, float, Bound] | None:
+    """The first leaf of a value outside its bound: (path, value, bound), or None."""
+    found, _ = _outside(t, value, bounds, 0, "")
+    return found
+
+
+def _outside(
+    t: Type, value: Value, bounds: tuple[Bound | None, ...], at: int, path: str
+) -> tuple[tuple[str, float, Bound] | None, int]:
+    """The first leaf outside, and the position in `bounds` behind this value's leaves."""
+    if isinstance(t, RecordType):
+        for (name, ft), fv in zip(t.fields, value, strict=True):
+            found, at = _outside(ft, fv, bounds, at, f"{path}.{name}" if path else name)
+            if found is not None:
+                return found, at
+        return None, at
+    if isinstance(t, ArrayType):
+        for i, e in enumerate(value):
+            found, at = _outside(t.element, e, bounds, at, f"{path}[{i}]")
+            if found is not None:
+                return found, at
+        return None, at
+    if isinstance(t, ListType):
+        after = at + len(_leaf_bounds(t.element, (), {}, None)[0])
+        for i, e in enumerate(value):
+            found, _ = _outside(t.element, e, bounds, at, f"{path}[{i}]")
+            if found is not None:
+                return found, after
+        return None, after
+    bound = bounds[at]
+    if bound is None and isinstance(t, FloatType) and not math.isfinite(value):
+        bound = Bound(-math.inf, math.inf)
+    if bound is None or isinstance(t, (BoolType, EnumType)):
+        return None, at + 1
+    if bound.low <= value <= bound.high and math.isfinite(value):
+        return None, at + 1
+    return (path, value, bound), at + 1

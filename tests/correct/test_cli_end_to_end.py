@@ -1,0 +1,219 @@
+"""The command as a process: pipes, signals, full disks, and the robot of `soter new`."""
+
+from __future__ import annotations
+
+import json
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+from json_documents import problems_of  # type: ignore[import-not-found]
+
+ROOT = Path(__file__).resolve().parents[2]
+CART = ROOT / "examples" / "wall" / "cart.soter"
+SOTER = (sys.executable, "-m", "soter.cli.main")
+
+
+@pytest.fixture
+def here(tmp_path: Path) -> Path:
+    shutil.copy(CART, tmp_path / "cart.soter")
+    return tmp_path
+
+
+def soter(here: Path, *arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
+    done: subprocess.CompletedProcess[str] = subprocess.run(
+        [*SOTER, *arguments],
+        cwd=here,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
+        **options,  # type: ignore[call-overload]
+    )
+    assert "Traceback" not in done.stderr
+    return done
+
+
+def test_the_installed_command() -> None:
+    command = Path(sys.executable).with_name("soter")
+    if not command.exists():
+        pytest.skip("soter is not installed as a command here")
+    done = subprocess.run([command, "--version"], capture_output=True, text=True, check=False)
+    assert done.stdout.startswith("soter ")
+
+
+def test_exit_codes(here: Path) -> None:
+    (here / "bad.soter").write_text("soter 1;\nconst A: int = true;\n")
+    assert soter(here, "check", "cart.soter").returncode == 0
+    assert soter(here, "check", "bad.soter").returncode == 1
+    assert soter(here, "check").returncode == 2
+    assert soter(here, "run", "cart.soter", "--system", "Unprotected").returncode == 3
+
+
+# ---------------------------------------------------------------- pipes and disks
+
+
+@pytest.mark.parametrize("arguments", [("explain",), ("run", "cart.soter", "--json"), ("--help",)])
+def test_a_reader_that_leaves_early(here: Path, arguments: tuple[str, ...]) -> None:
+    read, write = os.pipe()
+    process = subprocess.Popen(
+        [*SOTER, *arguments], cwd=here, stdout=write, stderr=subprocess.PIPE, text=True
+    )
+    os.close(write)
+    os.close(read)
+    _, err = process.communicate(timeout=60)
+    assert err == ""
+    assert process.returncode == 0
+
+
+@pytest.mark.parametrize("option", [(), ("--json",)])
+def test_a_full_disk_behind_standard_output(here: Path, option: tuple[str, ...]) -> None:
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(
+            [*SOTER, "check", "cart.soter", *option],
+            cwd=here,
+            stdout=full,
+            stderr=subprocess.PIPE,
+            text=True,
+            check=False,
+        )
+    assert done.returncode == 1
+    assert done.stderr == "soter: cannot write to standard output: no space left on device\n"
+
+
+PRINTING_C = """
+#include "robot.h"
+#include <stdio.h>
+int chatty(const robot_Learned_in *in, robot_Learned_out *out) {
+  (void)in;
+  printf("C says so\\n");
+  out->u = 0.0;
+  out->has_u = 1;
+  return 0;
+}
+"""
+ROBOT = """
+soter 1;
+topic u: float in [-1.0, 1.0];
+extern node Learned period 20ms { publishes u; failsafe u = 0.0; }
+system S { node Learned; until 1s; always abs(u) < 2.0; }
+"""
+
+
+@pytest.fixture
+def robot(here: Path) -> Path:
+    (here / "robot.soter").write_text(ROBOT)
+    (here / "chatty.c").write_text(PRINTING_C)
+    (here / "policy.py").write_text(
+        "import os, sys, time\n"
+        "def chatty(inputs):\n    print('Python says so')\n    os.write(1, b'raw\\n')\n"
+        "    return 0.0\n"
+        "def slow(inputs):\n    time.sleep(0.01)\n    return 0.0\n"
+        "def hangs(inputs):\n    while True:\n        time.sleep(0.1)\n"
+        "def leaves(inputs):\n    sys.exit(7)\n"
+    )
+    return here
+
+
+@pytest.mark.parametrize("binding", ["c:chatty.c:chatty", "python:policy.py:chatty"])
+@pytest.mark.parametrize("engine", ["native", "interp"])
+def test_one_document_whatever_externs_print(robot: Path, binding: str, engine: str) -> None:
+    done = soter(
+        robot, "run", "robot.soter", "--bind", f"Learned={binding}", "--json", "--engine", engine
+    )
+    document = json.loads(done.stdout)
+    assert problems_of(document) == []
+    assert document["exit"] == done.returncode == 0
+    assert "says so" in done.stderr
+
+
+def test_an_extern_cannot_end_the_process(robot: Path) -> None:
+    done = soter(robot, "run", "robot.soter", "--bind", "Learned=python:policy.py:leaves")
+    assert done.returncode == 3, "a trusted node that fails is latched"
+    assert "SystemExit: 7" in done.stdout
+
+
+# ---------------------------------------------------------------- Ctrl-C
+
+
+def interrupted(here: Path, *arguments: str) -> tuple[int, str, str]:
+    """Start a run that takes for ever and press Ctrl-C."""
+    process = subprocess.Popen(
+        [*SOTER, "run", *arguments],
+        cwd=here,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+    time.sleep(2.5)
+    process.send_signal(signal.SIGINT)
+    out, err = process.communicate(timeout=60)
+    assert "Traceback" not in err
+    return process.returncode, out, err
+
+
+@pytest.mark.parametrize("policy", ["slow", "hangs"])
+@pytest.mark.parametrize("engine", ["native", "interp"])
+def test_ctrl_c_shows_what_was_reached(robot: Path, policy: str, engine: str) -> None:
+    code, out, _ = interrupted(
+        robot,
+        "robot.soter",
+        "--until",
+        "9h",
+        "--bind",
+        f"Learned=python:policy.py:{policy}",
+        "--engine",
+        engine,
+    )
+    assert code == 130
+    assert out.splitlines()[1].startswith("INTERRUPTED  stopped at ")
+
+
+def test_ctrl_c_in_compiled_code_gives_the_document(here: Path) -> None:
+    code, out, _ = interrupted(here, "cart.soter", "--until", "20000h", "--json")
+    document = json.loads(out)
+    assert problems_of(document) == []
+    assert code == document["exit"] == 130
+    assert document["interrupted"]
+    assert 0 < document["duration_s"] < document["until_s"]
+
+
+# ---------------------------------------------------------------- the robot of `soter new`
+
+
+def test_the_next_steps_of_a_new_robot_all_work(here: Path) -> None:
+    steps = json.loads(soter(here, "new", "rover", "--json").stdout)["commands"]
+    assert steps[0] == "cd rover"
+    rover = here / "rover"
+    expected = {"--system Unguarded": 3}
+    for step in steps[1:]:
+        words = step.split()
+        command = [sys.executable, *words[1:]] if words[0] == "python" else [*SOTER, *words[1:]]
+        if "pytest" in words:
+            command += ["-q", "-p", "no:cacheprovider"]
+        done = subprocess.run(
+            command, cwd=rover, capture_output=True, text=True, check=False, timeout=300
+        )
+        wanted = next((c for part, c in expected.items() if part in step), 0)
+        assert done.returncode == wanted, f"{step}\n{done.stdout}{done.stderr}"
+    assert (rover / ".soter" / "rover-Guarded-1.html").exists()
+
+
+# ---------------------------------------------------------------- fast enough
+
+
+def test_checking_the_cart_is_quick(here: Path) -> None:
+    """0.4 s is the contract for the drone; this allows for slow machines, not for NumPy."""
+    soter(here, "check", "cart.soter")
+    before = os.times()
+    soter(here, "check", "cart.soter")
+    after = os.times()
+    spent = after.children_user + after.children_system
+    spent -= before.children_user + before.children_system
+    assert spent < 0.8

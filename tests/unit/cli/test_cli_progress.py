@@ -1,0 +1,67 @@
+"""The progress line: on terminals, after two seconds, and gone at the end."""
+
+from __future__ import annotations
+
+import io
+
+import pytest
+
+from soter.cli.console import Console, colorful
+from soter.cli.progress import CLEAR, Progress
+
+
+class Terminal(io.StringIO):
+    def isatty(self) -> bool:
+        return True
+
+
+@pytest.fixture
+def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    now = [0.0]
+    monkeypatch.setattr("soter.cli.progress.time.perf_counter", lambda: now[0])
+    return now
+
+
+def console(err: io.StringIO) -> Console:
+    made = Console(json=False)
+    with made:
+        made.err = err
+    return made
+
+
+def test_nothing_where_nobody_looks() -> None:
+    with Progress(console(io.StringIO())) as show:
+        assert show is None
+
+
+def test_a_line_after_two_seconds(clock: list[float]) -> None:
+    terminal = Terminal()
+    with Progress(console(terminal)) as show:
+        assert show is not None
+        clock[0] = 1.9
+        show(0.3)
+        assert terminal.getvalue() == ""
+        clock[0] = 2.5
+        show(0.5)
+        shown = terminal.getvalue()
+        assert " 50%" in shown
+        assert "2 s left" in shown
+        clock[0] = 2.55
+        show(0.51)
+        assert terminal.getvalue() == shown, "ten times a second is enough"
+    assert terminal.getvalue() == shown + CLEAR
+
+
+def test_colour_follows_the_conventions(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("NO_COLOR", "FORCE_COLOR"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv("TERM", "xterm")
+    assert colorful(Terminal())
+    assert not colorful(io.StringIO())
+    assert not colorful(None)
+    monkeypatch.setenv("TERM", "dumb")
+    assert not colorful(Terminal())
+    monkeypatch.setenv("FORCE_COLOR", "1")
+    assert colorful(io.StringIO())
+    monkeypatch.setenv("NO_COLOR", "1")
+    assert not colorful(Terminal())
