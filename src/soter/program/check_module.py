@@ -225,8 +225,9 @@ class ModuleChecker:
     def _homes(
         self, module: typed.ModuleSymbol, instance: tree.Name, scope: FileScope
     ) -> list[Context]:
-        """A context in each system that has the module; M013 where it lacks the instance."""
-        found = []
+        """A context in each system that has module and instance; M013 where all lack the latter."""
+        found: list[Context] = []
+        lacking: list[tuple[typed.SystemSymbol, dict[str, typed.InstanceSymbol]]] = []
         for home in self.checker.names.scopes:
             for entry in home.entries.values():
                 system = entry.symbol
@@ -238,15 +239,18 @@ class ModuleChecker:
                 if instance.text in instances:
                     where = f"the abstraction of `{instance.text}`"
                     found.append(Context(scope, where, instances=instances))
-                elif system not in self.checker.damaged:
-                    self.diagnostics.error(
-                        "M013",
-                        f"system `{system.name}` has no instance `{instance.text}`",
-                        instance.span,
-                        "abstracted here",
-                        also=((system.span, f"has module `{module.name}`"),),
-                        helps=self.checker.names.suggestion(instance.text, instances),
-                    )
+                else:
+                    lacking.append((system, instances))
+        if lacking and not found and all(s not in self.checker.damaged for s, _ in lacking):
+            system, instances = lacking[0]
+            self.diagnostics.error(
+                "M013",
+                f"system `{system.name}` has no instance `{instance.text}`",
+                instance.span,
+                "abstracted here",
+                also=((system.span, f"has module `{module.name}`"),),
+                helps=self.checker.names.suggestion(instance.text, instances),
+            )
         return found
 
     def _mentioned(self, expr: tree.Expr, scope: FileScope) -> None:

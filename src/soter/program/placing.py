@@ -11,7 +11,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.program import typed
+from soter.program.check_field import listed
 from soter.program.numbers import Numbers
+from soter.program.scope import suggestion
 from soter.program.walk import nodes, topics_beside, topics_mentioned
 
 if TYPE_CHECKING:
@@ -146,16 +148,26 @@ class Placing(Numbers):
                 self._same_truth(placed, by, span)
                 placed.symbol = by
         if not hit and not self.partial:
-            known = [p.name[len(prefix) :] for p in self.placed if p.name.startswith(prefix)]
             what = "plant" if isinstance(by, typed.PlantSymbol) else "node"
+            known = [n[len(prefix) :] for n in self._replaceable(type(by)) if n.startswith(prefix)]
             self.diagnostics.error(
                 "M013",
                 f"this system has no {what} `{path}` to replace",
                 span,
-                notes=("its instances are " + ", ".join(f"`{n}`" for n in known[:12]),)
-                if known
-                else (),
+                notes=(f"its {what}s are {listed(known)}",) if known else (),
+                helps=suggestion(path, known),
             )
+
+    def _replaceable(self, kind: type) -> list[str]:
+        """Full names of the plants, or of the nodes, those of modules included."""
+        found = []
+        for placed in self.placed:
+            if isinstance(placed.symbol, kind):
+                found.append(placed.name)
+            elif kind is typed.NodeSymbol and isinstance(placed.symbol, typed.ModuleSymbol):
+                nodes_ = (placed.symbol.ac, placed.symbol.sc)
+                found += [f"{placed.name}.{n.name.rpartition('.')[2]}" for n in nodes_]
+        return found
 
     def _same_outputs(self, old: object, new: object, span: Span) -> None:
         def outputs(s: object) -> set[typed.TopicSymbol]:
