@@ -13,7 +13,10 @@ def test_the_demo_prints_a_table_and_writes_a_self_contained_report(tmp_path: Pa
     report = tmp_path / "drone.html"
     done = subprocess.run(
         [sys.executable, "examples/drone/demo.py", "--laps", "12", "-o", str(report)],
-        cwd=ROOT, capture_output=True, text=True, check=False,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert "RTA-protected" in done.stdout

@@ -1,7 +1,7 @@
 """Every program in tests/dynamic_error goes wrong at run time as it says, on both engines alike.
 
-A file says what to expect in its first lines: `// expect: fault COMPONENT KIND`, `latched COMPONENT`,
-`violations N`, `topic NAME = VALUE`, `gate_faults MODULE`, `switches MODULE`, `mode MODULE SC|AC`,
+A file says what to expect in its first lines: `// expect: fault COMPONENT KIND`,
+`latched COMPONENT`, `violations N`, `topic NAME = VALUE`, `gate_faults MODULE`, `switches MODULE`, `mode MODULE SC|AC`,
 `property "TEXT" ONSETS`.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -25,11 +25,11 @@ FILES = sorted(FOLDER.glob("*.soter"))
 DEFAULT_NS = 1_000_000_000
 
 
-def _component(run: Run, name: str) -> object:
+def _component(run: Run, name: str) -> Any:
     return run.final["components"][run.system.component(name).index]
 
 
-def _module(run: Run, name: str) -> object:
+def _module(run: Run, name: str) -> Any:
     index = next(m.index for m in run.system.modules if m.name == name)
     return run.final["modules"][index]
 
@@ -39,10 +39,10 @@ def _holds(run: Run, expectation: str) -> None:
     words = rest.split()
     if kind == "fault":
         row = _component(run, words[0])
-        assert row["faults"] > 0  # type: ignore[index]
-        assert FaultKind(int(row["last_fault"])).name.lower() == words[1]  # type: ignore[index]
+        assert row["faults"] > 0
+        assert FaultKind(int(row["last_fault"])).name.lower() == words[1]
     elif kind == "latched":
-        assert _component(run, words[0])["latched"] == 1  # type: ignore[index]
+        assert _component(run, words[0])["latched"] == 1
     elif kind == "violations":
         assert run.violations == int(words[0])
     elif kind == "topic":
@@ -53,7 +53,7 @@ def _holds(run: Run, expectation: str) -> None:
     elif kind == "switches":
         assert run.modules[words[0]].switches_to_sc > 0
     elif kind == "mode":
-        assert _module(run, words[0])["mode"] == (words[1] == "AC")  # type: ignore[index]
+        assert _module(run, words[0])["mode"] == (words[1] == "AC")
     elif kind == "property":
         found = re.fullmatch(r'"(.*)" (\d+)', rest)
         assert found
@@ -81,8 +81,7 @@ def test_a_program_goes_wrong_at_run_time_as_it_says(path: Path) -> None:
 
 
 def test_every_kind_of_step_fault_has_a_program() -> None:
-    named = {
-        m for p in FILES for m in re.findall(r"^// expect: fault \S+ (\w+)$", p.read_text(), re.M)
-    }
+    fault = re.compile(r"^// expect: fault \S+ (\w+)$", re.MULTILINE)
+    named = {kind for p in FILES for kind in fault.findall(p.read_text(encoding="utf-8"))}
     kinds = {k.name.lower() for k in FaultKind} - {"none", "extern"}
     assert kinds <= named

@@ -40,7 +40,11 @@ def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
     environment = {**os.environ, "SOTER_CACHE": str(tmp_path / "cache")}
     done = subprocess.run(
         [sys.executable, "-m", "soter.cli.main", *arguments],
-        cwd=tmp_path, env=environment, capture_output=True, text=True, check=False,
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     expected = VIOLATED if "Unprotected" in command else 0
     assert done.returncode == expected, done.stdout + done.stderr
@@ -53,7 +57,11 @@ def test_the_python_of_the_readme_works(tmp_path: Path) -> None:
     environment = {**os.environ, "SOTER_CACHE": str(tmp_path / "cache")}
     done = subprocess.run(
         [sys.executable, "-c", code.group(1)],
-        cwd=ROOT, env=environment, capture_output=True, text=True, check=False,
+        cwd=ROOT,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("0 0.")

@@ -39,8 +39,7 @@ def cache_dir() -> Path:
 def _content(unit: Unit, flags: tuple[str, ...], identity: str) -> str:
     digest = hashlib.sha256()
     parts = [unit.header, unit.source, identity, *flags]
-    for name in (*KERNEL, "soter.h"):
-        parts.append((RUNTIME / name).read_text(encoding="utf-8"))
+    parts += [(RUNTIME / name).read_text(encoding="utf-8") for name in (*KERNEL, "soter.h")]
     for source in unit.c_sources:
         parts += [source, _read_extern(source)]
         folder = Path(source).parent
