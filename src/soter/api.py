@@ -95,6 +95,8 @@ class Program:
         self._checked: Checked = check_file(path)
         self._bound: dict[str, object] = {}
         self._native: dict[object, NativeProgram] = {}
+        self._flat: list[System] | None = None
+        """Every system with parameters at their defaults: what `bind` looks for names in."""
 
     def __repr__(self) -> str:
         return f"<soter.Program {self.path}: {', '.join(self.systems) or 'no systems'}>"
@@ -134,7 +136,10 @@ class Program:
             _system_report(flat[name], default=symbol.default)
             for name, symbol in self._checked.systems.items()
         )
-        return CheckReport(self.path, program.sha256, reports, self.diagnostics)
+        from soter.simulate.extern_files import warnings_of  # noqa: PLC0415 - see the docstring
+
+        warnings = (*self.diagnostics, *warnings_of(program, self._bound))
+        return CheckReport(self.path, program.sha256, reports, warnings)
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
         """The value of a constant, by full name (`city.GOALS`), as Python sees it.
@@ -168,13 +173,25 @@ class Program:
 
         `name`: a full name (`d.M.Learned`), its last part, or the declared name. `target`: a
         callable, an object or class with `step` and perhaps `reset(seed)`, or a text
-        `python:file.py:name` or `c:file.c:name` (relative to the current folder).
+        `python:file.py:name` or `c:file.c:name` (relative to the current folder). SoterError
+        U005 where no system has such an extern, U001, X002, X003 for a wrong target.
         """
-        if isinstance(target, str):
-            from soter.simulate.bindings import check_text  # noqa: PLC0415 - see the docstring
+        from soter.simulate.bindings import check_target, require_named  # noqa: PLC0415 - as above
 
-            check_text(name, target)
+        check_target(name, target)
+        if self.ok:
+            if self._flat is None:
+                self._flat = [system_of(self._checked, s) for s in self.systems]
+            require_named(self._flat, name)
         self._bound[name] = target
+        return self
+
+    def unbind(self, name: str) -> Program:
+        """Undo `bind(name, ...)`: the program's own `from` counts again, if there is one."""
+        if name not in self._bound:
+            known = ", ".join(f"`{n}`" for n in self._bound) or "nothing"
+            raise _mistake("U005", f"nothing was bound as `{name}`", f"bound is {known}")
+        del self._bound[name]
         return self
 
     # ------------------------------------------------------------ running
@@ -197,16 +214,18 @@ class Program:
         """Run a system in virtual time.
 
         `until`: seconds or a text such as `"30s"`, by default the system's own. `params`: values
-        of parameters by full name; lengths of time in s or as text. `trace` keeps the state
-        after every instant. `log`, `report`: files to write. `progress` is called with the
+        of parameters by full name; lengths of time in s or as text. `seed`: a whole number, 0 to
+        2^64 - 1. `trace` keeps the state after every instant. `log`, `report`: files to write. `progress` is called with the
         share that is done. Ctrl-C ends the run at an instant and raises `KeyboardInterrupt`,
         or, where `partial`, gives back what was reached.
         """
         from soter.simulate.bindings import callables  # noqa: PLC0415 - see the docstring
         from soter.simulate.interrupt import Stop, StopRequest, stoppable  # noqa: PLC0415
         from soter.simulate.pace import Pacer  # noqa: PLC0415
+        from soter.simulate.settings import seed_value  # noqa: PLC0415
 
         _require_engine(engine)
+        seed = seed_value(seed)
         flat = self._system(system, params)
         end_ns = _end_ns(flat, until)
         require_writers(log, report)
@@ -244,6 +263,7 @@ class Program:
 
     def write_report(self, run: Run, path: str | Path) -> Path:
         """Write the HTML report of a traced run; `SoterError` D006, D007."""
+        from soter.simulate.params import changed  # noqa: PLC0415 - see the docstring
         from soter.simulate.to_report import write_report  # noqa: PLC0415 - an extra
 
         facts = {
@@ -252,6 +272,7 @@ class Program:
             "seed": str(run.seed),
             "engine": run.engine,
             "trace sha256": run.trace_sha256 or "",
+            **{f"param {name}": text for name, (text, _) in changed(run.system).items()},
             **{f"extern {name}": text for name, text in run.externs.items()},
             "soter": __version__,
         }

@@ -1,7 +1,8 @@
 """Every program in tests/dynamic_error goes wrong at run time as it says, on both engines alike.
 
 A file says what to expect in its first lines: `// expect: fault COMPONENT KIND`,
-`latched COMPONENT`, `violations N`, `topic NAME = VALUE`, `gate_faults MODULE`, `switches MODULE`, `mode MODULE SC|AC`,
+`latched COMPONENT`, `violations N`, `topic NAME = VALUE`, `gate_faults MODULE`, `switches MODULE`,
+`mode MODULE SC|AC`,
 `property "TEXT" ONSETS`.
 """
 

@@ -78,15 +78,17 @@ def until_of(system: System, instants: int) -> int:
 # ---------------------------------------------------------------- the C engine
 
 
-def write_units(subjects: list[Subject], folder: Path) -> list[Path]:
-    """Write the generated C of all subjects; gives the source files."""
-    sources = []
+def write_units(subjects: list[Subject], folder: Path) -> Path:
+    """Write the generated C of all subjects; gives one file that includes them all, which a
+    compiler reads in half the time.
+    """
     for s in subjects:
         unit = s.unit()
         (folder / f"{s.name}.h").write_text(unit.header, encoding="utf-8")
-        sources.append(folder / f"{s.name}.c")
-        sources[-1].write_text(unit.source, encoding="utf-8")
-    return sources
+        (folder / f"{s.name}.c").write_text(unit.source, encoding="utf-8")
+    together = folder / "all_programs.c"
+    together.write_text("".join(f'#include "{s.name}.c"\n' for s in subjects), encoding="utf-8")
+    return together
 
 
 def call_compiler(folder: Path, *arguments: str) -> None:
@@ -104,12 +106,10 @@ def kernel_sources() -> list[str]:
 
 def compile_library(subjects: list[Subject], folder: Path, optimise: str) -> Path:
     """All subjects and one kernel as a shared library."""
-    sources = write_units(subjects, folder)
+    source = write_units(subjects, folder)
     target = folder / f"all{optimise}.so"
-    call_compiler(
-        folder, optimise, "-fPIC", "-shared", "-o", str(target), *map(str, sources),
-        *kernel_sources(), "-lm",
-    )  # fmt: skip
+    shared = ("-fPIC", "-shared", "-o", str(target))
+    call_compiler(folder, optimise, *shared, str(source), *kernel_sources(), "-lm")
     return target
 
 

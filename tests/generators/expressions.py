@@ -280,10 +280,10 @@ class ExpressionMaker:
     def _special_bool(self, at: Sight, _depth: int) -> str | None:
         choose = self.choose
         options = ["in_control"] if at.has_control else []
-        options += [f"(mode({m}) == Mode.{choose.pick(MODE.members)})" for m in at.modules]
+        options += [f"(mode({m}) == Mode.{choose.pick(MODE.members)})" for m in at.modules if not at.shadowed(m)]
         if at.durations():
-            d = choose.pick(at.durations())
-            options.append(f"({d} {choose.pick(COMPARISONS)} {choose.pick(DURATIONS)})")
+            left, right = self._duration(at), self._duration(at)
+            options.append(f"({left} {choose.pick(COMPARISONS)} {right})")
         return choose.pick(options) if options else None
 
     # ------------------------------------------------------------ int
@@ -405,8 +405,25 @@ class ExpressionMaker:
         options += ["dt"] if at.has_period and not at.shadowed("dt") else []
         if not at.constant:
             options += [f"age({s.name})" for s in at.topics if not at.shadowed(s.name)]
-        options += [f"seconds({d})" for d in (*at.durations(), choose.pick(DURATIONS))]
+        options.append(f"seconds({self._duration(at)})")
         return choose.pick(options)
+
+    def _duration(self, at: Sight) -> str:
+        """A time: constants, parameters, and what may be computed with them."""
+        choose = self.choose
+        known = (*at.durations(), choose.pick(DURATIONS))
+        one = choose.pick(known)
+        if at.constant or choose.chance(75):
+            return one
+        kind = choose.pick(("sum", "chosen", "times", "part"))
+        if kind == "sum":
+            return f"({one} {choose.pick('+-')} {choose.pick(known)})"
+        if kind == "chosen":
+            return f"({self.simple(BOOL, at)} ? {one} : {choose.pick(known)})"
+        n = self._number(at)
+        if kind == "part":
+            return f"({one} / {n if choose.chance(at.risk) else choose.pick(('2', '-3', '7'))})"
+        return f"({one} * {n if choose.chance(at.risk) else f'({n} % 50)'})"
 
     def _float_of_int(self, at: Sight, depth: int) -> str:
         return f"float({self.make(INT, at, depth - 1)})"

@@ -110,7 +110,7 @@ def _commands(folder: Path, name: str) -> list[tuple[str, str]]:
         (f"soter run {program} --report", "the policy, guarded: stays on the rail"),
         (f"soter run {program} --system Unguarded", "the policy alone: leaves it, exit 3"),
         (f"soter run {program} --bind Learned=c:policy.c:policy_step", "the same policy in C"),
-        ("python -m pytest", ""),
+        ("python -m unittest", "its tests; pytest runs them too"),
     ]
 
 

@@ -6,6 +6,8 @@ Non-goals: real time. `--real-time` only paces the virtual-time driver.
 
 from __future__ import annotations
 
+import hashlib
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -29,6 +31,8 @@ EXAMPLES = """\
   soter run cart.soter --set GAIN=3 --bind Learned=python:policy.py:step
   soter run cart.soter --engine interp         the reference interpreter: slow, the same bytes
 """
+NAME_MAX = 150
+"""Characters of a file's own name; file systems allow 255 bytes."""
 OWN_PLACE = ""
 """The value of --log and --report without a path."""
 
@@ -129,6 +133,17 @@ def _look_ahead(args: argparse.Namespace) -> None:
         raise SoterError((problem,))
 
 
+def _own_name(args: argparse.Namespace, result: Run) -> str:
+    """Program, system, seed and what was set on the command line: no sweep overwrites itself."""
+    parts = [Path(args.file).stem, result.system.name, str(result.seed)]
+    parts += [f"{name}={value}" for name, value in args.params]
+    name = "-".join(re.sub(r"[^A-Za-z0-9_.=+-]", "_", part) for part in parts)
+    if len(name) > NAME_MAX:
+        digest = hashlib.sha256(name.encode()).hexdigest()[:12]
+        return f"{name[:NAME_MAX]}-{digest}"
+    return name
+
+
 def _files(
     program: Program, result: Run, args: argparse.Namespace
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
@@ -141,8 +156,7 @@ def _files(
         if path is None:
             continue
         if path == OWN_PLACE:
-            name = f"{Path(args.file).stem}-{result.system.name}-{result.seed}{ending}"
-            path = str(Path(args.output) / name)
+            path = str(Path(args.output) / f"{_own_name(args, result)}{ending}")
         try:
             write(result, path)
             written[kind] = path

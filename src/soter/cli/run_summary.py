@@ -15,6 +15,7 @@ import numpy as np
 from soter.report.summary import Entry, Styled, display_width, mode_timeline, table
 from soter.simulate.assumptions import of_run
 from soter.simulate.figures import component_faults
+from soter.simulate.params import changed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -32,9 +33,10 @@ COLUMNS_A_TAKEOVER = 3
 def summary(run: Run, path: str, console: Console) -> str:
     """All of it."""
     sections = [
-        [_headline(run, path, console), *_verdict(run, console)],
+        [_headline(run, path, console), *_params(run, console), *_verdict(run, console)],
         list(_violations(run, console)),
         list(_faults(run, console)),
+        [f"{console.paint('yellow', 'note')}  {text}" for text in run.notes],
         _modules(run, console),
         list(_timelines(run, console)),
         list(_grounds(run, console)),
@@ -48,6 +50,16 @@ def _headline(run: Run, path: str, console: Console) -> str:
     how += f" ({_rounded(speed)} {TIMES} real time)" if run.lag_s_max is None else ", paced"
     facts = f"{path}  {run.system.name}, seed {run.seed}, {run.duration_s:g} s  {how}"
     return console.paint("muted", facts)
+
+
+def _params(run: Run, console: Console) -> Iterator[str]:
+    """What is not at its default."""
+    found = changed(run.system)
+    if found:
+        texts = [
+            f"{name} = {value} (default {default})" for name, (value, default) in found.items()
+        ]
+        yield console.paint("muted", f"params  {', '.join(texts)}")
 
 
 def _verdict(run: Run, console: Console) -> list[str]:
@@ -66,7 +78,7 @@ def _verdict(run: Run, console: Console) -> list[str]:
         lines.append(f"{console.paint('yellow', 'NOTHING ASKED')}  the system states no property")
     else:
         noun = "the property holds" if properties == 1 else f"all {properties} properties hold"
-        lines.append(f"{console.paint('green', 'SAFE')}  {noun} in this run")
+        lines.append(f"{console.paint('green', 'no violation in this run')}  {noun}")
     if run.lag_s_max is not None:
         late = f"no instant was more than {_time(run.lag_s_max)} late"
         lines.append(f"paced by the virtual-time driver, not the real-time runtime: {late}")

@@ -188,6 +188,8 @@ class Body:
         if isinstance(s, core.Set):
             target, t = self._target(s.name, s.type, s.path)
             value = self.expr(s.value)
+            if value == target:  # a program may say `x = x`; compilers remark on it
+                return [c.Unused(self.local(s.name))]
             return [c.Assign(target, self.types.to_store(t, value) if s.path else value)]
         if isinstance(s, core.Push):
             return self._push(s)

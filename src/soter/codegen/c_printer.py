@@ -262,7 +262,7 @@ def member(m: c.StructMember, depth: int) -> str:
 def _function(item: c.FunctionDef) -> Iterator[str]:
     if item.doc:
         yield f"/* {comment_text(item.doc)} */"
-    prefix = "static inline " if item.inline else "static " if item.static else ""
+    prefix = "SOTER_INLINE " if item.inline else "static " if item.static else ""
     parameters = ", ".join(declarator(t, n) for t, n in item.parameters) or "void"
     head = f"{prefix}{declarator(item.result, item.name)}({parameters})"
     if item.body is None:

@@ -250,7 +250,7 @@ class StructDef(CTop):
 
 @dataclass(frozen=True)
 class FunctionDef(CTop):
-    """A function; `doc` is the comment above it."""
+    """A function; `doc` is the comment above it. An inline one need not be called (soter.h)."""
 
     result: str
     name: str

@@ -221,7 +221,7 @@ class _UnitBuilder:
                 c.Do(c.CallExpr("soter_raise", (c.Name("fault"), c.Name("SOTER_EXTERN_FAULT")))),
                 c.Return(self.types.default(f.result_type)),
             )
-        return c.FunctionDef(result, name, parameters, body, doc)
+        return c.FunctionDef(result, name, parameters, body, doc, inline=True)
 
     def _steps(self) -> list[c.CTop]:
         found: list[c.CTop] = []

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 RUNTIME = Path(__file__).resolve().parent.parent / "runtime"
 KERNEL = ("soter_kernel.c", "soter_virtual.c")
 TIMEOUT_S = 300
+TELLING = ("error", "undefined", "previous de")
+"""What makes a line of a C compiler worth showing."""
 OWN_SYMBOLS = ("-Wl,-Bsymbolic",) if sys.platform.startswith("linux") else ()
 """A library calls its own functions: without it an extern named `step` would be that of libc."""
 
@@ -38,7 +40,7 @@ def cache_dir() -> Path:
 
 def _content(unit: Unit, flags: tuple[str, ...], identity: str) -> str:
     digest = hashlib.sha256()
-    parts = [unit.header, unit.source, identity, *flags]
+    parts = [unit.header, unit.source, identity, *flags, "externs are checked by the header"]
     parts += [(RUNTIME / name).read_text(encoding="utf-8") for name in (*KERNEL, "soter.h")]
     for source in unit.c_sources:
         parts += [source, _read_extern(source)]
@@ -89,13 +91,35 @@ def library(unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = ()) -> P
     return target
 
 
+def _checked(work: Path, number: int, source: str, prefix: str) -> str:
+    """An extern's C, followed by the header: a wrong signature is an error, not undefined.
+
+    The header comes last, so that the file may still ask the system for its features first.
+    """
+    path = str(Path(source).resolve())
+    if Path(source).suffix != ".c" or '"' in path or "\\" in path:
+        return path
+    wrapped = work / f"extern_{number + 1}.c"
+    wrapped.write_text(f'#include "{path}"\n#include "{prefix}.h"\n', encoding="utf-8")
+    return str(wrapped)
+
+
+def _helps(unit: Unit) -> tuple[str, ...]:
+    files = ", ".join(f"`{s}`" for s in unit.c_sources)
+    return (
+        f"the mistake is most likely in {files}",
+        f"`{unit.prefix}.h` (named after the main program file) declares what is expected: "
+        f'#include "{unit.prefix}.h"',
+    )
+
+
 def compile_in(work: Path, unit: Unit, flags: tuple[str, ...]) -> Path:
     """Write the unit into `work` and compile it there; X004 with the compiler's words."""
     (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
     source = work / f"{unit.prefix}.c"
     source.write_text(unit.source, encoding="utf-8")
     built = work / "program.so"
-    externs = [str(Path(s).resolve()) for s in unit.c_sources]
+    externs = [_checked(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
     command = [
         *find().command,
         *flags,
@@ -113,14 +137,14 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...]) -> Path:
     )
     if done.returncode != 0:
         lines = done.stderr.replace(str(work) + os.sep, "").strip().splitlines()
-        shown = [x for x in lines if "error" in x or "undefined" in x] or lines
+        shown = [x for x in lines if any(word in x for word in TELLING)] or lines
         raise SoterError(
             (
                 Diagnostic(
                     "X004",
                     "the C of this program does not compile",
                     notes=tuple(shown[:8]),
-                    helps=("the mistake is most likely in an extern's C file",)
+                    helps=_helps(unit)
                     if externs
                     else ("this is a defect of soter: please report it with the program",),
                 ),

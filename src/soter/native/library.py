@@ -15,6 +15,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
     import numpy.typing as npt
@@ -50,15 +51,27 @@ def _ffi() -> Any:  # noqa: ANN401 - cffi has no types for this
     return ffi
 
 
-def opened(ffi: Any, path: Path) -> Any:  # noqa: ANN401 - cffi has no types for this
-    """The library; SoterError X004 where a function it needs is nowhere."""
+def opened(
+    ffi: Any,  # noqa: ANN401 - cffi has no types for this
+    path: Path,
+    owners: Mapping[str, str] | None = None,
+) -> Any:  # noqa: ANN401 - the same
+    """The library; SoterError X004 where a function it needs is nowhere.
+
+    `owners`: the C file in which each linked function was to be found.
+    """
     try:
         return ffi.dlopen(str(path))
     except OSError as error:
         _, _, missing = str(error).partition("undefined symbol: ")
         if missing:
             symbol = missing.split()[0].rstrip(".")
-            message = f"no C file of this program has the function `{symbol}`"
+            file = (owners or {}).get(symbol)
+            message = (
+                f"`{file}` has no function `{symbol}`"
+                if file
+                else f"no C file of this program has the function `{symbol}`"
+            )
             helps: tuple[str, ...] = (
                 "is its name right in `c:file.c:name`, and is it not static?",
             )
@@ -70,9 +83,11 @@ def opened(ffi: Any, path: Path) -> Any:  # noqa: ANN401 - cffi has no types for
 class Library:
     """One compiled program; holds no state of its own."""
 
-    def __init__(self, path: Path, prefix: str, state_size: int) -> None:
+    def __init__(
+        self, path: Path, prefix: str, state_size: int, owners: Mapping[str, str] | None = None
+    ) -> None:
         self.ffi = _ffi()
-        self.lib = opened(self.ffi, path)
+        self.lib = opened(self.ffi, path, owners)
         symbols = self.ffi.cast("void *", 0)
         del symbols
         self._program = _address(self.ffi, path, f"{prefix}_program")

@@ -6,27 +6,28 @@ Non-goals: rendering diagnostics, anything dynamic.
 
 from __future__ import annotations
 
+import sys
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics, Severity, SoterError
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.program.checker import check
 from soter.program.elaborate import Elaborator, implicit_system
 from soter.program.loader import load
+from soter.program.summary import for_people
 from soter.program.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 from soter.program.wellformed import check_declaration, check_periods
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.program.loader import LoadedProgram
     from soter.program.system import System
     from soter.program.typed import Program, TestSymbol
     from soter.program.types import Value
 
 
-HUSHED = {"W001", "W004", "W005"}
-"""Warnings about absence, which an error may have caused."""
+RECURSION_LIMIT = 6_000
+ALL_COMPONENTS_MAX = 20_000
 
 
 @dataclass(eq=False)
@@ -54,6 +55,7 @@ def check_file(
     path: str, text: str | None = None, overrides: Mapping[str, Value] | None = None
 ) -> Checked:
     """Check the program in `path` (or in `text`, with `path` as its name)."""
+    _leave_room_to_recurse()
     found = Diagnostics()
     loaded = load(path, found, text)
     if loaded is None:
@@ -67,12 +69,32 @@ def check_file(
     _one_default(own, found)
     for module in program.modules.values():
         check_declaration(module, found, program.damaged)
+    components = 0
     for system in own.values():
-        _flatten(program, system, overrides or {}, found, draft=draft)
+        flat = _flatten(program, system, overrides or {}, found, draft=draft)
+        components += len(flat.components) if flat is not None else 0
+        if components > ALL_COMPONENTS_MAX:
+            found.error(
+                "M007",
+                "the systems of this program are too large together",
+                system.span,
+                f"more than {ALL_COMPONENTS_MAX} plants, nodes and decision modules up to here",
+                helps=("put them into programs of their own, with the parts in a common import",),
+            )
+            break
     for test in program.tests.values():
         _flatten_test(program, test, overrides or {}, found)
     _check_the_rest(program, own, found)
-    return Checked(program, _in_order(found, loaded), own)
+    return Checked(program, for_people(found, [f.source for f in loaded.files]), own)
+
+
+def _leave_room_to_recurse() -> None:
+    """Let every pass, also the later ones, follow the deepest tree that the parser lets through.
+
+    200 levels of expressions inside 64 of blocks (S020), several Python frames a level.
+    """
+    if sys.getrecursionlimit() < RECURSION_LIMIT:
+        sys.setrecursionlimit(RECURSION_LIMIT)
 
 
 def _flatten(
@@ -155,26 +177,6 @@ def _one_default(systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics) 
             also=((marked[0].span, "the first one"),),
             notes=("it is the system that runs when none is named",),
         )
-
-
-def _in_order(found: Diagnostics, loaded: LoadedProgram) -> Diagnostics:
-    """By file in order of loading, then by position; errors before warnings at one place.
-
-    Beside errors there are no warnings about what is missing: the error may be what hides it.
-    """
-    files = {id(f.source): i for i, f in enumerate(loaded.files)}
-    ordered = Diagnostics()
-    for d in sorted(
-        found.items,
-        key=lambda d: (
-            files.get(id(d.primary.span.source), -1) if d.primary else -1,
-            d.primary.span.start if d.primary else -1,
-            d.severity is not Severity.ERROR,
-        ),
-    ):
-        if d.severity is Severity.ERROR or not found.has_errors or d.code not in HUSHED:
-            ordered.add(d)
-    return ordered
 
 
 def system_of(

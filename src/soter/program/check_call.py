@@ -66,7 +66,9 @@ class CallChecker(FieldChecker):
             if entry is None:
                 return self._failed(expr, context)
         else:
-            if not isinstance(callee, tree.ErrorExpr):
+            if isinstance(callee, tree.ErrorExpr):
+                self.names.losses += 1
+            else:
                 self.diagnostics.error(
                     "T004",
                     "only functions can be called",
@@ -219,6 +221,10 @@ class CallChecker(FieldChecker):
         names = flat_names(argument)
         what = "an expression"
         if isinstance(argument, tree.ErrorExpr):
+            self.names.losses += 1
+            return None
+        if names is not None and names[0].text in context.lost:
+            self.names.losses += 1
             return None
         if names is not None and context.find_local(names[0].text) is not None:
             what = "a variable"

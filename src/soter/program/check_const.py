@@ -31,6 +31,8 @@ if TYPE_CHECKING:
 
 PROGRAM_BUDGET = 2_000_000
 """Operations that all constants of a program may take together: about a second."""
+CONSTANT_BUDGET = 1_000_000
+"""And one of them alone."""
 
 WHY = {
     FaultKind.OVERFLOW: "an int leaves its range",
@@ -57,7 +59,10 @@ class Calculator:
         """The value, or None after a report (T020) that begins with `what`."""
         if isinstance(expr, typed.Literal):
             return expr.value
-        self._evaluator.allow(max(self.left, 0))
+        if self.left <= 0:
+            return None  # reported when the budget ran out
+        allowed = min(self.left, CONSTANT_BUDGET)
+        self._evaluator.allow(allowed)
         try:
             return self._evaluator.value(expr)
         except StepFault as fault:
@@ -68,12 +73,12 @@ class Calculator:
                 f"{what} takes too long to compute",
                 expr.span,
                 notes=(
-                    f"all constants of a program together may take {PROGRAM_BUDGET} operations",
+                    f"one constant may take {CONSTANT_BUDGET} operations, all {PROGRAM_BUDGET}",
                 ),
                 helps=('compute a large table once and read it: `data "file.json"`',),
             )
         finally:
-            self.left -= self._evaluator.spent
+            self.left -= min(self._evaluator.spent, allowed)
         return None
 
     def _fault(self, fault: StepFault, expr: typed.Expr, what: str) -> None:

@@ -31,6 +31,7 @@ from soter.program.types import (
     IntType,
     ListType,
     RecordType,
+    is_vector_part,
 )
 from soter.program.walk import topics_beside
 from soter.syntax import tree
@@ -408,12 +409,12 @@ def show(value: Value, t: Type) -> str:
 
 def scalar_of(t: Type) -> Type | None:
     """The one kind of number a type is made of (FLOAT or INT), or None."""
-    if isinstance(t, FloatType):
+    if is_vector_part(t):
         return FLOAT
     if isinstance(t, IntType):
         return INT
     if isinstance(t, RecordType):
-        kinds = {scalar_of(f) for _, f in t.fields}
+        kinds = {scalar_of(f) for f in {id(f): f for _, f in t.fields}.values()}
         return kinds.pop() if len(kinds) == 1 else None
     if isinstance(t, (ArrayType, ListType)):
         return scalar_of(t.element)

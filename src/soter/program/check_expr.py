@@ -20,6 +20,7 @@ from soter.program.check_base import (
 from soter.program.check_call import CallChecker
 from soter.program.check_field import listed
 from soter.program.check_operator import OperatorChecker
+from soter.program.context import SPECIALS
 from soter.program.scope import BUILTIN_FUNCTIONS, suggestion
 from soter.program.types import (
     BOOL,
@@ -42,12 +43,6 @@ if TYPE_CHECKING:
     from soter.program.context import Context
     from soter.program.scope import Entry
 
-SPECIALS = {
-    "in_control": "only the step of a node is in control or not",
-    "time": "only nodes, plants and properties see the time",
-    "dt": "only nodes and plants have a period",
-}
-
 __all__ = ["ExprChecker", "error_expr", "float_literal", "is_error", "plain"]
 
 
@@ -57,7 +52,10 @@ class ExprChecker(CallChecker, OperatorChecker):
     def dispatch(self, expr: tree.Expr, context: Context, expected: Type | None) -> typed.Expr:
         """The typed expression, not yet converted; `expected` is a hint for literals."""
         method = self._METHODS.get(type(expr))
-        return error_expr(expr.span) if method is None else method(self, expr, context, expected)
+        if method is None:  # what could not be parsed
+            self.names.losses += 1
+            return error_expr(expr.span)
+        return method(self, expr, context, expected)
 
     # ------------------------------------------------------------ literals
 
@@ -114,6 +112,9 @@ class ExprChecker(CallChecker, OperatorChecker):
             return self.entry(entry, span, context)
         if name in SPECIALS:
             return self._special(name, span, context)
+        if name in context.lost:
+            self.names.losses += 1
+            return error_expr(span)
         if context.instances is not None and name in context.instances:
             return self.no_value(context.instances[name].what, name, span)
         if name in BUILTIN_FUNCTIONS:
@@ -221,6 +222,9 @@ class ExprChecker(CallChecker, OperatorChecker):
         return typed.TopicRead(topic.type, span, topic)
 
     def _not_subscribed(self, topic: typed.TopicSymbol, span: Span, context: Context) -> None:
+        if context.owner in self.checker.damaged:  # it may be the one that could not be read
+            self.names.losses += 1
+            return
         if context.node is not None and topic in context.node.publishes:
             message = f"{context.where} publishes `{topic.name}` and cannot read it back"
             helps = ("keep the value in a local `var`",)

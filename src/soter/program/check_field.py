@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING
 
 from soter.program import typed
 from soter.program.check_base import ExprBase, error_expr, is_error
-from soter.program.scope import suggestion
+from soter.program.context import SPECIALS
+from soter.program.scope import BUILTIN_FUNCTIONS, suggestion
 from soter.program.types import (
     INT,
     MODE,
@@ -67,9 +68,19 @@ class FieldChecker(ExprBase):
     def field(self, expr: tree.FieldExpr, context: Context, _: Type | None) -> typed.Expr:
         """`target.field` in all its meanings."""
         names = flat_names(expr)
+        if names is not None and names[0].text in context.lost:
+            self.names.losses += 1
+            return error_expr(expr.span)
         if names is not None and context.find_local(names[0].text) is None:
             if context.instances is not None and names[0].text in context.instances:
                 return self._below_instance(expr.span, names, context)
+            if self._is_unknown(names[0].text, context):
+                more = [*context.local_names(), *(context.instances or ())]
+                first = names[0]
+                self.names.unknown(
+                    context.scope, first.text, first.span, more, where=context.where, dotted=True
+                )
+                return error_expr(expr.span)
             found = self._constant_length(expr, names, context)
             found = found or self._below_name(expr, names, context)
             if found is not None:
@@ -78,6 +89,18 @@ class FieldChecker(ExprBase):
         if is_error(target):
             return error_expr(expr.span)
         return self._select(target, expr.field, expr.span)
+
+    def _is_unknown(self, name: str, context: Context) -> bool:
+        scope = context.scope
+        return not (
+            name in scope.entries
+            or name in scope.imports
+            or name in self.names.prelude
+            or name in SPECIALS
+            or name in BUILTIN_FUNCTIONS
+            or name == "Mode"
+            or (context.hidden is not None and context.hidden.find_local(name) is not None)
+        )
 
     def _constant_length(
         self, expr: tree.FieldExpr, names: list[tree.Name], context: Context
@@ -177,6 +200,10 @@ class FieldChecker(ExprBase):
         if not rest:
             return self.no_value(what, path, span)
         if isinstance(what, typed.PlantSymbol) and rest[0].text == "truth":
+            lacking = rest[1:] and what.truth.index(rest[1].text) is None
+            if lacking and what in self.checker.damaged:
+                self.names.losses += 1
+                return error_expr(span)
             value: typed.Expr = typed.TruthRead(what.truth, span, path)
             return self._select_all(value, rest[1:], span)
         if isinstance(what, typed.SystemSymbol):

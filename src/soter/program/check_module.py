@@ -75,6 +75,8 @@ class ModuleChecker:
             return None
         if ac is None or sc is None or period is None:
             return None
+        if ac in self.checker.damaged or sc in self.checker.damaged:
+            self.checker.names.losses += 1
         module = typed.ModuleSymbol(
             full,
             decl.name.span,
@@ -236,6 +238,8 @@ class ModuleChecker:
                 if all(i.what is not module for i in system.instances):
                     continue
                 instances = {i.name: i for i in system.instances}
+                if instance.text in self.checker.declarations.systems.lost.get(system, ()):
+                    continue
                 if instance.text in instances:
                     where = f"the abstraction of `{instance.text}`"
                     found.append(Context(scope, where, instances=instances))
@@ -255,7 +259,7 @@ class ModuleChecker:
 
     def _mentioned(self, expr: tree.Expr, scope: FileScope) -> None:
         """Names in an expression that nobody can check yet are used all the same."""
-        for qualifier, name in mentioned(expr):
+        for qualifier, name, _ in mentioned(expr):
             if qualifier is not None and qualifier in scope.imports:
                 scope.used_imports.add(qualifier)
             elif qualifier is None:

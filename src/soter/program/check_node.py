@@ -214,6 +214,7 @@ class NodeChecker:
             has_period=True,
             has_modes=True,
             node=node,
+            owner=node,
             locals=[frame],
         )
         self._contracts(node, decl, context)
@@ -224,6 +225,7 @@ class NodeChecker:
                 topics=inputs,
                 has_time=True,
                 has_period=True,
+                owner=node,
                 locals=[frame],
                 topics_read=context.topics_read,
             )
@@ -245,6 +247,7 @@ class NodeChecker:
             has_period=True,
             has_modes=True,
             node=node,
+            owner=node,
             locals=context.locals,
             topics_read=context.topics_read,
         )

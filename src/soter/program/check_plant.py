@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program import typed
-from soter.program.check_base import a_type, is_error, plain, sound
+from soter.program.check_base import a_type, error_expr, is_error, plain, sound
 from soter.program.check_node import period_or_unknown
 from soter.program.context import Context
 from soter.program.types import (
@@ -64,7 +64,7 @@ class PlantChecker:
             decl.extern,
             declarations.located(decl.source, scope),
             tuple(reads),
-            (),
+            self._drives(decl, scope),
             tuple(states),
             tuple(initial),
             tuple(ranges),
@@ -91,6 +91,31 @@ class PlantChecker:
                 self._twice(f"`{ref.text}` is read twice", ref.span, reads[topic])
             reads.setdefault(topic, ref.span)
         return reads
+
+    def _drives(
+        self, decl: tree.PlantDecl, scope: FileScope
+    ) -> tuple[tuple[typed.TopicSymbol, typed.Expr], ...]:
+        """The driven topics; their values are checked with the body."""
+        spans: dict[typed.TopicSymbol, Span] = {}
+        for ref, expr in decl.drives:
+            topic = self.checker.declarations.topic_ref(ref, scope)
+            if expr is None:
+                self.diagnostics.error(
+                    "M006",
+                    f"`drives {ref.text}` has no value",
+                    ref.span,
+                    notes=("also of an extern plant: its code moves the states, nothing else",),
+                    helps=(f"write `drives {ref.text} = ...;` over its states",),
+                )
+            if expr is None or topic is None:
+                continue
+            if topic in spans:
+                self._twice(f"`{ref.text}` is driven twice", ref.span, spans[topic])
+                continue
+            spans[topic] = ref.span
+            if topic.input:
+                self.checker.declarations.nodes.input_is_set(topic, ref.span)
+        return tuple((t, error_expr(span)) for t, span in spans.items())
 
     def _twice(self, message: str, again: Span, first: Span) -> None:
         self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
@@ -200,16 +225,14 @@ class PlantChecker:
             f"plant `{decl.name.text}`",
             topics=set(plant.reads),
             inputs="reads",
+            owner=plant,
             has_time=True,
             has_period=True,
             locals=[frame],
         )
         plant.lets = tuple(self._let(item, frame, context) for item in decl.lets)
         self._dynamics(plant, decl, context)
-        mark = self.checker.mark()
-        self._drives(plant, decl, context)
-        if self.checker.mark() != mark:
-            self.checker.damaged.add(plant)
+        self._drive_values(plant, decl, context)
         plant.measured = tuple(self._measured(plant, decl, scope))
         if not plant.extern and not scope.loaded.library:
             self._warn(plant, decl, context)
@@ -279,6 +302,9 @@ class PlantChecker:
         if decl.name.text in context.scope.broken:
             self.checker.names.losses += 1
             return
+        self.checker.damaged.add(plant)
+        if not self.checker.names.first_miss(context.scope, name.text, context.where):
+            return
         near = self.checker.names.suggestion(name.text, [v.name for v in plant.states])
         self.diagnostics.error(
             "N001",
@@ -288,33 +314,21 @@ class PlantChecker:
             helps=near or (f"add `state {name.text}: float;`",),
         )
 
-    def _drives(self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context) -> None:
-        drives: dict[typed.TopicSymbol, typed.Expr] = {}
-        spans: dict[typed.TopicSymbol, Span] = {}
+    def _drive_values(
+        self, plant: typed.PlantSymbol, decl: tree.PlantDecl, context: Context
+    ) -> None:
+        """The values of the driven topics, of each the one that was written first."""
+        values: dict[typed.TopicSymbol, typed.Expr] = {}
         for ref, expr in decl.drives:
             topic = self.checker.declarations.topic_ref(ref, context.scope)
             if expr is None:
-                self.diagnostics.error(
-                    "M006",
-                    f"`drives {ref.text}` has no value",
-                    ref.span,
-                    notes=("also of an extern plant: its code moves the states, nothing else",),
-                    helps=(f"write `drives {ref.text} = ...;` over its states",),
-                )
                 continue
             because = (topic.span, f"topic `{topic.name}` is `{topic.type}`") if topic else None
             wanted = topic.type if topic else None
             value = self.checker.expressions.check(expr, context, wanted, because)
-            if topic is None:
-                continue
-            if topic in spans:
-                self._twice(f"`{ref.text}` is driven twice", ref.span, spans[topic])
-                continue
-            spans[topic] = ref.span
-            if topic.input:
-                self.checker.declarations.nodes.input_is_set(topic, ref.span)
-            drives[topic] = value
-        plant.drives = tuple(drives.items())
+            if topic is not None:
+                values.setdefault(topic, value)
+        plant.drives = tuple((t, values[t]) for t, _ in plant.drives)
 
     def _measured(
         self, plant: typed.PlantSymbol, decl: tree.PlantDecl, scope: FileScope

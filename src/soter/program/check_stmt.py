@@ -138,7 +138,9 @@ class StmtChecker:
             steps.append(base)
             base = base.target
         if not isinstance(base, tree.NameExpr):
-            if not isinstance(base, tree.ErrorExpr):
+            if isinstance(base, tree.ErrorExpr):
+                self.checker.names.losses += 1
+            else:
                 self.diagnostics.error("T009", "only variables can be assigned", expr.span)
             return None
         variable = context.find_local(base.name.text)
@@ -280,6 +282,9 @@ class StmtChecker:
                 if context.result is not None
                 else (),
             )
+            return None
+        if topic not in context.node.publishes and context.node in self.checker.damaged:
+            self.checker.names.losses += 1
             return None
         if topic not in context.node.publishes:
             self.diagnostics.error(

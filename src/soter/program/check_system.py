@@ -32,17 +32,23 @@ class SystemChecker:
     def __init__(self, checker: Checker) -> None:
         self.checker = checker
         self.diagnostics = checker.diagnostics
+        self.lost: dict[typed.SystemSymbol, frozenset[str]] = {}
+        """Names of instances that could not be made."""
 
     # ------------------------------------------------------------ instances
 
     def signature(self, decl: tree.SystemDecl, scope: FileScope, full: str) -> typed.SystemSymbol:
         """Instances only: what `other.truth` and sub-systems need."""
         instances: dict[str, typed.InstanceSymbol] = {}
+        lost: set[str] = set()
         for item in decl.instances:
             what = self._what(item, scope)
             renames = self._renames(item, scope)
             if what is None:
+                lost.add(item.name.text)
                 continue
+            if what in self.checker.damaged:
+                self.checker.names.losses += 1
             first = instances.get(item.name.text)
             if first is not None:
                 self._instance_twice(item, first)
@@ -62,6 +68,7 @@ class SystemChecker:
             (),
             (),
         )
+        self.lost[system] = frozenset(lost)
         self.checker.later(system, decl, scope)
         return system
 
@@ -142,12 +149,13 @@ class SystemChecker:
         where = f"system `{decl.name.text}`"
         instances = {i.name: i for i in system.instances}
         system.until = self._time(decl.until, Context(scope, where), "`until`")
-        found = [self._property(p, scope, instances, decl.name.text) for p in decl.properties]
+        lost = self.lost[system]
+        found = [self._property(p, scope, instances, lost, decl.name.text) for p in decl.properties]
         system.properties = tuple(p for p in found if p is not None)
         self._forces(system, decl, instances)
         system.replaces = tuple(self._replaces(decl.replaces, scope))
         system.sets = tuple(self._sets(decl, scope))
-        system.inputs = tuple(self._inputs(decl, scope, instances))
+        system.inputs = tuple(self._inputs(decl, scope, instances, lost))
 
     def _time(self, expr: tree.Expr | None, context: Context, what: str) -> typed.Expr | None:
         if expr is None:
@@ -189,6 +197,7 @@ class SystemChecker:
         item: tree.Property,
         scope: FileScope,
         instances: dict[str, typed.InstanceSymbol],
+        lost: frozenset[str],
         name: str,
     ) -> typed.PropertySymbol | None:
         context = Context(
@@ -198,6 +207,7 @@ class SystemChecker:
             has_time=True,
             has_modes=True,
             instances=instances,
+            lost=lost,
         )
         check = self.checker.expressions.check
         premise = check(item.premise, context, BOOL) if item.premise else None
@@ -262,9 +272,10 @@ class SystemChecker:
         decl: tree.SystemDecl,
         scope: FileScope,
         instances: dict[str, typed.InstanceSymbol],
+        lost: frozenset[str],
     ) -> list[typed.InputSymbol]:
         where = f"system `{decl.name.text}`"
-        context = Context(scope, where, topics="any", instances=instances)
+        context = Context(scope, where, topics="any", instances=instances, lost=lost)
         found: dict[typed.TopicSymbol, typed.InputSymbol] = {}
         for item in decl.inputs:
             every = self._time(item.every, Context(scope, where), "`every`")
@@ -338,7 +349,8 @@ class SystemChecker:
         test.skew = self._time(decl.skew, context, "`skew`")
         test.horizon = self._time(decl.horizon, context, "`horizon`")
         test.replaces = tuple(self._replaces(decl.replaces, scope))
-        found = [self._property(p, scope, instances, name) for p in decl.properties]
+        lost = self.lost[test.system]
+        found = [self._property(p, scope, instances, lost, name) for p in decl.properties]
         test.properties = tuple(p for p in found if p is not None)
 
 

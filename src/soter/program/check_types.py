@@ -86,7 +86,8 @@ class TypeChecker:
             return self._bounded(self._record(expr, scope), expr)
         if isinstance(expr, (tree.ArrayTypeExpr, tree.ListTypeExpr)):
             return self._bounded(self._array(expr, scope), expr)
-        return ERROR  # the parser has reported it
+        self.checker.names.losses += 1  # what could not be parsed
+        return ERROR
 
     def _bounded(self, t: Type, expr: tree.TypeExpr) -> Type:
         """T011 for a type of too many scalars: every value of it is copied as a whole."""

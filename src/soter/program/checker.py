@@ -6,7 +6,6 @@ Non-goals: numbers of a particular system (`elaborate.py`), the paper's P1 (`wel
 
 from __future__ import annotations
 
-from collections import deque
 from typing import TYPE_CHECKING
 
 from soter.program import typed
@@ -49,7 +48,8 @@ class Checker:
         """Symbols whose declarations have errors: what they lack is no error of others."""
         self.stand_ins: dict[typed.TopicSymbol, tuple[tuple[str, ...], typed.TopicSymbol]] = {}
         self._known_stand_ins: dict[tuple[int, tuple[str, ...], int], typed.TopicSymbol] = {}
-        self._bodies: deque[tuple[object, tree.Decl, FileScope]] = deque()
+        self._bodies: list[tuple[object, tree.Decl, FileScope]] = []
+        self._late_bodies: list[tuple[object, tree.Decl, FileScope]] = []
         self._resolving: list[Entry] = []
         self._absorbed = [0, 0]
 
@@ -61,7 +61,12 @@ class Checker:
             self.names.add_prelude(prelude)
         main = self.names.add_program(self.loaded.main)
         entries = [e for scope in self.names.scopes for e in scope.entries.values()]
-        for entry in in_order_of_need(entries, self.names):
+        ordered, circles = in_order_of_need(entries, self.names)
+        for circle, span in circles:
+            if all(e.state == "new" for e in circle):
+                self._report_cycle(circle, span)
+                circle[0].state = "done"
+        for entry in ordered:
             self.resolve(entry, entry.decl.name.span, use=False)
         self._check_bodies()
         self.calls.report_recursion()
@@ -82,14 +87,15 @@ class Checker:
 
     def _check_bodies(self) -> None:
         self.calls.check_bodies()
-        while self._bodies:
-            symbol, decl, scope = self._bodies.popleft()
-            self.declarations.body(symbol, decl, scope)
-            self.calls.check_bodies()
+        for bodies in (self._bodies, self._late_bodies):
+            for symbol, decl, scope in bodies:
+                self.declarations.body(symbol, decl, scope)
+                self.calls.check_bodies()
 
     def later(self, symbol: object, decl: tree.Decl, scope: FileScope) -> None:
-        """Check a body once every signature is known."""
-        self._bodies.append((symbol, decl, scope))
+        """Check a body once every signature is known; systems see what is inside the others."""
+        late = isinstance(symbol, (typed.SystemSymbol, typed.TestSymbol))
+        (self._late_bodies if late else self._bodies).append((symbol, decl, scope))
 
     # ------------------------------------------------------------ damage
 
@@ -137,7 +143,11 @@ class Checker:
         entry.state = "done"
 
     def _cycle(self, entry: Entry, span: Span) -> None:
-        circle = self._resolving[self._resolving.index(entry) :]
+        self._report_cycle(self._resolving[self._resolving.index(entry) :], span)
+
+    def _report_cycle(self, circle: list[Entry], span: Span) -> None:
+        """T012: each entry of the circle needs the next, the last one the first (at `span`)."""
+        entry = circle[0]
         names = [e.decl.name.text for e in (*circle, entry)]
         names[0:1] = [f"{names[0]}` needs `{names[1]}"]
         del names[1]

@@ -17,6 +17,14 @@ if TYPE_CHECKING:
     from soter.program.types import Type
 
 
+SPECIALS = {
+    "in_control": "only the step of a node is in control or not",
+    "time": "only nodes, plants and properties see the time",
+    "dt": "only nodes and plants have a period",
+}
+"""Words with a meaning of their own in expressions, and where they have one."""
+
+
 @dataclass(eq=False)
 class Context:
     """A place in the program.
@@ -44,8 +52,12 @@ class Context:
     """Inside a function: what `return` gives."""
     result_span: Span | None = None
     """Where that is declared."""
+    owner: object = None
+    """The node or plant whose code this is."""
     instances: dict[str, InstanceSymbol] | None = None
     """Inside a system: `instance.truth`, `mode(instance)`, topics of sub-systems."""
+    lost: frozenset[str] = frozenset()
+    """Names of instances that could not be made: they were reported."""
     locals: list[dict[str, Variable]] = field(default_factory=list)
     topics_read: dict[TopicSymbol, None] = field(default_factory=dict)
     """Topics read so far, in order of first use."""

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.program.placing import Placed
+    from soter.program.placing import Part, Placed
     from soter.program.types import Value
 
 CLEAN_DEFAULT = 3
@@ -421,46 +421,68 @@ class Elaborator(Topics):
         )
 
     def _properties(self, modules: list[Module], components: list[Component]) -> list[Property]:
+        """Those of the system, then those of its sub-systems, each in its own names."""
         result: list[Property] = []
-        scope = Scope({}, self.params)
-        scope.plants = {c.name: c.index for c in components if c.role == "plant"}
-        scope.modules = {m.name: m.index for m in modules}
-        counts: dict[object, int] = {}
-        for m in modules:
-            counts[m.symbol] = counts.get(m.symbol, 0) + 1
-            scope.modules[m.symbol] = m.index
-        for item in self.symbol.properties:
-            roots = [e for e in (item.premise, item.condition) if e is not None]
-            for topic in topic_reads(*roots):
-                scope.topics[topic] = self.topic(self.key(topic, "", []))
-            for module, read in mode_reads(*roots).items():
-                if isinstance(module, typed.ModuleSymbol) and counts.get(module) != 1:
-                    self._no_module(module, counts.get(module, 0), read, "in this system")
-            if item.within is not None:
-                self.long_duration(item.within, "`within`")
-            if item.kind in {"always", "never"}:
-                result.append(
-                    Property(len(result), item.kind, item.condition, scope, item.text, item.span)
-                )
+        for part in self.parts:
+            scope, counts = self._part_scope(part, modules, components)
+            for item in part.system.properties:
+                roots = [e for e in (item.premise, item.condition) if e is not None]
+                for topic in topic_reads(*roots):
+                    scope.topics[topic] = self.topic(self.key(topic, part.prefix, part.wires))
+                for module, read in mode_reads(*roots).items():
+                    if isinstance(module, typed.ModuleSymbol) and counts.get(module) != 1:
+                        self._no_module(module, counts.get(module, 0), read, "in this system")
+                if item.within is not None:
+                    self.long_duration(item.within, "`within`")
+                if item.kind in {"always", "never"}:
+                    text = f"{item.text} in {part.prefix[:-1]}" if part.prefix else item.text
+                    result.append(
+                        Property(len(result), item.kind, item.condition, scope, text, item.span)
+                    )
         return result
 
+    def _part_scope(
+        self, part: Part, modules: list[Module], components: list[Component]
+    ) -> tuple[Scope, dict[object, int]]:
+        """Names as seen from inside a part, and how many modules of each kind it has."""
+        prefix = part.prefix
+        scope = Scope({}, self.params)
+        scope.plants = {
+            c.name[len(prefix) :]: c.index
+            for c in components
+            if c.role == "plant" and c.name.startswith(prefix)
+        }
+        counts: dict[object, int] = {}
+        for m in modules:
+            if m.name.startswith(prefix):
+                scope.modules[m.name[len(prefix) :]] = m.index
+                counts[m.symbol] = counts.get(m.symbol, 0) + 1
+                scope.modules[m.symbol] = m.index
+        return scope, counts
+
     def _inputs(self) -> list[InputDrive]:
-        result = []
-        for item in self.symbol.inputs:
-            index = self.topic(self.key(item.topic, "", []))
-            every = self.duration(item.every, f"`every` of `{item.path}`")
-            topic = self.topics[index]
-            if not topic.set_declared and topic.symbol not in self.program.damaged:
-                self.diagnostics.error(
-                    "V009",
-                    f"input topic `{topic.symbol.name}` has no value set to be drawn from",
-                    item.span,
-                    "drawn here",
-                    also=((topic.symbol.span, "declared here"),),
-                    helps=("add a set: `in [-1.0, 1.0]` with your bounds",),
-                )
-            result.append(InputDrive(index, every or 1_000_000_000))
-        return result
+        """Draws of the system, then those of sub-systems that nothing outside decides."""
+        result: dict[int, InputDrive] = {}
+        for part in self.parts:
+            for item in part.system.inputs:
+                if part.prefix and any(item.topic in table for table in part.wires):
+                    continue  # wired: the outer system says what it is
+                index = self.topic(self.key(item.topic, part.prefix, part.wires))
+                every = self.duration(item.every, f"`every` of `{item.path}`")
+                if index in result:
+                    continue
+                topic = self.topics[index]
+                if not topic.set_declared and topic.symbol not in self.program.damaged:
+                    self.diagnostics.error(
+                        "V009",
+                        f"input topic `{topic.symbol.name}` has no value set to be drawn from",
+                        item.span,
+                        "drawn here",
+                        also=((topic.symbol.span, "declared here"),),
+                        helps=("add a set: `in [-1.0, 1.0]` with your bounds",),
+                    )
+                result[index] = InputDrive(index, every or 1_000_000_000)
+        return list(result.values())
 
 
 def _deployed_order(components: list[Component]) -> list[Component]:

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.program.types import Type
 
-MAX_COMPONENTS = 20_000
+MAX_COMPONENTS = 10_000
 MAX_NUMBERS = 1_000_000
 MAX_DEPTH = 100
 
@@ -27,45 +27,49 @@ class TooLargeError(Exception):
 class Measure:
     """Counts what a system is made of."""
 
-    def __init__(self, system: typed.SystemSymbol, diagnostics: Diagnostics) -> None:
+    def __init__(
+        self,
+        system: typed.SystemSymbol,
+        known: dict[typed.SystemSymbol, tuple[int, int]],
+        diagnostics: Diagnostics,
+    ) -> None:
         self.system = system
+        self.known = known
         self.diagnostics = diagnostics
         self._numbers = 0
         self._sizes: dict[int, tuple[Type, int]] = {}
 
     def instances(self) -> bool:
         """Whether the system has a possible number of instances; M007 otherwise."""
-        counts: dict[typed.SystemSymbol, int] = {}
-        depths: dict[typed.SystemSymbol, int] = {}
-        path = [self.system]
-        while path:
-            system = path[-1]
-            inner = [i.what for i in system.instances if isinstance(i.what, typed.SystemSymbol)]
-            missing = [s for s in inner if s not in counts]
-            if missing:
-                path.append(missing[0])
-                continue
-            path.pop()
-            counts[system] = sum(
-                counts[i.what] if isinstance(i.what, typed.SystemSymbol) else _weight(i.what)
-                for i in system.instances
-            )
-            depths[system] = 1 + max((depths[s] for s in inner), default=0)
-        inner = [i.what for i in self.system.instances if isinstance(i.what, typed.SystemSymbol)]
-        if any(counts[s] > MAX_COMPONENTS or depths[s] > MAX_DEPTH for s in inner):
+        count, depth = self._count()
+        inner = [self.known[s] for s in _parts(self.system)]
+        if any(c > MAX_COMPONENTS or d > MAX_DEPTH for c, d in inner):
             return False  # reported there
-        if counts[self.system] > MAX_COMPONENTS:
-            shown = counts[self.system]
-            text = str(shown) if shown < 10**12 else f"about 10^{len(str(shown)) - 1}"
+        if count > MAX_COMPONENTS:
+            text = str(count) if count < 10**12 else f"about 10^{len(str(count)) - 1}"
             self._report(
                 f"has {text} plants, nodes and decision modules",
                 f"at most {MAX_COMPONENTS} are possible",
             )
-        elif depths[self.system] > MAX_DEPTH:
-            self._report(
-                f"nests {depths[self.system]} levels deep", f"at most {MAX_DEPTH} are possible"
-            )
-        return counts[self.system] <= MAX_COMPONENTS and depths[self.system] <= MAX_DEPTH
+        elif depth > MAX_DEPTH and not self.diagnostics.has_errors:
+            self._report(f"nests {depth} levels deep", f"at most {MAX_DEPTH} are possible")
+        return count <= MAX_COMPONENTS and depth <= MAX_DEPTH
+
+    def _count(self) -> tuple[int, int]:
+        """Components and levels of the system; of its parts first, however deep they nest."""
+        path = [self.system]
+        while path:
+            system = path[-1]
+            missing = next((s for s in _parts(system) if s not in self.known), None)
+            if missing is not None:
+                path.append(missing)
+                continue
+            path.pop()
+            parts = [self.known[s] for s in _parts(system)]
+            own = [i.what for i in system.instances if not isinstance(i.what, typed.SystemSymbol)]
+            count = sum(c for c, _ in parts) + sum(_weight(w) for w in own)
+            self.known[system] = count, 1 + max((d for _, d in parts), default=0)
+        return self.known[self.system]
 
     def fits(self, t: Type) -> bool:
         """Whether there is room for a topic, a local or a state of type `t`; M007 if not."""
@@ -87,6 +91,10 @@ class Measure:
             label,
             notes=("everything that runs has a place in memory of its own from the start",),
         )
+
+
+def _parts(system: typed.SystemSymbol) -> list[typed.SystemSymbol]:
+    return [i.what for i in system.instances if isinstance(i.what, typed.SystemSymbol)]
 
 
 def _weight(what: object) -> int:

@@ -47,6 +47,15 @@ class Placed:
         return ac, self.replaced.get(module.sc.name, module.sc)
 
 
+@dataclass(frozen=True)
+class Part:
+    """A system inside the one that runs: its properties and inputs come along."""
+
+    system: typed.SystemSymbol
+    prefix: str
+    wires: list[Wires]
+
+
 class Placing(Numbers):
     """Walks the instances of one system.
 
@@ -66,6 +75,8 @@ class Placing(Numbers):
         super().__init__(program, symbol, overrides, diagnostics)
         self.draft = draft
         self.placed: list[Placed] = []
+        self.parts: list[Part] = []
+        """The system itself, then every sub-system, outer ones first."""
         self.partial = symbol in program.damaged or (draft and program.incomplete)
         """Whether something is missing that was reported: then absence is no error."""
 
@@ -73,6 +84,7 @@ class Placing(Numbers):
 
     def walk(self, system: typed.SystemSymbol, prefix: str, outer: list[Wires]) -> None:
         """Place every instance below `prefix`, then what the system forces and replaces."""
+        self.parts.append(Part(system, prefix, outer))
         for instance in system.instances:
             name = prefix + instance.name
             what = instance.what
@@ -194,11 +206,14 @@ class Placing(Numbers):
         """M014 where a property reads a state that the replacement does not have."""
         if not isinstance(by, typed.PlantSymbol):
             return
-        conditions = [p.condition for p in self.symbol.properties]
-        for node in nodes(conditions):
-            if not isinstance(node, typed.TruthRead) or node.instance != placed.name:
-                continue
-            if node.type != by.truth:
+        reads = [
+            (node, part.prefix + node.instance)
+            for part in self.parts
+            for node in nodes([p.condition for p in part.system.properties])
+            if isinstance(node, typed.TruthRead)
+        ]
+        for node, name in reads:
+            if name == placed.name and node.type != by.truth:
                 self.diagnostics.error(
                     "M014",
                     f"`{by.name}` has other states than `{placed.symbol.name}`",

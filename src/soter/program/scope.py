@@ -52,8 +52,8 @@ EXAMPLES = {
     "plant": "plant {} period 5ms {{ ... }}",
 }
 """How a declaration that is missing would begin."""
-SUGGESTIONS_MAX = 100
-"""So many unknown names get a suggestion; looking for more would only cost time."""
+SUGGESTIONS_WORK = 30_000
+"""So many names are compared for suggestions in all: beyond a few mistakes nobody reads them."""
 NAME_MAX = 60
 """Nobody mistypes a longer name in one letter."""
 
@@ -101,7 +101,7 @@ class Names:
         self.prelude: dict[str, Entry] = {}
         self.losses = 0
         self._by_file: dict[int, FileScope] = {}
-        self._suggested = 0
+        self._compared = 0
         self._missing: set[tuple[object, ...]] = set()
 
     # ------------------------------------------------------------ entering
@@ -222,7 +222,7 @@ class Names:
 
     def _no_import(self, scope: FileScope, qualifier: tree.Name) -> None:
         name = qualifier.text
-        if name in scope.broken:
+        if name in scope.broken or (id(scope), name) in self._missing:
             self.losses += 1
             return
         entry = scope.entries.get(name)
@@ -235,6 +235,7 @@ class Names:
                 notes=("before a dot a reference names an import",),
             )
             return
+        self._missing.add((id(scope), name))
         near = self.suggestion(name, scope.imports)
         self.diagnostics.error(
             "N006",
@@ -252,17 +253,20 @@ class Names:
         more: Iterable[str] = (),
         kind: str = "name",
         where: str = "",
+        *,
+        dotted: bool = False,
     ) -> None:
         """N001 for a name that means nothing here; `more` are local names that would.
 
-        A declaration that is missing is missed once, another name once in each place `where`.
+        A declaration that is missing is missed once, and so is what stands before a dot: it may
+        be an import.
         """
         known = {(id(scope), name), (id(scope), name, where)} & self._missing
         if name in scope.broken or known:
             self.losses += 1
             return
-        if where:
-            self._missing.add((id(scope), name, where))
+        if dotted:
+            self._missing.add((id(scope), name))
         helps = self.suggestion(name, (*more, *scope.entries))
         if not helps:
             helps = self._elsewhere(scope, name)
@@ -285,12 +289,20 @@ class Names:
                 return (f"did you mean `{qualifier}.{name}`?",)
         return ()
 
+    def first_miss(self, scope: FileScope, name: str, where: str) -> bool:
+        """Whether a name is missed at a place for the first time; later times are losses."""
+        key = (id(scope), name, where)
+        if key in self._missing:
+            self.losses += 1
+            return False
+        self._missing.add(key)
+        return True
+
     def suggestion(self, name: str, candidates: Iterable[str]) -> tuple[str, ...]:
         """A help line naming the closest candidate, if any is close."""
-        self._suggested += 1
-        if self._suggested > SUGGESTIONS_MAX:
-            return ()
-        return suggestion(name, candidates)
+        known = list(candidates)
+        self._compared += len(known)
+        return suggestion(name, known) if self._compared <= SUGGESTIONS_WORK else ()
 
 
 def suggestion(name: str, candidates: Iterable[str]) -> tuple[str, ...]:

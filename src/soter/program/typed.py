@@ -586,5 +586,7 @@ class Program:
     """Topics of sub-systems that a system mentions: instance path and the topic itself."""
     damaged: set[object] = field(default_factory=set)
     """Symbols whose declarations have errors: what they lack is no error of others."""
+    system_sizes: dict[SystemSymbol, tuple[int, int]] = field(default_factory=dict)
+    """Components and levels of a system, once counted (`measure.py`)."""
     incomplete: bool = False
     """Whether a declaration of the main file could not be read at all."""

@@ -85,6 +85,14 @@ class RecordType(Type):
 
     fields: tuple[tuple[str, Type], ...]
     name: str | None = field(default=None, compare=False)
+    scalars: int = field(init=False, compare=False, repr=False, default=0)
+    """Number of scalar leaves; computed once, as types inside types can be huge."""
+    vector: bool = field(init=False, compare=False, repr=False, default=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "scalars", sum(leaf_count(t) for _, t in self.fields))
+        vector = bool(self.fields) and all(is_vector_part(t) for _, t in self.fields)
+        object.__setattr__(self, "vector", vector)
 
     def __str__(self) -> str:
         if self.name:
@@ -160,11 +168,14 @@ def default_value(t: Type) -> Value:
 
 def is_vector(t: Type) -> bool:
     """Whether arithmetic works component by component: a record or array of only floats."""
-    if isinstance(t, RecordType):
-        return bool(t.fields) and all(isinstance(f, FloatType) or is_vector(f) for _, f in t.fields)
     if isinstance(t, ArrayType):
-        return isinstance(t.element, FloatType) or is_vector(t.element)
-    return False
+        return is_vector_part(t.element)
+    return isinstance(t, RecordType) and t.vector
+
+
+def is_vector_part(t: Type) -> bool:
+    """Whether a vector may consist of such parts: a float or a vector."""
+    return isinstance(t, FloatType) or is_vector(t)
 
 
 def leaves(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], Type]]:
@@ -184,7 +195,7 @@ def leaves(t: Type, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...
 def leaf_count(t: Type) -> int:
     """Number of scalar leaves of a full value; lists count their capacity and their length."""
     if isinstance(t, RecordType):
-        return sum(leaf_count(f) for _, f in t.fields)
+        return t.scalars
     if isinstance(t, ArrayType):
         return t.size * leaf_count(t.element)
     if isinstance(t, ListType):

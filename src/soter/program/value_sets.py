@@ -44,7 +44,7 @@ class Topics(Placing):
         draft: bool = False,
     ) -> None:
         super().__init__(program, symbol, overrides, diagnostics, draft=draft)
-        self.measure = Measure(symbol, diagnostics)
+        self.measure = Measure(symbol, program.system_sizes, diagnostics)
         self.topics: list[Topic] = []
         self._by_key: dict[TopicKey, Topic] = {}
         self._ranges: dict[typed.TopicSymbol, tuple[tuple[Bound | None, ...], bool, Value]] = {}
@@ -88,8 +88,7 @@ class Topics(Placing):
                 resolved[path] = Bound(*interval)
             else:
                 self._unreliable(symbol)
-        bounds, declared = _leaf_bounds(symbol.type, (), resolved, None)
-        return bounds, declared
+        return _Bounder(resolved).bounds(symbol.type)
 
     def _unreliable(self, symbol: typed.TopicSymbol) -> None:
         """Its set has an error: nothing is said about what follows from it."""
@@ -137,22 +136,39 @@ def beyond(number: float, bound: Bound) -> str:
     return f"{number!r}, which no topic may hold"
 
 
-def _leaf_bounds(
-    t: Type, path: tuple[str, ...], sets: dict[tuple[str, ...], Bound], outer: Bound | None
-) -> tuple[tuple[Bound | None, ...], bool]:
-    """A bound for each leaf of `t`, the innermost set that covers it, and whether all have one."""
-    outer = sets.get(path, outer)
-    if isinstance(t, RecordType):
-        parts = [_leaf_bounds(f, (*path, n), sets, outer) for n, f in t.fields]
-        return tuple(b for bounds, _ in parts for b in bounds), all(d for _, d in parts)
-    if isinstance(t, (ArrayType, ListType)):
-        bounds, declared = _leaf_bounds(t.element, (*path, ""), sets, outer)
+class _Bounder:
+    """Bounds of the leaves of a type: of each the innermost set that covers it."""
+
+    def __init__(self, sets: dict[tuple[str, ...], Bound]) -> None:
+        self.sets = sets
+        self._known: dict[tuple[int, Bound | None], tuple[tuple[Bound | None, ...], bool]] = {}
+
+    def bounds(
+        self, t: Type, path: tuple[str, ...] = (), outer: Bound | None = None
+    ) -> tuple[tuple[Bound | None, ...], bool]:
+        """A bound or None for each leaf of `t`, and whether every number has one."""
+        outer = self.sets.get(path, outer)
+        if isinstance(t, (RecordType, ArrayType, ListType)):
+            if any(len(p) > len(path) and p[: len(path)] == path for p in self.sets):
+                return self._of_parts(t, path, outer)
+            key = id(t), outer  # a type inside types can stand there many times
+            if key not in self._known:
+                self._known[key] = self._of_parts(t, path, outer)
+            return self._known[key]
+        if not isinstance(t, (FloatType, IntType)):
+            return (None,), True
+        if outer is None and isinstance(t, IntType) and not t.is_full:
+            outer = Bound(t.low, t.high)
+        return (outer,), outer is not None
+
+    def _of_parts(
+        self, t: RecordType | ArrayType | ListType, path: tuple[str, ...], outer: Bound | None
+    ) -> tuple[tuple[Bound | None, ...], bool]:
+        if isinstance(t, RecordType):
+            parts = [self.bounds(f, (*path, n), outer) for n, f in t.fields]
+            return tuple(b for bounds, _ in parts for b in bounds), all(d for _, d in parts)
+        bounds, declared = self.bounds(t.element, (*path, ""), outer)
         return bounds * (t.size if isinstance(t, ArrayType) else 1), declared
-    if not isinstance(t, (FloatType, IntType)):
-        return (None,), True
-    if outer is None and isinstance(t, IntType) and not t.is_full:
-        outer = Bound(t.low, t.high)
-    return (outer,), outer is not None
 
 
 def first_outside(
@@ -180,7 +196,7 @@ def _outside(
                 return found, at
         return None, at
     if isinstance(t, ListType):
-        after = at + len(_leaf_bounds(t.element, (), {}, None)[0])
+        after = at + len(_Bounder({}).bounds(t.element)[0])
         for i, e in enumerate(value):
             found, _ = _outside(t.element, e, bounds, at, f"{path}[{i}]")
             if found is not None:

@@ -49,6 +49,8 @@ if TYPE_CHECKING:
 
 BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX = 16, 132, 30, 54
 MARGIN_TOP_PX = 12
+LABEL_SHARE = 0.2
+"""Part of a panel's height that the label of a level needs above it."""
 MINUS = "\N{MINUS SIGN}"
 OVERLAYS = (("@ink", "solid"), ("@muted", "dash"), ("@muted", "dot"), ("@muted", "dashdot"))
 DASH_NAMES = {"dash": "dashed", "dot": "dotted", "dashdot": "dash-dotted"}
@@ -126,7 +128,9 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
     """Draw a band for each module and a panel for each group of signals."""
     panels = _panels(chart.series)
     bands = len(chart.modes)
-    stack = _Stack([BAND_PX] * bands + [PANEL_PX] * len(panels), end_s)
+    marked = 1 if chart.violations else 0
+    rows = [BAND_PX] * (bands + marked) + [PANEL_PX] * len(panels)
+    stack = _Stack(rows, end_s)
     chosen = _chart_indices(chart)
     data: list[Json] = []
     shapes: list[Json] = []
@@ -138,20 +142,22 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         data += _decision_marks(stack, row, mine)
         if bands > 1:
             notes.append(_panel_name(stack, row, band.module))
+    if chart.violations:
+        data.append(_violation_row(stack, bands, chart.violations))
+        stack.add_axis(bands, visible=False, range=[0, 1], fixedrange=True)
+        shapes += [_instant(violation.time_s) for violation in chart.violations]
+        notes.append(_panel_name(stack, bands, "violations"))
     for index, (title, series) in enumerate(panels):
-        row = bands + index
+        row = bands + marked + index
         if bands == 1:
             shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)
         data += _panel(stack, row, chart, series, chosen)
-        stack.add_axis(row, nticks=5)
+        stack.add_axis(row, nticks=5, **_range(series))
         notes.append(_panel_name(stack, row, title))
         for each in series:
             for threshold in each.thresholds:
                 shapes.append(_level(stack, row, threshold.value))
                 notes.append(_level_name(stack, row, threshold.label, threshold.value))
-    if chart.series:
-        first = chart.series[0]
-        data += _violation_marks(stack, bands, chart.violations, chart.time_s, first.values)
     return Figure(
         key,
         f"{chart.title}: mode and signals over time",
@@ -398,6 +404,47 @@ def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> l
         for chosen, marker in kinds
         if chosen
     ]
+
+
+def _range(series: Sequence[Series]) -> Json:
+    """Return an axis range in which levels and their labels have room; none without levels."""
+    levels = [threshold.value for each in series for threshold in each.thresholds]
+    if not levels:
+        return {}
+    finite = [each.values[np.isfinite(each.values)] for each in series]
+    values = np.concatenate([np.asarray(levels), *finite])
+    least, greatest = float(values.min()), float(values.max())
+    room = LABEL_SHARE * ((greatest - least) or 1.0)
+    return {"range": [least - 0.3 * room, greatest + room]}
+
+
+def _instant(time_s: float) -> Json:
+    """Return a vertical line through all rows."""
+    return {
+        "type": "line",
+        "xref": "x",
+        "yref": "paper",
+        "x0": round(time_s, 4),
+        "x1": round(time_s, 4),
+        "y0": 0,
+        "y1": 1,
+        "line": {"color": "@violation", "width": 1, "dash": "dot"},
+    }
+
+
+def _violation_row(stack: _Stack, row: int, violations: Sequence[Violation]) -> Json:
+    """Cross out the violations in a row of their own: a property is of no one signal."""
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [round(violation.time_s, 4) for violation in violations],
+        "y": [0.5] * len(violations),
+        "yaxis": stack.name(row),
+        "text": [violation_hover(violation) for violation in violations],
+        "hovertemplate": "%{text}<extra></extra>",
+        "marker": violation_cross(10),
+        "cliponaxis": False,
+    }
 
 
 def _violation_marks(

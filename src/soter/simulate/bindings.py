@@ -71,6 +71,25 @@ def check_text(name: str, text: str) -> str:
     return text
 
 
+def check_target(name: str, target: object) -> None:
+    """SoterError U001, X002, X003 for what can answer no extern at all."""
+    if isinstance(target, str):
+        check_text(name, target)
+    elif not isinstance(target, type) and not callable(getattr(target, "step", target)):
+        raise SoterError((_uncallable(name, target),))
+
+
+def require_named(systems: Sequence[System], name: str) -> None:
+    """SoterError U005 where none of a program's systems has an extern of that name."""
+    quick = [(s, list(_components(s))) for s in systems]
+    if not systems or any(_named(externs, name) for _, externs in quick):
+        return
+    externs = [x for s in systems for x in _externs(s, lower(s))]
+    if not _named(externs, name):
+        own = [d for s in systems if (d := _own_code(s, name)) is not None]
+        raise SoterError((own[0] if own else _nowhere("no system of this program", externs, name),))
+
+
 def bind(system: System, given: Mapping[str, object]) -> Bindings:
     """What every extern of the system is bound to; `given` overrides the program.
 
@@ -134,13 +153,17 @@ def callables(bindings: Bindings, engine: str, stop: StopRequest) -> dict[str, o
 # ---------------------------------------------------------------- the externs of a system
 
 
-def _externs(system: System, core: CoreSystem) -> Iterable[Extern]:
+def _components(system: System) -> Iterable[Extern]:
     for x in system.components:
         if x.extern:
             declared = x.node or x.plant
             assert declared is not None
             kind = "plant" if x.plant else "node"
             yield Extern(x.name, kind, declared.span, component=x, bound=x.binding)
+
+
+def _externs(system: System, core: CoreSystem) -> Iterable[Extern]:
+    yield from _components(system)
     for f in core.functions:
         if f.result is None:
             symbol = system.program.funs[f.source_name]
@@ -170,6 +193,12 @@ def _named(externs: list[Extern], name: str) -> bool:
 
 
 def _unknown(system: System, externs: list[Extern], name: str) -> Diagnostic:
+    nowhere = _nowhere(f"system `{system.name}`", externs, name)
+    return _own_code(system, name) or nowhere
+
+
+def _own_code(system: System, name: str) -> Diagnostic | None:
+    """What is to be said of a name that stands for something, but for no extern."""
     for x in system.components:
         own = x.node or x.plant
         if own is not None and name in (x.name, x.name.rpartition(".")[2], own.name):
@@ -179,12 +208,15 @@ def _unknown(system: System, externs: list[Extern], name: str) -> Diagnostic:
                 Label(own.span, "declared here"),
                 helps=("declare it as `extern`, or `replace` it by an extern in a system",),
             )
-    known = did_you_mean(name, [x.name for x in externs])
-    return Diagnostic(
-        "U005",
-        f"system `{system.name}` has no extern `{name}`",
-        helps=(known or "it has no externs at all",),
-    )
+    return None
+
+
+def _nowhere(where: str, externs: list[Extern], name: str) -> Diagnostic:
+    names = list(dict.fromkeys(x.name for x in externs))
+    known = did_you_mean(name, [*names, *(n.rpartition(".")[2] for n in names)])
+    has = "has an" if where.startswith("no ") else "has no"
+    help_ = known or "there are no externs at all"
+    return Diagnostic("U005", f"{where} {has} extern `{name}`", helps=(help_,))
 
 
 # ---------------------------------------------------------------- bindings to C
@@ -231,16 +263,14 @@ def _target(extern: Extern) -> object:
     if isinstance(bound, type):
         return instantiated(bound, _shown(bound), None)
     if not callable(getattr(bound, "step", bound)):
-        raise SoterError(
-            (
-                Diagnostic(
-                    "X002",
-                    f"extern `{extern.name}` is bound to a `{type(bound).__name__}`, "
-                    "which cannot be called and has no `step`",
-                ),
-            )
-        )
+        raise SoterError((_uncallable(extern.name, bound),))
     return bound
+
+
+def _uncallable(name: str, bound: object) -> Diagnostic:
+    what = f"a `{type(bound).__name__}`, which cannot be called and has no `step`"
+    help_ = "bind a function, a class or an object with `step`, or `python:file.py:name`"
+    return Diagnostic("X002", f"extern `{name}` is bound to {what}", helps=(help_,))
 
 
 def _impossible(extern: Extern, engine: str) -> Diagnostic | None:

@@ -37,6 +37,8 @@ class CFaultError(PlainError):
 class CExtern:
     """A linked C function as a step."""
 
+    linked = True
+
     def __init__(self, step: Callable[..., object]) -> None:
         self.step = step
 
@@ -45,13 +47,24 @@ def c_externs(
     system: System, core: CoreSystem, nodes: Sequence[Component], funs: dict[FunSymbol, str]
 ) -> dict[str, CExtern]:
     """Callables, by full name, for the nodes and functions of a system that are bound to C."""
+    from cffi import FFI  # noqa: PLC0415 - only programs with such externs pay for it
+
     _refuse_the_impossible(nodes, list(funs))
     if not nodes and not funs:
         return {}
     path = str(library(generate(system, core)))
+    opened(FFI(), Path(path), linked_symbols(system, core))  # says what is missing, and where
     found = {x.name: CExtern(_node(x, path)) for x in nodes}
     found.update({f.name: CExtern(_function(f, source, path)) for f, source in funs.items()})
     return found
+
+
+def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
+    """The C file that each function of a binding to C is expected in."""
+    texts = [x.binding for x in system.components if x.extern]
+    texts += [f.source for f in core.functions] if core is not None else []
+    parts = [t.split(":") for t in texts if t is not None and t.startswith("c:")]
+    return {name: file for _, file, name in parts}
 
 
 def _refuse_the_impossible(nodes: Sequence[Component], funs: list[FunSymbol]) -> None:

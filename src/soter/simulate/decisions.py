@@ -68,8 +68,8 @@ def changes(run: Run) -> list[Decided]:
 
 def steps(run: Run) -> Iterator[Decided]:
     """Every DM step of a traced run, in order of time, ties by module."""
-    assert run.trace is not None, "run with keep_trace=True"
-    times_ns = run.trace["header"]["ct"]
+    trace = run.require_trace()
+    times_ns = trace["header"]["ct"]
     periods = {m.period_ns for m in run.system.modules}
     due = np.zeros(len(times_ns), dtype=np.bool_)
     for period_ns in periods:
@@ -77,7 +77,7 @@ def steps(run: Run) -> Iterator[Decided]:
     for row in np.flatnonzero(due):
         for module in run.system.modules:
             if int(times_ns[row]) % module.period_ns == 0:
-                yield _step(run.trace["modules"], int(row), module, int(times_ns[row]))
+                yield _step(trace["modules"], int(row), module, int(times_ns[row]))
 
 
 def _step(modules: Any, row: int, module: Module, time_ns: int) -> Decided:  # noqa: ANN401

@@ -13,6 +13,7 @@ from soter.lower.layout import decode_from
 from soter.program.arith import FaultKind
 from soter.program.values import to_json
 from soter.simulate.decisions import changes
+from soter.simulate.params import as_json
 
 if TYPE_CHECKING:
     from soter.program.system import Component
@@ -31,10 +32,8 @@ def run_figures(run: Run) -> dict[str, object]:
         "engine": run.engine,
         "seed": run.seed,
         "program_sha256": run.system.program.sha256,
-        "params": {
-            name: to_json(run.system.program.params[name].type, value)
-            for name, value in run.system.params.items()
-        },
+        "params": as_json(run.system),
+        "notes": run.notes,
         "duration_s": run.reached_s if run.interrupted else run.duration_s,
         "until_s": run.duration_s,
         "interrupted": run.interrupted,
@@ -66,6 +65,11 @@ def run_figures(run: Run) -> dict[str, object]:
         "faults": component_faults(run),
         "externs": dict(run.externs),
         "extern_failures": dict(run.extern_failures),
+        "extern_silences": {
+            name: {"steps": tally.steps, "silent": tally.silent}
+            for name, tally in run.extern_tallies.items()
+            if tally.silent
+        },
         "final": final_values(run),
         "trace_sha256": run.trace_sha256,
     }

@@ -66,6 +66,8 @@ class Observer:
         self._kept_bytes = 0
         self._file: IO[bytes] | None = None
         self._modes = np.array([m.forced == "ac" for m in system.modules], dtype=np.uint8)
+        self._periods_ns = np.array([m.period_ns for m in system.modules], dtype=np.int64)
+        self._decided = np.zeros((2, len(system.modules)), dtype=np.int64)
 
     def see(self, rows: Rows) -> None:
         """The next states, (n, size) bytes; the array may be reused afterwards."""
@@ -81,6 +83,11 @@ class Observer:
         if len(self._modes):
             self._see_modes(states)
         self._see_faults(states)
+
+    @property
+    def decided(self) -> list[tuple[int, int]]:
+        """By module: DM steps, and those in which ttf and safer held both."""
+        return [(int(n), int(both)) for n, both in self._decided.T]
 
     @property
     def sha256(self) -> str | None:
@@ -139,6 +146,9 @@ class Observer:
                 )
             )
         self._modes = modes[-1].copy()
+        due = states["header"]["ct"][:, np.newaxis] % self._periods_ns == 0
+        together = due & (modules["ttf"] == 1) & (modules["safer"] == 1)
+        self._decided += np.array([due.sum(axis=0), together.sum(axis=0)])
 
     def _see_faults(self, states: npt.NDArray[Any]) -> None:
         faults = states["components"]["faults"]

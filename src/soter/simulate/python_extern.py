@@ -120,7 +120,7 @@ def _module(path: Path, span: Span | None) -> ModuleType:
         spec.loader.exec_module(module)
     except (Exception, SystemExit, GeneratorExit) as error:
         sys.modules.pop(full_name, None)
-        message = f"`{path}` cannot be loaded: {described(error)}"
+        message = f"`{path}` cannot be loaded: {described(error, place=False)}"
         raise _problem("X003", message, span, notes=_where(error, path)) from error
     except BaseException:
         sys.modules.pop(full_name, None)

@@ -24,10 +24,14 @@ from soter.program.arith import FaultKind
 from soter.semantics.externs import ExternResetError, reset
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_release
+from soter.simulate import views
+from soter.simulate.c_extern import linked_symbols
 from soter.simulate.externs import ExternAnswers, described, noting
 from soter.simulate.image import image
 from soter.simulate.interrupt import Stop, StopRequest
+from soter.simulate.notes import notes_of
 from soter.simulate.observe import Observer
+from soter.simulate.settings import usage_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -37,9 +41,11 @@ if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.lower.core import CoreSystem
     from soter.native.library import Bytes
-    from soter.program.system import System
+    from soter.program.system import Component, System
+    from soter.program.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.record import Record
+    from soter.simulate.externs import Tally
     from soter.simulate.observe import FirstFault, ModeChange
     from soter.simulate.pace import Pacer
 
@@ -77,9 +83,9 @@ class ModuleSummary:
     gate_faults: int
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class Run:
-    """The result of a run. `trace` has one record per instant (dtype `state_dtype`), or is None.
+    """The result of a run (docs/python.md). `trace` has one record per instant (dtype `state_dtype`), or is None.
 
     `duration_s` is what was asked for, `reached_s` the time of the last instant; they differ
     where the run was `interrupted`. `changes` and `first_faults` are filled where the run was
@@ -106,6 +112,26 @@ class Run:
     """How late the latest instant was, where the run was paced against the clock."""
     externs: dict[str, str] = field(default_factory=dict)
     """What answered each extern, in words."""
+    extern_tallies: dict[str, Tally] = field(default_factory=dict)
+    """Steps of each extern that Python answered, and those in which it published nothing."""
+    decided: list[tuple[int, int]] = field(default_factory=list)
+    """By module: DM steps, and those in which ttf and safer held both (hashed or traced runs)."""
+
+    def __repr__(self) -> str:
+        count = f"{self.violations} violation{'' if self.violations == 1 else 's'}"
+        stopped = f" of {self.duration_s:g} s, interrupted" if self.interrupted else ""
+        time_s = self.reached_s if self.interrupted else self.duration_s
+        return f"<soter.Run {self.system.name} seed {self.seed}: {time_s:g} s{stopped}, {count}>"
+
+    @property
+    def notes(self) -> list[str]:
+        """What a person should know about this run, in words (`notes.py`)."""
+        return notes_of(self)
+
+    @property
+    def params(self) -> dict[str, Value]:
+        """Every parameter as it was set, by full name; durations in ns."""
+        return dict(self.system.params)
 
     @property
     def reached_s(self) -> float:
@@ -138,7 +164,7 @@ class Run:
                         "fault",
                         None if first is None else first.time_ns / 1e9,
                         1,
-                        x.span,
+                        _declaration(x),
                     )
                 )
         return found
@@ -159,15 +185,39 @@ class Run:
             )
         return found
 
-    def topic(self, name: str) -> npt.NDArray[Any]:
-        """Values of a topic after every instant (needs a trace)."""
-        assert self.trace is not None, "run with keep_trace=True"
-        return self.trace["topics"][name]
+    # Everything below needs a trace: SoterError U001 without one, or for an unknown name.
+
+    def require_trace(self) -> npt.NDArray[Any]:
+        """The trace; SoterError U001 where none was kept."""
+        if self.trace is None:
+            raise usage_error("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
+        return self.trace
 
     def time_s(self) -> npt.NDArray[np.float64]:
-        """Times of the instants in s (needs a trace)."""
-        assert self.trace is not None, "run with keep_trace=True"
-        return self.trace["header"]["ct"] / 1e9
+        """Times of the instants in s, (n,)."""
+        return self.require_trace()["header"]["ct"] / 1e9
+
+    def topic(self, name: str) -> npt.NDArray[Any]:
+        """Values of a topic after every instant, (n,); records have fields.
+
+        `<plant>.truth` is a plant's true state.
+        """
+        return views.values(self, name)[1]
+
+    def truth(self, plant: str) -> npt.NDArray[Any]:
+        """True state of a plant after every instant, (n,), a field for each state."""
+        return self.topic(f"{plant}.truth")
+
+    def mode(self, module: str) -> npt.NDArray[np.uint8]:
+        """Mode of a module after every instant, (n,): 1 is AC, 0 is SC."""
+        return views.mode(self, module)
+
+    def array(self, path: str) -> npt.NDArray[np.float64]:
+        """A topic, a truth or a part of one (`boat.truth.p`) as plain floats.
+
+        (n,) for a number, (n, k) for records and arrays of k numbers, in declared order.
+        """
+        return views.array(self, path)
 
 
 class NativeProgram:
@@ -188,7 +238,11 @@ class NativeProgram:
         self.layout = self.unit.layout
         self.dtype = state_dtype(system, self.layout)
         path = library(self.unit, optimise, extra)
-        self.library = Library(path, self.unit.prefix, self.layout.size)
+        owners = linked_symbols(system, core)
+        self.library = Library(path, self.unit.prefix, self.layout.size, owners)
+
+    def __repr__(self) -> str:
+        return f"<soter.NativeProgram {self.system.name}>"
 
     def run(
         self,
@@ -234,6 +288,8 @@ class NativeProgram:
             observer.first_faults if observer else {},
             interrupted=not finished,
             lag_s_max=pacer.lag_s_max if pacer else None,
+            extern_tallies=drive.answers.tallies,
+            decided=observer.decided if observer else [],
         )
 
 
@@ -339,7 +395,8 @@ def run_interpreted(
             pacer.wait(min(next_release(interpreter.machine, c.ct), until_ns), request)
 
     failures: dict[str, str] = {}
-    noted = noting(system, bound or {}, failures)
+    tallies: dict[str, Tally] = {}
+    noted = noting(system, bound or {}, failures, tallies)
     began = time.perf_counter()
     interpreter = Interpreter(system, seed, noted)
     finished = False
@@ -369,7 +426,15 @@ def run_interpreted(
         observer.first_faults,
         interrupted=not finished,
         lag_s_max=pacer.lag_s_max if pacer else None,
+        extern_tallies=tallies,
+        decided=observer.decided,
     )
+
+
+def _declaration(x: Component) -> Span:
+    """Where the code of a component stands, not where a system makes use of it."""
+    declared = x.node or x.plant
+    return declared.span if declared is not None else x.span
 
 
 def _reset_all(bound: Mapping[str, object], seed: int) -> None:

@@ -8,6 +8,7 @@ Non-goals: bounds of parameters (`program/elaborate.py` knows them), bindings (`
 from __future__ import annotations
 
 import math
+import operator
 import re
 from difflib import get_close_matches
 from fractions import Fraction
@@ -95,6 +96,18 @@ def until_ns(given: float | str) -> int:
     if ns <= 0:
         raise usage_error("U001", f"`until` cannot be `{_short(given)}`: a run takes time")
     return ns
+
+
+def seed_value(given: object) -> int:
+    """A seed as an int, from anything that is a whole number; SoterError U001."""
+    try:
+        number = operator.index(given)  # type: ignore[arg-type]  # it checks
+    except TypeError:
+        number = -1
+    if not 0 <= number < 2**64:
+        help_ = "a seed is a whole number, 0 to 2^64 - 1"
+        raise usage_error("U001", f"`seed` cannot be `{_short(given)}`", help_)
+    return number
 
 
 # ---------------------------------------------------------------- parameters

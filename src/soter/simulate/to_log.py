@@ -40,6 +40,7 @@ from soter.report.mcap_log import (
 )
 from soter.simulate import decisions
 from soter.simulate.figures import truth_value
+from soter.simulate.params import changed
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -69,7 +70,7 @@ def require_log_package() -> None:
 
 def write_log(run: Run, path: str | Path, version: str) -> Path:
     """Write the log of a traced run to `path`; SoterError D006 where it cannot be written."""
-    assert run.trace is not None, "run with keep_trace=True"
+    run.require_trace()
     require_log_package()
     channels = [_topic(run, t) for t in run.system.topics]
     channels += [_truth(run, x) for x in run.system.components if x.plant is not None]
@@ -81,6 +82,7 @@ def write_log(run: Run, path: str | Path, version: str) -> Path:
         {
             "engine": run.engine,
             "trace_sha256": run.trace_sha256 or "",
+            **{f"param {name}": text for name, (text, _) in changed(run.system).items()},
             **{f"extern {name}": text for name, text in run.externs.items()},
         },
     )

@@ -14,7 +14,7 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.lower.layout import group_field
-from soter.program.types import FloatType, RecordType
+from soter.program.types import BoolType, FloatType, IntType, RecordType
 from soter.report.errors import ReportError
 from soter.report.html import write_html
 from soter.report.record import (
@@ -42,6 +42,8 @@ SERIES_MAX = 24
 """More signals than that nobody reads below each other."""
 SAMPLES_MAX = 20_000
 """Longer runs are thinned: a screen has a few thousand columns."""
+SIGNAL_SHARE_MIN = 20
+"""A signal keeps at least this part of its panel's height."""
 AXES = {"x", "y", "z"}
 
 
@@ -61,6 +63,7 @@ def require_report_package() -> None:
 
 def write_report(run: Run, path: str | Path, title: str, provenance: Mapping[str, str]) -> Path:
     """Write the report of a traced run; SoterError D006 where it cannot be written."""
+    run.require_trace()
     require_report_package()
     try:
         return write_html(report_page(run, title, provenance), path)
@@ -75,15 +78,15 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}",
         charts=(chart,),
-        assumptions=tuple(of_run(run.system)),
+        assumptions=(*run.notes, *of_run(run.system)),
         provenance=dict(provenance),
     )
 
 
 def run_chart(run: Run) -> Chart:
     """All signals of a run, thinned to what can be seen."""
-    assert run.trace is not None, "run with keep_trace=True"
-    trace = run.trace[:: max(1, len(run.trace) // SAMPLES_MAX)]
+    trace = run.require_trace()
+    trace = trace[:: max(1, len(trace) // SAMPLES_MAX)]
     time_s = trace["header"]["ct"] / 1e9
     bands = tuple(
         ModeBand(m.name, trace["modules"]["mode"][:, m.index] == 1) for m in run.system.modules
@@ -127,18 +130,30 @@ def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
         bounds = iter(topic.bounds)
         levels = next(bounds, None)
         marks: tuple[Threshold, ...] = ()
-        if isinstance(topic.type, FloatType) and levels is not None:
+        if isinstance(topic.type, (FloatType, IntType)) and levels is not None:
             marks = (Threshold("least", levels.low), Threshold("greatest", levels.high))
         yield from _signals(topic.name, topic.type, trace["topics"][topic.name], marks)
+
+
+def _in_sight(
+    numbers: npt.NDArray[np.float64], marks: tuple[Threshold, ...]
+) -> tuple[Threshold, ...]:
+    """The levels, or none where with them the signal would be a flat line."""
+    levels = [m.value for m in marks]
+    if not marks or not numbers.size:
+        return ()
+    low, high = float(np.min(numbers)), float(np.max(numbers))
+    whole = max(high, *levels) - min(low, *levels)
+    return () if 0 < high - low < whole / SIGNAL_SHARE_MIN else marks
 
 
 def _signals(
     name: str, t: Type, values: npt.NDArray[np.void], marks: tuple[Threshold, ...]
 ) -> Iterator[Series]:
-    """The float leaves of a value; coordinates share a panel."""
-    if isinstance(t, FloatType):
+    """The numbers and bools (0, 1) of a value; coordinates share a panel."""
+    if isinstance(t, (FloatType, IntType, BoolType)):
         numbers = np.ascontiguousarray(values, dtype=np.float64)
-        yield Series(name, "", numbers, panel=name, thresholds=marks)
+        yield Series(name, "", numbers, panel=name, thresholds=_in_sight(numbers, marks))
     elif isinstance(t, RecordType):
         together = {n for n, _ in t.fields} <= AXES
         for n, f in t.fields:

@@ -1,0 +1,62 @@
+"""The diagnostics of a check as a person wants to read them.
+
+Purpose: in the order of the text, repetitions in one, nothing that an error may have caused.
+Non-goals: rendering.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Label, Severity
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.diagnostics.source import Source
+
+HUSHED = {"W001", "W004", "W005"}
+"""Warnings about absence: beside errors they are left out, as an error may be what hides it."""
+MERGED = {"N001", "N004", "N006"}
+"""A name that is missing is one mistake, in however many places it is missed."""
+PLACES_MAX = 5
+
+
+def for_people(found: Diagnostics, sources: Sequence[Source]) -> Diagnostics:
+    """By file in order of loading, then by position; errors before warnings at one place."""
+    files = {id(source): i for i, source in enumerate(sources)}
+
+    def place(d: Diagnostic) -> tuple[int, int, bool]:
+        if d.primary is None:
+            return -1, -1, False
+        span = d.primary.span
+        return files.get(id(span.source), -1), span.start, d.severity is not Severity.ERROR
+
+    ordered = Diagnostics()
+    for d in _merged(sorted(found.items, key=place)):
+        if d.severity is Severity.ERROR or not found.has_errors or d.code not in HUSHED:
+            ordered.add(d)
+    return ordered
+
+
+def _merged(items: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """Repetitions of a message in one file become labels of the first."""
+    groups: dict[object, list[Diagnostic]] = {}
+    for number, d in enumerate(items):
+        key: object = number
+        if d.code in MERGED and d.primary is not None:
+            key = d.code, d.message, id(d.primary.span.source)
+        groups.setdefault(key, []).append(d)
+    return [_one(group) for group in groups.values()]
+
+
+def _one(group: list[Diagnostic]) -> Diagnostic:
+    first, rest = group[0], group[1:]
+    if not rest:
+        return first
+    places = [Label(d.primary.span, "and here") for d in rest if d.primary is not None]
+    notes = first.notes
+    if len(places) > PLACES_MAX:
+        notes = (*notes, f"and in {len(places) - PLACES_MAX} more places")
+    return replace(first, secondary=(*first.secondary, *places[:PLACES_MAX]), notes=notes)

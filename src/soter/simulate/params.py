@@ -1,0 +1,48 @@
+"""The parameters of a run, for people and documents.
+
+Purpose: what differs from the program's defaults, as text with units, and as JSON in seconds.
+Non-goals: reading what a person sets (`settings.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.program.elaborate import show_ns
+from soter.program.evaluate import Evaluator
+from soter.program.types import BoolType, DurationType, EnumType
+from soter.program.values import to_json
+
+if TYPE_CHECKING:
+    from soter.program.system import System
+    from soter.program.types import Type, Value
+
+
+def changed(system: System) -> dict[str, tuple[str, str]]:
+    """Value and default, as text, of every parameter that is not at its default."""
+    basic = Evaluator({})
+    found = {}
+    for name, value in system.params.items():
+        param = system.program.params[name]
+        default = basic.value(param.default)
+        if value != default:
+            found[name] = (shown(param.type, value), shown(param.type, default))
+    return found
+
+
+def shown(t: Type, value: Value) -> str:
+    """A parameter's value as a program writes it."""
+    if isinstance(t, DurationType):
+        return show_ns(value)
+    if isinstance(t, BoolType):
+        return "true" if value else "false"
+    return str(t.members[value]) if isinstance(t, EnumType) else str(value)
+
+
+def as_json(system: System) -> dict[str, object]:
+    """Every parameter; durations in s."""
+    found = {}
+    for name, value in system.params.items():
+        t = system.program.params[name].type
+        found[name] = value / 1e9 if isinstance(t, DurationType) else to_json(t, value)
+    return found

@@ -1,0 +1,55 @@
+"""What happens in the runs of random programs: shares that say whether they are interesting.
+
+Purpose: count, over programs, switches, faults of each kind, stale reads and the rest.
+Non-goals: judging; `test_engines_agree.py` prints the counts and holds the least shares.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from typing import TYPE_CHECKING, Any
+
+from soter.program.arith import FaultKind
+
+if TYPE_CHECKING:
+    from generators.engines import Bytes, Subject  # type: ignore[import-not-found]
+
+
+def happened(s: Subject, trace: Bytes) -> set[str]:
+    """Names of what happened at least once in a trace."""
+    states: Any = trace.view(s.dtype).reshape(-1)
+    last = states[-1]
+    components, modules = states["components"], states["modules"]
+    kinds = {int(k) for k in set(components["last_fault"].ravel())} - {0}
+    found = {f"fault {FaultKind(k).name.lower()}" for k in kinds}
+    roles = [x.role for x in s.system.components]
+    latched = {role for role, x in zip(roles, last["components"], strict=True) if x["latched"]}
+    found |= {f"latched {role}" for role in latched}
+    facts = {
+        "any fault": bool(kinds),
+        "any latched": bool(latched),
+        "module": len(s.system.modules) > 0,
+        "two modules": len(s.system.modules) > 1,
+        "switch to AC": bool((last["modules"]["to_ac"] > 0).any()),
+        "switch to SC": bool((last["modules"]["to_sc"] > 0).any()),
+        "ten switches": bool((last["modules"]["to_ac"] > 4).any()),  # noqa: PLR2004
+        "gate fault": bool((last["modules"]["gate_faults"] > 0).any()),
+        "gate fault in control": bool((modules["saw_gate_fault"] > 0).any()),
+        "clean steps owed": bool((modules["clean_needed"] > 0).any()),
+        "stale": bool((modules["stale"] > 0).any()),
+        "sometimes stale": bool((modules["stale"] > 0).any() and (modules["stale"] == 0).any()),
+        "property violated": bool((last["properties"]["count"] > 0).any()),
+        "plant": "plant" in roles,
+        "input driven": bool(s.system.inputs),
+        "sub-systems": any("." in m.name for m in s.system.modules)
+        or any("." in x.name for x in s.system.components if x.module is None),
+        "still moving": bool((trace[-1, :] != trace[-100, :]).sum() > 40),  # noqa: PLR2004
+    }
+    return found | {name for name, holds in facts.items() if holds}
+
+
+def table(counts: Counter[str], programs: int) -> str:
+    """The shares, one line each."""
+    lines = [f"{programs} programs"]
+    lines += [f"  {n / programs:6.1%}  {name}" for name, n in sorted(counts.items())]
+    return "\n".join(lines)
