@@ -215,9 +215,9 @@ class Program:
 
         `until`: seconds or a text such as `"30s"`, by default the system's own. `params`: values
         of parameters by full name; lengths of time in s or as text. `seed`: a whole number, 0 to
-        2^64 - 1. `trace` keeps the state after every instant. `log`, `report`: files to write. `progress` is called with the
-        share that is done. Ctrl-C ends the run at an instant and raises `KeyboardInterrupt`,
-        or, where `partial`, gives back what was reached.
+        2^64 - 1. `trace` keeps the state after every instant. `log`, `report`: files to write.
+        `progress` is called with the share that is done. Ctrl-C ends the run at an instant and
+        raises `KeyboardInterrupt`, or, where `partial`, gives back what was reached.
         """
         from soter.simulate.bindings import callables  # noqa: PLC0415 - see the docstring
         from soter.simulate.interrupt import Stop, StopRequest, stoppable  # noqa: PLC0415

@@ -13,7 +13,7 @@ from pathlib import Path
 
 import pytest
 
-from json_documents import problems_of  # type: ignore[import-not-found]
+from json_documents import problems_of
 
 ROOT = Path(__file__).resolve().parents[2]
 CART = ROOT / "examples" / "wall" / "cart.soter"

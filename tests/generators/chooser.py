@@ -7,7 +7,7 @@ Non-goals: knowing what is chosen.
 
 from __future__ import annotations
 
-from functools import lru_cache
+from functools import cache
 from typing import TYPE_CHECKING, TypeVar
 
 from hypothesis import strategies as st
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 
 
-@lru_cache(maxsize=None)
+@cache
 def _up_to(top: int) -> SearchStrategy[int]:
     return st.integers(min_value=0, max_value=top)
 

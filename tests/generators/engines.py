@@ -56,9 +56,16 @@ class Subject:
         return generate(self.system, prefix=self.name)
 
 
-def subject(name: str, text: str, seed: int, instants: int, system: str | None = None) -> Subject:
+def subject(
+    name: str,
+    text: str,
+    seed: int,
+    instants: int,
+    system: str | None = None,
+    path: Path | None = None,
+) -> Subject:
     """Check a program and find out until when it has so many instants."""
-    checked = check_file(f"{name}.soter", text)
+    checked = check_file(str(path) if path else f"{name}.soter", text)
     assert checked.ok, [(d.code, d.message) for d in checked.diagnostics.items]
     flat = system_of(checked, system)
     return Subject(name, text, flat, state_layout(flat), until_of(flat, instants), seed)
@@ -121,7 +128,70 @@ def native_trace(library: Path, s: Subject) -> Bytes:
     trace = np.zeros((2000, size), dtype=np.uint8)
     _, written, _ = loaded.run(state, s.until_ns, trace)
     assert written < len(trace)
-    return trace[:written].copy()
+    found: Bytes = trace[:written].copy()
+    return found
+
+
+DRIVER = """\
+#include "soter.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+
+%(externs)s
+
+static const struct {
+  const soter_program *program;
+  uint64_t seed;
+  int64_t until_ns;
+} runs[] = {
+%(runs)s
+};
+
+/* Runs every program in a heap block of exactly its state's size, so that a sanitizer sees whoever
+ * leaves it, and writes the final states one after the other. */
+int main(void) {
+  for (size_t i = 0; i < sizeof runs / sizeof runs[0]; i++) {
+    const soter_program *const p = runs[i].program;
+    void *const state = malloc(p->state_size);
+    size_t written = 0;
+    uint32_t due = 0;
+    if (state == NULL) {
+      return 3;
+    }
+    soter_start(p, state, runs[i].seed);
+    if (soter_run(p, state, runs[i].until_ns, NULL, 0, &written, &due) != SOTER_RUN_END) {
+      return 2;
+    }
+    if (fwrite(state, p->state_size, 1, stdout) != 1) {
+      return 4;
+    }
+    free(state);
+  }
+  return 0;
+}
+"""
+
+
+def final_states(subjects: list[Subject], folder: Path, *flags: str) -> list[bytes]:
+    """Final states from an executable of all subjects; AssertionError with what it complained."""
+    source, driver, target = write_units(subjects, folder), folder / "driver.c", folder / "driver"
+    externs = "\n".join(f"extern const soter_program {s.name}_program;" for s in subjects)
+    runs = "\n".join(
+        f"    {{&{s.name}_program, UINT64_C({s.seed}), INT64_C({s.until_ns})}}," for s in subjects
+    )
+    driver.write_text(DRIVER % {"externs": externs, "runs": runs}, encoding="utf-8")
+    call_compiler(
+        folder, *flags, "-o", str(target), str(driver), str(source), *kernel_sources(), "-lm"
+    )
+    done = subprocess.run([str(target)], capture_output=True, check=False, cwd=folder)
+    assert done.returncode == 0, done.stderr.decode("utf-8", "replace")
+    found, at = [], 0
+    for s in subjects:
+        found.append(done.stdout[at : at + s.layout.size])
+        at += s.layout.size
+    assert at == len(done.stdout)
+    return found
 
 
 # ---------------------------------------------------------------- the interpreter
@@ -164,14 +234,16 @@ def _members(s: Subject, one: Any, other: Any, path: str) -> list[str]:
     if names is not None and one.shape == ():
         return [line for n in names for line in _members(s, one[n], other[n], f"{path}.{n}")]
     if one.shape:
-        label = {".components": s.system.components, ".modules": s.system.modules,
-                 ".properties": s.system.properties, ".stamps": s.system.topics}.get(path)  # fmt: skip
+        label = {
+            ".components": s.system.components,
+            ".modules": s.system.modules,
+            ".properties": s.system.properties,
+            ".stamps": s.system.topics,
+        }.get(path)
         return [
             line
             for i in range(len(one))
-            for line in _members(
-                s, one[i], other[i], f"{path}[{i}{_called(label, i)}]"
-            )
+            for line in _members(s, one[i], other[i], f"{path}[{i}{_called(label, i)}]")
         ]
     if one.tobytes() == other.tobytes():
         return []

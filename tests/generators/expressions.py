@@ -13,13 +13,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from generators.kinds import (  # type: ignore[import-not-found]
+from generators.kinds import (
     MODE,
     ValueSet,
     fits,
     routes,
 )
-
 from soter.program.types import (
     BOOL,
     FLOAT,
@@ -37,28 +36,36 @@ from soter.program.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from generators.chooser import Chooser  # type: ignore[import-not-found]
-    from generators.kinds import Route  # type: ignore[import-not-found]
-    from generators.sight import Seen, Sight  # type: ignore[import-not-found]
-
+    from generators.chooser import Chooser
+    from generators.kinds import Route
+    from generators.sight import Seen, Sight
     from soter.program.types import Type
 
 FLOATS = (
     "0.0", "1.0", "0.5", "-1.0", "2.0", "10.0", "-0.0", "3.25", "-7.5", "1.0e-3", "100.0", "0.1",
 )  # fmt: skip
 WILD_FLOATS = (
-    "1.0e308", "-1.0e300", "5.0e-324", "1.0e-310", "9007199254740993.0", "9.3e18", "4503599627370495.5",
-    "-9223372036854775808.0", "1.7976931348623157e308", "(1.0e308 * 10.0)", "sqrt(-1.0)", "1.0e16",
+    "1.0e308", "-1.0e300", "5.0e-324", "1.0e-310", "9007199254740993.0", "9.3e18", "1.0e16",
+    "-9223372036854775808.0", "1.7976931348623157e308", "(1.0e308 * 10.0)", "sqrt(-1.0)",
+    "4503599627370495.5",
 )  # fmt: skip
 INTS = ("0", "1", "2", "-1", "3", "7", "10", "-5", "100", "-12", "1_000")
 WILD_INTS = (
-    "9223372036854775807", "-9223372036854775808", "4294967296", "3037000500", "-2147483649", "65536",
+    "9223372036854775807", "-9223372036854775808", "4294967296", "3037000500", "-2147483649",
+    "65536",
 )  # fmt: skip
+EDGES = (
+    "int(-9223372036854775808.0)", "(-9223372036854775808 % -1)", "(-7 / 2)", "(-7 % 2)",
+    "(7 / -2)", "(7 % -2)", "int(-0.9)", "int(9223372036854774784.0)", "abs(-9223372036854775807)",
+    "(9223372036854775807 + 0)", "(-9223372036854775807 - 1)", "(3037000499 * 3037000499)",
+)  # fmt: skip
+"""Operations just inside what does not fault."""
 COMPARISONS = ("<", "<=", ">", ">=", "==", "!=")
-PRELUDE_1 = (
-    ("sin", 4), ("cos", 4), ("exp", 5), ("atan", 4), ("tanh", 4), ("sign", 1), ("wrap_angle", 2), ("tan", 5),
-    ("asin", 4), ("acos", 4), ("log", 5), ("radians", 1), ("degrees", 1),
-)  # fmt: skip
+PRELUDE_1 = tuple(
+    [(name, 1) for name in ("sign", "radians", "degrees")]
+    + [("wrap_angle", 2)]
+    + [(name, 4) for name in ("sin", "cos", "atan", "tanh", "asin", "acos", "tan", "exp", "log")]
+)
 PRELUDE_2 = (("atan2", 5), ("hypot", 3), ("pow", 12))
 PRELUDE_3 = (("clamp", 1), ("lerp", 1), ("smoothstep", 2))
 DURATIONS = ("1ms", "20ms", "1500us", "2s", "7ns", "0.25s")
@@ -161,10 +168,10 @@ class ExpressionMaker:
     def _number(self, at: Sight) -> str:
         """Some int that is read without an index, or a literal."""
         found = [
-            ".".join((seen.name, *route.steps))
+            ".".join((seen.name, *route.fields))
             for seen in at.values()
             for route in routes(seen.type)
-            if isinstance(route.type, IntType) and all(isinstance(s, str) for s in route.steps)
+            if isinstance(route.type, IntType) and route.fields is not None
         ]
         return self.choose.pick(found) if found else self.choose.pick(INTS)
 
@@ -181,8 +188,10 @@ class ExpressionMaker:
             return f"{t.name}.{choose.pick(t.members)}"
 
         def part(u: Type) -> str:
-            return self.make(u, at, depth - 1, flows=flows) if depth > 0 else self.simple(
-                u, at, flows=flows
+            return (
+                self.make(u, at, depth - 1, flows=flows)
+                if depth > 0
+                else self.simple(u, at, flows=flows)
             )
 
         if isinstance(t, RecordType):
@@ -280,7 +289,11 @@ class ExpressionMaker:
     def _special_bool(self, at: Sight, _depth: int) -> str | None:
         choose = self.choose
         options = ["in_control"] if at.has_control else []
-        options += [f"(mode({m}) == Mode.{choose.pick(MODE.members)})" for m in at.modules if not at.shadowed(m)]
+        options += [
+            f"(mode({m}) == Mode.{choose.pick(MODE.members)})"
+            for m in at.modules
+            if not at.shadowed(m)
+        ]
         if at.durations():
             left, right = self._duration(at), self._duration(at)
             options.append(f"({left} {choose.pick(COMPARISONS)} {right})")
@@ -304,13 +317,15 @@ class ExpressionMaker:
         kind = choose.weighted(
             (
                 (5, "sum"), (2, "product"), (2, "quotient"), (1, "negated"), (2, "extreme"),
-                (1, "abs"), (2, "from_float"), (2, "length"), (1, "same"),
+                (1, "abs"), (2, "from_float"), (2, "length"), (1, "same"), (1, "edge"),
             )
         )  # fmt: skip
         if kind == "length":
             return self._length(at)
         if kind == "from_float":
             return self._int_of_float(at, depth)
+        if kind == "edge":
+            return f"({choose.pick(EDGES)} % 1009)"
         a = self.make(INT, at, depth - 1)
         if kind == "negated":
             return f"-({a})" if choose.chance(30) else f"(-{a})"
@@ -353,8 +368,9 @@ class ExpressionMaker:
         choose = self.choose
         kind: Callable[[Sight, int], str | None] = choose.weighted(
             (
-                (8, self._arithmetic), (3, self._machine), (3, self._prelude), (2, self._special_float),
-                (2, self._reduced), (1, self._negated), (2, self._float_of_int),
+                (8, self._arithmetic), (3, self._machine), (3, self._prelude),
+                (2, self._special_float), (2, self._reduced), (1, self._negated),
+                (2, self._float_of_int),
             )
         )  # fmt: skip
         made = kind(at, depth)
@@ -393,7 +409,9 @@ class ExpressionMaker:
 
     def _prelude(self, at: Sight, depth: int) -> str | None:
         choose = self.choose
-        table, arity = choose.weighted(((4, (PRELUDE_1, 1)), (2, (PRELUDE_2, 2)), (4, (PRELUDE_3, 3))))
+        table, arity = choose.weighted(
+            ((4, (PRELUDE_1, 1)), (2, (PRELUDE_2, 2)), (4, (PRELUDE_3, 3)))
+        )
         name, cost = choose.pick(table)
         if not at.spend(cost):
             return None
@@ -479,14 +497,19 @@ class ExpressionMaker:
             return f"clamp({x}, {low}, {high})"
         if isinstance(t, IntType):
             low_int, high_int = (
-                (t.low, t.high) if bound is None else (max(t.low, int(bound[0])), min(t.high, int(bound[1])))
+                (t.low, t.high)
+                if bound is None
+                else (max(t.low, int(bound[0])), min(t.high, int(bound[1])))
             )
             return f"min(max({self.make(INT, at, depth - 1)}, {low_int}), {high_int})"
         if isinstance(t, RecordType):
             return (
                 "{ "
                 + ", ".join(
-                    [f"{n}: {self.inside(f, values, at, (*path, n), depth - 1)}" for n, f in t.fields]
+                    [
+                        f"{n}: {self.inside(f, values, at, (*path, n), depth - 1)}"
+                        for n, f in t.fields
+                    ]
                 )
                 + " }"
             )
@@ -505,7 +528,9 @@ class ExpressionMaker:
             return str(choose.pick([min(max(0.0, low), high), low, high, (low + high) / 2.0]))
         if isinstance(t, IntType):
             low_int, high_int = (
-                (t.low, t.high) if bound is None else (max(t.low, int(bound[0])), min(t.high, int(bound[1])))
+                (t.low, t.high)
+                if bound is None
+                else (max(t.low, int(bound[0])), min(t.high, int(bound[1])))
             )
             return str(choose.pick([min(max(0, low_int), high_int), low_int, high_int]))
         if isinstance(t, BoolType):

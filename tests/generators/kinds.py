@@ -7,7 +7,7 @@ Non-goals: values (`expressions.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from functools import lru_cache
+from functools import cache
 from typing import TYPE_CHECKING
 
 from soter.program.types import (
@@ -28,9 +28,8 @@ from soter.program.types import (
 )
 
 if TYPE_CHECKING:
-    from generators.chooser import Chooser  # type: ignore[import-not-found]
-    from generators.names import Namer  # type: ignore[import-not-found]
-
+    from generators.chooser import Chooser
+    from generators.names import Namer
     from soter.program.types import Type
 
 RANGES = (
@@ -61,7 +60,7 @@ def text_of(t: Type) -> str:
 class Route:
     """A way from a value to one of its parts: field names, and the types that are indexed."""
 
-    steps: tuple[str | Type, ...]
+    steps: tuple[str | ArrayType | ListType, ...]
     type: Type
 
     @property
@@ -69,14 +68,20 @@ class Route:
         """Whether there may be nothing at the end."""
         return any(isinstance(s, ListType) for s in self.steps)
 
+    @property
+    def fields(self) -> tuple[str, ...] | None:
+        """The names, where there is nothing to index."""
+        names = tuple(s for s in self.steps if isinstance(s, str))
+        return names if len(names) == len(self.steps) else None
 
-@lru_cache(maxsize=None)
+
+@cache
 def routes(t: Type, depth: int = 4) -> tuple[Route, ...]:
     """Every part of a value, the whole first."""
     found = [Route((), t)]
     if depth == 0:
         return tuple(found)
-    inner: list[tuple[str | Type, Type]] = []
+    inner: list[tuple[str | ArrayType | ListType, Type]] = []
     if isinstance(t, RecordType):
         inner = list(t.fields)
     elif isinstance(t, (ArrayType, ListType)):
@@ -176,7 +181,7 @@ class SetMaker:
         ints = [leaf for _, leaf in leaves(t) if isinstance(leaf, IntType)]
         low, high = max(i.low for i in ints), min(i.high for i in ints)
         if low > high:  # no number is in all of them: as wide as the widest
-            low, high = min(i.low for i in ints), max(i.high for i in ints)
+            return min(i.low for i in ints), max(i.high for i in ints)
         cuts = [(max(low, -10), min(high, 20)), (low, high), (max(low, 0), min(high, 1000))]
         return self.choose.pick([c for c in cuts if c[0] <= c[1]])
 
@@ -206,9 +211,7 @@ class TypeMaker:
             name = self.names.fresh("type")
             fields = self.names.different("field", choose.count(1, 4))
             floats = choose.chance(35)
-            record = RecordType(
-                tuple((n, FLOAT if floats else self.any(2)) for n in fields), name
-            )
+            record = RecordType(tuple((n, FLOAT if floats else self.any(2)) for n in fields), name)
             self.records.insert(0, record)
             plain = RecordType(record.fields)
             self.declarations.append(f"type {name} = {text_of(plain)};")

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from generators.chooser import Chooser  # type: ignore[import-not-found]
+    from generators.chooser import Chooser
 
 PLAIN = {
     "type": ("Motion", "Pose", "Color", "Reading", "Plan", "Gear"),
@@ -25,19 +25,17 @@ PLAIN = {
     "module": ("Safe", "Guard", "Shield"),
     "instance": ("c", "tank", "left", "right", "arm"),
 }
-NASTY = (
-    "s", "m", "k", "h", "i", "a", "v", "v_s", "v_int8_t", "flags", "published", "answer", "fault",
-    "status", "first", "began", "result", "done", "index", "div", "mod", "add", "sub", "mul", "abs_2",
-    "neg", "narrow", "int8_t", "uint8_t", "int64_t", "double", "char", "long", "short", "register",
-    "volatile", "struct", "union", "static", "inline", "switch", "default", "case", "goto", "void",
-    "signed", "unsigned", "sizeof", "typedef", "const_2", "NULL", "NAN", "INFINITY", "INT64_MAX", "errno",
-    "main", "y0", "j1", "gamma", "exp2", "fabs", "fmod", "round", "memcpy", "offsetof", "isnan", "assert_2",
-    "items", "len", "at", "pad_", "pad", "header", "components", "modules", "properties", "stamps",
-    "topics", "state_2", "init", "program", "out_0", "has_0", "soter_add", "soter_header", "SOTER_OK",
-    "x2", "k1", "substep", "time_2", "dt_2", "double_", "int_", "float_t", "double_t", "size_t", "bool_",
-    "true_", "self", "None", "class", "def", "lambda", "within", "measured", "hold", "until", "always",
-    "truth", "Mode_2", "property_0", "input_0", "constant", "default_2", "initial", "record", "value",
-)  # fmt: skip
+_NASTY = """
+s m k h i a v v_s v_int8_t flags published answer fault status first began result done index div
+mod add sub mul abs_2 neg narrow int8_t uint8_t int64_t double char long short register volatile
+struct union static inline switch default case goto void signed unsigned sizeof typedef const_2
+NULL NAN INFINITY INT64_MAX errno main y0 j1 gamma exp2 fabs fmod round memcpy offsetof isnan
+assert_2 items len at pad_ pad header components modules properties stamps topics state_2 init
+program out_0 has_0 soter_add soter_header SOTER_OK x2 k1 substep time_2 dt_2 double_ int_ float_t
+double_t size_t bool_ true_ self None class def lambda within measured hold until always truth
+Mode_2 property_0 input_0 constant default_2 initial record value
+"""
+NASTY = tuple(_NASTY.split())
 
 
 class Namer:

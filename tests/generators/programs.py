@@ -11,12 +11,16 @@ nodes, and one system; in every third program that system has two instances of a
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
-from generators.chooser import Chooser  # type: ignore[import-not-found]
-from generators.expressions import DURATIONS, ExpressionMaker  # type: ignore[import-not-found]
-from generators.kinds import (  # type: ignore[import-not-found]
+from hypothesis import HealthCheck, Phase, given, seed, settings
+from hypothesis import strategies as st
+from hypothesis.internal.conjecture.providers import HypothesisProvider
+
+from generators.chooser import Chooser
+from generators.expressions import DURATIONS, ExpressionMaker
+from generators.kinds import (
     RANGES,
     VEC2,
     VEC3,
@@ -29,13 +33,9 @@ from generators.kinds import (  # type: ignore[import-not-found]
     routes,
     text_of,
 )
-from generators.names import Namer  # type: ignore[import-not-found]
-from generators.sight import Globals, Seen, Sight  # type: ignore[import-not-found]
-from generators.statements import Output, StatementMaker  # type: ignore[import-not-found]
-from hypothesis import HealthCheck, Phase, given, seed, settings
-from hypothesis import strategies as st
-from hypothesis.internal.conjecture.providers import HypothesisProvider
-
+from generators.names import Namer
+from generators.sight import Globals, Seen, Sight
+from generators.statements import Output, StatementMaker
 from soter.program.types import (
     BOOL,
     FLOAT,
@@ -63,6 +63,8 @@ class Topic:
     type: Type
     values: ValueSet
     input: bool = False
+    age: str = ""
+    """Its `max_age`, as the program writes it."""
 
     @property
     def seen(self) -> Seen:
@@ -78,8 +80,6 @@ class Part:
     name: str
     drives: list[Topic] = field(default_factory=list)
     states: list[Seen] = field(default_factory=list)
-    unique: bool = False
-    """Someone reads its mode: a second one beside it would be ambiguous."""
 
 
 class ProgramMaker:
@@ -118,14 +118,14 @@ class ProgramMaker:
 
     # ------------------------------------------------------------ the world
 
-    def _sight(self, **more: object) -> Sight:
+    def _sight(self, **more: Any) -> Sight:
         return Sight(self.world, **more)
 
     def _world(self) -> None:
         choose = self.choose
         self.world.enums = self.types.enums
-        self.world.vectors = [r for r in self.types.records if is_vector(r)][:3]
-        self.world.vectors.append(ArrayType(FLOAT, 3))
+        vectors = [r for r in self.types.records if is_vector(r)]
+        self.world.vectors = [*vectors[:3], ArrayType(FLOAT, 3)]
         self.world.reserved = {*(r.name for r in self.types.records if r.name), "Mode"}
         self.world.reserved |= {e.name for e in self.types.enums}
         for _ in range(choose.count(1, 4)):
@@ -142,7 +142,9 @@ class ProgramMaker:
 
     def _constant(self) -> None:
         choose = self.choose
-        t = choose.weighted(((3, FLOAT), (2, self.types.any()), (1, ArrayType(FLOAT, 3)), (1, VEC3)))
+        t = choose.weighted(
+            ((3, FLOAT), (2, self.types.any()), (1, ArrayType(FLOAT, 3)), (1, VEC3))
+        )
         sight = self._sight(constant=True, fuel=30)
         value = self.expressions.make(t, sight, 2)
         if t == FLOAT and choose.chance(10):
@@ -179,9 +181,10 @@ class ProgramMaker:
         if values.bounds or choose.chance(30):
             default = f" = {self.expressions.fixed(t, values)}"
         age = f" max_age {choose.pick((6, 12, 25, 60))}ms" if choose.chance(35) else ""
+        age = like.age if like else age
         word = "input topic" if is_input else "topic"
         self.text.append([f"{word} {name} : {text_of(t)}{values.text}{default}{age};"])
-        topic = Topic(name, t, values, is_input)
+        topic = Topic(name, t, values, is_input, age)
         self.topics.append(topic)
         return topic
 
@@ -189,7 +192,9 @@ class ProgramMaker:
         """A type whose numbers a set can bound, and that can be drawn where that is asked."""
         choose = self.choose
         for _ in range(3):
-            t = choose.weighted(((3, FLOAT), (3, self.types.any()), (2, choose.pick(self.types.records))))
+            t = choose.weighted(
+                ((3, FLOAT), (3, self.types.any()), (2, choose.pick(self.types.records)))
+            )
             if boundable(t) and not (drawn and has_list(t)):
                 return t
         return choose.pick((FLOAT, VEC2, INT, BOOL))
@@ -248,9 +253,11 @@ class ProgramMaker:
             lines.append(f"  subscribes {', '.join([t.name for t in topics])};")
         if outputs:
             lines.append(f"  publishes {', '.join([t.name for t in choose.shuffled(outputs)])};")
-        for t in outputs:
-            if role != "ac" and choose.chance(50):
-                lines.append(f"  failsafe {t.name} = {self.expressions.fixed(t.type, t.values)};")
+        lines += [
+            f"  failsafe {t.name} = {self.expressions.fixed(t.type, t.values)};"
+            for t in outputs
+            if role != "ac" and choose.chance(50)
+        ]
         counter = self._locals(lines, sight)
         published = [Output(t.name, t.type, t.values) for t in outputs]
         if role in {"ac", "sc"} and choose.chance(35):
@@ -298,22 +305,19 @@ class ProgramMaker:
             options = ["in_control && time > 0.3 && time < 0.6", "time > 0.8 && time < 1.0"]
             if counter and not any(counter in frame for frame in sight.frames[1:]):
                 k = choose.pick((17, 40, 90))
-                options += [f"{counter} % {k} == {choose.below(k)}", f"in_control && {counter} % {k} < 3"]
+                options += [
+                    f"{counter} % {k} == {choose.below(k)}",
+                    f"in_control && {counter} % {k} < 3",
+                ]
             options.append(f"{self.expressions.make(BOOL, sight, 1)} && {options[-1]}")
             found.append(choose.pick(options))
         return found
 
     def _modes(self) -> list[str]:
-        """Modules whose mode this code may read; they must not be instantiated twice then."""
+        """Modules whose mode this code may read."""
         if not self.module_names or not self.choose.chance(25):
             return []
-        chosen = self.choose.pick(self.module_names)
-        self._read_modes.add(chosen)
-        return [chosen]
-
-    @property
-    def _read_modes(self) -> set[str]:
-        return self.__dict__.setdefault("_modes_read", set())  # type: ignore[no-any-return]
+        return [self.choose.pick(self.module_names)]
 
     # ------------------------------------------------------------ modules
 
@@ -325,8 +329,11 @@ class ProgramMaker:
         self._node(ac, choose.pick(small), outputs, role="ac")
         self._node(sc, choose.pick(small), outputs, role="sc")
         sight = self._sight(
-            topics=[t.seen for t in self.topics], modules=self._modes(), risk=choose.pick((0, 0, 10)), fuel=40,
-        )  # fmt: skip
+            topics=[t.seen for t in self.topics],
+            modules=self._modes(),
+            risk=choose.pick((0, 0, 10)),
+            fuel=40,
+        )
         ttf, safer = self._predicates(sight)
         lines = [f"rta {name} {{", f"  ac {ac};", f"  sc {sc};", f"  period {period}us;"]
         lines.append(f"  safe {self.expressions.make(BOOL, sight, 1)};")
@@ -349,7 +356,10 @@ class ProgramMaker:
         back = low + (high - low) * choose.pick((0.5, 0.35, 0.2))
         if isinstance(low, int):
             cut, back = int(cut), int(back)
-        ttf, safer = f"{text} > {cut}", f"{text} < {max(back, low + 1) if isinstance(low, int) else back}"
+        ttf, safer = (
+            f"{text} > {cut}",
+            f"{text} < {max(back, low + 1) if isinstance(low, int) else back}",
+        )
         if choose.chance(15):
             ttf = f"{ttf} || {self.expressions.make(BOOL, sight, 1)}"
         if choose.chance(15):
@@ -363,12 +373,14 @@ class ProgramMaker:
         found: list[tuple[str, float, float]] = []
         for topic in moving:
             for route in routes(topic.type):
-                if not all(isinstance(s, (str, ArrayType)) for s in route.steps):
+                if route.through_list:
                     continue
-                text = topic.name + "".join(
-                    f".{s}" if isinstance(s, str) else f"[{self.choose.below(s.size)}]"
-                    for s in route.steps
-                )
+                text = topic.name
+                for step in route.steps:
+                    if isinstance(step, ArrayType):
+                        text += f"[{self.choose.below(step.size)}]"
+                    else:
+                        text += f".{step}"
                 fields = tuple(s for s in route.steps if isinstance(s, str))
                 bound = topic.values.at(fields)
                 if isinstance(route.type, FloatType):
@@ -437,9 +449,12 @@ class ProgramMaker:
         found: list[Seen] = []
         for _ in range(choose.count(0, 2)):
             t = FLOAT if choose.chance(60) else self.types.vector()
-            hold = f" hold {choose.pick(('20ms', '7ms', '33ms', '1ms'))}" if choose.chance(50) else ""
+            hold = (
+                f" hold {choose.pick(('20ms', '7ms', '33ms', '1ms'))}" if choose.chance(50) else ""
+            )
             own = self.statements.local_name(sight)
-            lines.append(f"  disturbance {own}: {text_of(t)} in {choose.pick(('[-0.5, 0.5]', '[-3.0, 1.0]'))}{hold};")
+            limits = choose.pick(("[-0.5, 0.5]", "[-3.0, 1.0]"))
+            lines.append(f"  disturbance {own}: {text_of(t)} in {limits}{hold};")
             found.append(Seen(own, t))
             sight.declare(found[-1])
         return found
@@ -450,7 +465,9 @@ class ProgramMaker:
         for state in choose.shuffled(states):
             t = state.type
             if (t == FLOAT or is_vector(t)) and not choose.chance(25):
-                lines.append(f"  der {state.name} = {self._derivative(state, states, disturbances, sight)};")
+                lines.append(
+                    f"  der {state.name} = {self._derivative(state, states, disturbances, sight)};"
+                )
             elif choose.chance(85):
                 lines.append(f"  next {state.name} = {self._next(state, sight)};")
         return lines
@@ -464,7 +481,7 @@ class ProgramMaker:
         more = [d.name for d in disturbances if d.type == t]
         push = f" + {choose.pick(more)}" if more and choose.chance(70) else ""
         if choose.chance(10):
-            return self.expressions.make(t, sight, 2)  # type: ignore[no-any-return]
+            return self.expressions.make(t, sight, 2)
         if t != FLOAT:
             drive = self.expressions.make(t, sight, 1, flows=False)
             return f"saturate({drive}, 2.0) - {choose.pick(('1.0', '3.0'))} * {name}{push}"
@@ -474,7 +491,7 @@ class ProgramMaker:
             return f"{choose.pick(others)} - 0.2 * {name}{push}"
         if form == 1 and others:
             return f"-4.0 * {choose.pick(others)} - 0.1 * {name}{push}"
-        if form == 2:  # noqa: PLR2004 - one of four forms
+        if form == 2:
             speed = choose.pick(("2.0", "5.0", "11.0"))
             return f"3.0 * sin({speed} * time) - 0.3 * {name}{push}"
         return f"clamp({self.expressions.make(FLOAT, sight, 2)}, -4.0, 4.0) - {name}{push}"
@@ -488,23 +505,22 @@ class ProgramMaker:
             return f"({name} < {t.high} ? {name} + 1 : {t.low})"
         if t == BOOL and choose.chance(50):
             return f"!{name}"
-        return self.expressions.make(t, sight, 2)  # type: ignore[no-any-return]
+        return self.expressions.make(t, sight, 2)
 
     def _shown(self, topic: Topic, states: list[Seen], sight: Sight) -> str:
         whole = [s.name for s in states if fits(s.type, topic.type)]
         if whole and self.choose.chance(80):
             return self.choose.pick(whole)
-        return self.expressions.make(topic.type, sight, 2)  # type: ignore[no-any-return]
+        return self.expressions.make(topic.type, sight, 2)
 
     def _measured(self, drives: list[Topic]) -> list[str]:
         choose = self.choose
         lines = []
         for topic in drives:
             paths = [
-                ".".join((topic.name, *r.steps))
+                ".".join((topic.name, *r.fields))
                 for r in routes(topic.type)
-                if all(isinstance(s, str) for s in r.steps)
-                and (r.type == FLOAT or is_vector(r.type))
+                if r.fields is not None and (r.type == FLOAT or is_vector(r.type))
             ]
             if paths and choose.chance(50):
                 bound = choose.pick(("0.02", "0.0", "0.5"))
@@ -520,7 +536,9 @@ class ProgramMaker:
         if not choose.chance(33):
             truths, items = self._instances()
             inputs = [t.name for t in self.topics if t.input]
-            lines += items + self._closing([t.seen for t in self.topics], truths, list(self.module_names), inputs)
+            lines += items + self._closing(
+                [t.seen for t in self.topics], truths, list(self.module_names), inputs
+            )
             return [[*lines, "}"]]
         sub = self.names.fresh("instance")
         truths, items = self._instances()
@@ -573,7 +591,9 @@ class ProgramMaker:
             if choose.chance(90):
                 lines.append(f"  input {name} every {choose.pick((20, 50, 130, 7, 300))}ms;")
         lines += [
-            f"  set {p.name} = {self._setting(p)};" for p in self.world.parameters if choose.chance(40)
+            f"  set {p.name} = {self._setting(p)};"
+            for p in self.world.parameters
+            if choose.chance(40)
         ]
         sight = self._sight(
             topics=topics, modules=modules, has_time=True, risk=choose.pick((0, 0, 10)), fuel=40
@@ -599,7 +619,12 @@ class ProgramMaker:
         lines = [f"  {one}: {sub};", f"  {two}: {sub}{table};"]
         topics = [Seen(f"{one}.{t.name}", t.type) for t in used]
         topics += [Seen(t.name if t in renamed else f"{two}.{t.name}", t.type) for t in used]
-        inputs = [f"{i}.{t.name}" for i in (one, two) for t in used if t.input and not (i == two and t in renamed)]
+        inputs = [
+            f"{i}.{t.name}"
+            for i in (one, two)
+            for t in used
+            if t.input and not (i == two and t in renamed)
+        ]
         inputs += [t.name for t in renamed if t.input]
         inner = [Seen(f"{i}.{t.name}", t.type) for i in (one, two) for t in truths]
         modules = [f"{i}.{m}" for i in (one, two) for m in self.module_names]

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Seen:
-    """A name with a value. `below`: for loop variables, an exclusive upper bound (0 is the lower)."""
+    """A name with a value. `below`: of a loop variable that starts at 0, where it ends."""
 
     name: str
     type: Type

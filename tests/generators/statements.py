@@ -11,9 +11,8 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from generators.kinds import fits, routes, text_of  # type: ignore[import-not-found]
-from generators.sight import Callable, Seen, Sight  # type: ignore[import-not-found]
-
+from generators.kinds import fits, routes, text_of
+from generators.sight import Callable, Seen, Sight
 from soter.program.types import (
     BOOL,
     FLOAT,
@@ -28,12 +27,23 @@ if TYPE_CHECKING:
     from collections.abc import Callable as Callable_
     from collections.abc import Iterator
 
-    from generators.chooser import Chooser  # type: ignore[import-not-found]
-    from generators.expressions import ExpressionMaker  # type: ignore[import-not-found]
-    from generators.kinds import Route, TypeMaker, ValueSet  # type: ignore[import-not-found]
-    from generators.names import Namer  # type: ignore[import-not-found]
-
+    from generators.chooser import Chooser
+    from generators.expressions import ExpressionMaker
+    from generators.kinds import Route, TypeMaker, ValueSet
+    from generators.names import Namer
     from soter.program.types import Type
+
+
+OVERFLOWS = (
+    "9223372036854775807 - abs(N) + 3", "(-9223372036854775808 + 0) / -1",
+    "-(-9223372036854775808)",
+    "abs(-9223372036854775808 + abs(N) * 0)", "-9223372036854775807 - abs(N) - 2",
+    "3037000500 * 3037000500", "-9223372036854775807 * (2 + abs(N))", "-4294967296 * -2147483648",
+)  # fmt: skip
+"""Ints beyond 64 bits, N being -2 to 2."""
+NO_INTS = ("1.0e19 + X", "9223372036854775808.0", "-9223372036854777856.0", "sqrt(-1.0 - X)",
+           "-1.0e300 * 1.0e300")  # fmt: skip
+"""Floats that no int can hold, X being no less than 0."""
 
 
 @dataclass(frozen=True)
@@ -82,11 +92,11 @@ class StatementMaker:
     def local_name(self, at: Sight) -> str:
         """A name for a new local: it may hide outer ones, but no type or function."""
         taken = set(at.frames[-1]) | at.world.reserved
-        return self.names.outside("value", taken)  # type: ignore[no-any-return]
+        return self.names.outside("value", taken)
 
     def _new_name(self, at: Sight) -> str:
         """A name for a local that hides nothing."""
-        return self.names.outside("value", {s.name for s in at.values()} | at.world.reserved)  # type: ignore[no-any-return]
+        return self.names.outside("value", {s.name for s in at.values()} | at.world.reserved)
 
     # ------------------------------------------------------------ statements
 
@@ -102,8 +112,8 @@ class StatementMaker:
         choose = self.choose
         kind = choose.weighted(
             (
-                (5, self._let), (3, self._var), (8, self._assign), (4, self._if), (2, self._for_range),
-                (2, self._for_each), (3, self._push), (1, self._assert),
+                (5, self._let), (3, self._var), (8, self._assign), (4, self._if),
+                (2, self._for_range), (2, self._for_each), (3, self._push), (1, self._assert),
             )
             if nesting > 0
             else ((4, self._let), (2, self._var), (8, self._assign), (3, self._push))
@@ -150,14 +160,14 @@ class StatementMaker:
         for step in route.steps:
             if isinstance(step, str):
                 text += f".{step}"
-            elif isinstance(step, ArrayType):
-                text += f"[{self.expressions.index(step.size, at)}]"
-            elif choose.chance(at.risk):
-                text += f"[{self.expressions.index(step.capacity, at)}]"
-            else:
-                k = choose.below(2)
-                guards.append(f"{text}.len > {k}" if step.capacity > k else "false")
-                text += f"[{min(k, step.capacity - 1)}]"
+                continue
+            size = step.size if isinstance(step, ArrayType) else step.capacity
+            if isinstance(step, ArrayType) or choose.chance(at.risk):
+                text += f"[{self.expressions.index(size, at)}]"
+                continue
+            k = choose.below(2)
+            guards.append(f"{text}.len > {k}" if size > k else "false")
+            text += f"[{min(k, size - 1)}]"
         value = self._next_value(text, route.type, at)
         if not guards:
             self.put(f"{text} = {value};")
@@ -176,11 +186,13 @@ class StatementMaker:
             more = self.expressions.make(FLOAT, at, 1, flows=False)
             scale = choose.pick(("0.5", "0.9", "1.0"))
             return f"({scale} * {text} + saturate({more}, {choose.pick(('1.0', '10.0'))}))"
-        return self.expressions.make(t, at, 2)  # type: ignore[no-any-return]
+        return self.expressions.make(t, at, 2)
 
     def _push(self, at: Sight, _nesting: int) -> None:
         lists = [
-            (s, r) for s, r in self._places(at) if isinstance(r.type, ListType) and not r.through_list
+            (s, r)
+            for s, r in self._places(at)
+            if isinstance(r.type, ListType) and not r.through_list
         ]
         if not lists:
             self._assign(at, 0)
@@ -357,13 +369,13 @@ class StatementMaker:
         if kind in {"nonfinite", "range"} and self._bad_publication(kind, at, outputs):
             return
         lines = {
-            "overflow": [f"let {name} = 9223372036854775807 - abs({n} % 3) + 3;"],
+            "overflow": [f"let {name} = {choose.pick(OVERFLOWS).replace('N', f'({n} % 3)')};"],
             "narrow": [f"let {name}: int in [0, 9] = 10 + abs({n} % 3);"],
             "index": [f"var {name}: float[3];", f"{name}[3 + abs({n} % 3)] = {x};"],
             "divide": [f"let {name} = 1.0 / ({x} - {x});"],
             "modulo": [f"let {name} = 7 {choose.pick('/%')} ({n} - {n});"],
-            "convert": [f"let {name} = int(1.0e19 + abs({x}));"],
-            "assert": [f"assert {x} != {x}, \"mischief\";"],
+            "convert": [f"let {name} = int({choose.pick(NO_INTS).replace('X', f'abs({x})')});"],
+            "assert": [f'assert {x} != {x}, "mischief";'],
             "capacity": [f"var {name}: int[<=2] = [1, 2];", f"push {name}, {n};"],
         }.get(kind, [f"let {name} = {choose.pick('123')} / (1 - 1);"])
         for line in lines:
@@ -394,16 +406,17 @@ class StatementMaker:
     def _leaf(self, t: Type, values: ValueSet, kind: str) -> tuple[str, ...] | None:
         """The path of a leaf that can be set to something bad."""
         for route in routes(t):
-            fields = tuple(s for s in route.steps if isinstance(s, str))
-            if len(fields) != len(route.steps):
+            fields = route.fields
+            if fields is None:
                 continue
             if isinstance(route.type, FloatType) and (kind == "nonfinite" or values.at(fields)):
                 return fields
             bound = values.at(fields)
-            room = isinstance(route.type, IntType) and bound is not None and (
-                route.type.low < bound[0] and bound[1] < route.type.high
+            room = (
+                isinstance(route.type, IntType)
+                and bound is not None
+                and (route.type.low < bound[0] and bound[1] < route.type.high)
             )
             if room and kind == "range":
                 return fields
         return None
-

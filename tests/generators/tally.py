@@ -6,13 +6,14 @@ Non-goals: judging; `test_engines_agree.py` prints the counts and holds the leas
 
 from __future__ import annotations
 
-from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 from soter.program.arith import FaultKind
 
 if TYPE_CHECKING:
-    from generators.engines import Bytes, Subject  # type: ignore[import-not-found]
+    from collections import Counter
+
+    from generators.engines import Bytes, Subject
 
 
 def happened(s: Subject, trace: Bytes) -> set[str]:
@@ -32,7 +33,7 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "two modules": len(s.system.modules) > 1,
         "switch to AC": bool((last["modules"]["to_ac"] > 0).any()),
         "switch to SC": bool((last["modules"]["to_sc"] > 0).any()),
-        "ten switches": bool((last["modules"]["to_ac"] > 4).any()),  # noqa: PLR2004
+        "ten switches": bool((last["modules"]["to_ac"] > 4).any()),
         "gate fault": bool((last["modules"]["gate_faults"] > 0).any()),
         "gate fault in control": bool((modules["saw_gate_fault"] > 0).any()),
         "clean steps owed": bool((modules["clean_needed"] > 0).any()),
@@ -43,7 +44,7 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "input driven": bool(s.system.inputs),
         "sub-systems": any("." in m.name for m in s.system.modules)
         or any("." in x.name for x in s.system.components if x.module is None),
-        "still moving": bool((trace[-1, :] != trace[-100, :]).sum() > 40),  # noqa: PLR2004
+        "still moving": bool((trace[-1, :] != trace[-100, :]).sum() > 40),
     }
     return found | {name for name, holds in facts.items() if holds}
 

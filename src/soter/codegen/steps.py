@@ -27,10 +27,13 @@ from soter.program.types import (
 from soter.semantics.random_draws import fnv
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from soter.codegen.body import Body
     from soter.codegen.types import TypeTable
     from soter.diagnostics.span import Span
     from soter.program.system import Component, System
+    from soter.program.typed import NodeSymbol
     from soter.program.types import Type, Value
 
 S = c.Name("s")
@@ -171,95 +174,101 @@ class StepEmitter:
         assert component.node is not None
         c_source = component.binding is not None and component.binding.startswith("c:")
         foreign = component.extern
-        inner: list[c.CStmt] = []
-        if step.takeover:
-            inner.append(
-                c.IfStmt(
-                    enabled("SOTER_TAKEOVER"),
-                    tuple(self.body.block(step.takeover, step.body)),
-                )
-            )
-        inner += self.body.block(step.body)
         used = {n.name for n in _vars((step.takeover, step.body))}
+        takeover: list[c.CStmt] = []
+        if step.takeover:
+            block = tuple(self.body.block(step.takeover, step.body))
+            takeover.append(c.IfStmt(enabled("SOTER_TAKEOVER"), block))
         body: list[c.CStmt] = [self.state_pointer(), *self.fault_pointer()]
-        if foreign:
-            body += self._foreign(component, step, name, linked=c_source)
+        body += self.load(step.locals, used)
+        if foreign and c_source and step.locals:
+            body += [*takeover, *self._linked(component, step, name)]
+        elif foreign:
+            outputs = self._linked if c_source else self._answered
+            body += [*outputs(component, step, name), *takeover]
         else:
-            body += self.load(step.locals, used)
             body += self.declare_outputs(step.outputs)
-            body += inner
+            body += [*takeover, *self.body.block(step.body)]
         body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault")]
         body += self.check_outputs(step.outputs, untrusted=foreign)
         body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
-        if foreign and c_source and step.locals:
-            body.append(c.Assign(c.Arrow(S, self.groups[component.index]), c.Name("kept")))
-        elif not foreign:
+        if foreign and c_source:
+            body += [self._keep(copy) for copy in step.locals]
+        else:
             body += self.store(step.locals)
         body += self.publish(step.outputs, gated=True)
         body.append(c.Return(OK))
         doc = f"{component.role} {component.node.name}, {where(step.span)}"
         return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, tuple(body), doc)
 
-    def _foreign(
-        self, component: Component, step: core.NodeStep, name: str, *, linked: bool
-    ) -> list[c.CStmt]:
-        """Outputs of an extern node: from a linked C function, or from the driver's answer."""
+    def _linked(self, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
+        """Outputs of an extern node from a linked C function, which also gets its locals."""
         node = component.node
         assert node is not None
+        assert component.binding is not None
+        in_fields = tuple(
+            (
+                field_name(x.topic.name.rsplit(".", 1)[-1]),
+                self.topic(component.scope.topics[x.topic]),
+            )
+            for x in node.subscribes
+        )
+        inputs = c.Initializer(in_fields or ((None, c.Number("0")),))
         found = self.declare_outputs(step.outputs)
-        out_type = f"{name}_out"
-        if linked:
-            assert component.binding is not None
-            symbol = component.binding.rsplit(":", 1)[1]
-            in_fields = tuple(
-                (
-                    field_name(x.topic.name.rsplit(".", 1)[-1]),
-                    self.topic(component.scope.topics[x.topic]),
+        found.append(c.Declare(f"{name}_in", "in", inputs, const=True))
+        found.append(c.Declare(f"{name}_out", "got", c.Initializer(())))
+        arguments: list[c.CExpr] = [c.Unary("&", c.Name("in"))]
+        if step.locals:
+            group = c.Arrow(S, self.groups[component.index])
+            found.append(c.Declare(f"{name}_local", "kept", group))
+            found += [
+                c.Assign(
+                    c.Member(c.Name("kept"), field_name(x.cell.name)),
+                    self.types.to_store(x.type, c.Name(self.body.local(x.name))),
                 )
-                for x in node.subscribes
-            )
-            found.append(
-                c.Declare(
-                    f"{name}_in",
-                    "in",
-                    c.Initializer(in_fields or ((None, c.Number("0")),)),
-                    const=True,
-                )
-            )
-            found.append(c.Declare(out_type, "got", c.Initializer(())))
-            arguments: list[c.CExpr] = [c.Unary("&", c.Name("in"))]
-            if step.locals:
-                found.append(
-                    c.Declare(f"{name}_local", "kept", c.Arrow(S, self.groups[component.index]))
-                )
-                arguments.append(c.Unary("&", c.Name("kept")))
-            arguments.append(c.Unary("&", c.Name("got")))
-            call = c.CallExpr(symbol, tuple(arguments))
-            fine = c.Binary("==", call, c.Number("0"))
-            found.append(
-                c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT)))
-            )
-        else:
-            found.append(c.Declare(f"const {out_type} *const ", "got", c.Name("answer")))
-            missing = c.Binary("==", c.Name("got"), c.Name("NULL"))
-            found.append(c.IfStmt(missing, (c.Return(c.Name("SOTER_EXTERN_FAULT")),)))
+                for x in step.locals
+                if x.written
+            ]
+            failed = c.Binary("!=", c.Name("status"), OK)
+            if step.takeover:
+                found.append(c.IfStmt(failed, (c.Return(c.Name("status")),)))
+            arguments.append(c.Unary("&", c.Name("kept")))
+        arguments.append(c.Unary("&", c.Name("got")))
+        call = c.CallExpr(component.binding.rsplit(":", 1)[1], tuple(arguments))
+        fine = c.Binary("==", call, c.Number("0"))
+        found.append(c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT))))
+        return found + self._given(node, lambda field: c.Member(c.Name("got"), field))
+
+    def _keep(self, copy: core.LocalCopy) -> c.CStmt:
+        """Commit a local that a linked C function may have changed."""
+        new = c.Member(c.Name("kept"), field_name(copy.cell.name))
+        return c.Assign(self.cell(copy.cell), self.types.canonical(copy.type, new))
+
+    def _answered(self, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
+        """Outputs of an extern node from the driver's answer."""
+        node = component.node
+        assert node is not None
         got = c.Name("got")
+        return [
+            *self.declare_outputs(step.outputs),
+            c.Declare(f"const {name}_out *const ", "got", c.Name("answer")),
+            c.IfStmt(
+                c.Binary("==", got, c.Name("NULL")), (c.Return(c.Name("SOTER_EXTERN_FAULT")),)
+            ),
+            *self._given(node, lambda field: c.Arrow(got, field)),
+        ]
 
-        def part(name: str) -> c.CExpr:
-            return c.Member(got, name) if linked else c.Arrow(got, name)
-
+    def _given(self, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> list[c.CStmt]:
+        """Take over the outputs that an extern gave."""
+        found: list[c.CStmt] = []
         for k, topic in enumerate(node.publishes):
-            short = field_name(topic.name.rsplit(".", 1)[-1])
-            has = c.Binary("!=", part(f"has_{short}"), c.Number("0"))
-            found.append(
-                c.IfStmt(
-                    has,
-                    (
-                        c.Assign(c.Name(f"out_{k}"), part(short)),
-                        c.Assign(c.Name(f"has_{k}"), c.Name("true")),
-                    ),
-                )
+            short = topic.name.rsplit(".", 1)[-1]
+            taken = (
+                c.Assign(c.Name(f"out_{k}"), part(field_name(short))),
+                c.Assign(c.Name(f"has_{k}"), c.Name("true")),
             )
+            has = c.Binary("!=", part(field_name(f"has_{short}")), c.Number("0"))
+            found.append(c.IfStmt(has, taken))
         return found
 
     def failsafe(self, component: Component, name: str) -> c.FunctionDef | None:

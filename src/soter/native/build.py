@@ -108,8 +108,7 @@ def _helps(unit: Unit) -> tuple[str, ...]:
     files = ", ".join(f"`{s}`" for s in unit.c_sources)
     return (
         f"the mistake is most likely in {files}",
-        f"`{unit.prefix}.h` (named after the main program file) declares what is expected: "
-        f'#include "{unit.prefix}.h"',
+        f"#include `{unit.prefix}.h`, named after the main program file: it has their signatures",
     )
 
 

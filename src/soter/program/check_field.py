@@ -200,8 +200,7 @@ class FieldChecker(ExprBase):
         if not rest:
             return self.no_value(what, path, span)
         if isinstance(what, typed.PlantSymbol) and rest[0].text == "truth":
-            lacking = rest[1:] and what.truth.index(rest[1].text) is None
-            if lacking and what in self.checker.damaged:
+            if what in self.checker.damaged and what.truth.index(rest[-1].text) is None:
                 self.names.losses += 1
                 return error_expr(span)
             value: typed.Expr = typed.TruthRead(what.truth, span, path)

@@ -14,6 +14,8 @@ from soter.program.context import Context
 from soter.program.types import BOOL, DURATION
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.diagnostics.span import Span
     from soter.program.checker import Checker
     from soter.program.scope import FileScope
@@ -26,6 +28,10 @@ UNKNOWN = "<error>"
 def period_or_unknown(period: typed.Expr) -> typed.Expr:
     """The period, or a literal that `elaborate.py` says nothing about."""
     return typed.Literal(DURATION, period.span, 0, UNKNOWN) if is_error(period) else period
+
+
+MAX_OUTPUTS = 32
+"""Publications of a step are counted in one machine word."""
 
 
 class NodeChecker:
@@ -123,7 +129,49 @@ class NodeChecker:
             if topic.input:
                 self.input_is_set(topic, ref.span)
             found[topic] = ref.span
+        if len(found) > MAX_OUTPUTS:
+            self.diagnostics.error(
+                "M016",
+                f"`{decl.name.text}` publishes {len(found)} topics",
+                decl.name.span,
+                f"at most {MAX_OUTPUTS} are possible",
+                helps=("put values that belong together into one record",),
+            )
+        if decl.extern:
+            self._short_names(decl, [s.topic for s in subscribes.values()], subscribes, "reads")
+            self._short_names(decl, list(found), found, "publishes")
         return found
+
+    def _short_names(
+        self,
+        decl: tree.NodeDecl,
+        topics: list[typed.TopicSymbol],
+        spans: Mapping[typed.TopicSymbol, typed.Subscribed | Span],
+        verb: str,
+    ) -> None:
+        """M017 for topics that an extern could not tell apart: it knows them by their last name."""
+        taken: dict[str, typed.TopicSymbol] = {}
+        for topic in topics:
+            short = topic.name.rpartition(".")[2]
+            other = taken.get(short)
+            if other is None and verb == "publishes":
+                other = taken.get(short.removeprefix("has_")) if short.startswith("has_") else None
+                other = other or taken.get(f"has_{short}")
+            if other is not None:
+                place = spans[topic]
+                span = place.span if isinstance(place, typed.Subscribed) else place
+                self.diagnostics.error(
+                    "M017",
+                    f"extern `{decl.name.text}` {verb} `{other.name}` and `{topic.name}`, which it "
+                    "cannot tell apart",
+                    span,
+                    notes=(
+                        "an extern knows topics by the last part of their names; in C `has_t` says "
+                        "that `t` is given",
+                    ),
+                    helps=("declare a topic of another name and wire it in the system",),
+                )
+            taken.setdefault(short, topic)
 
     def input_is_set(self, topic: typed.TopicSymbol, span: Span) -> None:
         """M011 for an input topic that the program itself would set."""

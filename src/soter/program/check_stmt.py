@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING
 
 from soter.program import typed
 from soter.program.check_base import error_expr, is_error, plain
+from soter.program.context import SPECIALS
+from soter.program.scope import BUILTIN_FUNCTIONS
 from soter.program.types import (
     BOOL,
     ERROR,
@@ -211,6 +213,12 @@ class StmtChecker:
     def _not_a_variable(self, base: tree.NameExpr, context: Context) -> None:
         name = base.name.text
         entry = self.checker.names.find(context.scope, name)
+        if entry is None and name in (*BUILTIN_FUNCTIONS, *SPECIALS):
+            what = "built in" if name in BUILTIN_FUNCTIONS else "read only"
+            self.diagnostics.error(
+                "T009", f"`{name}` is {what}: it cannot be assigned", base.span, "assigned here"
+            )
+            return
         if entry is None:
             self.checker.names.unknown(
                 context.scope, name, base.span, context.local_names(), where=context.where

@@ -46,7 +46,7 @@ class Composition:
         self.partial = partial
         self.draft = draft
 
-    def check(self) -> None:
+    def check(self, property_reads: list[tuple[int, Span]]) -> None:
         """All rules; also enters the driver of every topic."""
         drivers = self._drivers()
         for index, found in drivers.items():
@@ -62,12 +62,8 @@ class Composition:
                 elif component.role in {"ac", "sc"}:
                     reader = f"node `{component.name}`"
                 self._driven(component.scope.topics[topic], span, reader, driven)
-        for item in self.symbol.properties:
-            roots = [e for e in (item.premise, item.condition) if e is not None]
-            for topic, read in topic_reads(*roots).items():
-                scope = next((p.scope for p in self.system.properties), None)
-                if scope is not None and topic in scope.topics:
-                    self._driven(scope.topics[topic], read.span, "a property", driven)
+        for index, span in property_reads:
+            self._driven(index, span, "a property", driven)
         self._disjoint_nodes()
 
     # ------------------------------------------------------------ drivers

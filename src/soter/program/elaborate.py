@@ -27,12 +27,13 @@ from soter.program.system import (
 )
 from soter.program.types import ErrorType, FloatType, IntType, default_value, leaves
 from soter.program.value_sets import Topics, beyond, first_outside
-from soter.program.walk import mode_reads, topic_reads
+from soter.program.walk import mode_reads, nodes, topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
     from soter.program.placing import Part, Placed
     from soter.program.types import Value
 
@@ -61,6 +62,8 @@ class Elaborator(Topics):
         super().__init__(program, symbol, overrides, diagnostics, draft=draft)
         self.unknown: set[str] = set()
         """Names of components whose period has an error: nothing is said about it again."""
+        self.property_reads: list[tuple[int, Span]] = []
+        """Topics that properties read, and where."""
 
     # ------------------------------------------------------------ the result
 
@@ -73,6 +76,7 @@ class Elaborator(Topics):
 
     def _run(self) -> System:
         self.walk(self.symbol, "", [])
+        self.check_wired_sets()
         components, modules = self._components("node")
         self._modes_in_scope(components, modules)
         properties = self._properties(modules, components)
@@ -92,7 +96,7 @@ class Elaborator(Topics):
         composition = Composition(
             system, self.symbol, self.diagnostics, partial=self.partial, draft=self.draft
         )
-        composition.check()
+        composition.check(self.property_reads)
         if not self.unknown:
             system.hyperperiod_ns = hyperperiod(system, self.symbol, self.diagnostics)
         return system
@@ -423,15 +427,13 @@ class Elaborator(Topics):
     def _properties(self, modules: list[Module], components: list[Component]) -> list[Property]:
         """Those of the system, then those of its sub-systems, each in its own names."""
         result: list[Property] = []
+        plants = {c.name: c.index for c in components if c.role == "plant"}
+        named = {m.name: m for m in modules}
         for part in self.parts:
-            scope, counts = self._part_scope(part, modules, components)
             for item in part.system.properties:
+                scope = Scope({}, self.params)
                 roots = [e for e in (item.premise, item.condition) if e is not None]
-                for topic in topic_reads(*roots):
-                    scope.topics[topic] = self.topic(self.key(topic, part.prefix, part.wires))
-                for module, read in mode_reads(*roots).items():
-                    if isinstance(module, typed.ModuleSymbol) and counts.get(module) != 1:
-                        self._no_module(module, counts.get(module, 0), read, "in this system")
+                self._names_of_property(part, roots, scope, plants, named)
                 if item.within is not None:
                     self.long_duration(item.within, "`within`")
                 if item.kind in {"always", "never"}:
@@ -441,24 +443,32 @@ class Elaborator(Topics):
                     )
         return result
 
-    def _part_scope(
-        self, part: Part, modules: list[Module], components: list[Component]
-    ) -> tuple[Scope, dict[object, int]]:
-        """Names as seen from inside a part, and how many modules of each kind it has."""
-        prefix = part.prefix
-        scope = Scope({}, self.params)
-        scope.plants = {
-            c.name[len(prefix) :]: c.index
-            for c in components
-            if c.role == "plant" and c.name.startswith(prefix)
-        }
-        counts: dict[object, int] = {}
-        for m in modules:
-            if m.name.startswith(prefix):
-                scope.modules[m.name[len(prefix) :]] = m.index
-                counts[m.symbol] = counts.get(m.symbol, 0) + 1
-                scope.modules[m.symbol] = m.index
-        return scope, counts
+    def _names_of_property(
+        self,
+        part: Part,
+        roots: list[typed.Expr],
+        scope: Scope,
+        plants: dict[str, int],
+        modules: dict[str, Module],
+    ) -> None:
+        """What the names in a property mean, as seen from inside its part."""
+        for topic, read in topic_reads(*roots).items():
+            scope.topics[topic] = self.topic(self.key(topic, part.prefix, part.wires))
+            self.property_reads.append((scope.topics[topic], read.span))
+        for node in nodes(roots):
+            if isinstance(node, typed.TruthRead):
+                scope.plants[node.instance] = plants[part.prefix + node.instance]
+        for module, mode in mode_reads(*roots).items():
+            if isinstance(module, str):
+                scope.modules[module] = modules[part.prefix + module].index
+                continue
+            found = [
+                m for m in modules.values() if m.symbol is module and m.name.startswith(part.prefix)
+            ]
+            if len(found) == 1:
+                scope.modules[module] = found[0].index
+            else:
+                self._no_module(module, len(found), mode, "in this system")
 
     def _inputs(self) -> list[InputDrive]:
         """Draws of the system, then those of sub-systems that nothing outside decides."""

@@ -143,6 +143,11 @@ class Numbers:
         if not (math.isfinite(a) and math.isfinite(b)):
             self.diagnostics.error("V006", f"{what} must be bounded", span, f"this is {shown}")
             return None
+        if not math.isfinite(b - a):
+            self.diagnostics.error(
+                "V006", f"{what} is wider than any float", span, f"this is {shown}"
+            )
+            return None
         if a > b:
             self.diagnostics.error(
                 "V001", f"{shown} is empty", span, "the lower bound is above the upper one"

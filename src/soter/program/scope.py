@@ -309,7 +309,8 @@ def suggestion(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
     """A help line naming the closest candidate, if any is close."""
     if len(name) > NAME_MAX:
         return ()
-    near = [c for c in candidates if abs(len(c) - len(name)) <= 1 + len(name) // 3]
+    most = 1 + len(name) // 3
+    near = [c for c in candidates if abs(len(c) - len(name)) <= most and c != name]
     folded = next((c for c in near if c.casefold() == name.casefold() and c != name), None)
     close = [folded] if folded else difflib.get_close_matches(name, near, n=1, cutoff=0.7)
     return (f"did you mean `{close[0]}`?",) if close else ()

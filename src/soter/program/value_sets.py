@@ -56,10 +56,7 @@ class Topics(Placing):
             prefix, symbol = key
             if not self.measure.fits(symbol.type):
                 raise TooLargeError
-            if symbol not in self._ranges:
-                bounds, declared = self._bounds(symbol)
-                self._ranges[symbol] = bounds, declared, self._default(symbol, bounds)
-            bounds, declared, default = self._ranges[symbol]
+            bounds, declared, default = self._range(symbol)
             max_age = None
             if symbol.max_age is not None:
                 max_age = self.duration(symbol.max_age, f"`max_age` of `{symbol.name}`")
@@ -77,6 +74,47 @@ class Topics(Placing):
             self._by_key[key] = known
             self.topics.append(known)
         return known.index
+
+    def _range(self, symbol: typed.TopicSymbol) -> tuple[tuple[Bound | None, ...], bool, Value]:
+        """Bounds, whether every number has one, and the first value; computed once."""
+        if symbol not in self._ranges:
+            bounds, declared = self._bounds(symbol)
+            self._ranges[symbol] = bounds, declared, self._default(symbol, bounds)
+        return self._ranges[symbol]
+
+    def check_wired_sets(self) -> None:
+        """V010 for a wire between topics that allow different values, or ages."""
+        for part in self.parts:
+            for instance in part.system.instances:
+                for inner, target in instance.renames.items():
+                    _, outer = self.key(target, part.prefix, part.wires)
+                    if not {inner, outer} & self.program.damaged:
+                        self._same_set(inner, outer, instance)
+
+    def _same_set(
+        self,
+        inner: typed.TopicSymbol,
+        outer: typed.TopicSymbol,
+        instance: typed.InstanceSymbol,
+    ) -> None:
+        own, given = self._range(inner)[0], self._range(outer)[0]
+        what = "other values" if any(own) and own != given else ""
+        if not what and inner.max_age is not None:
+            ages = [
+                None if x.max_age is None else self.number(x.max_age, "a `max_age`")
+                for x in (inner, outer)
+            ]
+            what = "another `max_age`" if ages[0] != ages[1] else ""
+        if what:
+            self.diagnostics.error(
+                "V010",
+                f"`{outer.name}` has {what} than `{inner.name}`, in whose place it stands",
+                instance.rename_spans.get(inner, instance.span),
+                "wired here",
+                also=((inner.span, "written for these"), (outer.span, "gets these")),
+                notes=("what was concluded from a set holds for that set only",),
+                helps=("declare both alike",),
+            )
 
     def _bounds(self, symbol: typed.TopicSymbol) -> tuple[tuple[Bound | None, ...], bool]:
         """A bound for each leaf, and whether every number has one."""

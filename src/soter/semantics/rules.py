@@ -160,9 +160,13 @@ def _transition(
     code = machine.nodes[n]
     env = machine.environment(c, component)
     env.variables.update(zip(code.locals, c.L[n], strict=True))
-    if code.takeover is not None and c.OE[n] and not c.had_control[n]:
-        code.takeover(env)
+    control_is_new = c.OE[n] and not c.had_control[n]
+    takeover = code.takeover if control_is_new else None
+    if takeover is not None and not component.extern:
+        takeover(env)
     code.step(env)
+    if takeover is not None and component.extern:  # which is asked first, and sees no locals
+        takeover(env)
     return code.store(tuple([env.variables[v] for v in code.locals])), env.published
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import ast
 import re
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, cast
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, Severity
 
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
 
     from soter.diagnostics.span import Span
-    from soter.program.typed import Program
+    from soter.program.typed import NodeSymbol, Program
 
 COMMENT = re.compile(r"/\*.*?\*/|//[^\n]*", re.DOTALL)
 
 
 def warnings_of(program: Program, bound: Mapping[str, object]) -> tuple[Diagnostic, ...]:
     """W007 for every extern without its code; `bound` overrides what the program says."""
-    found = []
+    found: list[Diagnostic] = []
     others = {name.rpartition(".")[2] for name in bound}
     for name, source, span in _sources(program):
         if name.rpartition(".")[2] not in others:
@@ -36,10 +36,10 @@ def warnings_of(program: Program, bound: Mapping[str, object]) -> tuple[Diagnost
 
 
 def _sources(program: Program) -> Iterator[tuple[str, str, Span]]:
-    symbols = (*program.nodes.values(), *program.plants.values(), *program.funs.values())
-    for symbol in symbols:
-        if symbol.extern and symbol.source is not None:
-            yield symbol.name, symbol.source, symbol.span
+    for table in (program.nodes, program.plants, program.funs):
+        for symbol in cast("Mapping[str, NodeSymbol]", table).values():  # plants, funs: as nodes
+            if symbol.extern and symbol.source is not None:
+                yield symbol.name, symbol.source, symbol.span
 
 
 def _problem(name: str, source: str, where: Label | None) -> Iterator[Diagnostic]:

@@ -85,7 +85,9 @@ class ModuleSummary:
 
 @dataclass(eq=False, repr=False)
 class Run:
-    """The result of a run (docs/python.md). `trace` has one record per instant (dtype `state_dtype`), or is None.
+    """The result of a run (docs/python.md).
+
+    `trace` has one record per instant (dtype `state_dtype`), or is None.
 
     `duration_s` is what was asked for, `reached_s` the time of the last instant; they differ
     where the run was `interrupted`. `changes` and `first_faults` are filled where the run was

@@ -34,7 +34,7 @@ RESERVED = frozenset(
         "soter", "import", "as", "type", "enum", "const", "param", "fun", "extern",
         "topic", "node", "period", "phase", "subscribes", "publishes", "var", "step",
         "rta", "plant", "system", "test", "let", "if", "elseif", "else", "for", "in",
-        "return", "assert", "publish", "push", "true", "false", "bool", "float", "int",
+        "return", "assert", "publish", "true", "false", "bool", "float", "int",
         "duration", "state", "der", "next", "while",
     ]
 )  # fmt: skip
@@ -58,7 +58,9 @@ _ERRORS_MAX = 100  # after so many lexical errors the file is not Soter: stop re
 
 _LOOK_AHEAD = 5  # tokens the parser may look ahead without asking for the end
 
-_KIND_OF_WORD = {word: word for word in RESERVED}
+#: A word of the grammar where a statement begins with it and a name follows; a name elsewhere.
+PUSH = "push"
+_KIND_OF_WORD = {word: word for word in (*RESERVED, PUSH)}
 
 _DIGITS = r"[0-9]+(?:_[0-9]+)*"
 _FLOAT_TAIL = rf"(?:\.{_DIGITS})?(?:[eE][+-]?[0-9]+)?"
@@ -208,7 +210,16 @@ def lex(source: Source) -> Tokens:
         ends.append(end)
     for _ in range(1 + _LOOK_AHEAD):
         tokens.add(EOF, "", len(text), len(text))
+    if PUSH in kinds:
+        _push_is_a_name_elsewhere(kinds)
     return tokens
+
+
+def _push_is_a_name_elsewhere(kinds: list[str]) -> None:
+    """Robots push: the word is only taken where `push list, value;` can stand."""
+    for i, kind in enumerate(kinds):
+        if kind == PUSH and not (i and kinds[i - 1] in ("{", "}", ";") and kinds[i + 1] == NAME):
+            kinds[i] = NAME
 
 
 def string_value(text: str) -> str:

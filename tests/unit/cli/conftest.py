@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from json_documents import problems_of  # type: ignore[import-not-found]
+from json_documents import problems_of
 from soter.cli.main import main
 
 if TYPE_CHECKING:

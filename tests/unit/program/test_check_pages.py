@@ -33,6 +33,7 @@ NOT_STATIC = {
     "U005": "the name of an extern on the command line",
     "U006": "a command that is still to come",
     "U007": "a code that is explained",
+    "W007": "the files of externs, when `soter check` looks at them",
     "X001": "an extern without code when a system is run",
     "X002": "the code an extern is bound to, when a system is run",
     "X003": "the file an extern is bound to, when a system is run",

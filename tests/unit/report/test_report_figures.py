@@ -15,7 +15,7 @@ from soter.report.city_map import city_map, dash_of
 from soter.report.city_solid import city_solid
 from soter.report.figure import TUBE_GROUP, arm_group, decision_hover, numbers
 from soter.report.page import body
-from soter.report.record import Decision, ModeBand, Scene
+from soter.report.record import Decision, ModeBand, Scene, Threshold, Violation
 from soter.report.timeline import chart_timeline, flight_timeline
 
 if TYPE_CHECKING:
@@ -172,6 +172,29 @@ def test_each_module_of_a_chart_has_its_own_band(cart_page: ReportPage) -> None:
     assert names[:2] == ["SafeCart", "Battery"]
     assert len(traces(figure, yaxis="y")) == 2
     assert traces(figure, yaxis="y2") == []
+
+
+def test_a_violation_of_a_chart_is_marked_on_no_signal(cart_page: ReportPage) -> None:
+    chart = dataclasses.replace(cart_page.charts[0], violations=(Violation(2.5, "always p"),))
+    figure = chart_timeline(chart, "c", end_s=15.0)
+    (cross,) = [t for t in figure.data if "Violation" in str(t.get("text"))]
+    assert (cross["x"], cross["y"]) == ([2.5], [0.5])
+    own_row = cross["yaxis"]
+    assert len(traces(figure, yaxis=own_row)) == 1
+    (line,) = [s for s in _list(figure, "shapes") if s["type"] == "line" and s["x0"] == 2.5]
+    assert (line["yref"], line["y0"], line["y1"]) == ("paper", 0, 1)
+
+
+def test_levels_and_their_labels_have_room(cart_page: ReportPage) -> None:
+    series = dataclasses.replace(
+        cart_page.charts[0].series[0],
+        thresholds=(Threshold("least", -50.0), Threshold("greatest", 50.0)),
+    )
+    chart = dataclasses.replace(cart_page.charts[0], series=(series,))
+    figure = chart_timeline(chart, "c", end_s=15.0)
+    low, high = figure.layout["yaxis2"]["range"]  # type: ignore[index]
+    assert low < -50.0
+    assert high > 60.0
 
 
 def _list(figure: Figure, name: str) -> list[dict[str, Any]]:

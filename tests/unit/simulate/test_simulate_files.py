@@ -103,6 +103,20 @@ def test_the_report_shows_signals_modes_and_grounds(run: Run, tmp_path: Path) ->
     assert "SafeCart" in path.read_text()
 
 
+def test_bools_and_ints_are_signals_too(flat: Callable[[str], System]) -> None:
+    system = flat("""
+    soter 1;
+    topic on: bool;
+    topic n: int in [0, 9];
+    node N period 10ms { publishes on, n; step { publish on = time > 0.5; publish n = 3; } }
+    system S { node N; until 1s; }
+    """)
+    chart = run_chart(NativeProgram(system).run(S, 1, keep_trace=True))
+    on, n = chart.series
+    assert (on.name, set(on.values)) == ("on", {0.0, 1.0})
+    assert [t.value for t in n.thresholds] == [0.0, 9.0]
+
+
 def test_extras_that_are_not_installed(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -1,0 +1,188 @@
+"""Random programs: the reference interpreter and the generated C give the same bytes.
+
+Each program is checked, run for 1,000 instants by the interpreter and by its C at -O0 and -O2,
+compiled with every warning an error, and every state after every instant is compared: topics,
+locals, modes, OE, latches, counters, random draws.
+
+    make test                                   300 programs, always the same
+    make fuzz N=5000                            fresh ones
+    SOTER_EQUALITY_PROGRAMS=1000 pytest tests/correct/test_engines_agree.py -n 2
+    SOTER_EQUALITY_ONLY=4711 pytest tests/correct/test_engines_agree.py     one, by its number
+
+A failure prints the program, made smaller, and the first differing instant and member.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+import secrets
+from collections import Counter
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import TYPE_CHECKING
+
+import pytest
+
+from generators.engines import (
+    CompileError,
+    compile_library,
+    first_difference,
+    interpreted_trace,
+    native_trace,
+    subject,
+)
+from generators.programs import program
+from generators.reduce import reduced
+from generators.tally import happened, table
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.source import Source
+from soter.syntax.printer import format_source
+
+if TYPE_CHECKING:
+    from generators.engines import Subject
+
+INSTANTS = 1000
+CHUNKS = 20
+BATCH = 15
+LEVELS = ("-O0", "-O2")
+PROGRAMS = int(os.environ.get("SOTER_EQUALITY_PROGRAMS", "300"))
+ONLY = os.environ.get("SOTER_EQUALITY_ONLY")
+FUZZ = bool(os.environ.get("SOTER_FUZZ"))
+
+
+def numbers(chunk: int) -> list[int]:
+    """The programs of one chunk; every chunk has as many."""
+    if ONLY:
+        return [int(ONLY)] if chunk == 0 else []
+    count = -(-PROGRAMS // CHUNKS)
+    if FUZZ:
+        return [1_000_000 + secrets.randbelow(2**48) for _ in range(count)]
+    return [chunk + CHUNKS * i for i in range(count)]
+
+
+def make(number: int, text: str | None = None) -> Subject:
+    """Program `number` with a seed of its own."""
+    key = number * 0x9E3779B97F4A7C15 % 2**64
+    return subject(f"p{number}", text or program(number), key, INSTANTS)
+
+
+def complaint(subjects: list[Subject]) -> tuple[Subject, str] | None:
+    """The first of some programs on which the engines differ, and how; None when there is none."""
+    with TemporaryDirectory(prefix="soter-equality-") as name:
+        libraries = [compile_library(subjects, Path(name), level) for level in LEVELS]
+        for s in subjects:
+            interpreted = interpreted_trace(s)
+            for level, library in zip(LEVELS, libraries, strict=True):
+                different = first_difference(s, native_trace(library, s), interpreted)
+                if different is not None:
+                    return s, f"{level}: {different}"
+    return None
+
+
+def complaint_of_any(subjects: list[Subject]) -> tuple[Subject, str] | None:
+    """The same, with a compiler's complaint put down to the program that it is about."""
+    try:
+        return complaint(subjects)
+    except CompileError:
+        for s in subjects:
+            try:
+                found = complaint([s])
+            except CompileError as error:
+                return s, str(error)
+            if found is not None:
+                return found
+        raise
+
+
+def kind_of(words: str) -> str:
+    """What must stay the same while a program is made smaller."""
+    members = re.findall(r"^  (\w+)", words, re.MULTILINE)
+    return "compiler" if "error:" in words else members[0] if members else "length"
+
+
+def report(number: int, s: Subject, words: str) -> str:
+    """The text of a failure."""
+
+    def fails(text: str) -> bool:
+        try:
+            found = complaint_of_any([make(number, text)])
+        except Exception:  # noqa: BLE001 - it does not check, or fails in another way
+            return False
+        return found is not None and kind_of(found[1]) == kind_of(words)
+
+    text = reduced(s.text, fails)
+    smaller = complaint_of_any([make(number, text)])
+    return (
+        f"the engines differ on program {number}\n{words}\n\nmade smaller:\n\n{text}\n"
+        f"{smaller[1] if smaller else ''}\nagain: SOTER_EQUALITY_ONLY={number}"
+    )
+
+
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_engines_agree_on_every_byte(chunk: int) -> None:
+    todo = numbers(chunk)
+    for start in range(0, len(todo), BATCH):
+        batch = {n: make(n) for n in todo[start : start + BATCH]}
+        found = complaint_of_any(list(batch.values()))
+        if found is not None:
+            number = next(n for n, s in batch.items() if s is found[0])
+            pytest.fail(report(number, *found), pytrace=False)
+
+
+def without_places(source: str) -> str:
+    """Generated C without the hash and the line numbers of the program."""
+    return re.sub(r"[\w.]+\.soter:\d+|\b[0-9a-f]{64}\b", "", source)
+
+
+@pytest.mark.parametrize("chunk", range(4))
+def test_the_printer_keeps_the_meaning(chunk: int) -> None:
+    for number in range(10_000 + chunk, 10_040, 4):
+        s = make(number)
+        diagnostics = Diagnostics()
+        printed = format_source(Source(f"{s.name}.soter", s.text), diagnostics)
+        assert printed is not None, diagnostics.items
+        again = make(number, printed).unit()
+        assert without_places(again.source) == without_places(s.unit().source)
+
+
+LEAST_SHARES = {
+    "any fault": 0.5,
+    "any latched": 0.2,
+    "clean steps owed": 0.3,
+    "fault overflow": 0.05,
+    "fault index": 0.05,
+    "fault divide": 0.05,
+    "fault convert": 0.03,
+    "fault assert": 0.03,
+    "fault capacity": 0.03,
+    "fault nonfinite": 0.05,
+    "fault range": 0.05,
+    "gate fault in control": 0.15,
+    "input driven": 0.5,
+    "latched sc": 0.03,
+    "plant": 0.6,
+    "property violated": 0.15,
+    "sometimes stale": 0.08,
+    "still moving": 0.8,
+    "sub-systems": 0.2,
+    "switch to AC": 0.3,
+    "switch to SC": 0.3,
+    "ten switches": 0.1,
+    "two modules": 0.2,
+}
+
+
+def test_the_programs_are_interesting(tmp_path: Path) -> None:
+    """Equality on programs that do nothing would show nothing."""
+    count = 90
+    subjects = [make(20_000 + n) for n in range(count)]
+    counts: Counter[str] = Counter()
+    library = compile_library(subjects, tmp_path, "-O0")
+    for s in subjects:
+        counts.update(happened(s, native_trace(library, s)))
+    print(table(counts, count))
+    too_rare = {
+        what: counts[what] for what, least in LEAST_SHARES.items() if counts[what] < least * count
+    }
+    assert not too_rare, table(counts, count)

@@ -1,0 +1,75 @@
+"""Generated programs and the kernel need no heap, and hardly anything else.
+
+What an object asks for from outside is read from its symbol table.
+"""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+from generators.elf import undefined_symbols
+from generators.engines import (
+    call_compiler,
+    kernel_sources,
+    subject,
+    write_units,
+)
+from generators.programs import program
+from generators.shipped import files, subjects_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from generators.engines import Subject
+
+_HEAP = """
+malloc calloc realloc reallocarray free aligned_alloc posix_memalign memalign valloc pvalloc strdup
+strndup asprintf vasprintf getline alloca brk sbrk mmap munmap
+"""
+_ALLOWED = """
+memset memcpy memmove sqrt floor fabs __assert_fail __stack_chk_fail _GLOBAL_OFFSET_TABLE_
+"""
+HEAP, ALLOWED = frozenset(_HEAP.split()), frozenset(_ALLOWED.split())
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="reads ELF objects")
+
+
+def needs(folder: Path, level: str, sources: list[str]) -> set[str]:
+    """What C files need that none of them has."""
+    found: set[str] = set()
+    for number, source in enumerate(sources):
+        target = folder / f"object_{number}.o"
+        call_compiler(folder, level, "-c", "-o", str(target), source)
+        found |= undefined_symbols(target.read_bytes())
+    return {name for name in found if not name.startswith("soter_")}
+
+
+def programs_and_kernel(subjects: list[Subject], folder: Path, level: str) -> set[str]:
+    return needs(folder, level, [str(write_units(subjects, folder)), *kernel_sources()])
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O2"])
+def test_random_programs_need_only_what_is_allowed(level: str, tmp_path: Path) -> None:
+    subjects = [subject(f"p{n}", program(n), n, 10) for n in range(40_000, 40_020)]
+    found = programs_and_kernel(subjects, tmp_path, level)
+    assert not found & HEAP
+    assert found <= ALLOWED
+
+
+@pytest.mark.parametrize("level", ["-O0", "-O2"])
+def test_examples_need_only_what_is_allowed(level: str, tmp_path: Path) -> None:
+    subjects = [s for path in files("examples") for s in subjects_of(path, 10)]
+    assert subjects
+    found = programs_and_kernel(subjects, tmp_path, level)
+    assert not found & HEAP
+    assert found <= ALLOWED
+
+
+def test_a_call_of_the_heap_would_be_seen(tmp_path: Path) -> None:
+    (tmp_path / "bad.c").write_text(
+        "#include <stdlib.h>\nvoid *soter_bad(void);\nvoid *soter_bad(void) { return malloc(8); }\n"
+    )
+    assert needs(tmp_path, "-O2", [str(tmp_path / "bad.c")]) & HEAP == {"malloc"}
