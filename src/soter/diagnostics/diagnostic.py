@@ -14,6 +14,10 @@ if TYPE_CHECKING:
     from soter.diagnostics.span import Span
 
 
+KEPT_MAX = 500
+"""So many problems are kept; a file with more has one cause for most of them."""
+
+
 class Severity(Enum):
     """How bad it is: errors stop the tool, warnings do not."""
 
@@ -63,10 +67,18 @@ class Diagnostics:
             span.start if span else -1,
             diagnostic.message,
         )
-        if key not in self._seen:
-            self._seen.add(key)
-            self._items.append(diagnostic)
-            self._errors += diagnostic.severity is Severity.ERROR
+        if key in self._seen:
+            return
+        self._errors += diagnostic.severity is Severity.ERROR
+        if len(self._items) > KEPT_MAX:
+            return
+        if len(self._items) == KEPT_MAX:
+            self._items.append(
+                Diagnostic("S021", f"{KEPT_MAX} problems are enough: the rest is not shown")
+            )
+            return
+        self._seen.add(key)
+        self._items.append(diagnostic)
 
     def error(
         self,

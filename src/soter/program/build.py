@@ -7,6 +7,7 @@ Non-goals: rendering diagnostics, anything dynamic.
 from __future__ import annotations
 
 import sys
+import gc
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
@@ -54,8 +55,21 @@ class Checked:
 def check_file(
     path: str, text: str | None = None, overrides: Mapping[str, Value] | None = None
 ) -> Checked:
-    """Check the program in `path` (or in `text`, with `path` as its name)."""
+    """Check the program in `path` (or in `text`, with `path` as its name).
+
+    The cycle collector rests meanwhile: a program is many small objects and hardly any garbage.
+    """
     _leave_room_to_recurse()
+    collecting = gc.isenabled()
+    gc.disable()
+    try:
+        return _check_file(path, text, overrides)
+    finally:
+        if collecting:
+            gc.enable()
+
+
+def _check_file(path: str, text: str | None, overrides: Mapping[str, Value] | None) -> Checked:
     found = Diagnostics()
     loaded = load(path, found, text)
     if loaded is None:
