@@ -6,6 +6,8 @@ Non-goals: what the files say (`c99.py`).
 
 from __future__ import annotations
 
+import hashlib
+import json
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -15,9 +17,8 @@ from soter.report.whole_file import reason, whole_file
 if TYPE_CHECKING:
     from pathlib import Path
 
-MARK = "soter"
-"""Stands in the first lines of every file that soter writes."""
-MARK_WITHIN = 400
+MANIFEST = ".soter-files.json"
+"""In every folder that soter builds: the SHA-256 of each file as soter wrote it."""
 
 
 @dataclass(frozen=True)
@@ -53,8 +54,9 @@ class Package:
                 (
                     Diagnostic(
                         "D008",
-                        f"`{self.folder}` has files that soter did not write: {names}",
-                        helps=("choose another folder with -o",),
+                        f"`{self.folder}` has files that soter did not write, or that were changed "
+                        f"since: {names}",
+                        helps=("choose another folder with -o, or move them away",),
                     ),
                 )
             )
@@ -65,17 +67,28 @@ class Package:
                 continue
             self._write(path, file.text)
             self.written.append(file.path)
+        ours = {f.path: _digest(f.text) for f in self.files if not f.yours}
+        self._write(self.folder / MANIFEST, json.dumps(ours, indent=1) + "\n")
         return self
 
     def _is_foreign(self, file: File) -> bool:
+        """Whether a file stands there that is neither as soter wrote it nor as it would now."""
         path = self.folder / file.path
         try:
-            with path.open("rb") as stream:
-                return MARK.encode() not in stream.read(MARK_WITHIN).lower()
+            found = hashlib.sha256(path.read_bytes()).hexdigest()
         except FileNotFoundError:
             return False
         except OSError as error:
             raise _cannot_write(path, error) from error
+        return found not in {self._before().get(file.path), _digest(file.text)}
+
+    def _before(self) -> dict[str, str]:
+        """What an earlier build noted; empty where there was none."""
+        try:
+            noted = json.loads((self.folder / MANIFEST).read_text(encoding="utf-8"))
+        except (OSError, ValueError):
+            return {}
+        return noted if isinstance(noted, dict) else {}
 
     def _write(self, path: Path, text: str) -> None:
         try:
@@ -83,6 +96,10 @@ class Package:
                 stream.write(text.encode("utf-8", "surrogatepass"))
         except OSError as error:
             raise _cannot_write(path, error) from error
+
+
+def _digest(text: str) -> str:
+    return hashlib.sha256(text.encode("utf-8", "surrogatepass")).hexdigest()
 
 
 def _cannot_write(path: Path, error: OSError) -> SoterError:

@@ -26,7 +26,7 @@ node Stay period 20ms {
   step { publish u = { x: clamp(-pos, -1.0, 1.0), y: 0.0 }; }
 }
 rta Guard { ac Pilot; sc Stay; period 100ms; safe abs(pos) < 9.0; ttf pos > 8.0; safer SAFER; }
-system S { p: Point; module Guard; until 2s; always abs(p.truth.x) < 9.0; }
+system S default { p: Point; module Guard; until 2s; always abs(p.truth.x) < 9.0; }
 system Alone { p: Point; node Pilot; until 2s; always abs(p.truth.x) < 9.0; }
 """
 
