@@ -436,12 +436,17 @@ def _end_ns(system: System, until: float | str | None) -> int:
     return system.until_ns
 
 
-def _age(binding: str) -> int:
-    """When the C file of a binding was last changed; 0 where it cannot be read (X003 follows)."""
+def _age(binding: str) -> tuple[int, ...]:
+    """When the C file of a binding, and what it includes, was last changed.
+
+    Empty where it cannot be read: X003 follows.
+    """
+    from soter.native.includes import included  # noqa: PLC0415 - see the docstring
+
     try:
-        return Path(binding.split(":")[1]).stat().st_mtime_ns
-    except OSError:
-        return 0
+        return tuple(p.stat().st_mtime_ns for p in included(binding.split(":")[1]))
+    except (OSError, SoterError):
+        return ()
 
 
 def _system_report(system: System, *, default: bool) -> SystemReport:

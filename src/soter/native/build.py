@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.compiler import STRICT, find
+from soter.native.includes import included
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
@@ -43,11 +44,7 @@ def _content(unit: Unit, flags: tuple[str, ...], identity: str) -> str:
     parts = [unit.header, unit.source, identity, *flags, "externs are checked by the header"]
     parts += [(RUNTIME / name).read_text(encoding="utf-8") for name in (*KERNEL, "soter.h")]
     for source in unit.c_sources:
-        parts += [source, _read_extern(source)]
-        folder = Path(source).parent
-        parts += [
-            p.read_text(encoding="utf-8", errors="replace") for p in sorted(folder.glob("*.h"))
-        ]
+        parts += [x for path, text in included(source).items() for x in (str(path), text)]
     for part in parts:
         data = part.encode("utf-8", "surrogatepass")
         digest.update(len(data).to_bytes(8, "little"))
@@ -55,13 +52,20 @@ def _content(unit: Unit, flags: tuple[str, ...], identity: str) -> str:
     return digest.hexdigest()
 
 
-def _read_extern(source: str) -> str:
+def _seal_of(target: Path) -> Path:
+    return target.with_suffix(".sha256")
+
+
+def _seal(library_: Path) -> str:
+    return hashlib.sha256(library_.read_bytes()).hexdigest()
+
+
+def _is_whole(target: Path) -> bool:
+    """Whether the cache has it, and undamaged: loading half a library kills the process."""
     try:
-        return Path(source).read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SoterError(
-            (Diagnostic("X003", f"cannot read the extern's C file `{source}`: {error}"),)
-        ) from error
+        return _seal_of(target).read_text(encoding="utf-8") == _seal(target)
+    except (OSError, UnicodeDecodeError):
+        return False
 
 
 def library(unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = ()) -> Path:
@@ -70,14 +74,17 @@ def library(unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = ()) -> P
     flags = (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS, *extra)
     folder = cache_dir()
     target = folder / f"{unit.prefix[:40]}-{_content(unit, flags, compiler.identity)[:32]}.so"
-    if target.exists():
+    if _is_whole(target):
         return target
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as name:
             work = Path(name)
             built = compile_in(work, unit, flags)
+            seal = work / "seal"
+            seal.write_text(_seal(built), encoding="utf-8")
             built.replace(target)
+            seal.replace(_seal_of(target))
     except OSError as error:
         raise SoterError(
             (

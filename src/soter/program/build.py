@@ -6,8 +6,8 @@ Non-goals: rendering diagnostics, anything dynamic.
 
 from __future__ import annotations
 
-import sys
 import gc
+import sys
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 

@@ -24,6 +24,8 @@ from soter.program.types import (
 )
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from soter.diagnostics.span import Span
     from soter.program.checker import Checker
     from soter.program.context import Context
@@ -107,6 +109,18 @@ class ExprBase(ABC):
         self.checker = checker
         self.diagnostics = checker.diagnostics
         self.names = checker.names
+
+    def unknown(
+        self, name: tree.Name, context: Context, more: Iterable[str] = (), *, dotted: bool = False
+    ) -> None:
+        """N001, unless what the name stands for may have been lost."""
+        if context.broken:
+            self.names.losses += 1
+            return
+        known = (*context.local_names(), *more, *(context.instances or ()))
+        self.names.unknown(
+            context.scope, name.text, name.span, known, where=context.where, dotted=dotted
+        )
 
     @abstractmethod
     def dispatch(self, expr: tree.Expr, context: Context, expected: Type | None) -> typed.Expr:

@@ -97,6 +97,9 @@ class CallChecker(FieldChecker):
 
     def _call_fun(self, fun: typed.FunSymbol, expr: tree.CallExpr, context: Context) -> typed.Expr:
         self.checker.calls.call(fun, expr.span)
+        if len(expr.arguments) != len(fun.parameters) and fun in self.checker.damaged:
+            self.names.losses += 1
+            return self._failed(expr, context)
         if len(expr.arguments) != len(fun.parameters):
             signature = ", ".join(f"{p.name}: {p.type}" for p in fun.parameters)
             self.diagnostics.error(
@@ -127,8 +130,8 @@ class CallChecker(FieldChecker):
         if name in {"mode", "age"}:
             return self._mode_or_age(name, expr, context)
         if name not in TAKES:
-            more = (*context.local_names(), *BUILTIN_FUNCTIONS)
-            self.names.unknown(context.scope, name, expr.callee.span, more, where=context.where)
+            assert isinstance(expr.callee, tree.NameExpr)
+            self.unknown(expr.callee.name, context, BUILTIN_FUNCTIONS)
             return self._failed(expr, context)
         arity = ARITY.get(name, 1)
         if not self._counted(name, expr, arity):

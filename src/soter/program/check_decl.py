@@ -223,6 +223,7 @@ class DeclChecker:
             f"function `{decl.name.text}`",
             result=fun.result,
             result_span=decl.result.span,
+            broken=decl.name.text in scope.broken,
         )
         context.locals.append({p.name: p for p in fun.parameters})
         fun.body = self.checker.statements.block(decl.body, context)

@@ -125,8 +125,7 @@ class ExprChecker(CallChecker, OperatorChecker):
                 helps=(f"call it: `{name}(...)`",),
             )
         else:
-            more = [*context.local_names(), *SPECIALS, *(context.instances or ())]
-            self.names.unknown(context.scope, name, span, more, where=context.where)
+            self.unknown(expr.name, context, SPECIALS)
         return error_expr(span)
 
     def _special(self, name: str, span: Span, context: Context) -> typed.Expr:

@@ -75,11 +75,7 @@ class FieldChecker(ExprBase):
             if context.instances is not None and names[0].text in context.instances:
                 return self._below_instance(expr.span, names, context)
             if self._is_unknown(names[0].text, context):
-                more = [*context.local_names(), *(context.instances or ())]
-                first = names[0]
-                self.names.unknown(
-                    context.scope, first.text, first.span, more, where=context.where, dotted=True
-                )
+                self.unknown(names[0], context, dotted=True)
                 return error_expr(expr.span)
             found = self._constant_length(expr, names, context)
             found = found or self._below_name(expr, names, context)

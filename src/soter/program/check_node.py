@@ -263,6 +263,7 @@ class NodeChecker:
             has_modes=True,
             node=node,
             owner=node,
+            broken=decl.name.text in scope.broken,
             locals=[frame],
         )
         self._contracts(node, decl, context)
@@ -274,6 +275,7 @@ class NodeChecker:
                 has_time=True,
                 has_period=True,
                 owner=node,
+                broken=context.broken,
                 locals=[frame],
                 topics_read=context.topics_read,
             )
@@ -296,6 +298,7 @@ class NodeChecker:
             has_modes=True,
             node=node,
             owner=node,
+            broken=context.broken,
             locals=context.locals,
             topics_read=context.topics_read,
         )

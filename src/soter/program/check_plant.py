@@ -226,6 +226,7 @@ class PlantChecker:
             topics=set(plant.reads),
             inputs="reads",
             owner=plant,
+            broken=decl.name.text in scope.broken,
             has_time=True,
             has_period=True,
             locals=[frame],

@@ -220,9 +220,7 @@ class StmtChecker:
             )
             return
         if entry is None:
-            self.checker.names.unknown(
-                context.scope, name, base.span, context.local_names(), where=context.where
-            )
+            self.expressions.unknown(base.name, context)
             return
         if self.checker.resolve(entry, base.span) is None:
             return

@@ -207,6 +207,7 @@ class SystemChecker:
             has_time=True,
             has_modes=True,
             instances=instances,
+            broken=name in scope.broken,
             lost=lost,
         )
         check = self.checker.expressions.check
@@ -276,6 +277,7 @@ class SystemChecker:
     ) -> list[typed.InputSymbol]:
         where = f"system `{decl.name.text}`"
         context = Context(scope, where, topics="any", instances=instances, lost=lost)
+        context.broken = decl.name.text in scope.broken
         found: dict[typed.TopicSymbol, typed.InputSymbol] = {}
         for item in decl.inputs:
             every = self._time(item.every, Context(scope, where), "`every`")

@@ -56,6 +56,8 @@ class Context:
     """The node or plant whose code this is."""
     instances: dict[str, InstanceSymbol] | None = None
     """Inside a system: `instance.truth`, `mode(instance)`, topics of sub-systems."""
+    broken: bool = False
+    """The declaration lost a part when it was parsed: names unknown here may have been in it."""
     lost: frozenset[str] = frozenset()
     """Names of instances that could not be made: they were reported."""
     locals: list[dict[str, Variable]] = field(default_factory=list)

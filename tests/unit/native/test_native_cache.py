@@ -1,0 +1,79 @@
+"""The cache of compiled programs: keyed by everything that matters, and never half of something."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.codegen.unit import generate
+from soter.native.build import library
+from soter.native.includes import included
+from soter.program.build import check_file, system_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.codegen.unit import Unit
+
+PROGRAM = """soter 1;
+topic out: float in [0.0, 9.0];
+extern node Gain period 10ms from "c:gain.c:gain_step" { publishes out; }
+"""
+CODE = """#include "inc/deep.h"
+#include "lib.h"
+int gain_step(const lib_Gain_in *in, lib_Gain_out *out) {
+  (void)in;
+  out->out = GAIN;
+  out->has_out = 1;
+  return 0;
+}
+"""
+
+
+@pytest.fixture
+def unit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Unit:
+    monkeypatch.setenv("SOTER_CACHE", str(tmp_path / "cache"))
+    (tmp_path / "inc").mkdir()
+    (tmp_path / "inc" / "deep.h").write_text('#include "deeper.h"\n')
+    (tmp_path / "inc" / "deeper.h").write_text("#define GAIN 1.0\n")
+    (tmp_path / "gain.c").write_text(CODE)
+    checked = check_file(str(tmp_path / "lib.soter"), PROGRAM)
+    assert checked.ok, [d.message for d in checked.diagnostics.items]
+    return generate(system_of(checked, None))
+
+
+def test_the_same_content_is_compiled_once(unit: Unit) -> None:
+    first = library(unit)
+    changed = first.stat().st_mtime_ns
+    assert library(unit) == first
+    assert first.stat().st_mtime_ns == changed
+
+
+def test_a_change_in_a_header_below_another_compiles_anew(unit: Unit, tmp_path: Path) -> None:
+    first = library(unit)
+    (tmp_path / "inc" / "deeper.h").write_text("#define GAIN 2.0\n")
+    assert library(unit) != first
+
+
+@pytest.mark.parametrize("damage", [b"", b"\x7fELF half of it"])
+def test_a_damaged_library_is_made_anew(unit: Unit, damage: bytes) -> None:
+    path = library(unit)
+    whole = path.read_bytes()
+    path.write_bytes(damage)
+    assert library(unit).read_bytes()[:4] == whole[:4]
+    assert len(library(unit).read_bytes()) == len(whole)
+
+
+def test_what_lies_beside_an_extern_does_not_matter(unit: Unit, tmp_path: Path) -> None:
+    (tmp_path / "folder.h").mkdir()
+    (tmp_path / ".#lock.h").symlink_to("nobody@nowhere.1")
+    os.mkfifo(tmp_path / "pipe.h")
+    assert library(unit).exists()
+
+
+def test_includes_in_a_circle_end(tmp_path: Path) -> None:
+    (tmp_path / "a.h").write_text('#include "b.h"\n')
+    (tmp_path / "b.h").write_text('#include "a.h"\n')
+    assert len(included(str(tmp_path / "a.h"))) == len(["a.h", "b.h"])
