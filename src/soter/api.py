@@ -418,8 +418,17 @@ def _require_writable(path: Path) -> None:
             reason = f"`{folder}` is no folder"
         elif not os.access(path if path.exists() else folder, os.W_OK):
             reason = "permission denied"
+        elif path.is_file() and not _made_by_a_run(path):
+            reason = "it holds something else, which would be lost"
     if reason:
         raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {reason}"),))
+
+
+def _made_by_a_run(path: Path) -> bool:
+    """Whether a file is a log or a report, so that a new one may take its place."""
+    with path.open("rb") as stream:
+        start = stream.read(64).lstrip().lower()
+    return not start or start.startswith((b"\x89mcap", b"<!doctype html"))
 
 
 def _end_ns(system: System, until: float | str | None) -> int:

@@ -7,6 +7,7 @@ Non-goals: real time. `--real-time` only paces the virtual-time driver.
 from __future__ import annotations
 
 import hashlib
+import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -128,9 +129,13 @@ def _look_ahead(args: argparse.Namespace) -> None:
     probe = Path(args.output) / "probe"
     log, report = (probe if p == OWN_PLACE else p for p in (args.log, args.report))
     require_writers(log, report)
-    if args.log and args.log == args.report:
+    if args.log and args.report and _same(args.log, args.report):
         problem = Diagnostic("U001", f"log and report cannot both be `{args.log}`")
         raise SoterError((problem,))
+
+
+def _same(log: str, report: str) -> bool:
+    return log not in {OWN_PLACE, os.devnull} and Path(log).resolve() == Path(report).resolve()
 
 
 def _own_name(args: argparse.Namespace, result: Run) -> str:
