@@ -220,7 +220,8 @@ class Program:
         raises `KeyboardInterrupt`, or, where `partial`, gives back what was reached.
         """
         from soter.simulate.bindings import callables  # noqa: PLC0415 - see the docstring
-        from soter.simulate.interrupt import Stop, StopRequest, stoppable  # noqa: PLC0415
+        from soter.semantics.externs import Stop  # noqa: PLC0415 - see the docstring
+        from soter.simulate.interrupt import StopRequest, stoppable  # noqa: PLC0415
         from soter.simulate.pace import Pacer  # noqa: PLC0415
         from soter.simulate.settings import seed_value  # noqa: PLC0415
 

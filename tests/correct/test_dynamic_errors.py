@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import soter
 from soter.program.arith import FaultKind
 from soter.program.build import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
@@ -86,3 +87,90 @@ def test_every_kind_of_step_fault_has_a_program() -> None:
     named = {kind for p in FILES for kind in fault.findall(p.read_text(encoding="utf-8"))}
     kinds = {k.name.lower() for k in FaultKind} - {"none", "extern"}
     assert kinds <= named
+
+
+MODULE = """soter 1;
+topic u: float in [-1.0, 1.0];
+topic x: float;
+extern node Wild period 10ms { subscribes x; publishes u; }
+node Calm period 10ms {
+  subscribes x;
+  publishes u;
+  step { publish u = clamp(-x, -1.0, 1.0); }
+}
+rta M { ac Wild; sc Calm; period 20ms; safe abs(x) < 5.0; ttf abs(x) > 4.0; safer abs(x) < 3.0; }
+plant P period 10ms { reads u; drives x = s; state s: float; der s = u; }
+system S { p: P; module M; until 1s; always abs(p.truth.s) < 5.0; }
+"""
+
+
+class _Boom(BaseException):
+    pass
+
+
+class _Raises:
+    def __init__(self, error: type[BaseException]) -> None:
+        self.error = error
+
+    def __float__(self) -> float:
+        raise self.error
+
+
+class _Counts:
+    """Answers differently each time it is asked."""
+
+    asked = 0
+
+    def __float__(self) -> float:
+        _Counts.asked += 1
+        return (_Counts.asked % 7) / 10
+
+
+def _raising(error: type[BaseException]) -> object:
+    def step(_inputs: object) -> float:
+        raise error
+
+    return step
+
+
+HOSTILE = {
+    **{e.__name__: _raising(e) for e in (ValueError, _Boom, SystemExit, KeyboardInterrupt)},
+    **{
+        f"{e.__name__} in __float__": (lambda _, e=e: _Raises(e))
+        for e in (ValueError, _Boom, SystemExit, KeyboardInterrupt)
+    },
+    "a list": lambda _: [1.0, 2.0],
+    "NaN": lambda _: float("nan"),
+    "infinity": lambda _: float("inf"),
+    "outside": lambda _: 1.5,
+    "huge": lambda _: 10**400,
+    "text": lambda _: "0.5",
+}
+
+
+@pytest.mark.parametrize("name", HOSTILE)
+def test_whatever_a_python_controller_does_is_a_gate_fault_on_both_engines(
+    name: str, tmp_path: Path
+) -> None:
+    path = tmp_path / "m.soter"
+    path.write_text(MODULE)
+    hashes = set()
+    for engine in ("native", "interp"):
+        program = soter.load(path).bind("Wild", HOSTILE[name])
+        run = program.simulate(seed=1, engine=engine, trace=False)
+        assert run.violations == 0
+        assert run.modules["M"].gate_faults > 0
+        assert _module(run, "M")["mode"] == 0
+        hashes.add(run.trace_sha256)
+    assert len(hashes) == 1
+
+
+def test_an_answer_is_read_once_on_both_engines(tmp_path: Path) -> None:
+    path = tmp_path / "m.soter"
+    path.write_text(MODULE)
+    hashes = set()
+    for engine in ("native", "interp"):
+        _Counts.asked = 0
+        program = soter.load(path).bind("Wild", lambda _: _Counts())
+        hashes.add(program.simulate(seed=1, engine=engine, trace=False).trace_sha256)
+    assert len(hashes) == 1

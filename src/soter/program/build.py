@@ -28,6 +28,10 @@ if TYPE_CHECKING:
 
 
 RECURSION_LIMIT = 6_000
+"""Every pass, also the later ones, must be able to follow the deepest tree the parser lets through:
+200 levels of expressions inside 64 of blocks (S020), several Python frames a level."""
+if sys.getrecursionlimit() < RECURSION_LIMIT:
+    sys.setrecursionlimit(RECURSION_LIMIT)
 ALL_COMPONENTS_MAX = 20_000
 
 
@@ -59,7 +63,6 @@ def check_file(
 
     The cycle collector rests meanwhile: a program is many small objects and hardly any garbage.
     """
-    _leave_room_to_recurse()
     collecting = gc.isenabled()
     gc.disable()
     try:
@@ -100,15 +103,6 @@ def _check_file(path: str, text: str | None, overrides: Mapping[str, Value] | No
         _flatten_test(program, test, overrides or {}, found)
     _check_the_rest(program, own, found)
     return Checked(program, for_people(found, [f.source for f in loaded.files]), own)
-
-
-def _leave_room_to_recurse() -> None:
-    """Let every pass, also the later ones, follow the deepest tree that the parser lets through.
-
-    200 levels of expressions inside 64 of blocks (S020), several Python frames a level.
-    """
-    if sys.getrecursionlimit() < RECURSION_LIMIT:
-        sys.setrecursionlimit(RECURSION_LIMIT)
 
 
 def _flatten(

@@ -166,8 +166,8 @@ class NodeChecker:
                     "cannot tell apart",
                     span,
                     notes=(
-                        "an extern knows topics by the last part of their names; in C `has_t` says "
-                        "that `t` is given",
+                        "an extern knows topics by the last part of their names",
+                        "in C `has_t` says that `t` is given",
                     ),
                     helps=("declare a topic of another name and wire it in the system",),
                 )

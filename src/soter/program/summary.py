@@ -20,6 +20,8 @@ HUSHED = {"W001", "W004", "W005"}
 """Warnings about absence: beside errors they are left out, as an error may be what hides it."""
 MERGED = {"N001", "N004", "N006"}
 """A name that is missing is one mistake, in however many places it is missed."""
+ONCE = {"M003", "M004", "M005", "M013", "W005"}
+"""What is wrong in a part is wrong in every system that has the part: said where it is shortest."""
 PLACES_MAX = 5
 
 
@@ -34,10 +36,24 @@ def for_people(found: Diagnostics, sources: Sequence[Source]) -> Diagnostics:
         return files.get(id(span.source), -1), span.start, d.severity is not Severity.ERROR
 
     ordered = Diagnostics()
-    for d in _merged(sorted(found.items, key=place)):
+    for d in _merged(_once(sorted(found.items, key=place))):
         if d.severity is Severity.ERROR or not found.has_errors or d.code not in HUSHED:
             ordered.add(d)
     return ordered
+
+
+def _once(items: Sequence[Diagnostic]) -> list[Diagnostic]:
+    """Of the same mistake at the same place the one with the shortest names."""
+    kept: dict[object, Diagnostic] = {}
+    for number, d in enumerate(items):
+        key: object = number
+        if d.code in ONCE and d.primary is not None:
+            span = d.primary.span
+            key = d.code, id(span.source), span.start, span.end
+        other = kept.get(key)
+        if other is None or len(d.message) < len(other.message):
+            kept[key] = d
+    return list(kept.values())
 
 
 def _merged(items: Sequence[Diagnostic]) -> list[Diagnostic]:

@@ -126,7 +126,13 @@ class Topics(Placing):
                 resolved[path] = Bound(*interval)
             else:
                 self._unreliable(symbol)
-        return _Bounder(resolved).bounds(symbol.type)
+        bounds, declared = _Bounder(resolved).bounds(symbol.type)
+        if any(b is not None and b.low > b.high for b in bounds):
+            self.diagnostics.error(
+                "V001", f"{what} holds no value of its type `{symbol.type}`", symbol.span
+            )
+            self._unreliable(symbol)
+        return bounds, declared
 
     def _unreliable(self, symbol: typed.TopicSymbol) -> None:
         """Its set has an error: nothing is said about what follows from it."""
@@ -195,8 +201,8 @@ class _Bounder:
             return self._known[key]
         if not isinstance(t, (FloatType, IntType)):
             return (None,), True
-        if outer is None and isinstance(t, IntType) and not t.is_full:
-            outer = Bound(t.low, t.high)
+        if isinstance(t, IntType):
+            outer = _inside_type(outer, t)
         return (outer,), outer is not None
 
     def _of_parts(
@@ -207,6 +213,13 @@ class _Bounder:
             return tuple(b for bounds, _ in parts for b in bounds), all(d for _, d in parts)
         bounds, declared = self.bounds(t.element, (*path, ""), outer)
         return bounds * (t.size if isinstance(t, ArrayType) else 1), declared
+
+
+def _inside_type(bound: Bound | None, t: IntType) -> Bound | None:
+    """A set for an int, cut to what its type can hold: draws and the gate rely on that."""
+    if bound is None:
+        return None if t.is_full else Bound(t.low, t.high)
+    return Bound(max(bound.low, t.low), min(bound.high, t.high))
 
 
 def first_outside(

@@ -185,9 +185,8 @@ def outputs_from_python(named: Sequence[tuple[str, Type]], given: object) -> lis
     unknown = [str(key) for key in given if key not in names]
     if unknown:
         raise ValueShapeError("", f"there is no `{unknown[0]}` to give a value to")
-    return [
-        None if given.get(name) is None else from_python(t, given[name], name) for name, t in named
-    ]
+    answers = [(name, t, given.get(name)) for name, t in named]
+    return [None if value is None else from_python(t, value, name) for name, t, value in answers]
 
 
 # ---------------------------------------------------------------- JSON

@@ -26,6 +26,18 @@ if TYPE_CHECKING:
     Move = Callable[[Environment, tuple[Value, ...]], tuple[Value, ...]]
 
 
+class Stop(BaseException):
+    """A person's Ctrl-C while an extern runs: the one thing that passes through unharmed."""
+
+
+class Converted(tuple):  # type: ignore[type-arg] # noqa: SLOT001 - a plain tuple with a name
+    """An answer that is converted already: one Soter value or None for each output, in order.
+
+    A driver that looks at an answer before the step does hands on this, so that code of the
+    extern's (`__float__`, `get`, a property) runs once.
+    """
+
+
 class UnboundExternError(Exception):
     """Externs of the system that nothing is bound to; `names` lists them."""
 
@@ -37,7 +49,7 @@ class UnboundExternError(Exception):
 class ExternResetError(Exception):
     """An extern's own `reset` raised; `name` says whose, the cause is chained."""
 
-    def __init__(self, name: str, error: Exception) -> None:
+    def __init__(self, name: str, error: BaseException) -> None:
         super().__init__(f"`{name}` could not be reset: {type(error).__name__}: {error}")
         self.name = name
 
@@ -57,7 +69,9 @@ def reset(name: str, bound: object, seed: int) -> None:
     if callable(start):
         try:
             start(seed)
-        except Exception as error:
+        except Stop:
+            raise
+        except BaseException as error:
             raise ExternResetError(name, error) from error
 
 
@@ -71,7 +85,7 @@ def extern_node(component: Component, step: Step) -> Executed:
 
     def run(env: Environment) -> None:
         inputs = inputs_to_python([(name, t, env.topics[i]) for name, t, i in reads])
-        answers = outputs_from_python(shapes, step(inputs))
+        answers = converted(shapes, step(inputs))
         for (_, _, index), value in zip(writes, answers, strict=True):
             if value is not None:
                 env.published[index] = value
@@ -93,12 +107,17 @@ def extern_plant(component: Component, step: Step) -> Move:
         inputs = inputs_to_python([(name, t, env.topics[i]) for name, t, i in reads])
         named = zip(shapes, states, strict=True)
         inputs.state = inputs_to_python([(name, t, value) for (name, t), value in named])
-        answers = outputs_from_python(shapes, step(inputs))
+        answers = converted(shapes, step(inputs))
         return tuple(
             [old if new is None else new for old, new in zip(states, answers, strict=True)]
         )
 
     return _guarded(component, move)
+
+
+def converted(shapes: Sequence[tuple[str, Type]], answer: object) -> Sequence[Value | None]:
+    """The values of an answer, in the order of `shapes`."""
+    return answer if isinstance(answer, Converted) else outputs_from_python(shapes, answer)
 
 
 def _named(topic: TopicSymbol, scope: dict[TopicSymbol, int]) -> tuple[str, Type, int]:
@@ -110,7 +129,9 @@ def _guarded(component: Component, run: Callable[..., Any]) -> Callable[..., Any
     def guarded(*arguments: object) -> object:
         try:
             return run(*arguments)
-        except Exception as error:
+        except Stop:
+            raise
+        except BaseException as error:
             detail = f"`{component.name}`: {type(error).__name__}: {error}"
             raise StepFault(FaultKind.EXTERN, component.span, detail) from error
 

@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING
 from soter.codegen.unit import answer_fields
 from soter.lower.layout import arrange, decode_from, encode_into
 from soter.program.arith import FaultKind, StepFault
-from soter.program.values import ValueShapeError, inputs_to_python, outputs_from_python
-from soter.semantics.externs import step_of
+from soter.program.values import ValueShapeError, inputs_to_python
+from soter.semantics.externs import Converted, Stop, converted, step_of
 from soter.semantics.gate import check_of
 
 if TYPE_CHECKING:
@@ -66,7 +66,9 @@ class ExternAnswers:
         self.tallies[component.name].steps += 1
         try:
             data = self._call(component, state)
-        except (Exception, SystemExit) as error:  # noqa: BLE001 - what an extern does is its fault
+        except Stop:
+            raise
+        except BaseException as error:  # noqa: BLE001 - whatever an extern does is its fault
             if component.name not in self.failures:
                 self.failures[component.name] = described(error)
             self.library.answer(state, due, int(FaultKind.EXTERN), None)
@@ -87,7 +89,7 @@ class ExternAnswers:
         assert node is not None
         inputs = inputs_to_python([self._topic(component, s.topic, raw) for s in node.subscribes])
         shapes = [(t.name.rpartition(".")[2], t.type) for t in node.publishes]
-        values = outputs_from_python(shapes, self.steps[component.index](inputs))
+        values = converted(shapes, self.steps[component.index](inputs))
         self.tallies[component.name].count(values)
         self.gates[component.index].note(values, self.failures)
         given = {n: v for (n, _), v in zip(shapes, values, strict=True) if v is not None}
@@ -106,7 +108,7 @@ class ExternAnswers:
         inputs.state = inputs_to_python(
             [(n, t, value) for (n, t), value in zip(shapes, old, strict=True)]
         )
-        new = outputs_from_python(shapes, self.steps[component.index](inputs))
+        new = converted(shapes, self.steps[component.index](inputs))
         self.tallies[component.name].count(new)
         moved = [a if b is None else b for a, b in zip(old, new, strict=True)]
         return _encode(component, {n: v for (n, _), v in zip(shapes, moved, strict=True)})
@@ -220,16 +222,18 @@ class _Noting:
 
     def step(self, *arguments: object) -> object:
         try:
-            answer = self._step(*arguments)
-            self._look_at(answer)
-        except Exception as error:
+            answer = self._look_at(self._step(*arguments))
+        except Stop:
+            raise
+        except BaseException as error:
             if self.name not in self.failures:
                 self.failures[self.name] = described(error)
             raise
         return answer
 
-    def _look_at(self, answer: object) -> None:
+    def _look_at(self, answer: object) -> object:
         """The answer of a function is the interpreter's business."""
+        return answer
 
     def reset(self, seed: int) -> None:
         start = getattr(self._target, "reset", None)
@@ -256,7 +260,8 @@ class _NotingComponent(_Noting):
         self.tally.steps += 1
         return super().step(*arguments)
 
-    def _look_at(self, answer: object) -> None:
-        values = outputs_from_python(self.shapes, answer)
+    def _look_at(self, answer: object) -> object:
+        values = Converted(converted(self.shapes, answer))
         self.tally.count(values)
         self.gate.note(values, self.failures)
+        return values

@@ -14,13 +14,11 @@ import threading
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from soter.semantics.externs import Stop
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from types import FrameType
-
-
-class Stop(BaseException):
-    """A person's Ctrl-C inside an extern; no `except Exception` of theirs catches it."""
 
 
 class StopRequest:

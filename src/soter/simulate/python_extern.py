@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
-from soter.semantics.externs import step_of
+from soter.semantics.externs import Stop, step_of
 from soter.simulate.externs import PlainError, described
 
 if TYPE_CHECKING:
@@ -25,9 +25,6 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.span import Span
     from soter.simulate.interrupt import StopRequest
-
-ESCAPES = (SystemExit, KeyboardInterrupt, GeneratorExit)
-"""What leaves through `except Exception`: of an extern it is a mishap like any other."""
 
 
 class ExternEscapeError(PlainError):
@@ -48,7 +45,9 @@ class PythonExtern:
         self._stop.in_extern = True
         try:
             return self._step(*arguments)
-        except ESCAPES as error:
+        except (Exception, Stop):
+            raise
+        except BaseException as error:  # of an extern a mishap like any other
             raise ExternEscapeError(described(error)) from error
         finally:
             self._stop.in_extern = False
@@ -61,7 +60,9 @@ class PythonExtern:
         self._stop.in_extern = True
         try:
             start(seed)
-        except ESCAPES as error:
+        except (Exception, Stop):
+            raise
+        except BaseException as error:  # of an extern a mishap like any other
             raise ExternEscapeError(described(error)) from error
         finally:
             self._stop.in_extern = False
@@ -118,13 +119,13 @@ def _module(path: Path, span: Span | None) -> ModuleType:
     sys.modules[full_name] = module
     try:
         spec.loader.exec_module(module)
-    except (Exception, SystemExit, GeneratorExit) as error:
+    except KeyboardInterrupt:
+        sys.modules.pop(full_name, None)
+        raise
+    except BaseException as error:
         sys.modules.pop(full_name, None)
         message = f"`{path}` cannot be loaded: {described(error, place=False)}"
         raise _problem("X003", message, span, notes=_where(error, path)) from error
-    except BaseException:
-        sys.modules.pop(full_name, None)
-        raise
     return module
 
 
@@ -132,7 +133,9 @@ def instantiated(made_from: type, name: str, span: Span | None) -> object:
     """An object of a bound class; SoterError X003 where it cannot be made."""
     try:
         return made_from()
-    except (Exception, SystemExit, GeneratorExit) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         message = f"`{name}` cannot be made: {described(error)}"
         help_ = "a class is instantiated without arguments"
         raise _problem("X003", message, span, help_) from error

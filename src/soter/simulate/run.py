@@ -21,14 +21,14 @@ from soter.lower.layout import NEVER, StateLayout, state_dtype, state_layout
 from soter.native.build import library
 from soter.native.library import Library, RunStatus
 from soter.program.arith import FaultKind
-from soter.semantics.externs import ExternResetError, reset
+from soter.semantics.externs import ExternResetError, Stop, reset
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_release
 from soter.simulate import views
 from soter.simulate.c_extern import linked_symbols
 from soter.simulate.externs import ExternAnswers, described, noting
 from soter.simulate.image import image
-from soter.simulate.interrupt import Stop, StopRequest
+from soter.simulate.interrupt import StopRequest
 from soter.simulate.notes import notes_of
 from soter.simulate.observe import Observer
 from soter.simulate.settings import usage_error

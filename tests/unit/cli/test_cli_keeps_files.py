@@ -22,7 +22,9 @@ def test_a_log_or_report_never_replaces_something_else(tmp_path: Path, option: s
     program = tmp_path / "cart.soter"
     program.write_text(CART.read_text(encoding="utf-8"))
     before = program.read_bytes()
-    assert soter(tmp_path, "run", "cart.soter", "--until", "1s", option, "cart.soter") == DIAGNOSTICS
+    assert (
+        soter(tmp_path, "run", "cart.soter", "--until", "1s", option, "cart.soter") == DIAGNOSTICS
+    )
     assert program.read_bytes() == before
 
 

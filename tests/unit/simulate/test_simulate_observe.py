@@ -14,7 +14,8 @@ import pytest
 from soter.simulate import observe
 from soter.simulate.decisions import Saw, changes, reason, steps
 from soter.simulate.figures import final_values, run_figures, scalars
-from soter.simulate.interrupt import Stop, StopRequest, stoppable
+from soter.semantics.externs import Stop
+from soter.simulate.interrupt import StopRequest, stoppable
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
