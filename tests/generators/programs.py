@@ -364,7 +364,16 @@ class ProgramMaker:
             ttf = f"{ttf} || {self.expressions.make(BOOL, sight, 1)}"
         if choose.chance(15):
             safer = f"{safer} && {self.expressions.make(BOOL, sight, 1)}"
+        if choose.chance(10):
+            ttf = f"{ttf} || {self._faulty(sight)}"
+        if choose.chance(10):
+            safer = f"{safer} && !{self._faulty(sight)}"
         return ttf, safer
+
+    def _faulty(self, sight: Sight) -> str:
+        """False, or a fault: unknown is unsafe."""
+        n = self.expressions.read(INT, sight, flows=False) or "1"
+        return f"({self.expressions.make(BOOL, sight, 1)} && 7 / ({n} - {n}) > 0)"
 
     def _signal(self) -> tuple[str, float, float] | None:
         """A number in a topic that nobody in particular holds still, and where it moves."""
@@ -601,6 +610,8 @@ class ProgramMaker:
         for _ in range(choose.count(0, 2)):
             sight.frames = [{t.name: t for t in truths}]
             condition = self.expressions.make(BOOL, sight, 2)
+            if choose.chance(10):
+                condition = f"{condition} && !{self._faulty(sight)}"
             lines.append(f"  {choose.pick(('always', 'never'))} {condition};")
         return [*lines, "  until 10s;"]
 

@@ -53,7 +53,7 @@ def test_a_wrong_program_gets_the_expected_diagnostics(
     checked = check(name)
     found = checked.diagnostics.items
     assert [d.code for d in found] == expected(name)
-    assert found[0].code == name.split("_")[0]
+    assert found[0].code == name.split("_", 1)[0]
     errors = [d for d in found if d.severity is Severity.ERROR]
     assert checked.diagnostics.has_errors == bool(errors)
     assert checked.ok == (not errors)

@@ -89,13 +89,13 @@ def _check_file(path: str, text: str | None, overrides: Mapping[str, Value] | No
     components = 0
     for system in own.values():
         flat = _flatten(program, system, overrides or {}, found, draft=draft)
-        components += len(flat.components) if flat is not None else 0
+        components += program.system_sizes[system][0] if flat is not None else 0
         if components > ALL_COMPONENTS_MAX:
             found.error(
                 "M007",
                 "the systems of this program are too large together",
                 system.span,
-                f"more than {ALL_COMPONENTS_MAX} plants, nodes and decision modules up to here",
+                f"more than {ALL_COMPONENTS_MAX} parts up to here",
                 helps=("put them into programs of their own, with the parts in a common import",),
             )
             break

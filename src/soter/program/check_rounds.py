@@ -45,6 +45,7 @@ class _Counter:
     def __init__(self, diagnostics: Diagnostics) -> None:
         self.diagnostics = diagnostics
         self.rounds: dict[typed.FunSymbol, int] = {}
+        self._said = False
 
     def function(self, root: typed.FunSymbol) -> None:
         path = [(root, iter(_callees(root)))]
@@ -62,6 +63,7 @@ class _Counter:
         for call in calls_in(*statements):
             if call.fun not in self.rounds:
                 self.function(call.fun)
+        self._said = False  # one report a body: the loops around it are absurd too
         count = self._block(statements)
         return self._bounded(count, f"`{name}`", span)
 
@@ -70,8 +72,9 @@ class _Counter:
         self.body(statements, name, span)
 
     def _bounded(self, count: int, what: str, span: Span) -> int:
-        if count <= MAX_ROUNDS:
-            return count
+        if count <= MAX_ROUNDS or self._said:
+            return min(count, MAX_ROUNDS)
+        self._said = True
         self.diagnostics.error(
             "T007",
             f"{what} may take {_shown(count)} rounds of loops",
@@ -79,7 +82,7 @@ class _Counter:
             f"at most {_shown(MAX_ROUNDS)} are possible",
             notes=("a step has to end long before its period does",),
         )
-        return 0
+        return MAX_ROUNDS
 
     def _block(self, statements: Iterable[typed.Stmt]) -> int:
         return sum(self._statement(s) for s in statements)

@@ -103,7 +103,7 @@ def _csv(raw: bytes, t: Type) -> object:
         raise DataError(f"a csv file gives an array or a list, not `{t}`")
     try:
         text = raw.decode("utf-8-sig")
-        rows = [row for row in csv.reader(io.StringIO(text, newline="")) if row]
+        rows = [row for row in csv.reader(io.StringIO(text, newline=""), strict=True) if row]
     except (ValueError, csv.Error) as error:
         raise DataError(f"it is not a csv file: {error}") from error
     element = t.element

@@ -48,8 +48,8 @@ class Measure:
         if count > MAX_COMPONENTS:
             text = str(count) if count < 10**12 else f"about 10^{len(str(count)) - 1}"
             self._report(
-                f"has {text} plants, nodes and decision modules",
-                f"at most {MAX_COMPONENTS} are possible",
+                f"has {text} parts",
+                f"at most {MAX_COMPONENTS} plants, nodes, decision modules and systems are possible",
             )
         elif depth > MAX_DEPTH and not self.diagnostics.has_errors:
             self._report(f"nests {depth} levels deep", f"at most {MAX_DEPTH} are possible")
@@ -67,7 +67,7 @@ class Measure:
             path.pop()
             parts = [self.known[s] for s in _parts(system)]
             own = [i.what for i in system.instances if not isinstance(i.what, typed.SystemSymbol)]
-            count = sum(c for c, _ in parts) + sum(_weight(w) for w in own)
+            count = sum(1 + c for c, _ in parts) + sum(_weight(w) for w in own)
             self.known[system] = count, 1 + max((d for _, d in parts), default=0)
         return self.known[self.system]
 

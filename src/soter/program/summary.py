@@ -31,7 +31,7 @@ def for_people(found: Diagnostics, sources: Sequence[Source]) -> Diagnostics:
 
     def place(d: Diagnostic) -> tuple[int, int, bool]:
         if d.primary is None:
-            return -1, -1, False
+            return (len(sources) if d.code == "S021" else -1), -1, False
         span = d.primary.span
         return files.get(id(span.source), -1), span.start, d.severity is not Severity.ERROR
 

@@ -21,6 +21,7 @@ from soter.program.types import (
     ListType,
     RecordType,
     default_value,
+    is_vector_part,
 )
 
 if TYPE_CHECKING:
@@ -145,7 +146,9 @@ class Topics(Placing):
         value = self.number(written, what) if written is not None else None
         if value is None:
             value = default_value(symbol.type)
-        if symbol in self.program.damaged or (written is None and not any(bounds)):
+        if symbol in self.program.damaged:
+            return value
+        if written is None and (not any(bounds) or _all_allow_zeros(symbol.type, bounds)):
             return value
         outside = first_outside(symbol.type, value, bounds)
         if outside is not None:
@@ -166,6 +169,11 @@ class Topics(Placing):
                 else (),
             )
         return value
+
+
+def _all_allow_zeros(t: Type, bounds: tuple[Bound | None, ...]) -> bool:
+    """Whether a value of zeros is inside, found without walking through it."""
+    return is_vector_part(t) and all(b is None or b.low <= 0.0 <= b.high for b in set(bounds))
 
 
 def shown(bound: Bound) -> str:

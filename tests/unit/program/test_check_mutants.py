@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -102,12 +103,11 @@ def assert_sound(checked: Checked) -> None:
     assert not program.damaged
     draft = not any("." not in name for name in program.systems)
     for name in checked.systems:
-        try:
-            system = system_of(checked, name)
-        except SoterError as error:
-            assert draft, [d.message for d in error.diagnostics]
-            continue
-        generate(system)
+        if draft:
+            with suppress(SoterError):  # it may be there to be imported
+                generate(system_of(checked, name))
+        else:
+            generate(system_of(checked, name))
 
 
 @pytest.fixture(scope="module", autouse=True)
