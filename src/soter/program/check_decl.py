@@ -7,6 +7,7 @@ Non-goals: name look-up order (`scope.py`), numbers (`elaborate.py`), P1 (`wellf
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from soter.program import typed
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
     from soter.program.types import Type, Value
 
 BINDING_KINDS = ("python", "c")
+MAX_MEMBERS = 65_536
+"""Of an enum, which is stored in two bytes at most."""
 
 
 class DeclChecker:
@@ -106,6 +109,14 @@ class DeclChecker:
                     self.checker.names.twice(member.text, member.span, first, "member")
                 else:
                     members[member.text] = member.span
+            if len(members) > MAX_MEMBERS:
+                self.diagnostics.error(
+                    "T011",
+                    "this enum is too large",
+                    decl.name.span,
+                    f"{len(members)} members, at most {MAX_MEMBERS} are possible",
+                )
+                return None
             return EnumType(full, tuple(members))
         t = self.checker.types.check(decl.type, scope, duration=True)
         if isinstance(t, RecordType):
@@ -155,6 +166,11 @@ class DeclChecker:
             if low is None or high is None or not self._ordered(low, high, decl.interval):
                 low = high = None
         if default is None or isinstance(t, ErrorType):
+            return None
+        if isinstance(t, FloatType) and not math.isfinite(default.value):
+            self.diagnostics.error(
+                "V006", f"{what} must be finite", default.span, f"this is {default.value!r}"
+            )
             return None
         if low and high and not low.value <= default.value <= high.value:
             shown = [show(x.value, t) for x in (default, low, high)]

@@ -56,6 +56,13 @@ class SystemChecker:
             instances[item.name.text] = typed.InstanceSymbol(
                 item.name.text, what, *renames, item.name.span
             )
+        if not decl.instances and decl.name.text not in scope.broken:
+            self.diagnostics.error(
+                "M006",
+                f"system `{decl.name.text}` has nothing in it",
+                decl.name.span,
+                helps=("add a plant, a node or a module: `c: Cart;`",),
+            )
         system = typed.SystemSymbol(
             full,
             decl.name.span,

@@ -8,7 +8,7 @@ Non-goals: composition (`composition.py`), P1a and P1b (`wellformed.py`), behavi
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING
 
 from soter.program import typed
 from soter.program.composition import Composition, hyperperiod
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
-    from soter.program.placing import Placed
+    from soter.program.placing import Part, Placed
     from soter.program.types import Value
 
 CLEAN_DEFAULT = 3
@@ -427,22 +427,13 @@ class Elaborator(Topics):
     def _properties(self, modules: list[Module], components: list[Component]) -> list[Property]:
         """Those of the system, then those of its sub-systems, each in its own names."""
         result: list[Property] = []
-        plants = _below([c for c in components if c.role == "plant"])
-        below = _below(modules)
+        plants = {c.name: c.index for c in components if c.role == "plant"}
+        named = {m.name: m for m in modules}
         for part in self.parts:
-            if not part.system.properties:
-                continue
-            inside = below.get(part.prefix, [])
-            scope = self._part_scope(part.prefix, plants.get(part.prefix, []), inside)
             for item in part.system.properties:
+                scope = Scope({}, self.params)
                 roots = [e for e in (item.premise, item.condition) if e is not None]
-                for topic in topic_reads(*roots):
-                    scope.topics[topic] = self.topic(self.key(topic, part.prefix, part.wires))
-                for module, read in mode_reads(*roots).items():
-                    if isinstance(module, typed.ModuleSymbol):
-                        count = sum(m.symbol is module for m in inside)
-                        if count != 1:
-                            self._no_module(module, count, read, "in this system")
+                self._names_of_property(part, roots, scope, plants, named)
                 if item.within is not None:
                     self.long_duration(item.within, "`within`")
                 if item.kind in {"always", "never"}:
@@ -452,14 +443,32 @@ class Elaborator(Topics):
                     )
         return result
 
-    def _part_scope(self, prefix: str, plants: list[Component], modules: list[Module]) -> Scope:
-        """Names as seen from inside a part."""
-        scope = Scope({}, self.params)
-        scope.plants = {c.name[len(prefix) :]: c.index for c in plants}
-        for m in modules:
-            scope.modules[m.name[len(prefix) :]] = m.index
-            scope.modules[m.symbol] = m.index
-        return scope
+    def _names_of_property(
+        self,
+        part: Part,
+        roots: list[typed.Expr],
+        scope: Scope,
+        plants: dict[str, int],
+        modules: dict[str, Module],
+    ) -> None:
+        """What the names in a property mean, as seen from inside its part."""
+        for topic, read in topic_reads(*roots).items():
+            scope.topics[topic] = self.topic(self.key(topic, part.prefix, part.wires))
+            self.property_reads.append((scope.topics[topic], read.span))
+        for node in nodes(roots):
+            if isinstance(node, typed.TruthRead):
+                scope.plants[node.instance] = plants[part.prefix + node.instance]
+        for module, mode in mode_reads(*roots).items():
+            if isinstance(module, str):
+                scope.modules[module] = modules[part.prefix + module].index
+                continue
+            found = [
+                m for m in modules.values() if m.symbol is module and m.name.startswith(part.prefix)
+            ]
+            if len(found) == 1:
+                scope.modules[module] = found[0].index
+            else:
+                self._no_module(module, len(found), mode, "in this system")
 
     def _inputs(self) -> list[InputDrive]:
         """Draws of the system, then those of sub-systems that nothing outside decides."""
@@ -484,21 +493,6 @@ class Elaborator(Topics):
                     )
                 result[index] = InputDrive(index, every or 1_000_000_000)
         return list(result.values())
-
-
-_Named = TypeVar("_Named", Component, Module)
-
-
-def _below(things: list[_Named]) -> dict[str, list[_Named]]:
-    """Things by every prefix of their names: "", `left.`, `left.inner.`, ..."""
-    found: dict[str, list[_Named]] = {}
-    for thing in things:
-        prefix = ""
-        found.setdefault(prefix, []).append(thing)
-        for part in thing.name.split(".")[:-1]:
-            prefix += part + "."
-            found.setdefault(prefix, []).append(thing)
-    return found
 
 
 def _deployed_order(components: list[Component]) -> list[Component]:

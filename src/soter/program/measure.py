@@ -49,7 +49,7 @@ class Measure:
             text = str(count) if count < 10**12 else f"about 10^{len(str(count)) - 1}"
             self._report(
                 f"has {text} parts",
-                f"at most {MAX_COMPONENTS} plants, nodes, decision modules and systems are possible",
+                f"at most {MAX_COMPONENTS} are possible, systems inside it included",
             )
         elif depth > MAX_DEPTH and not self.diagnostics.has_errors:
             self._report(f"nests {depth} levels deep", f"at most {MAX_DEPTH} are possible")
