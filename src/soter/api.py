@@ -219,8 +219,8 @@ class Program:
         `progress` is called with the share that is done. Ctrl-C ends the run at an instant and
         raises `KeyboardInterrupt`, or, where `partial`, gives back what was reached.
         """
-        from soter.simulate.bindings import callables  # noqa: PLC0415 - see the docstring
         from soter.semantics.externs import Stop  # noqa: PLC0415 - see the docstring
+        from soter.simulate.bindings import callables  # noqa: PLC0415 - see the docstring
         from soter.simulate.interrupt import StopRequest, stoppable  # noqa: PLC0415
         from soter.simulate.pace import Pacer  # noqa: PLC0415
         from soter.simulate.settings import seed_value  # noqa: PLC0415

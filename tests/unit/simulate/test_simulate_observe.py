@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from soter.semantics.externs import Stop
 from soter.simulate import observe
 from soter.simulate.decisions import Saw, changes, reason, steps
 from soter.simulate.figures import final_values, run_figures, scalars
-from soter.semantics.externs import Stop
 from soter.simulate.interrupt import StopRequest, stoppable
 from soter.simulate.run import NativeProgram, run_interpreted
 
