@@ -306,7 +306,9 @@ SOTER_INLINE int64_t soter_max_int(int64_t a, int64_t b) {
 
 /* The same number. Generated code writes it where a comparison always has the same result, which a
  * program may say (`x == x`) and on which compilers remark. */
-SOTER_INLINE int64_t soter_plain(int64_t x) { return x; }
+SOTER_INLINE int64_t soter_plain(int64_t x) {
+  return x;
+}
 
 /* A NaN is stored in one form only. */
 SOTER_INLINE double soter_canonical(double x) {
