@@ -48,11 +48,16 @@ class Composition:
 
     def check(self, property_reads: list[tuple[int, Span]]) -> None:
         """All rules; also enters the driver of every topic."""
+        self._distinct_names()
         drivers = self._drivers()
         for index, found in drivers.items():
-            self.system.topics[index].driver = found[0][0]
+            driven_topic = self.system.topics[index]
+            driven_topic.driver = found[0][0]
             if len(found) > 1:
-                self._two_drivers(self.system.topics[index], found)
+                self._two_drivers(driven_topic, found)
+            if driven_topic.symbol.input and self._is_wired(driven_topic, found[0][1]):
+                self._drives_an_input(driven_topic, *found[0])
+        self._disjoint_topics()
         driven = set(drivers)
         for component in self.system.components:
             for topic, span in self._reads(component):
@@ -88,15 +93,20 @@ class Composition:
     def _two_drivers(self, topic: Topic, found: list[tuple[str, Span]]) -> None:
         if self.draft and self.partial:
             return  # a module that could not be read may own one of them
-        both_modules = all(who.startswith("module") for who, _ in found)
         second, first = found[1], found[0]
+        both_modules = first != second and all(who.startswith("module") for who, _ in found)
+        by = f"by {first[0]} and {second[0]}" if first != second else f"twice by {first[0]}"
         others = [(span, who) for who, span in found[2:DRIVERS_SHOWN]]
         self._report(
             "M004",
-            f"topic `{topic.name}` is driven by {first[0]} and {second[0]}",
+            f"topic `{topic.name}` is driven {by}",
             second[1],
-            "second driver",
-            also=((first[1], "first driver"), *others, (topic.symbol.span, "the topic")),
+            "second driver" if first != second else "two of its topics are wired to this one",
+            also=(
+                *([(first[1], "first driver")] if first != second else []),
+                *others,
+                (topic.symbol.span, "the topic"),
+            ),
             note="modules are composed only if their outputs are disjoint"
             if both_modules
             else "a topic has exactly one driver",
@@ -124,6 +134,67 @@ class Composition:
             )
         else:
             self.diagnostics.error(code, message, span, label, also=also, notes=notes, helps=helps)
+
+    # ------------------------------------------------------------ wires
+
+    def _distinct_names(self) -> None:
+        """N002 where an instance is called like an import, so that their topics are too."""
+        seen: dict[str, Topic] = {}
+        for topic in self.system.topics:
+            other = seen.setdefault(topic.name, topic)
+            if other is not topic:
+                self.diagnostics.error(
+                    "N002",
+                    f"two topics of system `{self.symbol.name}` are called `{topic.name}`",
+                    self.symbol.span,
+                    also=((other.symbol.span, "one"), (topic.symbol.span, "the other")),
+                    notes=("one is a topic of an instance, the other one of an imported file",),
+                    helps=("give the instance another name",),
+                )
+
+    def _is_wired(self, topic: Topic, span: Span) -> bool:
+        """Whether an input topic is driven through a wire; otherwise it was reported."""
+        return all(
+            topic.symbol not in symbols
+            for c in self.system.components
+            if c.span is span
+            for symbols in (
+                [t for t, _ in c.plant.drives] if c.plant is not None else [],
+                c.node.publishes if c.node is not None else [],
+            )
+        )
+
+    def _drives_an_input(self, topic: Topic, who: str, span: Span) -> None:
+        self.diagnostics.error(
+            "M011",
+            f"{who} is wired to `{topic.name}`, an input topic: only the environment sets it",
+            span,
+            "wired here",
+            also=((topic.symbol.span, "declared `input` here"),),
+            helps=("wire it to a topic that is declared without `input`",),
+        )
+
+    def _disjoint_topics(self) -> None:
+        """M001 also after wiring: I and O of a node share no topic of the system."""
+        for c in self.system.components:
+            if c.node is None:
+                continue
+            reads = {c.scope.topics[s.topic]: s.topic for s in c.node.subscribes}
+            for symbol in c.node.publishes:
+                index = c.scope.topics[symbol]
+                inner = reads.get(index)
+                if inner is None or inner is symbol:
+                    continue  # the latter is an error of the node itself
+                self.diagnostics.error(
+                    "M001",
+                    f"by its wires node `{c.name}` both subscribes to and publishes "
+                    f"`{self.system.topics[index].name}`",
+                    c.span,
+                    "wired here",
+                    also=((inner.span, "subscribed to"), (symbol.span, "published")),
+                    notes=("the inputs and the outputs of a node are disjoint",),
+                    helps=("wire them to two topics",),
+                )
 
     # ------------------------------------------------------------ readers
 

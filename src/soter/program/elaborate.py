@@ -42,6 +42,7 @@ MAX_CLEAN = 1_000_000
 MAX_SUBSTEPS = 1_000
 MAX_CELLS = 1_000_000
 MAX_LEVELS = 100
+ROLES = ("ac", "sc")
 RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
 __all__ = ["Elaborator", "elaborate", "first_outside", "implicit_system", "show_ns"]
@@ -311,11 +312,11 @@ class Elaborator(Topics):
         predicates = [e for e in (module.safe, module.ttf, module.safer) if e is not None]
         reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*predicates)]))
         scope = self._scope(placed, reads)
-        names = [f"{placed.name}.{n.name.rsplit('.', 1)[-1]}" for n in (ac, sc)]
+        ac_name, sc_name = controller_names(placed.name, ac, sc)
         return [
             Component(0, name, "dm", period, 0, scope, placed.span, module=index),
-            self._node(placed, sc, names[1], "sc", index),
-            self._node(placed, ac, names[0], "ac", index),
+            self._node(placed, sc, sc_name, "sc", index),
+            self._node(placed, ac, ac_name, "ac", index),
         ]
 
     def _modules(self, pending: list[Placed], components: list[Component]) -> list[Module]:
@@ -493,6 +494,16 @@ class Elaborator(Topics):
                     )
                 result[index] = InputDrive(index, every or 1_000_000_000)
         return list(result.values())
+
+
+def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) -> tuple[str, str]:
+    """Full names of the controllers of a module: `M.Fast`, or `M.ac.Fast` where that is taken."""
+    short = [n.name.rpartition(".")[2] for n in (ac, sc)]
+    alike = short[0] == short[1]
+    roles = [
+        f"{role}.{s}" if alike or s == "dm" else s for role, s in zip(ROLES, short, strict=True)
+    ]
+    return f"{module}.{roles[0]}", f"{module}.{roles[1]}"
 
 
 def _deployed_order(components: list[Component]) -> list[Component]:

@@ -189,6 +189,11 @@ def test_sizes_that_multiply_beyond_measure(size: str) -> None:
     assert found == (["T016"] * 3 if len(size) == 20 else ["T011"])
 
 
+def test_an_enum_of_a_hundred_thousand_members() -> None:
+    members = ", ".join(f"A{i}" for i in range(100_000))
+    assert codes(f"type T = enum {{ {members} }};\ntopic t: T;") == ["T011"]
+
+
 def test_an_array_of_a_hundred_thousand_elements() -> None:
     elements = ", ".join(["1.0"] * 100_000)
     assert codes(f"const A: float[100000] = [{elements}];\ntopic x: float[100000] = A;") == []
