@@ -45,6 +45,7 @@ class Composition:
         self.diagnostics = diagnostics
         self.partial = partial
         self.draft = draft
+        self.had_errors = diagnostics.has_errors
 
     def check(self, property_reads: list[tuple[int, Span]]) -> None:
         """All rules; also enters the driver of every topic."""
@@ -124,16 +125,17 @@ class Composition:
         note: str,
         helps: tuple[str, ...],
     ) -> None:
-        """An error; in a draft a warning W005, as the file may be there for others to import."""
+        """An error; in a draft with a word about files that others import.
+
+        Where a draft has other errors already, what runs is not certain: nothing is said.
+        """
+        if self.draft and self.had_errors:
+            return
         notes = (note,) if note else ()
         if self.draft:
-            notes = (*notes, "the file has no `system`, and on its own it cannot run")
+            notes = (*notes, "a file without a `system` runs everything it declares, once")
             helps = (*helps, "or declare a `system` that says what runs")
-            self.diagnostics.warning(
-                "W005", message, span, label, also=also, notes=notes, helps=helps
-            )
-        else:
-            self.diagnostics.error(code, message, span, label, also=also, notes=notes, helps=helps)
+        self.diagnostics.error(code, message, span, label, also=also, notes=notes, helps=helps)
 
     # ------------------------------------------------------------ wires
 

@@ -16,11 +16,11 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.source import Source
 
-HUSHED = {"W001", "W004", "W005"}
+HUSHED = {"W001", "W004"}
 """Warnings about absence: beside errors they are left out, as an error may be what hides it."""
 MERGED = {"N001", "N004", "N006", "M009", "M010"}
 """A name that is missing is one mistake, in however many places it is missed."""
-ONCE = {"M003", "M004", "M005", "M013", "W005"}
+ONCE = {"M003", "M004", "M005", "M013"}
 """What is wrong in a part is wrong in every system that has the part: said where it is shortest."""
 PLACES_MAX = 5
 

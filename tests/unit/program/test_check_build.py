@@ -109,12 +109,12 @@ def test_a_program_with_errors_has_no_systems_to_run() -> None:
     assert [d.code for d in caught.value.diagnostics] == ["T001"]
 
 
-def test_a_file_without_systems_may_be_a_library_but_does_not_run_then() -> None:
+def test_a_file_without_systems_runs_everything_or_says_why_it_cannot() -> None:
     checked = check(
         "topic x: float;\nnode N period 10ms { subscribes x; step { assert x < 1.0; } }"
     )
-    assert [d.code for d in checked.diagnostics.items] == ["W005"]
-    assert checked.ok
+    assert [d.code for d in checked.diagnostics.items] == ["M005"]
+    assert not checked.ok
     with pytest.raises(SoterError) as caught:
         system_of(checked, None)
     assert [d.code for d in caught.value.diagnostics] == ["M005"]
