@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
 from soter.codegen.names import Unique, field_name
+from soter.codegen.received import received
 from soter.codegen.types import FAULT, float_number, int_number
 from soter.lower import core
 from soter.lower.footprint import walk
@@ -138,7 +139,7 @@ class StepEmitter:
             found.append(c.Declare("bool", f"has_{k}", c.Name("false")))
         return found
 
-    def check_outputs(self, outputs: tuple[core.Output, ...], *, untrusted: bool) -> list[c.CStmt]:
+    def check_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
         """The gate's check of every publication."""
         found: list[c.CStmt] = []
         for k, output in enumerate(outputs):
@@ -146,7 +147,6 @@ class StepEmitter:
                 output.type,
                 tuple(output.bounds),
                 c.Name(f"out_{k}"),
-                untrusted=untrusted,
             )
             if checks:
                 found.append(c.IfStmt(c.Name(f"has_{k}"), tuple(checks)))
@@ -190,7 +190,7 @@ class StepEmitter:
             body += self.declare_outputs(step.outputs)
             body += [*takeover, *self.body.block(step.body)]
         body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault")]
-        body += self.check_outputs(step.outputs, untrusted=foreign)
+        body += self.check_outputs(step.outputs)
         body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
         if foreign and c_source:
             body += [self._keep(copy) for copy in step.locals]
@@ -237,6 +237,14 @@ class StepEmitter:
         call = c.CallExpr(component.binding.rsplit(":", 1)[1], tuple(arguments))
         fine = c.Binary("==", call, c.Number("0"))
         found.append(c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT))))
+        for x in step.locals:
+            found += received(x.type, c.Member(c.Name("kept"), field_name(x.cell.name)))
+        for topic in node.publishes:
+            short = topic.name.rsplit(".", 1)[-1]
+            cleaned = received(topic.type, c.Member(c.Name("got"), field_name(short)))
+            has = c.Member(c.Name("got"), field_name(f"has_{short}"))
+            if cleaned:
+                found.append(c.IfStmt(c.Binary("!=", has, c.Number("0")), tuple(cleaned)))
         return found + self._given(node, lambda field: c.Member(c.Name("got"), field))
 
     def _keep(self, copy: core.LocalCopy) -> c.CStmt:
@@ -306,7 +314,7 @@ class StepEmitter:
         body += self.body.block(step.publish)
         body += self._noise(component, step)
         body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault", "first")]
-        body += self.check_outputs(step.outputs, untrusted=step.extern)
+        body += self.check_outputs(step.outputs)
         body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
         body += self.store(step.states)
         body += self.publish(step.outputs, gated=False)

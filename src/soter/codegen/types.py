@@ -197,14 +197,8 @@ class TypeTable:
 
     # ------------------------------------------------------------ publication checks
 
-    def check(
-        self, t: Type, bounds: tuple[Bound | None, ...], e: c.CExpr, *, untrusted: bool
-    ) -> list[c.CStmt]:
-        """Statements that raise `nonfinite` or `range` when a value may not be published.
-
-        `untrusted`: also what cannot happen in Soter code (a bool of 7, a length beyond the
-        capacity), for values that a linked C function wrote.
-        """
+    def check(self, t: Type, bounds: tuple[Bound | None, ...], e: c.CExpr) -> list[c.CStmt]:
+        """Statements that raise `nonfinite` or `range` when a value may not be published."""
         if isinstance(t, FloatType):
             bound = bounds[0]
             if bound is None:
@@ -223,28 +217,21 @@ class TypeTable:
             )
             return [c.Do(c.CallExpr("soter_check_int", arguments))]
         if isinstance(t, (BoolType, EnumType)):
-            if not untrusted:
-                return []
-            top = 1 if isinstance(t, BoolType) else len(t.members) - 1
-            return [
-                c.Do(c.CallExpr("soter_check_int", (e, c.Number("0"), c.Number(str(top)), FAULT)))
-            ]
-        if not self._needs_check(t, bounds, untrusted=untrusted):
             return []
-        function = self._check_function(t, bounds, untrusted=untrusted)
+        if not self._needs_check(t, bounds):
+            return []
+        function = self._check_function(t, bounds)
         return [c.Do(c.CallExpr(function, (c.Unary("&", e), FAULT)))]
 
-    def _needs_check(self, t: Type, bounds: tuple[Bound | None, ...], *, untrusted: bool) -> bool:
-        if untrusted:
-            return True
+    def _needs_check(self, t: Type, bounds: tuple[Bound | None, ...]) -> bool:
         kinds = [leaf for _, leaf in leaves(t)]
         return any(
             isinstance(k, FloatType) or (isinstance(k, IntType) and b is not None)
             for k, b in zip(kinds, bounds, strict=True)
         )
 
-    def _check_function(self, t: Type, bounds: tuple[Bound | None, ...], *, untrusted: bool) -> str:
-        key = (t, (*bounds, untrusted))
+    def _check_function(self, t: Type, bounds: tuple[Bound | None, ...]) -> str:
+        key = (t, bounds)
         known = self._checks.get(key)
         if known is not None:
             return known
@@ -255,24 +242,15 @@ class TypeTable:
             for n, f in t.fields:
                 count = sum(1 for _ in leaves(f))
                 part = c.Arrow(v, field_name(n))
-                body += self.check(f, bounds[at : at + count], part, untrusted=untrusted)
+                body += self.check(f, bounds[at : at + count], part)
                 at += count
         elif isinstance(t, ArrayType):
-            body += self._check_array(t, bounds, v, untrusted=untrusted)
+            body += self._check_array(t, bounds, v)
         else:
             assert isinstance(t, ListType)
             length: c.CExpr = c.Arrow(v, "len")
-            if untrusted:
-                capacity = c.Number(str(t.capacity))
-                body.append(
-                    c.Do(c.CallExpr("soter_check_int", (length, c.Number("0"), capacity, FAULT)))
-                )
-                outside = c.Binary(
-                    "||", c.Binary("<", length, c.Number("0")), c.Binary(">", length, capacity)
-                )
-                body.append(c.IfStmt(outside, (c.Return(None),)))
             element = c.IndexExpr(c.Arrow(v, "items"), c.Name("k"))
-            inner = self.check(t.element, bounds, element, untrusted=untrusted)
+            inner = self.check(t.element, bounds, element)
             body.append(c.For("k", c.Number("0"), length, tuple(inner)))
         stored = self.stored(t)
         name = self.unique(f"{stored}_check")
@@ -289,19 +267,19 @@ class TypeTable:
         return name
 
     def _check_array(
-        self, t: ArrayType, bounds: tuple[Bound | None, ...], v: c.CExpr, *, untrusted: bool
+        self, t: ArrayType, bounds: tuple[Bound | None, ...], v: c.CExpr
     ) -> list[c.CStmt]:
         count = sum(1 for _ in leaves(t.element))
         groups = [bounds[i * count : (i + 1) * count] for i in range(t.size)]
         array = c.Arrow(v, "at")
         if all(g == groups[0] for g in groups):
             element = c.IndexExpr(array, c.Name("k"))
-            inner = self.check(t.element, groups[0], element, untrusted=untrusted)
+            inner = self.check(t.element, groups[0], element)
             return [c.For("k", c.Number("0"), c.Number(str(t.size)), tuple(inner))]
         found: list[c.CStmt] = []
         for i, g in enumerate(groups):
             element = c.IndexExpr(array, c.Number(str(i)))
-            found += self.check(t.element, g, element, untrusted=untrusted)
+            found += self.check(t.element, g, element)
         return found
 
 

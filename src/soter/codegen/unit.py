@@ -15,6 +15,7 @@ from soter.codegen import c_tree as c
 from soter.codegen.body import Body
 from soter.codegen.c_printer import print_file
 from soter.codegen.names import FileNames, Unique, field_name, program_prefix
+from soter.codegen.received import received
 from soter.codegen.steps import StepEmitter, where
 from soter.codegen.types import TypeTable, int_number
 from soter.lower.layout import Struct, arrange, state_layout
@@ -153,6 +154,7 @@ class _UnitBuilder:
             (
                 c.FileComment(about),
                 c.Include(f"{self.prefix}.h"),
+                *((c.Include("string.h", system=True),) if self.c_sources else ()),
                 size_check,
                 *((c.Section("constants"), *self.types.constants) if self.types.constants else ()),
                 *((c.Section("helpers"), *self.types.helpers) if self.types.helpers else ()),
@@ -211,9 +213,21 @@ class _UnitBuilder:
             _, path, symbol = f.source.split(":")
             self.c_sources.append(path)
             arguments = tuple(c.Name(n) for _, n in parameters[:-1])
+            parameters = (*parameters[:-1], ("soter_fault *", "outer"))
+            got, status = c.Name("got"), c.Name("status")
+            failed = (
+                c.Do(c.CallExpr("soter_raise", (c.Name("outer"), status))),
+                c.Return(self.types.default(f.result_type)),
+            )
+            call = c.CallExpr(symbol, arguments)
             body: tuple[c.CStmt, ...] = (
+                c.Declare("soter_fault", "status", c.Name("SOTER_OK")),
+                c.Declare("soter_fault *const ", "fault", c.Unary("&", status)),
                 c.Unused("fault"),
-                c.Return(c.CallExpr(symbol, arguments)),
+                c.Declare(self.types.work(f.result_type), "got", call),
+                *received(f.result_type, got),
+                c.IfStmt(c.Binary("!=", status, c.Name("SOTER_OK")), failed),
+                c.Return(got),
             )
         else:
             body = (

@@ -228,6 +228,8 @@ def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - a
     items = next(m for m in layout.members if m.name == "items")
     length = next(m for m in layout.members if m.name == "len")
     n = struct.unpack_from("<i", buffer, offset + length.offset)[0]
+    if not 0 <= n <= t.capacity:
+        raise ValueError(f"a length of {n} in `{t}`")
     step = size_of(t.element)
     return tuple(decode_from(buffer, offset + items.offset + i * step, t.element) for i in range(n))
 
