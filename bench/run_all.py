@@ -53,6 +53,22 @@ BENCHMARKS = (
         "ramming, faulting outputs; wind at its bounds.",
     ),
     Benchmark(
+        "The generated program and the kernel",
+        (
+            "-m",
+            "pytest",
+            "-q",
+            "-p",
+            "no:cacheprovider",
+            "tests/correct/test_no_heap.py",
+            "tests/correct/test_sanitizers.py",
+        ),
+        "Random programs and the shipped examples: objects of program and kernel have no "
+        "undefined symbol of the malloc family; runs under ASan and UBSan "
+        "(`-fsanitize=address,undefined -fno-sanitize-recover=all`) are clean and end in the "
+        "interpreter's state.",
+    ),
+    Benchmark(
         "The tool chain on the drone program",
         ("bench/toolchain.py",),
         "`soter check` is CPU time of the whole process; compile and load is wall time from source "
