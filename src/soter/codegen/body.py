@@ -51,6 +51,16 @@ class Body:
         self.functions = functions
         """Core function name -> C name, may fault."""
         self.cell = cell
+        self.outputs: tuple[str, ...] = ()
+        """Names of the outputs of the step that is being emitted."""
+
+    def out(self, output: int) -> c.Name:
+        """The value of an output, until the step commits."""
+        return c.Name(f"out_{self.outputs[output]}")
+
+    def has(self, output: int) -> c.Name:
+        """Whether the step published an output."""
+        return c.Name(f"has_{self.outputs[output]}")
 
     def local(self, name: str) -> str:
         """The C name of a temporary."""
@@ -206,8 +216,8 @@ class Body:
             return [c.For(self.local(s.variable), int_number(s.low), int_number(s.high), body)]
         assert isinstance(s, core.Publish)
         return [
-            c.Assign(c.Name(f"out_{s.output}"), self.expr(s.value)),
-            c.Assign(c.Name(f"has_{s.output}"), c.Name("true")),
+            c.Assign(self.out(s.output), self.expr(s.value)),
+            c.Assign(self.has(s.output), c.Name("true")),
         ]
 
     def _inner(self, statements: tuple[core.Stmt, ...], used: set[str]) -> tuple[c.CStmt, ...]:

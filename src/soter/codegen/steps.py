@@ -130,13 +130,15 @@ class StepEmitter:
         ]
 
     def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-        """`out_k` and `has_k` for every output."""
+        """`out_topic` and `has_topic` for every output."""
+        unique = Unique()
+        topics = [self.system.topics[o.topic].name.rpartition(".")[2] for o in outputs]
+        self.body.outputs = tuple(unique(name) for name in topics)
         found: list[c.CStmt] = []
         for k, output in enumerate(outputs):
-            found.append(
-                c.Declare(self.types.work(output.type), f"out_{k}", self.types.default(output.type))
-            )
-            found.append(c.Declare("bool", f"has_{k}", c.Name("false")))
+            work, default = self.types.work(output.type), self.types.default(output.type)
+            found.append(c.Declare(work, self.body.out(k).text, default))
+            found.append(c.Declare("bool", self.body.has(k).text, c.Name("false")))
         return found
 
     def check_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
@@ -146,10 +148,10 @@ class StepEmitter:
             checks = self.types.check(
                 output.type,
                 tuple(output.bounds),
-                c.Name(f"out_{k}"),
+                self.body.out(k),
             )
             if checks:
-                found.append(c.IfStmt(c.Name(f"has_{k}"), tuple(checks)))
+                found.append(c.IfStmt(self.body.has(k), tuple(checks)))
         return found
 
     def publish(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
@@ -157,14 +159,14 @@ class StepEmitter:
         found: list[c.CStmt] = []
         for k, output in enumerate(outputs):
             stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(output.topic)))
-            value = self.types.to_store(output.type, c.Name(f"out_{k}"))
+            value = self.types.to_store(output.type, self.body.out(k))
             stores: list[c.CStmt] = [c.Assign(self.topic(output.topic), value), c.Assign(stamp, CT)]
             bit = c.Number(f"{1 << k}U")
             published = c.Unary("*", c.Name("published"))
             note = c.Assign(published, c.Binary("|", published, bit))
             if gated:
                 stores = [c.IfStmt(enabled("SOTER_ENABLED"), tuple(stores))]
-            found.append(c.IfStmt(c.Name(f"has_{k}"), (note, *stores)))
+            found.append(c.IfStmt(self.body.has(k), (note, *stores)))
         return found
 
     # ------------------------------------------------------------ nodes
@@ -272,8 +274,8 @@ class StepEmitter:
         for k, topic in enumerate(node.publishes):
             short = topic.name.rsplit(".", 1)[-1]
             taken = (
-                c.Assign(c.Name(f"out_{k}"), part(field_name(short))),
-                c.Assign(c.Name(f"has_{k}"), c.Name("true")),
+                c.Assign(self.body.out(k), part(field_name(short))),
+                c.Assign(self.body.has(k), c.Name("true")),
             )
             has = c.Binary("!=", part(field_name(f"has_{short}")), c.Number("0"))
             found.append(c.IfStmt(has, taken))
@@ -369,7 +371,7 @@ class StepEmitter:
         found: list[c.CStmt] = []
         index = c.Binary("/", CT, int_number(component.period_ns))
         for output, leaf, draw in step.noise:
-            target = _leaf(c.Name(f"out_{output}"), step.outputs[output].type, leaf)
+            target = _leaf(self.body.out(output), step.outputs[output].type, leaf)
             error = self._uniform(draw.stream, index, draw.low, draw.high)
             found.append(c.Assign(target, c.Binary("+", target, error)))
         return found
