@@ -363,12 +363,9 @@ class StatementMaker:
         x = self.expressions.read(FLOAT, at, flows=False) or "2.0"
         kind = choose.pick(
             ("overflow", "narrow", "index", "divide", "modulo", "convert", "assert", "capacity",
-             "nonfinite", "range", "two", "two")
+             "nonfinite", "range")
         )  # fmt: skip
         name = self._new_name(at)
-        if kind == "two":
-            self._two_faults(name, n, at)
-            return
         if kind in {"nonfinite", "range"} and self._bad_publication(kind, at, outputs):
             return
         lines = {
@@ -383,36 +380,6 @@ class StatementMaker:
         }.get(kind, [f"let {name} = {choose.pick('123')} / (1 - 1);"])
         for line in lines:
             self.put(line)
-
-    def _two_faults(self, name: str, n: str, at: Sight) -> None:
-        """One statement with two faults of different kinds: which comes first?"""
-        choose = self.choose
-        self.put(f"var {name}: int[<=2][2] = [[1, 2], [3]];")
-        one, other = choose.some(
-            [f"(7 / ({n} - {n}))", "int(1.0e19)", f"(9223372036854775807 + abs({n} % 3) + 1)",
-             f"{name}[2 + abs({n} % 3)].len", f"{name}[1][1 + abs({n} % 2)]"],
-            2, 2,
-        )  # fmt: skip
-        own = self.names.outside(
-            "value", {name, *(s.name for s in at.values())} | at.world.reserved
-        )
-        forms = [
-            f"let {own} = {one} {choose.pick('+-*/%')} {other};",
-            f"let {own} = {choose.pick(('min', 'max'))}({one}, {other});",
-            f"let {own} = [{one}, {other}];",
-            f"let {own} = {one} > 0 {choose.pick(('&&', '||'))} {other} > 0;",
-            f"let {own} = {one} > {other} ? {one} : {other};",
-            f"let {own}: Vec2 = {{ y: float({one}), x: float({other}) }};",
-            f"let {own} = float({one}) * vec2(float({other}), 1.0);",
-            f"let {own} = clamp(float({one}), 0.0, float({other}));",
-            f"{name}[{one}] = [{other}];",
-            f"{name}[{one}][{other}] = 1;",
-            f"{name}[0][{one}] = {other};",
-            f"push {name}[0], {one};",
-            f"push {name}[{one}], {other};",
-            f"for {own} in [{one}, {other}] {{ assert false; }}",
-        ]
-        self.put(choose.pick(forms))
 
     def _bad_publication(self, kind: str, at: Sight, outputs: list[Output]) -> bool:
         """Publish a NaN, an infinity, or something outside the set, and nothing after it."""
