@@ -1,0 +1,1 @@
+"""The independent checker of certificates; imports `program/` and below, nothing of `reach/`."""
