@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 RUNTIME = Path(__file__).resolve().parent.parent / "runtime"
 KERNEL = ("soter_kernel.c", "soter_virtual.c")
+HEADERS = ("soter.h", "soter_adversary.h")
 TIMEOUT_S = 300
 TELLING = ("error", "undefined", "previous de")
 """What makes a line of a C compiler worth showing."""
@@ -42,7 +43,7 @@ def cache_dir() -> Path:
 def _content(unit: Unit, flags: tuple[str, ...], identity: str) -> str:
     digest = hashlib.sha256()
     parts = [unit.header, unit.source, identity, *flags, "externs are checked by the header"]
-    parts += [(RUNTIME / name).read_text(encoding="utf-8") for name in (*KERNEL, "soter.h")]
+    parts += [(RUNTIME / name).read_text(encoding="utf-8") for name in (*KERNEL, *HEADERS)]
     for source in unit.c_sources:
         parts += [x for path, text in included(source).items() for x in (str(path), text)]
     for part in parts:

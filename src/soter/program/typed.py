@@ -22,6 +22,9 @@ if TYPE_CHECKING:
     from soter.program.types import RecordType, Type, Value
 
 
+SYNTHESIZED = "synthesized"
+"""Name of the extern node that stands where SC is to be synthesized."""
+
 # ---------------------------------------------------------------- variables
 
 
@@ -411,14 +414,59 @@ class NodeSymbol(Symbol):
 
 @dataclass(eq=False)
 class GridAxis:
-    """One axis of a verification grid over a leaf of a topic."""
+    """One axis of a verification grid: a leaf of a topic, or of the state of a plant instance.
+
+    Exactly one of `topic` and `instance` is set; with `instance`, `path` begins with the name of
+    the state, and `plant` is what the instance is made of. `low` and `high` may be missing, and
+    `cells` is, where the axis belongs to a polytope.
+    """
+
+    topic: TopicSymbol | None
+    path: tuple[str, ...]
+    low: Expr | None
+    high: Expr | None
+    cells: Expr | None
+    span: Span
+    instance: str = ""
+    plant: PlantSymbol | None = None
+
+
+@dataclass(eq=False)
+class AxisGroup:
+    """States that are analysed together; `kind` is "grid" or "polytope"."""
+
+    kind: str
+    axes: tuple[GridAxis, ...]
+    span: Span
+
+
+@dataclass(eq=False)
+class CommandSet:
+    """The values that a synthesized controller may publish on one leaf of an output."""
 
     topic: TopicSymbol
     path: tuple[str, ...]
-    low: Expr
-    high: Expr
-    cells: Expr
+    values: tuple[Expr, ...]
     span: Span
+
+
+@dataclass(eq=False)
+class VerifyBlock:
+    """What a `verify` block says; absent parts are None or empty. Times are durations."""
+
+    groups: tuple[AxisGroup, ...] = ()
+    abstracts: tuple[AbstractionLink, ...] = ()
+    commands: tuple[CommandSet, ...] = ()
+    core: Expr | None = None
+    horizon: Expr | None = None
+    levels: Expr | None = None
+    late_dm: Expr | None = None
+    late_sc: Expr | None = None
+    response_dm: Expr | None = None
+    response_sc: Expr | None = None
+    acts: Expr | None = None
+    recover: Expr | None = None
+    span: Span | None = None
 
 
 @dataclass(eq=False)
@@ -447,15 +495,23 @@ class ModuleSymbol(Symbol):
     safer: Expr | None
     ttf: Expr | None
     clean: Expr | None
-    grid: tuple[GridAxis, ...]
-    abstracts: tuple[AbstractionLink, ...]
-    horizon: Expr | None
-    levels: Expr | None
+    verify: VerifyBlock
     topics_read: tuple[TopicSymbol, ...] = ()
     """Topics that `ttf` and `safer` read, in order of first use: the DM's inputs."""
     ac_span: Span | None = None
     sc_span: Span | None = None
     """Where the module names its controllers."""
+
+    @property
+    def synthesized(self) -> bool:
+        """Whether SC is still to be found: `sc synthesized period d;`."""
+        return self.sc.name == SYNTHESIZED
+
+    @property
+    def predicates(self) -> tuple[Expr, ...]:
+        """What it says about its topics: `safe`, `ttf`, `safer` and the hint `core`."""
+        found = (self.safe, self.ttf, self.safer, self.verify.core)
+        return tuple(e for e in found if e is not None)
 
 
 @dataclass(eq=False)

@@ -35,8 +35,17 @@ def write_html(page: ReportPage, path: str | os.PathLike[str]) -> Path:
     `report` is not installed and `ReportError` where the file cannot be written; a file that
     stood at `path` before is then untouched.
     """
+    return _written(html_document(page, _drawing_library()), path)
+
+
+def write_document(title: str, main: str, path: str | os.PathLike[str]) -> Path:
+    """Write a page without drawings by script; `ReportError` as for `write_html`."""
+    return _written(_document(title, main, ""), path)
+
+
+def _written(text: str, path: str | os.PathLike[str]) -> Path:
     target = Path(path)
-    document = html_document(page, _drawing_library()).encode()
+    document = text.encode()
     try:
         with whole_file(target) as stream:
             stream.write(document)
@@ -49,6 +58,16 @@ def html_document(page: ReportPage, drawing_library: str) -> str:
     """Return the whole file as text; `drawing_library` is the JavaScript of plotly."""
     main, figures = body(page)
     drawings = _script_safe(json.dumps([figure.to_json() for figure in figures], allow_nan=False))
+    scripts = f"""<noscript><p>JavaScript draws the figures; it is switched off.</p></noscript>
+<script type="application/json" id="figures">{drawings}</script>
+<script>{drawing_library}</script>
+<script>
+{_asset("report.js")}</script>
+"""
+    return _document(page.title, main, scripts)
+
+
+def _document(title: str, main: str, scripts: str) -> str:
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -57,7 +76,7 @@ def html_document(page: ReportPage, drawing_library: str) -> str:
 <meta http-equiv="Content-Security-Policy" content="{POLICY}">
 <meta name="color-scheme" content="light dark">
 <meta name="generator" content="soter">
-<title>{escape(page.title)}</title>
+<title>{escape(title)}</title>
 <style>
 {_asset("report.css")}</style>
 </head>
@@ -65,12 +84,7 @@ def html_document(page: ReportPage, drawing_library: str) -> str:
 <main>
 {main}
 </main>
-<noscript><p>JavaScript draws the figures of this report; it is switched off.</p></noscript>
-<script type="application/json" id="figures">{drawings}</script>
-<script>{drawing_library}</script>
-<script>
-{_asset("report.js")}</script>
-</body>
+{scripts}</body>
 </html>
 """
 

@@ -353,12 +353,16 @@ SOTER_INLINE uint64_t soter_bits(const soter_header* h, uint64_t stream, int64_t
   return soter_mix(key + ((uint64_t)index + 1U) * UINT64_C(0x9e3779b97f4a7c15));
 }
 
+#ifdef SOTER_ADVERSARY
+#include "soter_adversary.h" /* draws that mean harm, for `soter verify`; never in a package */
+#else
 /* Uniform in [low, high]; rounding never leads outside. */
 SOTER_INLINE double soter_draw(const soter_header* h, uint64_t stream, int64_t index, double low,
                                double high) {
   const double u = (double)(soter_bits(h, stream, index) >> 11) * 0x1p-53;
   return soter_min(low + (high - low) * u, high);
 }
+#endif
 
 SOTER_INLINE int64_t soter_draw_int(const soter_header* h, uint64_t stream, int64_t index,
                                     int64_t low, int64_t high) {

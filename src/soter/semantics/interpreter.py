@@ -17,7 +17,7 @@ from soter.semantics.externs import reset
 from soter.semantics.machine import Machine
 from soter.semantics.plants import plant_step
 from soter.semantics.properties import violated
-from soter.semantics.random_draws import draw_value
+from soter.semantics.random_draws import chosen_value
 from soter.semantics.record import AC, SC, ComponentRecord, ModuleRecord, PropertyRecord, Record
 from soter.semantics.rules import (
     ac_or_sc_step,
@@ -32,6 +32,7 @@ if TYPE_CHECKING:
 
     from soter.program.system import Component, Module, System
     from soter.program.types import Value
+    from soter.semantics.random_draws import Draws
     from soter.semantics.record import Outcome, Verdict
 
     ChooseNode = Callable[[Configuration], int]
@@ -50,15 +51,19 @@ class Interpreter:
     `externs` maps the names of extern nodes, plants and functions to callables of one argument
     (functions: of their own arguments), or to objects with a method `step` and perhaps
     `reset(seed)`; see `program/values.py` for what they get and may give. Raises
-    `UnboundExternError` where one is missing.
+    `UnboundExternError` where one is missing. `draws` chooses what is left to the environment.
     """
 
     def __init__(
-        self, system: System, seed: int = 0, externs: Mapping[str, object] | None = None
+        self,
+        system: System,
+        seed: int = 0,
+        externs: Mapping[str, object] | None = None,
+        draws: Draws | None = None,
     ) -> None:
         self.system = system
         self._externs = externs or {}
-        self.machine = Machine(system, seed, self._externs)
+        self.machine = Machine(system, seed, self._externs, draws)
 
     # ------------------------------------------------------------ the start
 
@@ -102,7 +107,9 @@ class Interpreter:
         assert n.plant is not None, n.name
         state = n.plant.states[i]
         bounds = [Bound(*span)] * leaf_count(state.type)
-        return draw_value(state.type, bounds, self.machine.seed, f"{n.name}.{state.name}.start", 0)
+        return chosen_value(
+            state.type, bounds, self.machine.draws, f"{n.name}.{state.name}.start", 0
+        )
 
     def _first_enabled(self, n: Component) -> bool:
         if n.role == "ac":
@@ -136,8 +143,8 @@ class Interpreter:
             if c.ct % drive.every_ns == 0:
                 topic = self.system.topics[drive.topic]
                 stream, index = f"input.{topic.name}", c.ct // drive.every_ns
-                seed = self.machine.seed
-                yield drive.topic, draw_value(topic.type, topic.bounds, seed, stream, index)
+                draws = self.machine.draws
+                yield drive.topic, chosen_value(topic.type, topic.bounds, draws, stream, index)
 
     def instant(
         self,

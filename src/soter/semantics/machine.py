@@ -21,6 +21,7 @@ from soter.semantics.externs import (
 )
 from soter.semantics.gate import check_of
 from soter.semantics.plants import PlantCode, compile_plant
+from soter.semantics.random_draws import SeededDraws
 from soter.semantics.storing import storer
 
 if TYPE_CHECKING:
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     from soter.program.typed import FunSymbol, Variable
     from soter.program.types import Value
     from soter.semantics.configuration import Configuration
+    from soter.semantics.random_draws import Draws
 
 
 STACK_DEPTH = 10_000
@@ -61,14 +63,22 @@ class DmCode:
 class Machine:
     """The compiled system. `externs` maps component names and extern functions to callables.
 
+    `draws` chooses disturbances, errors, starts and inputs; by default chance, under `seed`.
     Raises `UnboundExternError` where an extern component, or an extern function that the code
     calls, has no callable.
     """
 
-    def __init__(self, system: System, seed: int, externs: Mapping[str, object]) -> None:
+    def __init__(
+        self,
+        system: System,
+        seed: int,
+        externs: Mapping[str, object],
+        draws: Draws | None = None,
+    ) -> None:
         sys.setrecursionlimit(max(sys.getrecursionlimit(), STACK_DEPTH))
         self.system = system
         self.seed = seed
+        self.draws = draws or SeededDraws(seed)
         self.checks = tuple([check_of(topic) for topic in system.topics])
         self.nodes: dict[int, NodeCode] = {}
         self.dms: dict[int, DmCode] = {}

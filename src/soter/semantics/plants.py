@@ -18,7 +18,7 @@ from soter.program.evaluate import Evaluator, replaced
 from soter.program.types import leaves
 from soter.semantics.configuration import put
 from soter.semantics.gate import check_publications, latch, publish
-from soter.semantics.random_draws import assemble, draw_float
+from soter.semantics.random_draws import assemble
 from soter.semantics.record import Outcome
 from soter.semantics.storing import storer
 
@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from soter.semantics.configuration import Configuration
     from soter.semantics.externs import Move
     from soter.semantics.machine import Machine
+    from soter.semantics.random_draws import Draws
 
     Named = tuple[tuple[Variable, Compiled], ...]
     Derivative = Callable[[list[Value]], list[Value]]
@@ -91,29 +92,29 @@ def plant_step(machine: Machine, c: Configuration, n: int) -> tuple[Configuratio
     moves = c.ct > component.phase_ns
     env = machine.environment(c, component)
     try:
-        env.variables.update(_disturbances(component, machine.seed, c.ct if moves else None))
+        env.variables.update(_disturbances(component, machine.draws, c.ct if moves else None))
         states = c.L[n]
         if moves:
             states = code.store(_moved(code, env, states))
-        out = _measured(code, env, states, machine.seed, c.ct)
+        out = _measured(code, env, states, machine.draws, c.ct)
         check_publications(machine.checks, out, out, component.span)
     except StepFault as fault:
         return latch(c, n), Outcome(n, {}, fault, latched=True)
     return publish(replace(c, L=put(c.L, n, states)), out), Outcome(n, out)
 
 
-def _disturbances(component: Component, seed: int, ct: int | None) -> dict[Variable, Value]:
+def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Variable, Value]:
     """The disturbances over the period that ends at `ct`; at the first release (None) draw 0."""
     drawn = {}
     for d in component.disturbances:
         hold = d.hold_ns or component.period_ns
         index = 0 if ct is None else (ct - component.period_ns) // hold
-        drawn[d.variable] = _disturbance(d, seed, index)
+        drawn[d.variable] = _disturbance(d, draws, index)
     return drawn
 
 
-def _disturbance(d: Disturbance, seed: int, index: int) -> Value:
-    drawn = (draw_float(seed, stream, index, d.low, d.high) for stream in d.streams)
+def _disturbance(d: Disturbance, draws: Draws, index: int) -> Value:
+    drawn = (draws.uniform(stream, index, d.low, d.high) for stream in d.streams)
     return assemble(d.variable.type, drawn)
 
 
@@ -178,13 +179,13 @@ def _along(x: list[Value], factor: float, k: list[Value], arithmetic: Steps) -> 
 
 
 def _measured(
-    code: PlantCode, env: Environment, states: tuple[Value, ...], seed: int, ct: int
+    code: PlantCode, env: Environment, states: tuple[Value, ...], draws: Draws, ct: int
 ) -> dict[int, Value]:
     """What the plant publishes: its `drives` on these states, measurement errors added."""
     _see(code, env, states)
     out = {topic: value(env) for topic, value in code.drives}
     for r in code.readings:
-        error = draw_float(seed, r.stream, ct // code.component.period_ns, -r.bound, r.bound)
+        error = draws.uniform(r.stream, ct // code.component.period_ns, -r.bound, r.bound)
         leaf = out[r.topic]
         for position in r.path:
             leaf = leaf[position]

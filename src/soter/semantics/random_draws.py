@@ -7,8 +7,9 @@ Non-goals: when something is drawn (`plants.py`, `interpreter.py`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from soter.program.types import (
     ArrayType,
@@ -62,21 +63,53 @@ def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> f
     return min(low + (high - low) * u, high)
 
 
+class Draws(Protocol):
+    """Who chooses what the environment is free to choose: by default chance (`SeededDraws`)."""
+
+    def uniform(self, stream: str, index: int, low: float, high: float) -> float:
+        """A float of [low, high]."""
+
+    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """A value of a scalar type within its bound."""
+
+
+@dataclass(frozen=True)
+class SeededDraws:
+    """The draws of docs/semantics.md."""
+
+    seed: int
+
+    def uniform(self, stream: str, index: int, low: float, high: float) -> float:
+        """A uniform float."""
+        return draw_float(self.seed, stream, index, low, high)
+
+    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """A uniform value."""
+        return _draw_leaf(t, bound, self.seed, stream, index)
+
+
+def chosen_value(
+    t: Type, bounds: Sequence[Bound | None], draws: Draws, base: str, index: int
+) -> Value:
+    """A value whose leaves `draws` chooses, each from a stream of its own.
+
+    `bounds` in the order of `leaves(t)`; a list has no fixed leaves and cannot be drawn.
+    """
+    drawn = (
+        draws.leaf(leaf, bound, leaf_name(base, path), index)
+        for (path, leaf), bound in zip(leaves(t), bounds, strict=True)
+    )
+    return assemble(t, drawn)
+
+
 def leaf_name(base: str, path: tuple[str, ...]) -> str:
     """The stream of one leaf: `base.x` for a field, `base.[0]` for an element."""
     return ".".join((base, *path))
 
 
 def draw_value(t: Type, bounds: Sequence[Bound | None], seed: int, base: str, index: int) -> Value:
-    """A value with every leaf drawn uniformly within its bounds, each from a stream of its own.
-
-    `bounds` in the order of `leaves(t)`; a list has no fixed leaves and cannot be drawn.
-    """
-    drawn = (
-        _draw_leaf(leaf, bound, seed, leaf_name(base, path), index)
-        for (path, leaf), bound in zip(leaves(t), bounds, strict=True)
-    )
-    return assemble(t, drawn)
+    """A value with every leaf drawn uniformly (`chosen_value` by `SeededDraws`)."""
+    return chosen_value(t, bounds, SeededDraws(seed), base, index)
 
 
 def _draw_leaf(t: Type, bound: Bound | None, seed: int, stream: str, index: int) -> Value:

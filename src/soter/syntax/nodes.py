@@ -12,8 +12,9 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.syntax import tree
-from soter.syntax.bodies import HOMES, BodyParser, OnceParts, predicate
+from soter.syntax.bodies import HOMES, OnceParts, predicate
 from soter.syntax.tokens import ERROR, INT, NAME, visible
+from soter.syntax.verification import VerifyParser
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -31,13 +32,7 @@ class _NodeParts(OnceParts):
     guarantees: list[tree.Expr] = field(default_factory=list)
 
 
-@dataclass(slots=True)
-class _VerifyParts(OnceParts):
-    grid: list[tree.GridAxis] = field(default_factory=list)
-    abstracts: list[tuple[tree.Name, tuple[tree.Abstraction, ...]]] = field(default_factory=list)
-
-
-class NodeParser(BodyParser):
+class NodeParser(VerifyParser):
     """The part of the parser that reads nodes and modules."""
 
     __slots__ = ()
@@ -207,58 +202,25 @@ class NodeParser(BodyParser):
         at = self.i
         word = self.texts[at] if self.texts[at] in ("ac", "sc") else "ac"
         self.i += 1
+        if word == "sc" and self.is_word("synthesized") and self.kinds[self.i + 1] != ".":
+            self.keep_once(parts, word, self._synthesized(), at)
+            return
         node = self.ref(f"the name of a node after `{word}`")
         self.semicolon(f"the node of `{word}`")
         self.keep_once(parts, word, node, at)
+
+    def _synthesized(self) -> tree.Synthesized:
+        """`sc synthesized period 10ms;`: there is none yet."""
+        start = self.starts[self.i]
+        self.i += 1
+        self.expect_word("period", "after `synthesized`")
+        period = self.time_value("`period`")
+        return tree.Synthesized(period, self.span_from(start))
 
     def _module_period(self, parts: OnceParts) -> None:
         at = self.i
         self.i += 1
         self.keep_once(parts, "period", self.time_value("`period`"), at)
-
-    def _verify(self, parts: OnceParts) -> None:
-        at = self.i
-        self.i += 1
-        inner = _VerifyParts()
-        self._body("this `verify` block", inner, _VERIFY_ITEMS)
-        block = tree.VerifyBlock(
-            tuple(inner.grid),
-            tuple(inner.abstracts),
-            inner.once.get("horizon"),
-            inner.once.get("levels"),
-            self.span_from(self.starts[at]),
-        )
-        self.keep_once(parts, "verify", block, at)
-
-    def _grid(self, parts: _VerifyParts) -> None:
-        self.i += 1
-        while True:
-            path = self.path("a topic or one of its fields")
-            self.expect("in", "after the axis")
-            interval = self._interval("the range of the axis")
-            self.expect("/", "and the number of cells after the range of the axis")
-            cells = self.expr("the number of cells")
-            parts.grid.append(tree.GridAxis(path, interval, cells))
-            if not self.accept(","):
-                break
-        self.semicolon("the grid")
-
-    def _abstracts(self, parts: _VerifyParts) -> None:
-        self.i += 1
-        name = self.name("the name of a plant after `abstracts`")
-        self.expect_word("by", "after the abstracted plant")
-        pairs: list[tree.Abstraction] = []
-        while True:
-            instance = self.name("the name of an abstraction")
-            self.expect(":", "after the name of the abstraction")
-            plant = self.ref("the name of a plant")
-            self.assign("after the abstract plant")
-            value = self.expr("the abstract state")
-            pairs.append(tree.Abstraction(instance, plant, value))
-            if not self.accept(","):
-                break
-        parts.abstracts.append((name, tuple(pairs)))
-        self.semicolon("the abstractions")
 
 
 _NODE_ITEMS: dict[str, Callable[[NodeParser, _NodeParts], None]] = {
@@ -281,12 +243,5 @@ _RTA_ITEMS: dict[str, Callable[[NodeParser, OnceParts], None]] = {
     "clean": predicate("clean", "the value of `clean`"),
     "verify": NodeParser._verify,
 }
-_VERIFY_ITEMS: dict[str, Callable[[NodeParser, _VerifyParts], None]] = {
-    "grid": NodeParser._grid,
-    "abstracts": NodeParser._abstracts,
-    "horizon": predicate("horizon", "the horizon"),
-    "levels": predicate("levels", "the levels"),
-}
 HOMES["a node"] = frozenset(_NODE_ITEMS)
 HOMES["an `rta`"] = frozenset(_RTA_ITEMS)
-HOMES["a `verify` block"] = frozenset(_VERIFY_ITEMS)

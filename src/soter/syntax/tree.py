@@ -461,11 +461,37 @@ class NodeDecl(Decl):
 
 @dataclass(frozen=True, slots=True)
 class GridAxis:
-    """`motion.x in [a, b] / cells` of a verify block."""
+    """`motion.x in [a, b] / cells` of a verify block; a polytope's axes have no cells."""
 
     path: Path
-    interval: Interval
-    cells: Expr
+    interval: Interval | None
+    cells: Expr | None
+
+
+@dataclass(frozen=True, slots=True)
+class AxisGroup:
+    """`grid a ..., b ...;` or `polytope a, b;`: axes that are analysed together."""
+
+    kind: str
+    axes: tuple[GridAxis, ...]
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class CommandSet:
+    """`commands accel in {-1.0, 0.0, 1.0};`: what a synthesized controller may publish."""
+
+    path: Path
+    values: tuple[Expr, ...]
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Delays:
+    """`late dm D, sc D;` or `response dm D, sc D;`: a time of the DM and one of SC."""
+
+    dm: Expr | None
+    sc: Expr | None
 
 
 @dataclass(frozen=True, slots=True)
@@ -481,10 +507,24 @@ class Abstraction:
 class VerifyBlock:
     """`verify { ... }`: read by `soter verify`, syntax and names checked always."""
 
-    grid: tuple[GridAxis, ...]
+    groups: tuple[AxisGroup, ...]
     abstracts: tuple[tuple[Name, tuple[Abstraction, ...]], ...]
+    commands: tuple[CommandSet, ...]
+    core: Expr | None
     horizon: Expr | None
     levels: Expr | None
+    late: Delays | None
+    response: Delays | None
+    acts: Expr | None
+    recover: Expr | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Synthesized:
+    """`sc synthesized period 10ms;`: a controller that `soter verify --synthesize` finds."""
+
+    period: Expr
     span: Span
 
 
@@ -493,7 +533,7 @@ class RtaDecl(Decl):
     """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
 
     ac: Ref | None
-    sc: Ref | None
+    sc: Ref | Synthesized | None
     period: Expr | None
     safe: Expr | None
     safer: Expr | None

@@ -1,0 +1,161 @@
+"""Draws that mean harm: what the environment may choose, chosen at its bounds.
+
+Purpose: the twin of `runtime/soter_adversary.h`, so that a run that was found natively can be run
+again by the reference interpreter, draw by draw; and draws that are written down (`Recorded`).
+Non-goals: which seeds are worth trying (`reach/refute.py`).
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.program.types import BoolType, EnumType, FloatType, IntType
+from soter.semantics.random_draws import SeededDraws, fnv, mix
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.program.system import Bound
+    from soter.program.types import Type, Value
+    from soter.semantics.random_draws import Draws
+
+_MASK = 2**64 - 1
+_GOLDEN = 0x9E3779B97F4A7C15
+
+CHANCE, CORNER, TURN, HOLDS, TOGETHER, MIXED = range(6)
+"""The patterns: the top byte of a seed."""
+
+
+def _spread(key: int, index: int) -> int:
+    return mix((key + (index + 1) * _GOLDEN) & _MASK)
+
+
+def _between(bits: int, low: float, high: float) -> float:
+    u = float(bits >> 11) * 2.0**-53
+    return min(low + (high - low) * u, high)
+
+
+def _mixed(key: int, index: int, low: float, high: float) -> float:
+    segment = _spread(key, index >> (3 + (key & 7)))
+    if segment & 3 == 0:
+        return low
+    if segment & 3 == 1:
+        return high
+    if segment & 3 == 2:
+        return _between(segment, low, high)
+    return _between(_spread(key, index), low, high)
+
+
+def adverse_float(seed: int, stream: str, index: int, low: float, high: float) -> float:
+    """`soter_draw` of `soter_adversary.h`."""
+    seed_key = mix((seed + _GOLDEN) & _MASK)
+    key = mix(seed_key ^ fnv(stream))
+    side = key >> 63
+    pattern = seed >> 56
+    if pattern == TURN:
+        side ^= index >= ((key >> 8) & 0xFFFF) % (1 << (key % 14))
+    elif pattern == HOLDS:
+        side = _spread(key, index >> (key % 13)) >> 63
+    elif pattern == TOGETHER:
+        side ^= _spread(seed_key, index >> (seed_key % 13)) >> 63
+    elif pattern == MIXED:
+        return _mixed(key, index, low, high)
+    elif pattern != CORNER:
+        return _between(_spread(key, index), low, high)
+    return high if side else low
+
+
+@dataclass(frozen=True)
+class AdverseDraws:
+    """Floats at their bounds in the pattern of the seed; bools, ints and enums by chance."""
+
+    seed: int
+
+    def uniform(self, stream: str, index: int, low: float, high: float) -> float:
+        """A float of [low, high]."""
+        return adverse_float(self.seed, stream, index, low, high)
+
+    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """A value of a scalar type."""
+        if isinstance(t, FloatType):
+            assert bound is not None, f"{stream} is not bounded"
+            return self.uniform(stream, index, bound.low, bound.high)
+        return SeededDraws(self.seed).leaf(t, bound, stream, index)
+
+
+# ---------------------------------------------------------------- written down
+
+
+Choices = dict[str, list[tuple[int, "Value"]]]
+"""By stream: (index, value), ascending; a value holds until the next index that is given."""
+
+
+@dataclass(frozen=True)
+class Recorder:
+    """Writes down what other draws choose, in the order of a run: indices never fall."""
+
+    draws: Draws
+    choices: Choices = field(default_factory=dict)
+
+    def uniform(self, stream: str, index: int, low: float, high: float) -> float:
+        """A float of [low, high]."""
+        value = self.draws.uniform(stream, index, low, high)
+        self._note(stream, index, value)
+        return value
+
+    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """A value of a scalar type."""
+        value = self.draws.leaf(t, bound, stream, index)
+        self._note(stream, index, value)
+        return value
+
+    def _note(self, stream: str, index: int, value: Value) -> None:
+        noted = self.choices.setdefault(stream, [])
+        if not noted or noted[-1][1] != value:
+            noted.append((index, value))
+
+
+class ChoiceError(Exception):
+    """A written choice that is missing, or that the program does not allow."""
+
+
+@dataclass(frozen=True)
+class RecordedDraws:
+    """Choices that were written down. A choice outside its declared set is a `ChoiceError`."""
+
+    choices: Mapping[str, list[tuple[int, Value]]]
+
+    def _at(self, stream: str, index: int) -> Value:
+        noted = self.choices.get(stream, [])
+        at = bisect_right(noted, index, key=lambda entry: entry[0]) - 1
+        if at < 0:
+            raise ChoiceError(f"no choice is given for `{stream}` at {index}")
+        return noted[at][1]
+
+    def uniform(self, stream: str, index: int, low: float, high: float) -> float:
+        """The float that was chosen."""
+        value = self._at(stream, index)
+        if isinstance(value, bool) or not isinstance(value, float) or not low <= value <= high:
+            raise ChoiceError(f"`{stream}` at {index}: {value} is not in [{low}, {high}]")
+        return value
+
+    def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
+        """The value that was chosen."""
+        value = self._at(stream, index)
+        if isinstance(t, FloatType):
+            assert bound is not None, f"{stream} is not bounded"
+            return self.uniform(stream, index, bound.low, bound.high)
+        if isinstance(t, BoolType):
+            allowed = isinstance(value, bool)
+        else:
+            allowed = isinstance(value, int) and not isinstance(value, bool)
+            if allowed and isinstance(t, EnumType):
+                allowed = 0 <= value < len(t.members)
+            elif allowed and isinstance(t, IntType):
+                low, high = (t.low, t.high) if bound is None else (bound.low, bound.high)
+                allowed = low <= value <= high
+        if not allowed:
+            raise ChoiceError(f"`{stream}` at {index}: {value} is no value of its set")
+        return value
