@@ -207,8 +207,7 @@ class Composition:
             return list(zip(c.plant.reads, c.plant.read_spans, strict=True))
         assert c.module is not None
         m = self.system.modules[c.module].symbol
-        predicates = [e for e in (m.safe, m.ttf, m.safer) if e is not None]
-        return [(t, read.span) for t, read in topic_reads(*predicates).items()]
+        return [(t, read.span) for t, read in topic_reads(*m.predicates).items()]
 
     def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
         topic = self.system.topics[index]

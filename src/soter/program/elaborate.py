@@ -309,8 +309,7 @@ class Elaborator(Topics):
         ac, sc = placed.controllers()
         name = f"{placed.name}.dm"
         period = self._period(module.period, f"the period of module `{module.name}`", name)
-        predicates = [e for e in (module.safe, module.ttf, module.safer) if e is not None]
-        reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*predicates)]))
+        reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*module.predicates)]))
         scope = self._scope(placed, reads)
         ac_name, sc_name = controller_names(placed.name, ac, sc)
         return [
@@ -377,11 +376,53 @@ class Elaborator(Topics):
 
     def _verify_block(self, module: typed.ModuleSymbol) -> None:
         """Numbers that only `soter verify` needs, checked now."""
-        self.long_duration(module.horizon, "`horizon`")
-        self.count(module.levels, "the number of levels", 2, MAX_LEVELS)
-        for axis in module.grid:
-            self.interval(axis.low, axis.high, axis.low.span.to(axis.high.span), "a grid axis")
-            self.count(axis.cells, "the number of cells", 1, MAX_CELLS)
+        verify = module.verify
+        self.long_duration(verify.horizon, "`horizon`")
+        self.long_duration(verify.recover, "`recover within`")
+        self.count(verify.levels, "the number of levels", 2, MAX_LEVELS)
+        delays = {
+            "`late dm`": verify.late_dm,
+            "`late sc`": verify.late_sc,
+            "`response dm`": verify.response_dm,
+            "`response sc`": verify.response_sc,
+            "`acts within`": verify.acts,
+        }
+        for what, expr in delays.items():
+            self.delay(expr, what)
+        for group in verify.groups:
+            for axis in group.axes:
+                self._axis(axis)
+        for commands in verify.commands:
+            for value in commands.values:
+                self._command(commands, value)
+
+    def _axis(self, axis: typed.GridAxis) -> None:
+        self.count(axis.cells, "the number of cells", 1, MAX_CELLS)
+        if axis.low is None or axis.high is None:
+            return
+        span = axis.low.span.to(axis.high.span)
+        found = self.interval(axis.low, axis.high, span, "a grid axis")
+        if found is not None and found[0] == found[1]:
+            self.diagnostics.error(
+                "V001", f"[{found[0]!r}, {found[1]!r}] is a point", span, "an axis has some width"
+            )
+
+    def _command(self, commands: typed.CommandSet, expr: typed.Expr) -> None:
+        """A command lies in the set of its topic."""
+        value = self.number(expr, "a command")
+        if value is None:
+            return
+        topics = [t for t in self.topics if t.symbol is commands.topic]
+        for topic in topics:
+            for (path, _), bound in zip(leaves(topic.type), topic.bounds, strict=True):
+                if path != commands.path or bound is None or bound.low <= value <= bound.high:
+                    continue
+                self.diagnostics.error(
+                    "V005",
+                    f"the command {value!r} is {beyond(value, bound)}",
+                    expr.span,
+                    also=((topic.symbol.span, "the topic"),),
+                )
 
     # ------------------------------------------------------------ modes, properties, inputs
 

@@ -120,6 +120,26 @@ class Numbers:
             return None
         return int(value)
 
+    def delay(self, expr: typed.Expr | None, what: str) -> int | None:
+        """A delay in ns, zero allowed; None where there is none or after a report."""
+        value = self.number(expr, what) if expr is not None else None
+        if value is None or expr is None:
+            return None
+        if value < 0:
+            self.diagnostics.error(
+                "C001", f"{what} cannot be negative", expr.span, f"this is {show_ns(value)}"
+            )
+            return None
+        if value > MAX_PERIOD_NS:
+            self.diagnostics.error(
+                "C002",
+                f"{what} cannot be {show_ns(value)}",
+                expr.span,
+                f"0 s to {show_ns(MAX_PERIOD_NS)} are possible",
+            )
+            return None
+        return int(value)
+
     def count(self, expr: typed.Expr | None, what: str, low: int, high: int) -> int | None:
         """A whole number in [low, high]; None where there is none or after a report (C002)."""
         value = self.number(expr, what) if expr is not None else None

@@ -72,9 +72,8 @@ def topics_mentioned(what: object) -> list[typed.TopicSymbol]:
     if isinstance(what, typed.PlantSymbol):
         return [*what.reads, *(t for t, _ in what.drives)]
     if isinstance(what, typed.ModuleSymbol):
-        predicates = [e for e in (what.safe, what.ttf, what.safer) if e is not None]
         nodes_ = [*topics_mentioned(what.ac), *topics_mentioned(what.sc)]
-        return [*nodes_, *what.topics_read, *topic_reads(*predicates)]
+        return [*nodes_, *what.topics_read, *topic_reads(*what.predicates)]
     return []
 
 

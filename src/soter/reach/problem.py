@@ -7,6 +7,7 @@ Non-goals: computing anything.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -44,6 +45,43 @@ class Times:
     horizon: int | None = None
     """H as declared; None: H*."""
     declared: frozenset[str] = frozenset()
+
+    @property
+    def wait(self) -> int:
+        """G: from a release of the DM to the next of SC, at worst."""
+        g = math.gcd(self.delta_dm, self.delta_sc)
+        return self.delta_sc - g + (self.phase_sc - self.phase_dm) % g
+
+    @property
+    def h_star(self) -> int:
+        """H*: from the sample behind the last "AC" verdict to SC's first acting output."""
+        hand_over = max(self.late_dm + self.response_dm, self.wait + self.late_sc)
+        return self.age_dm + self.delta_dm + hand_over + self.response_sc + self.acts
+
+    @property
+    def horizon_ns(self) -> int:
+        """H."""
+        return self.h_star if self.horizon is None else self.horizon
+
+    @property
+    def delay_sc(self) -> int:
+        """d: how old the state is that a command answers."""
+        return self.age_sc + self.response_sc + self.acts
+
+    @property
+    def jitter_sc(self) -> int:
+        """j: how far from its nominal instant a command acts."""
+        return self.late_sc + self.response_sc + self.acts
+
+    @property
+    def decision(self) -> int:
+        """Delta + A + J_dm: from a state to the DM's verdict about it, at worst."""
+        return self.delta_dm + self.age_dm + self.late_dm
+
+    @property
+    def start(self) -> int:
+        """h_0: the first instant at which an output of SC acts."""
+        return self.phase_sc + self.late_sc + self.response_sc + self.acts
 
 
 @dataclass(frozen=True)
@@ -110,3 +148,9 @@ class Problem:
     topic_leaf_of_state: dict[int, tuple[int, int]] = field(default_factory=dict)
     """State -> (topic, leaf) that equals it, where there is one."""
     assumptions: list[str] = field(default_factory=list)
+    name: str = ""
+    """Full name of the module in its own system, for people."""
+    commands: tuple[tuple[float, ...], ...] = ()
+    """For synthesis: the finite set of each control, in their order."""
+    recover_ns: int | None = None
+    """T of P2b where it is declared: `recover within d;`."""

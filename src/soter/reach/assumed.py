@@ -1,0 +1,113 @@
+"""What a proof takes for granted, in words.
+
+Purpose: the assumptions of one problem; they are printed with every verdict.
+Non-goals: checking them (`reach/monitor.py`, `soter run`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.program.durations import show_ns
+from soter.program.walk import calls_in
+from soter.reach.timing import DELAYS, WORDS
+
+if TYPE_CHECKING:
+    from soter.program import typed
+    from soter.reach.inputs import Inputs
+    from soter.reach.place import Place
+    from soter.reach.problem import Times
+
+
+def assumptions_of(
+    place: Place, inputs: Inputs, times: Times, kind: str, *, linear: bool | None
+) -> list[str]:
+    """Every assumption; `linear` is None where it is not known whether the flow is."""
+    found = [*_environment(place, inputs), *_timing(times, kind)]
+    if kind == "flow" and linear is not True:
+        found.append(
+            "the plant is the solution of its differential equation, not the simulator's scheme"
+        )
+    if inputs.parameters:
+        names = ", ".join(p.name for p in inputs.parameters)
+        found.append(
+            f"{names} changes only while the estimate lies in S_0 of the new value, whichever mode"
+        )
+    found += _arithmetic(place)
+    return found
+
+
+def _environment(place: Place, inputs: Inputs) -> list[str]:
+    found = [
+        f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
+        "within its bounds"
+        for link in place.module.symbol.verify.abstracts
+    ]
+    names = ", ".join(c.name for c in place.plants)
+    if not place.abstract:
+        found.append(f"the world behaves like {names} for some disturbance within its bounds")
+    if inputs.disturbances:
+        pairs = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
+        bounds = ", ".join(f"{d.name} in [{r.low:g}, {r.high:g}]" for d, r in pairs)
+        found.append(f"disturbances stay within their bounds: {bounds}")
+    if inputs.errors:
+        pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
+        bounds = ", ".join(f"{e.name} within {r.high:g}" for e, r in pairs)
+        found.append(f"measurement errors stay within their bounds: {bounds}")
+    measured = {(e.owner, e.path) for e in inputs.errors}
+    if place.driven and not measured:
+        found.append("estimates are exact: no measurement error is declared")
+    if inputs.others:
+        names = ", ".join(o.name for o in inputs.others)
+        found.append(f"{names}: any value of the declared set, at any time")
+    return found
+
+
+def _timing(times: Times, kind: str) -> list[str]:
+    if kind == "map":
+        return ["plant, DM and SC run in the same instant, in this order, and commands act in it"]
+    found = []
+    if times.age_sc:
+        found.append(
+            f"what SC reads is at most {show_ns(times.age_sc)} old (for SC no runtime enforces it)"
+        )
+    declared = [n for n in DELAYS if n in times.declared]
+    if declared:
+        shown = ", ".join(f"{n.replace('_', ' ')} {show_ns(getattr(times, n))}" for n in declared)
+        found.append(f"times as declared: {shown}")
+    absent = [WORDS[n] for n in DELAYS if n not in times.declared]
+    if absent:
+        found.append(f"undeclared times are zero: {', '.join(absent)}")
+    found.append("SC waits for the DM, in one thread, and no release is skipped")
+    return found
+
+
+def _arithmetic(place: Place) -> list[str]:
+    sc = place.sc.node
+    found = []
+    symbol = place.module.symbol
+    roots: list[object] = [*(sc.step if sc is not None else ()), *symbol.predicates]
+    for c in place.plants:
+        assert c.plant is not None
+        roots += [e for _, e in c.plant.lets]
+        roots += [*c.plant.der.values(), *c.plant.next.values(), *(e for _, e in c.plant.drives)]
+    if any(name in _prelude_calls(roots) for name in ("sin", "cos", "exp", "log", "atan", "atan2")):
+        found.append("error bounds of the prelude's functions: tested, not proved")
+    found.append("the compiler and the hardware compute binary64 as IEEE 754 says")
+    return found
+
+
+def _prelude_calls(roots: list[object]) -> set[str]:
+    """Names of the prelude functions that are called, directly or through others."""
+    found: set[str] = set()
+    seen: set[typed.FunSymbol] = set()
+    todo: list[object] = list(roots)
+    while todo:
+        for call in calls_in(todo.pop()):
+            if call.fun in seen:
+                continue
+            seen.add(call.fun)
+            if call.fun.prelude:
+                found.add(call.fun.name)
+            todo += call.fun.body or ()
+    return found

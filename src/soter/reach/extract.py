@@ -1,0 +1,131 @@
+"""Read the verification problem of a module off its program.
+
+Purpose: a flat system and a module -> `Problem`; where the program does not determine one, a
+diagnostic that says what to write (codes R...).
+Non-goals: computing sets (`grids.py`), verdicts (`verify.py`).
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.lower.steps import lower
+from soter.program.check_const import Calculator
+from soter.program.types import leaves
+from soter.reach.assumed import assumptions_of
+from soter.reach.axes import Axes
+from soter.reach.following import check_followed
+from soter.reach.inputs import Inputs, inputs_of
+from soter.reach.place import Place, place
+from soter.reach.problem import Interval, Problem
+from soter.reach.timing import times_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.program.system import Module, System
+    from soter.reach.problem import Group
+
+LEVELS_DEFAULT = 3
+CASES_MAX = 4096
+
+
+def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
+    """The problem of `module` of the flat system; `SoterError` with R... where there is none."""
+    diagnostics = Diagnostics()
+    at = place(flat, module)
+    kind = check_followed(at, diagnostics, synthesize=synthesize)
+    _stop(diagnostics)
+    inputs = inputs_of(at, diagnostics)
+    _stop(diagnostics)
+    groups = Axes(at, inputs, diagnostics)
+    found = groups.groups()
+    times = times_of(at, kind, diagnostics)
+    _cases(at, inputs, diagnostics)
+    commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
+    _stop(diagnostics)
+    calculator = Calculator(diagnostics, at.module.scope.params)
+    symbol = at.module.symbol
+    levels = symbol.verify.levels
+    recover = symbol.verify.recover
+    return Problem(
+        at.system,
+        lower(at.system),
+        at.module,
+        inputs.quantities(),
+        kind,
+        at.plants[0].period_ns,
+        _extents(found, len(inputs.states)),
+        tuple(inputs.initial),
+        tuple(inputs.control_ranges),
+        tuple(inputs.disturbance_ranges),
+        tuple(inputs.error_ranges),
+        tuple(inputs.other_ranges),
+        tuple(inputs.parameters),
+        found,
+        times,
+        levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
+        has_core_hint=symbol.verify.core is not None,
+        computed=symbol.ttf is None,
+        synthesize=synthesize,
+        topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()},
+        assumptions=assumptions_of(at, inputs, times, kind, linear=None),
+        name=module.name,
+        commands=commands,
+        recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
+    )
+
+
+def _stop(diagnostics: Diagnostics) -> None:
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+
+
+def _extents(groups: tuple[Group, ...], count: int) -> tuple[Interval, ...]:
+    found = {a.state: Interval(a.edges[0], a.edges[-1]) for g in groups for a in g.axes}
+    return tuple(found[s] for s in range(count))
+
+
+def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
+    """Every combination of parameter values; one empty combination where there are none."""
+    yield from product(*(p.values for p in problem.parameters))
+
+
+def _cases(at: Place, inputs: Inputs, diagnostics: Diagnostics) -> None:
+    count = 1
+    for parameter in inputs.parameters:
+        count *= len(parameter.values)
+    if count > CASES_MAX:
+        symbol = at.module.symbol
+        diagnostics.error(
+            "R014",
+            f"the parameters of the plants have {count} combinations",
+            symbol.span,
+            notes=(f"everything is proved for each of at most {CASES_MAX}",),
+            helps=("give them smaller ranges",),
+        )
+
+
+def _commands(
+    at: Place, inputs: Inputs, diagnostics: Diagnostics, *, synthesize: bool
+) -> tuple[tuple[float, ...], ...]:
+    """The finite set of each control; the ends and the middle of its range where none is given."""
+    symbol = at.module.symbol
+    calculator = Calculator(diagnostics, at.module.scope.params)
+    declared: dict[tuple[int, tuple[str, ...]], tuple[float, ...]] = {}
+    for c in symbol.verify.commands:
+        values = {float(calculator.value(v, "a command") or 0.0) for v in c.values}
+        index = at.sc.scope.topics[c.topic]
+        for path, _ in leaves(c.topic.type):
+            if path[: len(c.path)] == c.path:
+                declared[index, path] = tuple(sorted(values))
+    if not synthesize and not declared:
+        return ()
+    found = []
+    for leaf, r in zip(inputs.controls, inputs.control_ranges, strict=True):
+        middle = 0.0 if r.low < 0.0 < r.high else 0.5 * r.low + 0.5 * r.high
+        ends = tuple(sorted({r.low, middle, r.high}))
+        found.append(declared.get((leaf.owner, leaf.path), ends))
+    return tuple(found)

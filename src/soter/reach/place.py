@@ -1,0 +1,135 @@
+"""Where a module is proved: its verification system (docs/verification.md, section 1).
+
+Purpose: from a flat system and one of its modules to a system of that module and its
+verification plants, and nothing else.
+Non-goals: quantities and ranges (`extract.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.program import typed
+from soter.program.elaborate import Elaborator
+from soter.program.walk import topic_reads
+
+if TYPE_CHECKING:
+    from soter.program.system import Component, Module, System
+
+ORDER = ("dm", "sc", "ac")
+
+
+@dataclass(frozen=True, eq=False)
+class Place:
+    """A verification system; its only module is `module`, `plants` are its plants."""
+
+    system: System
+    module: Module
+    plants: tuple[Component, ...]
+    abstract: bool
+    """Whether the plants are abstractions of the ones that fly."""
+    prefix: str
+    """What stands before the names of instances beside the module: `d.`, or nothing."""
+
+    @property
+    def sc(self) -> Component:
+        """The safe controller."""
+        return self.system.components[self.module.sc]
+
+    @property
+    def driven(self) -> dict[int, Component]:
+        """Topic index -> the verification plant that drives it."""
+        found = {}
+        for c in self.plants:
+            assert c.plant is not None
+            for topic, _ in c.plant.drives:
+                found[c.scope.topics[topic]] = c
+        return found
+
+
+def place(flat: System, module: Module) -> Place:
+    """The verification system of a module of `flat`; `SoterError` where there is none."""
+    abstract = bool(module.symbol.verify.abstracts)
+    system = _abstract(flat, module) if abstract else _reduced(flat, module)
+    plants = tuple(c for c in system.components if c.role == "plant")
+    prefix = "" if abstract else module.name.rpartition(".")[0]
+    return Place(system, system.modules[0], plants, abstract, prefix + "." if prefix else "")
+
+
+def sc_reads(node: typed.NodeSymbol) -> list[typed.TopicSymbol]:
+    """The topics that the step of a controller reads; all it subscribes to where it is unknown."""
+    if node.extern:
+        return [s.topic for s in node.subscribes]
+    return list(topic_reads(*node.step))
+
+
+def read_by_module(module: typed.ModuleSymbol, sc: typed.NodeSymbol) -> list[typed.TopicSymbol]:
+    """Every topic that SC, a predicate or an axis of the module reads."""
+    axes = [a.topic for g in module.verify.groups for a in g.axes if a.topic is not None]
+    reads = [*sc_reads(sc), *topic_reads(*module.predicates), *axes]
+    return list(dict.fromkeys(reads))
+
+
+def _abstract(flat: System, module: Module) -> System:
+    """The module beside the plants that `abstracts` names."""
+    symbol = module.symbol
+    nodes = [flat.components[i].node for i in (module.ac, module.sc)]
+    assert nodes[0] is not None
+    assert nodes[1] is not None
+    itself = replace(symbol, ac=nodes[0], sc=nodes[1])
+    instances = [
+        typed.InstanceSymbol(link.name, link.plant, {}, {}, link.span)
+        for link in symbol.verify.abstracts
+    ]
+    instances.append(typed.InstanceSymbol(symbol.name, itself, {}, {}, symbol.span))
+    made = typed.SystemSymbol(
+        f"{symbol.name}.verify",
+        symbol.verify.span or symbol.span,
+        False,
+        tuple(instances),
+        None,
+        (),
+        (),
+        (),
+        (),
+        (),
+    )
+    diagnostics = Diagnostics()
+    elaborator = Elaborator(flat.program, made, flat.params, diagnostics)
+    elaborator.partial = True  # nobody drives what AC alone reads
+    system = elaborator.run()
+    if system is None or diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    return system
+
+
+def _reduced(flat: System, module: Module) -> System:
+    """The module's own system without what the proof does not look at."""
+    scope = {
+        **flat.components[module.sc].scope.topics,
+        **flat.components[module.ac].scope.topics,
+        **module.scope.topics,
+    }
+    sc = flat.components[module.sc].node
+    assert sc is not None
+    wanted = {scope[t] for t in read_by_module(module.symbol, sc) if t in scope}
+    home = module.name.rpartition(".")[0]
+    named = {a.instance for g in module.symbol.verify.groups for a in g.axes if a.instance}
+    named = {f"{home}.{n}" if home else n for n in named}
+    plants = [
+        c
+        for c in flat.components
+        if c.plant is not None
+        and (any(c.scope.topics[t] in wanted for t, _ in c.plant.drives) or c.name in named)
+    ]
+    old = [*plants, *(flat.components[getattr(module, role)] for role in ORDER)]
+    components = tuple(
+        replace(c, index=i, module=None if c.module is None else 0) for i, c in enumerate(old)
+    )
+    roles = {c.role: c.index for c in components if c.role != "plant"}
+    own = replace(module, index=0, **{role: roles[role] for role in ORDER})
+    return replace(
+        flat, components=components, modules=(own,), properties=(), inputs=(), until_ns=None
+    )

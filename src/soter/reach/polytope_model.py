@@ -1,0 +1,257 @@
+"""A linear group as numbers, and what its flow does to half-spaces.
+
+Purpose: `LinearGroup` (x' = A x + B u + drift, the SC law u = K y + k on it, its times) and two
+flows over it: one hold of an SC run and the free phase, in which any control of U acts. Both map a row
+c at a time t to (row, loss) with c x(t) <= row x(0) + loss; every bound is rounded outward.
+Non-goals: polytopes (`polytope_sets.py`), proofs (`polytopes.py`).
+
+Where the bounds come from, for one row c and drift = b + w, w symmetric after centring:
+- c x(t) = c e^{At} x0 + c G(t) (B u + b) + int_0^t c e^{As} w(t - s) ds, G(t) = int_0^t e^{As} ds;
+- the last term is at most nu(t) = int_0^t sum_i |c e^{As}|_i w_i ds, by trapezoids: |f| is at most the
+  interpolation of |f| at the ends plus h^2/8 sup |f''|, and nu does not decrease;
+- between two grid times the deterministic part phi exceeds its ends by at most h^2/8 sup |phi''|, and
+  phi'' = c A e^{At} (A x0 + B u + b), which |c A| e^{|A| t} D bounds, D = sup |A x + B u + b| over the
+  extents and U.
+- A late read is y = x(a - theta) + e, 0 <= theta <= d, with x(a - theta) = x(a) - int x' and
+  |x(s) - x(a)| <= (a - s) e^{|A| d} (D + w). K y therefore equals K (x - d/2 (A x + b + B u_c)) up to
+  d/2 |K (A x + b + B u_c)| + d (|K B| u_r + |K| w) + d^2/2 |K A| e^{|A| d} (D + w) + |K| e; `rate` bounds the
+  first factor on the set, and is one of its half-spaces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TypeAlias
+
+import numpy as np
+
+from soter.reach.polytope_balls import (
+    Array,
+    Ball,
+    centred,
+    exact,
+    exponential,
+    seconds,
+    up_product,
+    up_sum,
+    up_times,
+)
+
+Pairs: TypeAlias = list[tuple[Ball, Array]]
+"""(row, loss) or (row, limit), of N rows each."""
+
+HOLD_STEPS = 2
+FREE_STEP_NS = 10_000_000
+
+
+@dataclass(frozen=True, eq=False)
+class LinearGroup:
+    """x' = A x + B u + drift with n states and m controls; SI units; all numbers exact doubles.
+
+    SC publishes u = gain y + offset, up to `remainder`, wherever every |entry| is inside U; y is
+    its estimate. `law_low`, `law_high` (m,): where gain y + offset must lie for that to hold.
+    """
+
+    state: Array
+    """A, (n, n)."""
+    control: Array
+    """B, (n, m)."""
+    drift_low: Array
+    """Everything else in x', (n,): constants, disturbance, remainder, earlier groups."""
+    drift_high: Array
+    control_low: Array
+    """U, (m,)."""
+    control_high: Array
+    error: Array
+    """E: measurement error within +-error, (n,)."""
+    gain: Array
+    """K, (m, n)."""
+    offset: Array
+    remainder: Array
+    law_low: Array
+    law_high: Array
+    low: Array
+    """The grid's extent, (n,): outside is unsafe."""
+    high: Array
+    rows: Array
+    """Further half-spaces rows x <= bounds of C, (q, n)."""
+    bounds: Array
+    delta_ns: int
+    """Period of SC."""
+    jitter_ns: int = 0
+    delay_ns: int = 0
+    """d: how old the state is that a command answers."""
+
+    @cached_property
+    def drift(self) -> tuple[Array, Array]:
+        """Centre and radius of the drift."""
+        return centred(self.drift_low, self.drift_high)
+
+    @cached_property
+    def controls(self) -> tuple[Array, Array]:
+        """Centre and radius of U."""
+        return centred(self.control_low, self.control_high)
+
+    @cached_property
+    def extent(self) -> tuple[Array, Array]:
+        """Centre and radius of the grid's extent."""
+        return centred(self.low, self.high)
+
+    @cached_property
+    def reach(self) -> Array:
+        """|x_i| on the extent."""
+        return np.maximum(np.abs(self.low), np.abs(self.high))
+
+    @cached_property
+    def constant(self) -> Ball:
+        """b + B u_c."""
+        return exact(self.drift[0]) + exact(self.control) @ exact(self.controls[0])
+
+    @cached_property
+    def speed(self) -> Array:
+        """D: no |A x + B u + b| exceeds it, for x in the extent and u in U."""
+        centre, radius = self.extent
+        middle = (exact(self.state) @ exact(centre) + self.constant).magnitude()
+        spread = up_product(np.abs(self.state), radius)
+        return up_sum(middle, spread, up_product(np.abs(self.control), self.controls[1]))
+
+    def growth(self, time_ns: int) -> Array:
+        """No entry of e^{|A| s}, 0 <= s <= t, exceeds this."""
+        return exponential(np.abs(self.state), time_ns)[0].magnitude()
+
+    def sagging(self, rows: Ball, step_ns: int, until_ns: int) -> Array:
+        """h^2/8 sup |phi''| for each row."""
+        second = up_product((rows @ exact(self.state)).magnitude(), self.growth(until_ns))
+        h = float(seconds(step_ns).upper())
+        return up_times(up_product(second, self.speed), h, h, 0.125)
+
+
+@dataclass(frozen=True, eq=False)
+class Grid:
+    """Times 0 = t_0 < ... < t_q with e^{At} and its integral at each."""
+
+    group: LinearGroup
+    times_ns: tuple[int, ...]
+
+    @cached_property
+    def maps(self) -> list[tuple[Ball, Ball]]:
+        """(e^{At}, G(t)) at every time."""
+        return [exponential(self.group.state, t) for t in self.times_ns]
+
+    @cached_property
+    def step_ns(self) -> int:
+        """The longest step."""
+        return max((b - a for a, b in zip(self.times_ns, self.times_ns[1:], strict=False)), default=0)
+
+    def noise(self, rows: Ball, columns: Ball) -> Array:
+        """nu at every time, (q + 1, N), of the input columns (n, k) with |w_k| <= 1."""
+        group = self.group
+        ends = [(rows @ e @ columns).magnitude().sum(axis=-1) * (1 + 2.0**-40) for e, _ in self.maps]
+        growth = group.growth(self.times_ns[-1])
+        a = np.abs(group.state)
+        bend = up_product(rows.magnitude(), up_product(a, a))
+        bend = up_product(up_product(bend, growth), columns.magnitude())
+        total = np.zeros(rows.mid.shape[0])
+        found = [total]
+        for k in range(len(self.times_ns) - 1):
+            h = float(seconds(self.times_ns[k + 1] - self.times_ns[k]).upper())
+            area = up_times(up_sum(ends[k], ends[k + 1]), h, 0.5)
+            area = up_sum(area, up_times(bend.sum(axis=-1) * (1 + 2.0**-40), h, h, h, 0.125))
+            total = up_sum(total, area)
+            found.append(total)
+        return np.array(found)
+
+
+class FreePhase:
+    """Any control of U acts: what `R(t)` and `tube_U` are made of."""
+
+    def __init__(self, group: LinearGroup, until_ns: int) -> None:
+        self.group = group
+        steps = max(1, -(-until_ns // FREE_STEP_NS))
+        self.grid = Grid(group, tuple(until_ns * k // steps for k in range(steps + 1)))
+
+    def everywhere(self, rows: Ball) -> Pairs:
+        """Pairs (row, loss): c x(t) <= max of row x0 + loss for t in the whole [0, until]."""
+        group, grid = self.group, self.grid
+        push = exact(group.control).times(exact(group.controls[1]))
+        drift = np.diag(group.drift[1])
+        both = Ball(np.hstack([push.mid, drift]), np.hstack([push.rad, np.zeros_like(drift)]))
+        noise = grid.noise(rows, both)
+        sag = group.sagging(rows, grid.step_ns, grid.times_ns[-1])
+        found = []
+        for k, (e, g) in enumerate(grid.maps):
+            later = noise[min(k + 1, len(noise) - 1)]
+            found.append((rows @ e, up_sum((rows @ g @ group.constant).upper(), later, sag)))
+        return found
+
+
+class Hold:
+    """One hold of an SC run: u = K y + k from the read on; it lasts delta +- 2 j."""
+
+    def __init__(self, group: LinearGroup, rate: Array) -> None:
+        """`rate` (m,): what |K (A x + b + B u_c)| is at most on the set (times nothing where d = 0)."""
+        self.group = group
+        self.rate = rate
+        short, long = group.delta_ns - 2 * group.jitter_ns, group.delta_ns + 2 * group.jitter_ns
+        assert short > 0, "jitter below half a period"
+        self.ends = (short,) if short == long else (short, long)
+        inner = [long * k // HOLD_STEPS for k in range(HOLD_STEPS)]
+        self.grid = Grid(group, (*inner, long))
+        self.last = Grid(group, self.ends)
+        half = exact(group.delay_ns / 1e9 / 2)
+        gain = exact(group.gain)
+        self.rate_rows = gain @ exact(group.state)
+        self.rate_offset = gain @ group.constant
+        self.gain = gain - self.rate_rows.times(half)
+        self.offset = exact(group.offset) - self.rate_offset.times(half)
+        self.spread = up_sum(group.remainder, self._read(rate))
+        self.constant = exact(group.control) @ self.offset + exact(group.drift[0])
+
+    def _read(self, rate: Array) -> Array:
+        """What the error and the age of a read change in the command, beyond the middle age."""
+        group = self.group
+        error = up_product(np.abs(group.gain), group.error)
+        if group.delay_ns == 0:
+            return error
+        d = float(seconds(group.delay_ns).upper())
+        gain = exact(group.gain)
+        push = up_product((gain @ exact(group.control)).magnitude(), group.controls[1])
+        push = up_sum(push, up_product(gain.magnitude(), group.drift[1]))
+        back = up_product(group.growth(group.delay_ns), up_sum(group.speed, group.drift[1]))
+        bend = up_product(self.rate_rows.magnitude(), back)
+        # half of d rounds: the middle is anywhere within one unit of d / 2
+        middle = up_times(rate, d * 0.5 * (1 + 2.0**-40))
+        return up_sum(error, middle, up_times(push, d), up_times(bend, d, d, 0.5))
+
+    def _push(self, rows: Ball, k: tuple[Ball, Ball]) -> tuple[Ball, Array]:
+        e, g = k
+        through = rows @ g
+        steer = through @ exact(self.group.control)
+        loss = (through @ self.constant).upper()
+        row = rows @ e + steer @ self.gain
+        return row, up_sum(loss, up_product(steer.magnitude(), self.spread))
+
+    def everywhere(self, rows: Ball) -> Pairs:
+        """Pairs (row, loss) for c x(t) at every t of the hold."""
+        noise = self.grid.noise(rows, exact(np.diag(self.group.drift[1])))
+        sag = self.group.sagging(rows, self.grid.step_ns, self.grid.times_ns[-1])
+        found = []
+        for k, maps in enumerate(self.grid.maps):
+            row, loss = self._push(rows, maps)
+            found.append((row, up_sum(loss, noise[min(k + 1, len(noise) - 1)], sag)))
+        return found
+
+    def after(self, rows: Ball) -> Pairs:
+        """Pairs (row, loss) for c x(t) when the hold ends, whenever that is."""
+        noise = self.grid.noise(rows, exact(np.diag(self.group.drift[1])))[-1]
+        width = self.ends[-1] - self.ends[0]
+        sag = self.group.sagging(rows, width, self.ends[-1]) if width else np.zeros(len(noise))
+        return [(row, up_sum(loss, noise, sag)) for row, loss in (self._push(rows, m) for m in self.last.maps)]
+
+    def commands(self) -> tuple[Ball, Array, Array]:
+        """(row, low, high): the law is linear where row x lies between: u = row x + ..."""
+        spread = self.spread
+        high = -up_sum(self.offset.upper(), spread, -self.group.law_high)
+        low = up_sum(-self.offset.lower(), spread, self.group.law_low)
+        return self.gain, low, high

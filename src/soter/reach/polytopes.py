@@ -1,0 +1,370 @@
+"""Polytope groups: K, R(H), S_j and the return, for linear groups and small fast DMs.
+
+Purpose: `compute` finds the sets of a `LinearGroup` with linear programs as hints; `prove` goes through
+every claim about them with multipliers only, rounding outward, and is all that a verdict rests on
+(docs/verification.md, section 3; THEORY section 3, "Polytopes").
+Non-goals: reading a program (`polytope_extract.py`), grids.
+
+The claims, over K = `core`, R = `free`, S_j = `allowed[j]`, Q = `kept`:
+- K lies in the extent; on K the law is linear (each command clear of its clamp, whatever the error and
+  the age of the read) and `rate` holds;
+- from K, C holds during a whole hold, and K when it ends, for every length delta +- 2 j: so by induction
+  over the holds of an SC run x(a_k) in K for every k, and x in C throughout (P2a with N = 1);
+- R in K, and from R the state stays in K for all of [0, H] under any control of U;
+- S_0 - E in R; for j > 0: G_j is carried into S_{j-1} eroded by E during the whole window,
+  S_j - E in G_j, S_j in S_{j-1};
+- Q is like K with `safer` eroded by E (and the window of the DM) in place of C; K is carried into Q in
+  `periods` holds (P2b).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.reach.polytope_balls import Array, Ball, exact, up_product, up_sum
+from soter.reach.polytope_model import FreePhase, Hold, LinearGroup
+from soter.reach.polytope_sets import SLACK, Bounds, Polytope, Program, lean
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.reach.polytope_model import Pairs
+
+ROWS_MAX = 3000
+WAVES_MAX = 2000
+PERIODS_MAX = 5000
+
+
+@dataclass(frozen=True, eq=False)
+class Windows:
+    """Times of the free phase in ns: `horizon` is H, `window` Delta + A + J_dm."""
+
+    horizon_ns: int
+    window_ns: int
+    levels: int = 3
+
+
+@dataclass(eq=False)
+class PolytopeSets:
+    """What `compute` found and `prove` proves. All sets are over the group's own states."""
+
+    group: LinearGroup
+    windows: Windows
+    rate: Array
+    core: Polytope
+    free: Polytope
+    allowed: list[Polytope]
+    """S_0, S_1, ... over estimates."""
+    carried: list[Polytope]
+    """G_1, G_2, ... over states."""
+    kept: Polytope | None = None
+    kept_rate: Array = field(default_factory=lambda: np.zeros(0))
+    periods: int = 0
+    """Holds after which every run from K is in Q."""
+
+    @property
+    def ttf(self) -> Polytope:
+        """`ttf` is false exactly on this set of estimates (computed predicates)."""
+        return self.allowed[0]
+
+    @property
+    def safer(self) -> Polytope:
+        """`safer` is true exactly on this set of estimates (computed predicates)."""
+        return self.allowed[-1]
+
+
+class NotProvedError(Exception):
+    """A claim whose bound was not met; the text says which, and by how much."""
+
+
+# ---------------------------------------------------------------- finding
+
+
+def compute(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
+    """The sets, or None where the fixpoint ran empty or out of patience. Hints only: `prove` them."""
+    found = _core(group, group.rows, group.bounds)
+    if found is None:
+        return None
+    core, rate = found
+    free = _free(group, core, core, windows.horizon_ns)
+    allowed, carried = [lean(free.shrunk(group.error))], []
+    for _ in range(windows.levels - 2):
+        inner = allowed[-1].shrunk(group.error)
+        following = _free(group, free, inner, windows.window_ns)
+        estimates = following.shrunk(group.error)
+        carried.append(following)
+        allowed.append(lean(estimates.with_rows(*allowed[-1].faces)))
+    sets = PolytopeSets(group, windows, rate, core, free, allowed, carried)
+    _return(sets)
+    return sets
+
+
+def _plain(rows: Ball, limits: Array, reach: Array) -> tuple[Array, Array]:
+    """Balls of rows as rows: of length one, with thresholds lowered by what that leaves open."""
+    limits = limits - up_product(rows.rad, reach)
+    size = np.maximum(np.linalg.norm(rows.mid, axis=1), 1e-12)
+    return rows.mid / size[:, None], limits / size - SLACK
+
+
+def _first_rows(hold: Hold, rows: Array, bounds: Array) -> tuple[Array, Array]:
+    """What a state must satisfy for one hold to go well: C throughout, linear law, rate."""
+    group = hold.group
+    found = [(row, bounds - loss) for row, loss in hold.everywhere(exact(rows))]
+    found += _linear(hold)
+    plain = [_plain(row, limit, group.reach) for row, limit in found]
+    return np.concatenate([r for r, _ in plain]), np.concatenate([b for _, b in plain])
+
+
+def _linear(hold: Hold) -> Pairs:
+    """Half-spaces on which the law is linear and the rate holds."""
+    command, low, high = hold.commands()
+    found = [(command, high), (-command, -low)]
+    if hold.group.delay_ns:
+        offset = hold.rate_offset
+        found += [
+            (hold.rate_rows, -up_sum(offset.upper(), -hold.rate)),
+            (-hold.rate_rows, -up_sum(-offset.lower(), -hold.rate)),
+        ]
+    return found
+
+
+def _core(group: LinearGroup, rows: Array, bounds: Array) -> tuple[Polytope, Array] | None:
+    """The greatest set kept by SC inside rows x <= bounds; twice, with a better `rate`."""
+    eye = np.eye(len(group.low))
+    rows = np.concatenate([rows, eye, -eye])
+    bounds = np.concatenate([bounds, group.high, -group.low])
+    gain = np.abs(group.gain @ group.state)
+    offset = group.gain @ (group.constant.mid)
+    rate = gain @ group.reach + np.abs(offset) + SLACK
+    best = None
+    for _ in range(3 if group.delay_ns else 1):
+        hold = Hold(group, rate)
+        start = Polytope(group.low, group.high, *_first_rows(hold, rows, bounds))
+        found = _fixpoint(hold, start)
+        if found is None:
+            if best is not None or not group.delay_ns:
+                break
+            found = start  # nothing stays with this rate: try what the linear law alone allows
+            program = Program(found)
+            if program.empty:
+                break
+            rate = _rate(program, hold)
+            continue
+        best = (found, rate)
+        rate = _rate(Program(found), hold)
+    return best
+
+
+def _rate(program: Program, hold: Hold) -> Array:
+    """The greatest |K (A x + b + B u_c)| on a set."""
+    row, offset = hold.rate_rows.mid, hold.rate_offset.mid
+    found = [
+        max(program.greatest(r)[0] + o, program.greatest(-r)[0] - o)
+        for r, o in zip(row, offset, strict=True)
+    ]
+    return np.array(found) * (1 + 1e-6) + SLACK
+
+
+def _fixpoint(hold: Hold, start: Polytope) -> Polytope | None:
+    """{x : every run of holds from x satisfies `start` at each read}; None when empty."""
+    program = Program(Polytope(start.low, start.high, start.rows[:0], start.bounds[:0]))
+    kept: list[tuple[Array, float]] = []
+    wave = (start.rows, start.bounds)
+    for _ in range(WAVES_MAX):
+        fresh = []
+        for row, limit in zip(*wave, strict=True):
+            greatest = program.greatest(row)[0]
+            if greatest <= limit:
+                continue
+            if -program.greatest(-row)[0] > limit:
+                return None
+            program.add(row, limit)
+            fresh.append((row, limit))
+        if not fresh:
+            rows, bounds = zip(*kept, strict=True) if kept else ((), ())
+            n = len(start.low)
+            return lean(
+                Polytope(start.low, start.high, np.array(rows).reshape(-1, n), np.array(bounds))
+            )
+        kept += fresh
+        if len(kept) > ROWS_MAX:
+            return None
+        wave = _before(hold, program, np.array([r for r, _ in fresh]), np.array([b for _, b in fresh]))
+    return None
+
+
+def _before(hold: Hold, program: Program, rows: Array, bounds: Array) -> tuple[Array, Array]:
+    """Half-spaces from which a hold ends in rows x <= bounds, whenever it ends."""
+    ends = [(row, bounds - loss) for row, loss in hold.after(exact(rows))]
+    reach = hold.group.reach
+    if len(ends) == 1:
+        return _plain(*ends[0], reach)
+    middle = sum((row.mid for row, _ in ends), np.zeros_like(rows)) / len(ends)
+    limits = np.full(len(rows), np.inf)
+    for row, limit in ends:
+        beside = np.array([program.greatest(r)[0] for r in row.mid - middle])
+        limits = np.minimum(limits, limit - beside - up_product(row.rad, reach))
+    return _plain(exact(middle), limits, reach)
+
+
+def _free(group: LinearGroup, outer: Polytope, inner: Polytope, until_ns: int) -> Polytope:
+    """{x in outer : in `inner` during all of [0, until], under any control}."""
+    rows, bounds = inner.faces
+    pairs = FreePhase(group, until_ns).everywhere(exact(rows))
+    plain = [_plain(row, bounds - loss, group.reach) for row, loss in pairs]
+    return lean(
+        outer.with_rows(np.concatenate([r for r, _ in plain]), np.concatenate([b for _, b in plain]))
+    )
+
+
+def _return(sets: PolytopeSets) -> None:
+    """Find Q inside eroded `safer`, and after how many holds every run from K is in it."""
+    group = sets.group
+    inner = sets.safer.shrunk(group.error)
+    found = _core(group, *inner.faces)
+    if found is None:
+        return
+    sets.kept, sets.kept_rate = found
+    for periods in _guesses():
+        try:
+            _prove_return(sets, _Claims(None), periods)
+        except NotProvedError:
+            continue
+        sets.periods = periods
+        return
+    sets.kept = None
+
+
+def _guesses() -> Iterable[int]:
+    periods = 1
+    while periods <= PERIODS_MAX:
+        yield periods
+        periods = max(periods + 1, periods * 5 // 4)
+
+
+# ---------------------------------------------------------------- proving
+
+
+class _Claims:
+    """Multipliers of every claim in order: found by LPs, or taken from a record."""
+
+    def __init__(self, multipliers: list[Array] | None) -> None:
+        self.record: list[Array] = []
+        self._kept = iter(multipliers) if multipliers is not None else None
+
+    def greatest(self, polytope: Polytope, rows: Ball) -> Array:
+        """Proved upper bounds of rows on a polytope."""
+        if self._kept is not None:
+            bounds = Bounds(polytope, [next(self._kept)])
+        else:
+            bounds = Bounds(polytope, None)
+        found = bounds.of(rows)
+        self.record += bounds.record
+        return found
+
+    def holds(self, what: str, polytope: Polytope, rows: Ball, limits: Array) -> None:
+        """The claim rows x <= limits on a polytope; NotProvedError where it fails."""
+        excess = self.greatest(polytope, rows) - limits
+        if not (excess <= 0).all():
+            raise NotProvedError(f"{what}: exceeded by {np.max(excess):.3g}")
+
+
+def prove(sets: PolytopeSets, multipliers: list[Array] | None = None) -> list[Array]:
+    """Every claim about K, R and S_j; gives the multipliers, or NotProvedError.
+
+    With `multipliers` of an earlier proof nothing is solved: they are checked.
+    """
+    claims = _Claims(multipliers)
+    group = sets.group
+    _prove_kept(claims, "K", Hold(group, sets.rate), sets.core, group.rows, group.bounds)
+    _prove_free(claims, "R(H)", group, sets.free, sets.core, sets.windows.horizon_ns)
+    _prove_estimates(claims, "S_0", group, sets.allowed[0], sets.free)
+    for j, carried in enumerate(sets.carried):
+        before, after = sets.allowed[j], sets.allowed[j + 1]
+        inner = before.shrunk(group.error)
+        _prove_free(claims, f"G_{j + 1}", group, carried, inner, sets.windows.window_ns)
+        _prove_estimates(claims, f"S_{j + 1}", group, after, carried)
+        _inside(claims, f"S_{j + 1} in S_{j}", after, before)
+    if sets.kept is not None:
+        _prove_return(sets, claims, sets.periods)
+    return claims.record
+
+
+def _inside(claims: _Claims, what: str, inner: Polytope, outer: Polytope) -> None:
+    rows, bounds = outer.faces
+    claims.holds(what, inner, exact(rows), bounds)
+
+
+def _prove_kept(
+    claims: _Claims, what: str, hold: Hold, core: Polytope, rows: Array, bounds: Array
+) -> None:
+    """SC keeps `core`, the extent and rows x <= bounds, from every state of `core`."""
+    group = hold.group
+    extent = Polytope(group.low, group.high, rows, bounds)
+    _inside(claims, f"{what} in the extent", core, extent)
+    for row, limit in _linear(hold):
+        claims.holds(f"{what}: the law is linear", core, row, limit)
+    every, limits = extent.faces
+    for row, loss in hold.everywhere(exact(every)):
+        claims.holds(f"{what}: C during a hold", core, row, np.nextafter(limits - loss, -np.inf))
+    faces, limits = core.faces
+    for row, loss in hold.after(exact(faces)):
+        claims.holds(f"{what} after a hold", core, row, np.nextafter(limits - loss, -np.inf))
+
+
+def _prove_free(
+    claims: _Claims, what: str, group: LinearGroup, start: Polytope, inner: Polytope, until_ns: int
+) -> None:
+    """From `start` the state is in `inner` during all of [0, until], under any control of U.
+
+    The bounds hold for states of the extent, of which `start` must be a part.
+    """
+    _inside(claims, f"{what} in the extent", start, Polytope(group.low, group.high, *_nothing(group)))
+    rows, limits = inner.faces
+    for row, loss in FreePhase(group, until_ns).everywhere(exact(rows)):
+        claims.holds(what, start, row, np.nextafter(limits - loss, -np.inf))
+
+
+def _prove_estimates(
+    claims: _Claims, what: str, group: LinearGroup, estimates: Polytope, states: Polytope
+) -> None:
+    """Every state within E of an estimate of the one set lies in the other."""
+    rows, limits = states.faces
+    loss = up_product(np.abs(rows), group.error)
+    claims.holds(what, estimates, exact(rows), np.nextafter(limits - loss, -np.inf))
+
+
+def _prove_return(sets: PolytopeSets, claims: _Claims, periods: int) -> None:
+    """Q is kept inside eroded `safer`, and every run from K is in Q after `periods` holds."""
+    group = sets.group
+    assert sets.kept is not None
+    rows, bounds = sets.safer.shrunk(group.error).faces
+    _prove_kept(claims, "Q", Hold(group, sets.kept_rate), sets.kept, rows, bounds)
+    hold = Hold(group, sets.rate)
+    faces, limits = sets.kept.faces
+    row, loss = exact(faces), np.zeros(len(faces))
+    for _ in range(periods):
+        row, more = _one_hold_back(hold, row)
+        loss = up_sum(loss, more)
+    claims.holds("K returns to Q", sets.core, row, np.nextafter(limits - loss, -np.inf))
+
+
+def _one_hold_back(hold: Hold, rows: Ball) -> tuple[Ball, Array]:
+    """(row, loss): c x after any hold <= row x + loss for x in the extent, plain doubles."""
+    group = hold.group
+    ends = hold.after(rows)
+    middle = exact(sum((r.mid for r, _ in ends), np.zeros_like(rows.mid)) / len(ends))
+    centre, radius = group.extent
+    losses = []
+    for row, loss in ends:
+        rest = row - middle
+        flat = (rest @ exact(centre[:, None])).upper()[:, 0]
+        losses.append(up_sum(loss, flat, up_product(rest.magnitude(), radius)))
+    return middle, np.max(losses, axis=0)
+
+
+def _nothing(group: LinearGroup) -> tuple[Array, Array]:
+    return np.zeros((0, len(group.low))), np.zeros(0)

@@ -1,0 +1,846 @@
+/* soter_form.h: first-order forms, what the proofs calculate with (docs/verification.md, 2).
+ *
+ * A form encloses a number x that depends on the inputs of a problem:
+ *
+ *     x in [lo, hi]   and   x = c + sum_i g[i] eps_i + rho  with eps_i in [-1, 1], |rho| <= r
+ *
+ * It encloses the result of the operation on real numbers and the one rounded to binary64, for all
+ * reals or doubles that the operands enclose at the same eps. r = inf: there is no first-order
+ * part. lo = -inf with hi = inf: x may be anything, NaN included; no other form encloses NaN. Where
+ * x may be infinite, lo or hi is.
+ *
+ * Rounding. u = 2^-53. The rounding mode is "to nearest", operations are not contracted. A computed
+ * x = fl(a op b) is off by at most u |x| (and 2^-1075 more where * and / underflow), and fl is
+ * monotonic, so the ends of an interval are the computed ends, moved outward by 2^-51 |x|: twice
+ * enough, for the subtraction that moves them rounds as well. SOTER_TINY covers underflow and is
+ * large enough that nothing here calculates with subnormal numbers in ordinary cases. A sum of n
+ * nonnegative numbers is computed at least (1 - u)^n of the true one; SOTER_GROW makes up for that
+ * with n = SOTER_INPUTS + 32: (1 - u)^(n+1) (1 + 4 n u) >= 1 for n u < 1/8.
+ *
+ * `out` never is an operand. No heap, no globals.
+ */
+#ifndef SOTER_FORM_H
+#define SOTER_FORM_H
+
+#include <float.h>
+
+#include "soter.h"
+
+#ifndef SOTER_INPUTS
+#error "define SOTER_INPUTS, the number of inputs, before including soter_form.h"
+#endif
+
+typedef struct {
+  double lo, hi, c, r;
+  double g[SOTER_INPUTS];
+} soter_form;
+
+/* An int between lo and hi. */
+typedef struct {
+  int64_t lo, hi;
+} soter_ints;
+
+typedef unsigned char soter_truth; /* bit 0: may be false, bit 1: may be true */
+
+#define SOTER_TINY 0x1p-900
+#define SOTER_GROW (1.0 + (double)(SOTER_INPUTS + 32) * 0x1p-51)
+#define SOTER_INF ((double)INFINITY)
+
+/* ------------------------------------------------------------------ rounding */
+
+/* Not above the exact value of the sum that was rounded to x (a sum does not underflow). */
+SOTER_INLINE double soter_below(double x) {
+  if (fabs(x) <= DBL_MAX) {
+    return x - fabs(x) * 0x1p-51;
+  }
+  return x > 0.0 ? DBL_MAX : -SOTER_INF; /* overflowed from below; NaN: nothing is known */
+}
+
+SOTER_INLINE double soter_above(double x) {
+  return -soter_below(-x);
+}
+
+/* The same for a product, quotient or root, which may underflow. */
+SOTER_INLINE double soter_below_product(double x) {
+  if (fabs(x) <= DBL_MAX) {
+    return x - (fabs(x) * 0x1p-51 + SOTER_TINY);
+  }
+  return x > 0.0 ? DBL_MAX : -SOTER_INF;
+}
+
+SOTER_INLINE double soter_above_product(double x) {
+  return -soter_below_product(-x);
+}
+
+SOTER_INLINE double soter_least(double a, double b) {
+  return b < a ? b : a;
+}
+SOTER_INLINE double soter_most(double a, double b) {
+  return b > a ? b : a;
+}
+
+/* An upper bound of |x| over a form. */
+SOTER_INLINE double soter_size(const soter_form* a) {
+  return soter_most(fabs(a->lo), fabs(a->hi));
+}
+
+/* sum |g[i]|, rounded to nearest. */
+SOTER_INLINE double soter_slopes(const double g[]) {
+  double a = 0.0, b = 0.0, c = 0.0, d = 0.0;
+  int i = 0;
+  for (; i + 3 < SOTER_INPUTS; i += 4) {
+    a += fabs(g[i]);
+    b += fabs(g[i + 1]);
+    c += fabs(g[i + 2]);
+    d += fabs(g[i + 3]);
+  }
+  for (; i < SOTER_INPUTS; i++) {
+    a += fabs(g[i]);
+  }
+  return (a + b) + (c + d);
+}
+
+/* ------------------------------------------------------------------ making forms */
+
+/* No first-order part. */
+SOTER_INLINE void soter_form_plain(soter_form* out) {
+  out->c = 0.0;
+  out->r = SOTER_INF;
+  for (int i = 0; i < SOTER_INPUTS; i++) {
+    out->g[i] = 0.0;
+  }
+}
+
+/* Anything, NaN included. */
+SOTER_INLINE void soter_form_top(soter_form* out) {
+  out->lo = -SOTER_INF;
+  out->hi = SOTER_INF;
+  soter_form_plain(out);
+}
+
+/* Some number in [lo, hi], independent of the inputs; lo = hi: exactly that one. */
+SOTER_INLINE void soter_form_range(soter_form* out, double lo, double hi) {
+  out->lo = lo;
+  out->hi = hi;
+  soter_form_plain(out);
+  if (lo == hi && fabs(lo) <= DBL_MAX) {
+    out->c = lo;
+    out->r = 0.0;
+  } else if (fabs(lo) <= DBL_MAX && fabs(hi) <= DBL_MAX) {
+    out->c = 0.5 * lo + 0.5 * hi; /* any c will do, r is measured from it */
+    out->r = soter_above_product(soter_most(hi - out->c, out->c - lo));
+  }
+}
+
+/* Completes a form whose lo, hi, c, g are set, and r but for rounding: c and each g[i] computed with
+ * relative error u; the program rounds its result where `rounds` is 1. Intersects both parts. */
+SOTER_INLINE void soter_form_settle(soter_form* out, double rounds) {
+  const double sum = soter_slopes(out->g);
+  const double size = soter_size(out);
+  const double r = (out->r + (fabs(out->c) + sum + rounds * size) * 0x1p-52 + SOTER_TINY) * SOTER_GROW;
+  double reach = 0.0;
+  if (!(sum + fabs(out->c) + r <= DBL_MAX) || !(size <= DBL_MAX)) {
+    soter_form_plain(out); /* NaN and infinity end here, too */
+    return;
+  }
+  out->r = r;
+  reach = (sum + r) * SOTER_GROW;
+  out->lo = soter_most(out->lo, soter_below(out->c - reach));
+  out->hi = soter_least(out->hi, soter_above(out->c + reach));
+}
+
+/* Sets the ends; makes it "anything" and says so where they are not numbers. */
+SOTER_INLINE bool soter_form_ends(soter_form* out, double lo, double hi) {
+  out->lo = lo;
+  out->hi = hi;
+  if (!(lo <= hi) || (lo == -SOTER_INF && hi == SOTER_INF)) {
+    soter_form_top(out);
+    return false;
+  }
+  return true;
+}
+
+SOTER_INLINE bool soter_form_wild(const soter_form* a) {
+  return a->lo == -SOTER_INF && a->hi == SOTER_INF;
+}
+
+/* ------------------------------------------------------------------ + - * / */
+
+SOTER_INLINE void soter_form_add(soter_form* out, const soter_form* a, const soter_form* b) {
+  if (!soter_form_ends(out, soter_below(a->lo + b->lo), soter_above(a->hi + b->hi))) {
+    return;
+  }
+  out->c = a->c + b->c;
+  for (int i = 0; i < SOTER_INPUTS; i++) {
+    out->g[i] = a->g[i] + b->g[i];
+  }
+  out->r = a->r + b->r;
+  soter_form_settle(out, 1.0);
+}
+
+SOTER_INLINE void soter_form_sub(soter_form* out, const soter_form* a, const soter_form* b) {
+  if (!soter_form_ends(out, soter_below(a->lo - b->hi), soter_above(a->hi - b->lo))) {
+    return;
+  }
+  out->c = a->c - b->c;
+  for (int i = 0; i < SOTER_INPUTS; i++) {
+    out->g[i] = a->g[i] - b->g[i];
+  }
+  out->r = a->r + b->r;
+  soter_form_settle(out, 1.0);
+}
+
+/* a + k for some k in [lo, hi]. */
+SOTER_INLINE void soter_form_shift(soter_form* out, const soter_form* a, double lo, double hi) {
+  const double k = lo == hi ? lo : 0.5 * lo + 0.5 * hi;
+  if (!soter_form_ends(out, soter_below(a->lo + lo), soter_above(a->hi + hi))) {
+    return;
+  }
+  out->c = a->c + k;
+  for (int i = 0; i < SOTER_INPUTS; i++) {
+    out->g[i] = a->g[i];
+  }
+  out->r = a->r + (lo == hi ? 0.0 : soter_above_product(soter_most(hi - k, k - lo)));
+  soter_form_settle(out, 1.0);
+}
+
+/* -a; exact. */
+SOTER_INLINE void soter_form_neg(soter_form* out, const soter_form* a) {
+  out->lo = -a->hi;
+  out->hi = -a->lo;
+  out->c = -a->c;
+  out->r = a->r;
+  for (int i = 0; i < SOTER_INPUTS; i++) {
+    out->g[i] = -a->g[i];
+  }
+}
+
+/* The ends of [a, b] * [c, d], outward; false where 0 * inf may happen. */
+SOTER_INLINE bool soter_product(double a, double b, double c, double d, double* lo, double* hi) {
+  const double p = a * c, q = a * d, s = b * c, t = b * d;
+  if (p != p || q != q || s != s || t != t) {
+    return false;
+  }
+  *lo = soter_below_product(soter_least(soter_least(p, q), soter_least(s, t)));
+  *hi = soter_above_product(soter_most(soter_most(p, q), soter_most(s, t)));
+  if ((a >= 0.0 && c >= 0.0) || (b <= 0.0 && d <= 0.0)) {
+    *lo = soter_most(*lo, 0.0); /* the sign of a product is exact */
+  }
+  if ((a >= 0.0 && d <= 0.0) || (b <= 0.0 && c >= 0.0)) {
+    *hi = soter_least(*hi, 0.0);
+  }
+  return true;
+}
+
+/* How far x may be from c: by the first-order part, by the interval. */
+SOTER_INLINE double soter_spread(const soter_form* a, double slopes) {
+  const double by_ends = soter_most(fabs(a->hi - a->c), fabs(a->lo - a->c));
+  return soter_least((slopes + a->r) * SOTER_GROW, soter_above(by_ends));
+}
+
+/* x y = cx cy + cx dy + cy dx + dx dy, where dx = x - cx. Each g[i] has two products and a sum:
+ * within 4 u (|cx gy| + |cy gx|) together, u |g| of it again in settle. */
+SOTER_INLINE void soter_form_mul(soter_form* out, const soter_form* a, const soter_form* b) {
+  double lo = 0.0, hi = 0.0;
+  if (!soter_product(a->lo, a->hi, b->lo, b->hi, &lo, &hi) || !soter_form_ends(out, lo, hi)) {
+    soter_form_top(out);
+    return;
+  }
+  const double of_a = soter_slopes(a->g), of_b = soter_slopes(b->g);
+  const double weight = fabs(a->c) * of_b + fabs(b->c) * of_a;
+  out->c = a->c * b->c;
+  for (int i = 0; i < SOTER_INPUTS; i++) {
+    out->g[i] = a->c * b->g[i] + b->c * a->g[i];
+  }
+  out->r = soter_spread(a, of_a) * soter_spread(b, of_b) + fabs(a->c) * b->r + fabs(b->c) * a->r +
+           weight * 0x1p-50;
+  soter_form_settle(out, 1.0);
+}
+
+/* a a = c^2 + 2 c d + d^2 with 0 <= d^2 <= s^2: half of s^2 goes to the centre. */
+SOTER_INLINE void soter_form_square(soter_form* out, const soter_form* a) {
+  const double p = a->lo * a->lo, q = a->hi * a->hi;
+  const bool across = a->lo <= 0.0 && a->hi >= 0.0;
+  const double lo = across ? 0.0 : soter_most(soter_below_product(soter_least(p, q)), 0.0);
+  if (soter_form_wild(a) || !soter_form_ends(out, lo, soter_above_product(soter_most(p, q)))) {
+    soter_form_top(out);
+    return;
+  }
+  const double s = soter_spread(a, soter_slopes(a->g));
+  const double half = 0.5 * s * s;
+  out->c = a->c * a->c + half;
+  for (int i = 0; i < SOTER_INPUTS; i++) {
+    out->g[i] = 2.0 * a->c * a->g[i];
+  }
+  out->r = half + (half + a->c * a->c) * 0x1p-50 + 2.0 * fabs(a->c) * a->r;
+  soter_form_settle(out, 1.0);
+}
+
+/* A form with the given ends that is alpha a + [lo, hi] at every eps; what `mul`, `div` and all
+ * functions of one argument come to. The products are off by u each, which settle counts for g;
+ * for c it is counted here. */
+SOTER_INLINE void soter_form_line(soter_form* out, const soter_form* a, double alpha, double lo,
+                                  double hi, double rounds) {
+  const double middle = lo == hi ? lo : 0.5 * lo + 0.5 * hi;
+  const double p = alpha * a->c;
+  const double beside = lo == hi ? 0.0 : soter_above_product(soter_most(hi - middle, middle - lo));
+  if (soter_form_wild(out)) {
+    soter_form_top(out);
+    return;
+  }
+  out->c = p + middle;
+  for (int i = 0; i < SOTER_INPUTS; i++) {
+    out->g[i] = alpha * a->g[i];
+  }
+  out->r = fabs(alpha) * a->r + beside + fabs(p) * 0x1p-52;
+  soter_form_settle(out, rounds);
+}
+
+/* a k for some k in [lo, hi]. */
+SOTER_INLINE void soter_form_scale(soter_form* out, const soter_form* a, double lo, double hi) {
+  double below = 0.0, above = 0.0, beside = 0.0;
+  const double k = lo == hi ? lo : 0.5 * lo + 0.5 * hi;
+  if (!soter_product(a->lo, a->hi, lo, hi, &below, &above) || !soter_form_ends(out, below, above)) {
+    soter_form_top(out);
+    return;
+  }
+  if (lo != hi) {
+    beside = soter_above_product(soter_most(hi - k, k - lo) * soter_size(a));
+  }
+  soter_form_line(out, a, k, -beside, beside, 1.0);
+}
+
+/* The ends of [a, b] / [c, d], outward; false where the divisor may be 0 or inf / inf happens. */
+SOTER_INLINE bool soter_quotient(double a, double b, double c, double d, double* lo, double* hi) {
+  if (!(c > 0.0 || d < 0.0)) {
+    return false;
+  }
+  const double p = a / c, q = a / d, s = b / c, t = b / d;
+  if (p != p || q != q || s != s || t != t) {
+    return false;
+  }
+  *lo = soter_below_product(soter_least(soter_least(p, q), soter_least(s, t)));
+  *hi = soter_above_product(soter_most(soter_most(p, q), soter_most(s, t)));
+  if ((a >= 0.0 && c > 0.0) || (b <= 0.0 && d < 0.0)) {
+    *lo = soter_most(*lo, 0.0);
+  }
+  if ((a >= 0.0 && d < 0.0) || (b <= 0.0 && c > 0.0)) {
+    *hi = soter_least(*hi, 0.0);
+  }
+  return true;
+}
+
+/* a / k for some k in [lo, hi], which does not contain 0. */
+SOTER_INLINE void soter_form_over(soter_form* out, const soter_form* a, double lo, double hi) {
+  double below = 0.0, above = 0.0, k_lo = 0.0, k_hi = 0.0, beside = 0.0;
+  if (!soter_quotient(a->lo, a->hi, lo, hi, &below, &above) ||
+      !soter_quotient(1.0, 1.0, lo, hi, &k_lo, &k_hi) || !soter_form_ends(out, below, above)) {
+    soter_form_top(out);
+    return;
+  }
+  const double k = 0.5 * k_lo + 0.5 * k_hi;
+  beside = soter_above_product(soter_most(k_hi - k, k - k_lo) * soter_size(a));
+  soter_form_line(out, a, k, -beside, beside, 1.0);
+}
+
+/* 1 / a as a real number, 0 < |a|: with A > 0, 1/x + A x is convex for x > 0, so at most its larger
+ * end and at least 2 sqrt(A). For x < 0 the same of -x. */
+SOTER_INLINE void soter_form_inverse(soter_form* out, const soter_form* a) {
+  const bool negative = a->hi < 0.0;
+  const double l = negative ? -a->hi : a->lo, h = negative ? -a->lo : a->hi;
+  double lo = 0.0, hi = 0.0;
+  if (!soter_quotient(1.0, 1.0, a->lo, a->hi, &lo, &hi) || !soter_form_ends(out, lo, hi)) {
+    soter_form_top(out);
+    return;
+  }
+  const double slope = (1.0 / l) / h;
+  const double least = soter_below_product(soter_below_product(2.0 * sqrt(slope)));
+  const double most = soter_most(1.0 / l + slope * l, 1.0 / h + slope * h);
+  const double top = soter_above_product(soter_above_product(most));
+  soter_form_line(out, a, -slope, negative ? -top : least, negative ? -least : top, 0.0);
+}
+
+/* a / b; anything where b may be 0 (which the program guards before). */
+SOTER_INLINE void soter_form_div(soter_form* out, const soter_form* a, const soter_form* b) {
+  double lo = 0.0, hi = 0.0;
+  soter_form inverse;
+  if (!soter_quotient(a->lo, a->hi, b->lo, b->hi, &lo, &hi)) {
+    soter_form_top(out);
+    return;
+  }
+  soter_form_inverse(&inverse, b);
+  soter_form_mul(out, a, &inverse);
+  if (lo > out->lo) {
+    out->lo = lo;
+  }
+  if (hi < out->hi) {
+    out->hi = hi;
+  }
+}
+
+/* ------------------------------------------------------------------ abs, min, max, floor, sqrt */
+
+/* v - alpha x, from below and from above. */
+SOTER_INLINE double soter_rest_below(double v, double alpha, double x) {
+  const double p = alpha * x;
+  return (v - p) - ((fabs(v) + fabs(p)) * 0x1p-50 + SOTER_TINY);
+}
+
+SOTER_INLINE double soter_rest_above(double v, double alpha, double x) {
+  const double p = alpha * x;
+  return (v - p) + ((fabs(v) + fabs(p)) * 0x1p-50 + SOTER_TINY);
+}
+
+SOTER_INLINE void soter_form_copy(soter_form* out, const soter_form* a) {
+  *out = *a;
+}
+
+/* |a|: for any slope in [-1, 1], |x| - slope x is convex with its minimum 0 at 0. */
+SOTER_INLINE void soter_form_abs(soter_form* out, const soter_form* a) {
+  if (soter_form_wild(a)) {
+    soter_form_top(out);
+  } else if (a->lo >= 0.0) {
+    *out = *a;
+  } else if (a->hi <= 0.0) {
+    soter_form_neg(out, a);
+  } else {
+    const double slope = soter_most(-1.0, soter_least(1.0, (a->lo + a->hi) / (a->hi - a->lo)));
+    const double most = soter_most(soter_rest_above(-a->lo, slope, a->lo),
+                                   soter_rest_above(a->hi, slope, a->hi));
+    out->lo = 0.0;
+    out->hi = soter_most(-a->lo, a->hi);
+    soter_form_line(out, a, slope, 0.0, most, 0.0);
+  }
+}
+
+/* max(a, k): for any slope in [0, 1], max(x, k) - slope x is convex with its minimum at k. */
+SOTER_INLINE void soter_form_at_least(soter_form* out, const soter_form* a, double k) {
+  if (soter_form_wild(a)) {
+    soter_form_top(out);
+  } else if (a->lo >= k) {
+    *out = *a;
+  } else if (a->hi <= k) {
+    soter_form_range(out, k, k);
+  } else {
+    const double slope = soter_most(0.0, soter_least(1.0, (a->hi - k) / (a->hi - a->lo)));
+    const double most =
+        soter_most(soter_rest_above(k, slope, a->lo), soter_rest_above(a->hi, slope, a->hi));
+    out->lo = k;
+    out->hi = a->hi;
+    soter_form_line(out, a, slope, soter_rest_below(k, slope, k), most, 0.0);
+  }
+}
+
+/* min(a, k). */
+SOTER_INLINE void soter_form_at_most(soter_form* out, const soter_form* a, double k) {
+  if (soter_form_wild(a)) {
+    soter_form_top(out);
+  } else if (a->hi <= k) {
+    *out = *a;
+  } else if (a->lo >= k) {
+    soter_form_range(out, k, k);
+  } else {
+    const double slope = soter_most(0.0, soter_least(1.0, (k - a->lo) / (a->hi - a->lo)));
+    const double least =
+        soter_least(soter_rest_below(k, slope, a->hi), soter_rest_below(a->lo, slope, a->lo));
+    out->lo = a->lo;
+    out->hi = k;
+    soter_form_line(out, a, slope, least, soter_rest_above(k, slope, k), 0.0);
+  }
+}
+
+/* max(a, b) = b > a ? b : a = b + max(a - b, 0) as reals. NaN in b gives a, NaN in a stays. */
+SOTER_INLINE void soter_form_max(soter_form* out, const soter_form* a, const soter_form* b) {
+  soter_form d, excess;
+  if (soter_form_wild(a)) {
+    soter_form_top(out);
+    return;
+  }
+  if (soter_form_wild(b)) {
+    soter_form_range(out, a->lo, SOTER_INF);
+    return;
+  }
+  soter_form_sub(&d, a, b);
+  if (d.lo >= 0.0) {
+    *out = *a;
+  } else if (d.hi <= 0.0) {
+    *out = *b;
+  } else {
+    soter_form_at_least(&excess, &d, 0.0);
+    soter_form_add(out, b, &excess);
+    out->lo = soter_most(out->lo, soter_most(a->lo, b->lo));
+    out->hi = soter_least(out->hi, soter_most(a->hi, b->hi));
+  }
+}
+
+/* min(a, b) = b < a ? b : a = b + min(a - b, 0) as reals. */
+SOTER_INLINE void soter_form_min(soter_form* out, const soter_form* a, const soter_form* b) {
+  soter_form d, excess;
+  if (soter_form_wild(a)) {
+    soter_form_top(out);
+    return;
+  }
+  if (soter_form_wild(b)) {
+    soter_form_range(out, -SOTER_INF, a->hi);
+    return;
+  }
+  soter_form_sub(&d, a, b);
+  if (d.hi <= 0.0) {
+    *out = *a;
+  } else if (d.lo >= 0.0) {
+    *out = *b;
+  } else {
+    soter_form_at_most(&excess, &d, 0.0);
+    soter_form_add(out, b, &excess);
+    out->lo = soter_most(out->lo, soter_least(a->lo, b->lo));
+    out->hi = soter_least(out->hi, soter_least(a->hi, b->hi));
+  }
+}
+
+/* The largest whole number not above: within 1 of a. */
+SOTER_INLINE void soter_form_floor(soter_form* out, const soter_form* a) {
+  const double lo = floor(a->lo), hi = floor(a->hi);
+  if (lo == hi) {
+    soter_form_range(out, lo, hi);
+  } else {
+    out->lo = lo;
+    out->hi = hi;
+    soter_form_line(out, a, 1.0, -1.0, 0.0, 0.0);
+  }
+}
+
+/* sqrt(x) - A x is concave: at least its smaller end, at most 1 / (4 A). */
+SOTER_INLINE void soter_form_sqrt(soter_form* out, const soter_form* a) {
+  if (!(a->lo >= 0.0)) {
+    soter_form_top(out); /* NaN below zero */
+    return;
+  }
+  const double l = sqrt(a->lo), h = sqrt(a->hi);
+  const double slope = 1.0 / (l + h);
+  out->lo = soter_most(0.0, soter_below_product(l));
+  out->hi = a->hi > 0.0 ? soter_above_product(h) : 0.0;
+  if (!(slope > 0.0 && slope <= DBL_MAX)) {
+    soter_form_range(out, out->lo, out->hi);
+    return;
+  }
+  soter_form_line(
+      out, a, slope,
+      soter_least(soter_rest_below(soter_below_product(l), slope, a->lo),
+                  soter_rest_below(soter_below_product(h), slope, a->hi)),
+      soter_above_product(soter_above_product(0.25 / slope)), 1.0);
+}
+
+/* ------------------------------------------------------------------ undecided */
+
+/* One of the two, at the same eps. */
+SOTER_INLINE void soter_form_join(soter_form* out, const soter_form* a, const soter_form* b) {
+  double apart = fabs(a->c - b->c);
+  out->lo = soter_least(a->lo, b->lo);
+  out->hi = soter_most(a->hi, b->hi);
+  if (!(a->r <= DBL_MAX && b->r <= DBL_MAX) || soter_form_wild(out)) {
+    soter_form_plain(out);
+    return;
+  }
+  for (int i = 0; i < SOTER_INPUTS; i++) {
+    apart += fabs(a->g[i] - b->g[i]);
+    out->g[i] = 0.5 * (a->g[i] + b->g[i]);
+  }
+  out->c = 0.5 * (a->c + b->c);
+  out->r = soter_most(a->r, b->r);
+  if (apart > 0.0) {
+    out->r += 0.5 * apart * SOTER_GROW;
+    soter_form_settle(out, 0.0);
+  }
+}
+
+/* `then` where t may only be true, `otherwise` where it may only be false, else their join. */
+SOTER_INLINE void soter_form_select(soter_form* out, soter_truth t, const soter_form* then,
+                                    const soter_form* otherwise) {
+  if (t == 2U) {
+    *out = *then;
+  } else if (t == 1U) {
+    *out = *otherwise;
+  } else {
+    soter_form_join(out, then, otherwise);
+  }
+}
+
+/* The same into what a branch before may have left in `out`: with t undecided it is joined. */
+SOTER_INLINE void soter_form_merge(soter_form* out, soter_truth t, const soter_form* a) {
+  if (t == 3U) {
+    const soter_form before = *out;
+    soter_form_join(out, &before, a);
+  } else {
+    *out = *a;
+  }
+}
+
+/* One of the items whose number is in `at`, which lies in [0, n - 1]. */
+SOTER_INLINE void soter_form_gather(soter_form* out, const soter_form* const items[],
+                                    soter_ints at) {
+  *out = *items[at.lo];
+  for (int64_t k = at.lo + 1; k <= at.hi; k++) {
+    soter_form_merge(out, 3U, items[k]);
+  }
+}
+
+/* The same for constants. */
+SOTER_INLINE void soter_form_table(soter_form* out, const double items[], soter_ints at) {
+  double lo = items[at.lo], hi = items[at.lo];
+  bool nan = lo != lo;
+  for (int64_t k = at.lo + 1; k <= at.hi; k++) {
+    lo = soter_least(lo, items[k]);
+    hi = soter_most(hi, items[k]);
+    nan = nan || items[k] != items[k];
+  }
+  if (nan) {
+    soter_form_top(out);
+  } else {
+    soter_form_range(out, lo, hi);
+  }
+}
+
+/* ------------------------------------------------------------------ truth */
+
+SOTER_INLINE soter_truth soter_truth_of(bool may_be_true, bool may_be_false) {
+  return (soter_truth)((may_be_true ? 2U : 0U) | (may_be_false ? 1U : 0U));
+}
+
+SOTER_INLINE soter_truth soter_not(soter_truth t) {
+  return (soter_truth)(((t & 1U) << 1U) | (unsigned)(t >> 1U));
+}
+
+SOTER_INLINE soter_truth soter_both(soter_truth a, soter_truth b) {
+  return (soter_truth)((a & b & 2U) | ((a | b) & 1U));
+}
+
+SOTER_INLINE soter_truth soter_either(soter_truth a, soter_truth b) {
+  return (soter_truth)(((a | b) & 2U) | (a & b & 1U));
+}
+
+SOTER_INLINE soter_truth soter_truth_select(soter_truth t, soter_truth then,
+                                            soter_truth otherwise) {
+  return t == 2U ? then : t == 1U ? otherwise : (soter_truth)(then | otherwise);
+}
+
+SOTER_INLINE void soter_truth_merge(soter_truth* out, soter_truth t, soter_truth a) {
+  *out = t == 3U ? (soter_truth)(*out | a) : a;
+}
+
+/* a < b; every comparison with NaN is false. Equal ends that are exact decide. */
+SOTER_INLINE soter_truth soter_less(const soter_form* a, const soter_form* b) {
+  const bool nan = soter_form_wild(a) || soter_form_wild(b);
+  return soter_truth_of(a->lo < b->hi, nan || a->hi >= b->lo);
+}
+
+SOTER_INLINE soter_truth soter_at_most(const soter_form* a, const soter_form* b) {
+  const bool nan = soter_form_wild(a) || soter_form_wild(b);
+  return soter_truth_of(a->lo <= b->hi, nan || a->hi > b->lo);
+}
+
+SOTER_INLINE soter_truth soter_equal(const soter_form* a, const soter_form* b) {
+  const bool one = a->lo == a->hi && b->lo == b->hi && a->lo == b->lo;
+  return soter_truth_of(a->lo <= b->hi && b->lo <= a->hi, !one);
+}
+
+/* ------------------------------------------------------------------ ints */
+
+SOTER_INLINE soter_ints soter_ints_of(int64_t lo, int64_t hi) {
+  soter_ints out;
+  out.lo = lo;
+  out.hi = hi;
+  return out;
+}
+
+SOTER_INLINE soter_truth soter_ints_less(soter_ints a, soter_ints b) {
+  return soter_truth_of(a.lo < b.hi, a.hi >= b.lo);
+}
+SOTER_INLINE soter_truth soter_ints_at_most(soter_ints a, soter_ints b) {
+  return soter_truth_of(a.lo <= b.hi, a.hi > b.lo);
+}
+SOTER_INLINE soter_truth soter_ints_equal(soter_ints a, soter_ints b) {
+  const bool one = a.lo == a.hi && b.lo == b.hi && a.lo == b.lo;
+  return soter_truth_of(a.lo <= b.hi && b.lo <= a.hi, !one);
+}
+
+SOTER_INLINE soter_ints soter_ints_select(soter_truth t, soter_ints a, soter_ints b) {
+  if (t == 2U) {
+    return a;
+  }
+  return t == 1U ? b : soter_ints_of(soter_min_int(a.lo, b.lo), soter_max_int(a.hi, b.hi));
+}
+
+SOTER_INLINE void soter_ints_merge(soter_ints* out, soter_truth t, soter_ints a) {
+  *out = t == 3U ? soter_ints_select(3U, *out, a) : a;
+}
+
+SOTER_INLINE soter_ints soter_ints_min(soter_ints a, soter_ints b) {
+  return soter_ints_of(soter_min_int(a.lo, b.lo), soter_min_int(a.hi, b.hi));
+}
+SOTER_INLINE soter_ints soter_ints_max(soter_ints a, soter_ints b) {
+  return soter_ints_of(soter_max_int(a.lo, b.lo), soter_max_int(a.hi, b.hi));
+}
+
+SOTER_INLINE soter_ints soter_ints_table(const int64_t items[], soter_ints at) {
+  soter_ints out = soter_ints_of(items[at.lo], items[at.lo]);
+  for (int64_t k = at.lo + 1; k <= at.hi; k++) {
+    out = soter_ints_select(3U, out, soter_ints_of(items[k], items[k]));
+  }
+  return out;
+}
+
+/* `kind` is what the exact operation would have raised; the result then is that end of int64. */
+SOTER_INLINE int64_t soter_saturated(int64_t value, soter_fault kind, bool negative,
+                                     unsigned* fault) {
+  if (kind == SOTER_OK) {
+    return value;
+  }
+  *fault |= 1U;
+  return negative ? INT64_MIN : INT64_MAX;
+}
+
+SOTER_INLINE soter_ints soter_ints_add(soter_ints a, soter_ints b, unsigned* fault) {
+  soter_fault low = SOTER_OK, high = SOTER_OK;
+  const int64_t lo = soter_add(a.lo, b.lo, &low), hi = soter_add(a.hi, b.hi, &high);
+  return soter_ints_of(soter_saturated(lo, low, a.lo < 0, fault),
+                       soter_saturated(hi, high, a.hi < 0, fault));
+}
+
+SOTER_INLINE soter_ints soter_ints_sub(soter_ints a, soter_ints b, unsigned* fault) {
+  soter_fault low = SOTER_OK, high = SOTER_OK;
+  const int64_t lo = soter_sub(a.lo, b.hi, &low), hi = soter_sub(a.hi, b.lo, &high);
+  return soter_ints_of(soter_saturated(lo, low, a.lo < 0, fault),
+                       soter_saturated(hi, high, a.hi < 0, fault));
+}
+
+SOTER_INLINE int64_t soter_corner(int64_t a, int64_t b, unsigned* fault) {
+  soter_fault kind = SOTER_OK;
+  const int64_t product = soter_mul(a, b, &kind);
+  return soter_saturated(product, kind, (a < 0) != (b < 0), fault);
+}
+
+SOTER_INLINE soter_ints soter_ints_mul(soter_ints a, soter_ints b, unsigned* fault) {
+  const int64_t p = soter_corner(a.lo, b.lo, fault), q = soter_corner(a.lo, b.hi, fault);
+  const int64_t s = soter_corner(a.hi, b.lo, fault), t = soter_corner(a.hi, b.hi, fault);
+  return soter_ints_of(soter_min_int(soter_min_int(p, q), soter_min_int(s, t)),
+                       soter_max_int(soter_max_int(p, q), soter_max_int(s, t)));
+}
+
+SOTER_INLINE soter_ints soter_ints_neg(soter_ints a, unsigned* fault) {
+  return soter_ints_sub(soter_ints_of(0, 0), a, fault);
+}
+
+SOTER_INLINE soter_ints soter_ints_abs(soter_ints a, unsigned* fault) {
+  if (a.lo >= 0) {
+    return a;
+  }
+  const soter_ints b = soter_ints_neg(a, fault);
+  return a.hi <= 0 ? b : soter_ints_of(0, soter_max_int(a.hi, b.hi));
+}
+
+/* Truncated division: monotonic in either operand on either side of zero, and |a / b| <= |a|. */
+SOTER_INLINE soter_ints soter_ints_div(soter_ints a, soter_ints b, unsigned* fault) {
+  if (b.lo <= 0 && b.hi >= 0) {
+    const soter_ints size = soter_ints_abs(a, fault);
+    *fault |= 1U;
+    return soter_ints_of(-size.hi, size.hi);
+  }
+  soter_fault kinds[4] = {SOTER_OK, SOTER_OK, SOTER_OK, SOTER_OK};
+  const int64_t p = soter_saturated(soter_div(a.lo, b.lo, &kinds[0]), kinds[0], false, fault);
+  const int64_t q = soter_saturated(soter_div(a.lo, b.hi, &kinds[1]), kinds[1], false, fault);
+  const int64_t s = soter_saturated(soter_div(a.hi, b.lo, &kinds[2]), kinds[2], false, fault);
+  const int64_t t = soter_saturated(soter_div(a.hi, b.hi, &kinds[3]), kinds[3], false, fault);
+  return soter_ints_of(soter_min_int(soter_min_int(p, q), soter_min_int(s, t)),
+                       soter_max_int(soter_max_int(p, q), soter_max_int(s, t)));
+}
+
+/* The sign of a, less than |b| and at most |a|. */
+SOTER_INLINE soter_ints soter_ints_mod(soter_ints a, soter_ints b, unsigned* fault) {
+  if (b.lo <= 0 && b.hi >= 0) {
+    *fault |= 1U;
+  }
+  if (a.lo == a.hi && b.lo == b.hi && b.lo != 0) {
+    soter_fault kind = SOTER_OK;
+    const int64_t rest = soter_mod(a.lo, b.lo, &kind);
+    return soter_ints_of(rest, rest);
+  }
+  const int64_t low = b.lo < -INT64_MAX ? INT64_MAX : (b.lo < 0 ? -b.lo : b.lo);
+  const int64_t high = b.hi < -INT64_MAX ? INT64_MAX : (b.hi < 0 ? -b.hi : b.hi);
+  const int64_t size = soter_max_int(soter_max_int(low, high), 1);
+  const int64_t limit = size == INT64_MAX ? size : size - 1;
+  return soter_ints_of(a.lo >= 0 ? 0 : soter_max_int(a.lo, -limit),
+                       a.hi <= 0 ? 0 : soter_min_int(a.hi, limit));
+}
+
+SOTER_INLINE soter_ints soter_ints_narrow(soter_ints a, int64_t lo, int64_t hi, unsigned* fault) {
+  if (a.lo < lo || a.hi > hi) {
+    *fault |= 1U;
+  }
+  return soter_ints_of(soter_min_int(soter_max_int(a.lo, lo), hi),
+                       soter_max_int(soter_min_int(a.hi, hi), lo));
+}
+
+/* An index below `limit`, clamped into [0, most - 1]. */
+SOTER_INLINE soter_ints soter_ints_index(soter_ints a, soter_ints limit, int64_t most,
+                                         unsigned* fault) {
+  if (a.lo < 0 || a.hi >= limit.lo) {
+    *fault |= 1U;
+  }
+  return soter_ints_of(soter_min_int(soter_max_int(a.lo, 0), most - 1),
+                       soter_max_int(soter_min_int(a.hi, most - 1), 0));
+}
+
+/* int(x): truncation is monotonic. */
+SOTER_INLINE soter_ints soter_ints_to_int(const soter_form* a, unsigned* fault) {
+  soter_fault low = SOTER_OK, high = SOTER_OK;
+  int64_t lo = soter_to_int(a->lo, &low), hi = soter_to_int(a->hi, &high);
+  if (low != SOTER_OK) {
+    lo = INT64_MIN;
+    *fault |= 1U;
+  }
+  if (high != SOTER_OK) {
+    hi = INT64_MAX;
+    *fault |= 1U;
+  }
+  return soter_ints_of(lo, hi);
+}
+
+/* The ints among what an input says. */
+SOTER_INLINE soter_ints soter_ints_input(const soter_form* a, int64_t low, int64_t high) {
+  unsigned ignored = 0U;
+  soter_form rounded;
+  soter_form_range(&rounded, floor(a->lo), ceil(a->hi));
+  const soter_ints all = soter_ints_to_int(&rounded, &ignored);
+  return soter_ints_narrow(all, low, high, &ignored);
+}
+
+SOTER_INLINE void soter_form_to_float(soter_form* out, soter_ints a) {
+  const double lo = (double)a.lo, hi = (double)a.hi;
+  const bool exact = a.lo >= -(INT64_C(1) << 53) && a.hi <= (INT64_C(1) << 53);
+  soter_form_range(out, exact ? lo : soter_below(lo), exact ? hi : soter_above(hi));
+}
+
+SOTER_INLINE void soter_truth_to_float(soter_form* out, soter_truth t) {
+  soter_form_range(out, (t & 1U) != 0U ? 0.0 : 1.0, (t & 2U) != 0U ? 1.0 : 0.0);
+}
+
+/* ------------------------------------------------------------------ faults and the gate */
+
+SOTER_INLINE void soter_possible(soter_truth holds, unsigned* fault) {
+  if ((holds & 1U) != 0U) {
+    *fault |= 1U;
+  }
+}
+
+/* What passes is finite and in [lo, hi]. */
+SOTER_INLINE void soter_form_gate(soter_form* out, const soter_form* a, double lo, double hi,
+                                  unsigned* fault) {
+  *out = *a;
+  if (!(a->lo >= lo && a->hi <= hi) || soter_size(a) > DBL_MAX) {
+    *fault |= 1U;
+    out->lo = soter_least(soter_most(a->lo, lo), hi);
+    out->hi = soter_most(soter_least(a->hi, hi), lo);
+  }
+}
+
+#endif
