@@ -1,21 +1,24 @@
+# ruff: noqa: ANN401 - what a mutant changes may be a number, a name or a choice
 """Modules to mutate, each with a simulation of its own: text for Soter, NumPy for the falsifier.
 
 Purpose: `BASES`; of each the program text as a function of numbers and choices that a mutant may
-change (never a plant, a set, an error, an age or a period), and the same closed loop written again in
-NumPy, thousands of runs side by side, with stale readings and errors and disturbances at their
+change (never a plant, a set, an error, an age or a period), and the same closed loop written again
+in NumPy, hundreds of runs side by side, with stale readings and errors and disturbances at their
 bounds. Nothing here comes from `soter`: it is what says independently that a mutant is bad.
 Non-goals: deciding what `soter verify` says about them (`verify_mutants.py`).
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
 from string import Template
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 Array = npt.NDArray[np.float64]
 Params = dict[str, Any]
@@ -194,9 +197,11 @@ def cart_text(p: Params) -> str:
     q["RIGHT"] = f"WALL - m.x >= Need({sign}m.v, tau)" if p["SIDES"] != "left" else "true"
     q["LEFT"] = f"WALL + m.x >= Need({other}m.v, tau)" if p["SIDES"] != "right" else "true"
     q["TTF"] = {"fits": f"!Fits(motion, {p['TAU']!r})", "false": "false", "true": "true"}[p["TTF"]]
-    q["SAFER"] = {"fits": f"Fits(motion, {p['TAU_SAFER']!r})", "true": "true", "clear": "Clear(motion)"}[
-        p["SAFER"]
-    ]
+    q["SAFER"] = {
+        "fits": f"Fits(motion, {p['TAU_SAFER']!r})",
+        "true": "true",
+        "clear": "Clear(motion)",
+    }[p["SAFER"]]
     return CART.substitute(q)
 
 
@@ -207,17 +212,17 @@ def cart_loop(p: Params) -> Loop:
         a = u + w
         return np.array([x[0] + x[1] * h + 0.5 * a * h * h, x[1] + a * h])
 
-    def law(y: Array) -> Array:
+    def law(y: Array) -> Any:
         position, speed = (y[1], y[0]) if p["SWAP"] else (y[0], y[1])
         wanted = np.clip(p["GAIN"] * (p["GOAL"] - position), -p["CREEP"], p["CREEP"])
         return np.clip(p["SIGN"] * p["KV"] * (wanted - speed), -p["FORCE"], p["FORCE"])
 
-    def need(speed: Array, tau: float) -> Array:
+    def need(speed: Array, tau: float) -> Any:
         v = (np.minimum if p["MIN_MAX"] else np.maximum)(speed, 0.0) + p["EV"]
         reach = v * tau + 0.5 * 3.2 * tau * tau
         return v * v / (2.0 * p["B"]) + p["FACTOR"] * reach + p["EX"]
 
-    def fits(y: Array, tau: float) -> npt.NDArray[np.bool_]:
+    def fits(y: Array, tau: float) -> Any:
         right = 10.0 - y[0] >= need(p["NEED_SIGN"] * y[1], tau)
         left = 10.0 + y[0] >= need(-p["NEED_SIGN"] * y[1], tau)
         return {"both": right & left, "right": right, "left": left}[p["SIDES"]]
@@ -333,19 +338,21 @@ def tank_text(p: Params) -> str:
     if p["MIN_MAX"]:
         q["UPPER"], q["LOWER"] = "h - reach <= FULL", "h + reach >= 0.0"
     q["TTF"] = {"fits": f"!Fits(level, {p['TAU']!r})", "false": "false", "true": "true"}[p["TTF"]]
-    q["SAFER"] = {"fits": f"Fits(level, {p['TAU_SAFER']!r})", "true": "true", "clear": "Held(level)"}[
-        p["SAFER"]
-    ]
+    q["SAFER"] = {
+        "fits": f"Fits(level, {p['TAU_SAFER']!r})",
+        "true": "true",
+        "clear": "Held(level)",
+    }[p["SAFER"]]
     return TANK.substitute(q)
 
 
 def tank_loop(p: Params) -> Loop:
     """The closed loop."""
 
-    def law(y: Array) -> Array:
+    def law(y: Array) -> Any:
         return np.clip(p["SIGN"] * p["GAIN"] * (p["GOAL"] - y[0]), -p["FORCE"], p["FORCE"])
 
-    def fits(y: Array, tau: float) -> npt.NDArray[np.bool_]:
+    def fits(y: Array, tau: float) -> Any:
         reach = p["RATE"] * tau + p["EX"]
         if p["MIN_MAX"]:
             return (y[0] - reach <= 4.0) & (y[0] + reach >= 0.0)
@@ -405,7 +412,8 @@ node Balance period 20ms {
   subscribes pole;
   publishes torque;
   step {
-    publish torque = clamp($SIGN * (-$KP * (pole.$FIRST - $GOAL) - $KD * pole.$SECOND), -$FORCE, $FORCE);
+    let wanted = -$KP * (pole.$FIRST - $GOAL) - $KD * pole.$SECOND;
+    publish torque = clamp($SIGN * wanted, -$FORCE, $FORCE);
   }
 }
 
@@ -430,7 +438,12 @@ rta SafePole {
   verify { grid pole.angle in [-0.8, 0.8] / 200, pole.rate in [-4.0, 4.0] / 200; }
 }
 
-system Protected default { p: Pendulum; module SafePole; until 20s; always Up({ angle: p.truth.th, rate: p.truth.om }); }
+system Protected default {
+  p: Pendulum;
+  module SafePole;
+  until 20s;
+  always Up({ angle: p.truth.th, rate: p.truth.om });
+}
 """)
 
 PENDULUM_DEFAULTS: Params = {
@@ -483,17 +496,17 @@ def pendulum_loop(p: Params) -> Loop:
             x = x + g / 6.0 * (k1 + 2.0 * k2 + 2.0 * k3 + k4)
         return np.clip(x, -50.0, 50.0)  # fallen long ago
 
-    def law(y: Array) -> Array:
+    def law(y: Array) -> Any:
         first = y[0] if p["FIRST"] == "angle" else y[1]
         second = y[1] if p["SECOND"] == "rate" else y[0]
         u = p["SIGN"] * (-p["KP"] * (first - p["GOAL"]) - p["KD"] * second)
         return np.clip(u, -p["FORCE"], p["FORCE"])
 
-    def need(rate: Array, tau: float) -> Array:
+    def need(rate: Array, tau: float) -> Any:
         w = np.maximum(p["RATE_SCALE"] * rate + 11.2 * tau, 0.0) + p["EV"]
         return w * tau + w * w / (2.0 * p["B"]) + p["EX"]
 
-    def fits(y: Array, tau: float) -> npt.NDArray[np.bool_]:
+    def fits(y: Array, tau: float) -> Any:
         right, left = 0.8 - y[0] >= need(y[1], tau), 0.8 + y[0] >= need(-y[1], tau)
         return {"both": right & left, "right": right, "left": left}[p["SIDES"]]
 
@@ -615,20 +628,22 @@ def lift_text(p: Params) -> str:
     q["UPPER"] = "Peak(c.z, c.v, steps) <= TOP" if p["SIDES"] != "lower" else "true"
     q["LOWER"] = "Peak(-c.z, -c.v, steps) <= TOP" if p["SIDES"] != "upper" else "true"
     q["TTF"] = {"fits": f"!Fits(cage, {p['TAU']!r})", "false": "false", "true": "true"}[p["TTF"]]
-    q["SAFER"] = {"fits": f"Fits(cage, {p['TAU_SAFER']!r})", "true": "true", "clear": "Inside(cage)"}[
-        p["SAFER"]
-    ]
+    q["SAFER"] = {
+        "fits": f"Fits(cage, {p['TAU_SAFER']!r})",
+        "true": "true",
+        "clear": "Inside(cage)",
+    }[p["SAFER"]]
     return LIFT.substitute(q)
 
 
 def lift_loop(p: Params) -> Loop:
     """The closed loop."""
 
-    def law(y: Array) -> Array:
+    def law(y: Array) -> Any:
         wanted = np.clip(p["GAIN"] * (p["GOAL"] - y[0]), -p["CREEP"], p["CREEP"])
         return np.clip(p["SIGN"] * (wanted - p["KV"] * y[1]), -p["FORCE"], p["FORCE"])
 
-    def peak(z: Array, v: Array, steps: float) -> Array:
+    def peak(z: Array, v: Array, steps: float) -> Any:
         at, speed = z + p["EX"], v + p["EV"]
         for i in range(6):
             if i < steps:
@@ -637,7 +652,7 @@ def lift_loop(p: Params) -> Loop:
             at, speed = at + np.maximum(speed, 0.0), 0.8 * speed - p["B"]
         return at
 
-    def fits(y: Array, steps: float) -> npt.NDArray[np.bool_]:
+    def fits(y: Array, steps: float) -> Any:
         upper, lower = peak(y[0], y[1], steps) <= 20.0, peak(-y[0], -y[1], steps) <= 20.0
         return {"both": upper & lower, "upper": upper, "lower": lower}[p["SIDES"]]
 
@@ -693,7 +708,7 @@ BASES: tuple[Base, ...] = (
         (
             *SHARED,
             ("horizon of zero in ttf", {"TAU": 0.0}),
-            ("horizon halved", {"TAU": 0.06}),
+            ("horizon halved, margins gone", {"TAU": 0.06, "FACTOR": 1.0, "EX": 0.0, "EV": 0.0}),
             ("horizon in the wrong unit", {"TAU": 0.12e-3}),
             ("ttf brakes with twice what there is", {"B": 5.0}),
             ("ttf brakes with 3.2 and forgets that AC accelerates", {"B": 3.2, "FACTOR": 1.0}),
@@ -706,12 +721,12 @@ BASES: tuple[Base, ...] = (
             ("no errors, no horizon", {"EV": 0.0, "EX": 0.0, "TAU": 0.02}),
             ("SC brakes with a third", {"FORCE": 1.0}),
             ("SC brakes with half", {"FORCE": 1.5}),
-            ("SC mixes up position and speed", {"SWAP": True}),
+            ("SC mixes up position and speed", {"SWAP": True, "CREEP": 20.0, "GAIN": 2.0}),
             ("SC hovers: it only brakes", {"GAIN": 0.0}),
             ("SC is too soft", {"KV": 0.3}),
-            ("SC creeps too fast, beyond what it can brake", {"CREEP": 12.0, "GAIN": 1.5}),
+            ("SC creeps too fast, beyond what it can brake", {"CREEP": 12.0, "GAIN": 2.5}),
             ("SC goes to the wall", {"GOAL": 10.5}),
-            ("SC waits where safer never holds", {"GOAL": 9.4, "GAIN": 2.0}),
+            ("SC waits where safer never holds", {"GOAL": 9.0, "TAU_SAFER": 0.7}),
             ("safer never holds", {"TAU_SAFER": 3.0}),
         ),
     ),
@@ -758,13 +773,13 @@ BASES: tuple[Base, ...] = (
             ("ttf forgets the right side", {"SIDES": "left"}),
             ("SC weaker than gravity at the border", {"FORCE": 2.6}),
             ("SC with half the torque", {"FORCE": 4.0}),
-            ("SC without damping", {"KD": 0.0}),
+            ("SC that drives instead of damping", {"KD": -3.0}),
             ("SC without stiffness", {"KP": 0.0}),
             ("SC below the gain gravity needs", {"KP": 2.0}),
-            ("SC mixes up angle and rate", {"FIRST": "rate", "SECOND": "angle"}),
+            ("SC mixes up angle and rate", {"FIRST": "rate", "SECOND": "angle", "KD": 3.0}),
             ("SC leans to the border", {"GOAL": 0.85}),
             ("SC leans where safer never holds", {"GOAL": 0.62}),
-            ("SC gain too high for its period", {"KP": 24.0, "KD": 200.0}),
+            ("SC gain too high for its period", {"KP": 24.0, "KD": 150.0, "EX": 0.0}),
             ("safer never holds", {"TAU_SAFER": 0.4}),
         ),
     ),
@@ -785,7 +800,7 @@ BASES: tuple[Base, ...] = (
             ("ttf forgets the upper end", {"SIDES": "lower"}),
             ("SC brakes with a third", {"FORCE": 0.33}),
             ("SC weaker than the load", {"FORCE": 0.08}),
-            ("SC with half the gain of speed and speed", {"GAIN": 1.2, "CREEP": 9.0}),
+            ("SC that ignores speed", {"KV": -0.3, "GAIN": 0.8, "CREEP": 9.0}),
             ("SC goes to the top", {"GOAL": 20.5}),
             ("SC waits where safer never holds", {"GOAL": 17.5}),
             ("SC does nothing but brake", {"GAIN": 0.0}),

@@ -34,7 +34,7 @@ def problems_of(document: dict[str, Any]) -> list[str]:
     schema = SCHEMAS.get(document.get("command") or "")
     if schema is not None:
         known |= set(schema["properties"])
-        done = document["exit"] in (0, 3, 130) and "help" not in document
+        done = document["exit"] in (0, 3, 4, 130) and "help" not in document
         if done and not _nothing_reached(document):
             found += _check(schema, document, "")
         else:

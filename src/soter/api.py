@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from soter.program.system import System
     from soter.program.typed import Program as TypedProgram
     from soter.program.types import Value
+    from soter.reach.results import VerifyReport
     from soter.simulate.bindings import Bindings
     from soter.simulate.run import NativeProgram, Run
     from soter.targets.package import Package
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
 
 ENGINES = ("native", "interp")
 COMING = {
-    "verify": "P2a, P2b and P3 by reachability, with certificates: issue 3",
     "explore": "systematic testing of every schedule: issue 4",
 }
 
@@ -313,9 +313,42 @@ class Program:
         bindings = self._bindings(self._system(system, params))
         return build_package(target, bindings.system, bindings.core, Path(output))
 
-    def verify(self, *_arguments: object, **_options: object) -> NoReturn:
-        """To come: P2a, P2b, P3 per module."""
-        raise to_come("verify")
+    def verify(
+        self,
+        module: str | None = None,
+        cert: str | Path | None = None,
+        *,
+        system: str | None = None,
+        params: Mapping[str, object] | None = None,
+        synthesize: bool = False,
+        refute: bool = True,
+        report: str | Path | None = None,
+        progress: Progress | None = None,
+    ) -> VerifyReport:
+        """Prove P1c, P2a, P2b, P3, `ttf` and `safer` of every module, or of one.
+
+        `module`: full or declared name. `system`: where its plants stand; by default wherever a
+        module is, the default system first. `cert`: a folder for a certificate; `report`: an HTML
+        page. `synthesize`: find the controllers that are `sc synthesized`. `refute`: look for a
+        counterexample to what is not proved. `SoterError` with R... where the program does not
+        determine a problem.
+        """
+        from soter.reach.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
+
+        self._require_sound()
+        if report is not None:
+            require_writers(None, report)
+        return verify(
+            self._checked,
+            module=module,
+            system=system,
+            params=self._values(params),
+            cert=None if cert is None else Path(cert),
+            synthesize=synthesize,
+            refute=refute,
+            report=None if report is None else Path(report),
+            progress=progress,
+        )
 
     def explore(self, *_arguments: object, **_options: object) -> NoReturn:
         """To come: systematic testing."""
@@ -335,6 +368,15 @@ class Program:
         from soter.simulate.settings import param_values  # noqa: PLC0415 - see the docstring
 
         return param_values(self._require_sound(), params)
+
+    def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
+        """A system with every number known and every instance named: what runs, fresh each time."""
+        return self._system(system, params)
+
+    @property
+    def bound(self) -> Mapping[str, object]:
+        """What `bind` was given, by name."""
+        return dict(self._bound)
 
     def _system(self, name: str | None, params: Mapping[str, object] | None) -> System:
         """A fresh flat system: bindings may be entered in it."""

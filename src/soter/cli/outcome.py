@@ -23,6 +23,7 @@ FINE = 0
 DIAGNOSTICS = 1
 USAGE = 2
 VIOLATED = 3
+UNDECIDED = 4
 INTERNAL = 70
 """A defect of soter itself (EX_SOFTWARE of sysexits.h)."""
 INTERRUPTED = 130

@@ -37,9 +37,7 @@ def chosen_plant(system: System, name: str | None) -> Component:
 
 def answered_outside(system: System, indices: Sequence[int]) -> System:
     """`system` with these components (nodes or plants) as unbound externs."""
-    components = tuple(
-        _as_extern(c) if c.index in indices else c for c in system.components
-    )
+    components = tuple(_as_extern(c) if c.index in indices else c for c in system.components)
     return replace(system, components=components)
 
 

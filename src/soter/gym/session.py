@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.lower.layout import arrange, decode_from, encode_into
 from soter.codegen.unit import answer_fields
+from soter.lower.layout import arrange, decode_from, encode_into
 from soter.native.library import RunStatus
 from soter.program.arith import FaultKind
 from soter.semantics.externs import reset
@@ -33,7 +33,7 @@ FAR_NS = 2**62
 
 
 class Session:
-    """One run. `reset`, then again and again `to(agent)`, `agree` and `to(plant)`, `move`."""
+    """One run: `reset`, then again and again `asked`, and `act` or `move` as it says."""
 
     def __init__(
         self,
@@ -51,8 +51,15 @@ class Session:
         self._bound = callables(bindings, "native", StopRequest())
         self._program = NativeProgram(system, core=bindings.core)
         self.layout = self._program.layout
+        externs = [c for c in system.components if c.extern]
+        self._answer_layouts = {c.index: arrange(answer_fields(c)) for c in externs}
+        self._begin(0)
+
+    def _begin(self, seed: int) -> None:
         self._answers = self._fresh_answers()
-        self.state: Bytes = self._program.library.new_state(0)
+        self.state: Bytes = self._program.library.new_state(seed)
+        self.record: Any = self.state.view(self._program.dtype)[0]
+        """The state, decoded (docs/python.md, the trace)."""
 
     def _fresh_answers(self) -> ExternAnswers:
         return ExternAnswers(self.system, self.layout, self._program.library, self._bound)
@@ -63,18 +70,16 @@ class Session:
         """Start; the plant publishes `states` at its first release."""
         for name, extern in self._bound.items():
             reset(name, extern, seed)
-        self._answers = self._fresh_answers()
-        self.state = self._program.library.new_state(seed)
+        self._begin(seed)
         self._write_states(states)
 
-    def to(self, component: Component) -> None:
-        """Run until this component's answer is due."""
+    def asked(self) -> Component:
+        """Run until the plant or the agent has to answer, and say which."""
         while True:
             status, _, due = self._program.library.run(self.state, FAR_NS)
             assert status is RunStatus.EXTERN
-            if due == component.index:
-                return
-            assert due not in (self.plant.index, self.agent.index)
+            if due in (self.plant.index, self.agent.index):
+                return self.system.components[due]
             self._answers.answer(self.state, due)
 
     def move(self, states: Sequence[Value]) -> None:
@@ -82,15 +87,13 @@ class Session:
         names = [v.name for v in self.plant.plant.states]  # type: ignore[union-attr]
         self._give(self.state, self.plant, dict(zip(names, states, strict=True)))
 
-    def agree(self, values: Sequence[Value | None] | None) -> None:
+    def act(self, values: Sequence[Value | None] | None) -> None:
         """Answer for the agent: a value for each output, None where it publishes nothing.
 
         None in place of all: there is no usable answer, a step fault of the agent.
         """
         if values is None:
-            self._program.library.answer(
-                self.state, self.agent.index, int(FaultKind.EXTERN), None
-            )
+            self._program.library.answer(self.state, self.agent.index, int(FaultKind.EXTERN), None)
             return
         self._give(self.state, self.agent, self._outputs(values))
 
@@ -101,7 +104,7 @@ class Session:
         return {**given, **{f"has_{n}": n in given for n in short}}
 
     def _give(self, state: Bytes, component: Component, values: Mapping[str, Value]) -> None:
-        layout = arrange(answer_fields(component))
+        layout = self._answer_layouts[component.index]
         out = bytearray(max(layout.size, 1))
         for member in layout.members:
             if member.name in values:
@@ -118,14 +121,16 @@ class Session:
     # ------------------------------------------------------------ facts
 
     @property
-    def record(self) -> Any:  # noqa: ANN401 - a NumPy record
-        """The state, decoded (docs/python.md, the trace)."""
-        return self.state.view(self._program.dtype)[0]
-
-    @property
     def facts(self) -> Any:  # noqa: ANN401 - a NumPy record
         """The module's record: mode, ttf, safer, stale, gate_faults, ..."""
         return self.record["modules"][self.module.index]
+
+    def states(self) -> list[Value]:
+        """The plant's states."""
+        raw = memoryview(self.state.data)
+        assert self.plant.plant is not None
+        places = [self.layout.member(self.plant.index, i) for i in range(len(self.plant.initial))]
+        return [decode_from(raw, offset, t) for offset, t in places]
 
     def topic(self, index: int) -> Value:
         """The value that a topic holds."""
@@ -135,16 +140,16 @@ class Session:
     def violations(self) -> int:
         """Onsets of violated properties and latched components, this instant included.
 
-        The agent's answer is due: a copy of the state goes on to the end of the instant with
-        nothing published by it.
+        Where the instant still waits for the agent, a copy of the state goes on to its end with
+        nothing published by externs.
         """
         copy = self.state.copy()
-        self._give(copy, self.agent, self._outputs([None] * len(self.module.outputs)))
-        status, _, due = self._program.library.run(copy, int(self.record["header"]["ct"]))
-        while status is RunStatus.EXTERN:
-            self._program.library.answer(copy, due, int(FaultKind.EXTERN), None)
-            status, _, due = self._program.library.run(copy, int(self.record["header"]["ct"]))
-        return int(copy.view(self._program.dtype)[0]["header"]["violations"])
+        now_ns = int(self.record["header"]["ct"])
+        while True:
+            status, _, due = self._program.library.run(copy, now_ns)
+            if status is not RunStatus.EXTERN:
+                return int(copy.view(self._program.dtype)[0]["header"]["violations"])
+            self._give(copy, self.system.components[due], {})
 
 
 def _never_asked(*_: object) -> None:

@@ -233,7 +233,7 @@ def _others(place: Place, found: Inputs, diagnostics: Diagnostics) -> None:
                 ),
             )
             continue
-        for leaf, interval in _topic_leaves(place, index, "topic", diagnostics):
-            assert interval is not None
-            found.others.append(leaf)
-            found.other_ranges.append(interval)
+        for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
+            if isinstance(t, FloatType) and bound is not None:  # the rest ranges over its type
+                found.others.append(Leaf(index, "", path, ".".join((topic.name, *path))))
+                found.other_ranges.append(Interval(bound.low, bound.high))

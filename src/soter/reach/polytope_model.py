@@ -12,10 +12,13 @@ Where the bounds come from, for one row c and drift = b + w, w symmetric after c
 - between two grid times the deterministic part phi exceeds its ends by at most h^2/8 sup |phi''|, and
   phi'' = c A e^{At} (A x0 + B u + b), which |c A| e^{|A| t} D bounds, D = sup |A x + B u + b| over the
   extents and U.
-- A late read is y = x(a - theta) + e, 0 <= theta <= d, with x(a - theta) = x(a) - int x' and
-  |x(s) - x(a)| <= (a - s) e^{|A| d} (D + w). K y therefore equals K (x - d/2 (A x + b + B u_c)) up to
-  d/2 |K (A x + b + B u_c)| + d (|K B| u_r + |K| w) + d^2/2 |K A| e^{|A| d} (D + w) + |K| e; `rate` bounds the
-  first factor on the set, and is one of its half-spaces.
+- Hold k lies at the nominal times [k delta, (k + 1) delta] after the first; its read is
+  y = x(k delta + s) + e, -d - j <= s <= j, x(a + s) = x(a) + int x', |x(a + s) - x(a)| <= |s| e^{|A||s|} (D + w).
+  So K y is K (x - d/2 (A x + b + B u_c)) up to (d/2 + j) |K (A x + b + B u_c)| + (d + j) (|K B| u_r + |K| w)
+  + (d + j)^2/2 |K A| e^{|A|(d + j)} (D + w) + |K| e; `rate` bounds the first factor at nominal times and is
+  one of the set's half-spaces.
+- Within j of its ends a neighbour's command may act: an input u_(k+-1) - u_k for at most 2 j in all; the
+  reads of the two are at most delta + d + 2 j apart.
 """
 
 from __future__ import annotations
@@ -187,71 +190,102 @@ class FreePhase:
 
 
 class Hold:
-    """One hold of an SC run: u = K y + k from the read on; it lasts delta +- 2 j."""
+    """One hold of an SC run, [k delta, (k + 1) delta] after its first output acted."""
 
     def __init__(self, group: LinearGroup, rate: Array) -> None:
-        """`rate` (m,): what |K (A x + b + B u_c)| is at most on the set (times nothing where d = 0)."""
+        """`rate` (m,): what |K (A x + b + B u_c)| is at most on the set, where `timed`."""
         self.group = group
         self.rate = rate
-        short, long = group.delta_ns - 2 * group.jitter_ns, group.delta_ns + 2 * group.jitter_ns
-        assert short > 0, "jitter below half a period"
-        self.ends = (short,) if short == long else (short, long)
-        inner = [long * k // HOLD_STEPS for k in range(HOLD_STEPS)]
-        self.grid = Grid(group, (*inner, long))
-        self.last = Grid(group, self.ends)
-        half = exact(group.delay_ns / 1e9 / 2)
+        self.timed = group.delay_ns + group.jitter_ns > 0
+        steps = range(HOLD_STEPS + 1)
+        self.grid = Grid(group, tuple(group.delta_ns * k // HOLD_STEPS for k in steps))
         gain = exact(group.gain)
+        half = exact(group.delay_ns / 1e9 / 2)
         self.rate_rows = gain @ exact(group.state)
         self.rate_offset = gain @ group.constant
         self.gain = gain - self.rate_rows.times(half)
         self.offset = exact(group.offset) - self.rate_offset.times(half)
-        self.spread = up_sum(group.remainder, self._read(rate))
         self.constant = exact(group.control) @ self.offset + exact(group.drift[0])
+        self.spread = up_sum(group.remainder, self._read())
+        self.other = self._other()
 
-    def _read(self, rate: Array) -> Array:
-        """What the error and the age of a read change in the command, beyond the middle age."""
+    def _push(self) -> Array:
+        """|K (B (u - u_c) + w)|."""
+        group = self.group
+        steered = (exact(group.gain) @ exact(group.control)).magnitude()
+        steered = up_product(steered, group.controls[1])
+        return up_sum(steered, up_product(np.abs(group.gain), group.drift[1]))
+
+    def _bend(self, time_ns: int) -> Array:
+        """|K A (x(s) - x(a))| / |s - a| for s within `time_ns` of a, x(a) in the extent."""
+        group = self.group
+        away = up_product(group.growth(time_ns), up_sum(group.speed, group.drift[1]))
+        return up_product(self.rate_rows.magnitude(), away)
+
+    def _read(self) -> Array:
+        """What error and age of a read change in the command, beyond the middle age d / 2."""
         group = self.group
         error = up_product(np.abs(group.gain), group.error)
-        if group.delay_ns == 0:
+        if not self.timed:
             return error
-        d = float(seconds(group.delay_ns).upper())
-        gain = exact(group.gain)
-        push = up_product((gain @ exact(group.control)).magnitude(), group.controls[1])
-        push = up_sum(push, up_product(gain.magnitude(), group.drift[1]))
-        back = up_product(group.growth(group.delay_ns), up_sum(group.speed, group.drift[1]))
-        bend = up_product(self.rate_rows.magnitude(), back)
-        # half of d rounds: the middle is anywhere within one unit of d / 2
-        middle = up_times(rate, d * 0.5 * (1 + 2.0**-40))
-        return up_sum(error, middle, up_times(push, d), up_times(bend, d, d, 0.5))
+        far = float(seconds(group.delay_ns + group.jitter_ns).upper())
+        off = float(seconds(group.delay_ns + 2 * group.jitter_ns).upper()) * 0.5 * (1 + 2.0**-40)
+        bend = up_times(self._bend(group.delay_ns + group.jitter_ns), far, far, 0.5)
+        return up_sum(error, up_times(self.rate, off), up_times(self._push(), far), bend)
 
-    def _push(self, rows: Ball, k: tuple[Ball, Ball]) -> tuple[Ball, Array]:
-        e, g = k
+    def _other(self) -> Array:
+        """|u_(k+-1) - u_k|: what acts instead of this hold's command within j of its ends."""
+        group = self.group
+        if group.jitter_ns == 0:
+            return np.zeros(len(self.rate))
+        apart_ns = group.delta_ns + group.delay_ns + 2 * group.jitter_ns
+        apart = float(seconds(apart_ns).upper())
+        speed = up_sum(self.rate, self._push(), up_times(self._bend(apart_ns), apart))
+        error = up_sum(group.remainder, up_product(np.abs(group.gain), group.error))
+        return up_sum(up_times(speed, apart), up_times(error, 2.0))
+
+    def _exchanged(self, rows: Ball) -> Array:
+        """What the neighbours' commands add to c x during or after the hold."""
+        group = self.group
+        total = np.zeros(rows.mid.shape[0])
+        if group.jitter_ns == 0:
+            return total
+        steer = np.max([(rows @ e @ exact(group.control)).magnitude() for e, _ in self.grid.maps], 0)
+        a = np.abs(group.state)
+        bend = up_product(rows.magnitude(), up_product(a, a))
+        bend = up_product(up_product(bend, group.growth(group.delta_ns)), np.abs(group.control))
+        h = float(seconds(self.grid.step_ns).upper())
+        steer = up_sum(steer, up_times(bend, h, h, 0.125))
+        return up_times(up_product(steer, self.other), 2.0 * float(seconds(group.jitter_ns).upper()))
+
+    def _mapped(self, rows: Ball, maps: tuple[Ball, Ball]) -> tuple[Ball, Array]:
+        e, g = maps
         through = rows @ g
         steer = through @ exact(self.group.control)
-        loss = (through @ self.constant).upper()
-        row = rows @ e + steer @ self.gain
-        return row, up_sum(loss, up_product(steer.magnitude(), self.spread))
+        loss = (through @ self.constant[:, None]).upper()[:, 0]
+        return rows @ e + steer @ self.gain, up_sum(loss, up_product(steer.magnitude(), self.spread))
 
     def everywhere(self, rows: Ball) -> Pairs:
-        """Pairs (row, loss) for c x(t) at every t of the hold."""
-        noise = self.grid.noise(rows, exact(np.diag(self.group.drift[1])))
-        sag = self.group.sagging(rows, self.grid.step_ns, self.grid.times_ns[-1])
+        """Pairs (row, loss): c x(t) <= max of row x + loss at every t of the hold."""
+        group = self.group
+        noise = self.grid.noise(rows, exact(np.diag(group.drift[1])))
+        sag = group.sagging(rows, self.grid.step_ns, group.delta_ns)
+        common = up_sum(sag, self._exchanged(rows))
         found = []
         for k, maps in enumerate(self.grid.maps):
-            row, loss = self._push(rows, maps)
-            found.append((row, up_sum(loss, noise[min(k + 1, len(noise) - 1)], sag)))
+            row, loss = self._mapped(rows, maps)
+            found.append((row, up_sum(loss, noise[min(k + 1, len(noise) - 1)], common)))
         return found
 
-    def after(self, rows: Ball) -> Pairs:
-        """Pairs (row, loss) for c x(t) when the hold ends, whenever that is."""
+    def after(self, rows: Ball) -> tuple[Ball, Array]:
+        """(row, loss): c x <= row x + loss when the hold ends."""
         noise = self.grid.noise(rows, exact(np.diag(self.group.drift[1])))[-1]
-        width = self.ends[-1] - self.ends[0]
-        sag = self.group.sagging(rows, width, self.ends[-1]) if width else np.zeros(len(noise))
-        return [(row, up_sum(loss, noise, sag)) for row, loss in (self._push(rows, m) for m in self.last.maps)]
+        row, loss = self._mapped(rows, self.grid.maps[-1])
+        return row, up_sum(loss, noise, self._exchanged(rows))
 
     def commands(self) -> tuple[Ball, Array, Array]:
-        """(row, low, high): the law is linear where row x lies between: u = row x + ..."""
-        spread = self.spread
-        high = -up_sum(self.offset.upper(), spread, -self.group.law_high)
-        low = up_sum(-self.offset.lower(), spread, self.group.law_low)
+        """(row, low, high): low <= row x <= high keeps the law linear, whatever the read was."""
+        group = self.group
+        high = -up_sum(self.offset.upper(), self.spread, -group.law_high)
+        low = up_sum(-self.offset.lower(), self.spread, group.law_low)
         return self.gain, low, high

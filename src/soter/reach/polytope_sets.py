@@ -61,6 +61,11 @@ class Polytope:
             np.concatenate([self.bounds, bounds]),
         )
 
+    def meet(self, other: Polytope) -> Polytope:
+        """What both have in common."""
+        low, high = np.maximum(self.low, other.low), np.minimum(self.high, other.high)
+        return Polytope(low, high, self.rows, self.bounds).with_rows(other.rows, other.bounds)
+
     def shrunk(self, error: Array) -> Polytope:
         """{z : z + E inside}, E = the box of radius `error`; rounds inward."""
         loss = up_product(np.abs(self.rows), error) if len(self.rows) else np.zeros(0)
@@ -134,8 +139,7 @@ class Program:
         self._highs.addVars(self.n, polytope.low, polytope.high)
         for row, limit in zip(polytope.rows, polytope.bounds, strict=True):
             self.add(row, limit)
-        self.weights(np.zeros(self.n))
-        self.empty = self._highs.getModelStatus() != self._optimal
+        self.empty = not self._solve(np.zeros(self.n))
 
     def add(self, row: Array, limit: float) -> None:
         """Cut by a half-space."""
@@ -146,23 +150,28 @@ class Program:
         """Change the bound of half-space number `place`."""
         self._highs.changeRowBounds(place, -self._infinity, float(limit))
 
+    def _solve(self, row: Array) -> bool:
+        """Maximise row x; from scratch where going on from the last vertex went astray."""
+        self._highs.changeColsCost(self.n, self._columns, -row)
+        for _ in range(2):
+            self._highs.run()
+            if self._highs.getModelStatus() == self._optimal:
+                return True
+            self._highs.clearSolver()
+        return False
+
     def weights(self, row: Array) -> Array:
         """Multipliers of the half-spaces at the greatest value of row x; zeros without one."""
-        self._highs.changeColsCost(self.n, self._columns, -row)
-        self._highs.run()
-        if self._highs.getModelStatus() != self._optimal:
+        if not self._solve(row):
             return np.zeros(self.rows)
         duals = np.asarray(self._highs.getSolution().row_dual, dtype=np.float64)[: self.rows]
         return np.maximum(-duals, 0.0) + 0.0
 
     def greatest(self, row: Array) -> tuple[float, Array]:
-        """The greatest value of row x, and where."""
-        self._highs.changeColsCost(self.n, self._columns, -row)
-        self._highs.run()
+        """The greatest value of row x, and where; infinity where the solver found none."""
+        solved = self._solve(row)
         x = np.asarray(self._highs.getSolution().col_value, dtype=np.float64)
-        if self._highs.getModelStatus() != self._optimal:
-            return np.inf, x
-        return float(row @ x), x
+        return (float(row @ x) if solved else np.inf), x
 
 
 def require_highs() -> Any:  # noqa: ANN401 - an untyped module

@@ -8,8 +8,8 @@ Non-goals: reading a program (`polytope_extract.py`), grids.
 The claims, over K = `core`, R = `free`, S_j = `allowed[j]`, Q = `kept`:
 - K lies in the extent; on K the law is linear (each command clear of its clamp, whatever the error and
   the age of the read) and `rate` holds;
-- from K, C holds during a whole hold, and K when it ends, for every length delta +- 2 j: so by induction
-  over the holds of an SC run x(a_k) in K for every k, and x in C throughout (P2a with N = 1);
+- from K, C holds during a whole hold, and K when it ends: so by induction over the holds of an SC run
+  that starts in K its state is in K at every nominal time a_0 + k delta, and in C throughout (P2a);
 - R in K, and from R the state stays in K for all of [0, H] under any control of U;
 - S_0 - E in R; for j > 0: G_j is carried into S_{j-1} eroded by E during the whole window,
   S_j - E in G_j, S_j in S_{j-1};
@@ -90,13 +90,13 @@ def compute(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
         return None
     core, rate = found
     free = _free(group, core, core, windows.horizon_ns)
-    allowed, carried = [lean(free.shrunk(group.error))], []
+    allowed, carried = [lean(_tighter(free.shrunk(group.error)))], []
     for _ in range(windows.levels - 2):
         inner = allowed[-1].shrunk(group.error)
         following = _free(group, free, inner, windows.window_ns)
-        estimates = following.shrunk(group.error)
+        estimates = _tighter(following.shrunk(group.error))
         carried.append(following)
-        allowed.append(lean(estimates.with_rows(*allowed[-1].faces)))
+        allowed.append(lean(estimates.meet(_tighter(allowed[-1]))))
     sets = PolytopeSets(group, windows, rate, core, free, allowed, carried)
     _return(sets)
     return sets
@@ -122,7 +122,7 @@ def _linear(hold: Hold) -> Pairs:
     """Half-spaces on which the law is linear and the rate holds."""
     command, low, high = hold.commands()
     found = [(command, high), (-command, -low)]
-    if hold.group.delay_ns:
+    if hold.timed:
         offset = hold.rate_offset
         found += [
             (hold.rate_rows, -up_sum(offset.upper(), -hold.rate)),
@@ -140,12 +140,13 @@ def _core(group: LinearGroup, rows: Array, bounds: Array) -> tuple[Polytope, Arr
     offset = group.gain @ (group.constant.mid)
     rate = gain @ group.reach + np.abs(offset) + SLACK
     best = None
-    for _ in range(3 if group.delay_ns else 1):
+    timed = group.delay_ns + group.jitter_ns > 0
+    for _ in range(3 if timed else 1):
         hold = Hold(group, rate)
         start = Polytope(group.low, group.high, *_first_rows(hold, rows, bounds))
         found = _fixpoint(hold, start)
         if found is None:
-            if best is not None or not group.delay_ns:
+            if best is not None or not timed:
                 break
             found = start  # nothing stays with this rate: try what the linear law alone allows
             program = Program(found)
@@ -192,22 +193,14 @@ def _fixpoint(hold: Hold, start: Polytope) -> Polytope | None:
         kept += fresh
         if len(kept) > ROWS_MAX:
             return None
-        wave = _before(hold, program, np.array([r for r, _ in fresh]), np.array([b for _, b in fresh]))
+        wave = _before(hold, np.array([r for r, _ in fresh]), np.array([b for _, b in fresh]))
     return None
 
 
-def _before(hold: Hold, program: Program, rows: Array, bounds: Array) -> tuple[Array, Array]:
-    """Half-spaces from which a hold ends in rows x <= bounds, whenever it ends."""
-    ends = [(row, bounds - loss) for row, loss in hold.after(exact(rows))]
-    reach = hold.group.reach
-    if len(ends) == 1:
-        return _plain(*ends[0], reach)
-    middle = sum((row.mid for row, _ in ends), np.zeros_like(rows)) / len(ends)
-    limits = np.full(len(rows), np.inf)
-    for row, limit in ends:
-        beside = np.array([program.greatest(r)[0] for r in row.mid - middle])
-        limits = np.minimum(limits, limit - beside - up_product(row.rad, reach))
-    return _plain(exact(middle), limits, reach)
+def _before(hold: Hold, rows: Array, bounds: Array) -> tuple[Array, Array]:
+    """Half-spaces from which a hold ends in rows x <= bounds."""
+    row, loss = hold.after(exact(rows))
+    return _plain(row, bounds - loss, hold.group.reach)
 
 
 def _free(group: LinearGroup, outer: Polytope, inner: Polytope, until_ns: int) -> Polytope:
@@ -218,6 +211,11 @@ def _free(group: LinearGroup, outer: Polytope, inner: Polytope, until_ns: int) -
     return lean(
         outer.with_rows(np.concatenate([r for r, _ in plain]), np.concatenate([b for _, b in plain]))
     )
+
+
+def _tighter(p: Polytope) -> Polytope:
+    """A little less: what a claim about the whole set loses where an LP dropped a half-space."""
+    return Polytope(p.low + SLACK, p.high - SLACK, p.rows, p.bounds - SLACK)
 
 
 def _return(sets: PolytopeSets) -> None:
@@ -294,8 +292,10 @@ def prove(sets: PolytopeSets, multipliers: list[Array] | None = None) -> list[Ar
 
 
 def _inside(claims: _Claims, what: str, inner: Polytope, outer: Polytope) -> None:
-    rows, bounds = outer.faces
-    claims.holds(what, inner, exact(rows), bounds)
+    if not ((inner.low >= outer.low) & (inner.high <= outer.high)).all():
+        raise NotProvedError(f"{what}: its box is larger")
+    if len(outer.rows):
+        claims.holds(what, inner, exact(outer.rows), outer.bounds)
 
 
 def _prove_kept(
@@ -311,8 +311,8 @@ def _prove_kept(
     for row, loss in hold.everywhere(exact(every)):
         claims.holds(f"{what}: C during a hold", core, row, np.nextafter(limits - loss, -np.inf))
     faces, limits = core.faces
-    for row, loss in hold.after(exact(faces)):
-        claims.holds(f"{what} after a hold", core, row, np.nextafter(limits - loss, -np.inf))
+    row, loss = hold.after(exact(faces))
+    claims.holds(f"{what} after a hold", core, row, np.nextafter(limits - loss, -np.inf))
 
 
 def _prove_free(
@@ -354,16 +354,8 @@ def _prove_return(sets: PolytopeSets, claims: _Claims, periods: int) -> None:
 
 def _one_hold_back(hold: Hold, rows: Ball) -> tuple[Ball, Array]:
     """(row, loss): c x after any hold <= row x + loss for x in the extent, plain doubles."""
-    group = hold.group
-    ends = hold.after(rows)
-    middle = exact(sum((r.mid for r, _ in ends), np.zeros_like(rows.mid)) / len(ends))
-    centre, radius = group.extent
-    losses = []
-    for row, loss in ends:
-        rest = row - middle
-        flat = (rest @ exact(centre[:, None])).upper()[:, 0]
-        losses.append(up_sum(loss, flat, up_product(rest.magnitude(), radius)))
-    return middle, np.max(losses, axis=0)
+    row, loss = hold.after(rows)
+    return exact(row.mid), up_sum(loss, up_product(row.rad, hold.group.reach))
 
 
 def _nothing(group: LinearGroup) -> tuple[Array, Array]:

@@ -25,7 +25,7 @@ from soter.reach.attacked import (
     reads_time,
     truths_known_ns,
 )
-from soter.reach.replay import CYCLE, LEAVES, Counterexample, cycling, leaving, replay
+from soter.reach.replay import CYCLE, LEAVES, Counterexample, leaving, replay
 from soter.semantics.adversary import (
     CHANCE,
     CORNER,
@@ -47,7 +47,7 @@ if TYPE_CHECKING:
 
 ROUNDS = ((200, 32), (1000, 64), (200, 256), (4000, 64), (1000, 512))
 """(length of a run in DM periods, seeds a pattern); the last ones are repeated."""
-CYCLE_LENGTHS = (200, 1000, 4000, 16000)
+CYCLE_LENGTHS = (50, 100, 200, 500, 1000, 2000, 4000, 8000, 16000)
 """DM periods after which to look whether a run under SC repeats itself."""
 CYCLE_TURNS = 4
 CYCLE_SEEDS = 32
@@ -131,16 +131,18 @@ def _confirmed(candidate: Counterexample, system: System) -> Counterexample | No
     variant = attacked(system, index, candidate.controller)
     recorder = Recorder(AdverseDraws(candidate.seed))
     try:
-        if candidate.shows == LEAVES:
-            first = leaving(variant, recorder, candidate.time_ns)
-        else:
-            assert candidate.cycle_ns is not None
-            first = cycling(variant, index, recorder, candidate.time_ns, candidate.cycle_ns)
+        # of a cycle all choices are constant: one turn meets every stream
+        turn_ns = truths_known_ns(variant) + variant.hyperperiod_ns
+        first = leaving(
+            variant, recorder, candidate.time_ns if candidate.shows == LEAVES else turn_ns
+        )
     except UnboundExternError:
         return None
-    if first is None:
-        return None
-    written = replace(candidate, choices=recorder.choices, time_ns=first.time_ns)
+    if candidate.shows == LEAVES:
+        if first is None:
+            return None
+        candidate = replace(candidate, time_ns=first.time_ns)
+    written = replace(candidate, choices=recorder.choices)
     again = replay(written, system)
     return None if again is None else replace(written, steps=again.steps)
 

@@ -82,12 +82,12 @@ def hull(low: arb, high: arb) -> arb:
 
 def larger(a: arb, b: arb) -> arb:
     """One of two lower bounds: the better one where that is certain, else the second."""
-    return a if a > b else b
+    return max(b, a)
 
 
 def smaller(a: arb, b: arb) -> arb:
     """One of two upper bounds, likewise."""
-    return a if a < b else b
+    return min(b, a)
 
 
 # ---------------------------------------------------------------- lines over functions

@@ -96,7 +96,7 @@ FALSE = Truth("constant", value=False)
 
 
 def negation(a: Truth) -> Truth:
-    """not a."""
+    """Not a."""
     if a.kind == "constant":
         return FALSE if a.value else TRUE
     if a.kind == "not":
@@ -105,7 +105,7 @@ def negation(a: Truth) -> Truth:
 
 
 def both(a: Truth, b: Truth) -> Truth:
-    """a and b."""
+    """A and b."""
     if a.kind == "constant":
         return b if a.value else a
     if b.kind == "constant":
@@ -114,7 +114,7 @@ def both(a: Truth, b: Truth) -> Truth:
 
 
 def either(a: Truth, b: Truth) -> Truth:
-    """a or b."""
+    """A or b."""
     if a.kind == "constant":
         return a if a.value else b
     if b.kind == "constant":
@@ -123,7 +123,7 @@ def either(a: Truth, b: Truth) -> Truth:
 
 
 def choice_of_truths(c: Truth, a: Truth, b: Truth) -> Truth:
-    """c ? a : b."""
+    """C ? a : b."""
     if c.kind == "constant":
         return a if c.value else b
     if a.kind == "constant":
@@ -196,7 +196,7 @@ class Terms:
         )
 
     def combine(self, parts: Sequence[tuple[arb, Linear]], offset: arb = ZERO) -> Linear:
-        """sum factor * part + offset, exactly."""
+        """Sum factor * part + offset, exactly."""
         const, radius, low, high = offset, ZERO, offset, offset
         terms: dict[int, arb] = {}
         for factor, x in parts:
@@ -207,7 +207,7 @@ class Terms:
             high += ends[0].max(ends[1])
             for atom, coefficient in x.terms.items():
                 terms[atom] = terms.get(atom, ZERO) + factor * coefficient
-        terms = {a: c for a, c in terms.items() if not c == 0}
+        terms = {a: c for a, c in terms.items() if not c.is_zero()}
         found = Linear(const, terms, radius, low, high)
         if len(parts) > 1:
             self._tighten(found)
@@ -224,20 +224,20 @@ class Terms:
         x.low, x.high = larger(low, x.low), smaller(high, x.high)
 
     def add(self, a: Linear, b: Linear) -> Linear:
-        """a + b."""
+        """A + b."""
         found = self.combine(((ONE, a), (ONE, b)))
         found.nonnegative = a.nonnegative and b.nonnegative
         return found
 
     def subtract(self, a: Linear, b: Linear) -> Linear:
-        """a - b."""
+        """A - b."""
         return self.combine(((ONE, a), (-ONE, b)))
 
     def multiply(self, a: Linear, b: Linear) -> Linear:
-        """a * b."""
-        if a.is_constant and a.radius == 0:
+        """A * b."""
+        if a.is_constant and a.radius.is_zero():
             return self.combine(((a.const, b),))
-        if b.is_constant and b.radius == 0:
+        if b.is_constant and b.radius.is_zero():
             return self.combine(((b.const, a),))
         if same(a, b):
             return self.function("square", a, nonnegative=True)
@@ -245,24 +245,28 @@ class Terms:
         return self._atom(Atom("product", (a, b), low=x.lower(), high=x.upper()))
 
     def divide(self, a: Linear, b: Linear) -> Linear:
-        """a / b; that b is not 0 becomes an obligation."""
-        if b.is_constant and b.radius == 0:
+        """A / b; that b is not 0 becomes an obligation."""
+        if b.is_constant and b.radius.is_zero() and not b.const.is_zero():
             return self.combine(((1 / b.const, a),))
         self.oblige(either(self.below(b), self.below(self.combine(((-ONE, b),)))))
         return self.multiply(a, self.function("inverse", b))
 
     def minimum(self, a: Linear, b: Linear) -> Linear:
-        """min(a, b) = a - max(a - b, 0): exact, as the machine's is."""
-        return self.combine(((ONE, a), (-ONE, self.function("max0", self.subtract(a, b)))))
+        """min(a, b) = b - max(b - a, 0): exact, as the machine's is, and never above a number b."""
+        if a.is_constant:
+            a, b = b, a
+        return self.combine(((ONE, b), (-ONE, self.function("max0", self.subtract(b, a)))))
 
     def maximum(self, a: Linear, b: Linear) -> Linear:
         """max(a, b) = b + max(a - b, 0)."""
+        if a.is_constant:
+            a, b = b, a
         found = self.combine(((ONE, b), (ONE, self.function("max0", self.subtract(a, b)))))
         found.nonnegative = a.nonnegative or b.nonnegative
         return found
 
     def choose(self, c: Truth, a: Linear, b: Linear) -> Linear:
-        """c ? a : b."""
+        """C ? a : b."""
         if c.kind == "constant":
             return a if c.value else b
         if same(a, b):
@@ -276,7 +280,7 @@ class Terms:
 
     def spread(self, weights: Sequence[arb], arguments: Sequence[Linear]) -> Linear:
         """Anything in [-1, 1] times sum weight |argument|; 0 where nothing has weight."""
-        kept = [(w, x) for w, x in zip(weights, arguments, strict=True) if not w == 0]
+        kept = [(w, x) for w, x in zip(weights, arguments, strict=True) if not w.is_zero()]
         if not kept:
             return self.constant(0.0)
         size = ZERO
@@ -287,9 +291,9 @@ class Terms:
         return self._atom(atom)
 
     def blurred(self, coefficients: Sequence[arb], arguments: Sequence[Linear]) -> Linear:
-        """sum coefficient * argument for coefficients that are anything in wide balls."""
+        """Sum coefficient * argument for coefficients that are anything in wide balls."""
         middle = self.combine(
-            [(c.mid(), x) for c, x in zip(coefficients, arguments, strict=True) if not c == 0]
+            [(c.mid(), x) for c, x in zip(coefficients, arguments, strict=True) if not c.is_zero()]
         )
         wide = self.spread([c.rad() for c in coefficients], arguments)
         return self.combine(((ONE, middle), (ONE, wide)))
@@ -316,7 +320,7 @@ class Terms:
     # ------------------------------------------------------------ propositions
 
     def below(self, x: Linear, *, strict: bool = True) -> Truth:
-        """x < 0, or x <= 0."""
+        """X < 0, or x <= 0."""
         if x.high < 0 or (not strict and x.high <= 0):
             return TRUE
         if x.low > 0 or (strict and x.low >= 0):
@@ -326,7 +330,7 @@ class Terms:
         return Truth("below", argument=x, strict=strict)
 
     def compare(self, op: str, a: Linear, b: Linear) -> Truth:
-        """a op b of two machine numbers."""
+        """A op b of two machine numbers."""
         if op in (">", ">="):
             return self.compare({">": "<", ">=": "<="}[op], b, a)
         if op == "!=":
@@ -344,7 +348,7 @@ def same(a: Linear, b: Linear) -> bool:
     """Whether two forms certainly are the same number: without rounding they would only be alike."""
     if a is b:
         return True
-    if not (a.radius == 0 and b.radius == 0 and a.const == b.const):
+    if not (a.radius.is_zero() and b.radius.is_zero() and a.const == b.const):
         return False
     return a.terms.keys() == b.terms.keys() and all(c == b.terms[i] for i, c in a.terms.items())
 

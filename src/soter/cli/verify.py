@@ -1,0 +1,208 @@
+"""`soter verify FILE`: prove P1c, P2a, P2b, P3, `ttf` and `safer` of every module.
+
+Purpose: verdicts with what they rest on, for people and as JSON; certificate and report.
+Non-goals: the proofs (`reach/`), checking certificates (`soter recheck`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.api import load
+from soter.cli.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
+from soter.cli.parser import Parser, add_file, add_settings
+from soter.cli.progress import Progress
+from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.cli.console import Console
+    from soter.reach.results import Finding, ModuleResult, VerifyReport
+
+EXAMPLES = """\
+  soter verify cart.soter
+  soter verify drone.soter --module SafeMotionPrimitive
+  soter verify drone.soter --set MASS=1.2          with another value of a parameter
+  soter verify cart.soter --cert proof/            then: soter recheck proof/
+  soter verify cart.soter --report proof.html      a page to file
+  soter verify cart.soter --synthesize             for modules with `sc synthesized period d;`
+  soter verify cart.soter --json | jq '.modules[].verdict'
+
+exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided,
+            1 diagnostics, 2 usage
+"""
+EXITS = {"proved": FINE, "assumed": FINE, "refuted": VIOLATED, "undecided": UNDECIDED}
+TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "strong"}
+PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": "yellow"}
+REGIONS_SHOWN = 3
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("verify", "Prove P1c, P2a, P2b, P3, ttf and safer of every module.", EXAMPLES)
+    add_file(made)
+    made.add_argument("--module", metavar="M", help="only this module; by default all")
+    made.add_argument("--system", metavar="S", help="the system its plants stand in")
+    add_settings(made)
+    made.add_argument("--cert", metavar="DIR", help="write a certificate for `soter recheck`")
+    made.add_argument("--report", metavar="PATH", help="write a report: one HTML page")
+    made.add_argument(
+        "--synthesize", action="store_true", help="find the controllers that are `sc synthesized`"
+    )
+    made.add_argument(
+        "--no-refute",
+        action="store_true",
+        help="do not look for a counterexample to what cannot be proved",
+    )
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Verify."""
+    program = load(args.file)
+    for name, target in args.bindings:
+        program.bind(name, target)
+    warnings = program.diagnostics if program.ok else ()
+    try:
+        with Progress(console) as progress:
+            report = program.verify(
+                args.module,
+                args.cert,
+                system=args.system,
+                params=dict(args.params),
+                synthesize=args.synthesize,
+                refute=not args.no_refute,
+                report=args.report,
+                progress=progress,
+            )
+    except SoterError as error:
+        items = (*warnings, *error.diagnostics)
+        return Outcome(exit_of(items), items, {"file": args.file})
+    _say(report, args, console)
+    fields = _fields(report)
+    fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
+    return Outcome(EXITS[report.verdict], warnings, fields)
+
+
+# ---------------------------------------------------------------- for people
+
+
+def _say(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
+    hash_ = report.program_sha256[:12]
+    console.say(console.paint("muted", f"{report.path}  {report.system}  {hash_}"))
+    for module in report.modules:
+        console.say()
+        console.say(_headline(module, console))
+        console.say()
+        console.say(_table(module, console))
+        for line in _details(module, console):
+            console.say(line)
+        console.say()
+        console.say("under these assumptions")
+        for text in module.problem.assumptions:
+            console.say(console.paint("muted", f"  {text}"))
+    if not report.modules:
+        console.say("there is no module to be verified")
+    for kind in ("cert", "report"):
+        if getattr(args, kind):
+            console.say(f"\n{kind:<7} {getattr(args, kind)}")
+
+
+def _headline(module: ModuleResult, console: Console) -> str:
+    verdict = console.paint(PAINTS[module.verdict], module.verdict.upper())
+    count = len(module.problem.assumptions)
+    under = f" under {count} assumption{'' if count == 1 else 's'}"
+    if module.verdict != "proved":
+        worst = [n for n, f in module.findings.items() if f.verdict == module.verdict]
+        under = f": {', '.join(worst)}"
+    return f"{console.paint('bold', module.name)}  {verdict}{under}  {seconds(module.seconds)}"
+
+
+def _table(module: ModuleResult, console: Console) -> str:
+    from soter.report.summary import Styled, table  # noqa: PLC0415 - needs NumPy
+
+    rows = [
+        (name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), f.text)  # type: ignore[arg-type]
+        for name, f in module.findings.items()
+    ]
+    headers = ("property", "verdict", "time", "how")
+    return table(headers, rows, color=console.color_out)
+
+
+def _details(module: ModuleResult, console: Console) -> list[str]:
+    """Shares, and where and why something is not proved."""
+    names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
+    shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]
+    lines = ["", f"{' · '.join(shares)} of the grid's volume, {module.cells:,} cells"]
+    for name, finding in module.findings.items():
+        if not finding.holds:
+            lines += _failure(name, finding, console)
+    return lines
+
+
+def _failure(name: str, finding: Finding, console: Console) -> list[str]:
+    lines = ["", f"{console.paint(PAINTS[finding.verdict], name)}  {finding.text}"]
+    lines += [f"  where  {region}" for region in finding.regions[:REGIONS_SHOWN]]
+    rest = len(finding.regions) - REGIONS_SHOWN
+    if rest > 0:
+        lines.append(f"         and {rest} more")
+    if finding.hint:
+        lines.append(f"  help   {finding.hint}")
+    if finding.counterexample is not None:
+        lines += [f"  run    {line}" for line in str(finding.counterexample).splitlines()]
+    return lines
+
+
+def seconds(value: float) -> str:
+    """A time for people."""
+    return f"{value:.1f} s" if value >= 1.0 else f"{value * 1000:.0f} ms"
+
+
+# ---------------------------------------------------------------- as JSON
+
+
+def _fields(report: VerifyReport) -> dict[str, object]:
+    return {
+        "file": report.path,
+        "program_sha256": report.program_sha256,
+        "system": report.system,
+        "verdict": report.verdict,
+        "seconds": report.seconds,
+        "modules": {m.name: _module(m) for m in report.modules},
+    }
+
+
+def _module(module: ModuleResult) -> dict[str, object]:
+    times = module.problem.times
+    return {
+        "verdict": module.verdict,
+        "seconds": module.seconds,
+        "properties": {name: _finding(f) for name, f in module.findings.items()},
+        "cells": module.cells,
+        "core_share": module.core_share,
+        "shares": module.shares,
+        "horizon_s": times.horizon_ns / 1e9,
+        "horizon_needed_s": times.h_star / 1e9,
+        "recover_s": module.recover_s,
+        "assumptions": list(module.problem.assumptions),
+    }
+
+
+def _finding(finding: Finding) -> dict[str, object]:
+    return {
+        "verdict": finding.verdict,
+        "seconds": finding.seconds,
+        "method": finding.method,
+        "text": finding.text,
+        "hint": finding.hint,
+        "counts": finding.counts,
+        "where": [
+            {
+                "states": {name: [low, high] for name, low, high in region.axes},
+                "parameters": dict(region.parameters),
+            }
+            for region in finding.regions
+        ],
+        "counterexample": None if finding.counterexample is None else str(finding.counterexample),
+    }

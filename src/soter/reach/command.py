@@ -1,0 +1,124 @@
+"""`soter verify` without a terminal: which modules, in which systems, in which order.
+
+Purpose: from a checked program to a `VerifyReport`; certificate and report where asked for.
+Non-goals: the proofs (`verify.py`), printing.
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.program.build import system_of
+from soter.reach.extract import extract
+from soter.reach.results import VerifyReport
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from soter.program.build import Checked
+    from soter.program.system import Module, System
+    from soter.program.types import Value
+    from soter.reach.problem import Problem
+
+    Progress = Callable[[float], None]
+
+
+def verify(
+    checked: Checked,
+    *,
+    module: str | None = None,
+    system: str | None = None,
+    params: Mapping[str, Value] | None = None,
+    cert: Path | None = None,
+    synthesize: bool = False,
+    refute: bool = True,
+    report: Path | None = None,
+    progress: Progress | None = None,
+) -> VerifyReport:
+    """Verify the modules of a checked program; `SoterError` where a problem is not determined."""
+    from soter.reach.verify import verify_module  # noqa: PLC0415 - needs a compiler
+
+    began = time.perf_counter()
+    assert checked.program is not None
+    chosen = modules_of(checked, module, system, params or {})
+    problems = problems_of(chosen, synthesize=synthesize)
+    results = []
+    for i, problem in enumerate(problems):
+        share = _part(progress, i, len(problems))
+        results.append(verify_module(problem, refute=refute, progress=share))
+    names = list(dict.fromkeys(flat.name for flat, _ in chosen))
+    found = VerifyReport(
+        checked.program.path,
+        checked.program.sha256,
+        ", ".join(names),
+        tuple(results),
+        time.perf_counter() - began,
+    )
+    if cert is not None:
+        from soter.reach.certificate import write  # noqa: PLC0415 - only then
+
+        write(cert, checked.program, results)
+    if report is not None:
+        from soter.reach.to_report import write_report  # noqa: PLC0415 - only then
+
+        write_report(found, report)
+    return found
+
+
+def modules_of(
+    checked: Checked, module: str | None, system: str | None, params: Mapping[str, Value]
+) -> list[tuple[System, Module]]:
+    """The modules that are meant, each in a flat system that has it; U008 where there is none."""
+    preferred = checked.default_system()
+    names = [system] if system else list(checked.systems)
+    if not system and preferred is not None:
+        names.sort(key=lambda n: n != preferred.name)
+    found: list[tuple[System, Module]] = []
+    known: list[str] = []
+    seen: set[object] = set()
+    for name in names or [None]:
+        flat = system_of(checked, name, params)
+        here: set[object] = set()
+        for m in flat.modules:
+            known.append(m.name)
+            here.add(m.symbol)
+            if m.symbol not in seen and (module is None or module in _names(m)):
+                found.append((flat, m))
+        seen |= here
+    if module is not None and not found:
+        raise SoterError((_no_module(module, list(dict.fromkeys(known))),))
+    return found
+
+
+def _names(m: Module) -> tuple[str, str]:
+    return m.name, m.symbol.name
+
+
+def _no_module(module: str, known: list[str]) -> Diagnostic:
+    there = ", ".join(f"`{n}`" for n in known) or "none"
+    return Diagnostic("U008", f"there is no module `{module}`", notes=(f"there are: {there}",))
+
+
+def problems_of(chosen: list[tuple[System, Module]], *, synthesize: bool = False) -> list[Problem]:
+    """The problem of every module; all diagnostics at once."""
+    problems: list[Problem] = []
+    diagnostics = Diagnostics()
+    for flat, m in chosen:
+        try:
+            problems.append(extract(flat, m, synthesize=synthesize and m.symbol.synthesized))
+        except SoterError as error:
+            for d in error.diagnostics:
+                diagnostics.add(d)
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    return problems
+
+
+def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
+    """Progress of one of several equal parts."""
+    if progress is None:
+        return None
+    return lambda share: progress((index + share) / count)

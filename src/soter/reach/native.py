@@ -1,0 +1,130 @@
+"""The grid engine as a shared library: enclosures of one module and `soter_reach*.c`.
+
+Purpose: compile a generated enclosure unit together with the engine, once for each content, and
+reach both through cffi.
+Non-goals: generating the unit (`codegen/enclosures.py`), meaning of the calls (`reach/grids.py`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import re
+import subprocess
+import tempfile
+from functools import lru_cache
+from pathlib import Path
+from typing import Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.native.build import OWN_SYMBOLS, RUNTIME, TIMEOUT_S, cache_dir
+from soter.native.compiler import STRICT, find
+
+PARTS = ("", "_hold", "_linear", "_grid", "_pool", "_safe")
+ENGINE = tuple(f"soter_reach{part}.c" for part in PARTS)
+NUMBERS = ("law", "derivative", "next", "drives")
+TRUTHS = ("safe", "core", "ttf", "safer")
+FLAGS = (*STRICT, "-O3", "-fPIC", "-shared", "-pthread", *OWN_SYMBOLS)
+
+
+def _declarations() -> str:
+    text = (RUNTIME / "soter_reach.h").read_text(encoding="utf-8")
+    shared = text.split("/* cdef */", 1)[1].split("/* end of cdef */", 1)[0]
+    functions = [f"unsigned soter_{n}(const void *, const int64_t *, void *);" for n in NUMBERS]
+    functions += [f"unsigned soter_{n}(const void *, const int64_t *, void *);" for n in TRUTHS]
+    return "typedef void *soter_reach_map;\n" + shared + "\n".join(functions)
+
+
+@lru_cache(maxsize=1)
+def ffi() -> Any:  # noqa: ANN401 - cffi has no types
+    """The engine's declarations."""
+    from cffi import FFI  # noqa: PLC0415 - only proofs pay for it
+
+    found = FFI()
+    found.cdef(_declarations())
+    return found
+
+
+def _inputs_of(source: str) -> int:
+    found = re.search(r"^#define SOTER_INPUTS (\d+)$", source, re.MULTILINE)
+    if found is None:
+        raise ValueError("an enclosure unit defines SOTER_INPUTS")
+    return int(found.group(1))
+
+
+def _content(source: str, identity: str, flags: tuple[str, ...]) -> str:
+    digest = hashlib.sha256()
+    headers = sorted(p for p in RUNTIME.iterdir() if p.suffix == ".h")
+    parts = [source, identity, *flags, *(p.read_text(encoding="utf-8") for p in headers)]
+    parts += [(RUNTIME / name).read_text(encoding="utf-8") for name in ENGINE]
+    for part in parts:
+        data = part.encode("utf-8")
+        digest.update(len(data).to_bytes(8, "little"))
+        digest.update(data)
+    return digest.hexdigest()
+
+
+class ReachLibrary:
+    """A loaded engine with one module's enclosures; holds no state."""
+
+    def __init__(self, source: str, extra: tuple[str, ...] = ()) -> None:
+        """`source`: the text of the enclosure unit; `extra`: more compiler flags (tests)."""
+        self.inputs = _inputs_of(source)
+        self.ffi = ffi()
+        self.lib = self.ffi.dlopen(str(compiled(source, self.inputs, extra)))
+
+    def symbol(self, name: str) -> Any:  # noqa: ANN401 - cdata
+        """The address of `soter_NAME` of the unit, or NULL where the unit has no such function."""
+        try:
+            return self.ffi.cast("void *", self.ffi.addressof(self.lib, f"soter_{name}"))
+        except (AttributeError, self.ffi.error):
+            return self.ffi.NULL
+
+
+def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
+    """The shared library, from the cache or freshly built; SoterError X004, X006."""
+    compiler = find()
+    flags = (*FLAGS, f"-DSOTER_INPUTS={inputs}", *extra)
+    folder = cache_dir()
+    target = folder / f"reach-{_content(source, compiler.identity, flags)[:32]}.so"
+    seal = target.with_suffix(".sha256")
+    try:
+        if seal.read_text(encoding="utf-8") == hashlib.sha256(target.read_bytes()).hexdigest():
+            return target
+    except (OSError, UnicodeDecodeError):
+        pass
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as name:
+            work = Path(name)
+            built = _compile(work, source, (*compiler.command, *flags))
+            (work / "seal").write_text(
+                hashlib.sha256(built.read_bytes()).hexdigest(), encoding="utf-8"
+            )
+            built.replace(target)
+            (work / "seal").replace(seal)
+    except OSError as error:
+        message = f"cannot write to the cache folder `{folder}`: {error.strerror or error}"
+        helps = ("choose another with the environment variable SOTER_CACHE",)
+        raise SoterError((Diagnostic("X006", message, helps=helps),)) from error
+    return target
+
+
+def _compile(work: Path, source: str, command: tuple[str, ...]) -> Path:
+    unit, built = work / "enclosures.c", work / "reach.so"
+    unit.write_text(source, encoding="utf-8")
+    files = [str(unit), *(str(RUNTIME / name) for name in ENGINE)]
+    done = subprocess.run(
+        [*command, f"-I{RUNTIME}", "-o", str(built), *files, "-lm"],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=TIMEOUT_S,
+        cwd=work,
+    )
+    if done.returncode != 0:
+        lines = done.stderr.replace(str(work) + os.sep, "").strip().splitlines()
+        helps = ("this is a defect of soter: please report it with the program",)
+        message = "the C of this module's enclosures does not compile"
+        raise SoterError((Diagnostic("X004", message, notes=tuple(lines[:8]), helps=helps),))
+    return built

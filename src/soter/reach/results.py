@@ -1,0 +1,156 @@
+"""What a verification found, as plain data.
+
+Purpose: verdicts per property with how they were reached; the sets of every case and group, as
+certificates, monitors, computed predicates and reports take them.
+Non-goals: computing or printing anything.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+    from soter.reach.problem import Group, Problem
+
+PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
+PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start")
+"""In this order everywhere; `start` is that the declared initial states are among those proved."""
+
+
+@dataclass(frozen=True)
+class Region:
+    """A box of true states where a claim could not be shown: names of states and their ranges."""
+
+    axes: tuple[tuple[str, float, float], ...]
+    parameters: tuple[tuple[str, int], ...] = ()
+
+    def __str__(self) -> str:
+        parts = [f"{name} = {value}" for name, value in self.parameters]
+        parts += [f"{name} in [{low:.6g}, {high:.6g}]" for name, low, high in self.axes]
+        return ", ".join(parts)
+
+
+@dataclass
+class Finding:
+    """The verdict on one property.
+
+    `method`: how; `text`: what was found, one sentence; `hint`: what would help where undecided;
+    `counterexample`: the run of a refutation (`reach/replay.py`).
+    """
+
+    verdict: str
+    seconds: float = 0.0
+    method: str = ""
+    text: str = ""
+    hint: str = ""
+    regions: list[Region] = field(default_factory=list)
+    counts: dict[str, int] = field(default_factory=dict)
+    counterexample: object | None = None
+
+    @property
+    def holds(self) -> bool:
+        """Whether it may be relied on."""
+        return self.verdict in (PROVED, ASSUMED)
+
+
+@dataclass(eq=False)
+class GroupSets:
+    """The sets of one group under one combination of parameter values.
+
+    Arrays have one entry a cell, in C order over the group's axes: `allowed` C_g, `core` the
+    witnesses of K (0: not in K, otherwise N), `free` R(H), `ttf` and `safer` whether that
+    predicate may hand control to AC from an estimate of a state in the cell; `home` the
+    witnesses of Q, `rank` (0: not in W) and `rank_holds` those of W. None: not computed.
+    """
+
+    group: Group
+    allowed: NDArray[np.bool_]
+    core: NDArray[np.uint8]
+    free: NDArray[np.bool_] | None = None
+    lets_ac: NDArray[np.bool_] | None = None
+    """Cells on which `ttf` may be false."""
+    gives_back: NDArray[np.bool_] | None = None
+    """Cells on which `safer` may be true."""
+    home: NDArray[np.uint8] | None = None
+    rank: NDArray[np.uint16] | None = None
+    rank_holds: NDArray[np.uint8] | None = None
+    levels: list[NDArray[np.bool_]] = field(default_factory=list)
+    """S_0, S_1, ... on estimates, where predicates are computed."""
+    solver: object | None = None
+    """The engine's group (`grids.py`), for whoever computes more."""
+
+    @property
+    def edges(self) -> tuple[tuple[float, ...], ...]:
+        """Breakpoints per axis."""
+        return tuple(a.edges for a in self.group.axes)
+
+
+@dataclass(eq=False)
+class CaseSets:
+    """All groups under one combination of parameter values."""
+
+    parameter: tuple[int, ...]
+    groups: list[GroupSets]
+
+
+@dataclass(eq=False)
+class ModuleResult:
+    """Everything that was found about a module."""
+
+    problem: Problem
+    findings: dict[str, Finding]
+    cases: list[CaseSets]
+    seconds: float = 0.0
+    shares: dict[str, float] = field(default_factory=dict)
+    """Shares of the grid box's volume: `core`, `free`, `lets_ac`, `gives_back`, the least over
+    the parameters."""
+    recover_s: float | None = None
+    """The T that P2b was proved with, in s."""
+
+    @property
+    def name(self) -> str:
+        """Full name of the module."""
+        return self.problem.name
+
+    @property
+    def verdict(self) -> str:
+        """Of the module: refuted before undecided before proved."""
+        found = {f.verdict for f in self.findings.values()}
+        for verdict in (REFUTED, UNDECIDED):
+            if verdict in found:
+                return verdict
+        return PROVED if PROVED in found else ASSUMED
+
+    @property
+    def cells(self) -> int:
+        """Cells of all groups and cases together."""
+        return sum(g.allowed.size for c in self.cases for g in c.groups)
+
+    @property
+    def core_share(self) -> float:
+        """Share of the grid's volume that is K."""
+        return self.shares.get("core", 0.0)
+
+
+@dataclass(eq=False)
+class VerifyReport:
+    """What `Program.verify` gives: one result a module, and the hash of what was proved."""
+
+    path: str
+    program_sha256: str
+    system: str
+    modules: tuple[ModuleResult, ...]
+    seconds: float
+
+    @property
+    def verdict(self) -> str:
+        """The worst of the modules' verdicts; `proved` where there is none to be doubted."""
+        found = {m.verdict for m in self.modules}
+        for verdict in (REFUTED, UNDECIDED, ASSUMED):
+            if verdict in found:
+                return verdict
+        return PROVED

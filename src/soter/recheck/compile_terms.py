@@ -1,0 +1,538 @@
+"""Terms become straight Python code over Arb balls: one call encloses a step over a whole cell.
+
+Purpose: `compile_step`: a function from the form of a set of states to the forms of what a step makes
+of it, with the ranges wanted and the propositions that must hold.
+Non-goals: reading programs (`symbolic.py`), which sets to check (`chains.py`, `predicates.py`).
+
+The form of a set is a flat tuple: for each state its centre m, its coefficients g on the symbols of the
+cell, the radius b of the rest, and an interval [l, h]:
+
+    x in { m + sum g[k] eps_k + b beta : eps_k, beta in [-1, 1] }   and   x in [l, h]
+
+eps_k are shared by all states, beta is its own for each state. With no symbols it is a box.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from flint import arb
+
+from soter.recheck.balls import HALF, ONE, UNIVARIATE, ZERO, above, below, exact, larger, smaller
+from soter.recheck.terms import Linear, Truth, closure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from soter.recheck.terms import Atom, Terms
+
+    Step = Callable[[tuple[arb, ...]], "tuple[tuple[arb, ...], tuple[float, ...]] | None"]
+
+
+def compile_step(
+    terms: Terms,
+    states: Sequence[int],
+    symbols: int,
+    outputs: Sequence[Linear],
+    *,
+    ranges: Sequence[Linear] = (),
+    must: Sequence[Truth] = (),
+    boxes: Mapping[int, tuple[arb, arb]] | None = None,
+) -> Step:
+    """`form -> (form of the outputs, (low, high) of each of `ranges`)`.
+
+    None where something in `must` is not certain. `states`: atoms that the form describes, every
+    other input ranges over `boxes`, or its domain where nothing is said there.
+    """
+    return _Writer(terms, states, symbols, boxes or {}).step(outputs, ranges, must)
+
+
+def compile_truths(
+    terms: Terms,
+    states: Sequence[int],
+    truths: Sequence[Truth],
+    boxes: Mapping[int, tuple[arb, arb]],
+) -> Callable[[tuple[arb, ...]], tuple[int, ...]]:
+    """`form of a box -> truths`: bit 0: may be false, bit 1: may be true."""
+    return _Writer(terms, states, 0, boxes).truths(truths)
+
+
+def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, ...]:
+    """The form of a box; each axis has a symbol of its own where `symbols`."""
+    centres = [(low + high) * HALF for low, high in box]
+    radii = [(high - low) * HALF for low, high in box]
+    form = list(centres)
+    if symbols:
+        n = len(box)
+        form += [radii[i] if i == k else ZERO for i in range(n) for k in range(n)]
+        form += [ZERO] * n
+    else:
+        form += radii
+    form += [low for low, _ in box]
+    form += [high for _, high in box]
+    return tuple(form)
+
+
+class _Writer:
+    """Writes one function."""
+
+    def __init__(
+        self,
+        terms: Terms,
+        states: Sequence[int],
+        symbols: int,
+        boxes: Mapping[int, tuple[arb, arb]],
+    ) -> None:
+        self.terms = terms
+        self.place = {atom: i for i, atom in enumerate(states)}
+        self.symbols = range(symbols)
+        self.boxes = boxes
+        self.lines: list[str] = []
+        self.names: dict[str, Any] = {
+            "HALF": HALF,
+            "ZERO": ZERO,
+            "larger": larger,
+            "smaller": smaller,
+            "below": below,
+            "above": above,
+            "pick": _pick,
+            "corners": _corners,
+            "NOT": (0, 2, 1, 3),
+            **{f"line_{name}": f for name, f in UNIVARIATE.items()},
+        }
+        self.count = 0
+        self.rows: dict[int, dict[int, str]] = {}
+        """Row of an atom over the inputs: code of each coefficient."""
+        self.tails: dict[int, tuple[str, str]] = {}
+        """Constant and spread of an atom's line."""
+        self.bounds: dict[int, tuple[str, str]] = {}
+        self.known: dict[tuple[str, int], Any] = {}
+        self.keep: list[object] = []
+
+    # ------------------------------------------------------------ functions
+
+    def step(
+        self, outputs: Sequence[Linear], ranges: Sequence[Linear], must: Sequence[Truth]
+    ) -> Step:
+        self._atoms([*outputs, *ranges, *must])
+        for truth in must:
+            self.lines.append(f"if {self._truth(truth)} != 2: return None")
+        forms = [self._form(x) for x in outputs]
+        flat = [f[0] for f in forms]
+        flat += [g for f in forms for g in f[1]]
+        flat += [f[2] for f in forms]
+        found = [self._range(x) for x in outputs]
+        flat += [low for low, _ in found]
+        flat += [high for _, high in found]
+        wanted = [self._range(x) for x in ranges]
+        ends = [f"below({low}), above({high})" for low, high in wanted]
+        self.lines.append(f"return ({_tuple(flat)}, {_tuple(ends)})")
+        found_step: Step = self._function()
+        return found_step
+
+    def truths(self, truths: Sequence[Truth]) -> Callable[[tuple[arb, ...]], tuple[int, ...]]:
+        self._atoms(truths)
+        found = [self._truth(x) for x in truths]
+        self.lines.append(f"return {_tuple(found)}")
+        compiled: Callable[[tuple[arb, ...]], tuple[int, ...]] = self._function()
+        return compiled
+
+    def _function(self) -> Any:  # noqa: ANN401  made from text
+        n = len(self.place)
+        names = [f"m{i}" for i in range(n)]
+        names += [f"g{i}_{k}" for i in range(n) for k in self.symbols]
+        names += [f"b{i}" for i in range(n)]
+        names += [f"l{i}" for i in range(n)] + [f"h{i}" for i in range(n)]
+        head = [f"{_tuple(names)} = form"] if names else []
+        body = "\n    ".join(head + self.lines)
+        exec(f"def run(form):\n    {body}\n", self.names)  # noqa: S102  our own text
+        return self.names["run"]
+
+    # ------------------------------------------------------------ text
+
+    def _new(self, code: str) -> str:
+        self.count += 1
+        name = f"v{self.count}"
+        self.lines.append(f"{name} = {code}")
+        return name
+
+    def _constant(self, x: arb) -> str:
+        self.count += 1
+        name = f"K{self.count}"
+        self.names[name] = x
+        return name
+
+    def _times(self, factor: arb | str, code: str) -> str | None:
+        """`factor * code`; None for zero."""
+        if isinstance(factor, str):
+            return f"{factor}*{code}"
+        if factor.is_zero():
+            return None
+        if factor == 1:
+            return code
+        if factor == -1:
+            return f"(-{code})"
+        return f"{self._constant(factor)}*{code}"
+
+    def _sum(self, parts: Sequence[str | None], offset: arb = ZERO) -> str | None:
+        """A name for the sum; None for zero."""
+        kept = [p for p in parts if p is not None]
+        if not offset.is_zero() or not kept:
+            if not kept and offset.is_zero():
+                return None
+            kept.insert(0, self._constant(offset))
+        return self._new(" + ".join(kept))
+
+    def _input_range(self, atom: int) -> tuple[arb, arb]:
+        a = self.terms.atoms[atom]
+        return self.boxes.get(atom, (a.low, a.high))
+
+    # ------------------------------------------------------------ linear forms
+
+    def _memo(self, kind: str, x: Linear, make: Callable[[Linear], Any]) -> Any:  # noqa: ANN401
+        key = (kind, id(x))
+        if key not in self.known:
+            self.keep.append(x)
+            self.known[key] = make(x)
+        return self.known[key]
+
+    def _parts(self, x: Linear) -> tuple[dict[int, arb], dict[int, arb]]:
+        """Coefficients of inputs, and of other atoms."""
+        inputs: dict[int, arb] = {}
+        others: dict[int, arb] = {}
+        for a, c in x.terms.items():
+            (inputs if self._is_input(self.terms.atoms[a]) else others)[a] = c
+        return inputs, others
+
+    @staticmethod
+    def _is_input(atom: Atom) -> bool:
+        return atom.kind in ("state", "box")
+
+    def _row(self, x: Linear) -> tuple[dict[int, arb | str], str | None, str | None]:
+        """Coefficients over the inputs, the constant, the spread; all atoms replaced by lines."""
+        found: tuple[dict[int, arb | str], str | None, str | None] = self._memo(
+            "row", x, self._make_row
+        )
+        return found
+
+    def _make_row(self, x: Linear) -> tuple[dict[int, arb | str], str | None, str | None]:
+        inputs, others = self._parts(x)
+        row: dict[int, arb | str] = dict(inputs)
+        columns: dict[int, list[str]] = {}
+        constants: list[str | None] = []
+        spreads: list[str | None] = []
+        for a, c in others.items():
+            for j, code in self.rows[a].items():
+                part = self._times(c, code)
+                if part is not None:
+                    columns.setdefault(j, []).append(part)
+            constants.append(self._times(c, self.tails[a][0]))
+            spreads.append(self._times(abs(c), self.tails[a][1]))
+        for j, parts in columns.items():
+            code = self._sum(parts, inputs.get(j, ZERO))
+            if code is not None:
+                row[j] = code
+        return row, self._sum(constants, x.const), self._sum(spreads, x.radius)
+
+    def _centre_and_radius(
+        self, row: Mapping[int, arb | str], constant: str | None, spread: str | None
+    ) -> tuple[str, str]:
+        """Of a row over the form."""
+        centre: list[str | None] = [constant]
+        radius: list[str | None] = [spread]
+        fixed_centre, fixed_radius = ZERO, ZERO
+        columns: dict[int, list[str]] = {k: [] for k in self.symbols}
+        for atom, factor in row.items():
+            if atom in self.place:
+                i = self.place[atom]
+                centre.append(self._times(factor, f"m{i}"))
+                radius.append(self._times(_absolute(factor), f"b{i}"))
+                for k in self.symbols:
+                    part = self._times(factor, f"g{i}_{k}")
+                    if part is not None:
+                        columns[k].append(part)
+                continue
+            low, high = self._input_range(atom)
+            middle, half = (low + high) * HALF, (high - low) * HALF
+            if isinstance(factor, str):
+                if not middle.is_zero():
+                    centre.append(f"{factor}*{self._constant(middle)}")
+                if not half.is_zero():
+                    radius.append(f"abs({factor})*{self._constant(half)}")
+            else:
+                fixed_centre += factor * middle
+                fixed_radius += abs(factor) * half
+        radius += [f"abs({' + '.join(parts)})" for parts in columns.values() if parts]
+        return (
+            self._sum(centre, fixed_centre) or "ZERO",
+            self._sum(radius, fixed_radius) or "ZERO",
+        )
+
+    def _range(self, x: Linear) -> tuple[str, str]:
+        found: tuple[str, str] = self._memo("range", x, self._make_range)
+        return found
+
+    def _make_range(self, x: Linear) -> tuple[str, str]:
+        row, constant, spread = self._row(x)
+        centre, radius = self._centre_and_radius(row, constant, spread)
+        low, high = self._new(f"{centre} - {radius}"), self._new(f"{centre} + {radius}")
+        inputs, others = self._parts(x)
+        states = [a for a in inputs if a in self.place]
+        if others or len(states) == 1:
+            natural = self._natural(x, inputs, others, states)
+            low = self._new(f"larger({low}, {natural[0]})")
+            high = self._new(f"smaller({high}, {natural[1]})")
+        if x.nonnegative:
+            low = self._new(f"larger({low}, ZERO)")
+        return low, high
+
+    def _natural(
+        self,
+        x: Linear,
+        inputs: Mapping[int, arb],
+        others: Mapping[int, arb],
+        states: Sequence[int],
+    ) -> tuple[str, str]:
+        """The range from the intervals of the atoms: exact where a limit is reached."""
+        lows: list[str | None] = []
+        highs: list[str | None] = []
+        rest = inputs
+        if len(states) == 1:
+            i = self.place[states[0]]
+            self._ends(inputs[states[0]], (f"l{i}", f"h{i}"), lows, highs)
+            rest = {a: c for a, c in inputs.items() if a not in self.place}
+        if rest:
+            centre, radius = self._centre_and_radius(rest, None, None)
+            lows.append(f"{centre} - {radius}")
+            highs.append(f"{centre} + {radius}")
+        for a, c in others.items():
+            self._ends(c, self.bounds[a], lows, highs)
+        return (
+            self._sum(lows, x.const - x.radius) or "ZERO",
+            self._sum(highs, x.const + x.radius) or "ZERO",
+        )
+
+    def _ends(
+        self,
+        factor: arb,
+        interval: tuple[str, str],
+        lows: list[str | None],
+        highs: list[str | None],
+    ) -> None:
+        """Add factor * interval; the sign of a factor that is not certain is handled by both."""
+        low, high = interval
+        if factor >= 0:
+            lows.append(self._times(factor, low))
+            highs.append(self._times(factor, high))
+        elif factor <= 0:
+            lows.append(self._times(factor, high))
+            highs.append(self._times(factor, low))
+        else:
+            name = self._constant(factor)
+            lows.append(f"({name}*{low}).min({name}*{high})")
+            highs.append(f"({name}*{low}).max({name}*{high})")
+
+    def _form(self, x: Linear) -> tuple[str, list[str], str]:
+        """Centre, coefficients on the symbols, radius of the rest."""
+        row, constant, spread = self._row(x)
+        centre: list[str | None] = [constant]
+        rest: list[str | None] = [spread]
+        symbols: list[list[str]] = [[] for _ in self.symbols]
+        fixed = ZERO
+        for atom, factor in row.items():
+            if atom in self.place:
+                i = self.place[atom]
+                centre.append(self._times(factor, f"m{i}"))
+                rest.append(self._times(_absolute(factor), f"b{i}"))
+                for k in self.symbols:
+                    part = self._times(factor, f"g{i}_{k}")
+                    if part is not None:
+                        symbols[k].append(part)
+                continue
+            low, high = self._input_range(atom)
+            centre.append(self._times(factor, self._constant((low + high) * HALF)))
+            if isinstance(factor, str):
+                rest.append(f"abs({factor})*{self._constant((high - low) * HALF)}")
+            else:
+                fixed += abs(factor) * (high - low) * HALF
+        return (
+            self._sum(centre) or "ZERO",
+            [self._sum(parts) or "ZERO" for parts in symbols],
+            self._sum(rest, fixed) or "ZERO",
+        )
+
+    # ------------------------------------------------------------ atoms
+
+    def _atoms(self, roots: Sequence[Linear | Truth]) -> None:
+        for index in sorted(closure(self.terms, roots)):
+            atom = self.terms.atoms[index]
+            if self._is_input(atom):
+                continue
+            if atom.kind in UNIVARIATE:
+                self._univariate(index, atom)
+            else:
+                _ATOMS[atom.kind](self, index, atom)
+
+    def _univariate(self, index: int, atom: Atom) -> None:
+        (x,) = atom.arguments
+        low, high = self._range(x)
+        line = [f"{part}{index}" for part in ("s", "o", "r", "l_", "h_")]
+        self.lines.append(f"{', '.join(line)} = line_{atom.kind}({low}, {high})")
+        slope, offset, spread, least, most = line
+        if not atom.extra.is_zero():
+            extra = self._constant(atom.extra)
+            spread = self._new(f"{spread} + {extra}")
+            least = self._new(f"larger({least} - {extra}, {self._constant(atom.low)})")
+            most = self._new(f"smaller({most} + {extra}, {self._constant(atom.high)})")
+        row, constant, rest = self._row(x)
+        self.rows[index] = {
+            j: self._new(f"{slope}*{self._code(factor)}") for j, factor in row.items()
+        }
+        self.tails[index] = (
+            self._new(f"{slope}*{constant} + {offset}" if constant else offset),
+            self._new(f"abs({slope})*{rest} + {spread}" if rest else spread),
+        )
+        self.bounds[index] = (least, most)
+
+    def _code(self, factor: arb | str) -> str:
+        return factor if isinstance(factor, str) else self._constant(factor)
+
+    def _product(self, index: int, atom: Atom) -> None:
+        a, b = atom.arguments
+        (al, ah), (bl, bh) = self._range(a), self._range(b)
+        am, bm = (self._new(f"(({lo} + {hi})*HALF).mid()") for lo, hi in ((al, ah), (bl, bh)))
+        ar, br = (
+            self._new(f"({hi} - {m}).max({m} - {lo})") for lo, m, hi in ((al, am, ah), (bl, bm, bh))
+        )
+        (row_a, c_a, r_a), (row_b, c_b, r_b) = self._row(a), self._row(b)
+        columns: dict[int, list[str]] = {}
+        for row, factor in ((row_a, bm), (row_b, am)):
+            for j, c in row.items():
+                columns.setdefault(j, []).append(f"{factor}*{self._code(c)}")
+        self.rows[index] = {j: self._new(" + ".join(parts)) for j, parts in columns.items()}
+        constant = [f"{f}*{c}" for f, c in ((bm, c_a), (am, c_b)) if c] + [f"(-{am}*{bm})"]
+        spread = [f"abs({f})*{r}" for f, r in ((bm, r_a), (am, r_b)) if r] + [f"{ar}*{br}"]
+        self.tails[index] = (self._new(" + ".join(constant)), self._new(" + ".join(spread)))
+        ends = self._new(f"corners({al}, {ah}, {bl}, {bh})")
+        self.bounds[index] = (f"{ends}[0]", f"{ends}[1]")
+
+    def _choice(self, index: int, atom: Atom) -> None:
+        a, b, difference = atom.arguments
+        assert atom.condition is not None
+        truth = self._truth(atom.condition)
+        rows = [self._row(x) for x in (a, b)]
+        ranges = [self._range(x) for x in (a, b)]
+        low, high = self._range(difference)
+        gap = self._new(f"{high}.max(-{low})*HALF")
+        chosen = f"(1 if {truth} == 2 else (0 if {truth} == 1 else HALF))"
+        weight = self._new(chosen)
+        other = self._new(f"1 - {weight}")
+        columns: dict[int, list[str]] = {}
+        for (row, _, _), w in zip(rows, (weight, other), strict=True):
+            for j, c in row.items():
+                columns.setdefault(j, []).append(f"{w}*{self._code(c)}")
+        self.rows[index] = {j: self._new(" + ".join(parts)) for j, parts in columns.items()}
+        pairs = list(zip(rows, (weight, other), strict=True))
+        constant = [f"{w}*{c}" for (_, c, _), w in pairs if c]
+        spread = [f"{w}*{r}" for (_, _, r), w in pairs if r]
+        spread.append(f"({gap} if {truth} == 3 else ZERO)")
+        self.tails[index] = (
+            self._new(" + ".join(constant)) if constant else "ZERO",
+            self._new(" + ".join(spread)),
+        )
+        (al, ah), (bl, bh) = ranges
+        self.bounds[index] = (
+            self._new(f"{al} if {truth} == 2 else ({bl} if {truth} == 1 else {al}.min({bl}))"),
+            self._new(f"{ah} if {truth} == 2 else ({bh} if {truth} == 1 else {ah}.max({bh}))"),
+        )
+
+    def _spread(self, index: int, atom: Atom) -> None:
+        parts: list[str | None] = []
+        for weight, x in zip(atom.weights, atom.arguments, strict=True):
+            low, high = self._range(x)
+            parts.append(self._times(weight, f"abs({low}).max(abs({high}))"))
+        size = self._sum(parts) or "ZERO"
+        self.rows[index] = {}
+        self.tails[index] = ("ZERO", size)
+        self.bounds[index] = (f"(-{size})", size)
+
+    def _table(self, index: int, atom: Atom) -> None:
+        low, high = self._range(atom.arguments[0])
+        values = f"T{index}"
+        self.names[values] = atom.values
+        ends = self._new(f"pick({values}, below({low}), above({high}))")
+        low, high = self._new(f"{ends}[0]"), self._new(f"{ends}[1]")
+        self.rows[index] = {}
+        self.tails[index] = (
+            self._new(f"({low} + {high})*HALF"),
+            self._new(f"({high} - {low})*HALF"),
+        )
+        self.bounds[index] = (low, high)
+
+    # ------------------------------------------------------------ propositions
+
+    def _truth(self, x: Truth) -> str:
+        key = ("truth", id(x))
+        if key not in self.known:
+            self.keep.append(x)
+            self.known[key] = self._make_truth(x)
+        found: str = self.known[key]
+        return found
+
+    def _make_truth(self, x: Truth) -> str:
+        if x.kind == "constant":
+            return "2" if x.value else "1"
+        if x.kind == "below":
+            assert x.argument is not None
+            low, high = self._range(x.argument)
+            if x.strict:
+                return self._new(f"2 if {high} < 0 else (1 if {low} >= 0 else 3)")
+            return self._new(f"2 if {high} <= 0 else (1 if {low} > 0 else 3)")
+        parts = [self._truth(p) for p in x.parts]
+        if x.kind == "not":
+            return self._new(f"NOT[{parts[0]}]")
+        a, b = parts
+        if x.kind == "and":
+            return self._new(f"(({a} | {b}) & 1) | ({a} & {b} & 2)")
+        assert x.kind == "or", x.kind
+        return self._new(f"(({a} | {b}) & 2) | ({a} & {b} & 1)")
+
+
+_ATOMS: dict[str, Callable[[_Writer, int, Atom], None]] = {
+    "product": _Writer._product,  # noqa: SLF001  a table of its own methods
+    "choice": _Writer._choice,  # noqa: SLF001
+    "spread": _Writer._spread,  # noqa: SLF001
+    "table": _Writer._table,  # noqa: SLF001
+}
+
+
+# ---------------------------------------------------------------- helpers
+
+
+def _tuple(parts: Sequence[str]) -> str:
+    return f"({', '.join(parts)},)" if parts else "()"
+
+
+def _absolute(factor: arb | str) -> arb | str:
+    return f"abs({factor})" if isinstance(factor, str) else abs(factor)
+
+
+def _corners(al: arb, ah: arb, bl: arb, bh: arb) -> tuple[arb, arb]:
+    """The range of a product."""
+    a, b, c, d = al * bl, al * bh, ah * bl, ah * bh
+    return a.min(b).min(c.min(d)), a.max(b).max(c.max(d))
+
+
+def _pick(values: Sequence[float], low: float, high: float) -> tuple[arb, arb]:
+    """The range of a table between two positions, which are whole numbers."""
+    last = len(values) - 1
+    first = 0 if not low > 0 else min(math.ceil(low), last)
+    final = last if not high < last else max(math.floor(high), 0)
+    if first > final:
+        first, final = 0, last
+    part = values[first : final + 1]
+    return exact(min(part)), exact(max(part))
+
+
+__all__ = ["ONE", "compile_step", "compile_truths", "form_of_box"]

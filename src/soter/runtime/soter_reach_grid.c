@@ -1,0 +1,169 @@
+/* Grids: from boxes to cells, sets as bits, erosion. */
+#include "soter_reach_in.h"
+
+#include <string.h>
+
+/* First and last cell that cover [lo, hi] along an axis; 0 where the grid does not. */
+int soter_reach_cells(const soter_reach_group *g, int axis, double lo, double hi, int *first,
+                      int *last) {
+  const double *e = g->edges[axis];
+  const int n = g->cells[axis], buckets = g->guesses[axis];
+  const double scale = buckets / (e[n] - e[0]);
+  int i, j, b;
+  if (!(lo >= e[0] && hi <= e[n] && lo <= hi)) {
+    return 0;
+  }
+  b = (int)((lo - e[0]) * scale);
+  i = g->guess[axis][b < 0 ? 0 : b >= buckets ? buckets - 1 : b];
+  b = (int)((hi - e[0]) * scale);
+  j = g->guess[axis][b < 0 ? 0 : b >= buckets ? buckets - 1 : b];
+  while (e[i] > lo) {
+    i--;
+  }
+  while (i + 1 < n && e[i + 1] <= lo) {
+    i++;
+  }
+  while (e[j + 1] < hi) {
+    j++;
+  }
+  while (j > 0 && e[j] >= hi) {
+    j--;
+  }
+  if (j < i) { /* a point on an edge */
+    j = i;
+  }
+  *first = i;
+  *last = j;
+  return 1;
+}
+
+/* Cells that cover a box: [first, last] of every axis in turn. */
+int soter_reach_cover(const soter_reach_group *g, const double *lo, const double *hi,
+                      uint16_t *image) {
+  for (int a = 0; a < g->axes; a++) {
+    int first, last;
+    if (!soter_reach_cells(g, a, lo[a], hi[a], &first, &last)) {
+      return 0;
+    }
+    image[2 * a] = (uint16_t)first;
+    image[2 * a + 1] = (uint16_t)last;
+  }
+  return 1;
+}
+
+/* Masks of the words from..to of a row that hold bits first..last. */
+static inline uint64_t mask(int word, int first, int last) {
+  uint64_t m = ~UINT64_C(0);
+  if (word == first >> 6) {
+    m &= ~UINT64_C(0) << (first & 63);
+  }
+  if (word == last >> 6) {
+    m &= ~UINT64_C(0) >> (63 - (last & 63));
+  }
+  return m;
+}
+
+/* The next row of a box of cells; 0 after the last one. `at` counts the axes but the last. */
+static inline int64_t row_of(const soter_reach_group *g, const int *at) {
+  int64_t row = 0;
+  for (int a = 0; a + 1 < g->axes; a++) {
+    row = row * g->cells[a] + at[a];
+  }
+  return row;
+}
+
+/* Whether every cell of the box is in the set; `any`: whether one is. */
+int soter_reach_inside(const soter_reach_group *g, const uint64_t *bits, const uint16_t *box,
+                       int any) {
+  int at[AXES] = {0, 0, 0, 0};
+  const int n = g->axes, first = box[2 * (n - 1)], last = box[2 * (n - 1) + 1];
+  for (int a = 0; a + 1 < n; a++) {
+    at[a] = box[2 * a];
+  }
+  for (;;) {
+    const uint64_t *row = bits + row_of(g, at) * g->words;
+    for (int w = first >> 6; w <= last >> 6; w++) {
+      const uint64_t m = mask(w, first, last);
+      if (any ? (row[w] & m) != 0 : (row[w] & m) != m) {
+        return any;
+      }
+    }
+    int a = n - 2;
+    while (a >= 0 && at[a] == box[2 * a + 1]) {
+      at[a] = box[2 * a];
+      a--;
+    }
+    if (a < 0) {
+      return !any;
+    }
+    at[a]++;
+  }
+}
+
+static int64_t rows_of(const soter_reach_group *g) {
+  int64_t rows = 1;
+  for (int a = 0; a + 1 < g->axes; a++) {
+    rows *= g->cells[a];
+  }
+  return rows;
+}
+
+/* Bytes (0 or not) of cells to bits. */
+void soter_reach_pack(const soter_reach_group *g, const uint8_t *cells, uint64_t *bits) {
+  const int64_t rows = rows_of(g);
+  const int n = g->cells[g->axes - 1];
+  for (int64_t r = 0; r < rows; r++) {
+    for (int w = 0; w < g->words; w++) {
+      uint64_t x = 0;
+      const int end = n - 64 * w < 64 ? n - 64 * w : 64;
+      for (int b = 0; b < end; b++) {
+        x |= (uint64_t)(cells[64 * w + b] != 0) << b;
+      }
+      bits[w] = x;
+    }
+    cells += n;
+    bits += g->words;
+  }
+}
+
+void soter_reach_unpack(const soter_reach_group *g, const uint64_t *bits, uint8_t *cells) {
+  const int64_t rows = rows_of(g);
+  const int n = g->cells[g->axes - 1];
+  for (int64_t r = 0; r < rows; r++) {
+    for (int b = 0; b < n; b++) {
+      cells[b] = (uint8_t)((bits[b >> 6] >> (b & 63)) & 1U);
+    }
+    cells += n;
+    bits += g->words;
+  }
+}
+
+/* Along one axis (`before` lines of `n` cells, `after` values each): out[i] says that all (`grow`:
+ * one) of in[first[i]..last[i]] are set; a first below 0 or a last of n or more is outside.
+ * scratch: (n + 1) * after ints. */
+void soter_reach_shrink(int64_t before, int64_t n, int64_t after, const int32_t *first,
+                        const int32_t *last, int32_t grow, const uint8_t *in, uint8_t *out,
+                        int32_t *scratch) {
+  for (int64_t b = 0; b < before; b++) {
+    const uint8_t *from = in + b * n * after;
+    uint8_t *to = out + b * n * after;
+    memset(scratch, 0, sizeof(int32_t) * (size_t)after);
+    for (int64_t i = 0; i < n; i++) {
+      const int32_t *sum = scratch + i * after;
+      int32_t *next = scratch + (i + 1) * after;
+      for (int64_t k = 0; k < after; k++) {
+        next[k] = sum[k] + (from[i * after + k] != 0);
+      }
+    }
+    for (int64_t i = 0; i < n; i++) {
+      const int32_t lo = first[i] < 0 ? 0 : first[i];
+      const int32_t hi = last[i] >= n ? (int32_t)n - 1 : last[i];
+      const int32_t whole = last[i] - first[i] + 1;
+      for (int64_t k = 0; k < after; k++) {
+        const int32_t count =
+            hi < lo ? 0 : scratch[(hi + 1) * after + k] - scratch[lo * after + k];
+        to[i * after + k] = (uint8_t)(grow ? count > 0 : count == whole);
+      }
+    }
+  }
+}

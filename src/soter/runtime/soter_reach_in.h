@@ -1,0 +1,70 @@
+/* Shared by the soter_reach_*.c only. */
+#ifndef SOTER_REACH_IN_H
+#define SOTER_REACH_IN_H
+
+#include "soter_reach.h"
+
+#include <math.h>
+
+enum { AXES = SOTER_REACH_AXES, COMMANDS = SOTER_REACH_COMMANDS };
+
+#define EPS 2.220446049250313e-16
+#define TINY 1e-300
+
+typedef struct {
+  soter_form in[SOTER_INPUTS];
+  soter_form out[SOTER_INPUTS];
+} soter_scratch;
+
+/* At least one unit in the last place outward. */
+static inline double soter_up(double x) {
+  return x + (fabs(x) * EPS + TINY);
+}
+
+static inline double soter_down(double x) {
+  return x - (fabs(x) * EPS + TINY);
+}
+
+/* Makes `f` the variable of input i over [lo, hi]; the g of other inputs must be 0 already. */
+static inline void soter_range(soter_form *f, int i, double lo, double hi) {
+  f->lo = lo;
+  f->hi = hi;
+  f->c = lo / 2 + hi / 2;
+  f->r = 0;
+  f->g[i] = lo == hi ? 0 : soter_up(fmax(hi - f->c, f->c - lo));
+  if (lo == hi) {
+    f->c = lo;
+  }
+}
+
+static inline void soter_set(soter_form *f, int i, double lo, double hi) {
+  for (int k = 0; k < SOTER_INPUTS; k++) {
+    f->g[k] = 0;
+  }
+  soter_range(f, i, lo, hi);
+}
+
+typedef struct {
+  double tube_lo[AXES], tube_hi[AXES];   /* every instant of the hold */
+  double image_lo[AXES], image_hi[AXES]; /* every instant at which the next hold may begin */
+} soter_hold;
+
+int soter_reach_cells(const soter_reach_group *g, int axis, double lo, double hi, int *first,
+                      int *last);
+int soter_reach_cover(const soter_reach_group *g, const double *lo, const double *hi,
+                      uint16_t *image);
+int soter_reach_inside(const soter_reach_group *g, const uint64_t *bits, const uint16_t *box,
+                       int any);
+int64_t soter_reach_tile(const soter_reach_group *g, int64_t tile, int *first, int *last);
+int soter_reach_make_step(const soter_reach_group *g, const soter_reach_model *m, double h,
+                          double early, soter_reach_step *out);
+int soter_reach_dev(const soter_reach_group *g, const soter_reach_model *m, double h, int backwards,
+                    double dev[AXES][AXES]);
+int soter_reach_model_of(const soter_reach_group *g, soter_scratch *s, soter_reach_model *m);
+void soter_reach_inputs(const soter_reach_group *g, soter_scratch *s);
+void soter_reach_start(const soter_reach_group *g, const double *lo, const double *hi,
+                       soter_reach_chain *x);
+int soter_reach_hold(const soter_reach_group *g, soter_scratch *s, soter_reach_chain *x,
+                     soter_hold *out);
+
+#endif

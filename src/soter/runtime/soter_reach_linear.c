@@ -1,0 +1,432 @@
+/* Linear enclosures of flows: A, B, c, W from forms, and the solution formula in intervals.
+ * Purpose: soter_reach_linearize, and steps of x' in A x + B u + c + W.
+ * Non-goals: sets; anything about nonlinear remainders beyond putting them into W. */
+#include "soter_reach_in.h"
+
+#include <math.h>
+#include <string.h>
+
+typedef struct {
+  double lo, hi;
+} range;
+
+typedef struct {
+  range e[AXES][AXES];
+} square;
+
+static range sum(range a, range b) {
+  range r = {soter_down(a.lo + b.lo), soter_up(a.hi + b.hi)};
+  return r;
+}
+
+static range times(range a, range b) {
+  const double p = a.lo * b.lo, q = a.lo * b.hi, s = a.hi * b.lo, t = a.hi * b.hi;
+  range r = {soter_down(fmin(fmin(p, q), fmin(s, t))), soter_up(fmax(fmax(p, q), fmax(s, t)))};
+  if ((a.lo == 0 && a.hi == 0) || (b.lo == 0 && b.hi == 0)) {
+    r.lo = r.hi = 0;
+  }
+  return r;
+}
+
+static range exactly(double x) {
+  range r = {x, x};
+  return r;
+}
+
+static range over(range a, double k) { /* k a positive integer */
+  range r = {soter_down(a.lo / k), soter_up(a.hi / k)};
+  if (a.lo == 0 && a.hi == 0) {
+    r.lo = r.hi = 0;
+  }
+  return r;
+}
+
+static double greatest(range a) {
+  return fmax(fabs(a.lo), fabs(a.hi));
+}
+
+static square product(int n, const square *a, const square *b) {
+  square r;
+  for (int i = 0; i < n; i++) {
+    for (int j = 0; j < n; j++) {
+      range s = exactly(0);
+      for (int k = 0; k < n; k++) {
+        const range t = times(a->e[i][k], b->e[k][j]);
+        if (t.lo != 0 || t.hi != 0) {
+          s = s.lo == 0 && s.hi == 0 ? t : sum(s, t);
+        }
+      }
+      r.e[i][j] = s;
+    }
+  }
+  return r;
+}
+
+static void plus(int n, square *a, const square *b) {
+  for (int i = 0; i < n; i++) {
+    for (int j = 0; j < n; j++) {
+      const range t = b->e[i][j];
+      if (t.lo != 0 || t.hi != 0) {
+        a->e[i][j] = a->e[i][j].lo == 0 && a->e[i][j].hi == 0 ? t : sum(a->e[i][j], t);
+      }
+    }
+  }
+}
+
+static void widen(int n, square *a, double by) {
+  for (int i = 0; i < n; i++) {
+    for (int j = 0; j < n; j++) {
+      a->e[i][j].lo = soter_down(a->e[i][j].lo - by);
+      a->e[i][j].hi = soter_up(a->e[i][j].hi + by);
+    }
+  }
+}
+
+static square unit(int n) {
+  square r;
+  memset(&r, 0, sizeof r);
+  for (int i = 0; i < n; i++) {
+    r.e[i][i] = exactly(1);
+  }
+  return r;
+}
+
+enum { TERMS = 16 };
+
+/* e^(A s) and its integral over [0, s], for s in `h` (h >= 0); false: too large to bound. */
+static int exponential(int n, const double *a, range h, square *phi, square *integral) {
+  double norm = 0;
+  square power = unit(n), am;
+  int doublings = 0;
+  double theta;
+  range s = h;
+  memset(&am, 0, sizeof am);
+  for (int i = 0; i < n; i++) {
+    double row = 0;
+    for (int j = 0; j < n; j++) {
+      am.e[i][j] = exactly(a[AXES * i + j]);
+      row = soter_up(row + fabs(a[AXES * i + j]));
+    }
+    norm = fmax(norm, row);
+  }
+  theta = soter_up(norm * h.hi);
+  if (!(theta < 64)) {
+    return 0;
+  }
+  while (theta > 0.5) { /* halving is exact */
+    theta /= 2;
+    s.lo /= 2;
+    s.hi /= 2;
+    doublings++;
+  }
+  *phi = unit(n);
+  memset(integral, 0, sizeof *integral);
+  for (int i = 0; i < n; i++) {
+    integral->e[i][i] = s;
+  }
+  int nilpotent = 0;
+  for (int k = 1; k <= TERMS && !nilpotent; k++) { /* power = (A s)^k / k! */
+    square next = product(n, &power, &am), part = next;
+    nilpotent = 1;
+    for (int i = 0; i < n; i++) {
+      for (int j = 0; j < n; j++) {
+        next.e[i][j] = over(times(next.e[i][j], s), k);
+        part.e[i][j] = over(times(next.e[i][j], s), k + 1);
+        nilpotent = nilpotent && next.e[i][j].lo == 0 && next.e[i][j].hi == 0;
+      }
+    }
+    power = next;
+    plus(n, phi, &next);
+    plus(n, integral, &part);
+  }
+  if (!nilpotent) { /* the rest is below theta^17/17! / (1 - theta), at most 2 * 0.5^17 / 17! */
+    double rest = 2;
+    for (int k = 1; k <= TERMS + 1; k++) {
+      rest = soter_up(rest * theta / k);
+    }
+    widen(n, phi, rest);
+    widen(n, integral, soter_up(rest * s.hi));
+  }
+  for (; doublings > 0; doublings--) {
+    square more = product(n, phi, integral);
+    plus(n, integral, &more);
+    *phi = product(n, phi, phi);
+  }
+  return 1;
+}
+
+enum { PIECES = 16 };
+
+/* Upper bounds of the integral over [from, from + h] of |e^(As) v|, column by column, and the hull
+ * of e^(As) v there. */
+static int absolute(int n, const double *a, double from, range span_of, int columns,
+                    const double *v, int pieces, double total[AXES][COMMANDS],
+                    range hull[AXES][COMMANDS]) {
+  const double h = span_of.hi;
+  square whole, all, start, begin, part, rest, at;
+  const double d = soter_up(h / pieces);
+  const range span = {0, d};
+  memset(hull, 0, sizeof(range) * AXES * COMMANDS);
+  if (!exponential(n, a, span, &part, &rest) || !exponential(n, a, span_of, &whole, &all) ||
+      !exponential(n, a, exactly(from), &start, &rest)) {
+    return 0;
+  }
+  memset(total, 0, sizeof(double) * AXES * COMMANDS);
+  for (int q = 0; q < pieces; q++) {
+    range s = {soter_down(d * q * (1 - 8 * EPS)), soter_up(d * q)};
+    if (q == 0) {
+      s = exactly(0);
+    }
+    if (!exponential(n, a, s, &begin, &rest)) {
+      return 0;
+    }
+    at = product(n, &start, &begin);
+    at = product(n, &at, &part);
+    for (int i = 0; i < n; i++) {
+      for (int c = 0; c < columns; c++) {
+        range r = exactly(0);
+        for (int k = 0; k < n; k++) {
+          if (v[COMMANDS * k + c] != 0) {
+            r = sum(r, times(at.e[i][k], exactly(v[COMMANDS * k + c])));
+          }
+        }
+        total[i][c] = soter_up(total[i][c] + soter_up(d * greatest(r)));
+        if (q == 0) {
+          hull[i][c] = r;
+        } else {
+          hull[i][c].lo = fmin(hull[i][c].lo, r.lo);
+          hull[i][c].hi = fmax(hull[i][c].hi, r.hi);
+        }
+      }
+    }
+  }
+  whole = product(n, &start, &all);
+  for (int i = 0; i < n; i++) {
+    for (int c = 0; c < columns; c++) {
+      if (hull[i][c].lo >= -1e-290 || hull[i][c].hi <= 1e-290) { /* one sign: the integral's value */
+        range r = exactly(0);
+        for (int k = 0; k < n; k++) {
+          if (v[COMMANDS * k + c] != 0) {
+            r = sum(r, times(whole.e[i][k], exactly(v[COMMANDS * k + c])));
+          }
+        }
+        total[i][c] = fmin(total[i][c], soter_up(greatest(r) + 2e-290 * h));
+      }
+    }
+  }
+  return 1;
+}
+
+static void middle(range r, double *mid, double *rad) {
+  *mid = r.lo / 2 + r.hi / 2;
+  *rad = r.lo == r.hi ? 0 : soter_up(fmax(r.hi - *mid, *mid - r.lo));
+}
+
+int soter_reach_dev(const soter_reach_group *g, const soter_reach_model *m, double h, int backwards,
+                    double dev[AXES][AXES]) {
+  double a[AXES][AXES], one[AXES][COMMANDS], total[AXES][COMMANDS];
+  range hull[AXES][COMMANDS];
+  memset(one, 0, sizeof one);
+  for (int i = 0; i < g->axes; i++) {
+    one[i][i] = 1;
+    for (int j = 0; j < g->axes; j++) {
+      a[i][j] = backwards ? -m->a[i][j] : m->a[i][j];
+    }
+  }
+  if (!absolute(g->axes, &a[0][0], 0, exactly(h), g->axes, &one[0][0], g->is_local ? 1 : PIECES, total, hull)) {
+    return 0;
+  }
+  for (int i = 0; i < g->axes; i++) {
+    for (int j = 0; j < g->axes; j++) {
+      dev[i][j] = total[i][j];
+    }
+  }
+  return 1;
+}
+
+/* A time that is h but for the rounding of numbers as large as `period`. */
+static range moment(double h, double period) {
+  range r = {fmax(0.0, h - 8 * EPS * period), h + 8 * EPS * period};
+  return r;
+}
+
+/* One step of length h; `early`: the previous command may act over that long at its beginning. */
+int soter_reach_make_step(const soter_reach_group *g, const soter_reach_model *m, double h,
+                          double early, soter_reach_step *out) {
+  square phi, integral;
+  const int n = g->axes;
+  const range time = moment(h, fmax(h, g->period));
+  memset(out, 0, sizeof *out);
+  out->h = time.hi;
+  if (!exponential(n, &m->a[0][0], time, &phi, &integral) ||
+      !soter_reach_dev(g, m, time.hi, 0, out->dev)) {
+    return 0;
+  }
+  for (int i = 0; i < n; i++) {
+    range c = exactly(0);
+    double w = 0;
+    for (int j = 0; j < n; j++) {
+      middle(phi.e[i][j], &out->phi[i][j], &out->phi_r[i][j]);
+      c = sum(c, times(integral.e[i][j], exactly(m->c[j])));
+      w = soter_up(w + soter_up(out->dev[i][j] * m->w[j]));
+    }
+    for (int a = 0; a < g->commands; a++) {
+      range b = exactly(0);
+      for (int j = 0; j < n; j++) {
+        if (m->b[j][a] != 0) {
+          b = sum(b, times(integral.e[i][j], exactly(m->b[j][a])));
+        }
+      }
+      middle(b, &out->gamma[i][a], &out->gamma_r[i][a]);
+    }
+    middle(c, &out->c[i], &out->c_r[i]);
+    out->w[i] = w;
+  }
+  if (early > 0) {
+    double total[AXES][COMMANDS];
+    range hull[AXES][COMMANDS];
+    const double from = fmax(0.0, soter_down(time.lo - early));
+    if (!absolute(n, &m->a[0][0], from, exactly(soter_up(time.hi - from)), g->commands, &m->b[0][0], PIECES, total, hull)) {
+      return 0;
+    }
+    for (int i = 0; i < n; i++) {
+      for (int a = 0; a < g->commands; a++) {
+        out->move_lo[i][a] = fmin(0.0, soter_down(early * hull[i][a].lo));
+        out->move_hi[i][a] = fmax(0.0, soter_up(early * hull[i][a].hi));
+      }
+    }
+  }
+  return 1;
+}
+
+/* The model of `rate` over what stands in `in`; `with` commands: the controls' ranges. */
+int soter_reach_model_of(const soter_reach_group *g, soter_scratch *s, soter_reach_model *m) {
+  if (g->rate(s->in, g->param, s->out)) {
+    return 0;
+  }
+  memset(m, 0, sizeof *m);
+  for (int i = 0; i < g->axes; i++) {
+    const soter_form *f = &s->out[g->axis[i]];
+    double w = f->r, size = fabs(f->c), c = f->c;
+    int moved = 0;
+    for (int k = 0; k < SOTER_INPUTS; k++) {
+      const soter_form *x = &s->in[k];
+      double *slot = 0, coefficient;
+      if (f->g[k] == 0) {
+        continue;
+      }
+      for (int j = 0; j < g->axes; j++) {
+        slot = g->axis[j] == k ? &m->a[i][j] : slot;
+      }
+      for (int a = 0; a < g->commands; a++) {
+        slot = g->states + g->command[a] == k ? &m->b[i][a] : slot;
+      }
+      if (slot == 0 || x->g[k] <= 0) {
+        w = soter_up(w + fabs(f->g[k]));
+        continue;
+      }
+      coefficient = f->g[k] / x->g[k]; /* |g - coefficient * rad| <= EPS |g| */
+      *slot = coefficient;
+      c -= coefficient * x->c;
+      moved = moved || x->c != 0;
+      size += fabs(f->g[k]) + fabs(coefficient * x->c);
+      if (x->r > 0) {
+        w = soter_up(w + soter_up(fabs(coefficient) * x->r));
+      }
+      w = soter_up(w + EPS * (fabs(f->g[k]) + (SOTER_INPUTS + 2) * fabs(coefficient * x->c)));
+    }
+    if (moved) {
+      w = soter_up(w + (SOTER_INPUTS + 2) * EPS * size);
+    }
+    m->c[i] = c;
+    m->w[i] = soter_up(w + g->extra_w[i]);
+    if (!(m->w[i] < 1e300)) {
+      return 0;
+    }
+  }
+  return 1;
+}
+
+/* Finds the commands that move the group and its model over [low, high] of all inputs. */
+int soter_reach_linearize(soter_reach_group *g, const double *low, const double *high) {
+  soter_scratch s;
+  for (int i = 0; i < SOTER_INPUTS; i++) {
+    soter_set(&s.in[i], i, low[i], high[i]);
+  }
+  g->commands = 0;
+  if (g->rate(s.in, g->param, s.out)) {
+    return 0;
+  }
+  for (int k = 0; k < g->controls; k++) {
+    int moves = 0;
+    for (int i = 0; i < g->axes; i++) {
+      moves = moves || s.out[g->axis[i]].g[g->states + k] != 0 || g->is_local || g->is_map;
+    }
+    if (moves) {
+      if (g->commands == COMMANDS) {
+        return 0;
+      }
+      g->command[g->commands++] = k;
+    }
+  }
+  return g->is_map || soter_reach_model_of(g, &s, &g->model);
+}
+
+/* Steps of the chain from the model. */
+int soter_reach_prepare(soter_reach_group *g) {
+  if (g->is_map || g->is_local) {
+    return 1;
+  }
+  return soter_reach_make_step(g, &g->model, g->period - g->jitter, 0, &g->first) &&
+         soter_reach_make_step(g, &g->model, g->period, 2 * g->jitter, &g->later) &&
+         soter_reach_dev(g, &g->model, soter_up(2 * g->jitter), 0, g->reach_fwd) &&
+         soter_reach_dev(g, &g->model, soter_up(g->delay), 1, g->reach_bwd);
+}
+
+/* All runs over [0, t] under U, from the model. */
+int soter_reach_tube_prepare(const soter_reach_group *g, double t, int32_t segments,
+                             soter_reach_tube *out) {
+  soter_reach_model m = g->model;
+  const int n = g->axes;
+  double mid[COMMANDS], rad[COMMANDS];
+  if (segments < 1 || segments > SOTER_REACH_SEGMENTS) {
+    return 0;
+  }
+  out->segments = segments;
+  for (int a = 0; a < g->commands; a++) {
+    const double lo = g->low[g->states + g->command[a]], hi = g->high[g->states + g->command[a]];
+    mid[a] = lo / 2 + hi / 2;
+    rad[a] = soter_up(fmax(hi - mid[a], mid[a] - lo));
+  }
+  for (int i = 0; i < n; i++) {
+    double spread = m.w[i], size = fabs(m.c[i]), c = m.c[i];
+    for (int a = 0; a < g->commands; a++) {
+      if (m.b[i][a] != 0) {
+        c += m.b[i][a] * mid[a];
+        size += fabs(m.b[i][a] * mid[a]);
+        spread = soter_up(spread + soter_up(fabs(m.b[i][a]) * rad[a]));
+      }
+    }
+    out->drive[i] = c;
+    out->spread[i] = soter_up(spread + (COMMANDS + 2) * EPS * size * (size > 0 ? 1.0 : 0.0));
+  }
+  for (int k = 0; k < segments; k++) {
+    const double h = k + 1 == segments ? t : t * (k + 1) / segments;
+    double total[AXES][COMMANDS];
+    range hull[AXES][COMMANDS];
+    if (!soter_reach_make_step(g, &m, h, 0, &out->at[k]) ||
+        !absolute(n, &m.a[0][0], 0, moment(h, fmax(h, g->period)), g->commands, &m.b[0][0], PIECES, total, hull)) {
+      return 0;
+    }
+    for (int i = 0; i < n; i++) { /* the middle of U moves c, its radius is noise */
+      soter_reach_step *s = &out->at[k];
+      for (int a = 0; a < g->commands; a++) {
+        s->w[i] = soter_up(s->w[i] + soter_up(total[i][a] * rad[a]));
+        s->c[i] += s->gamma[i][a] * mid[a];
+        s->c_r[i] = soter_up(s->c_r[i] + soter_up(s->gamma_r[i][a] * fabs(mid[a])) +
+                             4 * EPS * (fabs(s->c[i]) + 2 * fabs(s->gamma[i][a] * mid[a])));
+      }
+    }
+  }
+  return soter_reach_make_step(g, &m, soter_up(t / segments * (1 + 4 * EPS)), 0, &out->piece);
+}

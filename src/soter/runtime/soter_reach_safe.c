@@ -1,0 +1,234 @@
+/* Tubes under all of U, and predicates over cells.
+ * Purpose: R(t), S_j (through soter_reach_shrink), three-valued truth of every cell.
+ * Non-goals: the law (soter_reach.c). */
+#include "soter_reach_in.h"
+#include "soter_reach_pool.h"
+
+#include <string.h>
+
+typedef struct {
+  const soter_reach_group *g;
+  const soter_reach_tube *tube;
+  const uint64_t *target;
+  soter_reach_test test;
+  uint8_t *out;
+  int32_t steps;
+  soter_scratch scratch[SOTER_REACH_THREADS];
+} cell_job;
+
+typedef int (*box_test)(cell_job *job, int who, const int *first, const int *last);
+
+static void edges_of(const soter_reach_group *g, const int *first, const int *last, double *lo,
+                     double *hi) {
+  for (int a = 0; a < g->axes; a++) {
+    lo[a] = g->edges[a][first[a]];
+    hi[a] = g->edges[a][last[a] + 1];
+  }
+}
+
+static void fill(cell_job *job, const int *first, const int *last, uint8_t value) {
+  const soter_reach_group *g = job->g;
+  int at[AXES], a = 0;
+  memcpy(at, first, sizeof at);
+  while (a >= 0) {
+    int64_t cell = 0;
+    for (int i = 0; i < g->axes; i++) {
+      cell = cell * g->cells[i] + at[i];
+    }
+    memset(job->out + cell, value, (size_t)(last[g->axes - 1] - first[g->axes - 1] + 1));
+    for (a = g->axes - 2; a >= 0 && at[a] == last[a]; a--) {
+      at[a] = first[a];
+    }
+    if (a >= 0) {
+      at[a]++;
+    }
+  }
+}
+
+/* The test on a box; where it does not decide, on its halves. */
+static void divide(cell_job *job, int who, box_test test, const int *first, const int *last) {
+  int widest = 0, mid_last[AXES], mid_first[AXES];
+  const int value = test(job, who, first, last);
+  for (int a = 0; a < job->g->axes; a++) {
+    widest = last[a] - first[a] > last[widest] - first[widest] ? a : widest;
+  }
+  if ((value & 8) == 0 || last[widest] == first[widest]) {
+    fill(job, first, last, (uint8_t)(value & 7));
+    return;
+  }
+  memcpy(mid_last, last, sizeof mid_last);
+  memcpy(mid_first, first, sizeof mid_first);
+  mid_last[widest] = first[widest] + (last[widest] - first[widest]) / 2;
+  mid_first[widest] = mid_last[widest] + 1;
+  divide(job, who, test, first, mid_last);
+  divide(job, who, test, mid_first, last);
+}
+
+/* Every instant of every run from the box lies in the target (linear flows). */
+static int tube_inside(const cell_job *job, const double *lo, const double *hi) {
+  const soter_reach_group *g = job->g;
+  const soter_reach_tube *t = job->tube;
+  const int n = g->axes;
+  double mid[AXES], rad[AXES], was_lo[AXES], was_hi[AXES];
+  uint16_t box[2 * AXES];
+  for (int i = 0; i < n; i++) {
+    mid[i] = lo[i] / 2 + hi[i] / 2;
+    rad[i] = soter_up(fmax(hi[i] - mid[i], mid[i] - lo[i]));
+    was_lo[i] = lo[i];
+    was_hi[i] = hi[i];
+  }
+  for (int k = 0; k < t->segments; k++) {
+    const soter_reach_step *s = &t->at[k];
+    double now_lo[AXES], now_hi[AXES], rate[AXES], wide[AXES], low[AXES], high[AXES];
+    for (int i = 0; i < n; i++) {
+      double c = s->c[i], r = s->w[i] + s->c_r[i], slack = fabs(c), v = 0;
+      for (int j = 0; j < n; j++) {
+        const double size = fabs(mid[j]) + rad[j];
+        c += s->phi[i][j] * mid[j];
+        r += fabs(s->phi[i][j]) * rad[j] + s->phi_r[i][j] * size;
+        slack += fabs(s->phi[i][j]) * size;
+        v += fabs(g->model.a[i][j]) * fmax(fabs(was_lo[j]), fabs(was_hi[j]));
+      }
+      r = r * (1 + 16 * EPS) + 16 * EPS * slack + TINY;
+      now_lo[i] = soter_down(c - r);
+      now_hi[i] = soter_up(c + r);
+      rate[i] = (v + fabs(t->drive[i]) + t->spread[i]) * (1 + 16 * EPS);
+    }
+    for (int i = 0; i < n; i++) {
+      double d = 0;
+      for (int j = 0; j < n; j++) {
+        d += t->piece.dev[i][j] * rate[j];
+      }
+      wide[i] = d * (1 + 16 * EPS) + TINY;
+    }
+    for (int i = 0; i < n; i++) { /* x' over the segment, then the tube between its ends */
+      double flo = t->drive[i], fhi = t->drive[i], size = fabs(t->drive[i]);
+      for (int j = 0; j < n; j++) {
+        const double p = g->model.a[i][j] * (was_lo[j] - wide[j]);
+        const double q = g->model.a[i][j] * (was_hi[j] + wide[j]);
+        flo += fmin(p, q);
+        fhi += fmax(p, q);
+        size += fmax(fabs(p), fabs(q));
+      }
+      flo = soter_down(flo - t->spread[i]) - 16 * EPS * size;
+      fhi = soter_up(fhi + t->spread[i]) + 16 * EPS * size;
+      const double up = soter_up(t->piece.h * fmax(fhi, 0.0));
+      const double down = soter_up(t->piece.h * fmax(-flo, 0.0));
+      const double top = fmin(soter_up(was_hi[i] + up), soter_up(now_hi[i] + down));
+      const double bottom = fmax(soter_down(was_lo[i] - down), soter_down(now_lo[i] - up));
+      high[i] = fmax(top, fmax(was_hi[i], now_hi[i]));
+      low[i] = fmin(bottom, fmin(was_lo[i], now_lo[i]));
+    }
+    if (!soter_reach_cover(g, low, high, box) || !soter_reach_inside(g, job->target, box, 0)) {
+      return 0;
+    }
+    memcpy(was_lo, now_lo, sizeof was_lo);
+    memcpy(was_hi, now_hi, sizeof was_hi);
+  }
+  return 1;
+}
+
+/* The same step by step: maps (each state lies in the target), and flows linearised on the way. */
+static int walk_inside(const cell_job *job, int who, const double *lo, const double *hi) {
+  const soter_reach_group *g = job->g;
+  soter_scratch *s = (soter_scratch *)&job->scratch[who];
+  soter_reach_group held = *g;
+  soter_reach_chain x;
+  soter_hold h;
+  uint16_t box[2 * AXES];
+  held.held_low = g->low + g->states; /* any command of U, and any other one at the next step */
+  held.held_high = g->high + g->states;
+  held.delay = held.jitter = 0;
+  soter_reach_start(g, lo, hi, &x);
+  if (!soter_reach_cover(g, x.lo, x.hi, box) || !soter_reach_inside(g, job->target, box, 0)) {
+    return 0;
+  }
+  for (int32_t k = 0; k < job->steps; k++) {
+    if (!soter_reach_hold(&held, s, &x, &h) ||
+        !soter_reach_cover(g, h.tube_lo, h.tube_hi, box) ||
+        !soter_reach_inside(g, job->target, box, 0) ||
+        !soter_reach_cover(g, h.image_lo, h.image_hi, box) ||
+        !soter_reach_inside(g, job->target, box, 0)) {
+      return 0;
+    }
+  }
+  return 1;
+}
+
+static int safe_box(cell_job *job, int who, const int *first, const int *last) {
+  const soter_reach_group *g = job->g;
+  uint16_t box[2 * AXES];
+  double lo[AXES], hi[AXES];
+  for (int a = 0; a < g->axes; a++) {
+    box[2 * a] = (uint16_t)first[a];
+    box[2 * a + 1] = (uint16_t)last[a];
+  }
+  if (!soter_reach_inside(g, job->target, box, 0)) {
+    return soter_reach_inside(g, job->target, box, 1) ? 8 : 0;
+  }
+  edges_of(g, first, last, lo, hi);
+  if (job->tube != 0 ? tube_inside(job, lo, hi) : walk_inside(job, who, lo, hi)) {
+    return 1;
+  }
+  return 8;
+}
+
+static int truth_box(cell_job *job, int who, const int *first, const int *last) {
+  const soter_reach_group *g = job->g;
+  soter_scratch *s = &job->scratch[who];
+  soter_truth answer[1] = {3};
+  double lo[AXES], hi[AXES];
+  edges_of(g, first, last, lo, hi);
+  for (int a = 0; a < g->axes; a++) {
+    soter_range(&s->in[g->axis[a]], g->axis[a], lo[a], hi[a]);
+  }
+  if (job->test(s->in, g->param, answer)) {
+    return 8 | 4 | 3; /* a step fault is possible */
+  }
+  return answer[0] == 3 ? 8 | 3 : answer[0] & 3;
+}
+
+static void safe_tile(soter_crew *crew, int who, int64_t tile) {
+  cell_job *job = crew->job;
+  int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0};
+  (void)soter_reach_tile(job->g, tile, first, last);
+  divide(job, who, job->test != 0 ? truth_box : safe_box, first, last);
+}
+
+static int64_t over_tiles(cell_job *job, int64_t first_tile, double seconds, int32_t threads) {
+  soter_crew crew;
+  int64_t tiles = 1, done;
+  for (int a = 0; a < job->g->axes; a++) {
+    tiles *= job->g->tiles[a];
+  }
+  (void)soter_crew_begin(&crew, safe_tile, job, seconds, threads);
+  done = soter_crew_run(&crew, first_tile, tiles);
+  soter_crew_end(&crew);
+  return done;
+}
+
+/* out[cell] = 1: every run from the cell under U stays in the target. `tube` for globally linear
+ * flows; else `steps` steps of the period. From `first_tile` on; returns the first tile not done. */
+int64_t soter_reach_safe(const soter_reach_group *g, const soter_reach_tube *tube, int32_t steps,
+                         const uint64_t *target, uint8_t *out, int64_t first_tile,
+                         double seconds, int32_t threads) {
+  cell_job job = {.g = g, .tube = tube, .target = target, .out = out, .steps = steps};
+  soter_reach_inputs(g, &job.scratch[0]);
+  soter_reach_inputs(g, &job.scratch[1]);
+  return over_tiles(&job, first_tile, seconds, threads);
+}
+
+/* out[cell]: truth (bit 0 may be false, bit 1 may be true, bit 2 may fault) of a predicate over the
+ * cell, the other inputs over [low, high]. */
+int64_t soter_reach_truth(const soter_reach_group *g, const double *low, const double *high,
+                          const void *test, uint8_t *out, int64_t first_tile, double seconds,
+                          int32_t threads) {
+  cell_job job = {.g = g, .out = out};
+  memcpy(&job.test, &test, sizeof job.test);
+  for (int t = 0; t < SOTER_REACH_THREADS; t++) {
+    for (int i = 0; i < SOTER_INPUTS; i++) {
+      soter_set(&job.scratch[t].in[i], i, low[i], high[i]);
+    }
+  }
+  return over_tiles(&job, first_tile, seconds, threads);
+}

@@ -1,0 +1,79 @@
+"""Programs of this folder check, but do not determine a verification problem, each in one way.
+
+The first line says which code: `// expect: R001`. The rendered text is a golden. The pages of these
+codes have a wrong program too, and one that is mended.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.explain import all_codes, explain
+from soter.diagnostics.render import render_all
+from soter.program.build import check_file, system_of
+from soter.reach.extract import extract
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.diagnostics.diagnostic import Diagnostic
+
+FOLDER = Path(__file__).parent
+PROGRAMS = sorted(p.name for p in FOLDER.glob("*.soter"))
+CODES = [code for code in all_codes() if code[0] == "R"]
+
+
+@pytest.fixture(autouse=True)
+def _in_this_folder() -> Iterator[None]:
+    before = Path.cwd()
+    os.chdir(FOLDER)
+    yield
+    os.chdir(before)
+
+
+def problems(name: str, text: str | None = None) -> tuple[Diagnostic, ...]:
+    """What extraction says about the modules of the default system."""
+    checked = check_file(name, text)
+    assert checked.ok, render_all(checked.diagnostics.items)
+    flat = system_of(checked, None)
+    found: tuple[Diagnostic, ...] = ()
+    for module in flat.modules:
+        try:
+            extract(flat, module)
+        except SoterError as error:
+            found += tuple(error.diagnostics)
+    return found
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_program_without_a_problem_gets_the_expected_diagnostic(
+    name: str, golden: Callable[[str, str], None]
+) -> None:
+    found = problems(name)
+    expected = (FOLDER / name).read_text("utf-8").split("\n", 1)[0].removeprefix("// expect: ")
+    assert [d.code for d in found] == expected.split()
+    assert found[0].code == name.split("_", 1)[0]
+    golden(f"static_error/verify/{Path(name).stem}.txt", render_all(found) + "\n")
+
+
+@pytest.mark.parametrize("code", CODES)
+def test_pages_of_these_codes_say_the_truth(code: str) -> None:
+    page = explain(code)
+    assert page is not None
+    (wrong,) = re.findall(r"^```soter,wrong\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    (mended,) = re.findall(r"^```soter\n(.*?)^```$", page, re.MULTILINE | re.DOTALL)
+    assert {d.code for d in problems("page.soter", wrong)} == {code}
+    assert problems("page.soter", mended) == ()
+
+
+def test_every_code_that_extraction_reports_has_a_page_and_a_program() -> None:
+    room = Path(__file__).parents[3] / "src" / "soter" / "reach"
+    used = {c for f in room.glob("*.py") for c in re.findall(r'"(R\d{3})"', f.read_text("utf-8"))}
+    assert used == set(CODES)
+    assert used == {name.split("_")[0] for name in PROGRAMS}
