@@ -37,8 +37,11 @@ class Loop:
     ttf: Callable[[Array], npt.NDArray[np.bool_]]
     safer: Callable[[Array], npt.NDArray[np.bool_]]
     start: Array
+    spread: Array
+    """Runs start within this of `start`."""
     control: float
-    disturbance: float
+    disturbance: Array
+    """Bound of the disturbance: one, or one a state."""
     errors: Array
     tick_s: float
     """Time step of the simulation."""
@@ -62,7 +65,7 @@ def attack(loop: Loop, runs: int, ticks: int, seed: int) -> Outcome:
     """Run the closed loop against pushing, waiting, switching controllers."""
     rng = np.random.default_rng(seed)
     k = len(loop.start)
-    x = np.repeat(loop.start[:, None], runs, axis=1)
+    x = loop.start[:, None] + loop.spread[:, None] * rng.uniform(-1.0, 1.0, (k, runs))
     past = [x.copy() for _ in range(loop.age_ticks + 1)]
     push = np.where(rng.random(runs) < 0.5, -1.0, 1.0)
     hold = 2 ** rng.integers(0, 11, runs)
@@ -73,6 +76,7 @@ def attack(loop: Loop, runs: int, ticks: int, seed: int) -> Outcome:
     error_sign = np.where(rng.random((k, runs)) < 0.5, -1.0, 1.0)
     noisy = rng.random(runs) < 0.3
     age = np.where(rng.random(runs) < 0.5, loop.age_ticks, 0)
+    pumping = runs // 8  # pushes whichever way the last state goes
     mode = np.zeros(runs, dtype=bool)
     escaped = np.zeros(runs, dtype=bool)
     last_ac = np.zeros(runs, dtype=np.int64)
@@ -90,10 +94,16 @@ def attack(loop: Loop, runs: int, ticks: int, seed: int) -> Outcome:
         if t % loop.sc_ticks == 0:
             turned = (t // hold) % 2 == 1
             side = np.where(turned ^ (t >= wait), -push, push)
+            side[:pumping] = np.where(seen[-1, :pumping] >= 0.0, 1.0, -1.0)
             u_ac = side * loop.control
             u = np.where(mode, u_ac, np.clip(loop.law(seen), -loop.control, loop.control))
         last_ac[mode] = t
-        w = np.where(noisy & (rng.random(runs) < 0.02), -wind, wind) * loop.disturbance
+        gusts = np.where(noisy & (rng.random(runs) < 0.02), -wind, wind)
+        w = (
+            gusts * loop.disturbance
+            if loop.disturbance.ndim == 0
+            else (loop.disturbance[:, None] * gusts)
+        )
         x = loop.step(x, u, w, loop.tick_s)
         escaped |= ~loop.safe(x)
     stuck = (last_ac < ticks // 2) & ~escaped
@@ -173,7 +183,7 @@ CART_DEFAULTS: Params = {
     "KV": 3.0,
     "FORCE": 3.0,
     "EV": 0.05,
-    "EX": 0.05,
+    "EX": 0.2,
     "B": 2.5,
     "FACTOR": 2.3,
     "TAU": 0.12,
@@ -234,8 +244,9 @@ def cart_loop(p: Params) -> Loop:
         ttf=_ttf(p, fits),
         safer=_safer(p, fits, lambda y: np.abs(y[0]) < 10.0),
         start=np.zeros(2),
+        spread=np.zeros(2),
         control=3.0,
-        disturbance=0.2,
+        disturbance=np.array(0.2),
         errors=np.array([0.02, 0.05]),
         tick_s=0.005,
         dm_ticks=10,
@@ -366,8 +377,9 @@ def tank_loop(p: Params) -> Loop:
         ttf=_ttf(p, fits),
         safer=_safer(p, fits, lambda y: (y[0] > 0.0) & (y[0] < 4.0)),
         start=np.array([2.0]),
+        spread=np.zeros(1),
         control=0.5,
-        disturbance=0.1,
+        disturbance=np.array(0.1),
         errors=np.array([0.02]),
         tick_s=0.02,
         dm_ticks=10,
@@ -455,7 +467,7 @@ PENDULUM_DEFAULTS: Params = {
     "FIRST": "angle",
     "SECOND": "rate",
     "EV": 0.02,
-    "EX": 0.03,
+    "EX": 0.09,
     "B": 4.0,
     "RATE_SCALE": 1.0,
     "TAU": 0.07,
@@ -517,8 +529,9 @@ def pendulum_loop(p: Params) -> Loop:
         ttf=_ttf(p, fits),
         safer=_safer(p, fits, lambda y: np.abs(y[0]) < 0.8),
         start=np.zeros(2),
+        spread=np.zeros(2),
         control=8.0,
-        disturbance=0.3,
+        disturbance=np.array(0.3),
         errors=np.array([0.005, 0.02]),
         tick_s=0.005,
         dm_ticks=8,
@@ -538,7 +551,7 @@ const TOP: float = 20.0;  // m
 
 type Cage = { z: float, v: float };
 
-topic cage: Cage;
+topic cage: Cage max_age 500ms;
 topic winch: float in [-1.0, 1.0] = 0.0;
 
 plant Lift period 1s {
@@ -663,11 +676,152 @@ def lift_loop(p: Params) -> Loop:
         ttf=_ttf(p, fits),
         safer=_safer(p, fits, lambda y: np.abs(y[0]) < 20.0),
         start=np.zeros(2),
+        spread=np.zeros(2),
         control=1.0,
-        disturbance=0.1,
+        disturbance=np.array(0.1),
         errors=np.array([0.05, 0.02]),
         tick_s=1.0,
         dm_ticks=2,
+        sc_ticks=1,
+        age_ticks=0,
+    )
+
+
+# ---------------------------------------------------------------- mountain car (a map)
+
+
+CAR = Template("""soter 1;
+
+// The car of examples/mountain_car/cliff.soter, with SC, ttf and safer written by hand.
+
+const POWER: float = 0.0015;
+const SLOPE: float = 0.0025;
+const V_MAX: float = 0.07000000029802322;
+const X_MAX: float = 0.6000000238418579;
+const CLIFF: float = -1.2;
+
+type Car = { x: float, v: float };
+
+topic car: Car max_age 500ms;
+topic force: float in [-1.0, 1.0] = 0.0;
+
+plant MountainCar period 1s {
+  reads force;
+  drives car = { x: x, v: v };
+  state x: float in [-0.6, -0.4];
+  state v: float = 0.0;
+  disturbance rounding_x: float in [-1.1920928955078125e-7, 1.1920928955078125e-7];
+  disturbance rounding_v: float in [-1.4901161193847656e-8, 1.4901161193847656e-8];
+  let pushed = v + POWER * force - SLOPE * cos(3.0 * x) + rounding_v;
+  let moved = clamp(pushed, -V_MAX, V_MAX);
+  next v = moved;
+  next x = min(x + moved + rounding_x, X_MAX);
+}
+
+node BangBang period 1s {
+  subscribes car;
+  publishes force;
+  step { publish force = car.v >= 0.0 ? 1.0 : -1.0; }
+}
+
+node Brake period 1s {
+  subscribes car;
+  publishes force;
+  step { publish force = clamp(-$SIGN * $GAIN * (car.$WHAT - $GOAL), -$FORCE, $FORCE); }
+}
+
+fun OnTrack(c: Car): bool { return c.x > CLIFF; }
+
+// Height over the valley that full throttle to the right cannot take away, and speed.
+fun Energy(x: float, v: float): float {
+  return $KINETIC * v * v + $HILL * sin(3.0 * x) - $THROTTLE * x;
+}
+
+fun Fits(c: Car, steps: float): bool {
+  let v = abs(c.v) + 0.004 * steps;
+  return Energy(c.x, c.v) + 0.003 * steps * v + $MARGIN < Energy(CLIFF, 0.0);
+}
+
+rta SafeCar {
+  ac BangBang;
+  sc Brake;
+  period 1s;
+  safe OnTrack(car);
+  ttf $TTF;
+  safer $SAFER;
+  verify { grid car.x in [CLIFF, X_MAX] / 360, car.v in [-V_MAX, V_MAX] / 280; }
+}
+
+system Protected default {
+  car: MountainCar;
+  module SafeCar;
+  until 1000s;
+  always OnTrack(car.truth);
+}
+""")
+
+CAR_DEFAULTS: Params = {
+    "SIGN": 1.0,
+    "GAIN": 100.0,
+    "WHAT": "v",
+    "GOAL": 0.0,
+    "FORCE": 1.0,
+    "KINETIC": 0.5,
+    "HILL": 0.0025 / 3.0,
+    "THROTTLE": 0.0015,
+    "MARGIN": 0.0003,
+    "TAU": 1.0,
+    "TAU_SAFER": 3.0,
+    "TTF": "fits",
+    "SAFER": "fits",
+}
+
+
+def car_text(p: Params) -> str:
+    """The program."""
+    q = dict(p)
+    q["TTF"] = {"fits": f"!Fits(car, {p['TAU']!r})", "false": "false", "true": "true"}[p["TTF"]]
+    q["SAFER"] = {
+        "fits": f"Fits(car, {p['TAU_SAFER']!r})",
+        "true": "true",
+        "clear": "OnTrack(car)",
+    }[p["SAFER"]]
+    return CAR.substitute(q)
+
+
+def car_loop(p: Params) -> Loop:
+    """The closed loop."""
+
+    def step(x: Array, u: Array, w: Array, _h: float) -> Array:
+        pushed = x[1] + 0.0015 * u - 0.0025 * np.cos(3.0 * x[0]) + w[1]
+        moved = np.clip(pushed, -0.07000000029802322, 0.07000000029802322)
+        return np.array([np.clip(x[0] + moved + w[0], -50.0, 0.6000000238418579), moved])
+
+    def law(y: Array) -> Any:
+        what = y[1] if p["WHAT"] == "v" else y[0]
+        return np.clip(-p["SIGN"] * p["GAIN"] * (what - p["GOAL"]), -p["FORCE"], p["FORCE"])
+
+    def energy(x: Array, v: Array) -> Any:
+        return p["KINETIC"] * v * v + p["HILL"] * np.sin(3.0 * x) - p["THROTTLE"] * x
+
+    def fits(y: Array, steps: float) -> Any:
+        v = np.abs(y[1]) + 0.004 * steps
+        at_cliff = energy(np.array(-1.2), np.array(0.0))
+        return energy(y[0], y[1]) + 0.003 * steps * v + p["MARGIN"] < at_cliff
+
+    return Loop(
+        step=step,
+        safe=lambda x: x[0] > -1.2,
+        law=law,
+        ttf=_ttf(p, fits),
+        safer=_safer(p, fits, lambda y: y[0] > -1.2),
+        start=np.array([-0.5, 0.0]),
+        spread=np.array([0.1, 0.0]),
+        control=1.0,
+        disturbance=np.array([1.1920928955078125e-7, 1.4901161193847656e-8]),
+        errors=np.zeros(2),
+        tick_s=1.0,
+        dm_ticks=1,
         sc_ticks=1,
         age_ticks=0,
     )
@@ -805,6 +959,26 @@ BASES: tuple[Base, ...] = (
             ("SC waits where safer never holds", {"GOAL": 17.5}),
             ("SC does nothing but brake", {"GAIN": 0.0}),
             ("safer never holds", {"TAU_SAFER": 6.0, "EX": 9.0}),
+        ),
+    ),
+    Base(
+        "car",
+        "SafeCar",
+        CAR_DEFAULTS,
+        car_text,
+        car_loop,
+        3_000,
+        (
+            *SHARED,
+            ("ttf forgets what AC adds", {"TAU": 0.0, "MARGIN": -0.0002}),
+            ("ttf turns the hill over", {"HILL": -0.0025 / 3.0}),
+            ("ttf counts half the speed", {"KINETIC": 0.125}),
+            ("ttf counts twice the throttle", {"THROTTLE": 0.003}),
+            ("SC with a third of the throttle", {"FORCE": 0.33}),
+            ("SC does nothing", {"GAIN": 0.0}),
+            ("SC steers to the middle by position", {"WHAT": "x", "GOAL": -1.3}),
+            ("SC pulls left", {"GOAL": -0.07}),
+            ("safer never holds", {"TAU_SAFER": 40.0}),
         ),
     ),
 )

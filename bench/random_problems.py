@@ -71,7 +71,7 @@ class RandomProblem:
     # ------------------------------------------------------------ NumPy
 
     def move(self, x: Array, u: Array, w: Array, ticks: int = 1) -> Array:
-        """States (n, runs) after one tick (`ticks` = -1: one tick back) under u (runs,), w (n, runs)."""
+        """States (n, runs) a tick later (`ticks` = -1: earlier) under u (runs,) and w (n, runs)."""
         if self.is_map:
             return np.clip(self._rate(x, u, w), -1e6, 1e6)
         h = 1e-3 * ticks
@@ -131,7 +131,7 @@ class RandomProblem:
         """The program."""
         n = range(self.states)
         unit = "s" if self.is_map else "ms"
-        age = "" if self.is_map else f" max_age {self.age}ms"
+        age = " max_age 900ms" if self.is_map else f" max_age {self.age}ms"
         fields = ", ".join(f"x{i}: float" for i in n)
         values = ", ".join(f"x{i}: x{i}" for i in n)
         rates = "\n".join(
@@ -144,7 +144,8 @@ class RandomProblem:
         )
         measured = ", ".join(f"y.x{i} within {float(self.error[i])!r}" for i in n if self.error[i])
         grid = ", ".join(
-            f"y.x{i} in [{-float(self.box[i])!r}, {float(self.box[i])!r}] / {self.cells[i]}" for i in n
+            f"y.x{i} in [{-float(self.box[i])!r}, {float(self.box[i])!r}] / {self.cells[i]}"
+            for i in n
         )
         delays = (
             ""
@@ -268,7 +269,7 @@ def _integrator(number: int, rng: np.random.Generator) -> RandomProblem:
     control = _between(rng, 1.0, 8.0)
     speed = _between(rng, 0.8, 4.0)
     wind = _round(control * rng.choice([0.02, 0.1, 0.2]))
-    p, v = 1.5, _round(np.sqrt(2.0 * control * 1.5) * 1.05)
+    p, v = 1.5, _round(np.sqrt(3.0 * control) * 1.05)
     return _flow(
         number,
         "integrator",
@@ -286,9 +287,8 @@ def _integrator(number: int, rng: np.random.Generator) -> RandomProblem:
 def _tank(number: int, rng: np.random.Generator) -> RandomProblem:
     control = _between(rng, 0.2, 2.0)
     wind = _round(control * rng.choice([0.1, 0.4, 0.8]))
-    return _flow(
-        number, "tank", rng, [[0.0]], [1.0], [_between(rng, 0.5, 20.0)], control, [wind], [1.0], (400,)
-    )  # fmt: skip
+    gain = _between(rng, 0.5, 20.0)
+    return _flow(number, "tank", rng, [[0.0]], [1.0], [gain], control, [wind], [1.0], (400,))
 
 
 def _lag(number: int, rng: np.random.Generator) -> RandomProblem:

@@ -350,6 +350,31 @@ class Program:
             progress=progress,
         )
 
+    def synthesize(
+        self,
+        output: str | Path | None = None,
+        *,
+        module: str | None = None,
+        system: str | None = None,
+        params: Mapping[str, object] | None = None,
+    ) -> tuple[Path, ...]:
+        """Find every safe controller left open (`sc synthesized period d;`) and write the program.
+
+        `output`: by default `<name>_sc.soter`; it must lie in the program's folder. Gives the files
+        written, the program first; none where no controller is open. `SoterError` U009 where none
+        was found.
+        """
+        from soter.reach.find_sc import synthesize  # noqa: PLC0415 - needs NumPy and a compiler
+
+        self._require_sound()
+        own = Path(self.path)
+        target = own.with_name(f"{own.stem}_sc.soter") if output is None else Path(output)
+        return tuple(
+            synthesize(
+                self._checked, target, module=module, system=system, params=self._values(params)
+            )
+        )
+
     def explore(self, *_arguments: object, **_options: object) -> NoReturn:
         """To come: systematic testing."""
         raise to_come("explore")

@@ -57,9 +57,9 @@ def gap_between(centre: Floats, axes: Floats, half: Floats, low: Floats, high: F
 
 def tubes_as_boxes(constants: dict[str, Any]) -> list[tuple[Floats, Floats, Floats]]:
     found = []
-    for start, along, side, up, length, radius, back, front in constants["city.TUBES"]:
+    for start, along, side, up, length, radius, height, back, front in constants["city.TUBES"]:
         axes = np.array([along, side, up])
-        half = np.array([(length + back + front) / 2, radius, radius])
+        half = np.array([(length + back + front) / 2, radius, height])
         centre = np.array(start) + axes[0] * (length + front - back) / 2
         found.append((centre, axes, half))
     return found

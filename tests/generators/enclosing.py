@@ -20,7 +20,16 @@ from soter.codegen.c_printer import print_file
 from soter.codegen.enclosure_body import EnclosureBody
 from soter.codegen.enclosure_emit import Emitter, address, names_in, pruned, statements
 from soter.codegen.enclosure_ops import Operations, kind_of
-from soter.codegen.enclosure_values import Constant, Form, Ints, Item, Parts, Sequence, Truth, opened
+from soter.codegen.enclosure_values import (
+    Constant,
+    Form,
+    Ints,
+    Item,
+    Parts,
+    Sequence,
+    Truth,
+    opened,
+)
 from soter.codegen.enclosures import PARAMETERS
 from soter.program.types import (
     BOOL,
@@ -149,9 +158,7 @@ def _argument(ops: Operations, t: Type, places: Iterator[int]) -> Item:
     if isinstance(t, ListType):
         length = _argument(ops, IntType(0, t.capacity), places)
         assert isinstance(length, Ints)
-        return Sequence(
-            length, tuple(_argument(ops, t.element, places) for _ in range(t.capacity))
-        )
+        return Sequence(length, tuple(_argument(ops, t.element, places) for _ in range(t.capacity)))
     place = c.IndexExpr(c.Name("in"), c.Number(str(next(places))))
     if isinstance(t, FloatType):
         return Form(place)
@@ -183,7 +190,9 @@ def _flat(v: Item) -> Iterator[Item]:
 class Compiled:
     """Enclosures in one library."""
 
-    def __init__(self, enclosures: list[Enclosure], statics: Statics, folder: Path, *flags: str) -> None:
+    def __init__(
+        self, enclosures: list[Enclosure], statics: Statics, folder: Path, *flags: str
+    ) -> None:
         used = {n for e in enclosures for n in names_in(e.definition.body)}
         items: list[c.CTop] = [c.Define("SOTER_INPUTS", str(INPUTS)), c.Include("soter_form.h")]
         items += [

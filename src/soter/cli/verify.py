@@ -16,6 +16,7 @@ from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     import argparse
+    from pathlib import Path
 
     from soter.cli.console import Console
     from soter.reach.results import Finding, ModuleResult, VerifyReport
@@ -48,7 +49,12 @@ def parser() -> Parser:
     made.add_argument("--cert", metavar="DIR", help="write a certificate for `soter recheck`")
     made.add_argument("--report", metavar="PATH", help="write a report: one HTML page")
     made.add_argument(
-        "--synthesize", action="store_true", help="find the controllers that are `sc synthesized`"
+        "--synthesize",
+        action="store_true",
+        help="first find the controllers that are `sc synthesized`, and write them",
+    )
+    made.add_argument(
+        "-o", dest="output", metavar="FILE", help="what --synthesize writes (FILE_sc.soter)"
     )
     made.add_argument(
         "--no-refute",
@@ -64,14 +70,19 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     for name, target in args.bindings:
         program.bind(name, target)
     warnings = program.diagnostics if program.ok else ()
+    written: tuple[Path, ...] = ()
     try:
+        if args.synthesize:
+            written = program.synthesize(
+                args.output, module=args.module, system=args.system, params=dict(args.params)
+            )
+            program = load(written[0]) if written else program
         with Progress(console) as progress:
             report = program.verify(
                 args.module,
                 args.cert,
                 system=args.system,
                 params=dict(args.params),
-                synthesize=args.synthesize,
                 refute=not args.no_refute,
                 report=args.report,
                 progress=progress,
@@ -81,6 +92,9 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         return Outcome(exit_of(items), items, {"file": args.file})
     _say(report, args, console)
     fields = _fields(report)
+    if written:
+        console.say("\nwritten " + " ".join(str(p) for p in written))
+        fields["written"] = [str(p) for p in written]
     fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
     return Outcome(EXITS[report.verdict], warnings, fields)
 

@@ -247,7 +247,23 @@ class EnclosureBody:
         if isinstance(condition, Known) and condition.value is not None:
             self.run(s.then if condition.value else s.otherwise)
             return
-        self.branch(condition, lambda: self.run(s.then), lambda: self.run(s.otherwise))
+        self.branch(
+            condition,
+            lambda: self._run_where(s.condition, s.then, truth=True),
+            lambda: self._run_where(s.condition, s.otherwise, truth=False),
+        )
+
+    def _run_where(self, condition: core.Expr, body: tuple[core.Stmt, ...], *, truth: bool) -> None:
+        """One side of a branch: there the condition is known, and so is the variable it reads.
+
+        `a && b` is a branch on a variable that already holds `a` (lower/builder.py): without this
+        an undecided `a` with a false `b` would stay undecided.
+        """
+        while isinstance(condition, core.Unary) and condition.op == "not":
+            condition, truth = condition.operand, not truth
+        if isinstance(condition, core.Var) and condition.name in self.frame.variables:
+            self.frame.variables[condition.name] = Known(truth)
+        self.run(body)
 
     def branch(
         self, condition: Item, then: Callable[[], None], otherwise: Callable[[], None]

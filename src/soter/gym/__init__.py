@@ -7,6 +7,11 @@ Non-goals: learning; anything that Gymnasium has already. Needs the extra `soter
 
 from __future__ import annotations
 
+try:
+    import gymnasium as _gymnasium  # noqa: F401 - asked for here, so that the message says what to do
+except ImportError as error:
+    raise ImportError("soter.gym needs gymnasium: pip install 'soter[gym]'") from error
+
 from soter.gym.protected import Protected, make_protected
 
 __all__ = ["Protected", "make_protected"]

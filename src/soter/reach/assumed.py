@@ -19,15 +19,14 @@ if TYPE_CHECKING:
     from soter.reach.problem import Times
 
 
-def assumptions_of(
-    place: Place, inputs: Inputs, times: Times, kind: str, *, linear: bool | None
-) -> list[str]:
-    """Every assumption; `linear` is None where it is not known whether the flow is."""
+SCHEME = "the plant is the solution of its differential equation, not the simulator's scheme"
+
+
+def assumptions_of(place: Place, inputs: Inputs, times: Times, kind: str) -> list[str]:
+    """Every assumption; SCHEME is taken out again where the scheme turns out to be covered."""
     found = [*_environment(place, inputs), *_timing(times, kind)]
-    if kind == "flow" and linear is not True:
-        found.append(
-            "the plant is the solution of its differential equation, not the simulator's scheme"
-        )
+    if kind == "flow":
+        found.append(SCHEME)
     if inputs.parameters:
         names = ", ".join(p.name for p in inputs.parameters)
         found.append(

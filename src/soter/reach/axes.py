@@ -23,6 +23,7 @@ if TYPE_CHECKING:
 
 AXES_MAX = 4
 CELLS_MAX = 200_000_000
+AXIS_CELLS_MAX = 60_000
 DEFAULT_CELLS = {1: 2000, 2: 300, 3: 64, 4: 24}
 Path = tuple[str, ...]
 
@@ -56,12 +57,17 @@ class Axes:
             if state is not None:
                 axes.append(self._axis(item, state))
         cells = math.prod(len(a.edges) - 1 for a in axes)
-        if group.kind == "grid" and (len(axes) > AXES_MAX or cells > CELLS_MAX):
+        longest = max((len(a.edges) - 1 for a in axes), default=1)
+        large = len(axes) > AXES_MAX or cells > CELLS_MAX or longest > AXIS_CELLS_MAX
+        if group.kind == "grid" and large:
             self.diagnostics.error(
                 "R010",
                 f"this grid has {len(axes)} axes and {cells} cells",
                 group.span,
-                notes=(f"at most {AXES_MAX} axes and {CELLS_MAX} cells fit one group",),
+                notes=(
+                    f"one group has at most {AXES_MAX} axes and {CELLS_MAX} cells",
+                    f"and one axis at most {AXIS_CELLS_MAX}",
+                ),
                 helps=(
                     "states that do not interact may stand in `grid` lines of their own",
                     "or use fewer cells",

@@ -60,7 +60,7 @@ def verify(
     if cert is not None:
         from soter.reach.certificate import write  # noqa: PLC0415 - only then
 
-        write(cert, checked.program, results)
+        write(cert, checked.program, results, [flat.name for flat, _ in chosen])
     if report is not None:
         from soter.reach.to_report import write_report  # noqa: PLC0415 - only then
 
@@ -79,7 +79,7 @@ def modules_of(
     found: list[tuple[System, Module]] = []
     known: list[str] = []
     seen: set[object] = set()
-    for name in names or [None]:
+    for name in names or [""]:
         flat = system_of(checked, name, params)
         here: set[object] = set()
         for m in flat.modules:

@@ -71,9 +71,11 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         computed=symbol.ttf is None,
         synthesize=synthesize,
         topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()},
-        assumptions=assumptions_of(at, inputs, times, kind, linear=None),
+        assumptions=assumptions_of(at, inputs, times, kind),
         name=module.name,
         commands=commands,
+        parameter_start=tuple(inputs.parameter_start),
+        scheme_step_ns=_scheme_step(at) if kind == "flow" else 0,
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
 
@@ -91,6 +93,20 @@ def _extents(groups: tuple[Group, ...], count: int) -> tuple[Interval, ...]:
 def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
     """Every combination of parameter values; one empty combination where there are none."""
     yield from product(*(p.values for p in problem.parameters))
+
+
+def _scheme_step(at: Place) -> int:
+    """RK4's step where all plants have the same and every release falls on one; otherwise 0.
+
+    A command that is published between two steps acts on all of its step in the simulator.
+    """
+    steps = {c.period_ns // c.substeps for c in at.plants}
+    whole = all(c.period_ns % c.substeps == 0 for c in at.plants)
+    rk4 = all(c.plant is not None and c.plant.method == "rk4" for c in at.plants)
+    periods = {c.period_ns for c in at.plants}
+    sc = at.sc
+    fits = all(sc.period_ns % p == 0 and sc.phase_ns % p == 0 for p in periods)
+    return steps.pop() if len(steps) == 1 and len(periods) == 1 and whole and rk4 and fits else 0
 
 
 def _cases(at: Place, inputs: Inputs, diagnostics: Diagnostics) -> None:

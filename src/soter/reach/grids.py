@@ -101,7 +101,7 @@ def of_problem(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
         delay_ns=0 if is_map else times.age_sc + acts,
         jitter_ns=0 if is_map else times.late_sc + acts,
         parameters=tuple(parameters),
-        plant_period_ns=problem.plant_period_ns,
+        plant_period_ns=problem.scheme_step_ns,
     )
 
 
@@ -254,7 +254,9 @@ class GridGroup:
         m = g.model
         return {
             "A": np.array([[m.a[i][j] for j in range(n)] for i in range(n)]),
-            "B": np.array([[m.b[i][a] for a in range(g.commands)] for i in range(n)]).reshape(n, -1),
+            "B": np.array([[m.b[i][a] for a in range(g.commands)] for i in range(n)]).reshape(
+                n, -1
+            ),
             "c": np.array([m.c[i] for i in range(n)]),
             "w": np.array([m.w[i] for i in range(n)]),
             "commands": np.array([g.command[a] for a in range(g.commands)], dtype=np.float64),
@@ -305,6 +307,13 @@ class GridGroup:
             self._group, self._pointer(data, "uint8_t *"), self._pointer(bits, "uint64_t *")
         )
         return bits
+
+    def _cells(self, bits: npt.NDArray[np.uint64]) -> Bools:
+        out = np.empty(self.shape, dtype=np.uint8)
+        self.library.lib.soter_reach_unpack(
+            self._group, self._pointer(bits, "uint64_t *"), self._pointer(out, "uint8_t *")
+        )
+        return out.view(np.bool_)
 
     @property
     def _tiles(self) -> int:
@@ -387,39 +396,42 @@ class GridGroup:
         assert 1 <= longest <= LONGEST
         assert self._group.law != self.library.ffi.NULL or self._group.held_low, "there is no law"
         ffi, lib, n = self.library.ffi, self.library.lib, len(self.axes)
-        size, tiles = int(np.prod(self.shape)), self._tiles
+        size = int(np.prod(self.shape))
         bits = self._bits(allowed)
         pool = max(256, min(size, POOL_BYTES // ffi.sizeof("soter_reach_chain")))
-        arrays = {
-            "allowed": (bits, "uint64_t *"),
-            "kept": (np.empty_like(bits), "uint64_t *"),
-            "witness": (np.empty(self.shape, dtype=np.uint8), "uint8_t *"),
-            "image": (np.empty(size * 2 * n, dtype=np.uint16), "uint16_t *"),
-            "slot": (np.empty(size, dtype=np.int32), "int32_t *"),
-            "pool": (
-                np.empty(pool * ffi.sizeof("soter_reach_chain"), dtype=np.uint8),
-                "soter_reach_chain *",
-            ),
-            "whole": (np.empty(tiles, dtype=np.uint8), "uint8_t *"),
-            "reaches": (np.empty(tiles * 2 * n, dtype=np.uint16), "uint16_t *"),
-            "gone": (np.empty(tiles, dtype=np.uint64), "uint64_t *"),
-            "dirty": (np.empty(tiles, dtype=np.int32), "int32_t *"),
-            "sums": (
-                np.empty(
-                    int(np.prod([self._group.tiles[a] + 1 for a in range(n)])), dtype=np.int32
-                ),
-                "int32_t *",
-            ),
-        }
+        witness = np.empty(self.shape, dtype=np.uint8)
         w = ffi.new("soter_reach_work *")
-        for name, (array, ctype) in arrays.items():
-            setattr(w, name, self._pointer(array, ctype))
+        rounds = self._rounds(w.r)
+        w.allowed = self._pointer(bits, "uint64_t *")
+        w.witness = self._pointer(witness, "uint8_t *")
+        memory = [np.empty(size * 2 * n, dtype=np.uint16), np.empty(size, dtype=np.int32)]
+        memory.append(np.empty(pool * ffi.sizeof("soter_reach_chain"), dtype=np.uint8))
+        w.image, w.slot = (self._pointer(m, f"{m.dtype}_t *") for m in memory[:2])
+        w.pool = self._pointer(memory[2], "soter_reach_chain *")
         w.pool_size, w.longest, w.patience = pool, longest, patience
         lib.soter_reach_core_begin(self._group, w)
         while not lib.soter_reach_core_continue(self._group, w, SLICE_S, self.threads):
-            self._tell("core", w.cursor / max(1, w.dirty_n))
+            self._tell("core", w.r.cursor / max(1, w.r.dirty_n))
         lib.soter_reach_core_end(self._group, w)
-        return Core(arrays["witness"][0].reshape(self.shape), int(w.rounds), int(w.steps))
+        del rounds, memory
+        return Core(witness, int(w.r.rounds), int(w.r.steps))
+
+    def _rounds(self, r: Any) -> dict[str, npt.NDArray[Any]]:  # noqa: ANN401 - cdata
+        """Memory of a fixpoint; the caller keeps what is given back as long as `r` is in use."""
+        n, tiles = len(self.axes), self._tiles
+        sums = int(np.prod([self._group.tiles[a] + 1 for a in range(n)]))
+        rows = int(np.prod(self.shape[:-1], dtype=np.int64))
+        found: dict[str, npt.NDArray[Any]] = {
+            "kept": np.empty(rows * self._group.words, dtype=np.uint64),
+            "reaches": np.empty(tiles * 2 * n, dtype=np.uint16),
+            "changed": np.empty(tiles, dtype=np.uint64),
+            "begun": np.empty(tiles, dtype=np.uint8),
+            "dirty": np.empty(tiles, dtype=np.int32),
+            "sums": np.empty(sums, dtype=np.int32),
+        }
+        for name, array in found.items():
+            setattr(r, name, self._pointer(array, f"{array.dtype}_t *"))
+        return found
 
     # ------------------------------------------------------------ tubes under all of U
 
@@ -513,11 +525,12 @@ class GridGroup:
     def enclosures(self, low: Sequence[float], high: Sequence[float], holds: int) -> list[Any]:
         """Images and tubes, shape (k, axes, 2) each, of up to `holds` holds from a box."""
         n = len(self.axes)
+        ends = [np.array(v, dtype=np.float64) for v in (low, high)]
         images, tubes = (np.zeros((holds, n, 2)) for _ in range(2))
         done = self.library.lib.soter_reach_run(
             self._group,
-            self._pointer(np.array(low, dtype=np.float64), "double *"),
-            self._pointer(np.array(high, dtype=np.float64), "double *"),
+            self._pointer(ends[0], "double *"),
+            self._pointer(ends[1], "double *"),
             holds,
             self._pointer(images, "double *"),
             self._pointer(tubes, "double *"),

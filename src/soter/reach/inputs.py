@@ -45,6 +45,7 @@ class Inputs:
     other_ranges: list[Interval] = field(default_factory=list)
     parameter_leaves: list[Leaf] = field(default_factory=list)
     parameters: list[Parameter] = field(default_factory=list)
+    parameter_start: list[int] = field(default_factory=list)
     still: set[int] = field(default_factory=set)
     """States without dynamics: constants of a run, over their initial range."""
 
@@ -106,6 +107,7 @@ def _states(c: Component, found: Inputs, diagnostics: Diagnostics) -> None:
                 )
             else:
                 _parameter(leaf, t, variable.span, found, diagnostics)
+                found.parameter_start.append(int(value))
 
 
 def _parameter(leaf: Leaf, t: Type, span: Span, found: Inputs, diagnostics: Diagnostics) -> None:

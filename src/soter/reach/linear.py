@@ -57,7 +57,12 @@ def scheme_error(
 
     `states`, `commands`: largest |x| and |u| of the group (n), (m); `model` as of `GridGroup.model`.
     """
-    f = np.abs(model["A"]) @ states + np.abs(model["B"]) @ commands + np.abs(model["c"]) + model["w"]
+    f = (
+        np.abs(model["A"]) @ states
+        + np.abs(model["B"]) @ commands
+        + np.abs(model["c"])
+        + model["w"]
+    )
     weight = scheme_weight(model["A"], h, order)
     scheme = np.where(weight > 0, weight, 0.0) @ f
     stages = 16 * (len(f) + model["B"].shape[1] + 8)

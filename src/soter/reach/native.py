@@ -20,7 +20,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import OWN_SYMBOLS, RUNTIME, TIMEOUT_S, cache_dir
 from soter.native.compiler import STRICT, find
 
-PARTS = ("", "_hold", "_linear", "_grid", "_pool", "_safe")
+PARTS = ("", "_hold", "_linear", "_grid", "_pool", "_rounds", "_safe", "_choice", "_way")
 ENGINE = tuple(f"soter_reach{part}.c" for part in PARTS)
 NUMBERS = ("law", "derivative", "next", "drives")
 TRUTHS = ("safe", "core", "ttf", "safer")
@@ -77,7 +77,7 @@ class ReachLibrary:
         """The address of `soter_NAME` of the unit, or NULL where the unit has no such function."""
         try:
             return self.ffi.cast("void *", self.ffi.addressof(self.lib, f"soter_{name}"))
-        except (AttributeError, self.ffi.error):
+        except AttributeError:
             return self.ffi.NULL
 
 

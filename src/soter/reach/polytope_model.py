@@ -145,12 +145,16 @@ class Grid:
     @cached_property
     def step_ns(self) -> int:
         """The longest step."""
-        return max((b - a for a, b in zip(self.times_ns, self.times_ns[1:], strict=False)), default=0)
+        return max(
+            (b - a for a, b in zip(self.times_ns, self.times_ns[1:], strict=False)), default=0
+        )
 
     def noise(self, rows: Ball, columns: Ball) -> Array:
         """nu at every time, (q + 1, N), of the input columns (n, k) with |w_k| <= 1."""
         group = self.group
-        ends = [(rows @ e @ columns).magnitude().sum(axis=-1) * (1 + 2.0**-40) for e, _ in self.maps]
+        ends = [
+            (rows @ e @ columns).magnitude().sum(axis=-1) * (1 + 2.0**-40) for e, _ in self.maps
+        ]
         growth = group.growth(self.times_ns[-1])
         a = np.abs(group.state)
         bend = up_product(rows.magnitude(), up_product(a, a))
@@ -250,20 +254,26 @@ class Hold:
         total = np.zeros(rows.mid.shape[0])
         if group.jitter_ns == 0:
             return total
-        steer = np.max([(rows @ e @ exact(group.control)).magnitude() for e, _ in self.grid.maps], 0)
+        steer = np.max(
+            [(rows @ e @ exact(group.control)).magnitude() for e, _ in self.grid.maps], 0
+        )
         a = np.abs(group.state)
         bend = up_product(rows.magnitude(), up_product(a, a))
         bend = up_product(up_product(bend, group.growth(group.delta_ns)), np.abs(group.control))
         h = float(seconds(self.grid.step_ns).upper())
         steer = up_sum(steer, up_times(bend, h, h, 0.125))
-        return up_times(up_product(steer, self.other), 2.0 * float(seconds(group.jitter_ns).upper()))
+        return up_times(
+            up_product(steer, self.other), 2.0 * float(seconds(group.jitter_ns).upper())
+        )
 
     def _mapped(self, rows: Ball, maps: tuple[Ball, Ball]) -> tuple[Ball, Array]:
         e, g = maps
         through = rows @ g
         steer = through @ exact(self.group.control)
         loss = (through @ self.constant[:, None]).upper()[:, 0]
-        return rows @ e + steer @ self.gain, up_sum(loss, up_product(steer.magnitude(), self.spread))
+        return rows @ e + steer @ self.gain, up_sum(
+            loss, up_product(steer.magnitude(), self.spread)
+        )
 
     def everywhere(self, rows: Ball) -> Pairs:
         """Pairs (row, loss): c x(t) <= max of row x + loss at every t of the hold."""

@@ -209,7 +209,9 @@ def _free(group: LinearGroup, outer: Polytope, inner: Polytope, until_ns: int) -
     pairs = FreePhase(group, until_ns).everywhere(exact(rows))
     plain = [_plain(row, bounds - loss, group.reach) for row, loss in pairs]
     return lean(
-        outer.with_rows(np.concatenate([r for r, _ in plain]), np.concatenate([b for _, b in plain]))
+        outer.with_rows(
+            np.concatenate([r for r, _ in plain]), np.concatenate([b for _, b in plain])
+        )
     )
 
 
@@ -322,7 +324,9 @@ def _prove_free(
 
     The bounds hold for states of the extent, of which `start` must be a part.
     """
-    _inside(claims, f"{what} in the extent", start, Polytope(group.low, group.high, *_nothing(group)))
+    _inside(
+        claims, f"{what} in the extent", start, Polytope(group.low, group.high, *_nothing(group))
+    )
     rows, limits = inner.faces
     for row, loss in FreePhase(group, until_ns).everywhere(exact(rows)):
         claims.holds(what, start, row, np.nextafter(limits - loss, -np.inf))

@@ -152,5 +152,10 @@ class Problem:
     """Full name of the module in its own system, for people."""
     commands: tuple[tuple[float, ...], ...] = ()
     """For synthesis: the finite set of each control, in their order."""
+    parameter_start: tuple[int, ...] = ()
+    """Declared first value of each parameter."""
+    scheme_step_ns: int = 0
+    """Step of the simulator's RK4 where its error can be part of the proof (linear flows); 0: its
+    scheme is not covered: an assumption."""
     recover_ns: int | None = None
     """T of P2b where it is declared: `recover within d;`."""

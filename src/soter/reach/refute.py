@@ -72,7 +72,8 @@ def refute(
 ) -> Search:
     """Look for a run from the declared initial states that leaves C.
 
-    `system`: the verification system, or a real one without externs.
+    `system`: the verification system (`Problem.system`; `module` is the name it has there), or a
+    real one without externs.
     """
     return _search(system, module, budget_s, progress, _leaving_runs)
 

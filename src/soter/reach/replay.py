@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.program.arith import StepFault
 from soter.program.values import to_json
-from soter.reach.attacked import attacked, reads_time, truths_known_ns
+from soter.reach.attacked import OWN, attacked, reads_time, truths_known_ns
 from soter.semantics.adversary import ChoiceError, RecordedDraws
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
@@ -57,6 +57,45 @@ class Counterexample:
     """The last instants: time_s, modes, topics, true states; for people."""
     facts: dict[str, Any] = field(default_factory=dict)
     """Where it belongs: program, sha256, system, params."""
+
+    def __str__(self) -> str:
+        """What a person wants to know first, in lines."""
+        whose = "with the program's own AC" if self.controller == OWN else "with some AC"
+        if self.shows == LEAVES:
+            head = f"{whose}, the true state leaves `safe` of {self.module} at {_s(self.time_ns)}"
+        else:
+            assert self.cycle_ns is not None
+            head = (
+                f"{whose}, {self.module} stays in SC for ever: at {_s(self.time_ns)} everything is "
+                f"as it was {_s(self.cycle_ns)} before, and `safer` did not hold"
+            )
+        lines = [head, *[f"chosen: {line}" for line in _chosen(self.choices)]]
+        if self.steps:
+            last = self.steps[-1]
+            states = ", ".join(
+                f"{plant}.{name} = {value}"
+                for plant, values in last["truth"].items()
+                for name, value in values.items()
+            )
+            modes = ", ".join(f"{m} in {mode}" for m, mode in last["modes"].items())
+            lines.append(f"then: {states}; {modes}")
+        return "\n".join(lines)
+
+
+def _s(ns: int) -> str:
+    return f"{ns / 1e9:.9g} s"
+
+
+def _chosen(choices: Choices) -> list[str]:
+    """One line a stream: its value, or how often it changes."""
+    found = []
+    for stream, values in choices.items():
+        first = values[0][1]
+        if len(values) == 1:
+            found.append(f"{stream} = {first}")
+        else:
+            found.append(f"{stream} = {first} first, {len(values) - 1} changes")
+    return found
 
 
 @dataclass(frozen=True)

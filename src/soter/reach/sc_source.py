@@ -16,6 +16,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
 from soter.program.types import ArrayType, FloatType, RecordType, leaves
+from soter.reach.synthesize import combinations
 from soter.syntax.printer import format_source
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ HEADER = "Found by `soter verify --synthesize`."
 
 @dataclass(frozen=True)
 class Written:
-    """A program with its safe controller: the text of the file that declares the module, and data."""
+    """A program with its safe controller: the text of the module's file, and the table."""
 
     node: str
     text: str
@@ -98,7 +99,7 @@ def _data(table: Table) -> bytes:
 
 
 def _node(problem: Problem, table: Table, node: str, data: str) -> Iterator[str]:
-    commands = _combinations(problem)
+    commands = combinations(problem)
     reads = [_read(problem, axis) for axis in range(table.entries.ndim)]
     topics = list(dict.fromkeys(topic for topic, _ in reads))
     symbol = problem.module.symbol
@@ -113,7 +114,8 @@ def _node(problem: Problem, table: Table, node: str, data: str) -> Iterator[str]
     yield f'const {node}_TABLE: {element} = data "{data}";'
     for j, leaf in enumerate(problem.quantities.controls):
         values = ", ".join(_float(c[j]) for c in commands)
-        yield f"const {_constant(node, leaf.owner, leaf.path, problem)}: float[{len(commands)}] = [{values}];"
+        name = _constant(node, leaf.owner, leaf.path, problem)
+        yield f"const {name}: float[{len(commands)}] = [{values}];"
     yield f"fun {node}_block(value: float, low: float, width: float, count: int): int {{"
     yield "  let place = (clamp(value, low, low + width * float(count)) - low) / width;"
     yield "  return max(0, min(int(floor(place)), count - 1));"
@@ -135,14 +137,6 @@ def _node(problem: Problem, table: Table, node: str, data: str) -> Iterator[str]
         yield f"    publish {_local(t, symbol)} = {value};"
     yield "  }"
     yield "}"
-
-
-def _combinations(problem: Problem) -> list[tuple[float, ...]]:
-    """Every command: the product of the finite sets of the controls, the last fastest."""
-    found: list[tuple[float, ...]] = [()]
-    for values in problem.commands:
-        found = [(*c, v) for c in found for v in values]
-    return found
 
 
 def _read(problem: Problem, axis: int) -> tuple[str, str]:

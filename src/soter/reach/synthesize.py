@@ -24,8 +24,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from soter.reach.problem import Problem
+
     Bools = NDArray[np.bool_]
     Floats = NDArray[np.float64]
+    Ints = NDArray[np.int64]
     Read = Callable[[Floats], Floats]
 
 NEVER = 1e6
@@ -35,7 +38,7 @@ GOAL_SHARE = 0.9
 """The goal of the law: blocks with at least this share of the longest time from harm."""
 SEEN = 2
 """Cells around a cell whose table entries it may see: itself, a neighbour, and one for rounding."""
-STRIDE = 4
+STRIDE = 8
 """Cells of the grid along each side of a block of the table."""
 
 
@@ -57,16 +60,14 @@ class Table:
 
     low: tuple[float, ...]
     width: tuple[float, ...]
-    entries: NDArray[np.int64]
+    entries: Ints
 
     def middles(self) -> Floats:
         """(*blocks, d): the middle of each block."""
         return block_middles(self.low, self.width, self.entries.shape)
 
 
-def block_middles(
-    low: Sequence[float], width: Sequence[float], shape: tuple[int, ...]
-) -> Floats:
+def block_middles(low: Sequence[float], width: Sequence[float], shape: tuple[int, ...]) -> Floats:
     """(*shape, d): the middles of equal blocks."""
     axes = [a + w * (np.arange(n) + 0.5) for a, w, n in zip(low, width, shape, strict=True)]
     return np.stack(np.meshgrid(*axes, indexing="ij"), axis=-1)
@@ -105,10 +106,15 @@ def chosen(
     return Table(tuple(low), sides, _spread(entries, inside | (must + misses).any(axis=0)))
 
 
+def combinations(problem: Problem) -> list[tuple[float, ...]]:
+    """Every command: the product of the finite sets of the controls, the last fastest."""
+    return list(product(*problem.commands))
+
+
 # ---------------------------------------------------------------- preferences
 
 
-def _preferred(inside: Bools, refused: Bools, moves: Sequence[Read]) -> NDArray[np.int64]:
+def _preferred(inside: Bools, refused: Bools, moves: Sequence[Read]) -> Ints:
     """Per block the command of least time to where an adversary needs longest to leave the core.
 
     Value iteration on the middles with multilinear interpolation: a guide, no proof.
@@ -128,7 +134,8 @@ def _preferred(inside: Bools, refused: Bools, moves: Sequence[Read]) -> NDArray[
 
     time = _settled(np.where(goal, 0.0, NEVER), better)
     gain = np.where(refused, -1.0, np.stack([m(margin) for m in moves]))
-    return np.where(goal, gain.argmax(axis=0), costs(time).argmin(axis=0))
+    best: Ints = np.where(goal, gain.argmax(axis=0), costs(time).argmin(axis=0))
+    return best
 
 
 def _settled(f: Floats, better: Callable[[Floats], Floats]) -> Floats:
@@ -178,16 +185,16 @@ def _seen(cells: Bools, radius: int) -> Bools:
     return cells
 
 
-def blocks(votes: Bools, stride: int) -> NDArray[np.int64]:
+def blocks(votes: Bools, stride: int) -> Ints:
     """(m, *cells) -> (m, *blocks): how many cells of a block vote for each command."""
-    count = votes.astype(np.int64)
+    count: Ints = votes.astype(np.int64)
     for axis in range(1, votes.ndim):
         starts = np.arange(0, votes.shape[axis], stride)
-        count = np.add.reduceat(count, starts, axis=axis)
+        count = np.add.reduceat(count, starts, axis=axis, dtype=np.int64)
     return count
 
 
-def _spread(entries: NDArray[np.int64], known: Bools) -> NDArray[np.int64]:
+def _spread(entries: Ints, known: Bools) -> Ints:
     """Entries with the unknown ones taken over from their neighbours, border by border."""
     found, left = entries.copy(), ~known
     while left.any() and not left.all():

@@ -53,6 +53,15 @@ def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> Times:
     )
     if kind == "map":
         return _of_map(place, times, diagnostics)
+    if 2 * times.jitter_sc > times.delta_sc:
+        diagnostics.error(
+            "R015",
+            f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
+            verify.span or module.symbol.span,
+            also=((place.sc.span, f"steps every {show_ns(times.delta_sc)}"),),
+            notes=("lateness, response and the way to the plant together; outputs act in order",),
+            helps=("a longer period of SC, or shorter times",),
+        )
     return times
 
 

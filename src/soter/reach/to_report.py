@@ -152,11 +152,11 @@ def _figure(sets: GroupSets, note: str) -> RegionFigure:
     """The first two axes; further ones are cut where the state is nearest to the middle."""
     axes = sets.group.axes
     found = regions(sets)
-    cuts = []
+    cuts: list[str] = []
     for k, axis in enumerate(axes[2:]):
         edges = np.asarray(axis.edges)
         middle = int(np.argmin(np.abs((edges[:-1] + edges[1:]) / 2.0)))
-        found = found.take(middle, axis=2)
+        found = np.take(found, [middle], axis=2).reshape(*found.shape[:2], *found.shape[3:])
         cuts.append(f"{axes[2 + k].name} in [{edges[middle]:.4g}, {edges[middle + 1]:.4g}]")
     text = "; ".join(filter(None, (note, ", ".join(cuts))))
     x = np.asarray(axes[0].edges)

@@ -1,12 +1,13 @@
 """Chains of SC periods and free phases, compiled for the states of one group.
 
-Purpose: `Chain`: functions that enclose what SC makes of a cell, period by period, delays, jitter, errors
-and disturbances inside; `FreePhase`: what any command makes of it. docs/verification.md, section 3.
+Purpose: `Chain`: functions that enclose what SC makes of a cell, period by period, delays, jitter,
+errors and disturbances inside; `FreePhase`: what any command makes of it (docs/verification.md,
+section 3).
 Non-goals: which cells, and whether what comes out lies in a set (`inclusion.py`).
 
-SC acts at a_0 = 0 and a_k in [k delta - j, k delta + j], on a sample taken at most d before. Time is cut at
-k delta - j and k delta + j: between the cuts one command acts, in [k delta - j, k delta + j] first the old and then
-the new one. What precedes a_k is a matter of old commands alone, so that nothing is circular.
+SC acts at a_0 = 0 and a_k in [k delta - j, k delta + j], on a sample taken at most d before. Time is
+cut at k delta - j and k delta + j: between the cuts one command acts, within them first the old and
+then the new one. What precedes a_k is a matter of old commands alone: nothing is circular.
 """
 
 from __future__ import annotations
@@ -15,8 +16,8 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from soter.recheck.balls import HALF, ONE, ZERO, exact
-from soter.recheck.compile_terms import compile_step
+from soter.recheck.balls import HALF, ONE, UNIT, ZERO, exact
+from soter.recheck.compile_terms import Drift, compile_step
 from soter.recheck.flows import LinearFlow, linear_flow
 from soter.recheck.model import control_inputs
 from soter.recheck.terms import Linear, NotRecheckedError, Terms, half_sum
@@ -113,21 +114,18 @@ def _map_step(model: Model, members: Sequence[int]) -> Step:
     """One period of SC: so many steps of the map under one command."""
     terms, states = model.new_terms()
     commands = model.commands(terms, states)
-    must = list(terms.obligations)
     count = model.facts.times["delta_ns"] // model.facts.plants[0].period_ns
     current, between = states, []
     for _ in range(count):
         current = model.next_states(terms, current, commands)
         between += [current[i] for i in members]
-    if len(terms.obligations) > len(must):
-        must = list(terms.obligations)
     return compile_step(
         terms,
         [_atom(states[i]) for i in members],
         len(members),
         [current[i] for i in members],
         ranges=between,
-        must=must,
+        must=terms.obligations,
         boxes=_boxes(model, states, members),
     )
 
@@ -174,7 +172,7 @@ def _compiled(
     members: Sequence[int],
     states: Sequence[Linear],
     outputs: Sequence[Linear],
-    ranges: Sequence[Linear],
+    ranges: Sequence[Linear | Drift],
     others: Sequence[Linear] = (),
 ) -> Step:
     """`others`: all states, where those of other groups occur."""
@@ -240,7 +238,8 @@ class _FlowChain:
             else:
                 sampled = _moved(terms, self.any.motion(*window), own, [])
         commands = self._commands(terms, states, sampled)
-        current, tube = own, []
+        current = own
+        tube: list[Linear | Drift] = []
         if self.j:
             span = 2 * self.j
             mixed = []
@@ -248,7 +247,10 @@ class _FlowChain:
                 gap = terms.subtract(u, v)
                 either = terms.spread([HALF], [gap])
                 mixed.append((half_sum(terms, u, v), either))
-            tube += self._mixed(terms, own, mixed, Fraction(0), span)
+            if self.pieces == 1:
+                tube += self._drift(own, old, span, mixed)
+            else:
+                tube += self._mixed(terms, own, mixed, Fraction(0), span)
             current = self._mixed(terms, own, mixed, span, span)
         rest = self.delta - 2 * self.j
         tube += self._tube(terms, current, commands, rest)
@@ -296,12 +298,45 @@ class _FlowChain:
         states: Sequence[Linear],
         commands: Sequence[Linear],
         time: Fraction,
-    ) -> list[Linear]:
-        found = []
+    ) -> list[Linear | Drift]:
+        if self.pieces == 1:
+            return self._drift(states, commands, time) if time else []
+        found: list[Linear | Drift] = []
         for k in range(self.pieces if time else 0):
             piece = self.flow.motion(time * k / self.pieces, time * (k + 1) / self.pieces)
             found += _moved(terms, piece, states, commands)
         return found
+
+    def _drift(
+        self,
+        states: Sequence[Linear],
+        commands: Sequence[Linear],
+        time: Fraction,
+        mixed: Sequence[tuple[Linear, Linear]] = (),
+    ) -> list[Linear | Drift]:
+        """The tube as the states and what is added to them at most."""
+        motion = self.flow.motion(Fraction(0), time)
+        used = [middle for middle, _ in mixed] if mixed else list(commands)
+        found: list[Linear | Drift] = []
+        for i, x in enumerate(states):
+            row = list(motion.state[i])
+            row[i] -= ONE
+            gaps = [self._command_noise(k, time)[i] for k in range(len(mixed))]
+            coefficients = (*row, *motion.control[i], *gaps)
+            arguments = (*states, *used, *(gap for _, gap in mixed))
+            constant = motion.constant[i] + motion.noise[i] * UNIT
+            found.append(Drift(x, coefficients, arguments, constant))
+        return found
+
+    def _command_noise(self, k: int, time: Fraction) -> list[arb]:
+        """What a command adds at most that is anything in [-1, 1] all the time."""
+        column = [[row[k]] for row in self.flow.b]
+        none = [ZERO] * len(column)
+        if all(r[0].is_zero() for r in column):
+            return none
+        empty: list[list[arb]] = [[] for _ in column]
+        only = LinearFlow(self.flow.members, self.flow.a, empty, none, column, ())
+        return only.motion(time, time).noise
 
     def _mixed(
         self,
@@ -317,18 +352,7 @@ class _FlowChain:
         for i, x in enumerate(moved):
             parts = [(ONE, x)]
             for k, (_, either) in enumerate(mixed):
-                column = [[row[k]] for row in self.flow.b]
-                if all(r[0].is_zero() for r in column):
-                    continue
-                only = LinearFlow(
-                    self.flow.members,
-                    self.flow.a,
-                    [[] for _ in column],
-                    [ZERO] * len(column),
-                    column,
-                    (),
-                )
-                reach = only.motion(end, end).noise[i]
+                reach = self._command_noise(k, end)[i]
                 parts.append((ONE, terms.spread([reach], [either])))
             found.append(terms.combine(parts))
         return found

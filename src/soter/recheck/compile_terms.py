@@ -1,11 +1,11 @@
 """Terms become straight Python code over Arb balls: one call encloses a step over a whole cell.
 
-Purpose: `compile_step`: a function from the form of a set of states to the forms of what a step makes
-of it, with the ranges wanted and the propositions that must hold.
+Purpose: `compile_step`: a function from the form of a set of states to the forms of what a step
+makes of it, with the ranges wanted and the propositions that must hold.
 Non-goals: reading programs (`symbolic.py`), which sets to check (`chains.py`, `predicates.py`).
 
-The form of a set is a flat tuple: for each state its centre m, its coefficients g on the symbols of the
-cell, the radius b of the rest, and an interval [l, h]:
+The form of a set is a flat tuple: for each state its centre m, its coefficients g on the symbols of
+the cell, the radius b of the rest, and an interval [l, h]:
 
     x in { m + sum g[k] eps_k + b beta : eps_k, beta in [-1, 1] }   and   x in [l, h]
 
@@ -15,9 +15,8 @@ eps_k are shared by all states, beta is its own for each state. With no symbols 
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
-
-from flint import arb
 
 from soter.recheck.balls import HALF, ONE, UNIVARIATE, ZERO, above, below, exact, larger, smaller
 from soter.recheck.terms import Linear, Truth, closure
@@ -25,9 +24,29 @@ from soter.recheck.terms import Linear, Truth, closure
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from flint import arb
+
     from soter.recheck.terms import Atom, Terms
 
     Step = Callable[[tuple[arb, ...]], "tuple[tuple[arb, ...], tuple[float, ...]] | None"]
+
+
+@dataclass(frozen=True, eq=False)
+class Drift:
+    """The range of start + sum coefficient * argument + constant, the latter three wide balls.
+
+    Coarser than a `Linear`, as it forgets what start and arguments have in common, and cheaper.
+    """
+
+    start: Linear
+    coefficients: tuple[arb, ...]
+    arguments: tuple[Linear, ...]
+    constant: arb
+
+    @property
+    def parts(self) -> tuple[Linear, ...]:
+        """Every form in it."""
+        return (self.start, *self.arguments)
 
 
 def compile_step(
@@ -36,7 +55,7 @@ def compile_step(
     symbols: int,
     outputs: Sequence[Linear],
     *,
-    ranges: Sequence[Linear] = (),
+    ranges: Sequence[Linear | Drift] = (),
     must: Sequence[Truth] = (),
     boxes: Mapping[int, tuple[arb, arb]] | None = None,
 ) -> Step:
@@ -113,20 +132,25 @@ class _Writer:
     # ------------------------------------------------------------ functions
 
     def step(
-        self, outputs: Sequence[Linear], ranges: Sequence[Linear], must: Sequence[Truth]
+        self, outputs: Sequence[Linear], ranges: Sequence[Linear | Drift], must: Sequence[Truth]
     ) -> Step:
-        self._atoms([*outputs, *ranges, *must])
+        linear = [y for x in ranges for y in (x.parts if isinstance(x, Drift) else (x,))]
+        self._atoms([*outputs, *linear, *must])
         for truth in must:
             self.lines.append(f"if {self._truth(truth)} != 2: return None")
         forms = [self._form(x) for x in outputs]
         flat = [f[0] for f in forms]
         flat += [g for f in forms for g in f[1]]
         flat += [f[2] for f in forms]
-        found = [self._range(x) for x in outputs]
+        found = [self._range_of_form(x, f) for x, f in zip(outputs, forms, strict=True)]
         flat += [low for low, _ in found]
         flat += [high for _, high in found]
-        wanted = [self._range(x) for x in ranges]
-        ends = [f"below({low}), above({high})" for low, high in wanted]
+        ends = [
+            self._drifting(x)
+            if isinstance(x, Drift)
+            else "below({}), above({})".format(*self._range(x))
+            for x in ranges
+        ]
         self.lines.append(f"return ({_tuple(flat)}, {_tuple(ends)})")
         found_step: Step = self._function()
         return found_step
@@ -188,6 +212,25 @@ class _Writer:
         a = self.terms.atoms[atom]
         return self.boxes.get(atom, (a.low, a.high))
 
+    def _drifting(self, x: Drift) -> str:
+        """The ends of a tube: a range, and the ball of what is added to it."""
+        low, high = self._range(x.start)
+        parts = [
+            f"{self._constant(c)}*{self._ball(y)}"
+            for c, y in zip(x.coefficients, x.arguments, strict=True)
+            if not c.is_zero()
+        ]
+        added = self._sum(parts, x.constant)
+        if added is None:
+            return f"below({low}), above({high})"
+        return f"below(({low} + {added}).lower()), above(({high} + {added}).upper())"
+
+    def _ball(self, x: Linear) -> str:
+        found: str = self._memo(
+            "ball", x, lambda y: self._new("{}.union({})".format(*self._range(y)))
+        )
+        return found
+
     # ------------------------------------------------------------ linear forms
 
     def _memo(self, kind: str, x: Linear, make: Callable[[Linear], Any]) -> Any:  # noqa: ANN401
@@ -217,8 +260,17 @@ class _Writer:
         return found
 
     def _make_row(self, x: Linear) -> tuple[dict[int, arb | str], str | None, str | None]:
+        """Only states keep a coefficient: what a box adds is part of the spread from here on."""
         inputs, others = self._parts(x)
-        row: dict[int, arb | str] = dict(inputs)
+        const, radius = x.const, x.radius
+        row: dict[int, arb | str] = {}
+        for a, c in inputs.items():
+            if a in self.place:
+                row[a] = c
+                continue
+            low, high = self._input_range(a)
+            const += c * (low + high) * HALF
+            radius += abs(c) * (high - low) * HALF
         columns: dict[int, list[str]] = {}
         constants: list[str | None] = []
         spreads: list[str | None] = []
@@ -227,13 +279,12 @@ class _Writer:
                 part = self._times(c, code)
                 if part is not None:
                     columns.setdefault(j, []).append(part)
-            constants.append(self._times(c, self.tails[a][0]))
-            spreads.append(self._times(abs(c), self.tails[a][1]))
+            for found, code in zip((constants, spreads), self.tails[a], strict=True):
+                if code != "ZERO":
+                    found.append(self._times(c if found is constants else abs(c), code))
         for j, parts in columns.items():
-            code = self._sum(parts, inputs.get(j, ZERO))
-            if code is not None:
-                row[j] = code
-        return row, self._sum(constants, x.const), self._sum(spreads, x.radius)
+            row[j] = self._sum(parts, inputs.get(j, ZERO)) or "ZERO"
+        return row, self._sum(constants, const), self._sum(spreads, radius)
 
     def _centre_and_radius(
         self, row: Mapping[int, arb | str], constant: str | None, spread: str | None
@@ -241,33 +292,17 @@ class _Writer:
         """Of a row over the form."""
         centre: list[str | None] = [constant]
         radius: list[str | None] = [spread]
-        fixed_centre, fixed_radius = ZERO, ZERO
         columns: dict[int, list[str]] = {k: [] for k in self.symbols}
         for atom, factor in row.items():
-            if atom in self.place:
-                i = self.place[atom]
-                centre.append(self._times(factor, f"m{i}"))
-                radius.append(self._times(_absolute(factor), f"b{i}"))
-                for k in self.symbols:
-                    part = self._times(factor, f"g{i}_{k}")
-                    if part is not None:
-                        columns[k].append(part)
-                continue
-            low, high = self._input_range(atom)
-            middle, half = (low + high) * HALF, (high - low) * HALF
-            if isinstance(factor, str):
-                if not middle.is_zero():
-                    centre.append(f"{factor}*{self._constant(middle)}")
-                if not half.is_zero():
-                    radius.append(f"abs({factor})*{self._constant(half)}")
-            else:
-                fixed_centre += factor * middle
-                fixed_radius += abs(factor) * half
+            i = self.place[atom]
+            centre.append(self._times(factor, f"m{i}"))
+            radius.append(self._times(_absolute(factor), f"b{i}"))
+            for k in self.symbols:
+                part = self._times(factor, f"g{i}_{k}")
+                if part is not None:
+                    columns[k].append(part)
         radius += [f"abs({' + '.join(parts)})" for parts in columns.values() if parts]
-        return (
-            self._sum(centre, fixed_centre) or "ZERO",
-            self._sum(radius, fixed_radius) or "ZERO",
-        )
+        return self._sum(centre) or "ZERO", self._sum(radius) or "ZERO"
 
     def _range(self, x: Linear) -> tuple[str, str]:
         found: tuple[str, str] = self._memo("range", x, self._make_range)
@@ -279,8 +314,8 @@ class _Writer:
         low, high = self._new(f"{centre} - {radius}"), self._new(f"{centre} + {radius}")
         inputs, others = self._parts(x)
         states = [a for a in inputs if a in self.place]
-        if others or len(states) == 1:
-            natural = self._natural(x, inputs, others, states)
+        if len(states) == 0 if others else len(states) == 1:
+            natural = self._natural(x, inputs, others)
             low = self._new(f"larger({low}, {natural[0]})")
             high = self._new(f"smaller({high}, {natural[1]})")
         if x.nonnegative:
@@ -292,25 +327,23 @@ class _Writer:
         x: Linear,
         inputs: Mapping[int, arb],
         others: Mapping[int, arb],
-        states: Sequence[int],
     ) -> tuple[str, str]:
         """The range from the intervals of the atoms: exact where a limit is reached."""
         lows: list[str | None] = []
         highs: list[str | None] = []
-        rest = inputs
-        if len(states) == 1:
-            i = self.place[states[0]]
-            self._ends(inputs[states[0]], (f"l{i}", f"h{i}"), lows, highs)
-            rest = {a: c for a, c in inputs.items() if a not in self.place}
-        if rest:
-            centre, radius = self._centre_and_radius(rest, None, None)
-            lows.append(f"{centre} - {radius}")
-            highs.append(f"{centre} + {radius}")
+        const, radius = x.const, x.radius
+        for a, c in inputs.items():
+            if a in self.place:
+                self._ends(c, (f"l{self.place[a]}", f"h{self.place[a]}"), lows, highs)
+                continue
+            low, high = self._input_range(a)
+            const += c * (low + high) * HALF
+            radius += abs(c) * (high - low) * HALF
         for a, c in others.items():
             self._ends(c, self.bounds[a], lows, highs)
         return (
-            self._sum(lows, x.const - x.radius) or "ZERO",
-            self._sum(highs, x.const + x.radius) or "ZERO",
+            self._sum(lows, const - radius) or "ZERO",
+            self._sum(highs, const + radius) or "ZERO",
         )
 
     def _ends(
@@ -339,28 +372,29 @@ class _Writer:
         centre: list[str | None] = [constant]
         rest: list[str | None] = [spread]
         symbols: list[list[str]] = [[] for _ in self.symbols]
-        fixed = ZERO
         for atom, factor in row.items():
-            if atom in self.place:
-                i = self.place[atom]
-                centre.append(self._times(factor, f"m{i}"))
-                rest.append(self._times(_absolute(factor), f"b{i}"))
-                for k in self.symbols:
-                    part = self._times(factor, f"g{i}_{k}")
-                    if part is not None:
-                        symbols[k].append(part)
-                continue
-            low, high = self._input_range(atom)
-            centre.append(self._times(factor, self._constant((low + high) * HALF)))
-            if isinstance(factor, str):
-                rest.append(f"abs({factor})*{self._constant((high - low) * HALF)}")
-            else:
-                fixed += abs(factor) * (high - low) * HALF
+            i = self.place[atom]
+            centre.append(self._times(factor, f"m{i}"))
+            rest.append(self._times(_absolute(factor), f"b{i}"))
+            for k in self.symbols:
+                part = self._times(factor, f"g{i}_{k}")
+                if part is not None:
+                    symbols[k].append(part)
         return (
             self._sum(centre) or "ZERO",
             [self._sum(parts) or "ZERO" for parts in symbols],
-            self._sum(rest, fixed) or "ZERO",
+            self._sum(rest) or "ZERO",
         )
+
+    def _range_of_form(self, x: Linear, form: tuple[str, list[str], str]) -> tuple[str, str]:
+        """The interval that goes with a form; limits that are reached exactly stay exact."""
+        inputs, others = self._parts(x)
+        states = [a for a in inputs if a in self.place]
+        if ("range", id(x)) in self.known or (len(states) == 0 if others else len(states) == 1):
+            return self._range(x)
+        centre, symbols, rest = form
+        radius = self._new(" + ".join([rest, *(f"abs({g})" for g in symbols)]))
+        return self._new(f"{centre} - {radius}"), self._new(f"{centre} + {radius}")
 
     # ------------------------------------------------------------ atoms
 

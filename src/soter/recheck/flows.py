@@ -31,7 +31,7 @@ TAYLOR = 24
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """States at a time t within a span, from those at time 0:
+    """States at a time t within a span, from those at time 0.
 
     x(t) in state x + control u + constant +- noise, the coefficients being balls over the span.
     """

@@ -60,7 +60,7 @@ class Model:
             for p, v in zip(self.facts.parameters, self.parameter, strict=True)
         }
         for variable in c.plant.states:
-            parts = []
+            parts: list[Any] = []
             for k, (_, of) in enumerate(leaves(variable.type)):
                 key = (c.index, variable.name, k)
                 if isinstance(of, FloatType):

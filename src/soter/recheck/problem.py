@@ -108,7 +108,7 @@ def read_facts(flat_system: System, name: str) -> Facts:
     _read_axes(facts)
     facts.times = _times(facts)
     levels = module.symbol.verify.levels
-    facts.levels = 3 if levels is None else _number(facts, levels)
+    facts.levels = 3 if levels is None else number_of(facts, levels)
     return facts
 
 
@@ -279,7 +279,7 @@ def _read_axes(facts: Facts) -> None:
         for axis in group.axes:
             if axis.low is None or axis.high is None:
                 continue
-            extent = (float(_number(facts, axis.low)), float(_number(facts, axis.high)))
+            extent = (float(number_of(facts, axis.low)), float(number_of(facts, axis.high)))
             state = _state_of_axis(facts, axis)
             if state is not None:
                 facts.axes[state] = extent
@@ -331,7 +331,7 @@ def _followed(facts: Facts, c: Component, expr: typed.Expr, path: tuple[str, ...
 # ---------------------------------------------------------------- times
 
 
-def _number(facts: Facts, expr: typed.Expr | None) -> Any:  # noqa: ANN401  a Soter value
+def number_of(facts: Facts, expr: typed.Expr | None) -> Any:  # noqa: ANN401  a Soter value
     return 0 if expr is None else Evaluator(facts.module.scope.params).value(expr)
 
 
@@ -342,11 +342,11 @@ def _times(facts: Facts) -> dict[str, int]:
     found = {
         "Delta_ns": facts.module.period_ns,
         "delta_ns": facts.sc.period_ns,
-        "J_dm_ns": _number(facts, verify.late_dm),
-        "J_sc_ns": _number(facts, verify.late_sc),
-        "R_dm_ns": _number(facts, verify.response_dm),
-        "R_sc_ns": _number(facts, verify.response_sc),
-        "L_ns": _number(facts, verify.acts),
+        "J_dm_ns": number_of(facts, verify.late_dm),
+        "J_sc_ns": number_of(facts, verify.late_sc),
+        "R_dm_ns": number_of(facts, verify.response_dm),
+        "R_sc_ns": number_of(facts, verify.response_sc),
+        "L_ns": number_of(facts, verify.acts),
     }
     driven = driven_topics(facts)
     predicates = [p for p in (facts.symbol.ttf, facts.symbol.safer) if p is not None]
@@ -367,7 +367,7 @@ def _times(facts: Facts) -> dict[str, int]:
     wait = max(found["J_dm_ns"] + found["R_dm_ns"], gap + found["J_sc_ns"])
     star = found["A_ns"] + period + wait + found["R_sc_ns"] + found["L_ns"]
     found["H_star_ns"] = star
-    found["H_ns"] = star if verify.horizon is None else int(_number(facts, verify.horizon))
+    found["H_ns"] = star if verify.horizon is None else int(number_of(facts, verify.horizon))
     if found["H_ns"] < star:
         raise DiffersError("P1c: the horizon is shorter than H*")
     return found

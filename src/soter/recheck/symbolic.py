@@ -1,8 +1,8 @@
 """A second reading of the checked tree: steps and predicates become terms.
 
 Purpose: evaluate typed expressions and statements once, with numbers where numbers are known and
-`terms.Linear` or `terms.Truth` where inputs are involved. Loops are unrolled, functions inlined, both
-sides of a branch that depends on inputs are read and joined.
+`terms.Linear` or `terms.Truth` where inputs are involved. Loops are unrolled, functions inlined,
+both sides of a branch that depends on inputs are read and joined.
 Non-goals: sharing code with the interpreter, with the lowering, or with what verifies: this is
 written from docs/language.md and docs/semantics.md.
 
@@ -34,6 +34,8 @@ from soter.recheck.terms import (
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
+
+    from soter.program.types import Type
 
 Value: TypeAlias = Any
 STEPS_MAX = 200_000
@@ -587,7 +589,7 @@ def flat(x: Value) -> list[Value]:
     return _flat(x)
 
 
-def filled(of: t.Type, values: Sequence[Value]) -> Value:
+def filled(of: Type, values: Sequence[Value]) -> Value:
     """The value of a type without lists that has these scalar leaves."""
     left = list(values)
 

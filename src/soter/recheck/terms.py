@@ -345,7 +345,7 @@ class Terms:
 
 
 def same(a: Linear, b: Linear) -> bool:
-    """Whether two forms certainly are the same number: without rounding they would only be alike."""
+    """Whether two forms certainly are the same number; rounded ones are only alike."""
     if a is b:
         return True
     if not (a.radius.is_zero() and b.radius.is_zero() and a.const == b.const):

@@ -88,25 +88,54 @@ typedef struct {
   int32_t holds;
 } soter_reach_chain;
 
-/* The fixpoint K under way. `dirty` lists tiles to look at; `cursor` how far a call came. */
+/* A fixpoint under way, by rounds. `dirty` lists tiles to look at; `cursor` how far a call came. */
 typedef struct {
+  uint64_t *kept;     /* the set as of the last round */
+  uint16_t *reaches;  /* per tile: first and last tile its images touch */
+  uint64_t *changed;  /* per tile: cells that left (or joined) in this round */
+  uint8_t *begun;     /* per tile */
+  int32_t *dirty;
+  int32_t *sums;      /* (tiles + 1) along each axis */
+  int32_t dirty_n, cursor, rounds;
+  int64_t steps;
+} soter_reach_rounds;
+
+/* K for the law. */
+typedef struct {
+  soter_reach_rounds r;
   const uint64_t *allowed; /* C */
-  uint64_t *kept;          /* K as of the last round */
   uint8_t *witness;        /* per cell */
   uint16_t *image;         /* per cell: first and last cell of the witness's image, per axis */
   int32_t *slot;           /* per cell: where its chain is kept, -1: nowhere */
   soter_reach_chain *pool;
   int32_t pool_size;
   int32_t pool_used[2];
-  uint8_t *whole;     /* per tile: one image serves it */
-  uint16_t *reaches;  /* per tile: first and last tile its images touch */
-  uint64_t *gone;     /* per tile: cells that fell in this round */
-  int32_t *dirty;
-  int32_t *sums;      /* (tiles + 1) along each axis */
-  int32_t dirty_n, cursor, rounds;
   int32_t longest, patience;
-  int64_t steps;
 } soter_reach_work;
+
+/* K for any of up to 64 commands, one hold each. */
+typedef struct {
+  soter_reach_rounds r;
+  const uint64_t *allowed;
+  uint64_t *fine;         /* per cell: commands that keep it */
+  uint16_t *image;        /* per cell and command */
+  const double *commands; /* one row of all controls each */
+  int32_t count;
+} soter_reach_choice;
+
+/* The way to Q: images after some numbers of holds, ranks, times. */
+typedef struct {
+  soter_reach_rounds r;    /* kept: W */
+  const uint64_t *allowed; /* K; runs stay in `inside` */
+  const uint64_t *inside;  /* C */
+  const int32_t *holds;    /* increasing */
+  uint16_t *image;         /* per cell and number of holds; first > last: none */
+  uint16_t *rank;          /* per cell: 0 not in W, 1 Q, 2.. */
+  uint8_t *taken;          /* per cell: the number of holds */
+  int64_t *time;           /* per cell, ns, at most until Q */
+  int64_t period_ns, jitter_ns;
+  int32_t count;
+} soter_reach_way;
 
 /* Enclosures of all runs over [0, t] under all of U, cut into segments. */
 typedef struct {
@@ -127,6 +156,14 @@ void soter_reach_core_begin(const soter_reach_group *g, soter_reach_work *w);
 int soter_reach_core_continue(const soter_reach_group *g, soter_reach_work *w, double seconds,
                               int32_t threads);
 void soter_reach_core_end(const soter_reach_group *g, soter_reach_work *w);
+void soter_reach_choice_begin(const soter_reach_group *g, soter_reach_choice *w);
+int soter_reach_choice_continue(const soter_reach_group *g, soter_reach_choice *w, double seconds,
+                                int32_t threads);
+void soter_reach_choice_remove(const soter_reach_group *g, soter_reach_choice *w,
+                               const uint8_t *cells);
+void soter_reach_way_begin(const soter_reach_group *g, soter_reach_way *w);
+int soter_reach_way_continue(const soter_reach_group *g, soter_reach_way *w, double seconds,
+                             int32_t threads);
 int64_t soter_reach_safe(const soter_reach_group *g, const soter_reach_tube *tube, int32_t steps,
                          const uint64_t *target, uint8_t *out, int64_t first_tile,
                          double seconds, int32_t threads);

@@ -15,17 +15,19 @@ void soter_reach_inputs(const soter_reach_group *g, soter_scratch *s) {
 /* The box [lo, hi] as the beginning of a chain. */
 void soter_reach_start(const soter_reach_group *g, const double *lo, const double *hi,
                        soter_reach_chain *x) {
-  memset(x, 0, sizeof *x);
+  memset(x->g, 0, sizeof x->g);
+  memset(x->box, 0, sizeof x->box);
+  x->holds = 0;
   for (int i = 0; i < g->axes; i++) {
     x->m[i] = lo[i] / 2 + hi[i] / 2;
-    x->g[i][i] = soter_up(fmax(hi[i] - x->m[i], x->m[i] - lo[i]));
+    x->g[i][i] = soter_up(soter_most(hi[i] - x->m[i], x->m[i] - lo[i]));
     x->lo[i] = lo[i];
     x->hi[i] = hi[i];
   }
 }
 
 static double size_of(double lo, double hi) {
-  return fmax(fabs(lo), fabs(hi));
+  return soter_most(fabs(lo), fabs(hi));
 }
 
 /* The interval hull of m + g eps + box, intersected with what stands in lo, hi. */
@@ -36,8 +38,8 @@ static int hull(int n, soter_reach_chain *x) {
       rad += fabs(x->g[i][j]);
     }
     rad = rad * (1 + 8 * EPS) + EPS * fabs(x->m[i]);
-    x->lo[i] = fmax(x->lo[i], soter_down(x->m[i] - rad));
-    x->hi[i] = fmin(x->hi[i], soter_up(x->m[i] + rad));
+    x->lo[i] = soter_most(x->lo[i], soter_down(x->m[i] - rad));
+    x->hi[i] = soter_least(x->hi[i], soter_up(x->m[i] + rad));
     if (!(x->lo[i] <= x->hi[i] && size_of(x->lo[i], x->hi[i]) < 1e200)) {
       return 0;
     }
@@ -53,15 +55,15 @@ static void rates(const soter_reach_group *g, const soter_reach_model *m, const 
     double low = m->c[i], high = m->c[i], size = fabs(m->c[i]);
     for (int j = 0; j < g->axes; j++) {
       const double p = m->a[i][j] * lo[j], q = m->a[i][j] * hi[j];
-      low += fmin(p, q);
-      high += fmax(p, q);
-      size += fmax(fabs(p), fabs(q));
+      low += soter_least(p, q);
+      high += soter_most(p, q);
+      size += soter_most(fabs(p), fabs(q));
     }
     for (int a = 0; a < g->commands; a++) {
       const double p = m->b[i][a] * ulo[a], q = m->b[i][a] * uhi[a];
-      low += fmin(p, q);
-      high += fmax(p, q);
-      size += fmax(fabs(p), fabs(q));
+      low += soter_least(p, q);
+      high += soter_most(p, q);
+      size += soter_most(fabs(p), fabs(q));
     }
     size = 16 * EPS * size + TINY;
     flo[i] = soter_down(low - m->w[i]) - size;
@@ -118,13 +120,13 @@ static int picard(const soter_reach_group *g, soter_scratch *s, const double *lo
       if (!(size_of(flo[i], fhi[i]) < 1e200)) {
         return 0;
       }
-      const double down = soter_up(fmax(fmax(0.0, -to * flo[i]), -from * fhi[i]));
-      const double up = soter_up(fmax(fmax(0.0, to * fhi[i]), from * flo[i]));
+      const double down = soter_up(soter_most(soter_most(0.0, -to * flo[i]), -from * fhi[i]));
+      const double up = soter_up(soter_most(soter_most(0.0, to * fhi[i]), from * flo[i]));
       const double low = soter_down(lo[i] - down), high = soter_up(hi[i] + up);
       if (low < blo[i] || high > bhi[i]) {
         inside = 0;
-        blo[i] = fmin(blo[i], soter_down(lo[i] - 1.25 * down));
-        bhi[i] = fmax(bhi[i], soter_up(hi[i] + 1.25 * up));
+        blo[i] = soter_least(blo[i], soter_down(lo[i] - 1.25 * down));
+        bhi[i] = soter_most(bhi[i], soter_up(hi[i] + 1.25 * up));
       }
     }
     if (inside && round > 0) {
@@ -147,8 +149,8 @@ static int drift(const soter_reach_group *g, soter_scratch *s, const soter_reach
       ulo[a] = x->past_lo[0][a];
       uhi[a] = x->past_hi[0][a];
       for (int p = 1; p < g->past; p++) {
-        ulo[a] = fmin(ulo[a], x->past_lo[p][a]);
-        uhi[a] = fmax(uhi[a], x->past_hi[p][a]);
+        ulo[a] = soter_least(ulo[a], x->past_lo[p][a]);
+        uhi[a] = soter_most(uhi[a], x->past_hi[p][a]);
       }
     }
   }
@@ -160,14 +162,14 @@ static int drift(const soter_reach_group *g, soter_scratch *s, const soter_reach
     double dev[AXES][AXES];
     for (int i = 0; i < g->axes; i++) {
       for (int j = 0; j < g->axes; j++) {
-        dev[i][j] = fmax(g->reach_fwd[i][j], g->reach_bwd[i][j]);
+        dev[i][j] = soter_most(g->reach_fwd[i][j], g->reach_bwd[i][j]);
       }
     }
     rates_around(g, &g->model, &dev[0][0], x->lo, x->hi, ulo, uhi, flo, fhi);
   }
   for (int i = 0; i < g->axes; i++) {
-    low[i] = soter_down(fmin(0.0, fmin(-back * fhi[i], ahead * flo[i])));
-    high[i] = soter_up(fmax(0.0, fmax(-back * flo[i], ahead * fhi[i])));
+    low[i] = soter_down(soter_least(0.0, soter_least(-back * fhi[i], ahead * flo[i])));
+    high[i] = soter_up(soter_most(0.0, soter_most(-back * flo[i], ahead * fhi[i])));
   }
   return 1;
 }
@@ -200,7 +202,7 @@ static int line_of(const soter_reach_group *g, const soter_scratch *s, const sot
   /* the own slopes were counted in r: take them out, less than was put in */
   out->r = soter_up((r - sum) + (SOTER_INPUTS + 8) * EPS * r);
   out->c = f->c;
-  half = soter_up(fmax(f->hi - (f->lo / 2 + f->hi / 2), (f->lo / 2 + f->hi / 2) - f->lo));
+  half = soter_up(soter_most(f->hi - (f->lo / 2 + f->hi / 2), (f->lo / 2 + f->hi / 2) - f->lo));
   if (!(out->r < half)) { /* the interval says more */
     memset(out->gain, 0, sizeof out->gain);
     out->c = f->lo / 2 + f->hi / 2;
@@ -218,7 +220,7 @@ static int commands(const soter_reach_group *g, soter_scratch *s, const soter_re
       u[a].lo = g->held_low[g->command[a]];
       u[a].hi = g->held_high[g->command[a]];
       u[a].c = u[a].lo / 2 + u[a].hi / 2;
-      u[a].r = u[a].lo == u[a].hi ? 0 : soter_up(fmax(u[a].hi - u[a].c, u[a].c - u[a].lo));
+      u[a].r = u[a].lo == u[a].hi ? 0 : soter_up(soter_most(u[a].hi - u[a].c, u[a].c - u[a].lo));
     }
     return 1;
   }
@@ -249,11 +251,11 @@ static int local_step(const soter_reach_group *g, soter_scratch *s, const soter_
 static void between(int n, double h, const soter_reach_chain *x, const double *lo, const double *hi,
                     const double *flo, const double *fhi, soter_hold *out) {
   for (int i = 0; i < n; i++) {
-    const double up = soter_up(h * fmax(fhi[i], 0.0)), down = soter_up(h * fmax(-flo[i], 0.0));
-    const double high = fmin(soter_up(x->hi[i] + up), soter_up(hi[i] + down));
-    const double low = fmax(soter_down(x->lo[i] - down), soter_down(lo[i] - up));
-    out->tube_hi[i] = fmax(high, fmax(x->hi[i], hi[i]));
-    out->tube_lo[i] = fmin(low, fmin(x->lo[i], lo[i]));
+    const double up = soter_up(h * soter_most(fhi[i], 0.0)), down = soter_up(h * soter_most(-flo[i], 0.0));
+    const double high = soter_least(soter_up(x->hi[i] + up), soter_up(hi[i] + down));
+    const double low = soter_most(soter_down(x->lo[i] - down), soter_down(lo[i] - up));
+    out->tube_hi[i] = soter_most(high, soter_most(x->hi[i], hi[i]));
+    out->tube_lo[i] = soter_least(low, soter_least(x->lo[i], lo[i]));
   }
 }
 
@@ -264,6 +266,15 @@ static void remember(const soter_reach_group *g, soter_reach_chain *x, const lin
     x->past_lo[0][a] = u[a].lo;
     x->past_hi[0][a] = u[a].hi;
   }
+}
+
+/* `from` without the past commands. */
+static void copy_state(soter_reach_chain *to, const soter_reach_chain *from) {
+  memcpy(to->m, from->m, sizeof from->m);
+  memcpy(to->g, from->g, sizeof from->g);
+  memcpy(to->box, from->box, sizeof from->box);
+  memcpy(to->lo, from->lo, sizeof from->lo);
+  memcpy(to->hi, from->hi, sizeof from->hi);
 }
 
 /* m, g, box of x after x -> M (x - from) + to + [-noise, noise], |entries of M| <= size. */
@@ -307,7 +318,8 @@ static int hold_map(const soter_reach_group *g, soter_scratch *s, soter_reach_ch
   static const double none[AXES] = {0, 0, 0, 0};
   double M[AXES][AXES], size[AXES][AXES], from[AXES], to[AXES] = {0}, noise[AXES] = {0};
   line u[COMMANDS], f;
-  soter_reach_chain y = *x;
+  soter_reach_chain y;
+  copy_state(&y, x);
   for (int i = 0; i < g->axes; i++) {
     soter_range(&s->in[g->axis[i]], g->axis[i], x->lo[i], x->hi[i]);
     from[i] = s->in[g->axis[i]].c;
@@ -344,7 +356,7 @@ static int hold_map(const soter_reach_group *g, soter_scratch *s, soter_reach_ch
   if (!advance(g->axes, &y, M, size, from, to, noise)) {
     return 0;
   }
-  *x = y;
+  copy_state(x, &y);
   x->holds++;
   for (int i = 0; i < g->axes; i++) {
     out->image_lo[i] = x->lo[i];
@@ -372,15 +384,15 @@ static void handover(const soter_reach_group *g, const soter_reach_step *step, s
     for (int j = 0; j < g->axes; j++) {
       r += 4 * EPS * (fabs(x->ug[a][j]) + fabs(ug[a][j]));
     }
-    low = fmax(c - r, soter_down(x->past_lo[0][a] - u[a].hi));
-    high = fmin(c + r, soter_up(x->past_hi[0][a] - u[a].lo));
+    low = soter_most(c - r, soter_down(x->past_lo[0][a] - u[a].hi));
+    high = soter_least(c + r, soter_up(x->past_hi[0][a] - u[a].lo));
     for (int i = 0; i < g->axes; i++) {
       const double p = step->move_lo[i][a] * low, q = step->move_lo[i][a] * high;
       const double v = step->move_hi[i][a] * low, w = step->move_hi[i][a] * high;
-      const double lo = fmin(fmin(p, q), fmin(v, w)), hi = fmax(fmax(p, q), fmax(v, w));
+      const double lo = soter_least(soter_least(p, q), soter_least(v, w)), hi = soter_most(soter_most(p, q), soter_most(v, w));
       const double mid = lo / 2 + hi / 2;
       to[i] += mid;
-      noise[i] += soter_up(fmax(hi - mid, mid - lo)) + 8 * EPS * (fabs(to[i]) + fabs(mid));
+      noise[i] += soter_up(soter_most(hi - mid, mid - lo)) + 8 * EPS * (fabs(to[i]) + fabs(mid));
     }
   }
 }
@@ -389,7 +401,7 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
                      soter_hold *out) {
   const int n = g->axes;
   double dlo[AXES] = {0, 0, 0, 0}, dhi[AXES] = {0, 0, 0, 0}, ulo[COMMANDS], uhi[COMMANDS];
-  double M[AXES][AXES], size[AXES][AXES], from[AXES], to[AXES], noise[AXES], flo[AXES], fhi[AXES];
+  double M[AXES][AXES], size[AXES][AXES], from[AXES], to[AXES] = {0}, noise[AXES] = {0}, flo[AXES], fhi[AXES];
   double uc[COMMANDS], ug[COMMANDS][AXES], ur[COMMANDS];
   line u[COMMANDS];
   soter_reach_model local;
@@ -436,8 +448,8 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
     ulo[a] = u[a].lo;
     uhi[a] = u[a].hi;
     if (x->holds > 0 && g->jitter > 0) {
-      ulo[a] = fmin(ulo[a], x->past_lo[0][a]);
-      uhi[a] = fmax(uhi[a], x->past_hi[0][a]);
+      ulo[a] = soter_least(ulo[a], x->past_lo[0][a]);
+      uhi[a] = soter_most(uhi[a], x->past_hi[0][a]);
     }
   }
   if (g->is_local) {
@@ -471,8 +483,8 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
     to[i] = t;
     noise[i] = w + 32 * EPS * slack;
   }
-  y = *x;
-  handover(g, step, &y, uc, ug, ur, u, to, noise);
+  handover(g, step, x, uc, ug, ur, u, to, noise);
+  copy_state(&y, x);
   for (int i = 0; i < n; i++) {
     y.lo[i] = -HUGE_VAL;
     y.hi[i] = HUGE_VAL;
@@ -481,13 +493,20 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
     return 0;
   }
   rates_around(g, model, &step->dev[0][0], x->lo, x->hi, ulo, uhi, flo, fhi);
+  for (int i = 0; i < n; i++) {
+    if (!(flo[i] > -1e300 && fhi[i] < 1e300)) {
+      return 0;
+    }
+  }
   between(n, step->h, x, y.lo, y.hi, flo, fhi, out);
-  remember(g, &y, u);
-  memcpy(y.uc, uc, sizeof uc);
-  memcpy(y.ug, ug, sizeof ug);
-  memcpy(y.ur, ur, sizeof ur);
-  y.holds++;
-  *x = y;
+  copy_state(x, &y);
+  x->holds++;
+  if (g->delay > 0 || g->jitter > 0) {
+    remember(g, x, u);
+    memcpy(x->uc, uc, sizeof uc);
+    memcpy(x->ug, ug, sizeof ug);
+    memcpy(x->ur, ur, sizeof ur);
+  }
   memcpy(out->image_lo, y.lo, sizeof y.lo);
   memcpy(out->image_hi, y.hi, sizeof y.hi);
   if (g->jitter > 0) { /* the next command may come any time within 2 j from here */
@@ -504,8 +523,8 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
       rates_around(g, model, &g->reach_fwd[0][0], y.lo, y.hi, ulo, uhi, flo, fhi);
     }
     for (int i = 0; i < n; i++) {
-      out->image_lo[i] = soter_down(y.lo[i] - soter_up(late * fmax(0.0, -flo[i])));
-      out->image_hi[i] = soter_up(y.hi[i] + soter_up(late * fmax(0.0, fhi[i])));
+      out->image_lo[i] = soter_down(y.lo[i] - soter_up(late * soter_most(0.0, -flo[i])));
+      out->image_hi[i] = soter_up(y.hi[i] + soter_up(late * soter_most(0.0, fhi[i])));
     }
   }
   return 1;

@@ -3,6 +3,7 @@
 #define SOTER_REACH_IN_H
 
 #include "soter_reach.h"
+#include "soter_reach_pool.h"
 
 #include <math.h>
 
@@ -31,7 +32,7 @@ static inline void soter_range(soter_form *f, int i, double lo, double hi) {
   f->hi = hi;
   f->c = lo / 2 + hi / 2;
   f->r = 0;
-  f->g[i] = lo == hi ? 0 : soter_up(fmax(hi - f->c, f->c - lo));
+  f->g[i] = lo == hi ? 0 : soter_up(soter_most(hi - f->c, f->c - lo));
   if (lo == hi) {
     f->c = lo;
   }
@@ -56,6 +57,18 @@ int soter_reach_cover(const soter_reach_group *g, const double *lo, const double
 int soter_reach_inside(const soter_reach_group *g, const uint64_t *bits, const uint16_t *box,
                        int any);
 int64_t soter_reach_tile(const soter_reach_group *g, int64_t tile, int *first, int *last);
+int64_t soter_reach_tiles(const soter_reach_group *g);
+int64_t soter_reach_cell(const soter_reach_group *g, const int *at);
+int64_t soter_reach_words(const soter_reach_group *g);
+int soter_reach_next_cell(int n, const int *first, const int *last, int *at);
+int soter_reach_has(const soter_reach_group *g, const uint64_t *bits, const int *at);
+void soter_reach_start_at(const soter_reach_group *g, const int *first, const int *last,
+                          soter_reach_chain *x);
+void soter_reach_depend(const soter_reach_group *g, uint16_t *reaches, const uint16_t *image);
+void soter_reach_rounds_begin(const soter_reach_group *g, soter_reach_rounds *r);
+void soter_reach_settle(const soter_reach_group *g, soter_reach_rounds *w, int join);
+int soter_reach_rounds_run(const soter_reach_group *g, soter_reach_rounds *r, int join,
+                           soter_crew *crew);
 int soter_reach_make_step(const soter_reach_group *g, const soter_reach_model *m, double h,
                           double early, soter_reach_step *out);
 int soter_reach_dev(const soter_reach_group *g, const soter_reach_model *m, double h, int backwards,

@@ -73,7 +73,7 @@ static int tube_inside(const cell_job *job, const double *lo, const double *hi) 
   uint16_t box[2 * AXES];
   for (int i = 0; i < n; i++) {
     mid[i] = lo[i] / 2 + hi[i] / 2;
-    rad[i] = soter_up(fmax(hi[i] - mid[i], mid[i] - lo[i]));
+    rad[i] = soter_up(soter_most(hi[i] - mid[i], mid[i] - lo[i]));
     was_lo[i] = lo[i];
     was_hi[i] = hi[i];
   }
@@ -87,7 +87,7 @@ static int tube_inside(const cell_job *job, const double *lo, const double *hi) 
         c += s->phi[i][j] * mid[j];
         r += fabs(s->phi[i][j]) * rad[j] + s->phi_r[i][j] * size;
         slack += fabs(s->phi[i][j]) * size;
-        v += fabs(g->model.a[i][j]) * fmax(fabs(was_lo[j]), fabs(was_hi[j]));
+        v += fabs(g->model.a[i][j]) * soter_most(fabs(was_lo[j]), fabs(was_hi[j]));
       }
       r = r * (1 + 16 * EPS) + 16 * EPS * slack + TINY;
       now_lo[i] = soter_down(c - r);
@@ -106,18 +106,18 @@ static int tube_inside(const cell_job *job, const double *lo, const double *hi) 
       for (int j = 0; j < n; j++) {
         const double p = g->model.a[i][j] * (was_lo[j] - wide[j]);
         const double q = g->model.a[i][j] * (was_hi[j] + wide[j]);
-        flo += fmin(p, q);
-        fhi += fmax(p, q);
-        size += fmax(fabs(p), fabs(q));
+        flo += soter_least(p, q);
+        fhi += soter_most(p, q);
+        size += soter_most(fabs(p), fabs(q));
       }
       flo = soter_down(flo - t->spread[i]) - 16 * EPS * size;
       fhi = soter_up(fhi + t->spread[i]) + 16 * EPS * size;
-      const double up = soter_up(t->piece.h * fmax(fhi, 0.0));
-      const double down = soter_up(t->piece.h * fmax(-flo, 0.0));
-      const double top = fmin(soter_up(was_hi[i] + up), soter_up(now_hi[i] + down));
-      const double bottom = fmax(soter_down(was_lo[i] - down), soter_down(now_lo[i] - up));
-      high[i] = fmax(top, fmax(was_hi[i], now_hi[i]));
-      low[i] = fmin(bottom, fmin(was_lo[i], now_lo[i]));
+      const double up = soter_up(t->piece.h * soter_most(fhi, 0.0));
+      const double down = soter_up(t->piece.h * soter_most(-flo, 0.0));
+      const double top = soter_least(soter_up(was_hi[i] + up), soter_up(now_hi[i] + down));
+      const double bottom = soter_most(soter_down(was_lo[i] - down), soter_down(now_lo[i] - up));
+      high[i] = soter_most(top, soter_most(was_hi[i], now_hi[i]));
+      low[i] = soter_least(bottom, soter_least(was_lo[i], now_lo[i]));
     }
     if (!soter_reach_cover(g, low, high, box) || !soter_reach_inside(g, job->target, box, 0)) {
       return 0;

@@ -1,0 +1,240 @@
+"""Write what was proved as a folder for `soter recheck` (docs/verification.md, section 4).
+
+Purpose: program files, tables and manifest of some verification results, sealed.
+Non-goals: checking anything; figures and reports, which go elsewhere.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter import __version__
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.program.loader import load
+from soter.reach.results import PROVED
+from soter.syntax import tree
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.codegen.enclosures import Leaf
+    from soter.program.typed import Program
+    from soter.program.types import Value
+    from soter.reach.problem import Interval, Problem, Times
+    from soter.reach.results import CaseSets, GroupSets, ModuleResult
+
+SCHEMA = 1
+MANIFEST, SEAL = "manifest.json", "SEAL"
+
+
+def write(
+    folder: Path, program: Program, results: Sequence[ModuleResult], systems: Sequence[str]
+) -> None:
+    """Write the certificate of `results`, each of a module in the system of that name.
+
+    An old certificate in the folder is replaced. `SoterError` D008 where something else lies
+    there, D006 where the system refuses.
+    """
+    files = dict(_sources(program))
+    main = _main(program, files)
+    modules = []
+    for k, (result, system) in enumerate(zip(results, systems, strict=True)):
+        modules.append(_module(result, system, f"sets/{k}", files))
+    manifest = {
+        "schema": SCHEMA,
+        "soter": __version__,
+        "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
+        "main": main,
+        "params": _params(results),
+        "program_sha256": program.sha256,
+        "modules": modules,
+    }
+    text = json.dumps(manifest, sort_keys=True, separators=(",", ":"), allow_nan=False)
+    raw = (text + "\n").encode()
+    files[MANIFEST] = raw
+    files[SEAL] = (hashlib.sha256(raw).hexdigest() + "\n").encode()
+    _replace(folder, files)
+
+
+# ---------------------------------------------------------------- the program
+
+
+def _paths(program: Program) -> list[Path]:
+    """The main file, what it imports, and the data of all of them."""
+    found = Diagnostics()
+    loaded = load(program.path, found)
+    if loaded is None:
+        raise SoterError(found.items)
+    paths = [f.path for f in loaded.files]
+    for file in loaded.files:
+        constants = [d for d in file.file.declarations if isinstance(d, tree.ConstDecl)]
+        paths += [file.path.parent / d.data for d in constants if d.data is not None]
+    return list(dict.fromkeys(p.resolve() for p in paths))
+
+
+def _sources(program: Program) -> Iterator[tuple[str, bytes]]:
+    """Each file by its path below the deepest folder that holds all of them."""
+    paths = _paths(program)
+    root = Path(os.path.commonpath([p.parent for p in paths]))
+    for path in paths:
+        yield f"program/{path.relative_to(root).as_posix()}", path.read_bytes()
+
+
+def _main(program: Program, files: dict[str, bytes]) -> str:
+    """The main file is the first."""
+    name = next(iter(files)).removeprefix("program/")
+    assert name.endswith(Path(program.path).name)
+    return name
+
+
+def _params(results: Sequence[ModuleResult]) -> dict[str, object]:
+    """The values of all parameters, floats as C99 hexadecimal texts."""
+    found: dict[str, Value] = {}
+    for result in results:
+        found.update(result.problem.system.params)
+    return {n: v.hex() if isinstance(v, float) else v for n, v in found.items()}
+
+
+# ---------------------------------------------------------------- a module
+
+
+def _module(
+    result: ModuleResult, system: str, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    problem = result.problem
+    q = problem.quantities
+    plants = [c.name for c in problem.system.components if c.role == "plant"]
+    claims = {name: finding.verdict for name, finding in result.findings.items()}
+    recover = problem.recover_ns if claims.get("P2b") == PROVED else None
+    inputs = [
+        *_inputs("state", q.states, problem.states),
+        *_inputs("control", q.controls, problem.controls),
+        *_inputs("disturbance", q.disturbances, problem.disturbances),
+        *_inputs("error", q.errors, problem.errors),
+        *_inputs("other", q.others, problem.others),
+    ]
+    return {
+        "system": system,
+        "module": problem.name,
+        "plants": plants,
+        "parameters": [{"name": p.name, "values": list(p.values)} for p in problem.parameters],
+        "times": _times(problem.times),
+        "inputs": inputs,
+        "cases": [
+            _case(problem, case, f"{stem}_{k}", files) for k, case in enumerate(result.cases)
+        ],
+        "claims": claims,
+        "assumptions": list(problem.assumptions),
+        "recover_ns": recover,
+    }
+
+
+def _inputs(
+    kind: str, leaves: Sequence[Leaf], ranges: Sequence[Interval]
+) -> Iterator[dict[str, str]]:
+    for leaf, r in zip(leaves, ranges, strict=True):
+        low, high = float(r.low).hex(), float(r.high).hex()
+        yield {"name": leaf.name, "kind": kind, "low": low, "high": high}
+
+
+def _times(times: Times) -> dict[str, int]:
+    return {
+        "Delta_ns": times.delta_dm,
+        "delta_ns": times.delta_sc,
+        "A_ns": times.age_dm,
+        "A_sc_ns": times.age_sc,
+        "J_dm_ns": times.late_dm,
+        "J_sc_ns": times.late_sc,
+        "R_dm_ns": times.response_dm,
+        "R_sc_ns": times.response_sc,
+        "L_ns": times.acts,
+        "H_ns": times.horizon_ns,
+        "H_star_ns": times.h_star,
+    }
+
+
+def _case(
+    problem: Problem, case: CaseSets, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    groups = [_group(problem, g, f"{stem}_{k}", files) for k, g in enumerate(case.groups)]
+    return {"parameter": list(case.parameter), "groups": groups}
+
+
+def _group(
+    problem: Problem, group: GroupSets, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    entry: dict[str, Any] = {"kind": group.group.representation, "axes": []}
+    for k, axis in enumerate(group.group.axes):
+        name = f"{stem}_axis{k}.bin"
+        files[name] = np.array(axis.edges, dtype="<f8").tobytes()
+        entry["axes"].append({"state": problem.quantities.states[axis.state].name, "edges": name})
+    tables = {
+        "K": _whole(group.core, "<u1"),
+        "R": _bits(group.free),
+        "Q": _whole(group.home, "<u1"),
+        "W": _whole(group.rank, "<u2"),
+        "W_N": _whole(group.rank_holds, "<u1"),
+    }
+    for key, data in tables.items():
+        if data is not None:
+            files[f"{stem}_{key}.bin"] = data
+            entry[key] = f"{stem}_{key}.bin"
+    if group.levels:
+        entry["S"] = []
+    for k, level in enumerate(group.levels):
+        name = f"{stem}_S{k}.bin"
+        files[name] = _bits(level) or b""
+        entry["S"].append(name)
+    return entry
+
+
+def _whole(table: NDArray[Any] | None, kind: str) -> bytes | None:
+    return None if table is None else np.ascontiguousarray(table).astype(kind).tobytes()
+
+
+def _bits(table: NDArray[Any] | None) -> bytes | None:
+    if table is None:
+        return None
+    return np.packbits(np.ascontiguousarray(table).reshape(-1), bitorder="little").tobytes()
+
+
+# ---------------------------------------------------------------- the folder
+
+
+def _replace(folder: Path, files: dict[str, bytes]) -> None:
+    """Only files of an old certificate are removed, and only where it is one."""
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        old = [p for p in folder.rglob("*") if not p.is_dir() or p.is_symlink()]
+        names = {p.relative_to(folder).as_posix() for p in old}
+        strange = {n for n in names if n.split("/")[0] not in ("program", "sets", MANIFEST, SEAL)}
+        if strange or (names and MANIFEST not in names):
+            raise SoterError((_in_the_way(folder, min(strange or names)),))
+        for path in old:
+            path.unlink()
+        for path in sorted((p for p in folder.rglob("*")), reverse=True):
+            path.rmdir()
+        for name, data in files.items():
+            target = folder / name
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(data)
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        problem = Diagnostic("D006", f"cannot write the certificate `{folder}`: {reason}")
+        raise SoterError((problem,)) from None
+
+
+def _in_the_way(folder: Path, name: str) -> Diagnostic:
+    return Diagnostic(
+        "D008",
+        f"`{folder}` holds `{name}`, which is no part of a certificate",
+        helps=("name a new or empty folder",),
+    )

@@ -1,0 +1,230 @@
+"""The sets of one case, and the claims that are read off them.
+
+Purpose: for one combination of parameter values: C, K, R(H), the inclusions of `ttf` and `safer`,
+the start (docs/verification.md, section 3). Each claim says where it fails.
+Non-goals: P2b (`recovery.py`), refinement and verdicts (`verify.py`).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.reach.boxes import holding
+from soter.reach.forms import Forms
+from soter.reach.grids import GridGroup
+from soter.reach.products import law_stays_inside, parts, product_holds
+from soter.reach.results import CaseSets, GroupSets
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.reach.native import ReachLibrary
+    from soter.reach.problem import Group, Problem
+
+    Bools = NDArray[np.bool_]
+    Tell = Callable[[str, float], None]
+
+
+@dataclass
+class Failure:
+    """Where a claim could not be shown: cells of one group, or nowhere in particular."""
+
+    claim: str
+    text: str
+    group: int | None = None
+    cells: Bools | None = None
+    hint: str = ""
+
+
+@dataclass(eq=False)
+class Case:
+    """One combination of parameter values under way."""
+
+    problem: Problem
+    parameter: tuple[int, ...]
+    groups: list[GridGroup]
+    forms: Forms
+    sets: CaseSets
+    failures: list[Failure] = field(default_factory=list)
+    spent: dict[str, float] = field(default_factory=dict)
+    """Seconds per claim."""
+    counts: dict[str, int] = field(default_factory=dict)
+
+    def failed(self, claim: str) -> list[Failure]:
+        """What stands against a claim."""
+        return [f for f in self.failures if f.claim == claim]
+
+    def fail(
+        self,
+        claim: str,
+        text: str,
+        group: int | None = None,
+        cells: Bools | None = None,
+        hint: str = "",
+    ) -> None:
+        """Enter a failure."""
+        self.failures.append(Failure(claim, text, group, cells, hint))
+
+
+class Clock:
+    """Adds the seconds of a `with` block to a claim."""
+
+    def __init__(self, case: Case, claim: str) -> None:
+        self.case, self.claim = case, claim
+        self.began = 0.0
+
+    def __enter__(self) -> None:
+        self.began = time.perf_counter()
+
+    def __exit__(self, *_: object) -> None:
+        spent = time.perf_counter() - self.began
+        self.case.spent[self.claim] = self.case.spent.get(self.claim, 0.0) + spent
+
+
+def open_case(
+    problem: Problem,
+    library: ReachLibrary,
+    groups: Sequence[Group],
+    parameter: tuple[int, ...],
+    tell: Tell | None,
+) -> Case:
+    """The engines of every group; UnboundedError where the dynamics have no enclosure."""
+    engines = [GridGroup.of(library, problem, g, parameter, progress=tell) for g in groups]
+    forms = Forms(library, problem, parameter)
+    sets = CaseSets(
+        parameter,
+        [
+            GroupSets(g, np.zeros(e.shape, dtype=np.bool_), np.zeros(e.shape, dtype=np.uint8))
+            for g, e in zip(groups, engines, strict=True)
+        ],
+    )
+    for part, engine in zip(sets.groups, engines, strict=True):
+        part.solver = engine
+    return Case(problem, parameter, engines, forms, sets)
+
+
+# ---------------------------------------------------------------- P2a
+
+
+def constraint(case: Case) -> bool:
+    """C_g for every group, the product check, and that SC stays inside its sets; False: no C."""
+    found = parts(case.problem, case.groups, "safe")
+    if found is None:
+        case.fail("P2a", "no state was found on which `safe` holds")
+        return False
+    if not product_holds(case.forms, case.groups, found, "safe"):
+        case.fail(
+            "P2a",
+            "`safe` is no product over the groups",
+            hint="put states that `safe` compares with each other into one `grid` line",
+        )
+        return False
+    if case.problem.has_core_hint:
+        hints = parts(case.problem, case.groups, "core")
+        if hints is None:
+            case.fail("P2a", "no state was found on which `core` holds")
+            return False
+        found = [a & b for a, b in zip(found, hints, strict=True)]
+    for part, cells in zip(case.sets.groups, found, strict=True):
+        part.allowed = cells
+    why = law_stays_inside(case.problem, case.forms, case.groups, found)
+    if why:
+        case.fail("P2a", why, hint="clamp what SC publishes to the topic's set")
+    return True
+
+
+def core(case: Case) -> bool:
+    """K of every group; False where one is empty."""
+    whole = True
+    for i, (engine, part) in enumerate(zip(case.groups, case.sets.groups, strict=True)):
+        found = engine.core(part.allowed)
+        part.core = found.witness
+        case.counts["rounds"] = max(case.counts.get("rounds", 0), found.rounds)
+        case.counts["longest"] = max(case.counts.get("longest", 0), int(found.witness.max()))
+        if not found.witness.any():
+            whole = False
+            case.fail(
+                "P2a",
+                "K is empty: no set was found that SC keeps",
+                i,
+                part.allowed,
+                "a finer grid; a wider one; a stronger SC; smaller errors, delays or disturbances",
+            )
+    return whole
+
+
+# ---------------------------------------------------------------- P3
+
+
+def in_horizon(problem: Problem, ns: int) -> int:
+    """A time as the engine takes it: a map's is a whole number of its periods."""
+    if problem.kind == "map":
+        return -(-ns // problem.plant_period_ns) * problem.plant_period_ns
+    return ns
+
+
+def free_phase(case: Case) -> None:
+    """R(H) of every group."""
+    horizon = in_horizon(case.problem, case.problem.times.horizon_ns)
+    for engine, part in zip(case.groups, case.sets.groups, strict=True):
+        part.free = engine.safe_for(horizon, part.core > 0)
+
+
+def inclusion(case: Case, predicate: str) -> None:
+    """`ttf` or `safer`: an estimate from which AC may have control comes from a state in R(H)."""
+    for i, (engine, part) in enumerate(zip(case.groups, case.sets.groups, strict=True)):
+        possible = engine.may_hold("safe")
+        if predicate == "ttf":
+            lets = engine.may_fail("ttf")
+            part.lets_ac = lets & possible
+        else:
+            lets = engine.may_hold("safer")
+            part.gives_back = lets & possible
+        assert part.free is not None
+        wrong = lets & possible & ~part.free
+        if wrong.any():
+            says = "may be false" if predicate == "ttf" else "may be true"
+            count = int(wrong.sum())
+            case.fail(
+                predicate,
+                f"`{predicate}` {says} on {count} cells from which AC could leave K within H",
+                i,
+                wrong,
+                f"a finer grid, or a `{predicate}` that is more careful there",
+            )
+
+
+# ---------------------------------------------------------------- start
+
+
+def start(case: Case) -> None:
+    """The declared initial states lie in R(h_0), h_0 the first instant SC's output acts."""
+    h0 = in_horizon(case.problem, case.problem.times.start)
+    if case.parameter != case.problem.parameter_start:
+        return
+    for i, (engine, part) in enumerate(zip(case.groups, case.sets.groups, strict=True)):
+        reach = engine.safe_for(h0, part.core > 0)
+        box = []
+        for state, edges in zip(engine.axes, engine.edges, strict=True):
+            initial = case.problem.initial[state]
+            box.append(holding(edges, initial.low, initial.high))
+        if any(b is None for b in box):
+            case.fail("start", "an initial state lies outside the grid", i, None, "a wider grid")
+            continue
+        at = tuple(b for b in box if b is not None)
+        if not reach[at].all():
+            wrong = np.zeros_like(reach)
+            wrong[at] = ~reach[at]
+            case.fail(
+                "start",
+                "SC may come too late for an initial state",
+                i,
+                wrong,
+                "start further inside, or closer to rest",
+            )

@@ -1,0 +1,121 @@
+"""The enclosures of one module as Python functions over boxes.
+
+Purpose: compile the unit of a problem, and evaluate `law`, `safe`, ... over single boxes: for
+checks that look at few boxes.
+Non-goals: grids (`grids.py`), where C walks over millions of cells.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.codegen.enclosures import EnclosureError, generate_enclosures
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.lower.functions import FunctionTable
+from soter.lower.steps import lower_predicate
+from soter.reach.native import ReachLibrary
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.lower.core import Function, Predicate
+    from soter.reach.problem import Problem
+
+    Floats = NDArray[np.float64]
+
+TRUE = 2
+"""A truth that is definitely true."""
+
+
+def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
+    """The compiled enclosures, and the prelude functions that they use.
+
+    `SoterError` R007 where something cannot be enclosed.
+    """
+    hint, functions = _hint(problem)
+    try:
+        unit = generate_enclosures(
+            problem.system, problem.core, problem.module, problem.quantities, hint, functions
+        )
+    except EnclosureError as error:
+        diagnostics = Diagnostics()
+        symbol = problem.module.symbol
+        span = getattr(error, "span", None) or symbol.span
+        diagnostics.error(
+            "R007",
+            f"module `{problem.name}`: {error}",
+            span,
+            notes=("a proof must be able to enclose what the program computes",),
+        )
+        raise SoterError(diagnostics.items) from error
+    return ReachLibrary(unit.source), unit.prelude
+
+
+def _hint(problem: Problem) -> tuple[Predicate | None, dict[str, Function]]:
+    """`core e;` lowered, with the functions that it calls."""
+    e = problem.module.symbol.verify.core
+    if e is None:
+        return None, {}
+    functions = FunctionTable(problem.system)
+    predicate = lower_predicate(functions, problem.system, problem.module.scope, e, e.span)
+    return predicate, dict(functions.by_name)
+
+
+class Forms:
+    """Evaluates the unit over boxes; a box is an array (inputs, 2) of bounds in input order."""
+
+    def __init__(self, library: ReachLibrary, problem: Problem, parameter: Sequence[int]) -> None:
+        self.library = library
+        self._n = library.inputs
+        self._in = np.zeros((self._n, 4 + self._n))
+        self._out = np.zeros((max(self._n, 64), 4 + self._n))
+        self._param = np.array(list(parameter) or [0], dtype=np.int64)
+        ranges = [
+            (i.low, i.high)
+            for part in (
+                problem.states,
+                problem.controls,
+                problem.disturbances,
+                problem.errors,
+                problem.others,
+            )
+            for i in part
+        ]
+        self.whole: Floats = np.array(ranges, dtype=np.float64).reshape(-1, 2)
+        """The box of all inputs over their whole ranges."""
+
+    def _call(self, name: str, box: Floats) -> int:
+        ffi = self.library.ffi
+        forms = self._in
+        forms[:] = 0.0
+        low, high = box[:, 0], box[:, 1]
+        n = len(box)
+        middle = low / 2 + high / 2
+        radius = np.maximum(high - middle, middle - low)
+        point = low == high
+        forms[:n, 0], forms[:n, 1] = low, high
+        forms[:n, 2] = np.where(point, low, middle)
+        forms[range(n), range(4, 4 + n)] = np.where(point, 0.0, np.nextafter(radius, np.inf))
+        function = getattr(self.library.lib, f"soter_{name}")
+        return int(
+            function(
+                ffi.cast("void *", forms.ctypes.data),
+                ffi.cast("int64_t *", self._param.ctypes.data),
+                ffi.cast("void *", self._out.ctypes.data),
+            )
+        )
+
+    def numbers(self, name: str, box: Floats, count: int) -> Floats | None:
+        """Bounds (count, 2) of the results; None where a step fault is possible."""
+        if self._call(name, box):
+            return None
+        return np.array(self._out[:count, :2])
+
+    def true(self, name: str, box: Floats) -> bool:
+        """Whether a predicate is definitely true all over the box."""
+        fault = self._call(name, box)
+        return not fault and int(self._out.view(np.uint8).flat[0]) == TRUE

@@ -1,0 +1,235 @@
+"""Commands for a grid, and the way back: synthesis of SC, ranks for P2b.
+
+Purpose: K with a table of commands on estimates (`--synthesize`), and W with numbers of holds and
+times (docs/verification.md, section 3), for one group.
+Non-goals: writing a table as a Soter node; which set Q is.
+
+A table has one entry per cell of the estimate: [low, high) along each axis, the last cell closed.
+True cell c and estimate cell e are *compatible* when x in c, x + error in e for some error of E.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.reach import grids
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from soter.reach.grids import Bools, Bytes, Floats, GridGroup
+
+    Masks = npt.NDArray[np.uint64]
+
+ALL = np.uint64(2**64 - 1)
+HOLDS = (1, 2, 3, 5, 8, 12, 18, 27, 40, 60, 90, 135, 200)
+"""Numbers of holds that are tried on the way to Q."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A synthesised SC: `cells` is K; `choice` the row of `commands` per estimate cell, 255: none.
+
+    Every state of K stays in C for one period under the command of every estimate of it, and is in
+    K again then.
+    """
+
+    cells: Bools
+    choice: Bytes
+    commands: Floats
+
+
+@dataclass(frozen=True)
+class Way:
+    """W: rank per cell (0 = not in W, 1 = Q), holds N of each rank, longest time in ns to Q."""
+
+    rank: npt.NDArray[np.uint16]
+    holds: Bytes
+    time_ns: npt.NDArray[np.int64]
+
+    @property
+    def cells(self) -> Bools:
+        """Which cells are in W."""
+        return self.rank != 0
+
+    @property
+    def longest_ns(self) -> int:
+        """The longest time from W to Q."""
+        return int(self.time_ns[self.cells].max(initial=0))
+
+
+def _spread(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: ANN401 - int arrays
+    """AND over first[i]..last[i] along an axis (within the grid)."""
+    n = masks.shape[axis]
+    low, high = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
+    found = np.take(masks, low, axis=axis)
+    for k in range(1, int((high - low).max(initial=0)) + 1):
+        found &= np.take(masks, np.minimum(low + k, high), axis=axis)
+    return found
+
+
+class _Synthesis:
+    """One run of the fixpoint over commands."""
+
+    def __init__(
+        self,
+        group: GridGroup,
+        allowed: Bools,
+        commands: Floats,
+        errors: Mapping[int, float],
+        prefer: Floats | None,
+    ) -> None:
+        self.group, self.commands, self.errors, self.prefer = group, commands, errors, prefer
+        ffi, n, size = group.library.ffi, len(group.axes), allowed.size
+        self.work = ffi.new("soter_reach_choice *")
+        self.memory = group._rounds(self.work.r)
+        self.allowed = group._bits(allowed)
+        self.fine = np.empty(group.shape, dtype=np.uint64)
+        self.image = np.empty((*group.shape, len(commands), n, 2), dtype=np.uint16)
+        assert self.image.size == size * len(commands) * n * 2
+        w, at = self.work, group._pointer
+        w.allowed, w.fine = at(self.allowed, "uint64_t *"), at(self.fine, "uint64_t *")
+        w.image, w.commands = at(self.image, "uint16_t *"), at(commands, "double *")
+        w.count = len(commands)
+
+    def settle(self) -> Bools:
+        """Down to the fixpoint; gives K so far."""
+        group, lib = self.group, self.group.library.lib
+        while not lib.soter_reach_choice_continue(
+            group._group, self.work, grids.SLICE_S, group.threads
+        ):
+            group._tell("synthesis", self.work.r.cursor / max(1, self.work.r.dirty_n))
+        return group._cells(self.memory["kept"])
+
+    def of_estimates(self, kept: Bools) -> Masks:
+        """Per estimate cell the commands that serve every compatible cell of K; ALL where none is.
+
+        Where an axis has no error, an estimate on the lower face of its cell also is of the cell
+        below, unless its own cell is in K: then it is that cell's as well.
+        """
+        masks = np.where(kept, self.fine, ALL)
+        for a, (first, last) in enumerate(self.group._reach_of(self.errors)):
+            if self.errors.get(self.group.axes[a], 0.0):
+                masks = _spread(masks, first, last, a)
+                continue
+            below = np.full_like(masks, ALL)
+            into: list[slice] = [slice(None)] * masks.ndim
+            out = list(into)
+            into[a], out[a] = slice(1, None), slice(None, -1)
+            below[tuple(into)] = masks[tuple(out)]
+            masks = np.where(kept, masks, masks & below)
+        return masks
+
+    def conflicts(self, kept: Bools, masks: Masks) -> Bools:
+        """Cells to give up because some estimate of theirs has no command that serves all.
+
+        Of the commands, the one that serves most of the compatible cells is kept.
+        """
+        wanted, lost = np.argwhere(masks == 0), np.zeros_like(kept)
+        reach = self.group._reach_of(self.errors)
+        for at in wanted:
+            box = tuple(
+                slice(max(0, int(f[i]) - (not self.errors.get(s, 0.0))), int(t[i]) + 1)
+                for i, s, (f, t) in zip(at, self.group.axes, reach, strict=True)
+            )
+            here, fine = kept[box] & ~lost[box], self.fine[box]
+            serves = [
+                int((here & ((fine >> np.uint64(k)) & np.uint64(1) != 0)).sum())
+                for k in range(len(self.commands))
+            ]
+            best = np.uint64(int(np.argmax(serves)))
+            lost[box] |= here & ((fine >> best) & np.uint64(1) == 0)
+        return lost
+
+    def run(self) -> Table:
+        group, lib = self.group, self.group.library.lib
+        lib.soter_reach_choice_begin(group._group, self.work)
+        while True:
+            kept = self.settle()
+            masks = self.of_estimates(kept)
+            if masks.all():
+                return Table(kept, self.chosen(kept, masks), self.commands)
+            lost = np.ascontiguousarray(self.conflicts(kept, masks)).view(np.uint8)
+            lib.soter_reach_choice_remove(
+                group._group, self.work, group._pointer(lost, "uint8_t *")
+            )
+            group._tell("synthesis", float(kept.mean()))
+
+    def chosen(self, kept: Bools, masks: Masks) -> Bytes:
+        """One of the commands that serve, the one whose image of the cell has the least `prefer`
+        at its middle; the first one where it does not matter. 255 where no state of K can be."""
+        count = len(self.commands)
+        serves = (masks[..., None] >> np.arange(count, dtype=np.uint64)) & np.uint64(1) != 0
+        choice = np.argmax(serves, axis=-1).astype(np.uint8)
+        if self.prefer is not None:
+            own = serves & kept[..., None]
+            image = np.where(own[..., None, None], self.image, 0)
+            middle = tuple(
+                (image[..., a, 0].astype(np.int32) + image[..., a, 1]) // 2
+                for a in range(len(self.group.axes))
+            )
+            cost = np.where(own, self.prefer[middle], np.inf)
+            choice = np.where(kept, np.argmin(cost, axis=-1), choice).astype(np.uint8)
+        return np.where(masks == ALL, np.uint8(255), choice)
+
+
+def core_synthesis(
+    group: GridGroup,
+    allowed: Bools,
+    commands: Sequence[Sequence[float]],
+    *,
+    errors: Mapping[int, float] | None = None,
+    prefer: Floats | None = None,
+) -> Table:
+    """K and a table of commands, each held for one period (N = 1).
+
+    `commands`: up to 64 rows with a value of every control; `errors`: state -> largest error of the
+    estimate; `prefer`: a cost per cell, the less the better (distance to a goal, say). A flow must
+    be read without delay and jitter: widen `errors` by what the state moves meanwhile.
+    """
+    rows = np.ascontiguousarray(commands, dtype=np.float64)
+    assert 1 <= len(rows) <= 64
+    assert rows.shape[1] == len(group.inputs.controls), "a value of every control"
+    assert not (group.inputs.delay_ns or group.inputs.jitter_ns)
+    return _Synthesis(group, allowed, rows, errors or {}, prefer).run()
+
+
+def way(
+    group: GridGroup,
+    core: Bools,
+    constraint: Bools,
+    goal: Bools,
+    *,
+    holds: Sequence[int] = HOLDS,
+) -> Way:
+    """W: from which cells of `core` the law reaches `goal` (Q) on every run, and how soon.
+
+    W_0 = Q, W_(k+1) = W_k and {c in `core`: for some N of `holds` the tube lies in `constraint`,
+    the image over [N delta - j, N delta + j] in W_k and in `core`}. P2b needs W to cover K.
+    """
+    ffi, lib, size = group.library.ffi, group.library.lib, core.size
+    steps = np.array(sorted({h for h in holds if h <= grids.LONGEST}), dtype=np.int32)
+    goal = goal & core
+    w = ffi.new("soter_reach_way *")
+    memory = group._rounds(w.r)
+    memory["kept"][:] = group._bits(goal)
+    inside, allowed = group._bits(constraint), group._bits(core)
+    image = np.empty(size * len(steps) * 2 * len(group.axes), dtype=np.uint16)
+    rank = goal.astype(np.uint16)
+    taken, time_ns = np.zeros(group.shape, np.uint8), np.zeros(group.shape, np.int64)
+    at = group._pointer
+    w.allowed, w.inside = at(allowed, "uint64_t *"), at(inside, "uint64_t *")
+    w.holds, w.count = at(steps, "int32_t *"), len(steps)
+    w.image, w.rank = at(image, "uint16_t *"), at(rank, "uint16_t *")
+    w.taken, w.time = at(taken, "uint8_t *"), at(time_ns, "int64_t *")
+    w.period_ns, w.jitter_ns = group.inputs.period_ns, group.inputs.jitter_ns
+    lib.soter_reach_way_begin(group._group, w)
+    while not lib.soter_reach_way_continue(group._group, w, grids.SLICE_S, group.threads):
+        group._tell("way", w.r.cursor / max(1, w.r.dirty_n))
+    del memory, inside, allowed, image
+    return Way(rank, taken, time_ns)

@@ -1,0 +1,277 @@
+"""Verify one module: every property, a verdict each.
+
+Purpose: run the engine over all cases, refine where only borders fail, look for counterexamples to
+what is not proved, and put it all into a `ModuleResult`. Whatever could not be bounded is
+undecided.
+Non-goals: the claims themselves (`claims.py`, `recovery.py`).
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.program.durations import show_ns
+from soter.reach import claims
+from soter.reach.assumed import SCHEME
+from soter.reach.boxes import regions_of, share
+from soter.reach.claims import Case, Clock
+from soter.reach.extract import cases
+from soter.reach.forms import Forms, library_of
+from soter.reach.grids import UnboundedError
+from soter.reach.recovery import recover
+from soter.reach.refine import refined
+from soter.reach.results import (
+    PROPERTIES,
+    PROVED,
+    UNDECIDED,
+    CaseSets,
+    Finding,
+    ModuleResult,
+)
+from soter.reach.timing import in_words
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.reach.native import ReachLibrary
+    from soter.reach.problem import Group, Problem
+
+    Progress = Callable[[float], None]
+
+REFINEMENTS_MAX = 2
+STAGES = ("library", "safe", "core", "tubes", "ttf", "safer", "recovery")
+METHODS = {
+    "P1a": "periods compared",
+    "P1b": "outputs compared",
+    "P1c": "worst case over all releases",
+    "P2a": "greatest fixpoint over chains of SC periods",
+    "P2b": "ranks over chains of SC periods",
+    "P3": "inclusions of `ttf` and `safer`",
+    "ttf": "inclusion on every cell, all errors",
+    "safer": "inclusion on every cell, all errors",
+    "start": "inclusion of the initial states",
+}
+CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
+
+
+def verify_module(
+    problem: Problem, *, refute: bool = True, progress: Progress | None = None
+) -> ModuleResult:
+    """Everything about one module. `SoterError` R... where a program cannot be enclosed."""
+    began = time.perf_counter()
+    library, prelude = library_of(problem)
+    _assume(problem, prelude)
+    groups = problem.groups
+    done = _attempt(problem, library, groups, progress)
+    for _ in range(REFINEMENTS_MAX):
+        finer = refined(done, groups)
+        if finer is None:
+            break
+        groups = finer
+        done = _attempt(problem, library, groups, progress)
+    result = ModuleResult(problem, {}, [c.sets for c in done])
+    _static(problem, result)
+    for claim in CLAIMS:
+        result.findings[claim] = _finding(problem, done, claim)
+    result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
+    _scheme(problem, done)
+    result.findings = {p: result.findings[p] for p in PROPERTIES}
+    result.recover_s = _recover_s(done, result)
+    result.shares = _shares(done)
+    if refute:
+        _refute(problem, result)
+    result.seconds = time.perf_counter() - began
+    return result
+
+
+# ---------------------------------------------------------------- all cases
+
+
+def _attempt(
+    problem: Problem,
+    library: ReachLibrary,
+    groups: tuple[Group, ...],
+    progress: Progress | None,
+) -> list[Case]:
+    every = list(cases(problem))
+    done = []
+    for i, parameter in enumerate(every):
+
+        def tell(what: str, part: float, i: int = i) -> None:
+            if progress is not None:
+                stage = STAGES.index(what) if what in STAGES else 0
+                progress((i + (stage + part) / len(STAGES)) / len(every))
+
+        done.append(_case(problem, library, groups, parameter, tell))
+    return done
+
+
+def _case(
+    problem: Problem,
+    library: ReachLibrary,
+    groups: tuple[Group, ...],
+    parameter: tuple[int, ...],
+    tell: Callable[[str, float], None],
+) -> Case:
+    """All claims for one combination of parameter values."""
+    case = Case(problem, parameter, [], Forms(library, problem, parameter), CaseSets(parameter, []))
+    try:
+        case = claims.open_case(problem, library, groups, parameter, tell)
+        _claims(case)
+    except UnboundedError as error:
+        for claim in CLAIMS:
+            case.fail(claim, str(error), hint="a smaller grid, or a shorter horizon")
+    return case
+
+
+def _claims(case: Case) -> None:
+    with Clock(case, "P2a"):
+        found = claims.constraint(case) and claims.core(case)
+    if not found:
+        for claim in CLAIMS[1:]:
+            case.fail(claim, "there is no K")
+        return
+    with Clock(case, "P3"):
+        claims.free_phase(case)
+    if not case.problem.computed:
+        for predicate in ("ttf", "safer"):
+            with Clock(case, predicate):
+                claims.inclusion(case, predicate)
+    with Clock(case, "start"):
+        claims.start(case)
+    with Clock(case, "P2b"):
+        recover(case)
+
+
+# ---------------------------------------------------------------- verdicts
+
+
+def _assume(problem: Problem, prelude: tuple[str, ...]) -> None:
+    if prelude and not any("prelude" in a for a in problem.assumptions):
+        problem.assumptions.append("error bounds of the prelude's functions: tested, not proved")
+
+
+def _scheme(problem: Problem, done: list[Case]) -> None:
+    """For linear flows the simulator's scheme is part of the proof: one assumption less."""
+    linear = all(g.is_linear for c in done for g in c.groups) and all(c.groups for c in done)
+    if problem.scheme_step_ns and linear and SCHEME in problem.assumptions:
+        problem.assumptions.remove(SCHEME)
+
+
+def _static(problem: Problem, result: ModuleResult) -> None:
+    """P1a and P1b were checked with the program; P1c is a sum."""
+    times = problem.times
+    result.findings["P1a"] = Finding(
+        PROVED,
+        method=METHODS["P1a"],
+        text=f"SC every {show_ns(times.delta_sc)}, DM every {show_ns(times.delta_dm)}",
+    )
+    result.findings["P1b"] = Finding(
+        PROVED, method=METHODS["P1b"], text="AC and SC publish the same topics"
+    )
+    enough = times.horizon_ns >= times.h_star
+    result.findings["P1c"] = Finding(
+        PROVED if enough else UNDECIDED,
+        method=METHODS["P1c"],
+        text=in_words(times),
+        hint="" if enough else f"a horizon of {show_ns(times.h_star)} or more, or less delay",
+    )
+
+
+def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
+    finding = Finding(PROVED, method=METHODS[claim])
+    finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
+    for case in done:
+        for failure in case.failed(claim):
+            finding.verdict = UNDECIDED
+            finding.text = finding.text or failure.text
+            finding.hint = finding.hint or failure.hint
+            if failure.cells is not None and failure.group is not None:
+                names = [a.name for a in case.sets.groups[failure.group].group.axes]
+                parameters = [
+                    (p.name, v) for p, v in zip(problem.parameters, case.parameter, strict=True)
+                ]
+                edges = case.groups[failure.group].edges
+                finding.regions += regions_of(failure.cells, names, edges, parameters)
+    if not finding.text:
+        finding.text = _proved_text(problem, done, claim, finding)
+    return finding
+
+
+def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Finding) -> str:
+    many = f" for each of {len(done)} parameter values" if len(done) > 1 else ""
+    if claim == "P2a":
+        cells = sum(int((g.core > 0).sum()) for c in done for g in c.sets.groups)
+        of = sum(g.core.size for c in done for g in c.sets.groups)
+        longest = max(c.counts.get("longest", 0) for c in done)
+        finding.counts = {
+            "cells": cells,
+            "longest": longest,
+            "rounds": max(c.counts.get("rounds", 0) for c in done),
+        }
+        span = show_ns(longest * problem.times.delta_sc)
+        return f"SC keeps C from K: {cells:,} of {of:,} cells, chains up to {span}{many}"
+    if claim in ("ttf", "safer"):
+        if problem.computed:
+            return f"`{claim}` is computed from the sets{many}"
+        names = {"ttf": "not ttf", "safer": "safer"}
+        parts = [g.lets_ac if claim == "ttf" else g.gives_back for c in done for g in c.sets.groups]
+        cells = sum(int(p.sum()) for p in parts if p is not None)
+        finding.counts = {"cells": cells}
+        return f"{names[claim]} implies R(H), on {cells:,} cells{many}"
+    if claim == "P2b":
+        seconds = max((c.counts.get("recover_ns", 0) for c in done), default=0)
+        return f"SC gives control back within {show_ns(seconds)}{many}"
+    return f"initial states lie in R({show_ns(problem.times.start)})"
+
+
+def _p3(result: ModuleResult, seconds: float) -> Finding:
+    """Both inclusions."""
+    ttf, safer = result.findings["ttf"], result.findings["safer"]
+    bad = next((f for f in (ttf, safer) if f.verdict != PROVED), None)
+    times = result.problem.times
+    text = f"whatever AC publishes for {show_ns(times.horizon_ns)}, the state stays in K"
+    found = Finding(PROVED, seconds + ttf.seconds + safer.seconds, METHODS["P3"], text)
+    if bad is not None:
+        found.verdict, found.text, found.hint = bad.verdict, bad.text, bad.hint
+        found.regions = list(bad.regions)
+    return found
+
+
+def _recover_s(done: list[Case], result: ModuleResult) -> float | None:
+    if result.findings["P2b"].verdict != PROVED:
+        return None
+    return max((c.counts.get("recover_ns", 0) for c in done), default=0) / 1e9
+
+
+def _shares(done: list[Case]) -> dict[str, float]:
+    """Products over the groups, the least over the cases."""
+    found: dict[str, list[float]] = {}
+    for case in done:
+        one: dict[str, float] = {}
+        for part, engine in zip(case.sets.groups, case.groups, strict=True):
+            sets = {
+                "core": part.core > 0,
+                "free": part.free,
+                "lets_ac": part.lets_ac,
+                "gives_back": part.gives_back,
+            }
+            for name, cells in sets.items():
+                if cells is not None:
+                    one[name] = one.get(name, 1.0) * share(np.asarray(cells), engine.edges)
+        for name, value in one.items():
+            found.setdefault(name, []).append(value)
+    return {name: min(values) for name, values in found.items()}
+
+
+# ---------------------------------------------------------------- refutation
+
+
+def _refute(problem: Problem, result: ModuleResult) -> None:
+    """A run that leaves C refutes what was not proved; one that never returns refutes P2b."""
+    from soter.reach.verdicts import refuted  # noqa: PLC0415 - compiles the whole system
+
+    refuted(problem, result)

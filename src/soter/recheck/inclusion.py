@@ -1,0 +1,360 @@
+"""The claims about one group in one case, each an inclusion recomputed from its witnesses.
+
+Purpose: K, R(H), Q, W of a group; where `safe`, `ttf` and `safer` certainly hold; the start.
+Non-goals: reading certificates (`folder.py`), deciding which claims there are (`rechecker.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.recheck.balls import HALF, above, below, exact
+from soter.recheck.chains import free_phase, sc_chain
+from soter.recheck.compile_terms import compile_truths, form_of_box
+from soter.recheck.tables import Cells, Grid, halves, uncovered, volume
+from soter.recheck.terms import (
+    TRUE,
+    NotRecheckedError,
+    Terms,
+    both,
+    conjuncts,
+    either,
+    inputs_of,
+    negation,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from flint import arb
+    from numpy.typing import NDArray
+
+    from soter.program import typed
+    from soter.recheck.chains import Chain, FreePhase
+    from soter.recheck.compile_terms import Step
+    from soter.recheck.model import Model
+    from soter.recheck.tables import Block
+    from soter.recheck.terms import Truth
+
+CELLS_AT_ONCE = 16
+PIECES = (1, 4)
+"""Into how many pieces a tube is cut, first and where that was not enough."""
+FREE_PIECES = (4, 16)
+SPLITS = 6
+"""How often a single cell is halved before it counts as failed."""
+UNRANKED = 1 << 20
+
+
+class RejectedError(Exception):
+    """A claim of the certificate could not be confirmed."""
+
+
+@dataclass(eq=False)
+class GroupTables:
+    """The sets of one group as the certificate has them."""
+
+    states: tuple[int, ...]
+    grid: Grid
+    core: NDArray[np.uint8]
+    free: NDArray[np.bool_] | None = None
+    home: NDArray[np.uint8] | None = None
+    rank: NDArray[np.uint16] | None = None
+    rank_holds: NDArray[np.uint8] | None = None
+    levels: list[NDArray[np.bool_]] = field(default_factory=list)
+
+
+# ---------------------------------------------------------------- boxes
+
+
+def _finer(
+    box: list[tuple[arb, arb]], attempt: Callable[[list[tuple[arb, arb]]], bool], splits: int
+) -> bool:
+    """Whether the attempt works on all parts of a box, halving where it does not."""
+    if attempt(box):
+        return True
+    if splits == 0:
+        return False
+    axis = (SPLITS - splits) % len(box)
+    low, high = box[axis]
+    middle = ((low + high) * HALF).mid()
+    return all(
+        _finer([*box[:axis], half, *box[axis + 1 :]], attempt, splits - 1)
+        for half in ((low, middle), (middle, high))
+    )
+
+
+# ---------------------------------------------------------------- chains
+
+
+class ChainCheck:
+    """Whether SC leads from boxes to a set, within another one on the way."""
+
+    def __init__(self, model: Model, group: GroupTables) -> None:
+        self.model, self.group = model, group
+        self._chains: dict[int, Chain] = {}
+
+    def chain(self, pieces: int) -> Chain:
+        """Compiled when it is first needed."""
+        if pieces not in self._chains:
+            self._chains[pieces] = sc_chain(self.model, self.group.states, pieces)
+        return self._chains[pieces]
+
+    def leads(
+        self,
+        box: list[tuple[arb, arb]],
+        holds: int,
+        within: Cells,
+        target: Callable[[Sequence[float]], bool],
+        pieces: int,
+    ) -> bool:
+        """Whether after so many holds everything is in `target`, and in `within` all the time."""
+        chain = self.chain(pieces)
+        n = chain.dimension
+        form = form_of_box(box, symbols=True)
+        step: Step = chain.first
+        boxes: Sequence[float] = ()
+        for _ in range(holds):
+            found = step(form)
+            if found is None:
+                return False
+            form, boxes = found
+            if not within.contains_all(boxes):
+                return False
+            step = chain.later
+        if chain.last is not None:
+            found = chain.last(form)
+            return found is not None and within.contains_all(found[1]) and target(found[1])
+        return target(_box_of(form, n))
+
+
+def _box_of(form: Sequence[arb], n: int) -> tuple[float, ...]:
+    """The box of a form: its last 2 k entries are the ends of its k states."""
+    count = _states_in(len(form), n)
+    low, high = len(form) - 2 * count, len(form) - count
+    found: list[float] = []
+    for i in range(n):
+        found += (below(form[low + i]), above(form[high + i]))
+    return tuple(found)
+
+
+def _states_in(length: int, symbols: int) -> int:
+    """A form has 4 + symbols entries a state."""
+    return length // (4 + symbols)
+
+
+def witnessed(
+    check: ChainCheck,
+    witnesses: NDArray[np.uint8],
+    within: Cells,
+    target: Callable[[Sequence[float]], bool],
+    block: Block,
+) -> list[Block]:
+    """Cells with a witness from which SC does not certainly lead to the target."""
+    grid = check.group.grid
+    todo = Cells(grid, witnesses > 0)
+
+    def attempt(at: Block) -> bool:
+        centre = tuple((low + high) // 2 for low, high in at)
+        holds = int(witnesses[centre])
+        box = grid.box(at)
+        if check.leads(box, holds, within, target, PIECES[0]):
+            return True
+        if volume(at) > 1:
+            return False
+        fine = lambda b: check.leads(b, holds, within, target, PIECES[1])  # noqa: E731
+        return _finer(box, fine, SPLITS)
+
+    return list(uncovered(todo, block, attempt, CELLS_AT_ONCE))
+
+
+def ranked(check: ChainCheck, home: Cells, block: Block) -> list[Block]:
+    """Cells of W from which SC does not certainly lead to lower ranks."""
+    group = check.group
+    assert group.rank is not None
+    assert group.rank_holds is not None
+    grid = group.grid
+    order = np.where(home.members, 0, np.where(group.rank > 0, group.rank, UNRANKED))
+    everywhere = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
+    holds_of = group.rank_holds
+    todo = Cells(grid, (group.rank > 0) & ~home.members)
+
+    def attempt(at: Block) -> bool:
+        part = order[tuple(slice(low, high) for low, high in at)]
+        least = int(part.min())
+        centre = tuple((low + high) // 2 for low, high in at)
+        holds = int(holds_of[centre])
+        if holds == 0:
+            return False
+
+        def target(box: Sequence[float]) -> bool:
+            cells = grid.cells(box)
+            if cells is None:
+                return False
+            there = order[tuple(slice(low, high) for low, high in cells)]
+            return int(there.max()) < least
+
+        box = grid.box(at)
+        if check.leads(box, holds, everywhere, target, PIECES[0]):
+            return True
+        if volume(at) > 1:
+            return False
+        fine = lambda b: check.leads(b, holds, everywhere, target, PIECES[1])  # noqa: E731
+        return _finer(box, fine, SPLITS)
+
+    return list(uncovered(todo, block, attempt, CELLS_AT_ONCE))
+
+
+# ---------------------------------------------------------------- free phases
+
+
+class FreeCheck:
+    """Whether whatever is commanded for some time keeps boxes in a set."""
+
+    def __init__(self, model: Model, group: GroupTables, time_ns: int) -> None:
+        self.model, self.group, self.time_ns = model, group, time_ns
+        self._phases: dict[int, FreePhase] = {}
+
+    def phase(self, pieces: int) -> FreePhase:
+        """Compiled when it is first needed."""
+        if pieces not in self._phases:
+            self._phases[pieces] = free_phase(self.model, self.group.states, self.time_ns, pieces)
+        return self._phases[pieces]
+
+    def stays(self, box: list[tuple[arb, arb]], within: Cells, pieces: int) -> bool:
+        """At every time in [0, time], the beginning included."""
+        phase = self.phase(pieces)
+        maps = self.model.facts.kind == "map"
+        form = form_of_box(box, symbols=True)
+        start = _box_of(form, phase.dimension)
+        if not within.contains(start):
+            return False
+        for step in phase.steps:
+            found = step(form)
+            if found is None or not within.contains_all(found[1]):
+                return False
+            if maps:
+                form = found[0]
+        return True
+
+
+def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> list[Block]:
+    """Cells of `claimed` that some command may drive out of `within`."""
+    grid = check.group.grid
+
+    def attempt(at: Block) -> bool:
+        box = grid.box(at)
+        if check.stays(box, within, FREE_PIECES[0]):
+            return True
+        if volume(at) > 1:
+            return False
+        return _finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
+
+    return list(uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE))
+
+
+# ---------------------------------------------------------------- predicates
+
+
+def _grid_boxes(model: Model) -> list[tuple[arb, arb]]:
+    return [(exact(low), exact(high)) for low, high in model.extents]
+
+
+def certain(
+    model: Model, groups: Sequence[GroupTables], expr: typed.Expr, *, errors: bool
+) -> list[Cells]:
+    """For each group the cells on which its share of a predicate certainly holds.
+
+    The predicate holds on the product of these sets: each of its conjuncts must be a matter of
+    one group, the others ranging over their whole grids. Where `errors`, on every estimate of
+    every state.
+    """
+    terms, states = model.new_terms()
+    truth = model.predicate(terms, states, expr, errors=errors)
+    shares: list[list[Truth]] = [[] for _ in groups]
+    atoms = {next(iter(x.terms)): i for i, x in enumerate(states)}
+    for part in [*conjuncts(truth), *terms.obligations]:
+        touched = {atoms[a] for a in inputs_of(terms, [part]) if a in atoms}
+        owners = [k for k, g in enumerate(groups) if touched & set(g.states)]
+        if len(owners) > 1:
+            raise NotRecheckedError(
+                "a predicate that couples groups of states is not rechecked yet"
+            )
+        shares[owners[0] if owners else 0].append(part)
+    found = []
+    for group, share in zip(groups, shares, strict=True):
+        whole = both_all(share)
+        found.append(
+            _certain_cells(model, group, terms, [next(iter(x.terms)) for x in states], whole)
+        )
+    return found
+
+
+def both_all(parts: Sequence[Truth]) -> Truth:
+    """All of them."""
+    found = TRUE
+    for p in parts:
+        found = both(found, p)
+    return found
+
+
+def _certain_cells(
+    model: Model, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Truth
+) -> Cells:
+    """Cells on which a proposition certainly holds, whatever the other groups do."""
+    boxes = {
+        atom: box
+        for i, (atom, box) in enumerate(zip(atoms, _grid_boxes(model), strict=True))
+        if i not in group.states
+    }
+    decide = compile_truths(terms, [atoms[i] for i in group.states], [truth], boxes)
+    members = np.zeros(group.grid.shape, dtype=np.bool_)
+    waiting = [group.grid.whole]
+    while waiting:
+        block = waiting.pop()
+        (found,) = decide(form_of_box(group.grid.box(block), symbols=False))
+        if found == 2:
+            members[tuple(slice(low, high) for low, high in block)] = True
+        elif found == 3 and volume(block) > 1:
+            waiting.extend(halves(block))
+    return Cells(group.grid, members)
+
+
+def admitted(
+    model: Model,
+    group: GroupTables,
+    expr: typed.Expr,
+    *,
+    admits: bool,
+    proved: Cells,
+    block: Block,
+) -> list[Block]:
+    """Cells outside `proved` where `safe` may hold and, on an estimate, `expr` may be `admits`."""
+    terms, states = model.new_terms()
+    safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
+    sound_safe = both_all(terms.obligations)
+    terms.obligations.clear()
+    told = model.predicate(terms, states, expr, errors=True)
+    sound_told = both_all(terms.obligations)
+    refused = negation(told) if admits else told
+    fine = either(both(negation(safe), sound_safe), both(refused, sound_told))
+    atoms = [next(iter(x.terms)) for x in states]
+    boxes = {
+        atom: box
+        for i, (atom, box) in enumerate(zip(atoms, _grid_boxes(model), strict=True))
+        if i not in group.states
+    }
+    decide = compile_truths(terms, [atoms[i] for i in group.states], [fine], boxes)
+    grid = group.grid
+
+    def holds(box: list[tuple[arb, arb]]) -> bool:
+        return decide(form_of_box(box, symbols=False)) == (2,)
+
+    def attempt(at: Block) -> bool:
+        box = grid.box(at)
+        return holds(box) or (volume(at) == 1 and _finer(box, holds, SPLITS))
+
+    todo = Cells(grid, ~proved.members)
+    return list(uncovered(todo, block, attempt, volume(grid.whole)))

@@ -1,0 +1,107 @@
+"""A synthesised table keeps its core whatever is estimated; the way to Q takes no longer than
+claimed."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+from unit.reach_grids.adversary import Runs
+from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of
+from unit.reach_grids.test_grid_sets import drawn, inside
+from unit.reach_grids.units import corner, hill
+
+from soter.reach.grids import GridGroup, GridInputs
+from soter.reach.policies import core_synthesis, way
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    Floats = npt.NDArray[np.float64]
+
+COMMANDS = [[-1.0], [0.0], [1.0]]
+X, V = (-1.5, 1.5), (-0.6, 0.6)
+
+
+def engine() -> GridGroup:
+    inputs = GridInputs(states=(X, V), controls=((-1.0, 1.0),), kind="map", period_ns=100 * MS)
+    edges = [np.linspace(*X, 122), np.linspace(*V, 91)]
+    return GridGroup(hill(1.0, 2.0), inputs, list(enumerate(edges)))
+
+
+def entry(group: GridGroup, estimate: Floats) -> tuple[npt.NDArray[np.int64], ...]:
+    """The cell [low, high) of an estimate, the last one closed; clipped to the grid."""
+    return tuple(
+        np.clip(np.searchsorted(e, estimate[a], side="right") - 1, 0, len(e) - 2)
+        for a, e in enumerate(group.edges)
+    )
+
+
+@pytest.mark.parametrize("errors", [{}, {0: 0.02}, {0: 0.03, 1: 0.012}])
+def test_the_table_keeps_the_core(errors: dict[int, float]) -> None:
+    group, rng = engine(), np.random.default_rng(1)
+    table = core_synthesis(group, np.ones(group.shape, dtype=bool), COMMANDS, errors=errors)
+    assert 0.2 < table.cells.mean() < 0.9
+    x, _ = drawn(group, table.cells, rng, 20000)
+    for _ in range(4):
+        error = np.stack([corner(rng, -errors.get(a, 0.0), errors.get(a, 0.0), (x.shape[1],))
+                          for a in range(2)])  # fmt: skip
+        choice = table.choice[entry(group, x + error)]
+        in_grid = np.all([(x + error)[a] <= group.edges[a][-1] for a in range(2)], axis=0)
+        in_grid &= np.all([(x + error)[a] >= group.edges[a][0] for a in range(2)], axis=0)
+        assert np.all(choice[in_grid] != 255)
+        u = table.commands[choice[in_grid], 0]
+        x = x[:, in_grid]
+        v = np.clip(x[1] + 0.1 * u - 0.05 * x[0], -0.5, 0.5)
+        x = np.stack([x[0] + v, v])
+        assert inside(group, table.cells, x).all()
+
+
+def test_an_error_makes_the_synthesised_core_smaller() -> None:
+    group = engine()
+    everything = np.ones(group.shape, dtype=bool)
+    none, some = (core_synthesis(group, everything, COMMANDS, errors=e) for e in ({}, {0: 0.02}))
+    assert some.cells.sum() < none.cells.sum()
+    assert not np.any(some.cells & ~none.cells)
+
+
+def test_the_preferred_commands_lead_to_the_middle() -> None:
+    group = engine()
+    middle = [(e[:-1] + e[1:]) / 2 for e in group.edges]
+    cost = np.hypot(*np.meshgrid(*middle, indexing="ij"))
+    found = []
+    for prefer in (None, cost):
+        table = core_synthesis(
+            group, np.ones(group.shape, dtype=bool), COMMANDS, prefer=prefer
+        )
+        x, _ = drawn(group, table.cells, np.random.default_rng(2), 2000)
+        for _ in range(60):
+            u = table.commands[table.choice[entry(group, x)], 0]
+            v = np.clip(x[1] + 0.1 * u - 0.05 * x[0], -0.5, 0.5)
+            x = np.stack([x[0] + v, v])
+        found.append(float(np.hypot(*x).mean()))
+    assert found[1] < 0.5 * found[0]
+
+
+@pytest.mark.parametrize("number", [1, 3])
+def test_the_way_back_takes_no_longer_than_claimed(number: int) -> None:
+    c = CARS[number]
+    group = group_of(c, cells=121)
+    allowed = group.constraint()
+    core = group.core(allowed, longest=80).cells
+    middle = np.abs(group.edges[0][:-1] + group.edges[0][1:]) < 1.4
+    rates = np.abs(group.edges[1][:-1] + group.edges[1][1:]) < 1.6
+    goal = core & middle[:, None] & rates[None, :]
+    found = way(group, core, allowed, goal)
+    assert np.array_equal(found.rank == 1, goal)
+    assert (found.cells & core).sum() > 0.98 * core.sum()
+    rng = np.random.default_rng(6)
+    start, at = drawn(group, found.cells & ~goal, rng, 1500)
+    limit = found.time_ns[at[:, 0], at[:, 1]] * 1e-9
+    assert 0 < limit.max() <= found.longest_ns * 1e-9
+    back = np.zeros(start.shape[1], dtype=bool)
+    runs = Runs(c, start, rng)
+    for _, x, _met in runs.holds(int(limit.max() / c.period) + 1):
+        back |= inside(group, goal, x) & (runs.time <= limit + 1e-9)
+    assert back.all()
