@@ -184,7 +184,7 @@ CART_DEFAULTS: Params = {
     "FORCE": 3.0,
     "EV": 0.05,
     "EX": 0.2,
-    "B": 2.5,
+    "B": 2.4,
     "FACTOR": 2.3,
     "TAU": 0.12,
     "TAU_SAFER": 0.3,
@@ -447,7 +447,7 @@ rta SafePole {
   safe Up(pole);
   ttf $TTF;
   safer $SAFER;
-  verify { grid pole.angle in [-0.8, 0.8] / 200, pole.rate in [-4.0, 4.0] / 200; }
+  verify { grid pole.angle in [-0.8, 0.8] / 160, pole.rate in [-4.0, 4.0] / 160; }
 }
 
 system Protected default {
@@ -467,11 +467,11 @@ PENDULUM_DEFAULTS: Params = {
     "FIRST": "angle",
     "SECOND": "rate",
     "EV": 0.02,
-    "EX": 0.09,
-    "B": 4.0,
+    "EX": 0.1,
+    "B": 3.6,
     "RATE_SCALE": 1.0,
     "TAU": 0.07,
-    "TAU_SAFER": 0.12,
+    "TAU_SAFER": 0.1,
     "SIDES": "both",
     "TTF": "fits",
     "SAFER": "fits",
@@ -623,8 +623,8 @@ LIFT_DEFAULTS: Params = {
     "SIGN": 1.0,
     "KV": 0.8,
     "FORCE": 1.0,
-    "EX": 0.3,
-    "EV": 0.05,
+    "EX": 0.4,
+    "EV": 0.07,
     "REACH": 1.1,
     "B": 0.8,
     "TAU": 2.0,
@@ -739,7 +739,8 @@ fun Energy(x: float, v: float): float {
 
 fun Fits(c: Car, steps: float): bool {
   let v = abs(c.v) + 0.004 * steps;
-  return Energy(c.x, c.v) + 0.003 * steps * v + $MARGIN < Energy(CLIFF, 0.0);
+  return c.x + 0.08 * steps < $HIGH
+      && Energy(c.x, c.v) + 0.003 * steps * v + $MARGIN < Energy(CLIFF, 0.0);
 }
 
 rta SafeCar {
@@ -770,6 +771,7 @@ CAR_DEFAULTS: Params = {
     "HILL": 0.0025 / 3.0,
     "THROTTLE": 0.0015,
     "MARGIN": 0.0003,
+    "HIGH": -0.05,
     "TAU": 1.0,
     "TAU_SAFER": 3.0,
     "TTF": "fits",
@@ -807,7 +809,8 @@ def car_loop(p: Params) -> Loop:
     def fits(y: Array, steps: float) -> Any:
         v = np.abs(y[1]) + 0.004 * steps
         at_cliff = energy(np.array(-1.2), np.array(0.0))
-        return energy(y[0], y[1]) + 0.003 * steps * v + p["MARGIN"] < at_cliff
+        low = energy(y[0], y[1]) + 0.003 * steps * v + p["MARGIN"] < at_cliff
+        return low & (y[0] + 0.08 * steps < p["HIGH"])
 
     return Loop(
         step=step,

@@ -56,6 +56,8 @@ class RandomProblem:
     response_dm: int
     response_sc: int
     acts: int
+    horizon: int = 0
+    """Declared H in ns; 0: H*."""
     _steps: dict[int, tuple[Array, Array]] = field(default_factory=dict)
 
     @property
@@ -147,7 +149,8 @@ class RandomProblem:
             f"y.x{i} in [{-float(self.box[i])!r}, {float(self.box[i])!r}] / {self.cells[i]}"
             for i in n
         )
-        delays = (
+        delays = f"\n    horizon {self.horizon}ns;" if self.horizon else ""
+        delays += (
             ""
             if self.is_map
             else f"""
@@ -362,8 +365,8 @@ def _chain(number: int, rng: np.random.Generator) -> RandomProblem:
         [speed**2, 2.2 * speed, 0.1],
         control,
         [0.0, _round(0.05 * control), 0.0],
-        [1.5, _round(np.sqrt(3.0 * control)), _round(1.05 * control)],
-        (40, 40, 12),
+        [3.0, _round(np.sqrt(6.0 * control)), _round(1.05 * control)],
+        (60, 60, 20),
     )
 
 

@@ -53,6 +53,23 @@ BENCHMARKS = (
         "ramming, faulting outputs; wind at its bounds.",
     ),
     Benchmark(
+        "The mountain car: four drivers, alone and with RTA",
+        ("bench/mountain_car.py",),
+        "10,000 seeded episodes of each driver on the proved map, until flag, cliff or 999 steps. "
+        "AC share is of all steps of all episodes; a takeover is a switch from AC to SC.",
+    ),
+    Benchmark(
+        "The mountain car: Gymnasium against the proved map",
+        ("bench/mountain_car.py", "--conformance"),
+        "Every step of MountainCarContinuous-v0, from all over the plane, has to be a step of the "
+        "map for some rounding within the declared bounds.",
+    ),
+    Benchmark(
+        "The mountain car: training with and without the module",
+        ("examples/mountain_car/train.py", "-o", ".soter/policy.json"),
+        "The same network, seeds and cross-entropy method twice: falls during training.",
+    ),
+    Benchmark(
         "The generated program and the kernel",
         (
             "-m",

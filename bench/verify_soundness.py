@@ -14,6 +14,8 @@ does what the claim excludes:
 - closed form: a cell of K holds a state that no law could save.
 Beside that, how much is claimed (a tool that claims nothing is never wrong), and how much of what
 is not claimed the adversary can be seen to win.
+`--blind` shows that the adversaries are no paper tigers: the engine is told of no wind, no errors,
+no delay, no jitter or half the horizon, and each time escapes must be seen.
 Non-goals: the certificate's own check (`soter recheck`).
 """
 
@@ -23,7 +25,8 @@ import argparse
 import json
 import sys
 import time
-from dataclasses import asdict, dataclass, field
+from collections.abc import Callable  # noqa: TC003 - a table is declared with it
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -36,8 +39,6 @@ if str(ROOT) not in sys.path:
 from bench.random_problems import RandomProblem, problem  # noqa: E402 - needs the path
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     import numpy.typing as npt
 
     Array = npt.NDArray[np.float64]
@@ -92,16 +93,23 @@ class Cells:
             for e, v in zip(self.edges, x, strict=True)
         )
 
-    def has(self, cells: Bools, x: Array) -> Bools:
-        """Whether states lie in some cell of a set, or within rounding of one."""
-        found = np.zeros(x.shape[1], dtype=bool)
+    def find(self, cells: npt.NDArray[np.uint8], x: Array) -> npt.NDArray[np.uint8]:
+        """The entry of a cell that holds each state, 0 outside.
+
+        Cells are closed: at a border (within rounding) the largest entry around it.
+        """
+        found = np.zeros(x.shape[1], dtype=np.uint8)
         inside = np.ones(x.shape[1], dtype=bool)
         for e, v in zip(self.edges, x, strict=True):
             inside &= (v >= e[0] - 1e-9) & (v <= e[-1] + 1e-9)
         for side in np.ndindex(*(2,) * len(self.edges)):
             nudge = 1e-9 * (2.0 * np.array(side) - 1.0)
-            found = found | cells[self.index(x + nudge[:, None])]
-        return np.asarray(found & inside, dtype=np.bool_)
+            found = np.maximum(found, cells[self.index(x + nudge[:, None])])
+        return np.where(inside, found, 0).astype(np.uint8)
+
+    def has(self, cells: Bools, x: Array) -> Bools:
+        """Whether states lie in some cell of a set."""
+        return np.asarray(self.find(cells.view(np.uint8), x), dtype=np.bool_)
 
     def draw(self, cells: Bools, runs: int, rng: np.random.Generator) -> Array | None:
         """States in cells of a set, half of them in cells at its border, many at corners."""
@@ -124,14 +132,14 @@ class Cells:
 
 def _eroded(cells: Bools) -> Bools:
     """Cells whose neighbours along every axis are in the set too."""
-    out = cells.copy()
+    out: Bools = cells.copy()
     for axis in range(cells.ndim):
         for step in (1, -1):
             moved = np.roll(cells, step, axis)
             edge: list[slice | int] = [slice(None)] * cells.ndim
             edge[axis] = 0 if step == 1 else -1
             moved[tuple(edge)] = False
-            out &= moved
+            out = np.asarray(out & moved, dtype=np.bool_)
     return out
 
 
@@ -213,7 +221,6 @@ def attack_core(
     rng = np.random.default_rng(seed)
     runs = x0.shape[1]
     cells, foe = Cells(claims.edges), Adversary(p, runs, rng)
-    core = claims.witness != 0
     past = Past(p.states, runs, p.d)
     before = p.control * np.where(rng.random(runs) < 0.7, foe.push, rng.uniform(-1.0, 1.0, runs))
     x = x0
@@ -222,8 +229,7 @@ def attack_core(
         past.put(-age, x)
     x, u = x0, before
     past.put(0, x0)
-    holds = claims.witness[cells.index(x0)].astype(np.int64)
-    holds = np.where(holds > 0, holds, 1)
+    holds = np.maximum(cells.find(claims.witness, x0), 1).astype(np.int64)
     number = np.zeros(runs, dtype=np.int64)
     due = np.zeros(runs, dtype=np.int64)
     began = np.zeros(runs, dtype=np.int64)
@@ -233,8 +239,9 @@ def attack_core(
         if acting.any():
             back = acting & (number == holds)  # the witness: in K now, and a new chain may start
             if back.any():
-                missed |= back & ~cells.has(core, x)
-                holds = np.where(back, np.maximum(claims.witness[cells.index(x)], 1), holds)
+                witness = cells.find(claims.witness, x)
+                missed |= back & (witness == 0)
+                holds = np.where(back, np.maximum(witness, 1), holds)
                 number = np.where(back, 0, number)
                 began = np.where(back, t, began)
             y = past.at(t, foe.ticks(p.d)) + foe.error(x)
@@ -342,11 +349,10 @@ def lost_by_form(p: RandomProblem, claims: Claims) -> int:
 
 def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
     """What `soter verify` claims about the problem, and a note where it claims nothing."""
-    from soter.reach.verify import verify_module  # noqa: PLC0415
-
     from soter.diagnostics.diagnostic import SoterError  # noqa: PLC0415 - slow
     from soter.program.build import check_file, system_of  # noqa: PLC0415
     from soter.reach.extract import extract  # noqa: PLC0415
+    from soter.reach.verify import verify_module  # noqa: PLC0415
 
     try:
         system = system_of(check_file(f"random{p.number}.soter", p.text), "S")
@@ -363,8 +369,29 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
     edges = tuple(np.array(e) for e in group.edges)
     free = np.asarray(group.free, dtype=bool)
     levels = tuple(np.asarray(level, dtype=bool) for level in group.levels)
+    if not levels:  # a DM of our own from R(H)
+        trust = shrunk(free, edges, p.error)
+        levels = (trust, shrunk(trust, edges, 0.02 * p.box))
     core = np.asarray(group.core).reshape(free.shape)
     return Claims(edges, core, free, levels, horizon_ns // tick_ns), ""
+
+
+def shrunk(cells: Bools, edges: tuple[Array, ...], by: Array) -> Bools:
+    """Cells all of whose points may be off by `by` and still lie in the set."""
+    out = cells
+    for axis, (e, far) in enumerate(zip(edges, by, strict=True)):
+        n = len(e) - 1
+        first = np.searchsorted(e, e[:-1] - far - 1e-12, side="left") - 1
+        last = np.searchsorted(e, e[1:] + far + 1e-12, side="right") - 1
+        before = np.moveaxis(out, axis, 0)
+        rows = [
+            np.zeros(before.shape[1:], dtype=bool)
+            if far > 0.0 and (first[i] < 0 or last[i] >= n)
+            else before[max(first[i], 0) : min(last[i], n - 1) + 1].all(axis=0)
+            for i in range(n)
+        ]
+        out = np.moveaxis(np.array(rows), 0, axis)
+    return out
 
 
 def _h_star(p: RandomProblem) -> int:
@@ -435,7 +462,12 @@ def main() -> int:
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--steps", type=float, default=1e7)
     parser.add_argument("--json", type=Path)
+    parser.add_argument(
+        "--blind", action="store_true", help="hide things from the engine: there must be escapes"
+    )
     arguments = parser.parse_args()
+    if arguments.blind:
+        return blinded(range(arguments.first, arguments.first + arguments.problems))
     found = []
     for k in range(arguments.first, arguments.first + arguments.problems):
         p = problem(k)
@@ -458,6 +490,37 @@ def main() -> int:
         document = {"summary": summary, "problems": [asdict(f) for f in found]}
         arguments.json.write_text(json.dumps(document, indent=2) + "\n")
     return 1 if summary["escapes"] else 0
+
+
+HIDDEN: dict[str, Callable[[RandomProblem], RandomProblem]] = {
+    "nothing": lambda p: p,
+    "wind": lambda p: replace(p, wind=0.0 * p.wind),
+    "errors": lambda p: replace(p, error=0.0 * p.error),
+    "delay": lambda p: replace(p, age=min(p.age, p.plant_period), response_sc=0, acts=0),
+    "jitter": lambda p: replace(p, late_dm=0, late_sc=0, response_dm=0, response_sc=0, acts=0),
+    "half of H*": lambda p: replace(p, horizon=_h_star(p) // 2),
+}
+
+
+def blinded(numbers: range) -> int:
+    """Attack what is claimed by an engine that is not told everything; 1 if all is well."""
+    print(f"{'hidden from the engine':24} {'problems with escapes':>22} {'escapes':>9}  which")
+    wrong = 0
+    for name, hide in HIDDEN.items():
+        kinds: dict[str, int] = {}
+        problems = 0
+        for k in numbers:
+            p = problem(k)
+            claims, note = claims_of(hide(p))
+            f = examine(p, claims, 500_000, note)
+            problems += any(f.escapes.values())
+            for kind, count in f.escapes.items():
+                kinds[kind] = kinds.get(kind, 0) + count
+        escapes = sum(kinds.values())
+        seen = ", ".join(f"{kind} {count}" for kind, count in kinds.items() if count)
+        print(f"{name:24} {problems:22} {escapes:9}  {seen}", flush=True)
+        wrong += (escapes > 0) == (name == "nothing")
+    return 1 if wrong else 0
 
 
 def _summary(found: list[Findings]) -> dict[str, float]:

@@ -62,4 +62,5 @@ def read_weights(path: Path = WEIGHTS) -> NDArray[np.float64]:
 def write_weights(weights: NDArray[np.float64], facts: dict[str, Any], path: Path) -> None:
     """Write weights with what is known about them; numbers in the shortest exact form."""
     document = {**facts, "weights": [float(w) for w in weights]}
+    path.parent.mkdir(parents=True, exist_ok=True)
     path.write_text(json.dumps(document, indent=1) + "\n", encoding="utf-8")

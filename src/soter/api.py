@@ -11,6 +11,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass
 from functools import partial as partial_
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from soter.program.typed import Program as TypedProgram
     from soter.program.types import Value
     from soter.reach.results import VerifyReport
+    from soter.recheck.rechecker import Report as RecheckReport
     from soter.simulate.bindings import Bindings
     from soter.simulate.run import NativeProgram, Run
     from soter.targets.package import Package
@@ -85,6 +87,34 @@ def load(path: str | Path) -> Program:
     program then raises `SoterError`.
     """
     return Program(str(path))
+
+
+def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckReport:
+    """Check the certificate in a folder, independently of what wrote it.
+
+    A certificate that is wrong, or uses what the re-checker does not know, is a report that is not
+    `accepted`, with the reason. `SoterError` D009 where there is no certificate, D007 where
+    python-flint is not installed.
+    """
+    if find_spec("flint") is None:
+        raise SoterError(
+            (
+                Diagnostic(
+                    "D007",
+                    "certificates are checked with `python-flint`, which is not installed",
+                    helps=("install it: pip install 'soter[recheck]'",),
+                ),
+            )
+        )
+    from soter.recheck.folder import NotACertificateError  # noqa: PLC0415 - an extra
+    from soter.recheck.rechecker import recheck as check  # noqa: PLC0415 - an extra
+
+    try:
+        return check(Path(folder), progress)
+    except NotACertificateError as error:
+        hint = "`soter verify --cert DIR` makes one"
+        problem = Diagnostic("D009", f"this is no certificate: {error}", helps=(hint,))
+        raise SoterError((problem,)) from None
 
 
 class Program:
@@ -227,7 +257,7 @@ class Program:
 
         _require_engine(engine)
         seed = seed_value(seed)
-        flat = self._system(system, params)
+        flat, computed = self._completed(system, params, progress)
         end_ns = _end_ns(flat, until)
         require_writers(log, report)
         bindings = self._bindings(flat)
@@ -250,6 +280,7 @@ class Program:
         if run.interrupted and not partial:
             raise KeyboardInterrupt
         run.externs = bindings.texts()
+        run.computed = computed
         if log is not None:
             self.write_log(run, log)
         if report is not None:
@@ -306,12 +337,21 @@ class Program:
         output: str | Path,
         system: str | None = None,
         params: Mapping[str, object] | None = None,
+        *,
+        progress: Progress | None = None,
     ) -> Package:
-        """Write the package of a target (`"c"`) into the folder `output`."""
+        """Write the package of a target (`"c"`) into the folder `output`.
+
+        `progress` is called with the share that is done of computing `ttf` and `safer`, for modules
+        that have neither.
+        """
         from soter.targets.build import build_package  # noqa: PLC0415 - see the docstring
 
-        bindings = self._bindings(self._system(system, params))
-        return build_package(target, bindings.system, bindings.core, Path(output))
+        flat, computed = self._completed(system, params, progress)
+        bindings = self._bindings(flat)
+        package = build_package(target, bindings.system, bindings.core, Path(output))
+        package.notes += computed
+        return package
 
     def verify(
         self,
@@ -329,13 +369,25 @@ class Program:
 
         `module`: full or declared name. `system`: where its plants stand; by default wherever a
         module is, the default system first. `cert`: a folder for a certificate; `report`: an HTML
-        page. `synthesize`: find the controllers that are `sc synthesized`. `refute`: look for a
-        counterexample to what is not proved. `SoterError` with R... where the program does not
-        determine a problem.
+        page. `synthesize`: find the controllers that are `sc synthesized` first, and verify the
+        program that was written. `refute`: look for a counterexample to what is not proved.
+        `SoterError` with R... where the program does not determine a problem.
         """
         from soter.reach.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
+        if synthesize:
+            written = self.synthesize(module=module, system=system, params=params)
+            if written:
+                return load(written[0]).verify(
+                    module,
+                    cert,
+                    system=system,
+                    params=params,
+                    refute=refute,
+                    report=report,
+                    progress=progress,
+                )
         if report is not None:
             require_writers(None, report)
         return verify(
@@ -344,7 +396,6 @@ class Program:
             system=system,
             params=self._values(params),
             cert=None if cert is None else Path(cert),
-            synthesize=synthesize,
             refute=refute,
             report=None if report is None else Path(report),
             progress=progress,
@@ -396,7 +447,7 @@ class Program:
 
     def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
         """A system with every number known and every instance named: what runs, fresh each time."""
-        return self._system(system, params)
+        return self._completed(system, params)[0]
 
     @property
     def bound(self) -> Mapping[str, object]:
@@ -407,6 +458,20 @@ class Program:
         """A fresh flat system: bindings may be entered in it."""
         self._require_sound()
         return system_of(self._checked, name, self._values(params))
+
+    def _completed(
+        self,
+        name: str | None,
+        params: Mapping[str, object] | None,
+        progress: Progress | None = None,
+    ) -> tuple[System, list[str]]:
+        """A flat system whose modules all have `ttf` and `safer`, and a note on each computed."""
+        system = self._system(name, params)
+        if all(m.symbol.ttf is not None for m in system.modules):
+            return system, []
+        from soter.reach.complete import complete  # noqa: PLC0415 - needs NumPy and a compiler
+
+        return system, complete(system, progress)
 
     def _bindings(self, system: System) -> Bindings:
         from soter.simulate.bindings import bind  # noqa: PLC0415 - see the docstring

@@ -8,6 +8,7 @@ Non-goals: making programs, what modules are (`codegen/enclosures.py` does that)
 from __future__ import annotations
 
 import math
+import random
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING, Any
@@ -18,7 +19,7 @@ from generators.engines import call_compiler
 from soter.codegen import c_tree as c
 from soter.codegen.c_printer import print_file
 from soter.codegen.enclosure_body import EnclosureBody
-from soter.codegen.enclosure_emit import Emitter, address, names_in, pruned, statements
+from soter.codegen.enclosure_emit import Emitter, address, framed, given, names_in
 from soter.codegen.enclosure_ops import Operations, kind_of
 from soter.codegen.enclosure_values import (
     Constant,
@@ -56,6 +57,14 @@ INPUTS = 24
 DECLARATIONS = f"""
 typedef struct {{ double lo, hi, c, r; double g[{INPUTS}]; }} soter_form;
 """
+
+
+SIGNATURE = "(const soter_form in[], const int64_t param[], soter_form out[])"
+
+
+def seeded(key: int | str) -> random.Random:
+    """Random numbers, always the same ones."""
+    return random.Random(key)  # noqa: S311 - test data
 
 
 def scalars(t: Type) -> Iterator[Type]:
@@ -138,13 +147,8 @@ def enclosure(
     out: list[c.CStmt] = []
     for v in _flat(result):
         form = ops.form(v if kind_of(v) == "form" else ops.to_float(v))
-        target = address(c.IndexExpr(c.Name("out"), c.Number(str(len(out)))))
-        out.append(c.Do(c.CallExpr("soter_form_copy", (target, form))))
-    live = {n for s in out for n in names_in(s)}
-    block = statements(pruned(emitter.block, live))
-    fault = c.Declare("unsigned", "fault", c.Number("0U"))
-    unused = tuple(c.Unused(n) for n in ("in", "param", "out"))
-    whole = (fault, *block, *out, *unused, c.Return(c.Name("fault")))
+        out.append(given(len(out), form))
+    whole = framed(emitter.block, emitter.reads, out)
     types = tuple(t for p in function.parameters for t in scalars(p.type))
     definition = c.FunctionDef("unsigned", name, PARAMETERS, whole, static=False)
     return Enclosure(name, definition, types, function.result_type, prelude)
@@ -159,9 +163,10 @@ def _argument(ops: Operations, t: Type, places: Iterator[int]) -> Item:
         length = _argument(ops, IntType(0, t.capacity), places)
         assert isinstance(length, Ints)
         return Sequence(length, tuple(_argument(ops, t.element, places) for _ in range(t.capacity)))
-    place = c.IndexExpr(c.Name("in"), c.Number(str(next(places))))
+    number = next(places)
     if isinstance(t, FloatType):
-        return Form(place)
+        return Form(ops.emitter.read(number))
+    place = c.IndexExpr(c.Name("in"), c.Number(str(number)))
     if t == BOOL:
         return Truth(ops.emitter.emit("truth", "soter_truth_input", address(place)))
     low, high = (t.low, t.high) if isinstance(t, IntType) else (0, _members(t) - 1)
@@ -210,9 +215,7 @@ class Compiled:
         self.ffi = cffi.FFI()
         self.ffi.cdef(DECLARATIONS)
         for e in enclosures:
-            self.ffi.cdef(
-                f"unsigned {e.name}(const soter_form in[], const int64_t param[], soter_form out[]);"
-            )
+            self.ffi.cdef(f"unsigned {e.name}{SIGNATURE};")
         self.library: Any = self.ffi.dlopen(str(library))
 
     def inputs(self, boxes: list[tuple[float, float]]) -> Any:
@@ -245,7 +248,7 @@ def set_input(form: Any, i: int, low: float, high: float) -> None:
 def holds(form: Any, value: float, forms: Any, point: list[float]) -> bool:
     """Whether a form encloses `value` at the point the inputs have these values."""
     if math.isnan(value):
-        return form.lo == -math.inf and form.hi == math.inf and form.r == math.inf
+        return bool(form.lo == -math.inf and form.hi == math.inf and form.r == math.inf)
     if not form.lo <= value <= form.hi:
         return False
     if form.r == math.inf:
@@ -261,4 +264,4 @@ def holds(form: Any, value: float, forms: Any, point: list[float]) -> bool:
                 return False
             if own.g[i] != 0.0:
                 linear += Fraction(slope) * (Fraction(x) - Fraction(own.c)) / Fraction(own.g[i])
-    return abs(Fraction(value) - linear) <= Fraction(form.r)
+    return bool(abs(Fraction(value) - linear) <= Fraction(form.r))

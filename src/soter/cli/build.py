@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from soter.api import load
 from soter.cli.outcome import Outcome
 from soter.cli.parser import Parser, add_file, add_settings
+from soter.cli.progress import Progress
 
 if TYPE_CHECKING:
     import argparse
@@ -41,7 +42,10 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     program = load(args.file)
     for name, target in args.bindings:
         program.bind(name, target)
-    package = program.build(args.target, args.output, args.system, dict(args.params))
+    with Progress(console) as progress:
+        package = program.build(
+            args.target, args.output, args.system, dict(args.params), progress=progress
+        )
     _say(package, console)
     fields: dict[str, object] = {
         "file": args.file,

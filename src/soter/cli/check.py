@@ -1,7 +1,7 @@
 """`soter check FILE`: everything that can be known without running.
 
 Purpose: render all diagnostics; on success one line on what was checked, and what was not.
-Non-goals: proofs (`soter verify`, to come).
+Non-goals: proofs (`soter verify`).
 """
 
 from __future__ import annotations

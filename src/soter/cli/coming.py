@@ -11,7 +11,7 @@ from soter.cli.outcome import USAGE, Outcome
 from soter.cli.parser import HelpWantedError
 from soter.diagnostics.diagnostic import Diagnostic
 
-ISSUES = {"recheck": 3, "test": 4, "replay": 4}
+ISSUES = {"test": 4, "replay": 4}
 """The issue that brings a command, where it is decided."""
 
 

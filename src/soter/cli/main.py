@@ -37,13 +37,13 @@ COMMANDS = {
     "check": "parse, types, well-formedness, composition, timing",
     "run": "run a system in virtual time",
     "verify": "prove P2a, P2b, P3 per module",
+    "recheck": "check certificates independently",
     "build": "write C99, or a package for a target",
     "explain": "what a diagnostic code means, and what to do",
     "fmt": "lay out source files",
     "new": "make a small robot that runs",
 }
 COMING = {
-    "recheck": "check certificates independently",
     "test": "enumerate every schedule",
     "replay": "replay a counterexample",
     "campaign": "many seeded runs with faults, statistics",
@@ -152,8 +152,8 @@ def _help(console: Console) -> str:
             "soter COMMAND --help      options and examples",
             "soter explain CODE        what a diagnostic means",
             "",
-            "exit codes: 0 fine, 1 diagnostics, 2 usage, 3 a property was violated or refuted,",
-            "            4 undecided, 70 a defect of soter, 130 interrupted. Warnings exit 0.",
+            "exit codes: 0 fine, 1 diagnostics, 2 usage, 3 violated or refuted, 4 undecided,",
+            "            70 a defect of soter, 130 interrupted. Warnings exit 0.",
             "--json prints one document on standard output on every exit.",
         ]
     )

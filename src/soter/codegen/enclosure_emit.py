@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 FAULT = c.Unary("&", c.Name("fault"))
+SIZE = c.Name("n")
+"""How many symbols the inputs that are read depend on."""
 MAX_OPERATIONS = 60_000
 """How many operations one emitted function may have; loops and calls are written out."""
 
@@ -75,6 +77,8 @@ class Emitter:
 
     statics: dict[tuple[str, str], c.VariableDef] = field(default_factory=dict)
     """Constant forms and tables of the whole unit, by type and content."""
+    reads: dict[int, c.Name] = field(default_factory=dict)
+    """Inputs that are read as forms, and the variables they are taken into."""
     operations: int = 0
     _next: int = 0
     _blocks: list[list[Step]] = field(default_factory=lambda: [[]])
@@ -107,6 +111,10 @@ class Emitter:
         result = self.fresh(kind) if kind else ""
         self.block.append(Op(kind, result, function, arguments, kept))
         return c.Name(result)
+
+    def read(self, number: int) -> c.Name:
+        """An input as a form."""
+        return self.reads.setdefault(number, c.Name(f"x{number}"))
 
     def static(self, type_: str, stem: str, value: c.Initializer, *, array: bool) -> c.Name:
         """A constant object of the unit."""
@@ -187,7 +195,7 @@ def statements(block: list[Step]) -> list[c.CStmt]:
 
 def _op(s: Op) -> list[c.CStmt]:
     if s.kind == "form":
-        call = c.CallExpr(s.function, (address(c.Name(s.result)), *s.arguments))
+        call = c.CallExpr(s.function, (SIZE, address(c.Name(s.result)), *s.arguments))
         return [c.Declare("soter_form", s.result, None), c.Do(call)]
     call = c.CallExpr(s.function, s.arguments)
     if not s.kind:
@@ -199,8 +207,7 @@ def _op(s: Op) -> list[c.CStmt]:
 def _branch(s: Branch) -> list[c.CStmt]:
     found: list[c.CStmt] = []
     for m in s.merged:
-        zero = c.Number("0U") if m.kind == "truth" else c.Initializer(((None, c.Number("0")),))
-        found.append(c.Declare(f"soter_{m.kind}", m.result, zero))
+        found += _declared(m)
     for block, bit in ((s.then, "2U"), (s.otherwise, "1U")):
         inner = statements(block)
         inner += [_store(x, s.condition) for x in block if isinstance(x, Store)]
@@ -213,6 +220,48 @@ def _branch(s: Branch) -> list[c.CStmt]:
 def _store(s: Store, condition: c.CExpr) -> c.CStmt:
     target = c.Name(s.target.result)
     if not s.second:
+        if s.target.kind == "form":
+            arguments = (SIZE, address(target), address(s.value))
+            return c.Do(c.CallExpr("soter_n_copy", arguments))
         return c.Assign(target, s.value)
-    value = address(s.value) if s.target.kind == "form" else s.value
-    return c.Do(c.CallExpr(f"soter_{s.target.kind}_merge", (address(target), condition, value)))
+    if s.target.kind == "form":
+        merge = (SIZE, address(target), condition, address(s.value))
+        return c.Do(c.CallExpr("soter_n_merge", merge))
+    return c.Do(c.CallExpr(f"soter_{s.target.kind}_merge", (address(target), condition, s.value)))
+
+
+def _declared(m: Merged) -> list[c.CStmt]:
+    """A merged variable with some first value."""
+    zero = c.Number("0.0")
+    if m.kind == "form":
+        first = c.CallExpr("soter_n_range", (SIZE, address(c.Name(m.result)), zero, zero))
+        return [c.Declare("soter_form", m.result, None), c.Do(first)]
+    none = c.Initializer(((None, c.Number("0")),)) if m.kind == "ints" else c.Number("0U")
+    return [c.Declare(f"soter_{m.kind}", m.result, none)]
+
+
+def framed(
+    block: list[Step], reads: dict[int, c.Name], results: list[c.CStmt]
+) -> tuple[c.CStmt, ...]:
+    """The body of a function: the inputs it reads on their own symbols, operations, results."""
+    live = {n for s in results for n in names_in(s)}
+    inner = statements(pruned(block, live))
+    taken = {k: name for k, name in sorted(reads.items()) if name.text in live}
+    numbers = c.Initializer(tuple((None, c.Number(str(k))) for k in taken))
+    arguments = (c.Name("in"), c.Name("read"), c.Number(str(len(taken))), c.Name("symbols"))
+    found: list[c.CStmt] = [c.Declare("unsigned", "fault", c.Number("0U"))]
+    found.append(c.Declare("int", "symbols[SOTER_INPUTS]", None))
+    found.append(c.Declare("int", f"read[{max(1, len(taken))}]", numbers, const=True))
+    found.append(c.Declare("int", SIZE.text, c.CallExpr("soter_symbols", arguments), const=True))
+    for k, name in taken.items():
+        given = address(c.IndexExpr(c.Name("in"), c.Number(str(k))))
+        take = c.CallExpr("soter_n_take", (SIZE, address(name), given, c.Name("symbols")))
+        found += [c.Declare("soter_form", name.text, None), c.Do(take)]
+    unused = [c.Unused(n) for n in (SIZE.text, "in", "param", "out")]
+    return (*found, *inner, *results, *unused, c.Return(c.Name("fault")))
+
+
+def given(place: int, form: c.CExpr) -> c.CStmt:
+    """A resulting form on its way to the caller."""
+    target = address(c.IndexExpr(c.Name("out"), c.Number(str(place))))
+    return c.Do(c.CallExpr("soter_n_give", (SIZE, target, form, c.Name("symbols"))))

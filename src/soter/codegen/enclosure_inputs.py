@@ -94,9 +94,9 @@ class Inputs:
 
     def leaf(self, number: int, t: Type) -> Item:
         """Input number `number` as a value of a scalar type."""
-        place = c.IndexExpr(c.Name("in"), c.Number(str(number)))
         if isinstance(t, FloatType):
-            return Form(place)
+            return Form(self.ops.emitter.read(number))
+        place = c.IndexExpr(c.Name("in"), c.Number(str(number)))
         emit = self.ops.emitter.emit
         if isinstance(t, BoolType):
             return Truth(emit("truth", "soter_truth_input", address(place)))

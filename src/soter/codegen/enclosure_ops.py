@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from soter.codegen import c_tree as c
 from soter.codegen.enclosure_emit import (
     FAULT,
+    SIZE,
     Merged,
     Store,
     address,
@@ -56,7 +57,7 @@ if TYPE_CHECKING:
 
 BINARY = {"+": "add", "-": "sub", "*": "mul", "/": "div"}
 SWAPPED = {">": "<", ">=": "<="}
-FORM_COMPARE = {"<": "soter_less", "<=": "soter_at_most", "==": "soter_equal"}
+FORM_COMPARE = {"<": "soter_n_less", "<=": "soter_n_no_more"}
 INTS_COMPARE = {"<": "soter_ints_less", "<=": "soter_ints_at_most", "==": "soter_ints_equal"}
 INT_OPS: dict[str, Callable[..., int]] = {
     "add": arith.add_int,
@@ -155,7 +156,7 @@ class Operations:
             known = span_unary(op, v)
             if known is not None:
                 return known
-        return self._form(f"soter_form_{op}", self.form(v))
+        return self._form(f"soter_n_{op}", self.form(v))
 
     def binary(self, op: str, a: Item, b: Item) -> Item:
         """+ - * / of floats."""
@@ -171,10 +172,10 @@ class Operations:
             ends = (float_literal(b.low), float_literal(b.high))
             if op in {"*", "+"} or not b.low <= 0.0 <= b.high:
                 name = {"+": "shift", "*": "scale", "/": "over"}[op]
-                return self._form(f"soter_form_{name}", self.form(a), *ends)
+                return self._form(f"soter_n_{name}", self.form(a), *ends)
         if op == "*" and a == b:
-            return self._form("soter_form_square", self.form(a))
-        return self._form(f"soter_form_{BINARY[op]}", self.form(a), self.form(b))
+            return self._form("soter_n_square", self.form(a))
+        return self._form(f"soter_n_{BINARY[op]}", self.form(a), self.form(b))
 
     def extreme(self, op: str, a: Item, b: Item) -> Item:
         """The operations min and max, of floats or ints: b < a ? b : a."""
@@ -187,9 +188,9 @@ class Operations:
             return Span(pick(a.low, b.low), pick(a.high, b.high))
         for k, x in ((b, a), (a, b)):
             if isinstance(k, Span) and k.low == k.high:
-                name = "soter_form_at_most" if op == "min" else "soter_form_at_least"
+                name = "soter_n_at_most" if op == "min" else "soter_n_at_least"
                 return self._form(name, self.form(x), float_literal(k.low))
-        return self._form(f"soter_form_{op}", self.form(a), self.form(b))
+        return self._form(f"soter_n_{op}", self.form(a), self.form(b))
 
     # ------------------------------------------------------------ truth
 
@@ -226,7 +227,10 @@ class Operations:
             return Truth(self.emitter.emit("truth", INTS_COMPARE[op], *arguments))
         if isinstance(a, Span) and isinstance(b, Span):
             return Known(compared(op, (a.low, a.high), (b.low, b.high)))
-        return Truth(self.emitter.emit("truth", FORM_COMPARE[op], self.form(a), self.form(b)))
+        operands = (self.form(a), self.form(b))
+        if op == "==":
+            return Truth(self.emitter.emit("truth", "soter_equal", *operands))
+        return Truth(self.emitter.emit("truth", FORM_COMPARE[op], SIZE, *operands))
 
     # ------------------------------------------------------------ ints
 
@@ -286,8 +290,8 @@ class Operations:
         if isinstance(v, Whole) and abs(v.value) <= 2**53:
             return Span(float(v.value), float(v.value))
         if isinstance(v, (Truth, Known)):
-            return self._form("soter_truth_to_float", self.truth(v))
-        return self._form("soter_form_to_float", self.ints(v))
+            return self._form("soter_n_truth_to_float", self.truth(v))
+        return self._form("soter_n_to_float", self.ints(v))
 
     # ------------------------------------------------------------ one of several
 
@@ -301,7 +305,7 @@ class Operations:
         t = self.truth(condition)
         kind = kind_of(a)
         if kind == "form":
-            return self._form("soter_form_select", t, self.form(a), self.form(b))
+            return self._form("soter_n_select", t, self.form(a), self.form(b))
         if kind == "ints":
             arguments = (t, self.ints(a), self.ints(b))
             return Ints(self.emitter.emit("ints", "soter_ints_select", *arguments))
@@ -395,7 +399,7 @@ class Operations:
         if isinstance(t, FloatType):
             items = tuple((None, float_literal(float(v))) for v in values)  # type: ignore[arg-type]
             table = self.emitter.static("double", "table", c.Initializer(items), array=True)
-            return self._form("soter_form_table", table, self.ints(at))
+            return self._form("soter_n_table", table, self.ints(at))
         items = tuple((None, whole_literal(int(v))) for v in values)  # type: ignore[call-overload]
         table = self.emitter.static("int64_t", "table", c.Initializer(items), array=True)
         return Ints(self.emitter.emit("ints", "soter_ints_table", table, self.ints(at)))

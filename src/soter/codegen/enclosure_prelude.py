@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 ENCLOSED = frozenset(
     "sin cos tan exp log tanh atan asin acos atan2 hypot pow".split()  # noqa: SIM905 - a list of words
 )
-"""What `soter_form_NAME` of runtime/soter_form_math.h encloses."""
+"""What `soter_n_NAME` of runtime/soter_form_math.h encloses."""
 
 
 def is_prelude(function: core.Function) -> bool:
@@ -40,6 +40,4 @@ def enclosed_call(
     assert not bound.relative
     assert not bound.absolute
     operands = tuple(ops.form(a) for a in arguments)
-    return Form(
-        ops.emitter.emit("form", f"soter_form_{name}", *operands, float_literal(bound.ulps))
-    )
+    return Form(ops.emitter.emit("form", f"soter_n_{name}", *operands, float_literal(bound.ulps)))

@@ -177,7 +177,7 @@ class Enclosed:
             low, high = (bound.low, bound.high) if bound else (-float("inf"), float("inf"))
             ends = (float_literal(low), float_literal(high))
             form = self.ops.form(v)
-            return Form(self.emitter.emit("form", "soter_form_gate", form, *ends, FAULT, kept=True))
+            return Form(self.emitter.emit("form", "soter_n_gate", form, *ends, FAULT, kept=True))
         if isinstance(t, IntType) and bound is not None:
             return self.ops.narrowed(v, math.ceil(bound.low), math.floor(bound.high))
         return v

@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
 from soter.codegen.c_printer import print_file
+from soter.codegen.conjuncts import conjuncts
 from soter.codegen.enclosure_emit import (
     Emitter,
     EnclosureError,
-    address,
+    framed,
+    given,
     names_in,
-    pruned,
-    statements,
 )
 from soter.codegen.enclosure_steps import Enclosed
 
@@ -131,6 +131,9 @@ class _Unit:
             self._numbers(name, what, lambda e: e.derivative() if flow else e.next())
         self._numbers("drives", "leaves of the topics that plants drive", lambda e: e.drives())
         self._truth("safe", lambda e: e.expression(symbol.safe, estimated=False))
+        parts = conjuncts(symbol.safe)
+        for k, part in enumerate(parts if len(parts) > 1 else []):
+            self._conjunct(f"safe_{k}", part, estimated=False)
         if hint is not None:
             self._truth("core", lambda e: e.predicate(hint, more, estimated=False))
         for name, said in (("ttf", symbol.ttf), ("safer", symbol.safer)):
@@ -139,6 +142,12 @@ class _Unit:
 
     def _estimated(self, name: str, said: Expr) -> None:
         self._truth(name, lambda e: e.expression(said, estimated=True))
+        parts = conjuncts(said)
+        for k, part in enumerate(parts if len(parts) > 1 else []):
+            self._conjunct(f"{name}_{k}", part, estimated=True)
+
+    def _conjunct(self, name: str, part: Expr, *, estimated: bool) -> None:
+        self._truth(name, lambda e: e.expression(part, estimated=estimated))
 
     # ------------------------------------------------------------ one function
 
@@ -148,11 +157,7 @@ class _Unit:
 
     def _numbers(self, name: str, doc: str, make: Callable[[Enclosed], list[c.CExpr]]) -> None:
         enclosed = self._enclosed()
-        out = c.Name("out")
-        results: list[c.CStmt] = [
-            c.Do(c.CallExpr("soter_form_copy", (address(c.IndexExpr(out, _int(i))), e)))
-            for i, e in enumerate(make(enclosed))
-        ]
+        results = [given(i, e) for i, e in enumerate(make(enclosed))]
         self._define(name, doc, PARAMETERS, enclosed.emitter, results)
 
     def _truth(self, name: str, make: Callable[[Enclosed], c.CExpr]) -> None:
@@ -169,18 +174,11 @@ class _Unit:
         emitter: Emitter,
         results: list[c.CStmt],
     ) -> None:
-        live = {n for s in results for n in names_in(s)}
-        body: list[c.CStmt] = [
-            c.Declare("unsigned", "fault", c.Number("0U")),
-            *statements(pruned(emitter.block, live)),
-            *results,
-            *(c.Unused(n) for n in ("in", "param", "out")),
-            c.Return(c.Name("fault")),
-        ]
+        body = framed(emitter.block, emitter.reads, results)
         full = f"soter_{name}"
         self.names.append(full)
         self.definitions.append(
-            c.FunctionDef("unsigned", full, parameters, tuple(body), doc, static=False)
+            c.FunctionDef("unsigned", full, parameters, body, doc, static=False)
         )
 
     def text(self) -> str:

@@ -378,6 +378,23 @@ class StepEmitter:
 
     # ------------------------------------------------------------ decision modules, properties
 
+    def switch(self) -> c.FunctionDef:
+        """The switching logic of every DM, on facts alone: `reach/dm_check.py` tries all."""
+        ac, sc = c.Name("SOTER_AC"), c.Name("SOTER_SC")
+        ttf, stale, safer = c.Name("ttf"), c.Name("stale"), c.Name("safer")
+        unsafe = c.Binary("||", c.Binary("||", ttf, stale), c.Name("gate_fault"))
+        fine = c.Binary("&&", c.Binary("&&", safer, c.Unary("!", stale)), c.Name("clean"))
+        parameters = (
+            ("soter_mode", "mode"),
+            *(("bool", n) for n in ("stale", "ttf", "safer", "gate_fault", "clean")),
+        )
+        body = (
+            c.IfStmt(c.Binary("==", c.Name("mode"), ac), (c.Return(c.Ternary(unsafe, sc, ac)),)),
+            c.Return(c.Ternary(fine, ac, sc)),
+        )
+        doc = "the mode after a DM step: the switching logic of the paper's Figure"
+        return c.FunctionDef("soter_mode", f"{self.prefix}_switch", parameters, body, doc)
+
     def decision(self, decision: core.Decision, name: str) -> list[c.FunctionDef]:
         """ttf, safer and the generated DM of a module."""
         module = self.system.modules[decision.module]
@@ -401,13 +418,10 @@ class StepEmitter:
             c.Assign(c.Arrow(m, n), c.Ternary(c.Name(n), c.Number("1U"), c.Number("0U")))
             for n in ("stale", "ttf", "safer")
         ]
-        unsafe = c.Binary(
-            "||",
-            c.Binary("||", c.Name("ttf"), c.Name("stale")),
-            c.Binary("!=", c.Arrow(m, "gate_fault"), c.Number("0U")),
-        )
+        gate_fault = c.Binary("!=", c.Arrow(m, "gate_fault"), c.Number("0U"))
         clean = c.Binary("==", c.Arrow(m, "clean_needed"), c.Number("0U"))
-        fine = c.Binary("&&", c.Binary("&&", c.Name("safer"), c.Unary("!", c.Name("stale"))), clean)
+        mode = c.Cast("soter_mode", c.Arrow(m, "mode"))
+        facts = (mode, c.Name("stale"), c.Name("ttf"), c.Name("safer"), gate_fault, clean)
         body: list[c.CStmt] = [
             self.state_pointer(),
             c.Declare("soter_module *const ", "m", c.Unary("&", own)),
@@ -415,11 +429,7 @@ class StepEmitter:
             c.Declare("bool", "ttf", c.CallExpr(f"{name}_ttf", (c.Name("state"),)), const=True),
             c.Declare("bool", "safer", c.CallExpr(f"{name}_safer", (c.Name("state"),)), const=True),
             *set_fact,
-            c.IfStmt(
-                c.Binary("==", c.Arrow(m, "mode"), c.Name("SOTER_AC")),
-                (c.Return(c.Ternary(unsafe, c.Name("SOTER_SC"), c.Name("SOTER_AC"))),),
-            ),
-            c.Return(c.Ternary(fine, c.Name("SOTER_AC"), c.Name("SOTER_SC"))),
+            c.Return(c.CallExpr(f"{self.prefix}_switch", facts)),
         ]
         doc = f"decision module of {module.name}, {where(module.symbol.span)}"
         made.append(

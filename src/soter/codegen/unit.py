@@ -32,7 +32,7 @@ COMPONENT_NAMES = ("_step", "_failsafe", "_in", "_out", "_local", "_state", "_mo
 MODULE_NAMES = ("_ttf", "_safer", "_decide")
 OWN_NAMES = (
     "state", "topics", "program", "init", "components", "modules", "properties", "topics_info",
-    "inputs", "layout_is_as_declared",
+    "inputs", "layout_is_as_declared", "switch",
 )  # fmt: skip
 ROLES = {
     "plant": "SOTER_ROLE_PLANT",
@@ -250,6 +250,8 @@ class _UnitBuilder:
                     found.append(failsafe)
                 if x.extern and x.binding and x.binding.startswith("c:"):
                     self.c_sources.append(x.binding.split(":")[1])
+        if self.core.decisions:
+            found.append(self.steps.switch())
         for d in self.core.decisions:
             found += self.steps.decision(d, self.module_names[d.module])
         for p, predicate in zip(self.system.properties, self.core.properties, strict=True):

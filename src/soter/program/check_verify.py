@@ -304,7 +304,7 @@ class VerifyChecker:
                     continue
                 if instance.text in instances:
                     where = f"the abstraction of `{instance.text}`"
-                    found.append(Context(scope, where, instances=instances))
+                    found.append(Context(scope, where, topics="any", instances=instances))
                 else:
                     lacking.append((system, instances))
         if lacking and not found and all(s not in self.checker.damaged for s, _ in lacking):

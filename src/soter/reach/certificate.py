@@ -9,12 +9,12 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter import __version__
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.loader import load
 from soter.reach.results import PROVED
@@ -50,7 +50,7 @@ def write(
         modules.append(_module(result, system, f"sets/{k}", files))
     manifest = {
         "schema": SCHEMA,
-        "soter": __version__,
+        "soter": version("soter"),
         "files": {name: hashlib.sha256(data).hexdigest() for name, data in files.items()},
         "main": main,
         "params": _params(results),

@@ -33,7 +33,6 @@ def verify(
     system: str | None = None,
     params: Mapping[str, Value] | None = None,
     cert: Path | None = None,
-    synthesize: bool = False,
     refute: bool = True,
     report: Path | None = None,
     progress: Progress | None = None,
@@ -44,7 +43,7 @@ def verify(
     began = time.perf_counter()
     assert checked.program is not None
     chosen = modules_of(checked, module, system, params or {})
-    problems = problems_of(chosen, synthesize=synthesize)
+    problems = problems_of(chosen)
     results = []
     for i, problem in enumerate(problems):
         share = _part(progress, i, len(problems))
@@ -102,13 +101,13 @@ def _no_module(module: str, known: list[str]) -> Diagnostic:
     return Diagnostic("U008", f"there is no module `{module}`", notes=(f"there are: {there}",))
 
 
-def problems_of(chosen: list[tuple[System, Module]], *, synthesize: bool = False) -> list[Problem]:
+def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
     """The problem of every module; all diagnostics at once."""
     problems: list[Problem] = []
     diagnostics = Diagnostics()
     for flat, m in chosen:
         try:
-            problems.append(extract(flat, m, synthesize=synthesize and m.symbol.synthesized))
+            problems.append(extract(flat, m))
         except SoterError as error:
             for d in error.diagnostics:
                 diagnostics.add(d)

@@ -23,6 +23,7 @@ from soter.reach.command import modules_of
 from soter.reach.extract import extract
 from soter.reach.forms import Forms, library_of
 from soter.reach.grids import GridGroup, UnboundedError, of_problem
+from soter.reach.policies import core_synthesis
 from soter.reach.synthesize import STRIDE, Choices, chosen, combinations
 
 if TYPE_CHECKING:
@@ -35,13 +36,10 @@ if TYPE_CHECKING:
     from soter.program.types import Value
     from soter.reach.native import ReachLibrary
     from soter.reach.problem import Problem
-    from soter.reach.synthesize import Floats, Table
+    from soter.reach.synthesize import Bools, Floats, Table
 
 HOLDS = (1, 2, 5, 10, 20, 50)
 """Periods of SC for which a command is held while K is looked for; a map's are taken one by one."""
-ROUNDS_MAX = 500
-EQUAL = 1e-6
-"""Cells of an axis are equal when their widths differ by no more than this share."""
 
 
 def synthesize(
@@ -140,28 +138,36 @@ def _choices(problem: Problem, library: ReachLibrary) -> tuple[Choices, int]:
 
 def _choices_for(problem: Problem, library: ReachLibrary, hold: int) -> Choices:
     commands = combinations(problem)
-    groups = [_under(problem, library, [(v, v) for v in c]) for c in commands]
     ranges = [(min(v), max(v)) for v in problem.commands]
-    mixed = _under(problem, library, ranges)
-    t_ns = hold * groups[0].inputs.period_ns
-    core = mixed.constraint(hint=problem.has_core_hint)
-    admits = np.zeros((len(commands), *core.shape), dtype=bool)
-    for _ in range(ROUNDS_MAX):
-        admits = np.stack([g.safe_for(t_ns, core) for g in groups])
-        smaller = core & admits.any(axis=0)
-        if (smaller == core).all():
-            break
-        core = smaller
-    else:
-        core = np.zeros_like(core)
-    return Choices(core, admits, mixed.safe_for(t_ns, core))
+    mixed = _under(problem, library, ranges, hold)
+    core, admits = _core(mixed, mixed.constraint(hint=problem.has_core_hint), commands)
+    return Choices(core, admits, mixed.safe_for(mixed.inputs.period_ns, core))
+
+
+def _core(
+    group: GridGroup, allowed: Bools, commands: Sequence[tuple[float, ...]]
+) -> tuple[Bools, Bools]:
+    """K, and (m, *cells): which of the commands leads back into it."""
+    table = core_synthesis(group, allowed, commands)
+    bits = np.arange(len(commands), dtype=np.uint64).reshape(-1, *[1] * allowed.ndim)
+    return table.cells, (table.admits >> bits) & np.uint64(1) != 0
 
 
 def _under(
-    problem: Problem, library: ReachLibrary, ranges: Sequence[tuple[float, float]]
+    problem: Problem, library: ReachLibrary, ranges: Sequence[tuple[float, float]], hold: int
 ) -> GridGroup:
-    """The engine with the commands restricted to these ranges."""
-    inputs = replace(of_problem(problem), controls=tuple(ranges))
+    """The engine with the commands restricted to these ranges, each held for so many periods.
+
+    Delay and jitter are left to the proof.
+    """
+    inputs = of_problem(problem)
+    inputs = replace(
+        inputs,
+        controls=tuple(ranges),
+        period_ns=hold * inputs.period_ns,
+        delay_ns=0,
+        jitter_ns=0,
+    )
     axes = [(a.state, a.edges) for a in problem.groups[0].axes]
     return GridGroup(library, inputs, axes)
 

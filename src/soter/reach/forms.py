@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.codegen.conjuncts import PARTS_MAX
 from soter.codegen.enclosures import EnclosureError, generate_enclosures
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.lower.functions import FunctionTable
@@ -114,6 +115,11 @@ class Forms:
         if self._call(name, box):
             return None
         return np.array(self._out[:count, :2])
+
+    def conjuncts(self, name: str) -> list[str]:
+        """The functions whose conjunction is the predicate; none where it is no conjunction."""
+        found = [f"{name}_{k}" for k in range(PARTS_MAX)]
+        return [f for f in found if self.library.symbol(f) != self.library.ffi.NULL]
 
     def true(self, name: str, box: Floats) -> bool:
         """Whether a predicate is definitely true all over the box."""

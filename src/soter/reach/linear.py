@@ -4,8 +4,8 @@ Purpose: a bound w per state so that one step of the scheme is an exact solution
 x' in A x + B u + c + [-w, w], for proofs about programs that are simulated (or run) that way.
 Non-goals: nonlinear flows, where it is a printed assumption.
 
-One step of a Runge-Kutta scheme of order p (p stages, p <= 4) on x' = f = A x + b with b constant is
-x + h (1 + z/2! + ... + z^(p-1)/p!) f, z = h A; the exact one is x + h phi(z) f with
+One step of a Runge-Kutta scheme of order p (p stages, p <= 4) on x' = f = A x + b with b
+constant is x + h (1 + z/2! + ... + z^(p-1)/p!) f, z = h A; the exact one is x + h phi(z) f with
 phi(z) = (e^z - 1) / z. A constant w_e explains the difference when phi(z) w_e = T f,
 T = sum over k >= p of z^k / (k+1)!. Since 1 / phi = sum B_k z^k / k! (Bernoulli numbers,
 |B_k| / k! <= 1 / k!), |w_e| <= e^|z| (sum over k >= p of |z|^k / (k+1)!) |f|, entry by entry.
@@ -53,9 +53,9 @@ def scheme_weight(a: Floats, h: float, order: int = ORDER) -> Floats:
 def scheme_error(
     model: dict[str, Floats], states: Floats, commands: Floats, h: float, order: int = ORDER
 ) -> Floats:
-    """w per state (n): scheme and rounding of one step of `h` seconds, as a disturbance of x'.
+    """W per state (n): scheme and rounding of one step of `h` seconds, as a disturbance of x'.
 
-    `states`, `commands`: largest |x| and |u| of the group (n), (m); `model` as of `GridGroup.model`.
+    `states`, `commands`: largest |x| and |u| of the group, shapes (n), (m); `model`: of the group.
     """
     f = (
         np.abs(model["A"]) @ states

@@ -16,6 +16,7 @@ from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
+from soter.codegen.conjuncts import PARTS_MAX
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import OWN_SYMBOLS, RUNTIME, TIMEOUT_S, cache_dir
 from soter.native.compiler import STRICT, find
@@ -23,7 +24,10 @@ from soter.native.compiler import STRICT, find
 PARTS = ("", "_hold", "_linear", "_grid", "_pool", "_rounds", "_safe", "_choice", "_way")
 ENGINE = tuple(f"soter_reach{part}.c" for part in PARTS)
 NUMBERS = ("law", "derivative", "next", "drives")
-TRUTHS = ("safe", "core", "ttf", "safer")
+TRUTHS = (
+    *("safe", "core", "ttf", "safer"),
+    *(f"{name}_{k}" for name in ("safe", "safer") for k in range(PARTS_MAX)),
+)
 FLAGS = (*STRICT, "-O3", "-fPIC", "-shared", "-pthread", *OWN_SYMBOLS)
 
 
@@ -71,7 +75,9 @@ class ReachLibrary:
         """`source`: the text of the enclosure unit; `extra`: more compiler flags (tests)."""
         self.inputs = _inputs_of(source)
         self.ffi = ffi()
-        self.lib = self.ffi.dlopen(str(compiled(source, self.inputs, extra)))
+        self.path = compiled(source, self.inputs, extra)
+        """The library's file; its name is a hash of all that it was made of."""
+        self.lib = self.ffi.dlopen(str(self.path))
 
     def symbol(self, name: str) -> Any:  # noqa: ANN401 - cdata
         """The address of `soter_NAME` of the unit, or NULL where the unit has no such function."""

@@ -22,7 +22,8 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.reach.grids import Bools, Bytes, Floats, GridGroup
+    from soter.reach.grid_model import Bools, Bytes, Floats
+    from soter.reach.grids import GridGroup
 
     Masks = npt.NDArray[np.uint64]
 
@@ -42,6 +43,8 @@ class Table:
     cells: Bools
     choice: Bytes
     commands: Floats
+    admits: Masks
+    """Per true cell of K: bit k says that command k, held for a period, leads back into K."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +58,7 @@ class Way:
     @property
     def cells(self) -> Bools:
         """Which cells are in W."""
-        return self.rank != 0
+        return np.asarray(self.rank != 0)
 
     @property
     def longest_ns(self) -> int:
@@ -67,7 +70,7 @@ def _spread(masks: Masks, first: Any, last: Any, axis: int) -> Masks:  # noqa: A
     """AND over first[i]..last[i] along an axis (within the grid)."""
     n = masks.shape[axis]
     low, high = np.clip(first, 0, n - 1), np.clip(last, 0, n - 1)
-    found = np.take(masks, low, axis=axis)
+    found: Masks = np.take(masks, low, axis=axis)
     for k in range(1, int((high - low).max(initial=0)) + 1):
         found &= np.take(masks, np.minimum(low + k, high), axis=axis)
     return found
@@ -87,12 +90,12 @@ class _Synthesis:
         self.group, self.commands, self.errors, self.prefer = group, commands, errors, prefer
         ffi, n, size = group.library.ffi, len(group.axes), allowed.size
         self.work = ffi.new("soter_reach_choice *")
-        self.memory = group._rounds(self.work.r)
-        self.allowed = group._bits(allowed)
+        self.memory = group.rounds(self.work.r)
+        self.allowed = group.bits(allowed)
         self.fine = np.empty(group.shape, dtype=np.uint64)
         self.image = np.empty((*group.shape, len(commands), n, 2), dtype=np.uint16)
         assert self.image.size == size * len(commands) * n * 2
-        w, at = self.work, group._pointer
+        w, at = self.work, group.pointer
         w.allowed, w.fine = at(self.allowed, "uint64_t *"), at(self.fine, "uint64_t *")
         w.image, w.commands = at(self.image, "uint16_t *"), at(commands, "double *")
         w.count = len(commands)
@@ -100,11 +103,9 @@ class _Synthesis:
     def settle(self) -> Bools:
         """Down to the fixpoint; gives K so far."""
         group, lib = self.group, self.group.library.lib
-        while not lib.soter_reach_choice_continue(
-            group._group, self.work, grids.SLICE_S, group.threads
-        ):
-            group._tell("synthesis", self.work.r.cursor / max(1, self.work.r.dirty_n))
-        return group._cells(self.memory["kept"])
+        while not lib.soter_reach_choice_continue(group.c, self.work, grids.SLICE_S, group.threads):
+            group.tell("synthesis", self.work.r.cursor / max(1, self.work.r.dirty_n))
+        return group.cells_of(self.memory["kept"])
 
     def of_estimates(self, kept: Bools) -> Masks:
         """Per estimate cell the commands that serve every compatible cell of K; ALL where none is.
@@ -113,7 +114,7 @@ class _Synthesis:
         below, unless its own cell is in K: then it is that cell's as well.
         """
         masks = np.where(kept, self.fine, ALL)
-        for a, (first, last) in enumerate(self.group._reach_of(self.errors)):
+        for a, (first, last) in enumerate(self.group.touched(self.errors)):
             if self.errors.get(self.group.axes[a], 0.0):
                 masks = _spread(masks, first, last, a)
                 continue
@@ -131,7 +132,7 @@ class _Synthesis:
         Of the commands, the one that serves most of the compatible cells is kept.
         """
         wanted, lost = np.argwhere(masks == 0), np.zeros_like(kept)
-        reach = self.group._reach_of(self.errors)
+        reach = self.group.touched(self.errors)
         for at in wanted:
             box = tuple(
                 slice(max(0, int(f[i]) - (not self.errors.get(s, 0.0))), int(t[i]) + 1)
@@ -148,21 +149,23 @@ class _Synthesis:
 
     def run(self) -> Table:
         group, lib = self.group, self.group.library.lib
-        lib.soter_reach_choice_begin(group._group, self.work)
+        lib.soter_reach_choice_begin(group.c, self.work)
         while True:
             kept = self.settle()
             masks = self.of_estimates(kept)
             if masks.all():
-                return Table(kept, self.chosen(kept, masks), self.commands)
+                admits = np.where(kept, self.fine, np.uint64(0))
+                return Table(kept, self.chosen(kept, masks), self.commands, admits)
             lost = np.ascontiguousarray(self.conflicts(kept, masks)).view(np.uint8)
-            lib.soter_reach_choice_remove(
-                group._group, self.work, group._pointer(lost, "uint8_t *")
-            )
-            group._tell("synthesis", float(kept.mean()))
+            lib.soter_reach_choice_remove(group.c, self.work, group.pointer(lost, "uint8_t *"))
+            group.tell("synthesis", float(kept.mean()))
 
     def chosen(self, kept: Bools, masks: Masks) -> Bytes:
-        """One of the commands that serve, the one whose image of the cell has the least `prefer`
-        at its middle; the first one where it does not matter. 255 where no state of K can be."""
+        """One of the commands that serve; 255 where no state of K can be.
+
+        The one whose image of the cell has the least `prefer` at its middle; the first one where
+        it does not matter.
+        """
         count = len(self.commands)
         serves = (masks[..., None] >> np.arange(count, dtype=np.uint64)) & np.uint64(1) != 0
         choice = np.argmax(serves, axis=-1).astype(np.uint8)
@@ -175,7 +178,7 @@ class _Synthesis:
             )
             cost = np.where(own, self.prefer[middle], np.inf)
             choice = np.where(kept, np.argmin(cost, axis=-1), choice).astype(np.uint8)
-        return np.where(masks == ALL, np.uint8(255), choice)
+        return np.asarray(np.where(masks == ALL, 255, choice), dtype=np.uint8)
 
 
 def core_synthesis(
@@ -195,7 +198,8 @@ def core_synthesis(
     rows = np.ascontiguousarray(commands, dtype=np.float64)
     assert 1 <= len(rows) <= 64
     assert rows.shape[1] == len(group.inputs.controls), "a value of every control"
-    assert not (group.inputs.delay_ns or group.inputs.jitter_ns)
+    assert group.inputs.delay_ns == 0
+    assert group.inputs.jitter_ns == 0
     return _Synthesis(group, allowed, rows, errors or {}, prefer).run()
 
 
@@ -216,20 +220,20 @@ def way(
     steps = np.array(sorted({h for h in holds if h <= grids.LONGEST}), dtype=np.int32)
     goal = goal & core
     w = ffi.new("soter_reach_way *")
-    memory = group._rounds(w.r)
-    memory["kept"][:] = group._bits(goal)
-    inside, allowed = group._bits(constraint), group._bits(core)
+    memory = group.rounds(w.r)
+    memory["kept"][:] = group.bits(goal)
+    inside, allowed = group.bits(constraint), group.bits(core)
     image = np.empty(size * len(steps) * 2 * len(group.axes), dtype=np.uint16)
     rank = goal.astype(np.uint16)
     taken, time_ns = np.zeros(group.shape, np.uint8), np.zeros(group.shape, np.int64)
-    at = group._pointer
+    at = group.pointer
     w.allowed, w.inside = at(allowed, "uint64_t *"), at(inside, "uint64_t *")
     w.holds, w.count = at(steps, "int32_t *"), len(steps)
     w.image, w.rank = at(image, "uint16_t *"), at(rank, "uint16_t *")
     w.taken, w.time = at(taken, "uint8_t *"), at(time_ns, "int64_t *")
     w.period_ns, w.jitter_ns = group.inputs.period_ns, group.inputs.jitter_ns
-    lib.soter_reach_way_begin(group._group, w)
-    while not lib.soter_reach_way_continue(group._group, w, grids.SLICE_S, group.threads):
-        group._tell("way", w.r.cursor / max(1, w.r.dirty_n))
+    lib.soter_reach_way_begin(group.c, w)
+    while not lib.soter_reach_way_continue(group.c, w, grids.SLICE_S, group.threads):
+        group.tell("way", w.r.cursor / max(1, w.r.dirty_n))
     del memory, inside, allowed, image
     return Way(rank, taken, time_ns)

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.reach.polytope_balls import Array, Ball, centred, exact, up_product, up_sum
 
-SLACK = 1e-7
+SLACK = 1e-6
 """By how much a half-space must cut to count as one, and thresholds are lowered for rounding."""
 
 

@@ -76,6 +76,13 @@ def product_holds(
     if len(groups) == 1:
         # the only set holds just cells on which the predicate is definitely true
         return bool((groups[0].definitely(predicate) | ~sets[0]).all())
+    conjuncts = forms.conjuncts(predicate)
+    return all(_holds(forms, groups, sets, part) for part in conjuncts or [predicate])
+
+
+def _holds(
+    forms: Forms, groups: Sequence[GridGroup], sets: Sequence[Bools], predicate: str
+) -> bool:
     todo = [tuple(_hull(s, [slice(0, n) for n in s.shape]) for s in sets)]
     looked = 0
     while todo:

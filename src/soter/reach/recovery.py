@@ -7,19 +7,29 @@ Non-goals: whether AC then does anything useful.
 
 from __future__ import annotations
 
-import importlib.util
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from soter.program.durations import show_ns
+from soter.reach.boxes import holding
+from soter.reach.levels import targets
+from soter.reach.policies import HOLDS, Way, way
 from soter.reach.products import parts, product_holds
 
 if TYPE_CHECKING:
-    import numpy as np
     from numpy.typing import NDArray
 
     from soter.reach.claims import Case
+    from soter.reach.grids import GridGroup
+    from soter.reach.results import GroupSets
 
     Bools = NDArray[np.bool_]
+
+QUICK = (8, 40, 120)
+"""Lengths of chain that serve nearly every cell."""
+STRAGGLERS_MAX = 4000
+"""So many cells may be looked at one by one."""
 
 
 def recover(case: Case) -> None:
@@ -42,12 +52,7 @@ def recover(case: Case) -> None:
                 "let SC come to rest where `safer` holds",
             )
             continue
-        if importlib.util.find_spec("soter.reach.policies") is None:
-            case.fail("P2b", "ranks are not computed")
-            continue
-        from soter.reach.policies import ranks  # noqa: PLC0415
-
-        found = ranks(engine, part.home, part.core, part.allowed)
+        found = _way(engine, part, part.home > 0)
         part.rank, part.rank_holds = found.rank, found.holds
         longest = max(longest, found.longest_ns)
         stuck = (part.core > 0) & (found.rank == 0)
@@ -63,11 +68,54 @@ def recover(case: Case) -> None:
     _in_time(case)
 
 
+def _way(engine: GridGroup, part: GroupSets, home: Bools) -> Way:
+    """W: a few lengths of chain for all cells, then every length for those that are left."""
+    core = part.core > 0
+    for lengths in (QUICK, HOLDS):
+        found = way(engine, core, part.allowed, home, holds=lengths)
+        left = int((core & ~found.cells).sum())
+        if left <= STRAGGLERS_MAX:
+            break
+    if left and left <= STRAGGLERS_MAX:
+        return _stragglers(engine, part, found)
+    return found
+
+
+def _stragglers(engine: GridGroup, part: GroupSets, found: Way) -> Way:
+    """Cells at the border of K whose chains fit W at few lengths only: all lengths up to their N.
+
+    The tube over N holds lies in C because N is no longer than the cell's witness.
+    """
+    rank, holds, time_ns = found.rank.copy(), found.holds.copy(), found.time_ns.copy()
+    period, jitter = engine.inputs.period_ns, engine.inputs.jitter_ns
+    images = {}
+    for at in map(tuple, np.argwhere((part.core > 0) & (rank == 0))):
+        low = [e[i] for e, i in zip(engine.edges, at, strict=True)]
+        high = [e[i + 1] for e, i in zip(engine.edges, at, strict=True)]
+        images[at] = engine.enclosures(low, high, int(part.core[at]))[0]
+    joined = True
+    while joined:
+        joined = False
+        inside, following = rank != 0, int(rank.max()) + 1
+        for at, steps in list(images.items()):
+            for n, box in enumerate(steps, 1):
+                block = [holding(e, a, b) for e, (a, b) in zip(engine.edges, box, strict=True)]
+                if any(b is None for b in block):
+                    continue
+                to = tuple(b for b in block if b is not None)
+                if inside[to].all():
+                    rank[at], holds[at] = following, n
+                    time_ns[at] = int(time_ns[to].max()) + n * period + jitter
+                    del images[at]
+                    joined = True
+                    break
+    return Way(rank, holds, time_ns)
+
+
 def _targets(case: Case) -> list[Bools] | None:
     """Per group the states all of whose estimates satisfy `safer`."""
     if case.problem.computed:
-        case.fail("P2b", "`safer` is still to be computed")
-        return None
+        return targets(case)
     found = parts(case.problem, case.groups, "safer")
     if found is None:
         case.fail("P2b", "no state was found on which `safer` surely holds")

@@ -62,10 +62,6 @@ class Table:
     width: tuple[float, ...]
     entries: Ints
 
-    def middles(self) -> Floats:
-        """(*blocks, d): the middle of each block."""
-        return block_middles(self.low, self.width, self.entries.shape)
-
 
 def block_middles(low: Sequence[float], width: Sequence[float], shape: tuple[int, ...]) -> Floats:
     """(*shape, d): the middles of equal blocks."""
@@ -190,13 +186,15 @@ def blocks(votes: Bools, stride: int) -> Ints:
     count: Ints = votes.astype(np.int64)
     for axis in range(1, votes.ndim):
         starts = np.arange(0, votes.shape[axis], stride)
-        count = np.add.reduceat(count, starts, axis=axis, dtype=np.int64)
+        summed: Ints = np.add.reduceat(count, starts, axis=axis)
+        count = summed
     return count
 
 
 def _spread(entries: Ints, known: Bools) -> Ints:
     """Entries with the unknown ones taken over from their neighbours, border by border."""
-    found, left = entries.copy(), ~known
+    found: Ints = entries.copy()
+    left = ~known
     while left.any() and not left.all():
         for axis in range(entries.ndim):
             for step in (1, -1):

@@ -73,6 +73,7 @@ def _read_by_dm(place: Place) -> dict[int, None]:
     if not predicates:
         topics = [a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None]
     scope = {**place.sc.scope.topics, **module.scope.topics}
+    topics = topics or list(scope)  # computed predicates without a `grid` line read what they can
     return {scope[t]: None for t in topics if t in scope and scope[t] in place.driven}
 
 

@@ -21,6 +21,7 @@ from soter.reach.claims import Case, Clock
 from soter.reach.extract import cases
 from soter.reach.forms import Forms, library_of
 from soter.reach.grids import UnboundedError
+from soter.reach.levels import levels
 from soter.reach.recovery import recover
 from soter.reach.refine import refined
 from soter.reach.results import (
@@ -136,7 +137,10 @@ def _claims(case: Case) -> None:
         return
     with Clock(case, "P3"):
         claims.free_phase(case)
-    if not case.problem.computed:
+    if case.problem.computed:
+        with Clock(case, "ttf"):
+            levels(case)
+    else:
         for predicate in ("ttf", "safer"):
             with Clock(case, predicate):
                 claims.inclusion(case, predicate)

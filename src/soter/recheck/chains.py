@@ -5,9 +5,9 @@ errors and disturbances inside; `FreePhase`: what any command makes of it (docs/
 section 3).
 Non-goals: which cells, and whether what comes out lies in a set (`inclusion.py`).
 
-SC acts at a_0 = 0 and a_k in [k delta - j, k delta + j], on a sample taken at most d before. Time is
-cut at k delta - j and k delta + j: between the cuts one command acts, within them first the old and
-then the new one. What precedes a_k is a matter of old commands alone: nothing is circular.
+SC acts at a_0 = 0 and a_k in [k delta - j, k delta + j], on a sample taken at most d before. Time
+is cut at k delta - j and k delta + j: between the cuts one command acts, within them first the old
+and then the new one. What precedes a_k is a matter of old commands alone: nothing is circular.
 """
 
 from __future__ import annotations
@@ -175,7 +175,7 @@ def _compiled(
     ranges: Sequence[Linear | Drift],
     others: Sequence[Linear] = (),
 ) -> Step:
-    """`others`: all states, where those of other groups occur."""
+    """`others`: all states, where those of other groups occur. Beyond the group's: commands."""
     boxes = _boxes(model, others, members) if others else {}
     return compile_step(
         terms,
@@ -185,6 +185,7 @@ def _compiled(
         ranges=ranges,
         must=terms.obligations,
         boxes=boxes,
+        memories=(len(states) - len(members), max(len(outputs) - len(members), 0)),
     )
 
 

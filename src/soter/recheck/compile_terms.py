@@ -4,12 +4,16 @@ Purpose: `compile_step`: a function from the form of a set of states to the form
 makes of it, with the ranges wanted and the propositions that must hold.
 Non-goals: reading programs (`symbolic.py`), which sets to check (`chains.py`, `predicates.py`).
 
-The form of a set is a flat tuple: for each state its centre m, its coefficients g on the symbols of
-the cell, the radius b of the rest, and an interval [l, h]:
+The form of a set is a flat tuple: for each state an interval l, h; then for each the centre m, the
+coefficients g on the symbols of the cell, the radius b of the rest:
 
     x in { m + sum g[k] eps_k + b beta : eps_k, beta in [-1, 1] }   and   x in [l, h]
 
-eps_k are shared by all states, beta is its own for each state. With no symbols it is a box.
+eps_k are shared by all states, beta is its own for each state. With no symbols it is a box. States
+may be followed by *memories*, commands that still act: what they have in common with the betas of
+the states stands in coefficients a, and only their remainder has a beta of its own:
+
+    u in { m + sum g[k] eps_k + sum a[i] b[i] beta_i + b beta }
 """
 
 from __future__ import annotations
@@ -18,6 +22,8 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from soter.recheck.balls import HALF, ONE, UNIVARIATE, ZERO, above, below, exact, larger, smaller
 from soter.recheck.terms import Linear, Truth, closure
 
@@ -25,9 +31,11 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from flint import arb
+    from numpy.typing import NDArray
 
     from soter.recheck.terms import Atom, Terms
 
+    Form = tuple[str, list[str], list[str | None], str]
     Step = Callable[[tuple[arb, ...]], "tuple[tuple[arb, ...], tuple[float, ...]] | None"]
 
 
@@ -58,13 +66,16 @@ def compile_step(
     ranges: Sequence[Linear | Drift] = (),
     must: Sequence[Truth] = (),
     boxes: Mapping[int, tuple[arb, arb]] | None = None,
+    memories: tuple[int, int] = (0, 0),
 ) -> Step:
     """`form -> (form of the outputs, (low, high) of each of `ranges`)`.
 
     None where something in `must` is not certain. `states`: atoms that the form describes, every
-    other input ranges over `boxes`, or its domain where nothing is said there.
+    other input ranges over `boxes`, or its domain where nothing is said there. `memories`: how
+    many of the states, and of the outputs, are memories: the last ones.
     """
-    return _Writer(terms, states, symbols, boxes or {}).step(outputs, ranges, must)
+    writer = _Writer(terms, states, symbols, boxes or {}, memories[0])
+    return writer.step(outputs, ranges, must, memories[1])
 
 
 def compile_truths(
@@ -81,15 +92,13 @@ def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, 
     """The form of a box; each axis has a symbol of its own where `symbols`."""
     centres = [(low + high) * HALF for low, high in box]
     radii = [(high - low) * HALF for low, high in box]
-    form = list(centres)
+    form = [end for interval in box for end in interval] + centres
     if symbols:
         n = len(box)
         form += [radii[i] if i == k else ZERO for i in range(n) for k in range(n)]
         form += [ZERO] * n
     else:
         form += radii
-    form += [low for low, _ in box]
-    form += [high for _, high in box]
     return tuple(form)
 
 
@@ -102,8 +111,10 @@ class _Writer:
         states: Sequence[int],
         symbols: int,
         boxes: Mapping[int, tuple[arb, arb]],
+        memories: int = 0,
     ) -> None:
         self.terms = terms
+        self.leading = len(states) - memories
         self.place = {atom: i for i, atom in enumerate(states)}
         self.symbols = range(symbols)
         self.boxes = boxes
@@ -132,19 +143,29 @@ class _Writer:
     # ------------------------------------------------------------ functions
 
     def step(
-        self, outputs: Sequence[Linear], ranges: Sequence[Linear | Drift], must: Sequence[Truth]
+        self,
+        outputs: Sequence[Linear],
+        ranges: Sequence[Linear | Drift],
+        must: Sequence[Truth],
+        memories: int,
     ) -> Step:
         linear = [y for x in ranges for y in (x.parts if isinstance(x, Drift) else (x,))]
         self._atoms([*outputs, *linear, *must])
         for truth in must:
             self.lines.append(f"if {self._truth(truth)} != 2: return None")
         forms = [self._form(x) for x in outputs]
-        flat = [f[0] for f in forms]
+        radii = [self._sum([*self._betas(f[2]), f[3]]) or "ZERO" for f in forms]
+        found = [
+            self._range_of_form(x, f, b) for x, f, b in zip(outputs, forms, radii, strict=True)
+        ]
+        flat = [end for interval in found for end in interval]
+        flat += [f[0] for f in forms]
         flat += [g for f in forms for g in f[1]]
-        flat += [f[2] for f in forms]
-        found = [self._range_of_form(x, f) for x, f in zip(outputs, forms, strict=True)]
-        flat += [low for low, _ in found]
-        flat += [high for _, high in found]
+        leading = len(outputs) - memories
+        flat += radii[:leading]
+        shared = [self._in_common(f, forms[:leading]) for f in forms[leading:]]
+        flat += [rest for rest, _ in shared]
+        flat += [a for _, row in shared for a in row]
         ends = [
             self._drifting(x)
             if isinstance(x, Drift)
@@ -164,10 +185,11 @@ class _Writer:
 
     def _function(self) -> Any:  # noqa: ANN401  made from text
         n = len(self.place)
-        names = [f"m{i}" for i in range(n)]
+        names = [f"{end}{i}" for i in range(n) for end in "lh"]
+        names += [f"m{i}" for i in range(n)]
         names += [f"g{i}_{k}" for i in range(n) for k in self.symbols]
         names += [f"b{i}" for i in range(n)]
-        names += [f"l{i}" for i in range(n)] + [f"h{i}" for i in range(n)]
+        names += [f"a{i}_{k}" for i in range(self.leading, n) for k in range(self.leading)]
         head = [f"{_tuple(names)} = form"] if names else []
         body = "\n    ".join(head + self.lines)
         exec(f"def run(form):\n    {body}\n", self.names)  # noqa: S102  our own text
@@ -290,19 +312,46 @@ class _Writer:
         self, row: Mapping[int, arb | str], constant: str | None, spread: str | None
     ) -> tuple[str, str]:
         """Of a row over the form."""
+        centre, symbols, betas, rest = self._over_form(row, constant, spread)
+        radius = [*self._betas(betas), *rest]
+        radius += [f"abs({' + '.join(parts)})" for parts in symbols if parts]
+        return self._sum(centre) or "ZERO", self._sum(radius) or "ZERO"
+
+    def _over_form(
+        self, row: Mapping[int, arb | str], constant: str | None, spread: str | None
+    ) -> tuple[list[str | None], list[list[str]], list[list[str]], list[str | None]]:
+        """Parts of the centre, of each symbol's and each beta's coefficient, of the rest."""
         centre: list[str | None] = [constant]
-        radius: list[str | None] = [spread]
-        columns: dict[int, list[str]] = {k: [] for k in self.symbols}
+        rest: list[str | None] = [spread]
+        symbols: list[list[str]] = [[] for _ in self.symbols]
+        betas: list[list[str]] = [[] for _ in range(self.leading)]
         for atom, factor in row.items():
             i = self.place[atom]
             centre.append(self._times(factor, f"m{i}"))
-            radius.append(self._times(_absolute(factor), f"b{i}"))
             for k in self.symbols:
                 part = self._times(factor, f"g{i}_{k}")
                 if part is not None:
-                    columns[k].append(part)
-        radius += [f"abs({' + '.join(parts)})" for parts in columns.values() if parts]
-        return self._sum(centre) or "ZERO", self._sum(radius) or "ZERO"
+                    symbols[k].append(part)
+            if i < self.leading:
+                betas[i].append(self._code(factor))
+                continue
+            rest.append(self._times(_absolute(factor), f"b{i}"))
+            for k in range(self.leading):
+                part = self._times(factor, f"a{i}_{k}")
+                if part is not None:
+                    betas[k].append(part)
+        return centre, symbols, betas, rest
+
+    @staticmethod
+    def _betas(betas: Sequence[Sequence[str] | str | None]) -> list[str]:
+        """What the betas of the states add to a radius."""
+        found = []
+        for i, parts in enumerate(betas):
+            if not parts:
+                continue
+            code = parts if isinstance(parts, str) else " + ".join(parts)
+            found.append(f"abs({code})*b{i}")
+        return found
 
     def _range(self, x: Linear) -> tuple[str, str]:
         found: tuple[str, str] = self._memo("range", x, self._make_range)
@@ -366,33 +415,48 @@ class _Writer:
             lows.append(f"({name}*{low}).min({name}*{high})")
             highs.append(f"({name}*{low}).max({name}*{high})")
 
-    def _form(self, x: Linear) -> tuple[str, list[str], str]:
-        """Centre, coefficients on the symbols, radius of the rest."""
-        row, constant, spread = self._row(x)
-        centre: list[str | None] = [constant]
-        rest: list[str | None] = [spread]
-        symbols: list[list[str]] = [[] for _ in self.symbols]
-        for atom, factor in row.items():
-            i = self.place[atom]
-            centre.append(self._times(factor, f"m{i}"))
-            rest.append(self._times(_absolute(factor), f"b{i}"))
-            for k in self.symbols:
-                part = self._times(factor, f"g{i}_{k}")
-                if part is not None:
-                    symbols[k].append(part)
+    def _form(self, x: Linear) -> Form:
+        """Centre, coefficients on symbols and on the betas of the states, radius of the rest."""
+        centre, symbols, betas, rest = self._over_form(*self._row(x))
         return (
             self._sum(centre) or "ZERO",
             [self._sum(parts) or "ZERO" for parts in symbols],
+            [self._sum(parts) if parts else None for parts in betas],
             self._sum(rest) or "ZERO",
         )
 
-    def _range_of_form(self, x: Linear, form: tuple[str, list[str], str]) -> tuple[str, str]:
+    def _in_common(self, memory: Form, states: Sequence[Form]) -> tuple[str, list[str]]:
+        """A memory over the betas of the new states: the remainder and the coefficients.
+
+        With old betas B beta: states R B beta + noise, memory S B beta + rest. For any row a it is
+        a (states) + (S - a R) B beta - a noise + rest; a = S (2 - R) is nearly S R^-1.
+        """
+        s, n = memory[2], self.leading
+        r = [f[2] for f in states]
+
+        def product(row: Sequence[str | None]) -> list[str | None]:
+            pairs = [[(row[k], r[k][j]) for k in range(n)] for j in range(n)]
+            return [self._sum([f"{x}*{y}" for x, y in column if x and y]) for column in pairs]
+
+        a = [
+            self._sum([f"2*{x}" if x else None, f"(-{y})" if y else None])
+            for x, y in zip(s, product(s), strict=True)
+        ]
+        a = [self._new(f"{x}.mid()") if x else None for x in a]
+        left = [
+            self._sum([x, f"(-{y})" if y else None]) for x, y in zip(s, product(a), strict=True)
+        ]
+        noise = [f"abs({x})*{f[3]}" for x, f in zip(a, states, strict=True) if x]
+        rest = self._sum([memory[3], *self._betas(left), *noise]) or "ZERO"
+        return rest, [x or "ZERO" for x in a]
+
+    def _range_of_form(self, x: Linear, form: Form, rest: str) -> tuple[str, str]:
         """The interval that goes with a form; limits that are reached exactly stay exact."""
         inputs, others = self._parts(x)
         states = [a for a in inputs if a in self.place]
         if ("range", id(x)) in self.known or (len(states) == 0 if others else len(states) == 1):
             return self._range(x)
-        centre, symbols, rest = form
+        centre, symbols = form[:2]
         radius = self._new(" + ".join([rest, *(f"abs({g})" for g in symbols)]))
         return self._new(f"{centre} - {radius}"), self._new(f"{centre} + {radius}")
 
@@ -492,10 +556,11 @@ class _Writer:
         self.bounds[index] = (f"(-{size})", size)
 
     def _table(self, index: int, atom: Atom) -> None:
-        low, high = self._range(atom.arguments[0])
         values = f"T{index}"
-        self.names[values] = atom.values
-        ends = self._new(f"pick({values}, below({low}), above({high}))")
+        self.names[values] = np.array(atom.values).reshape(atom.shape)
+        ranges = [self._range(x) for x in atom.arguments]
+        positions = ", ".join(f"below({low}), above({high})" for low, high in ranges)
+        ends = self._new(f"pick({values}, {positions})")
         low, high = self._new(f"{ends}[0]"), self._new(f"{ends}[1]")
         self.rows[index] = {}
         self.tails[index] = (
@@ -558,15 +623,16 @@ def _corners(al: arb, ah: arb, bl: arb, bh: arb) -> tuple[arb, arb]:
     return a.min(b).min(c.min(d)), a.max(b).max(c.max(d))
 
 
-def _pick(values: Sequence[float], low: float, high: float) -> tuple[arb, arb]:
-    """The range of a table between two positions, which are whole numbers."""
-    last = len(values) - 1
-    first = 0 if not low > 0 else min(math.ceil(low), last)
-    final = last if not high < last else max(math.floor(high), 0)
-    if first > final:
-        first, final = 0, last
-    part = values[first : final + 1]
-    return exact(min(part)), exact(max(part))
+def _pick(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
+    """The range of a table between positions, which are whole numbers."""
+    part = []
+    for axis, size in enumerate(values.shape):
+        low, high = ends[2 * axis], ends[2 * axis + 1]
+        first = 0 if not low > 0 else min(math.ceil(low), size - 1)
+        last = size - 1 if not high < size - 1 else max(math.floor(high), 0)
+        part.append(slice(first, last + 1) if first <= last else slice(None))
+    there = values[tuple(part)]
+    return exact(float(there.min())), exact(float(there.max()))
 
 
 __all__ = ["ONE", "compile_step", "compile_truths", "form_of_box"]

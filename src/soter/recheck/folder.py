@@ -1,7 +1,7 @@
 """The folder of a certificate: every byte covered, nothing besides.
 
-Purpose: read and check what docs/verification.md (section 4) lays down: names, hashes, the canonical
-manifest, sizes of tables.
+Purpose: read and check what docs/verification.md (section 4) lays down: names, hashes, the
+canonical manifest, sizes of tables.
 Non-goals: believing anything that stands in it (`rechecker.py`).
 """
 
@@ -13,6 +13,7 @@ import math
 import os
 import stat
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING, Any
 
@@ -52,7 +53,7 @@ class Certificate:
         found = tuple(float(x) for x in np.frombuffer(data, dtype="<f8"))
         if not all(math.isfinite(x) for x in found):
             raise RejectedError(f"`{path}`: a breakpoint is not finite")
-        if any(a >= b for a, b in zip(found, found[1:], strict=False)):
+        if any(a >= b for a, b in pairwise(found)):
             raise RejectedError(f"`{path}`: breakpoints do not increase")
         return found
 

@@ -11,9 +11,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.recheck.balls import HALF, above, below, exact
+from soter.recheck.balls import HALF, TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
 from soter.recheck.chains import free_phase, sc_chain
 from soter.recheck.compile_terms import compile_truths, form_of_box
+from soter.recheck.problem import error_of
 from soter.recheck.tables import Cells, Grid, halves, uncovered, volume
 from soter.recheck.terms import (
     TRUE,
@@ -131,18 +132,11 @@ class ChainCheck:
 
 
 def _box_of(form: Sequence[arb], n: int) -> tuple[float, ...]:
-    """The box of a form: its last 2 k entries are the ends of its k states."""
-    count = _states_in(len(form), n)
-    low, high = len(form) - 2 * count, len(form) - count
+    """The box of the first n states of a form."""
     found: list[float] = []
     for i in range(n):
-        found += (below(form[low + i]), above(form[high + i]))
+        found += (below(form[2 * i]), above(form[2 * i + 1]))
     return tuple(found)
-
-
-def _states_in(length: int, symbols: int) -> int:
-    """A form has 4 + symbols entries a state."""
-    return length // (4 + symbols)
 
 
 def witnessed(
@@ -184,8 +178,7 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> list[Block]:
     def attempt(at: Block) -> bool:
         part = order[tuple(slice(low, high) for low, high in at)]
         least = int(part.min())
-        centre = tuple((low + high) // 2 for low, high in at)
-        holds = int(holds_of[centre])
+        holds = int(holds_of[tuple(slice(low, high) for low, high in at)].max())
         if holds == 0:
             return False
 
@@ -246,6 +239,57 @@ def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> list[
 
     def attempt(at: Block) -> bool:
         box = grid.box(at)
+        if check.stays(box, within, FREE_PIECES[0]):
+            return True
+        if volume(at) > 1:
+            return False
+        return _finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
+
+    return list(uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE))
+
+
+# ---------------------------------------------------------------- computed predicates
+
+
+def around(model: Model, group: GroupTables, box: list[tuple[arb, arb]]) -> tuple[float, ...]:
+    """Everything an estimate of a state in the box may be, and the other way round."""
+    found: list[float] = []
+    for state, (low, high) in zip(group.states, box, strict=True):
+        error = exact(error_of(model.facts, state))
+        if not error.is_zero():
+            error += (magnitude(low).max(magnitude(high)) + error) * (2 * UNIT_ROUNDOFF) + TINIEST
+        found += (below(low - error), above(high + error))
+    return tuple(found)
+
+
+def eroded(model: Model, group: GroupTables, level: Cells) -> Cells:
+    """Cells of states all of whose estimates lie in a level; and of estimates of such states."""
+    grid = group.grid
+    members = np.zeros(grid.shape, dtype=np.bool_)
+    for cell in np.argwhere(level.members):
+        block = tuple((int(i), int(i) + 1) for i in cell)
+        members[tuple(cell)] = level.contains(around(model, group, grid.box(block)))
+    return Cells(grid, members)
+
+
+def levels_hold(
+    model: Model, group: GroupTables, claimed: Cells, inside: Cells, block: Block
+) -> list[Block]:
+    """Cells of estimates, some state behind which is not certainly inside."""
+
+    def attempt(at: Block) -> bool:
+        return inside.contains(around(model, group, group.grid.box(at)))
+
+    return list(uncovered(claimed, block, attempt, 1 << 20))
+
+
+def drifts(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> list[Block]:
+    """Cells of estimates, some state behind which may be driven out of `within` in time."""
+    grid = check.group.grid
+
+    def attempt(at: Block) -> bool:
+        ends = around(check.model, check.group, grid.box(at))
+        box = [(exact(a), exact(b)) for a, b in zip(ends[::2], ends[1::2], strict=True)]
         if check.stays(box, within, FREE_PIECES[0]):
             return True
         if volume(at) > 1:

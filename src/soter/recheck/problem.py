@@ -77,6 +77,8 @@ class Facts:
     parameters: list[Parameter] = field(default_factory=list)
     axes: dict[int, tuple[float, float]] = field(default_factory=dict)
     """State -> its declared extent."""
+    leaves: dict[int, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
+    """State -> the topic leaf that is declared as its axis."""
     times: dict[str, int] = field(default_factory=dict)
     levels: int = 3
 
@@ -277,11 +279,13 @@ def _read_axes(facts: Facts) -> None:
     """Extents that the module declares, by state. What it leaves open is a choice of the prover."""
     for group in facts.symbol.verify.groups:
         for axis in group.axes:
-            if axis.low is None or axis.high is None:
-                continue
-            extent = (float(number_of(facts, axis.low)), float(number_of(facts, axis.high)))
             state = _state_of_axis(facts, axis)
-            if state is not None:
+            if state is None:
+                continue
+            if axis.topic is not None:
+                facts.leaves[state] = (_topic_of_axis(facts, axis.topic), axis.path)
+            if axis.low is not None and axis.high is not None:
+                extent = (float(number_of(facts, axis.low)), float(number_of(facts, axis.high)))
                 facts.axes[state] = extent
 
 
@@ -292,15 +296,35 @@ def _state_of_axis(facts: Facts, axis: typed.GridAxis) -> int | None:
         wanted = f"{axis.instance}.{ending}"
         named = [i for i, s in enumerate(facts.states) if ("." + s.name).endswith("." + wanted)]
         return named[0] if len(named) == 1 else None
-    module, sc = facts.module, facts.sc
-    scopes = (module.scope.topics, sc.scope.topics)
-    indices = {s[axis.topic] for s in scopes if axis.topic in s}
     driven = driven_topics(facts)
-    for index in indices:
-        if index in driven:
-            component, expr = driven[index]
-            return _followed(facts, component, expr, axis.path)
-    return None
+    index = _topic_of_axis(facts, axis.topic)
+    if index not in driven:
+        return None
+    component, expr = driven[index]
+    return _followed(facts, component, expr, axis.path)
+
+
+def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
+    """The topic that an axis names, as the module sees it; -1 where it does not."""
+    for scope in (facts.module.scope.topics, facts.sc.scope.topics):
+        if topic in scope:
+            return scope[topic]
+    return -1
+
+
+def error_of(facts: Facts, state: int) -> float:
+    """By how much the estimate of a state may be off, in the topic leaf that is its axis."""
+    if state not in facts.leaves:
+        raise NotRecheckedError(f"no topic carries `{facts.states[state].name}` as its axis")
+    topic, path = facts.leaves[state]
+    paths = [p for p, _ in leaves(facts.system.topics[topic].type)]
+    bounds = [
+        m.bound
+        for c in facts.plants
+        for m in c.measured
+        if (m.topic, paths[m.leaf]) == (topic, path)
+    ]
+    return max(bounds, default=0.0)
 
 
 def _followed(facts: Facts, c: Component, expr: typed.Expr, path: tuple[str, ...]) -> int | None:
@@ -332,6 +356,7 @@ def _followed(facts: Facts, c: Component, expr: typed.Expr, path: tuple[str, ...
 
 
 def number_of(facts: Facts, expr: typed.Expr | None) -> Any:  # noqa: ANN401  a Soter value
+    """The value of a constant expression of the module; 0 where there is none."""
     return 0 if expr is None else Evaluator(facts.module.scope.params).value(expr)
 
 
@@ -352,8 +377,8 @@ def _times(facts: Facts) -> dict[str, int]:
     predicates = [p for p in (facts.symbol.ttf, facts.symbol.safer) if p is not None]
     by_dm = {facts.module.scope.topics[t] for t in topic_reads(*predicates)} & set(driven)
     by_sc = {facts.sc.scope.topics[t] for t in _read_by_sc(facts.sc)} & set(driven)
-    if not by_dm:  # computed predicates read what carries the axes
-        by_dm = set(driven)
+    if not predicates:  # computed predicates read what carries the axes
+        by_dm = {topic for topic, _ in facts.leaves.values()} or set(driven)
     if facts.kind == "map":
         _check_map(facts, found, by_dm | by_sc)
         found["A_ns"] = found["A_sc_ns"] = 0

@@ -1,7 +1,7 @@
 """Check a certificate: hashes, then the problem, then every claim.
 
-Purpose: `recheck(folder)`: from the bytes of a certificate to `Accepted` or the reason why not. Whatever
-this room does not know how to confirm is rejected, never accepted.
+Purpose: `recheck(folder)`: from the bytes of a certificate to a `Report`: accepted, or the reason
+why not. Whatever this room does not know how to confirm is rejected, never accepted.
 Non-goals: finding sets or witnesses: there is no search and no fixpoint here, one pass only.
 """
 
@@ -30,12 +30,16 @@ from soter.recheck.inclusion import (
     RejectedError,
     admitted,
     certain,
+    drifts,
+    eroded,
     free,
+    levels_hold,
     ranked,
     witnessed,
 )
 from soter.recheck.model import Model
-from soter.recheck.problem import DiffersError, Facts, read_facts
+from soter.recheck.problem import DiffersError, Facts, number_of, read_facts
+from soter.recheck.symbolic import flat
 from soter.recheck.tables import Cells, Grid, parts
 from soter.recheck.terms import NotRecheckedError
 
@@ -44,6 +48,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.program.build import Checked
+    from soter.program.typed import Expr
     from soter.recheck.tables import Block
 
 BLOCKS = 24
@@ -74,6 +79,11 @@ class ModuleReport:
     cells: int = 0
     confirmed: list[str] = field(default_factory=list)
 
+    @property
+    def other(self) -> list[str]:
+        """Properties that are not said to be proved, with what is said."""
+        return [f"{n} ({v})" for n, v in self.claims.items() if n not in self.confirmed]
+
 
 @dataclass
 class Report:
@@ -87,13 +97,19 @@ class Report:
     seconds: float = 0.0
 
 
-def recheck(folder: Path, progress: Callable[[float], None] | None = None) -> Report:
-    """Check the certificate in a folder; `NotACertificateError` where there is none."""
+def recheck(
+    folder: Path, progress: Callable[[float], None] | None = None, workers: int | None = None
+) -> Report:
+    """Check the certificate in a folder; `NotACertificateError` where there is none.
+
+    `progress` is called with the share that is done; `workers`: processes, by default one for
+    each processor.
+    """
     started = time.perf_counter()
     report = Report(accepted=False)
     try:
         certificate = read_certificate(folder)
-        _check(certificate, report, progress or (lambda _: None))
+        _check(certificate, report, progress or (lambda _: None), workers or os.cpu_count() or 1)
         report.accepted = True
     except (RejectedError, DiffersError) as error:
         report.reason = str(error)
@@ -105,7 +121,9 @@ def recheck(folder: Path, progress: Callable[[float], None] | None = None) -> Re
     return report
 
 
-def _check(certificate: Certificate, report: Report, progress: Callable[[float], None]) -> None:
+def _check(
+    certificate: Certificate, report: Report, progress: Callable[[float], None], workers: int
+) -> None:
     manifest = certificate.manifest
     _keys(
         manifest,
@@ -120,7 +138,7 @@ def _check(certificate: Certificate, report: Report, progress: Callable[[float],
         raise RejectedError("the manifest has no modules")
     for k, entry in enumerate(modules):
         share = partial(_share, progress, k, len(modules))
-        report.modules.append(_module(certificate, checked, entry, share))
+        report.modules.append(_module(certificate, checked, entry, share, workers))
         report.assumptions += [a for a in entry["assumptions"] if a not in report.assumptions]
     unused = {n for n in certificate.contents if n.startswith("sets/")} - certificate.used
     for name in sorted(unused):
@@ -197,6 +215,7 @@ def _module(
     checked: Checked,
     entry: dict[str, Any],
     progress: Callable[[float], None],
+    workers: int,
 ) -> ModuleReport:
     _keys(
         entry,
@@ -231,7 +250,7 @@ def _module(
         groups = _groups(certificate, facts, extents, case["groups"])
         report.cells += sum(int(np.prod(g.grid.shape)) for g in groups)
         share = partial(_share, progress, k, len(cases))
-        _Case(model, groups, claims, entry, share).check()
+        _Case(model, groups, claims, entry, share, workers).check()
     report.confirmed = [c for c in CLAIMS if c in claims]
     return report
 
@@ -331,6 +350,7 @@ class _Case:
     claims: set[str]
     entry: dict[str, Any]
     progress: Callable[[float], None]
+    workers: int
     tasks: list[tuple[str, Grid, Callable[[Block], list[Block]], Block]] = field(
         default_factory=list
     )
@@ -338,9 +358,7 @@ class _Case:
     def check(self) -> None:
         """Collect what is to be shown, then show it."""
         symbol = self.model.facts.symbol
-        computed = symbol.ttf is None or symbol.safer is None
-        if computed and self.claims & {"P3", "ttf", "safer", "P2b"}:
-            raise NotRecheckedError("computed predicates are not rechecked yet")
+        self.computed = symbol.ttf is None and symbol.safer is None
         self.cores = [Cells(g.grid, g.core > 0) for g in self.groups]
         if any(c.size == 0 for c in self.cores):
             raise RejectedError("K is empty")
@@ -348,7 +366,10 @@ class _Case:
             self._kernel()
         if self.claims & {"P2a", "P3", "ttf", "safer"}:
             self._free()
-            self._predicates()
+            if self.computed:
+                self._levels()
+            else:
+                self._predicates()
         if "P2b" in self.claims:
             self._return()
         if "start" in self.claims:
@@ -401,7 +422,7 @@ class _Case:
 
     def _return(self) -> None:
         """P2b: Q is kept within `safer`, and W leads there from all of K."""
-        allowed = certain(self.model, self.groups, self.model.facts.symbol.safer, errors=True)  # type: ignore[arg-type]
+        allowed = self._calm()
         for group, core, within in zip(self.groups, self.cores, allowed, strict=True):
             if group.home is None or group.rank is None or group.rank_holds is None:
                 raise RejectedError("a claim needs Q and W, which are not there")
@@ -418,6 +439,42 @@ class _Case:
             self._add("SC does not certainly come nearer to Q from", group.grid, show)
         self._recover()
 
+    def _calm(self) -> list[Cells]:
+        """States on all of whose estimates `safer` certainly holds."""
+        safer = self.model.facts.symbol.safer
+        if safer is not None:
+            return certain(self.model, self.groups, safer, errors=True)
+        return [eroded(self.model, g, self._levels_of(g)[-1]) for g in self.groups]
+
+    def _levels_of(self, group: GroupTables) -> list[Cells]:
+        """S_0, ..., S_(m-2)."""
+        count = self.model.facts.levels - 1
+        if len(group.levels) < count:
+            raise RejectedError("a claim needs the tables S, which are not there")
+        return [Cells(group.grid, s) for s in group.levels[:count]]
+
+    def _levels(self) -> None:
+        """Computed predicates: ttf is not S_0, safer is S_(m-2)."""
+        times = self.model.facts.times
+        between = times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"]
+        for group in self.groups:
+            assert group.free is not None
+            if len(group.levels) != self.model.facts.levels - 1:
+                raise RejectedError("the tables S are not as many as the levels ask for")
+            levels = self._levels_of(group)
+            free = Cells(group.grid, group.free)
+            show: Any = partial(levels_hold, self.model, group, levels[0], free)
+            self._add("an estimate in S_0 may be of a state outside R(H), in", group.grid, show)
+            check = FreeCheck(self.model, group, between)
+            for k in range(1, len(levels)):
+                if (levels[k].members & ~levels[k - 1].members).any():
+                    raise RejectedError(f"S_{k} is no part of S_{k - 1}")
+                calm = eroded(self.model, group, levels[k - 1])
+                show = partial(drifts, check, levels[k], calm)
+                self._add(
+                    f"S_{k} may be left for outside S_{k - 1} at once, from", group.grid, show
+                )
+
     def _recover(self) -> None:
         """The time to return, bounded by the longest witness of every rank."""
         wanted = self.entry["recover_ns"]
@@ -426,8 +483,6 @@ class _Case:
             if wanted is not None:
                 raise RejectedError("the program declares no time to return")
             return
-        from soter.recheck.problem import number_of  # noqa: PLC0415
-
         if wanted != number_of(self.model.facts, declared):
             raise RejectedError("the time to return is another one in the program")
         times = self.model.facts.times
@@ -467,7 +522,7 @@ class _Case:
     def _run(self) -> None:
         global _TASKS  # noqa: PLW0603  what the forked processes see
         _TASKS = self.tasks
-        workers = min(os.cpu_count() or 1, len(self.tasks))
+        workers = min(self.workers, len(self.tasks))
         done = 0
         if workers > 1 and "fork" in multiprocessing.get_all_start_methods():
             with multiprocessing.get_context("fork").Pool(workers) as pool:
@@ -500,27 +555,18 @@ def _show(k: int) -> str:
 
 
 def _admitted(
-    model: Model,
-    group: GroupTables,
-    expr: Any,
-    admits: bool,
-    proved: Cells,
-    block: Block,
+    model: Model, group: GroupTables, expr: Expr, admits: bool, proved: Cells, block: Block
 ) -> list[Block]:
     return admitted(model, group, expr, admits=admits, proved=proved, block=block)
 
 
 def _leaves(topic: Any) -> list[float]:  # noqa: ANN401
-    from soter.recheck.symbolic import flat  # noqa: PLC0415
-
     assert len(flat(topic.default)) == len(list(leaves(topic.type)))
     return flat(topic.default)
 
 
 def _is_initial(facts: Facts, values: tuple[int, ...]) -> bool:
     """Whether a run may start with these values of the parameters."""
-    from soter.recheck.symbolic import flat  # noqa: PLC0415
-
     for p, v in zip(facts.parameters, values, strict=True):
         component = next(c for c in facts.plants if c.index == p.owner)
         assert component.plant is not None

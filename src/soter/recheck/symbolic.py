@@ -404,20 +404,34 @@ class Reader:
         """Truncates towards zero."""
         if not isinstance(x, Linear):
             return arith.int_of_float(x)
+        if self._is_floor(x):
+            return self._whole(x)
         down = self.terms.function("floor", x)
         if x.nonnegative or x.low >= 0:
             return self._whole(down)
         up = self._negated(self.terms.function("floor", self._negated(x)))
         return self._whole(self.terms.choose(self.terms.below(x), up, down))
 
+    def _is_floor(self, x: Linear) -> bool:
+        """Whether it is the result of `floor`, a whole number already."""
+        if len(x.terms) != 1 or not (x.const.is_zero() and x.radius.is_zero()):
+            return False
+        ((atom, factor),) = x.terms.items()
+        return bool(factor == 1) and self.terms.atoms[atom].kind == "floor"
+
     def _seconds(self, x: Value) -> Value:
         return arith.seconds(x)
 
     def _field(self, e: t.Field, frame: _Frame) -> Value:
-        return self._expr(e.target, frame)[e.index]
+        target = self._expr(e.target, frame)
+        if isinstance(target, _Rows):
+            return self._selected([row[e.index] for row in target.elements], target.index)
+        return target[e.index]
 
     def _index(self, e: t.Index, frame: _Frame) -> Value:
         target, index = self._expr(e.target, frame), self._expr(e.index, frame)
+        if isinstance(target, _Rows):
+            return self._selected_twice(target, index)
         if not isinstance(index, Linear):
             if not 0 <= index < len(target):
                 raise NotRecheckedError("an index outside its array")
@@ -427,13 +441,25 @@ class Reader:
     def _selected(self, elements: Sequence[Value], index: Linear) -> Value:
         """An element at an index that depends on inputs."""
         first = elements[0]
+        if isinstance(first, tuple) and all(type(x) in (float, int) for x in first):
+            return _Rows(elements, index)
         if isinstance(first, tuple):
             parts = range(len(first))
             return tuple(self._selected([e[k] for e in elements], index) for k in parts)
         if not all(type(e) in (float, int) for e in elements):
             raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
-        found = self.terms.lookup([float(e) for e in elements], index)
+        found = self.terms.lookup([float(e) for e in elements], (index,), (len(elements),))
         return self._whole(found) if type(first) is int else found
+
+    def _selected_twice(self, rows: _Rows, index: Value) -> Value:
+        """An element of a table with two indices."""
+        first = rows.elements[0]
+        if len({len(row) for row in rows.elements}) != 1 or len({type(v) for v in first}) != 1:
+            raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
+        values = [float(v) for row in rows.elements for v in row]
+        shape = (len(rows.elements), len(first))
+        found = self.terms.lookup(values, (rows.index, self._linear(index)), shape)
+        return self._whole(found) if type(first[0]) is int else found
 
     def _length(self, e: t.Length, frame: _Frame) -> Value:
         of = e.target.type
@@ -463,6 +489,14 @@ class Reader:
 @dataclass(eq=False)
 class _Whole(Linear):
     """An int that depends on inputs."""
+
+
+@dataclass(eq=False)
+class _Rows:
+    """A row of numbers out of several, at an index that depends on inputs."""
+
+    elements: Sequence[tuple[Value, ...]]
+    index: Linear
 
 
 @dataclass(eq=False)

@@ -65,7 +65,7 @@ class Atom:
     kind: "state", "box" (an input with fixed range), a function of `UNIVARIATE`, "product",
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
     "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
-    number arguments[0]). `values`: the table.
+    numbers that are the arguments). `values`: the table, in C order over `shape`.
     """
 
     kind: str
@@ -75,6 +75,7 @@ class Atom:
     high: arb = ZERO
     weights: tuple[arb, ...] = ()
     values: tuple[float, ...] = ()
+    shape: tuple[int, ...] = ()
     extra: arb = ZERO
     """Spread added to the line of the function: the error of a prelude function."""
     name: str = ""
@@ -298,15 +299,15 @@ class Terms:
         wide = self.spread([c.rad() for c in coefficients], arguments)
         return self.combine(((ONE, middle), (ONE, wide)))
 
-    def lookup(self, values: Sequence[float], index: Linear) -> Linear:
-        """values[index]; that the index exists becomes an obligation."""
-        inside = both(
-            negation(self.below(index)),
-            self.below(self.combine(((ONE, index),), exact(float(-len(values))))),
-        )
-        self.oblige(inside)
-        atom = Atom("table", (index,), low=exact(min(values)), high=exact(max(values)))
-        atom.values = tuple(values)
+    def lookup(
+        self, values: Sequence[float], indices: Sequence[Linear], shape: Sequence[int]
+    ) -> Linear:
+        """values[index, ..]; that the element exists becomes an obligation."""
+        for index, size in zip(indices, shape, strict=True):
+            self.oblige(negation(self.below(index)))
+            self.oblige(self.below(self.combine(((ONE, index),), exact(float(-size)))))
+        atom = Atom("table", tuple(indices), low=exact(min(values)), high=exact(max(values)))
+        atom.values, atom.shape = tuple(values), tuple(shape)
         return self._atom(atom)
 
     def widened(self, x: Linear, error: arb, low: arb, high: arb) -> Linear:

@@ -152,27 +152,24 @@ SOTER_INLINE soter_ints soter_ints_index(soter_ints a, soter_ints limit, int64_t
                        soter_max_int(soter_min_int(a.hi, last), 0));
 }
 
-/* int(x): truncation is monotonic. */
-SOTER_INLINE soter_ints soter_ints_to_int(const soter_form* a, unsigned* fault) {
+/* int(x) for x in [lo, hi]: truncation is monotonic. */
+SOTER_INLINE soter_ints soter_ints_between(double lo, double hi, unsigned* fault) {
   soter_fault low = SOTER_OK, high = SOTER_OK;
-  int64_t lo = soter_to_int(a->lo, &low), hi = soter_to_int(a->hi, &high);
-  if (low != SOTER_OK) {
-    lo = INT64_MIN;
+  const int64_t first = soter_to_int(lo, &low), last = soter_to_int(hi, &high);
+  if (low != SOTER_OK || high != SOTER_OK) {
     *fault |= 1U;
   }
-  if (high != SOTER_OK) {
-    hi = INT64_MAX;
-    *fault |= 1U;
-  }
-  return soter_ints_of(lo, hi);
+  return soter_ints_of(low == SOTER_OK ? first : INT64_MIN, high == SOTER_OK ? last : INT64_MAX);
+}
+
+SOTER_INLINE soter_ints soter_ints_to_int(const soter_form* a, unsigned* fault) {
+  return soter_ints_between(a->lo, a->hi, fault);
 }
 
 /* The ints among what an input says. */
 SOTER_INLINE soter_ints soter_ints_input(const soter_form* a, int64_t low, int64_t high) {
   unsigned ignored = 0U;
-  soter_form rounded;
-  soter_form_range(&rounded, floor(a->lo), ceil(a->hi));
-  const soter_ints all = soter_ints_to_int(&rounded, &ignored);
+  const soter_ints all = soter_ints_between(floor(a->lo), ceil(a->hi), &ignored);
   return soter_ints_narrow(all, low, high, &ignored);
 }
 
@@ -181,14 +178,14 @@ SOTER_INLINE soter_truth soter_truth_input(const soter_form* a) {
   return soter_truth_of(a->hi > 0.0, a->lo < 1.0);
 }
 
-SOTER_INLINE void soter_form_to_float(soter_form* out, soter_ints a) {
+SOTER_INLINE void soter_n_to_float(int n, soter_form* out, soter_ints a) {
   const double lo = (double)a.lo, hi = (double)a.hi;
   const bool exact = a.lo >= -(INT64_C(1) << 53) && a.hi <= (INT64_C(1) << 53);
-  soter_form_range(out, exact ? lo : soter_below(lo), exact ? hi : soter_above(hi));
+  soter_n_range(n, out, exact ? lo : soter_below(lo), exact ? hi : soter_above(hi));
 }
 
-SOTER_INLINE void soter_truth_to_float(soter_form* out, soter_truth t) {
-  soter_form_range(out, (t & 1U) != 0U ? 0.0 : 1.0, (t & 2U) != 0U ? 1.0 : 0.0);
+SOTER_INLINE void soter_n_truth_to_float(int n, soter_form* out, soter_truth t) {
+  soter_n_range(n, out, (t & 1U) != 0U ? 0.0 : 1.0, (t & 2U) != 0U ? 1.0 : 0.0);
 }
 
 #endif

@@ -3,8 +3,8 @@
  * Non-goals: tubes under all of U (soter_reach_safe.c).
  *
  * Rounds: every tile whose images touch a cell that fell in the last round is looked at again,
- * against K as of the last round. K only shrinks, so an N that failed once has failed for good and a
- * chain goes on from where it stood. A tile whose one-hold image as a whole lies in K needs no
+ * against K as of the last round. K only shrinks, so an N that failed once has failed for good and
+ * a chain goes on from where it stood. A tile whose one-hold image as a whole lies in K needs no
  * more. A chain whose images have been more than a cell away from K `patience` times in a row is
  * given up: that makes K smaller, never wrong. */
 #include "soter_reach_in.h"
@@ -13,14 +13,14 @@
 #include <string.h>
 
 typedef struct {
-  const soter_reach_group *g;
-  soter_reach_work *w;
+  const soter_reach_group* g;
+  soter_reach_work* w;
   soter_scratch scratch[SOTER_REACH_THREADS];
   int64_t steps[SOTER_REACH_THREADS];
 } core_job;
 
 /* More than a cell away from every cell of K. */
-static int remote(const soter_reach_group *g, const uint64_t *kept, const uint16_t *image) {
+static int remote(const soter_reach_group* g, const uint64_t* kept, const uint16_t* image) {
   uint16_t box[2 * AXES];
   for (int a = 0; a < g->axes; a++) {
     box[2 * a] = (uint16_t)(image[2 * a] > 0 ? image[2 * a] - 1 : 0);
@@ -31,8 +31,8 @@ static int remote(const soter_reach_group *g, const uint64_t *kept, const uint16
 }
 
 /* One hold; 2: the image lies in K, 1: not (yet), 0: never. */
-static int go_on(const soter_reach_group *g, const soter_reach_work *w, soter_scratch *s,
-                 soter_reach_chain *x, uint16_t *image, int *lost) {
+static int go_on(const soter_reach_group* g, const soter_reach_work* w, soter_scratch* s,
+                 soter_reach_chain* x, uint16_t* image, int* lost) {
   soter_hold h;
   uint16_t tube[2 * AXES];
   if (!soter_reach_hold(g, s, x, &h) || !soter_reach_cover(g, h.tube_lo, h.tube_hi, tube) ||
@@ -50,9 +50,9 @@ static int go_on(const soter_reach_group *g, const soter_reach_work *w, soter_sc
 }
 
 /* The witness of a cell, from where its chain stood; 0: there is none. */
-static uint8_t witness(core_job *job, int who, int64_t cell, const int *at, uint16_t *image) {
-  const soter_reach_group *g = job->g;
-  soter_reach_work *w = job->w;
+static uint8_t witness(core_job* job, int who, int64_t cell, const int* at, uint16_t* image) {
+  const soter_reach_group* g = job->g;
+  soter_reach_work* w = job->w;
   soter_reach_chain x;
   soter_hold ignored;
   int lost = 0, found = 1, n = w->witness[cell];
@@ -90,14 +90,14 @@ static uint8_t witness(core_job *job, int who, int64_t cell, const int *at, uint
   return (uint8_t)n;
 }
 
-static void by_cells(core_job *job, int who, int64_t tile, const int *first, const int *last) {
-  const soter_reach_group *g = job->g;
-  soter_reach_work *w = job->w;
+static void by_cells(core_job* job, int who, int64_t tile, const int* first, const int* last) {
+  const soter_reach_group* g = job->g;
+  soter_reach_work* w = job->w;
   int at[AXES], bit = 0;
   memcpy(at, first, sizeof at);
   do {
     const int64_t cell = soter_reach_cell(g, at);
-    uint16_t *image = w->image + 2 * g->axes * cell;
+    uint16_t* image = w->image + 2 * g->axes * cell;
     if (soter_reach_has(g, w->r.kept, at) && (w->r.changed[tile] >> bit & 1U) == 0) {
       if (w->witness[cell] == 0 || !soter_reach_inside(g, w->r.kept, image, 0)) {
         w->witness[cell] = witness(job, who, cell, at, image);
@@ -113,9 +113,9 @@ static void by_cells(core_job *job, int who, int64_t tile, const int *first, con
 }
 
 /* Tries a part of a tile as one box; halves it where that fails. */
-static void by_halves(core_job *job, int who, int64_t tile, const int *first, const int *last) {
-  const soter_reach_group *g = job->g;
-  soter_reach_work *w = job->w;
+static void by_halves(core_job* job, int who, int64_t tile, const int* first, const int* last) {
+  const soter_reach_group* g = job->g;
+  soter_reach_work* w = job->w;
   soter_reach_chain x;
   uint16_t image[2 * AXES] = {0}, box[2 * AXES] = {0};
   int widest = 0, lost = 0, size = 1, mid_last[AXES], mid_first[AXES];
@@ -154,10 +154,10 @@ static void by_halves(core_job *job, int who, int64_t tile, const int *first, co
   by_halves(job, who, tile, mid_first, last);
 }
 
-static void look(soter_crew *crew, int who, int64_t k) {
-  core_job *job = crew->job;
-  const soter_reach_group *g = job->g;
-  soter_reach_work *w = job->w;
+static void look(soter_crew* crew, int who, int64_t k) {
+  core_job* job = crew->job;
+  const soter_reach_group* g = job->g;
+  soter_reach_work* w = job->w;
   const int64_t tile = w->r.dirty[k];
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0};
   (void)soter_reach_tile(g, tile, first, last);
@@ -169,7 +169,7 @@ static void look(soter_crew *crew, int who, int64_t k) {
 }
 
 /* Everything begins in K = C and is looked at once. */
-void soter_reach_core_begin(const soter_reach_group *g, soter_reach_work *w) {
+void soter_reach_core_begin(const soter_reach_group* g, soter_reach_work* w) {
   int64_t cells = 1;
   for (int a = 0; a < g->axes; a++) {
     cells *= g->cells[a];
@@ -182,7 +182,7 @@ void soter_reach_core_begin(const soter_reach_group *g, soter_reach_work *w) {
 }
 
 /* Goes on for about `seconds`; 1 when it is the fixpoint. */
-int soter_reach_core_continue(const soter_reach_group *g, soter_reach_work *w, double seconds,
+int soter_reach_core_continue(const soter_reach_group* g, soter_reach_work* w, double seconds,
                               int32_t threads) {
   core_job job = {.g = g, .w = w};
   soter_crew crew;
@@ -197,7 +197,7 @@ int soter_reach_core_continue(const soter_reach_group *g, soter_reach_work *w, d
 }
 
 /* Witnesses of what is left; 0 elsewhere. */
-void soter_reach_core_end(const soter_reach_group *g, soter_reach_work *w) {
+void soter_reach_core_end(const soter_reach_group* g, soter_reach_work* w) {
   int64_t rows = 1;
   const int n = g->cells[g->axes - 1];
   for (int a = 0; a + 1 < g->axes; a++) {

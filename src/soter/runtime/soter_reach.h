@@ -10,8 +10,8 @@
 
 #include "soter_form.h"
 
-typedef unsigned (*soter_reach_map)(const soter_form *, const int64_t *, soter_form *);
-typedef unsigned (*soter_reach_test)(const soter_form *, const int64_t *, soter_truth *);
+typedef unsigned (*soter_reach_map)(const soter_form*, const int64_t*, soter_form*);
+typedef unsigned (*soter_reach_test)(const soter_form*, const int64_t*, soter_truth*);
 
 /* What follows is also read by cffi (soter/reach/native.py). */
 /* cdef */
@@ -47,11 +47,11 @@ typedef struct {
 typedef struct {
   soter_reach_map law;
   soter_reach_map rate; /* derivative or next */
-  const int64_t *param;
-  const double *low; /* ranges of all inputs; states: the domain of the enclosure */
-  const double *high;
-  const double *held_low; /* commands to be held in place of the law (synthesis), or null */
-  const double *held_high;
+  const int64_t* param;
+  const double* low; /* ranges of all inputs; states: the domain of the enclosure */
+  const double* high;
+  const double* held_low; /* commands to be held in place of the law (synthesis), or null */
+  const double* held_high;
   int32_t states, controls, inputs;
   int32_t is_map, is_local; /* is_local: linearised anew at every step */
   int32_t axes, commands;
@@ -61,14 +61,14 @@ typedef struct {
   int32_t tile[SOTER_REACH_AXES];  /* cells of a tile; at most 64 in all */
   int32_t tiles[SOTER_REACH_AXES]; /* tiles along each axis */
   int32_t words;
-  const double *edges[SOTER_REACH_AXES];
-  const int32_t *guess[SOTER_REACH_AXES]; /* bucket -> a cell near it */
+  const double* edges[SOTER_REACH_AXES];
+  const int32_t* guess[SOTER_REACH_AXES]; /* bucket -> a cell near it */
   int32_t guesses[SOTER_REACH_AXES];
   double period, delay, jitter; /* seconds: delta, d, j */
   int32_t past;                 /* how many commands back a read may lie under */
   double extra_w[SOTER_REACH_AXES];
   soter_reach_model model;
-  soter_reach_step first, later; /* hold 0 (period - jitter), the others */
+  soter_reach_step first, later;                        /* hold 0 (period - jitter), the others */
   double reach_fwd[SOTER_REACH_AXES][SOTER_REACH_AXES]; /* dev over 2 j */
   double reach_bwd[SOTER_REACH_AXES][SOTER_REACH_AXES]; /* dev over d, backwards */
 } soter_reach_group;
@@ -90,12 +90,12 @@ typedef struct {
 
 /* A fixpoint under way, by rounds. `dirty` lists tiles to look at; `cursor` how far a call came. */
 typedef struct {
-  uint64_t *kept;     /* the set as of the last round */
-  uint16_t *reaches;  /* per tile: first and last tile its images touch */
-  uint64_t *changed;  /* per tile: cells that left (or joined) in this round */
-  uint8_t *begun;     /* per tile */
-  int32_t *dirty;
-  int32_t *sums;      /* (tiles + 1) along each axis */
+  uint64_t* kept;    /* the set as of the last round */
+  uint16_t* reaches; /* per tile: first and last tile its images touch */
+  uint64_t* changed; /* per tile: cells that left (or joined) in this round */
+  uint8_t* begun;    /* per tile */
+  int32_t* dirty;
+  int32_t* sums; /* (tiles + 1) along each axis */
   int32_t dirty_n, cursor, rounds;
   int64_t steps;
 } soter_reach_rounds;
@@ -103,11 +103,11 @@ typedef struct {
 /* K for the law. */
 typedef struct {
   soter_reach_rounds r;
-  const uint64_t *allowed; /* C */
-  uint8_t *witness;        /* per cell */
-  uint16_t *image;         /* per cell: first and last cell of the witness's image, per axis */
-  int32_t *slot;           /* per cell: where its chain is kept, -1: nowhere */
-  soter_reach_chain *pool;
+  const uint64_t* allowed; /* C */
+  uint8_t* witness;        /* per cell */
+  uint16_t* image;         /* per cell: first and last cell of the witness's image, per axis */
+  int32_t* slot;           /* per cell: where its chain is kept, -1: nowhere */
+  soter_reach_chain* pool;
   int32_t pool_size;
   int32_t pool_used[2];
   int32_t longest, patience;
@@ -116,23 +116,23 @@ typedef struct {
 /* K for any of up to 64 commands, one hold each. */
 typedef struct {
   soter_reach_rounds r;
-  const uint64_t *allowed;
-  uint64_t *fine;         /* per cell: commands that keep it */
-  uint16_t *image;        /* per cell and command */
-  const double *commands; /* one row of all controls each */
+  const uint64_t* allowed;
+  uint64_t* fine;         /* per cell: commands that keep it */
+  uint16_t* image;        /* per cell and command */
+  const double* commands; /* one row of all controls each */
   int32_t count;
 } soter_reach_choice;
 
 /* The way to Q: images after some numbers of holds, ranks, times. */
 typedef struct {
   soter_reach_rounds r;    /* kept: W */
-  const uint64_t *allowed; /* K; runs stay in `inside` */
-  const uint64_t *inside;  /* C */
-  const int32_t *holds;    /* increasing */
-  uint16_t *image;         /* per cell and number of holds; first > last: none */
-  uint16_t *rank;          /* per cell: 0 not in W, 1 Q, 2.. */
-  uint8_t *taken;          /* per cell: the number of holds */
-  int64_t *time;           /* per cell, ns, at most until Q */
+  const uint64_t* allowed; /* K; runs stay in `inside` */
+  const uint64_t* inside;  /* C */
+  const int32_t* holds;    /* increasing */
+  uint16_t* image;         /* per cell and number of holds; first > last: none */
+  uint16_t* rank;          /* per cell: 0 not in W, 1 Q, 2.. */
+  uint8_t* taken;          /* per cell: the number of holds */
+  int64_t* time;           /* per cell, ns, at most until Q */
   int64_t period_ns, jitter_ns;
   int32_t count;
 } soter_reach_way;
@@ -146,35 +146,35 @@ typedef struct {
   double drive[SOTER_REACH_AXES];            /* constant part of x' */
 } soter_reach_tube;
 
-int soter_reach_linearize(soter_reach_group *g, const double *low, const double *high);
-int soter_reach_prepare(soter_reach_group *g);
-int soter_reach_tube_prepare(const soter_reach_group *g, double t, int32_t segments,
-                             soter_reach_tube *out);
-void soter_reach_pack(const soter_reach_group *g, const uint8_t *cells, uint64_t *bits);
-void soter_reach_unpack(const soter_reach_group *g, const uint64_t *bits, uint8_t *cells);
-void soter_reach_core_begin(const soter_reach_group *g, soter_reach_work *w);
-int soter_reach_core_continue(const soter_reach_group *g, soter_reach_work *w, double seconds,
+int soter_reach_linearize(soter_reach_group* g, const double* low, const double* high);
+int soter_reach_prepare(soter_reach_group* g);
+int soter_reach_tube_prepare(const soter_reach_group* g, double t, int32_t segments,
+                             soter_reach_tube* out);
+void soter_reach_pack(const soter_reach_group* g, const uint8_t* cells, uint64_t* bits);
+void soter_reach_unpack(const soter_reach_group* g, const uint64_t* bits, uint8_t* cells);
+void soter_reach_core_begin(const soter_reach_group* g, soter_reach_work* w);
+int soter_reach_core_continue(const soter_reach_group* g, soter_reach_work* w, double seconds,
                               int32_t threads);
-void soter_reach_core_end(const soter_reach_group *g, soter_reach_work *w);
-void soter_reach_choice_begin(const soter_reach_group *g, soter_reach_choice *w);
-int soter_reach_choice_continue(const soter_reach_group *g, soter_reach_choice *w, double seconds,
+void soter_reach_core_end(const soter_reach_group* g, soter_reach_work* w);
+void soter_reach_choice_begin(const soter_reach_group* g, soter_reach_choice* w);
+int soter_reach_choice_continue(const soter_reach_group* g, soter_reach_choice* w, double seconds,
                                 int32_t threads);
-void soter_reach_choice_remove(const soter_reach_group *g, soter_reach_choice *w,
-                               const uint8_t *cells);
-void soter_reach_way_begin(const soter_reach_group *g, soter_reach_way *w);
-int soter_reach_way_continue(const soter_reach_group *g, soter_reach_way *w, double seconds,
+void soter_reach_choice_remove(const soter_reach_group* g, soter_reach_choice* w,
+                               const uint8_t* cells);
+void soter_reach_way_begin(const soter_reach_group* g, soter_reach_way* w);
+int soter_reach_way_continue(const soter_reach_group* g, soter_reach_way* w, double seconds,
                              int32_t threads);
-int64_t soter_reach_safe(const soter_reach_group *g, const soter_reach_tube *tube, int32_t steps,
-                         const uint64_t *target, uint8_t *out, int64_t first_tile,
-                         double seconds, int32_t threads);
-int64_t soter_reach_truth(const soter_reach_group *g, const double *low, const double *high,
-                          const void *test, uint8_t *out, int64_t first_tile, double seconds,
+int64_t soter_reach_safe(const soter_reach_group* g, const soter_reach_tube* tube, int32_t steps,
+                         const uint64_t* target, uint8_t* out, int64_t first_tile, double seconds,
+                         int32_t threads);
+int64_t soter_reach_truth(const soter_reach_group* g, const double* low, const double* high,
+                          const void* test, uint8_t* out, int64_t first_tile, double seconds,
                           int32_t threads);
-int soter_reach_run(const soter_reach_group *g, const double *low, const double *high,
-                    int32_t holds, double *images, double *tubes);
-void soter_reach_shrink(int64_t before, int64_t n, int64_t after, const int32_t *first,
-                        const int32_t *last, int32_t grow, const uint8_t *in, uint8_t *out,
-                        int32_t *scratch);
+int soter_reach_run(const soter_reach_group* g, const double* low, const double* high,
+                    int32_t holds, double* images, double* tubes);
+void soter_reach_shrink(int64_t before, int64_t n, int64_t after, const int32_t* first,
+                        const int32_t* last, int32_t grow, const uint8_t* in, uint8_t* out,
+                        int32_t* scratch);
 /* end of cdef */
 
 #endif

@@ -7,20 +7,21 @@
 #include <string.h>
 
 typedef struct {
-  const soter_reach_group *g;
-  soter_reach_choice *w;
+  const soter_reach_group* g;
+  soter_reach_choice* w;
   soter_scratch scratch[SOTER_REACH_THREADS];
   soter_reach_group group[SOTER_REACH_THREADS]; /* under one command */
 } choice_job;
 
-static uint16_t *image_of(const choice_job *job, int64_t cell, int k) {
+static uint16_t* image_of(const choice_job* job, int64_t cell, int k) {
   return job->w->image + 2 * job->g->axes * (cell * job->w->count + k);
 }
 
-/* One hold of command k from a box of cells: 1 where the tube lies in C and the image in the grid. */
-static int step(choice_job *job, int who, const int *first, const int *last, int k,
-                uint16_t *image) {
-  soter_reach_group *g = &job->group[who];
+/* One hold of command k from a box of cells: 1 where the tube lies in C and the image in the grid.
+ */
+static int step(choice_job* job, int who, const int* first, const int* last, int k,
+                uint16_t* image) {
+  soter_reach_group* g = &job->group[who];
   soter_reach_chain x;
   soter_hold h;
   uint16_t tube[2 * AXES];
@@ -33,10 +34,10 @@ static int step(choice_job *job, int who, const int *first, const int *last, int
 }
 
 /* Commands among `todo` for all cells of a box at once; the rest for its halves. */
-static void by_halves(choice_job *job, int who, int64_t tile, const int *first, const int *last,
+static void by_halves(choice_job* job, int who, int64_t tile, const int* first, const int* last,
                       uint64_t todo) {
-  const soter_reach_group *g = job->g;
-  soter_reach_choice *w = job->w;
+  const soter_reach_group* g = job->g;
+  soter_reach_choice* w = job->w;
   uint16_t box[2 * AXES] = {0}, image[2 * AXES];
   int widest = 0, size = 1, mid_last[AXES], mid_first[AXES];
   for (int a = 0; a < g->axes; a++) {
@@ -73,10 +74,10 @@ static void by_halves(choice_job *job, int who, int64_t tile, const int *first, 
   by_halves(job, who, tile, mid_first, last, todo);
 }
 
-static void look(soter_crew *crew, int who, int64_t n) {
-  choice_job *job = crew->job;
-  const soter_reach_group *g = job->g;
-  soter_reach_choice *w = job->w;
+static void look(soter_crew* crew, int who, int64_t n) {
+  choice_job* job = crew->job;
+  const soter_reach_group* g = job->g;
+  soter_reach_choice* w = job->w;
   const int64_t tile = w->r.dirty[n];
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0}, at[AXES], bit = 0;
   (void)soter_reach_tile(g, tile, first, last);
@@ -90,7 +91,7 @@ static void look(soter_crew *crew, int who, int64_t n) {
     const int64_t cell = soter_reach_cell(g, at);
     if (soter_reach_has(g, w->r.kept, at) && (w->r.changed[tile] >> bit & 1U) == 0) {
       for (int k = 0; k < w->count; k++) {
-        uint16_t *image = image_of(job, cell, k);
+        uint16_t* image = image_of(job, cell, k);
         if ((w->fine[cell] >> k & 1U) == 0 || soter_reach_inside(g, w->r.kept, image, 0)) {
           continue;
         }
@@ -109,7 +110,7 @@ static void look(soter_crew *crew, int who, int64_t n) {
   } while (soter_reach_next_cell(g->axes, first, last, at));
 }
 
-void soter_reach_choice_begin(const soter_reach_group *g, soter_reach_choice *w) {
+void soter_reach_choice_begin(const soter_reach_group* g, soter_reach_choice* w) {
   int64_t cells = 1;
   for (int a = 0; a < g->axes; a++) {
     cells *= g->cells[a];
@@ -120,7 +121,7 @@ void soter_reach_choice_begin(const soter_reach_group *g, soter_reach_choice *w)
 }
 
 /* Goes on for about `seconds`; 1 when no command fails any more. */
-int soter_reach_choice_continue(const soter_reach_group *g, soter_reach_choice *w, double seconds,
+int soter_reach_choice_continue(const soter_reach_group* g, soter_reach_choice* w, double seconds,
                                 int32_t threads) {
   choice_job job = {.g = g, .w = w};
   soter_crew crew;
@@ -137,8 +138,8 @@ int soter_reach_choice_continue(const soter_reach_group *g, soter_reach_choice *
 }
 
 /* Takes cells out; the fixpoint goes on from there. */
-void soter_reach_choice_remove(const soter_reach_group *g, soter_reach_choice *w,
-                               const uint8_t *cells) {
+void soter_reach_choice_remove(const soter_reach_group* g, soter_reach_choice* w,
+                               const uint8_t* cells) {
   const int64_t tiles = soter_reach_tiles(g);
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0}, at[AXES];
   for (int64_t t = 0; t < tiles; t++) {

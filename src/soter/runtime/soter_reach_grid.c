@@ -4,9 +4,9 @@
 #include <string.h>
 
 /* First and last cell that cover [lo, hi] along an axis; 0 where the grid does not. */
-int soter_reach_cells(const soter_reach_group *g, int axis, double lo, double hi, int *first,
-                      int *last) {
-  const double *e = g->edges[axis];
+int soter_reach_cells(const soter_reach_group* g, int axis, double lo, double hi, int* first,
+                      int* last) {
+  const double* e = g->edges[axis];
   const int n = g->cells[axis], buckets = g->guesses[axis];
   const double scale = buckets / (e[n] - e[0]);
   int i, j, b;
@@ -38,8 +38,8 @@ int soter_reach_cells(const soter_reach_group *g, int axis, double lo, double hi
 }
 
 /* Cells that cover a box: [first, last] of every axis in turn. */
-int soter_reach_cover(const soter_reach_group *g, const double *lo, const double *hi,
-                      uint16_t *image) {
+int soter_reach_cover(const soter_reach_group* g, const double* lo, const double* hi,
+                      uint16_t* image) {
   for (int a = 0; a < g->axes; a++) {
     int first, last;
     if (!soter_reach_cells(g, a, lo[a], hi[a], &first, &last)) {
@@ -64,7 +64,7 @@ static inline uint64_t mask(int word, int first, int last) {
 }
 
 /* The next row of a box of cells; 0 after the last one. `at` counts the axes but the last. */
-static inline int64_t row_of(const soter_reach_group *g, const int *at) {
+static inline int64_t row_of(const soter_reach_group* g, const int* at) {
   int64_t row = 0;
   for (int a = 0; a + 1 < g->axes; a++) {
     row = row * g->cells[a] + at[a];
@@ -73,15 +73,26 @@ static inline int64_t row_of(const soter_reach_group *g, const int *at) {
 }
 
 /* Whether every cell of the box is in the set; `any`: whether one is. */
-int soter_reach_inside(const soter_reach_group *g, const uint64_t *bits, const uint16_t *box,
+int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const uint16_t* box,
                        int any) {
   int at[AXES] = {0, 0, 0, 0};
   const int n = g->axes, first = box[2 * (n - 1)], last = box[2 * (n - 1) + 1];
+  if (n == 2 && first >> 6 == last >> 6) { /* the usual case */
+    const uint64_t m = mask(first >> 6, first, last);
+    const uint64_t* row = bits + (int64_t)box[0] * g->words + (first >> 6);
+    for (int r = box[0]; r <= box[1]; r++) {
+      if (any ? (*row & m) != 0 : (*row & m) != m) {
+        return any;
+      }
+      row += g->words;
+    }
+    return !any;
+  }
   for (int a = 0; a + 1 < n; a++) {
     at[a] = box[2 * a];
   }
   for (;;) {
-    const uint64_t *row = bits + row_of(g, at) * g->words;
+    const uint64_t* row = bits + row_of(g, at) * g->words;
     for (int w = first >> 6; w <= last >> 6; w++) {
       const uint64_t m = mask(w, first, last);
       if (any ? (row[w] & m) != 0 : (row[w] & m) != m) {
@@ -100,7 +111,7 @@ int soter_reach_inside(const soter_reach_group *g, const uint64_t *bits, const u
   }
 }
 
-static int64_t rows_of(const soter_reach_group *g) {
+static int64_t rows_of(const soter_reach_group* g) {
   int64_t rows = 1;
   for (int a = 0; a + 1 < g->axes; a++) {
     rows *= g->cells[a];
@@ -109,7 +120,7 @@ static int64_t rows_of(const soter_reach_group *g) {
 }
 
 /* Bytes (0 or not) of cells to bits. */
-void soter_reach_pack(const soter_reach_group *g, const uint8_t *cells, uint64_t *bits) {
+void soter_reach_pack(const soter_reach_group* g, const uint8_t* cells, uint64_t* bits) {
   const int64_t rows = rows_of(g);
   const int n = g->cells[g->axes - 1];
   for (int64_t r = 0; r < rows; r++) {
@@ -126,7 +137,7 @@ void soter_reach_pack(const soter_reach_group *g, const uint8_t *cells, uint64_t
   }
 }
 
-void soter_reach_unpack(const soter_reach_group *g, const uint64_t *bits, uint8_t *cells) {
+void soter_reach_unpack(const soter_reach_group* g, const uint64_t* bits, uint8_t* cells) {
   const int64_t rows = rows_of(g);
   const int n = g->cells[g->axes - 1];
   for (int64_t r = 0; r < rows; r++) {
@@ -141,16 +152,16 @@ void soter_reach_unpack(const soter_reach_group *g, const uint64_t *bits, uint8_
 /* Along one axis (`before` lines of `n` cells, `after` values each): out[i] says that all (`grow`:
  * one) of in[first[i]..last[i]] are set; a first below 0 or a last of n or more is outside.
  * scratch: (n + 1) * after ints. */
-void soter_reach_shrink(int64_t before, int64_t n, int64_t after, const int32_t *first,
-                        const int32_t *last, int32_t grow, const uint8_t *in, uint8_t *out,
-                        int32_t *scratch) {
+void soter_reach_shrink(int64_t before, int64_t n, int64_t after, const int32_t* first,
+                        const int32_t* last, int32_t grow, const uint8_t* in, uint8_t* out,
+                        int32_t* scratch) {
   for (int64_t b = 0; b < before; b++) {
-    const uint8_t *from = in + b * n * after;
-    uint8_t *to = out + b * n * after;
+    const uint8_t* from = in + b * n * after;
+    uint8_t* to = out + b * n * after;
     memset(scratch, 0, sizeof(int32_t) * (size_t)after);
     for (int64_t i = 0; i < n; i++) {
-      const int32_t *sum = scratch + i * after;
-      int32_t *next = scratch + (i + 1) * after;
+      const int32_t* sum = scratch + i * after;
+      int32_t* next = scratch + (i + 1) * after;
       for (int64_t k = 0; k < after; k++) {
         next[k] = sum[k] + (from[i * after + k] != 0);
       }
@@ -160,8 +171,7 @@ void soter_reach_shrink(int64_t before, int64_t n, int64_t after, const int32_t 
       const int32_t hi = last[i] >= n ? (int32_t)n - 1 : last[i];
       const int32_t whole = last[i] - first[i] + 1;
       for (int64_t k = 0; k < after; k++) {
-        const int32_t count =
-            hi < lo ? 0 : scratch[(hi + 1) * after + k] - scratch[lo * after + k];
+        const int32_t count = hi < lo ? 0 : scratch[(hi + 1) * after + k] - scratch[lo * after + k];
         to[i * after + k] = (uint8_t)(grow ? count > 0 : count == whole);
       }
     }

@@ -5,16 +5,23 @@
 
 #include <string.h>
 
+/* Written for any number of axes and commands, and compiled for the usual ones. */
+#if defined(__GNUC__)
+#define ALWAYS static inline __attribute__((always_inline))
+#else
+#define ALWAYS static inline
+#endif
+
 /* All inputs over their whole ranges. */
-void soter_reach_inputs(const soter_reach_group *g, soter_scratch *s) {
+void soter_reach_inputs(const soter_reach_group* g, soter_scratch* s) {
   for (int i = 0; i < SOTER_INPUTS; i++) {
     soter_set(&s->in[i], i, g->low[i], g->high[i]);
   }
 }
 
 /* The box [lo, hi] as the beginning of a chain. */
-void soter_reach_start(const soter_reach_group *g, const double *lo, const double *hi,
-                       soter_reach_chain *x) {
+void soter_reach_start(const soter_reach_group* g, const double* lo, const double* hi,
+                       soter_reach_chain* x) {
   memset(x->g, 0, sizeof x->g);
   memset(x->box, 0, sizeof x->box);
   x->holds = 0;
@@ -31,7 +38,7 @@ static double size_of(double lo, double hi) {
 }
 
 /* The interval hull of m + g eps + box, intersected with what stands in lo, hi. */
-static int hull(int n, soter_reach_chain *x) {
+ALWAYS int hull(int n, soter_reach_chain* x) {
   for (int i = 0; i < n; i++) {
     double rad = x->box[i];
     for (int j = 0; j < n; j++) {
@@ -48,18 +55,18 @@ static int hull(int n, soter_reach_chain *x) {
 }
 
 /* Ranges of x' over a box of states and commands, from the linear model. */
-static void rates(const soter_reach_group *g, const soter_reach_model *m, const double *lo,
-                  const double *hi, const double *ulo, const double *uhi, double *flo,
-                  double *fhi) {
-  for (int i = 0; i < g->axes; i++) {
+ALWAYS void rates(int n, int commands, const soter_reach_model* m, const double* lo,
+                  const double* hi, const double* ulo, const double* uhi, double* flo,
+                  double* fhi) {
+  for (int i = 0; i < n; i++) {
     double low = m->c[i], high = m->c[i], size = fabs(m->c[i]);
-    for (int j = 0; j < g->axes; j++) {
+    for (int j = 0; j < n; j++) {
       const double p = m->a[i][j] * lo[j], q = m->a[i][j] * hi[j];
       low += soter_least(p, q);
       high += soter_most(p, q);
       size += soter_most(fabs(p), fabs(q));
     }
-    for (int a = 0; a < g->commands; a++) {
+    for (int a = 0; a < commands; a++) {
       const double p = m->b[i][a] * ulo[a], q = m->b[i][a] * uhi[a];
       low += soter_least(p, q);
       high += soter_most(p, q);
@@ -72,27 +79,28 @@ static void rates(const soter_reach_group *g, const soter_reach_model *m, const 
 }
 
 /* Ranges of x' over [lo, hi] grown by everything that may happen where |integral e^A| <= dev. */
-static void rates_around(const soter_reach_group *g, const soter_reach_model *m,
-                         const double *dev, const double *lo, const double *hi,
-                         const double *ulo, const double *uhi, double *flo, double *fhi) {
+ALWAYS void rates_around(int n, int commands, const soter_reach_model* m, const double* dev,
+                         const double* lo, const double* hi, const double* ulo, const double* uhi,
+                         double* flo, double* fhi) {
   double wide_lo[AXES], wide_hi[AXES];
-  rates(g, m, lo, hi, ulo, uhi, flo, fhi);
-  for (int i = 0; i < g->axes; i++) {
+  rates(n, commands, m, lo, hi, ulo, uhi, flo, fhi);
+  for (int i = 0; i < n; i++) {
     double d = 0;
-    for (int j = 0; j < g->axes; j++) {
+    for (int j = 0; j < n; j++) {
       d += dev[AXES * i + j] * size_of(flo[j], fhi[j]);
     }
     d = d * (1 + 8 * EPS) + TINY;
     wide_lo[i] = soter_down(lo[i] - d);
     wide_hi[i] = soter_up(hi[i] + d);
   }
-  rates(g, m, wide_lo, wide_hi, ulo, uhi, flo, fhi);
+  rates(n, commands, m, wide_lo, wide_hi, ulo, uhi, flo, fhi);
 }
 
-/* Local flows: x' over an a-priori box that holds x over [from, to]; also leaves the box in `in`. */
-static int picard(const soter_reach_group *g, soter_scratch *s, const double *lo, const double *hi,
-                  const double *ulo, const double *uhi, double from, double to, double *flo,
-                  double *fhi) {
+/* Local flows: x' over an a-priori box that holds x over [from, to]; also leaves the box in `in`.
+ */
+static int picard(const soter_reach_group* g, soter_scratch* s, const double* lo, const double* hi,
+                  const double* ulo, const double* uhi, double from, double to, double* flo,
+                  double* fhi) {
   double blo[AXES], bhi[AXES];
   for (int i = 0; i < g->axes; i++) {
     blo[i] = lo[i];
@@ -114,7 +122,7 @@ static int picard(const soter_reach_group *g, soter_scratch *s, const double *lo
       return 0;
     }
     for (int i = 0; i < g->axes; i++) {
-      const soter_form *f = &s->out[g->axis[i]];
+      const soter_form* f = &s->out[g->axis[i]];
       flo[i] = soter_down(f->lo - g->extra_w[i]);
       fhi[i] = soter_up(f->hi + g->extra_w[i]);
       if (!(size_of(flo[i], fhi[i]) < 1e200)) {
@@ -137,8 +145,8 @@ static int picard(const soter_reach_group *g, soter_scratch *s, const double *lo
 }
 
 /* Where the state may have been, relative to now, when the command about to act was read. */
-static int drift(const soter_reach_group *g, soter_scratch *s, const soter_reach_chain *x,
-                 double *low, double *high) {
+static int drift(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
+                 double* low, double* high) {
   double ulo[COMMANDS], uhi[COMMANDS], flo[AXES], fhi[AXES];
   const double back = g->delay, ahead = x->holds == 0 ? 0.0 : 2 * g->jitter;
   for (int a = 0; a < g->commands; a++) {
@@ -165,7 +173,7 @@ static int drift(const soter_reach_group *g, soter_scratch *s, const soter_reach
         dev[i][j] = soter_most(g->reach_fwd[i][j], g->reach_bwd[i][j]);
       }
     }
-    rates_around(g, &g->model, &dev[0][0], x->lo, x->hi, ulo, uhi, flo, fhi);
+    rates_around(g->axes, g->commands, &g->model, &dev[0][0], x->lo, x->hi, ulo, uhi, flo, fhi);
   }
   for (int i = 0; i < g->axes; i++) {
     low[i] = soter_down(soter_least(0.0, soter_least(-back * fhi[i], ahead * flo[i])));
@@ -179,8 +187,8 @@ typedef struct {
   double gain[AXES], c, r, lo, hi;
 } line;
 
-static int line_of(const soter_reach_group *g, const soter_scratch *s, const soter_form *f,
-                   line *out) {
+ALWAYS int line_of(int n, const soter_reach_group* g, const soter_scratch* s, const soter_form* f,
+                   line* out) {
   double r = f->r, sum = 0, half;
   out->lo = f->lo;
   out->hi = f->hi;
@@ -190,7 +198,7 @@ static int line_of(const soter_reach_group *g, const soter_scratch *s, const sot
   for (int k = 0; k < SOTER_INPUTS; k++) {
     r += fabs(f->g[k]);
   }
-  for (int j = 0; j < g->axes; j++) {
+  for (int j = 0; j < n; j++) {
     const int k = g->axis[j];
     const double rad = s->in[k].g[k];
     out->gain[j] = 0;
@@ -212,10 +220,10 @@ static int line_of(const soter_reach_group *g, const soter_scratch *s, const sot
 }
 
 /* The law (or the held command) over the state as it may be read. */
-static int commands(const soter_reach_group *g, soter_scratch *s, const soter_reach_chain *x,
-                    const double *dlo, const double *dhi, line *u) {
+ALWAYS int commands(int n, int m, const soter_reach_group* g, soter_scratch* s,
+                    const soter_reach_chain* x, const double* dlo, const double* dhi, line* u) {
   if (g->held_low != 0) {
-    for (int a = 0; a < g->commands; a++) {
+    for (int a = 0; a < m; a++) {
       memset(&u[a], 0, sizeof u[a]);
       u[a].lo = g->held_low[g->command[a]];
       u[a].hi = g->held_high[g->command[a]];
@@ -224,34 +232,44 @@ static int commands(const soter_reach_group *g, soter_scratch *s, const soter_re
     }
     return 1;
   }
-  for (int i = 0; i < g->axes; i++) {
-    soter_range(&s->in[g->axis[i]], g->axis[i], dlo[i] == 0 ? x->lo[i] : soter_down(x->lo[i] + dlo[i]),
+  for (int i = 0; i < n; i++) {
+    soter_range(&s->in[g->axis[i]], g->axis[i],
+                dlo[i] == 0 ? x->lo[i] : soter_down(x->lo[i] + dlo[i]),
                 dhi[i] == 0 ? x->hi[i] : soter_up(x->hi[i] + dhi[i]));
   }
   if (g->law(s->in, g->param, s->out)) {
     return 0;
   }
-  for (int a = 0; a < g->commands; a++) {
-    if (!line_of(g, s, &s->out[g->command[a]], &u[a])) {
+  for (int a = 0; a < m; a++) {
+    if (!line_of(n, g, s, &s->out[g->command[a]], &u[a])) {
       return 0;
     }
   }
   return 1;
 }
 
-static int local_step(const soter_reach_group *g, soter_scratch *s, const soter_reach_chain *x,
-                      const double *ulo, const double *uhi, double h, double early,
-                      soter_reach_model *model, soter_reach_step *step) {
+static int local_step(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
+                      const double* ulo, const double* uhi, const double* free_u, double h,
+                      double early, soter_reach_model* model, soter_reach_step* step) {
   double flo[AXES], fhi[AXES];
-  return picard(g, s, x->lo, x->hi, ulo, uhi, 0, h + 16 * EPS * g->period, flo, fhi) && soter_reach_model_of(g, s, model) &&
-         soter_reach_make_step(g, model, h, early, step);
+  if (!picard(g, s, x->lo, x->hi, ulo, uhi, 0, h + 16 * EPS * g->period, flo, fhi) ||
+      !soter_reach_model_of(g, s, model)) {
+    return 0;
+  }
+  for (int i = 0; i < g->axes; i++) { /* commands that may change at any time are noise */
+    for (int a = 0; a < g->commands; a++) {
+      model->w[i] = soter_up(model->w[i] + soter_up(fabs(model->b[i][a]) * free_u[a]));
+    }
+  }
+  return soter_reach_make_step(g, model, h, early, step);
 }
 
 /* Tube between two hulls, with x' in [flo, fhi] all the way. */
-static void between(int n, double h, const soter_reach_chain *x, const double *lo, const double *hi,
-                    const double *flo, const double *fhi, soter_hold *out) {
+ALWAYS void between(int n, double h, const soter_reach_chain* x, const double* lo, const double* hi,
+                    const double* flo, const double* fhi, soter_hold* out) {
   for (int i = 0; i < n; i++) {
-    const double up = soter_up(h * soter_most(fhi[i], 0.0)), down = soter_up(h * soter_most(-flo[i], 0.0));
+    const double up = soter_up(h * soter_most(fhi[i], 0.0)),
+                 down = soter_up(h * soter_most(-flo[i], 0.0));
     const double high = soter_least(soter_up(x->hi[i] + up), soter_up(hi[i] + down));
     const double low = soter_most(soter_down(x->lo[i] - down), soter_down(lo[i] - up));
     out->tube_hi[i] = soter_most(high, soter_most(x->hi[i], hi[i]));
@@ -259,7 +277,7 @@ static void between(int n, double h, const soter_reach_chain *x, const double *l
   }
 }
 
-static void remember(const soter_reach_group *g, soter_reach_chain *x, const line *u) {
+static void remember(const soter_reach_group* g, soter_reach_chain* x, const line* u) {
   memmove(x->past_lo[1], x->past_lo[0], sizeof x->past_lo - sizeof x->past_lo[0]);
   memmove(x->past_hi[1], x->past_hi[0], sizeof x->past_hi - sizeof x->past_hi[0]);
   for (int a = 0; a < g->commands; a++) {
@@ -269,7 +287,7 @@ static void remember(const soter_reach_group *g, soter_reach_chain *x, const lin
 }
 
 /* `from` without the past commands. */
-static void copy_state(soter_reach_chain *to, const soter_reach_chain *from) {
+static void copy_state(soter_reach_chain* to, const soter_reach_chain* from) {
   memcpy(to->m, from->m, sizeof from->m);
   memcpy(to->g, from->g, sizeof from->g);
   memcpy(to->box, from->box, sizeof from->box);
@@ -278,9 +296,8 @@ static void copy_state(soter_reach_chain *to, const soter_reach_chain *from) {
 }
 
 /* m, g, box of x after x -> M (x - from) + to + [-noise, noise], |entries of M| <= size. */
-static int advance(int n, soter_reach_chain *x, double M[AXES][AXES],
-                   double size[AXES][AXES], const double *from, const double *to,
-                   const double *noise) {
+ALWAYS int advance(int n, soter_reach_chain* x, double M[AXES][AXES], double size[AXES][AXES],
+                   const double* from, const double* to, const double* noise) {
   double m[AXES], gen[AXES][AXES], box[AXES];
   for (int i = 0; i < n; i++) {
     double s = to[i], slack = fabs(to[i]), b = 0;
@@ -313,23 +330,23 @@ static int advance(int n, soter_reach_chain *x, double M[AXES][AXES],
   return hull(n, x);
 }
 
-static int hold_map(const soter_reach_group *g, soter_scratch *s, soter_reach_chain *x,
-                    soter_hold *out) {
+ALWAYS int hold_map(int n, int m, const soter_reach_group* g, soter_scratch* s,
+                    soter_reach_chain* x, soter_hold* out) {
   static const double none[AXES] = {0, 0, 0, 0};
   double M[AXES][AXES], size[AXES][AXES], from[AXES], to[AXES] = {0}, noise[AXES] = {0};
   line u[COMMANDS], f;
   soter_reach_chain y;
   copy_state(&y, x);
-  for (int i = 0; i < g->axes; i++) {
+  for (int i = 0; i < n; i++) {
     soter_range(&s->in[g->axis[i]], g->axis[i], x->lo[i], x->hi[i]);
     from[i] = s->in[g->axis[i]].c;
     out->tube_lo[i] = x->lo[i];
     out->tube_hi[i] = x->hi[i];
   }
-  if (!commands(g, s, x, none, none, u)) {
+  if (!commands(n, m, g, s, x, none, none, u)) {
     return 0;
   }
-  for (int a = 0; a < g->commands; a++) {
+  for (int a = 0; a < m; a++) {
     const int k = g->states + g->command[a];
     if (g->held_low != 0) {
       soter_set(&s->in[k], k, u[a].lo, u[a].hi);
@@ -340,11 +357,11 @@ static int hold_map(const soter_reach_group *g, soter_scratch *s, soter_reach_ch
   if (g->rate(s->in, g->param, s->out)) {
     return 0;
   }
-  for (int i = 0; i < g->axes; i++) {
-    if (!line_of(g, s, &s->out[g->axis[i]], &f)) {
+  for (int i = 0; i < n; i++) {
+    if (!line_of(n, g, s, &s->out[g->axis[i]], &f)) {
       return 0;
     }
-    for (int j = 0; j < g->axes; j++) {
+    for (int j = 0; j < n; j++) {
       M[i][j] = f.gain[j];
       size[i][j] = fabs(f.gain[j]);
     }
@@ -353,12 +370,12 @@ static int hold_map(const soter_reach_group *g, soter_scratch *s, soter_reach_ch
     y.lo[i] = soter_down(f.lo - g->extra_w[i]);
     y.hi[i] = soter_up(f.hi + g->extra_w[i]);
   }
-  if (!advance(g->axes, &y, M, size, from, to, noise)) {
+  if (!advance(n, &y, M, size, from, to, noise)) {
     return 0;
   }
   copy_state(x, &y);
   x->holds++;
-  for (int i = 0; i < g->axes; i++) {
+  for (int i = 0; i < n; i++) {
     out->image_lo[i] = x->lo[i];
     out->image_hi[i] = x->hi[i];
   }
@@ -367,9 +384,9 @@ static int hold_map(const soter_reach_group *g, soter_scratch *s, soter_reach_ch
 
 /* The command as centre, symbols of the cell and radius; what an earlier one adds to the state
  * where it may still act at the beginning. */
-static void handover(const soter_reach_group *g, const soter_reach_step *step, soter_reach_chain *x,
-                     const double uc[], double ug[][AXES], const double ur[], const line *u,
-                     double *to, double *noise) {
+static void handover(const soter_reach_group* g, const soter_reach_step* step, soter_reach_chain* x,
+                     const double uc[], double ug[][AXES], const double ur[], const line* u,
+                     double* to, double* noise) {
   if (x->holds == 0 || g->jitter <= 0) {
     return;
   }
@@ -389,7 +406,8 @@ static void handover(const soter_reach_group *g, const soter_reach_step *step, s
     for (int i = 0; i < g->axes; i++) {
       const double p = step->move_lo[i][a] * low, q = step->move_lo[i][a] * high;
       const double v = step->move_hi[i][a] * low, w = step->move_hi[i][a] * high;
-      const double lo = soter_least(soter_least(p, q), soter_least(v, w)), hi = soter_most(soter_most(p, q), soter_most(v, w));
+      const double lo = soter_least(soter_least(p, q), soter_least(v, w)),
+                   hi = soter_most(soter_most(p, q), soter_most(v, w));
       const double mid = lo / 2 + hi / 2;
       to[i] += mid;
       noise[i] += soter_up(soter_most(hi - mid, mid - lo)) + 8 * EPS * (fabs(to[i]) + fabs(mid));
@@ -397,28 +415,28 @@ static void handover(const soter_reach_group *g, const soter_reach_step *step, s
   }
 }
 
-static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_chain *x,
-                     soter_hold *out) {
-  const int n = g->axes;
+ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
+                     soter_reach_chain* x, soter_hold* out) {
   double dlo[AXES] = {0, 0, 0, 0}, dhi[AXES] = {0, 0, 0, 0}, ulo[COMMANDS], uhi[COMMANDS];
-  double M[AXES][AXES], size[AXES][AXES], from[AXES], to[AXES] = {0}, noise[AXES] = {0}, flo[AXES], fhi[AXES];
+  double M[AXES][AXES], size[AXES][AXES], from[AXES], to[AXES] = {0}, noise[AXES] = {0}, flo[AXES],
+                                                      fhi[AXES];
   double uc[COMMANDS], ug[COMMANDS][AXES], ur[COMMANDS];
   line u[COMMANDS];
   soter_reach_model local;
   soter_reach_step fresh;
-  const soter_reach_model *model = &g->model;
-  const soter_reach_step *step = x->holds == 0 ? &g->first : &g->later;
+  const soter_reach_model* model = &g->model;
+  const soter_reach_step* step = x->holds == 0 ? &g->first : &g->later;
   soter_reach_chain y;
   if ((g->delay > 0 || g->jitter > 0) && !drift(g, s, x, dlo, dhi)) {
     return 0;
   }
-  if (!commands(g, s, x, dlo, dhi, u)) {
+  if (!commands(n, m, g, s, x, dlo, dhi, u)) {
     return 0;
   }
   for (int i = 0; i < n; i++) {
     from[i] = g->held_low != 0 ? x->m[i] : s->in[g->axis[i]].c;
   }
-  for (int a = 0; a < g->commands; a++) { /* u = c + gain (x + drift - from) */
+  for (int a = 0; a < m; a++) { /* u = c + gain (x + drift - from) */
     double r = u[a].r, size_u = fabs(u[a].c), w = 0;
     uc[a] = u[a].c;
     for (int j = 0; j < n; j++) {
@@ -455,7 +473,12 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
   if (g->is_local) {
     const double h = x->holds == 0 ? g->period - g->jitter : g->period;
     const double early = x->holds == 0 ? 0 : 2 * g->jitter;
-    if (!local_step(g, s, x, ulo, uhi, h, early, &local, &fresh)) {
+    double free_u[COMMANDS] = {0};
+    for (int a = 0; a < m && g->held_low != 0; a++) {
+      free_u[a] = u[a].r;
+      u[a].r = 0;
+    }
+    if (!local_step(g, s, x, ulo, uhi, free_u, h, early, &local, &fresh)) {
       return 0;
     }
     model = &local;
@@ -470,7 +493,7 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
       slack += fabs(step->phi[i][j] * from[j]);
       w += step->phi_r[i][j] * size_of(x->lo[j], x->hi[j]);
     }
-    for (int a = 0; a < g->commands; a++) {
+    for (int a = 0; a < m; a++) {
       const double gamma = step->gamma[i][a];
       t += gamma * u[a].c;
       slack += fabs(gamma * u[a].c);
@@ -492,7 +515,7 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
   if (!advance(n, &y, M, size, from, to, noise)) {
     return 0;
   }
-  rates_around(g, model, &step->dev[0][0], x->lo, x->hi, ulo, uhi, flo, fhi);
+  rates_around(n, m, model, &step->dev[0][0], x->lo, x->hi, ulo, uhi, flo, fhi);
   for (int i = 0; i < n; i++) {
     if (!(flo[i] > -1e300 && fhi[i] < 1e300)) {
       return 0;
@@ -511,7 +534,7 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
   memcpy(out->image_hi, y.hi, sizeof y.hi);
   if (g->jitter > 0) { /* the next command may come any time within 2 j from here */
     const double late = 2 * g->jitter;
-    for (int a = 0; a < g->commands; a++) {
+    for (int a = 0; a < m; a++) {
       ulo[a] = u[a].lo;
       uhi[a] = u[a].hi;
     }
@@ -520,7 +543,7 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
         return 0;
       }
     } else {
-      rates_around(g, model, &g->reach_fwd[0][0], y.lo, y.hi, ulo, uhi, flo, fhi);
+      rates_around(n, m, model, &g->reach_fwd[0][0], y.lo, y.hi, ulo, uhi, flo, fhi);
     }
     for (int i = 0; i < n; i++) {
       out->image_lo[i] = soter_down(y.lo[i] - soter_up(late * soter_most(0.0, -flo[i])));
@@ -531,15 +554,22 @@ static int hold_flow(const soter_reach_group *g, soter_scratch *s, soter_reach_c
 }
 
 /* Runs one more hold; 0 where nothing can be bounded. */
-int soter_reach_hold(const soter_reach_group *g, soter_scratch *s, soter_reach_chain *x,
-                     soter_hold *out) {
-  return g->is_map ? hold_map(g, s, x, out) : hold_flow(g, s, x, out);
+int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_chain* x,
+                     soter_hold* out) {
+  const int n = g->axes, m = g->commands;
+  if (m == 1 && n == 2) {
+    return g->is_map ? hold_map(2, 1, g, s, x, out) : hold_flow(2, 1, g, s, x, out);
+  }
+  if (m == 1 && n == 3) {
+    return g->is_map ? hold_map(3, 1, g, s, x, out) : hold_flow(3, 1, g, s, x, out);
+  }
+  return g->is_map ? hold_map(n, m, g, s, x, out) : hold_flow(n, m, g, s, x, out);
 }
 
 /* Images and tubes of `holds` holds from a box, for tests and refutation: [hold][axis][lo, hi].
  * Returns how many could be bounded. */
-int soter_reach_run(const soter_reach_group *g, const double *low, const double *high,
-                    int32_t holds, double *images, double *tubes) {
+int soter_reach_run(const soter_reach_group* g, const double* low, const double* high,
+                    int32_t holds, double* images, double* tubes) {
   soter_scratch s;
   soter_reach_chain x;
   soter_hold h;

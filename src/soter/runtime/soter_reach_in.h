@@ -27,7 +27,7 @@ static inline double soter_down(double x) {
 }
 
 /* Makes `f` the variable of input i over [lo, hi]; the g of other inputs must be 0 already. */
-static inline void soter_range(soter_form *f, int i, double lo, double hi) {
+static inline void soter_range(soter_form* f, int i, double lo, double hi) {
   f->lo = lo;
   f->hi = hi;
   f->c = lo / 2 + hi / 2;
@@ -38,7 +38,7 @@ static inline void soter_range(soter_form *f, int i, double lo, double hi) {
   }
 }
 
-static inline void soter_set(soter_form *f, int i, double lo, double hi) {
+static inline void soter_set(soter_form* f, int i, double lo, double hi) {
   for (int k = 0; k < SOTER_INPUTS; k++) {
     f->g[k] = 0;
   }
@@ -50,34 +50,34 @@ typedef struct {
   double image_lo[AXES], image_hi[AXES]; /* every instant at which the next hold may begin */
 } soter_hold;
 
-int soter_reach_cells(const soter_reach_group *g, int axis, double lo, double hi, int *first,
-                      int *last);
-int soter_reach_cover(const soter_reach_group *g, const double *lo, const double *hi,
-                      uint16_t *image);
-int soter_reach_inside(const soter_reach_group *g, const uint64_t *bits, const uint16_t *box,
+int soter_reach_cells(const soter_reach_group* g, int axis, double lo, double hi, int* first,
+                      int* last);
+int soter_reach_cover(const soter_reach_group* g, const double* lo, const double* hi,
+                      uint16_t* image);
+int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const uint16_t* box,
                        int any);
-int64_t soter_reach_tile(const soter_reach_group *g, int64_t tile, int *first, int *last);
-int64_t soter_reach_tiles(const soter_reach_group *g);
-int64_t soter_reach_cell(const soter_reach_group *g, const int *at);
-int64_t soter_reach_words(const soter_reach_group *g);
-int soter_reach_next_cell(int n, const int *first, const int *last, int *at);
-int soter_reach_has(const soter_reach_group *g, const uint64_t *bits, const int *at);
-void soter_reach_start_at(const soter_reach_group *g, const int *first, const int *last,
-                          soter_reach_chain *x);
-void soter_reach_depend(const soter_reach_group *g, uint16_t *reaches, const uint16_t *image);
-void soter_reach_rounds_begin(const soter_reach_group *g, soter_reach_rounds *r);
-void soter_reach_settle(const soter_reach_group *g, soter_reach_rounds *w, int join);
-int soter_reach_rounds_run(const soter_reach_group *g, soter_reach_rounds *r, int join,
-                           soter_crew *crew);
-int soter_reach_make_step(const soter_reach_group *g, const soter_reach_model *m, double h,
-                          double early, soter_reach_step *out);
-int soter_reach_dev(const soter_reach_group *g, const soter_reach_model *m, double h, int backwards,
+int64_t soter_reach_tile(const soter_reach_group* g, int64_t tile, int* first, int* last);
+int64_t soter_reach_tiles(const soter_reach_group* g);
+int64_t soter_reach_cell(const soter_reach_group* g, const int* at);
+int64_t soter_reach_words(const soter_reach_group* g);
+int soter_reach_next_cell(int n, const int* first, const int* last, int* at);
+int soter_reach_has(const soter_reach_group* g, const uint64_t* bits, const int* at);
+void soter_reach_start_at(const soter_reach_group* g, const int* first, const int* last,
+                          soter_reach_chain* x);
+void soter_reach_depend(const soter_reach_group* g, uint16_t* reaches, const uint16_t* image);
+void soter_reach_rounds_begin(const soter_reach_group* g, soter_reach_rounds* r);
+void soter_reach_settle(const soter_reach_group* g, soter_reach_rounds* w, int join);
+int soter_reach_rounds_run(const soter_reach_group* g, soter_reach_rounds* r, int join,
+                           soter_crew* crew);
+int soter_reach_make_step(const soter_reach_group* g, const soter_reach_model* m, double h,
+                          double early, soter_reach_step* out);
+int soter_reach_dev(const soter_reach_group* g, const soter_reach_model* m, double h, int backwards,
                     double dev[AXES][AXES]);
-int soter_reach_model_of(const soter_reach_group *g, soter_scratch *s, soter_reach_model *m);
-void soter_reach_inputs(const soter_reach_group *g, soter_scratch *s);
-void soter_reach_start(const soter_reach_group *g, const double *lo, const double *hi,
-                       soter_reach_chain *x);
-int soter_reach_hold(const soter_reach_group *g, soter_scratch *s, soter_reach_chain *x,
-                     soter_hold *out);
+int soter_reach_model_of(const soter_reach_group* g, soter_scratch* s, soter_reach_model* m);
+void soter_reach_inputs(const soter_reach_group* g, soter_scratch* s);
+void soter_reach_start(const soter_reach_group* g, const double* lo, const double* hi,
+                       soter_reach_chain* x);
+int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_chain* x,
+                     soter_hold* out);
 
 #endif

@@ -45,7 +45,7 @@ static double greatest(range a) {
   return fmax(fabs(a.lo), fabs(a.hi));
 }
 
-static square product(int n, const square *a, const square *b) {
+static square product(int n, const square* a, const square* b) {
   square r;
   for (int i = 0; i < n; i++) {
     for (int j = 0; j < n; j++) {
@@ -62,7 +62,7 @@ static square product(int n, const square *a, const square *b) {
   return r;
 }
 
-static void plus(int n, square *a, const square *b) {
+static void plus(int n, square* a, const square* b) {
   for (int i = 0; i < n; i++) {
     for (int j = 0; j < n; j++) {
       const range t = b->e[i][j];
@@ -73,7 +73,7 @@ static void plus(int n, square *a, const square *b) {
   }
 }
 
-static void widen(int n, square *a, double by) {
+static void widen(int n, square* a, double by) {
   for (int i = 0; i < n; i++) {
     for (int j = 0; j < n; j++) {
       a->e[i][j].lo = soter_down(a->e[i][j].lo - by);
@@ -94,7 +94,7 @@ static square unit(int n) {
 enum { TERMS = 16 };
 
 /* e^(A s) and its integral over [0, s], for s in `h` (h >= 0); false: too large to bound. */
-static int exponential(int n, const double *a, range h, square *phi, square *integral) {
+static int exponential(int n, const double* a, range h, square* phi, square* integral) {
   double norm = 0;
   square power = unit(n), am;
   int doublings = 0;
@@ -159,8 +159,8 @@ enum { PIECES = 16 };
 
 /* Upper bounds of the integral over [from, from + h] of |e^(As) v|, column by column, and the hull
  * of e^(As) v there. */
-static int absolute(int n, const double *a, double from, range span_of, int columns,
-                    const double *v, int pieces, double total[AXES][COMMANDS],
+static int absolute(int n, const double* a, double from, range span_of, int columns,
+                    const double* v, int pieces, double total[AXES][COMMANDS],
                     range hull[AXES][COMMANDS]) {
   const double h = span_of.hi;
   square whole, all, start, begin, part, rest, at;
@@ -203,7 +203,8 @@ static int absolute(int n, const double *a, double from, range span_of, int colu
   whole = product(n, &start, &all);
   for (int i = 0; i < n; i++) {
     for (int c = 0; c < columns; c++) {
-      if (hull[i][c].lo >= -1e-290 || hull[i][c].hi <= 1e-290) { /* one sign: the integral's value */
+      if (hull[i][c].lo >= -1e-290 ||
+          hull[i][c].hi <= 1e-290) { /* one sign: the integral's value */
         range r = exactly(0);
         for (int k = 0; k < n; k++) {
           if (v[COMMANDS * k + c] != 0) {
@@ -217,12 +218,12 @@ static int absolute(int n, const double *a, double from, range span_of, int colu
   return 1;
 }
 
-static void middle(range r, double *mid, double *rad) {
+static void middle(range r, double* mid, double* rad) {
   *mid = r.lo / 2 + r.hi / 2;
   *rad = r.lo == r.hi ? 0 : soter_up(fmax(r.hi - *mid, *mid - r.lo));
 }
 
-int soter_reach_dev(const soter_reach_group *g, const soter_reach_model *m, double h, int backwards,
+int soter_reach_dev(const soter_reach_group* g, const soter_reach_model* m, double h, int backwards,
                     double dev[AXES][AXES]) {
   double a[AXES][AXES], one[AXES][COMMANDS], total[AXES][COMMANDS];
   range hull[AXES][COMMANDS];
@@ -233,7 +234,8 @@ int soter_reach_dev(const soter_reach_group *g, const soter_reach_model *m, doub
       a[i][j] = backwards ? -m->a[i][j] : m->a[i][j];
     }
   }
-  if (!absolute(g->axes, &a[0][0], 0, exactly(h), g->axes, &one[0][0], g->is_local ? 1 : PIECES, total, hull)) {
+  if (!absolute(g->axes, &a[0][0], 0, exactly(h), g->axes, &one[0][0], g->is_local ? 1 : PIECES,
+                total, hull)) {
     return 0;
   }
   for (int i = 0; i < g->axes; i++) {
@@ -251,8 +253,8 @@ static range moment(double h, double period) {
 }
 
 /* One step of length h; `early`: the previous command may act over that long at its beginning. */
-int soter_reach_make_step(const soter_reach_group *g, const soter_reach_model *m, double h,
-                          double early, soter_reach_step *out) {
+int soter_reach_make_step(const soter_reach_group* g, const soter_reach_model* m, double h,
+                          double early, soter_reach_step* out) {
   square phi, integral;
   const int n = g->axes;
   const range time = moment(h, fmax(h, g->period));
@@ -286,7 +288,8 @@ int soter_reach_make_step(const soter_reach_group *g, const soter_reach_model *m
     double total[AXES][COMMANDS];
     range hull[AXES][COMMANDS];
     const double from = fmax(0.0, soter_down(time.lo - early));
-    if (!absolute(n, &m->a[0][0], from, exactly(soter_up(time.hi - from)), g->commands, &m->b[0][0], PIECES, total, hull)) {
+    if (!absolute(n, &m->a[0][0], from, exactly(soter_up(time.hi - from)), g->commands, &m->b[0][0],
+                  PIECES, total, hull)) {
       return 0;
     }
     for (int i = 0; i < n; i++) {
@@ -300,17 +303,17 @@ int soter_reach_make_step(const soter_reach_group *g, const soter_reach_model *m
 }
 
 /* The model of `rate` over what stands in `in`; `with` commands: the controls' ranges. */
-int soter_reach_model_of(const soter_reach_group *g, soter_scratch *s, soter_reach_model *m) {
+int soter_reach_model_of(const soter_reach_group* g, soter_scratch* s, soter_reach_model* m) {
   if (g->rate(s->in, g->param, s->out)) {
     return 0;
   }
   memset(m, 0, sizeof *m);
   for (int i = 0; i < g->axes; i++) {
-    const soter_form *f = &s->out[g->axis[i]];
+    const soter_form* f = &s->out[g->axis[i]];
     double w = f->r, size = fabs(f->c), c = f->c;
     int moved = 0;
     for (int k = 0; k < SOTER_INPUTS; k++) {
-      const soter_form *x = &s->in[k];
+      const soter_form* x = &s->in[k];
       double *slot = 0, coefficient;
       if (f->g[k] == 0) {
         continue;
@@ -348,7 +351,7 @@ int soter_reach_model_of(const soter_reach_group *g, soter_scratch *s, soter_rea
 }
 
 /* Finds the commands that move the group and its model over [low, high] of all inputs. */
-int soter_reach_linearize(soter_reach_group *g, const double *low, const double *high) {
+int soter_reach_linearize(soter_reach_group* g, const double* low, const double* high) {
   soter_scratch s;
   for (int i = 0; i < SOTER_INPUTS; i++) {
     soter_set(&s.in[i], i, low[i], high[i]);
@@ -373,7 +376,7 @@ int soter_reach_linearize(soter_reach_group *g, const double *low, const double 
 }
 
 /* Steps of the chain from the model. */
-int soter_reach_prepare(soter_reach_group *g) {
+int soter_reach_prepare(soter_reach_group* g) {
   if (g->is_map || g->is_local) {
     return 1;
   }
@@ -384,8 +387,8 @@ int soter_reach_prepare(soter_reach_group *g) {
 }
 
 /* All runs over [0, t] under U, from the model. */
-int soter_reach_tube_prepare(const soter_reach_group *g, double t, int32_t segments,
-                             soter_reach_tube *out) {
+int soter_reach_tube_prepare(const soter_reach_group* g, double t, int32_t segments,
+                             soter_reach_tube* out) {
   soter_reach_model m = g->model;
   const int n = g->axes;
   double mid[COMMANDS], rad[COMMANDS];
@@ -415,11 +418,12 @@ int soter_reach_tube_prepare(const soter_reach_group *g, double t, int32_t segme
     double total[AXES][COMMANDS];
     range hull[AXES][COMMANDS];
     if (!soter_reach_make_step(g, &m, h, 0, &out->at[k]) ||
-        !absolute(n, &m.a[0][0], 0, moment(h, fmax(h, g->period)), g->commands, &m.b[0][0], PIECES, total, hull)) {
+        !absolute(n, &m.a[0][0], 0, moment(h, fmax(h, g->period)), g->commands, &m.b[0][0], PIECES,
+                  total, hull)) {
       return 0;
     }
     for (int i = 0; i < n; i++) { /* the middle of U moves c, its radius is noise */
-      soter_reach_step *s = &out->at[k];
+      soter_reach_step* s = &out->at[k];
       for (int a = 0; a < g->commands; a++) {
         s->w[i] = soter_up(s->w[i] + soter_up(total[i][a] * rad[a]));
         s->c[i] += s->gamma[i][a] * mid[a];

@@ -14,7 +14,7 @@ double soter_reach_clock(void) {
   return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 
-static void work(soter_crew *crew, int who) {
+static void work(soter_crew* crew, int who) {
   for (;;) {
     const int64_t k = __atomic_fetch_add(&crew->next, CHUNK, __ATOMIC_SEQ_CST);
     const int64_t end = __atomic_load_n(&crew->end, __ATOMIC_SEQ_CST);
@@ -37,8 +37,8 @@ static void work(soter_crew *crew, int who) {
   }
 }
 
-static void *helper(void *argument) {
-  soter_crew *crew = argument;
+static void* helper(void* argument) {
+  soter_crew* crew = argument;
   int seen = 0;
   for (;;) {
     for (int spin = 0; spin < SPINS && __atomic_load_n(&crew->round, __ATOMIC_ACQUIRE) == seen;
@@ -61,7 +61,7 @@ static void *helper(void *argument) {
   }
 }
 
-int soter_crew_begin(soter_crew *crew, void (*task)(soter_crew *, int, int64_t), void *job,
+int soter_crew_begin(soter_crew* crew, void (*task)(soter_crew*, int, int64_t), void* job,
                      double seconds, int threads) {
   memset(crew, 0, sizeof *crew);
   crew->task = task;
@@ -79,7 +79,7 @@ int soter_crew_begin(soter_crew *crew, void (*task)(soter_crew *, int, int64_t),
   return crew->threads;
 }
 
-static void start(soter_crew *crew) {
+static void start(soter_crew* crew) {
   (void)pthread_mutex_lock(&crew->lock);
   crew->busy = 1;
   __atomic_store_n(&crew->round, crew->round + 1, __ATOMIC_RELEASE);
@@ -88,7 +88,7 @@ static void start(soter_crew *crew) {
 }
 
 /* Does the tasks begin..end-1; returns the first one that was not begun. */
-int64_t soter_crew_run(soter_crew *crew, int64_t begin, int64_t end) {
+int64_t soter_crew_run(soter_crew* crew, int64_t begin, int64_t end) {
   if (crew->threads < 2 || end - begin < ALONE) {
     int64_t k = begin;
     for (; k < end; k++) {
@@ -113,7 +113,7 @@ int64_t soter_crew_run(soter_crew *crew, int64_t begin, int64_t end) {
   return crew->end;
 }
 
-void soter_crew_end(soter_crew *crew) {
+void soter_crew_end(soter_crew* crew) {
   if (crew->threads > 1) {
     crew->quit = 1;
     start(crew);

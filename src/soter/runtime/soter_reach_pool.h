@@ -13,8 +13,8 @@ typedef struct soter_crew soter_crew;
 struct soter_crew {
   pthread_mutex_t lock;
   pthread_cond_t wake, done;
-  void (*task)(soter_crew *crew, int who, int64_t k);
-  void *job;
+  void (*task)(soter_crew* crew, int who, int64_t k);
+  void* job;
   int64_t next, end;
   double until; /* seconds of the monotonic clock; no task is begun later */
   int round, busy, quit, threads;
@@ -22,9 +22,9 @@ struct soter_crew {
 };
 
 double soter_reach_clock(void);
-int soter_crew_begin(soter_crew *crew, void (*task)(soter_crew *, int, int64_t), void *job,
+int soter_crew_begin(soter_crew* crew, void (*task)(soter_crew*, int, int64_t), void* job,
                      double seconds, int threads);
-int64_t soter_crew_run(soter_crew *crew, int64_t begin, int64_t end);
-void soter_crew_end(soter_crew *crew);
+int64_t soter_crew_run(soter_crew* crew, int64_t begin, int64_t end);
+void soter_crew_end(soter_crew* crew);
 
 #endif

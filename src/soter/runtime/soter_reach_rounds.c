@@ -5,7 +5,7 @@
 #include <string.h>
 
 /* First and last cell of a tile along each axis; how many cells it has. */
-int64_t soter_reach_tile(const soter_reach_group *g, int64_t tile, int *first, int *last) {
+int64_t soter_reach_tile(const soter_reach_group* g, int64_t tile, int* first, int* last) {
   int64_t cells = 1;
   for (int a = g->axes - 1; a >= 0; a--) {
     const int at = (int)(tile % g->tiles[a]);
@@ -20,7 +20,7 @@ int64_t soter_reach_tile(const soter_reach_group *g, int64_t tile, int *first, i
   return cells;
 }
 
-int64_t soter_reach_tiles(const soter_reach_group *g) {
+int64_t soter_reach_tiles(const soter_reach_group* g) {
   int64_t n = 1;
   for (int a = 0; a < g->axes; a++) {
     n *= g->tiles[a];
@@ -28,7 +28,7 @@ int64_t soter_reach_tiles(const soter_reach_group *g) {
   return n;
 }
 
-int64_t soter_reach_cell(const soter_reach_group *g, const int *at) {
+int64_t soter_reach_cell(const soter_reach_group* g, const int* at) {
   int64_t c = 0;
   for (int a = 0; a < g->axes; a++) {
     c = c * g->cells[a] + at[a];
@@ -36,7 +36,7 @@ int64_t soter_reach_cell(const soter_reach_group *g, const int *at) {
   return c;
 }
 
-int soter_reach_next_cell(int n, const int *first, const int *last, int *at) {
+int soter_reach_next_cell(int n, const int* first, const int* last, int* at) {
   int a = n - 1;
   while (a >= 0 && at[a] == last[a]) {
     at[a] = first[a];
@@ -49,16 +49,17 @@ int soter_reach_next_cell(int n, const int *first, const int *last, int *at) {
   return 1;
 }
 
-int soter_reach_has(const soter_reach_group *g, const uint64_t *bits, const int *at) {
-  uint16_t box[2 * AXES];
-  for (int a = 0; a < g->axes; a++) {
-    box[2 * a] = box[2 * a + 1] = (uint16_t)at[a];
+int soter_reach_has(const soter_reach_group* g, const uint64_t* bits, const int* at) {
+  int64_t row = 0;
+  const int last = at[g->axes - 1];
+  for (int a = 0; a + 1 < g->axes; a++) {
+    row = row * g->cells[a] + at[a];
   }
-  return soter_reach_inside(g, bits, box, 0);
+  return (int)(bits[row * g->words + (last >> 6)] >> (last & 63) & 1U);
 }
 
-void soter_reach_start_at(const soter_reach_group *g, const int *first, const int *last,
-                     soter_reach_chain *x) {
+void soter_reach_start_at(const soter_reach_group* g, const int* first, const int* last,
+                          soter_reach_chain* x) {
   double lo[AXES], hi[AXES];
   for (int a = 0; a < g->axes; a++) {
     lo[a] = g->edges[a][first[a]];
@@ -67,7 +68,7 @@ void soter_reach_start_at(const soter_reach_group *g, const int *first, const in
   soter_reach_start(g, lo, hi, x);
 }
 
-void soter_reach_depend(const soter_reach_group *g, uint16_t *reaches, const uint16_t *image) {
+void soter_reach_depend(const soter_reach_group* g, uint16_t* reaches, const uint16_t* image) {
   for (int a = 0; a < g->axes; a++) {
     const uint16_t lo = (uint16_t)(image[2 * a] / g->tile[a]);
     const uint16_t hi = (uint16_t)(image[2 * a + 1] / g->tile[a]);
@@ -76,8 +77,9 @@ void soter_reach_depend(const soter_reach_group *g, uint16_t *reaches, const uin
   }
 }
 
-/* Takes the cells that changed out of the set (`join`: into it), and lists the tiles that may mind. */
-void soter_reach_settle(const soter_reach_group *g, soter_reach_rounds *w, int join) {
+/* Takes the cells that changed out of the set (`join`: into it), and lists the tiles that may mind.
+ */
+void soter_reach_settle(const soter_reach_group* g, soter_reach_rounds* w, int join) {
   const int64_t tiles = soter_reach_tiles(g);
   int64_t fell = 0, stride[AXES], sums = 1;
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0};
@@ -99,7 +101,7 @@ void soter_reach_settle(const soter_reach_group *g, soter_reach_rounds *w, int j
           for (int a = 0; a + 1 < g->axes; a++) {
             row = row * g->cells[a] + in[a];
           }
-          uint64_t *word = &w->kept[row * g->words + (in[g->axes - 1] >> 6)];
+          uint64_t* word = &w->kept[row * g->words + (in[g->axes - 1] >> 6)];
           const uint64_t one = UINT64_C(1) << (in[g->axes - 1] & 63);
           *word = join ? *word | one : *word & ~one;
         }
@@ -126,7 +128,7 @@ void soter_reach_settle(const soter_reach_group *g, soter_reach_rounds *w, int j
     }
   }
   for (int64_t t = 0; t < tiles; t++) {
-    const uint16_t *r = w->reaches + 2 * g->axes * t;
+    const uint16_t* r = w->reaches + 2 * g->axes * t;
     int64_t count = 0;
     if (r[0] > r[1]) {
       continue;
@@ -148,7 +150,7 @@ void soter_reach_settle(const soter_reach_group *g, soter_reach_rounds *w, int j
 }
 
 /* Every tile is to be looked at once; the set is as given. */
-void soter_reach_rounds_begin(const soter_reach_group *g, soter_reach_rounds *r) {
+void soter_reach_rounds_begin(const soter_reach_group* g, soter_reach_rounds* r) {
   const int64_t tiles = soter_reach_tiles(g);
   memset(r->begun, 0, (size_t)tiles);
   memset(r->changed, 0, sizeof(uint64_t) * (size_t)tiles);
@@ -165,7 +167,7 @@ void soter_reach_rounds_begin(const soter_reach_group *g, soter_reach_rounds *r)
 }
 
 /* Words of a set. */
-int64_t soter_reach_words(const soter_reach_group *g) {
+int64_t soter_reach_words(const soter_reach_group* g) {
   int64_t rows = 1;
   for (int a = 0; a + 1 < g->axes; a++) {
     rows *= g->cells[a];
@@ -174,8 +176,8 @@ int64_t soter_reach_words(const soter_reach_group *g) {
 }
 
 /* Rounds until nothing changes any more, or for about `seconds`; 1 when done. */
-int soter_reach_rounds_run(const soter_reach_group *g, soter_reach_rounds *r, int join,
-                           soter_crew *crew) {
+int soter_reach_rounds_run(const soter_reach_group* g, soter_reach_rounds* r, int join,
+                           soter_crew* crew) {
   while (r->dirty_n > 0) {
     r->cursor = (int32_t)soter_crew_run(crew, r->cursor, r->dirty_n);
     if (r->cursor < r->dirty_n) {

@@ -7,27 +7,27 @@
 #include <string.h>
 
 typedef struct {
-  const soter_reach_group *g;
-  const soter_reach_tube *tube;
-  const uint64_t *target;
+  const soter_reach_group* g;
+  const soter_reach_tube* tube;
+  const uint64_t* target;
   soter_reach_test test;
-  uint8_t *out;
+  uint8_t* out;
   int32_t steps;
   soter_scratch scratch[SOTER_REACH_THREADS];
 } cell_job;
 
-typedef int (*box_test)(cell_job *job, int who, const int *first, const int *last);
+typedef int (*box_test)(cell_job* job, int who, const int* first, const int* last);
 
-static void edges_of(const soter_reach_group *g, const int *first, const int *last, double *lo,
-                     double *hi) {
+static void edges_of(const soter_reach_group* g, const int* first, const int* last, double* lo,
+                     double* hi) {
   for (int a = 0; a < g->axes; a++) {
     lo[a] = g->edges[a][first[a]];
     hi[a] = g->edges[a][last[a] + 1];
   }
 }
 
-static void fill(cell_job *job, const int *first, const int *last, uint8_t value) {
-  const soter_reach_group *g = job->g;
+static void fill(cell_job* job, const int* first, const int* last, uint8_t value) {
+  const soter_reach_group* g = job->g;
   int at[AXES], a = 0;
   memcpy(at, first, sizeof at);
   while (a >= 0) {
@@ -46,7 +46,7 @@ static void fill(cell_job *job, const int *first, const int *last, uint8_t value
 }
 
 /* The test on a box; where it does not decide, on its halves. */
-static void divide(cell_job *job, int who, box_test test, const int *first, const int *last) {
+static void divide(cell_job* job, int who, box_test test, const int* first, const int* last) {
   int widest = 0, mid_last[AXES], mid_first[AXES];
   const int value = test(job, who, first, last);
   for (int a = 0; a < job->g->axes; a++) {
@@ -65,9 +65,9 @@ static void divide(cell_job *job, int who, box_test test, const int *first, cons
 }
 
 /* Every instant of every run from the box lies in the target (linear flows). */
-static int tube_inside(const cell_job *job, const double *lo, const double *hi) {
-  const soter_reach_group *g = job->g;
-  const soter_reach_tube *t = job->tube;
+static int tube_inside(const cell_job* job, const double* lo, const double* hi) {
+  const soter_reach_group* g = job->g;
+  const soter_reach_tube* t = job->tube;
   const int n = g->axes;
   double mid[AXES], rad[AXES], was_lo[AXES], was_hi[AXES];
   uint16_t box[2 * AXES];
@@ -78,7 +78,7 @@ static int tube_inside(const cell_job *job, const double *lo, const double *hi) 
     was_hi[i] = hi[i];
   }
   for (int k = 0; k < t->segments; k++) {
-    const soter_reach_step *s = &t->at[k];
+    const soter_reach_step* s = &t->at[k];
     double now_lo[AXES], now_hi[AXES], rate[AXES], wide[AXES], low[AXES], high[AXES];
     for (int i = 0; i < n; i++) {
       double c = s->c[i], r = s->w[i] + s->c_r[i], slack = fabs(c), v = 0;
@@ -129,9 +129,9 @@ static int tube_inside(const cell_job *job, const double *lo, const double *hi) 
 }
 
 /* The same step by step: maps (each state lies in the target), and flows linearised on the way. */
-static int walk_inside(const cell_job *job, int who, const double *lo, const double *hi) {
-  const soter_reach_group *g = job->g;
-  soter_scratch *s = (soter_scratch *)&job->scratch[who];
+static int walk_inside(const cell_job* job, int who, const double* lo, const double* hi) {
+  const soter_reach_group* g = job->g;
+  soter_scratch* s = (soter_scratch*)&job->scratch[who];
   soter_reach_group held = *g;
   soter_reach_chain x;
   soter_hold h;
@@ -144,8 +144,7 @@ static int walk_inside(const cell_job *job, int who, const double *lo, const dou
     return 0;
   }
   for (int32_t k = 0; k < job->steps; k++) {
-    if (!soter_reach_hold(&held, s, &x, &h) ||
-        !soter_reach_cover(g, h.tube_lo, h.tube_hi, box) ||
+    if (!soter_reach_hold(&held, s, &x, &h) || !soter_reach_cover(g, h.tube_lo, h.tube_hi, box) ||
         !soter_reach_inside(g, job->target, box, 0) ||
         !soter_reach_cover(g, h.image_lo, h.image_hi, box) ||
         !soter_reach_inside(g, job->target, box, 0)) {
@@ -155,8 +154,8 @@ static int walk_inside(const cell_job *job, int who, const double *lo, const dou
   return 1;
 }
 
-static int safe_box(cell_job *job, int who, const int *first, const int *last) {
-  const soter_reach_group *g = job->g;
+static int safe_box(cell_job* job, int who, const int* first, const int* last) {
+  const soter_reach_group* g = job->g;
   uint16_t box[2 * AXES];
   double lo[AXES], hi[AXES];
   for (int a = 0; a < g->axes; a++) {
@@ -173,9 +172,9 @@ static int safe_box(cell_job *job, int who, const int *first, const int *last) {
   return 8;
 }
 
-static int truth_box(cell_job *job, int who, const int *first, const int *last) {
-  const soter_reach_group *g = job->g;
-  soter_scratch *s = &job->scratch[who];
+static int truth_box(cell_job* job, int who, const int* first, const int* last) {
+  const soter_reach_group* g = job->g;
+  soter_scratch* s = &job->scratch[who];
   soter_truth answer[1] = {3};
   double lo[AXES], hi[AXES];
   edges_of(g, first, last, lo, hi);
@@ -188,14 +187,14 @@ static int truth_box(cell_job *job, int who, const int *first, const int *last) 
   return answer[0] == 3 ? 8 | 3 : answer[0] & 3;
 }
 
-static void safe_tile(soter_crew *crew, int who, int64_t tile) {
-  cell_job *job = crew->job;
+static void safe_tile(soter_crew* crew, int who, int64_t tile) {
+  cell_job* job = crew->job;
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0};
   (void)soter_reach_tile(job->g, tile, first, last);
   divide(job, who, job->test != 0 ? truth_box : safe_box, first, last);
 }
 
-static int64_t over_tiles(cell_job *job, int64_t first_tile, double seconds, int32_t threads) {
+static int64_t over_tiles(cell_job* job, int64_t first_tile, double seconds, int32_t threads) {
   soter_crew crew;
   int64_t tiles = 1, done;
   for (int a = 0; a < job->g->axes; a++) {
@@ -208,10 +207,11 @@ static int64_t over_tiles(cell_job *job, int64_t first_tile, double seconds, int
 }
 
 /* out[cell] = 1: every run from the cell under U stays in the target. `tube` for globally linear
- * flows; else `steps` steps of the period. From `first_tile` on; returns the first tile not done. */
-int64_t soter_reach_safe(const soter_reach_group *g, const soter_reach_tube *tube, int32_t steps,
-                         const uint64_t *target, uint8_t *out, int64_t first_tile,
-                         double seconds, int32_t threads) {
+ * flows; else `steps` steps of the period. From `first_tile` on; returns the first tile not done.
+ */
+int64_t soter_reach_safe(const soter_reach_group* g, const soter_reach_tube* tube, int32_t steps,
+                         const uint64_t* target, uint8_t* out, int64_t first_tile, double seconds,
+                         int32_t threads) {
   cell_job job = {.g = g, .tube = tube, .target = target, .out = out, .steps = steps};
   soter_reach_inputs(g, &job.scratch[0]);
   soter_reach_inputs(g, &job.scratch[1]);
@@ -220,8 +220,8 @@ int64_t soter_reach_safe(const soter_reach_group *g, const soter_reach_tube *tub
 
 /* out[cell]: truth (bit 0 may be false, bit 1 may be true, bit 2 may fault) of a predicate over the
  * cell, the other inputs over [low, high]. */
-int64_t soter_reach_truth(const soter_reach_group *g, const double *low, const double *high,
-                          const void *test, uint8_t *out, int64_t first_tile, double seconds,
+int64_t soter_reach_truth(const soter_reach_group* g, const double* low, const double* high,
+                          const void* test, uint8_t* out, int64_t first_tile, double seconds,
                           int32_t threads) {
   cell_job job = {.g = g, .out = out};
   memcpy(&job.test, &test, sizeof job.test);

@@ -7,15 +7,15 @@
 #include <string.h>
 
 typedef struct {
-  const soter_reach_group *g;
-  soter_reach_way *w;
+  const soter_reach_group* g;
+  soter_reach_way* w;
   soter_scratch scratch[SOTER_REACH_THREADS];
   int64_t steps[SOTER_REACH_THREADS];
 } way_job;
 
-static void images(way_job *job, int who, const int *at, uint16_t *image, uint16_t *reaches) {
-  const soter_reach_group *g = job->g;
-  const soter_reach_way *w = job->w;
+static void images(way_job* job, int who, const int* at, uint16_t* image, uint16_t* reaches) {
+  const soter_reach_group* g = job->g;
+  const soter_reach_way* w = job->w;
   soter_reach_chain x;
   soter_hold h;
   uint16_t tube[2 * AXES];
@@ -43,8 +43,8 @@ static void images(way_job *job, int who, const int *at, uint16_t *image, uint16
   }
 }
 
-static int64_t longest(const way_job *job, const uint16_t *image) {
-  const soter_reach_group *g = job->g;
+static int64_t longest(const way_job* job, const uint16_t* image) {
+  const soter_reach_group* g = job->g;
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0}, at[AXES];
   int64_t most = 0;
   for (int a = 0; a < g->axes; a++) {
@@ -59,12 +59,12 @@ static int64_t longest(const way_job *job, const uint16_t *image) {
   return most;
 }
 
-static void look(soter_crew *crew, int who, int64_t n) {
-  way_job *job = crew->job;
-  const soter_reach_group *g = job->g;
-  soter_reach_way *w = job->w;
+static void look(soter_crew* crew, int who, int64_t n) {
+  way_job* job = crew->job;
+  const soter_reach_group* g = job->g;
+  soter_reach_way* w = job->w;
   const int64_t tile = w->r.dirty[n];
-  uint16_t *reaches = w->r.reaches + 2 * g->axes * tile;
+  uint16_t* reaches = w->r.reaches + 2 * g->axes * tile;
   int first[AXES] = {0, 0, 0, 0}, last[AXES] = {0, 0, 0, 0}, at[AXES], bit = 0;
   const int fresh = w->r.begun[tile] == 0;
   int64_t joined[64];
@@ -75,7 +75,7 @@ static void look(soter_crew *crew, int who, int64_t n) {
   memcpy(at, first, sizeof at);
   do {
     const int64_t cell = soter_reach_cell(g, at);
-    uint16_t *image = w->image + 2 * g->axes * w->count * cell;
+    uint16_t* image = w->image + 2 * g->axes * w->count * cell;
     if (w->rank[cell] == 0 && soter_reach_has(g, w->allowed, at) &&
         (w->r.changed[tile] >> bit & 1U) == 0) {
       int64_t best = INT64_MAX;
@@ -83,7 +83,7 @@ static void look(soter_crew *crew, int who, int64_t n) {
         images(job, who, at, image, reaches);
       }
       for (int k = 0; k < w->count; k++) {
-        const uint16_t *to = image + 2 * g->axes * k;
+        const uint16_t* to = image + 2 * g->axes * k;
         if (to[0] <= to[1] && soter_reach_inside(g, w->r.kept, to, 0)) {
           const int64_t t = longest(job, to) + w->holds[k] * w->period_ns + w->jitter_ns;
           if (t < best) {
@@ -93,7 +93,8 @@ static void look(soter_crew *crew, int who, int64_t n) {
         }
       }
       if (best < INT64_MAX && w->r.rounds < UINT16_MAX - 2) {
-        /* `rank` stays 0 for the others of this round: they read `kept`, and times of cells there */
+        /* `rank` stays 0 for the others of this round: they read `kept`, and times of cells there
+         */
         joined[bit] = best;
         w->r.changed[tile] |= UINT64_C(1) << bit;
       }
@@ -114,12 +115,12 @@ static void look(soter_crew *crew, int who, int64_t n) {
 }
 
 /* kept, rank and time hold Q to begin with. */
-void soter_reach_way_begin(const soter_reach_group *g, soter_reach_way *w) {
+void soter_reach_way_begin(const soter_reach_group* g, soter_reach_way* w) {
   soter_reach_rounds_begin(g, &w->r);
 }
 
 /* Goes on for about `seconds`; 1 when no cell joins any more. */
-int soter_reach_way_continue(const soter_reach_group *g, soter_reach_way *w, double seconds,
+int soter_reach_way_continue(const soter_reach_group* g, soter_reach_way* w, double seconds,
                              int32_t threads) {
   way_job job = {.g = g, .w = w};
   soter_crew crew;

@@ -20,7 +20,7 @@ ASSUMED = ("P1c", "P2a", "P2b", "P3")
 
 def verdicts(module: Module) -> dict[str, str]:
     """Property to `proved` or `assumed`; what is ill-formed never gets this far."""
-    del module  # all alike until `soter verify` comes
+    del module  # all alike: nothing is proved here
     return {**dict.fromkeys(PROVED, "proved"), **dict.fromkeys(ASSUMED, "assumed")}
 
 
@@ -30,7 +30,7 @@ def unproved(system: System) -> list[str]:
     found = []
     if free:
         names = ", ".join(m.name for m in free)
-        found.append(f"{names}: {' '.join(ASSUMED)} assumed, not checked (`soter verify`, to come)")
+        found.append(f"{names}: {' '.join(ASSUMED)} assumed, not checked (`soter verify` does that)")
     trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
     if trusted:
         found.append(f"{', '.join(trusted)}: extern and trusted, nothing is known about the code")
@@ -38,8 +38,8 @@ def unproved(system: System) -> list[str]:
         missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
         if missing:
             found.append(
-                f"{m.name} has no {' and no '.join(missing)}, and none is computed yet: "
-                "its AC never gets control"
+                f"{m.name} has no {' and no '.join(missing)}: computed before it runs or is built, "
+                "from the plants and the grid of its `verify` block"
             )
     return found
 

@@ -20,7 +20,7 @@ TOGETHER_MIN = 4
 
 def notes_of(run: Run) -> list[str]:
     """One sentence each."""
-    return [*_silent(run), *_together(run)]
+    return [*run.computed, *_silent(run), *_together(run)]
 
 
 def _silent(run: Run) -> Iterator[str]:

@@ -114,6 +114,8 @@ class Run:
     """How late the latest instant was, where the run was paced against the clock."""
     externs: dict[str, str] = field(default_factory=dict)
     """What answered each extern, in words."""
+    computed: list[str] = field(default_factory=list)
+    """A note on each module whose `ttf` and `safer` were computed."""
     extern_tallies: dict[str, Tally] = field(default_factory=dict)
     """Steps of each extern that Python answered, and those in which it published nothing."""
     decided: list[tuple[int, int]] = field(default_factory=list)

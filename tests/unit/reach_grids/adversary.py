@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+
 from unit.reach_grids.units import corner
 
 if TYPE_CHECKING:
@@ -34,7 +35,7 @@ class Car:
 
     def law(self, y: Floats) -> Floats:
         """SC."""
-        return np.clip(-self.kp * y[0] - self.kv * y[1], -self.brake, self.brake)
+        return np.asarray(np.clip(-self.kp * y[0] - self.kv * y[1], -self.brake, self.brake))
 
 
 def flow(x: Floats, a: Floats, t: Floats) -> Floats:

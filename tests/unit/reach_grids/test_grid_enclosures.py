@@ -6,10 +6,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from unit.reach_grids.adversary import Car, Runs
-from unit.reach_grids.units import car, corner, hill, pendulum
 
 from soter.reach.grids import GridGroup, GridInputs
+from unit.reach_grids.adversary import Car, Runs
+from unit.reach_grids.units import car, corner, hill, pendulum
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -20,7 +20,7 @@ MS = 1_000_000
 SLACK = 1e-12  # of numpy's own rounding along a run
 
 
-def group_of(c: Car, cells: int = 40, **changed: object) -> GridGroup:
+def group_of(c: Car, changed: dict[str, object] | None = None, cells: int = 40) -> GridGroup:
     """The engine for a car on [-2, 2] x [-4, 4]."""
     values: dict[str, object] = {
         "states": ((-2.0, 2.0), (-4.0, 4.0)),
@@ -31,7 +31,7 @@ def group_of(c: Car, cells: int = 40, **changed: object) -> GridGroup:
         "delay_ns": round(c.delay * 1e9),
         "jitter_ns": round(c.jitter * 1e9),
     }
-    inputs = GridInputs(**{**values, **changed})  # type: ignore[arg-type]
+    inputs = GridInputs(**{**values, **(changed or {})})  # type: ignore[arg-type]
     edges = [np.linspace(-2, 2, cells + 1), np.linspace(-4, 4, cells + 1)]
     return GridGroup(car(c.kp, c.kv, c.brake, 1.5), inputs, list(enumerate(edges)))
 
@@ -85,7 +85,7 @@ def test_the_runs_would_show_a_forgotten_wind_error_delay_or_jitter() -> None:
         {"jitter_ns": 0},
     ]
     for changed in forgotten:
-        engine = group_of(c, **changed)
+        engine = group_of(c, changed)
         assert max(outside(c, engine, rng) for _ in range(12)) > 1e-6, changed
 
 

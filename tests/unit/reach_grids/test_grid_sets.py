@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
+
+from soter.reach.grids import CancelledError, GridGroup, GridInputs
 from unit.reach_grids.adversary import Car, Runs, flow
 from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of
 from unit.reach_grids.units import corner, hill
-
-from soter.reach.grids import CancelledError, GridGroup, GridInputs
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -36,7 +36,9 @@ def inside(engine: GridGroup, cells: Bools, x: Floats) -> Bools:
     return found
 
 
-def drawn(engine: GridGroup, cells: Bools, rng: np.random.Generator, n: int) -> tuple[Floats, Bools]:
+def drawn(
+    engine: GridGroup, cells: Bools, rng: np.random.Generator, n: int
+) -> tuple[Floats, Bools]:
     """Points of random cells of the set, mostly corners and mostly near its border; their cells."""
     padded = np.pad(cells, 1)
     near = cells & ~(padded[2:, 1:-1] & padded[:-2, 1:-1] & padded[1:-1, 2:] & padded[1:-1, :-2])
@@ -80,7 +82,7 @@ def test_no_run_escapes_the_core(c: Car) -> None:
 )
 def test_runs_escape_a_core_that_forgets(forgotten: dict[str, object]) -> None:
     c = Car(4.0, 4.0, 5.0, 0.02, delay=0.012, jitter=0.004, wind=0.3, errors=(0.2, 0.5))
-    engine = group_of(c, cells=121, **forgotten)
+    engine = group_of(c, forgotten, cells=121)
     core = engine.core(engine.constraint(), longest=80)
     assert sum(escapes(c, engine, core.witness, seed) for seed in range(3)) > 0
 

@@ -104,8 +104,7 @@ def images(check: ChainCheck, within: Cells, holds_max: int) -> dict[int, list[A
                 last = chain.last(form)
                 row.append(last[1] if last and within.contains_all(last[1]) else None)
             else:
-                k = len(form) // (4 + n)
-                ends = [(form[len(form) - 2 * k + i], form[len(form) - k + i]) for i in range(n)]
+                ends = [(form[2 * i], form[2 * i + 1]) for i in range(n)]
                 row.append(tuple(x for lo, hi in ends for x in (below(lo), above(hi))))
             step = chain.later
         found[at] = row

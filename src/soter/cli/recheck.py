@@ -1,0 +1,81 @@
+"""`soter recheck DIR`: check a certificate, independently of what made it.
+
+Purpose: accepted or rejected, with the claims that were confirmed and what they rest on.
+Non-goals: the checks (`recheck/`), making certificates (`soter verify --cert`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.api import recheck
+from soter.cli.outcome import FINE, VIOLATED, Outcome, exit_of
+from soter.cli.parser import Parser
+from soter.cli.progress import Progress
+from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.cli.console import Console
+    from soter.recheck.rechecker import Report
+
+EXAMPLES = """\
+  soter verify cart.soter --cert proof/
+  soter recheck proof/
+  soter recheck proof/ --json | jq .accepted
+
+Every byte of the folder counts: a changed, missing or additional file is rejected. Then the problem
+is read off the program once more, by other code, and every claim is recomputed in ball arithmetic.
+
+exit codes: 0 accepted, 3 rejected, 1 no certificate there or python-flint missing, 2 usage
+"""
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("recheck", "Check a certificate of `soter verify --cert`.", EXAMPLES)
+    made.add_argument("folder", metavar="DIR", help="the folder of the certificate")
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Check it."""
+    try:
+        with Progress(console) as progress:
+            report = recheck(args.folder, progress)
+    except SoterError as error:
+        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"certificate": args.folder})
+    _say(report, args.folder, console)
+    return Outcome(FINE if report.accepted else VIOLATED, (), _fields(report, args.folder))
+
+
+def _say(report: Report, folder: str, console: Console) -> None:
+    hash_ = report.program_sha256[:12]
+    if not report.accepted:
+        console.say(f"{console.paint('red', 'REJECTED')}  {folder}  {hash_}".rstrip())
+        console.say(f"  {report.reason}")
+        return
+    console.say(f"{console.paint('green', 'ACCEPTED')}  {folder}  {hash_}  {report.seconds:.1f} s")
+    for module in report.modules:
+        console.say(f"  {module.name}: {' '.join(module.confirmed)}, {module.cells:,} cells")
+        for name in module.other:
+            console.say(console.paint("muted", f"    not claimed: {name}"))
+    console.say("\nunder these assumptions")
+    for text in report.assumptions:
+        console.say(console.paint("muted", f"  {text}"))
+
+
+def _fields(report: Report, folder: str) -> dict[str, object]:
+    return {
+        "certificate": folder,
+        "accepted": report.accepted,
+        "reason": report.reason,
+        "program_sha256": report.program_sha256,
+        "seconds": report.seconds,
+        "modules": {
+            m.name: {"confirmed": m.confirmed, "not_claimed": m.other, "cells": m.cells}
+            for m in report.modules
+        },
+        "assumptions": report.assumptions,
+    }

@@ -1,0 +1,38 @@
+"""The page docs/gym.md says the truth: its blocks run, one after the other."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
+
+
+def test_the_gym_page_runs_from_top_to_bottom(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for path in (ROOT / "examples" / "mountain_car").iterdir():
+        if path.is_file():
+            shutil.copy(path, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    found = BLOCK.findall((ROOT / "docs" / "gym.md").read_text(encoding="utf-8"))
+    assert len(found) == 3
+    names: dict[str, object] = {}
+    for number, text in enumerate(found):
+        exec(compile(text, f"docs/gym.md, block {number + 1}", "exec"), names)  # noqa: S102
+
+
+def test_every_key_of_info_is_on_the_page() -> None:
+    page = (ROOT / "docs" / "gym.md").read_text(encoding="utf-8")
+    source = (ROOT / "src" / "soter" / "gym" / "protected.py").read_text(encoding="utf-8")
+    keys = set(re.findall(r'^            "(\w+)": ', source, re.MULTILINE))
+    keys |= {"taken_by", "action_taken", "gate_fault"}
+    assert len(keys) >= 9
+    assert sorted(k for k in keys if f"`{k}`" not in page) == []

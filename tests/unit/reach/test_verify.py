@@ -1,0 +1,130 @@
+"""Verdicts: what is right is proved, and each way to be wrong is not."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from soter.program.build import check_file
+from soter.reach.command import verify
+from soter.reach.results import PROPERTIES, ModuleResult
+
+ROOT = Path(__file__).parents[3]
+CART = (ROOT / "examples" / "wall" / "cart.soter").read_text("utf-8")
+COARSE = (
+    ("/ 400", "/ 200"),
+    ("/ 320", "/ 160"),
+    ("tau * tau) + 0.12", "tau * tau) + 0.35"),
+)
+"""A coarser grid needs wider margins; it is a quarter of the work."""
+
+
+def changed(*pairs: tuple[str, str]) -> str:
+    text = CART
+    for old, new in (*COARSE, *pairs):
+        assert old in text, old
+        text = text.replace(old, new)
+    return text
+
+
+def result_of(text: str, *, refute: bool = False) -> ModuleResult:
+    checked = check_file("cart.soter", text)
+    assert checked.ok, [d.message for d in checked.diagnostics.items]
+    (found,) = verify(checked, refute=refute).modules
+    return found
+
+
+def verdicts(found: ModuleResult) -> dict[str, str]:
+    return {name: f.verdict for name, f in found.findings.items()}
+
+
+@pytest.fixture(scope="module")
+def cart() -> ModuleResult:
+    return result_of(changed())
+
+
+def test_the_cart_is_proved(cart: ModuleResult) -> None:
+    assert verdicts(cart) == dict.fromkeys(PROPERTIES, "proved")
+    assert cart.verdict == "proved"
+
+
+def test_sets_lie_inside_each_other_and_are_not_empty(cart: ModuleResult) -> None:
+    (case,) = cart.cases
+    (part,) = case.groups
+    core = part.core > 0
+    assert part.free is not None
+    assert part.lets_ac is not None
+    assert part.gives_back is not None
+    assert part.home is not None
+    assert part.rank is not None
+    chain = [part.gives_back, part.lets_ac, part.free, core, part.allowed]
+    for small, large in zip(chain, chain[1:], strict=False):
+        assert small.any()
+        assert not (small & ~large).any()
+    assert np.array_equal(part.rank > 0, core)
+    assert not ((part.home > 0) & (part.rank != 1)).any()
+    assert 0.5 < cart.shares["gives_back"] < cart.shares["core"] < 1.0
+
+
+def test_time_to_return_is_told(cart: ModuleResult) -> None:
+    assert cart.recover_s is not None
+    assert 1.0 < cart.recover_s < 10.0
+
+
+def test_linear_plants_cover_the_simulators_scheme(cart: ModuleResult) -> None:
+    assert not any("scheme" in a for a in cart.problem.assumptions)
+    euler = result_of(changed(("state x: float", "integrate euler;\n  state x: float")))
+    assert any("scheme" in a for a in euler.problem.assumptions)
+
+
+WRONG = {
+    "ttf comes too late": (("Room(motion, 0.12) < 0.0", "Room(motion, 0.02) < 0.0"), "ttf"),
+    "ttf never comes": (("ttf Room(motion, 0.12) < 0.0 || abs(motion.v) > FAST", "ttf false"), "ttf"),
+    "one wall is forgotten in ttf": (
+        ("return min(WALL - m.x - Need(m.v, tau), WALL + m.x - Need(-m.v, tau));",
+         "return WALL - m.x - Need(m.v, tau);"),
+        "ttf",
+    ),
+    "safer is too large": (
+        ("safer Room(motion, 0.24) > 0.0", "safer Room(motion, 0.0) > -0.2"), "safer",
+    ),
+    "SC pushes the wrong way": (("-2.0 * motion.x - 3.0", "2.0 * motion.x - 3.0"), "P2a"),
+    "SC has the wrong damping": (("- 3.0 * motion.v", "+ 3.0 * motion.v"), "P2a"),
+    "SC publishes outside its set": (
+        ("clamp(-2.0 * motion.x - 3.0 * motion.v, -A, A)", "-2.0 * motion.x - 3.0 * motion.v"),
+        "P2a",
+    ),
+    "errors are larger than the margins": (
+        ("motion.x within 0.02, motion.v within 0.05", "motion.x within 0.6, motion.v within 0.3"),
+        "ttf",
+    ),
+    "the wind is stronger than the motor": (("wind: float in [-0.2, 0.2]", "wind: float in [-4.0, 4.0]"), "P2a"),
+    "samples are older than the margins": (("max_age 20ms", "max_age 400ms"), "ttf"),
+    "commands act late": (("acts within 1ms", "acts within 3ms; horizon 300ms"), "ttf"),
+    "the horizon is too short": (("acts within 1ms;", "acts within 1ms; horizon 70ms;"), "P1c"),
+    "the grid is smaller than what ttf admits": (("motion.v in [-8.0, 8.0]", "motion.v in [-5.0, 5.0]"), "ttf"),
+    "the start is at the wall": (("state x: float = 0.0", "state x: float = 9.96"), "start"),
+    "the start is too fast": (("state v: float = 0.0", "state v: float in [7.0, 7.9]"), "start"),
+    "SC only brakes and never returns": (
+        ("-2.0 * motion.x - 3.0 * motion.v", "-1.0 * motion.v"), "P2b",
+    ),
+    "safer asks for the middle, where SC does not stay": (
+        ("safer Room(motion, 0.24) > 0.0", "safer Room(motion, 0.24) > 0.0 && abs(motion.x - 5.0) < 1.0"),
+        "P2b",
+    ),
+    "it takes longer than promised": (("acts within 1ms;", "acts within 1ms; recover within 500ms;"), "P2b"),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", WRONG)
+def test_what_is_wrong_is_not_proved(what: str) -> None:
+    change, suspect = WRONG[what]
+    found = result_of(changed(change))
+    assert found.verdict == "undecided"
+    assert found.findings[suspect].verdict == "undecided", verdicts(found)
+    assert found.findings[suspect].text
+    if suspect in ("ttf", "safer"):
+        assert found.findings["P3"].verdict == "undecided"
+        assert found.findings[suspect].regions
