@@ -53,6 +53,12 @@ BENCHMARKS = (
         "ramming, faulting outputs; wind at its bounds.",
     ),
     Benchmark(
+        "The decision module's time",
+        ("bench/dm_time.py",),
+        "One call of the generated C of a DM, predicates included, on the states of a run; computed "
+        "predicates read a table by halving.",
+    ),
+    Benchmark(
         "The mountain car: four drivers, alone and with RTA",
         ("bench/mountain_car.py",),
         "10,000 seeded episodes of each driver on the proved map, until flag, cliff or 999 steps. "

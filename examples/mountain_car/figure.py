@@ -181,7 +181,8 @@ def main() -> None:
     edges = [np.array(e) for e in found.edges]
     sets = [found.core != 0, found.levels[0], found.levels[-1]]
     given.output.parent.mkdir(parents=True, exist_ok=True)
-    draw(program, depth_of(sets), edges, given.seed).write_html(given.output)
+    figure = draw(program, depth_of(sets), edges, given.seed)
+    figure.write_html(given.output, config={"displayModeBar": False})
     shares = ", ".join(f"{100 * s.mean():.1f} %" for s in sets)
     print(f"{result.name}: {result.verdict}; K, S_0 and safer are {shares} of the plane")
     print(f"wrote {given.output}")

@@ -129,10 +129,10 @@ def test_with_a_quarter_of_the_rounding_it_would_not_be(
 
 def test_the_module_drives_gymnasiums_car_the_same_on_both_engines() -> None:
     program = soter.load(CAR / "gymnasium.soter")
-    native = program.simulate(seed=2, until="200s")
+    native = program.simulate(seed=2, until="60s")
     assert native.violations == 0
     assert native.modules["SafeCar"].ac_share > 0.5
-    interpreted = program.simulate(seed=2, until="200s", engine="interp")
+    interpreted = program.simulate(seed=2, until="60s", engine="interp")
     assert native.trace_sha256 == interpreted.trace_sha256
     assert program.simulate("AdvancedOnly", seed=2).violations == 1
 
@@ -144,7 +144,7 @@ def test_training_behind_the_module_costs_no_fall(
     beside: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     train, cliff_env = beside("train"), beside("cliff_env")
-    monkeypatch.setattr(train, "GENERATIONS", 3)
+    monkeypatch.setattr(train, "GENERATIONS", 1)
     _, alone = train.train(cliff_env.make(), 1)
     _, behind = train.train(train.protected(), 1)
     assert alone.falls > 0

@@ -421,7 +421,8 @@ class StepEmitter:
         gate_fault = c.Binary("!=", c.Arrow(m, "gate_fault"), c.Number("0U"))
         clean = c.Binary("==", c.Arrow(m, "clean_needed"), c.Number("0U"))
         mode = c.Cast("soter_mode", c.Arrow(m, "mode"))
-        facts = (mode, c.Name("stale"), c.Name("ttf"), c.Name("safer"), gate_fault, clean)
+        names = ("stale", "ttf", "safer", "gate_fault", "clean")
+        facts = (mode, *(c.Name(n) for n in names))
         body: list[c.CStmt] = [
             self.state_pointer(),
             c.Declare("soter_module *const ", "m", c.Unary("&", own)),
@@ -429,6 +430,8 @@ class StepEmitter:
             c.Declare("bool", "ttf", c.CallExpr(f"{name}_ttf", (c.Name("state"),)), const=True),
             c.Declare("bool", "safer", c.CallExpr(f"{name}_safer", (c.Name("state"),)), const=True),
             *set_fact,
+            c.Declare("bool", "gate_fault", gate_fault, const=True),
+            c.Declare("bool", "clean", clean, const=True),
             c.Return(c.CallExpr(f"{self.prefix}_switch", facts)),
         ]
         doc = f"decision module of {module.name}, {where(module.symbol.span)}"

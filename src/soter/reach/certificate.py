@@ -112,7 +112,7 @@ def _module(
     problem = result.problem
     q = problem.quantities
     plants = [c.name for c in problem.system.components if c.role == "plant"]
-    claims = {name: finding.verdict for name, finding in result.findings.items()}
+    claims = {n: f.verdict for n, f in result.findings.items() if n != "DM"}  # that is about C
     recover = problem.recover_ns if claims.get("P2b") == PROVED else None
     inputs = [
         *_inputs("state", q.states, problem.states),

@@ -40,6 +40,8 @@ class Failure:
     group: int | None = None
     cells: Bools | None = None
     hint: str = ""
+    stuck: bool = False
+    """P2b: the cells are those of K from which no way back was found."""
 
 
 @dataclass(eq=False)
@@ -55,6 +57,8 @@ class Case:
     spent: dict[str, float] = field(default_factory=dict)
     """Seconds per claim."""
     counts: dict[str, int] = field(default_factory=dict)
+    fresh: list[bool] = field(default_factory=list)
+    """Groups whose sets are still to be computed; the others are those of an earlier attempt."""
 
     def failed(self, claim: str) -> list[Failure]:
         """What stands against a claim."""
@@ -67,9 +71,16 @@ class Case:
         group: int | None = None,
         cells: Bools | None = None,
         hint: str = "",
+        *,
+        stuck: bool = False,
     ) -> None:
         """Enter a failure."""
-        self.failures.append(Failure(claim, text, group, cells, hint))
+        self.failures.append(Failure(claim, text, group, cells, hint, stuck))
+
+    def todo(self) -> list[tuple[int, GridGroup, GroupSets]]:
+        """The fresh groups: number, engine, sets."""
+        both = zip(self.groups, self.sets.groups, strict=True)
+        return [(i, e, s) for i, (e, s) in enumerate(both) if self.fresh[i]]
 
 
 class Clock:
@@ -93,20 +104,31 @@ def open_case(
     groups: Sequence[Group],
     parameter: tuple[int, ...],
     tell: Tell | None,
+    before: Case | None = None,
 ) -> Case:
-    """The engines of every group; UnboundedError where the dynamics have no enclosure."""
-    engines = [GridGroup.of(library, problem, g, parameter, progress=tell) for g in groups]
-    forms = Forms(library, problem, parameter)
-    sets = CaseSets(
-        parameter,
-        [
-            GroupSets(g, np.zeros(e.shape, dtype=np.bool_), np.zeros(e.shape, dtype=np.uint8))
-            for g, e in zip(groups, engines, strict=True)
-        ],
-    )
-    for part, engine in zip(sets.groups, engines, strict=True):
-        part.solver = engine
-    return Case(problem, parameter, engines, forms, sets)
+    """The engines of every group; UnboundedError where the dynamics have no enclosure.
+
+    Of an earlier attempt `before`, groups on the same grid keep their sets and their failures: the
+    analysis of a group looks at the ranges of the others only.
+    """
+    case = Case(problem, parameter, [], Forms(library, problem, parameter), CaseSets(parameter, []))
+    for i, group in enumerate(groups):
+        if before is not None and before.sets.groups[i].group == group:
+            case.groups.append(before.groups[i])
+            case.sets.groups.append(before.sets.groups[i])
+            case.fresh.append(False)
+            case.failures += [f for f in before.failures if f.group == i and f.claim != "start"]
+            continue
+        engine = GridGroup.of(library, problem, group, parameter, progress=tell)
+        allowed = np.zeros(engine.shape, dtype=np.bool_)
+        core = np.zeros(engine.shape, dtype=np.uint8)
+        case.groups.append(engine)
+        case.sets.groups.append(GroupSets(group, allowed, core, solver=engine))
+        case.fresh.append(True)
+    if before is not None:
+        case.spent.update(before.spent)
+        case.counts.update(before.counts)
+    return case
 
 
 # ---------------------------------------------------------------- P2a
@@ -131,8 +153,8 @@ def constraint(case: Case) -> bool:
             case.fail("P2a", "no state was found on which `core` holds")
             return False
         found = [a & b for a, b in zip(found, hints, strict=True)]
-    for part, cells in zip(case.sets.groups, found, strict=True):
-        part.allowed = cells
+    for i, _, part in case.todo():
+        part.allowed = found[i]
     why = law_stays_inside(case.problem, case.forms, case.groups, found)
     if why:
         case.fail("P2a", why, hint="clamp what SC publishes to the topic's set")
@@ -142,7 +164,7 @@ def constraint(case: Case) -> bool:
 def core(case: Case) -> bool:
     """K of every group; False where one is empty."""
     whole = True
-    for i, (engine, part) in enumerate(zip(case.groups, case.sets.groups, strict=True)):
+    for i, engine, part in case.todo():
         found = engine.core(part.allowed)
         part.core = found.witness
         case.counts["rounds"] = max(case.counts.get("rounds", 0), found.rounds)
@@ -172,13 +194,13 @@ def in_horizon(problem: Problem, ns: int) -> int:
 def free_phase(case: Case) -> None:
     """R(H) of every group."""
     horizon = in_horizon(case.problem, case.problem.times.horizon_ns)
-    for engine, part in zip(case.groups, case.sets.groups, strict=True):
+    for _, engine, part in case.todo():
         part.free = engine.safe_for(horizon, part.core > 0)
 
 
 def inclusion(case: Case, predicate: str) -> None:
     """`ttf` or `safer`: an estimate from which AC may have control comes from a state in R(H)."""
-    for i, (engine, part) in enumerate(zip(case.groups, case.sets.groups, strict=True)):
+    for i, engine, part in case.todo():
         possible = engine.may_hold("safe")
         if predicate == "ttf":
             lets = engine.may_fail("ttf")

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import itertools
 import random
+import struct
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
@@ -21,6 +22,7 @@ import numpy as np
 
 from soter.codegen.unit import generate
 from soter.lower.layout import encode_into, state_dtype
+from soter.lower.steps import lower
 from soter.native.build import library
 from soter.program.arith import StepFault
 from soter.program.environment import Environment
@@ -33,21 +35,31 @@ from soter.program.types import (
     IntType,
     ListType,
     RecordType,
+    leaves,
 )
 from soter.program.walk import topic_reads
+from soter.reach.complete import put
+from soter.reach.tables import tables
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.codegen.unit import Unit
     from soter.lower.core import CoreSystem
+    from soter.lower.layout import StateLayout
     from soter.program.system import Bound, Module, System
     from soter.program.types import Type, Value
+    from soter.reach.results import ModuleResult
+
+    Points = Mapping[tuple[int, int], Sequence[float]]
 
 SC, AC = 0, 1
 NEVER = -(2**62)
 NOW_NS = 10**15
 RANDOM_POINTS = 400
+WHOLE = 24
+"""For so many values every age is tried with every state of the gate; for the others some."""
+SOME = 5
 FAILURES_MAX = 10
 SPECIAL = (float("nan"), float("inf"), float("-inf"), 1e308, -1e308, 0.0, -0.0, 5e-324)
 WRAPPER = """
@@ -86,8 +98,8 @@ class DMCheck:
         if self.failures:
             return f"the C of the DM differs from the switching logic: {self.failures[0]}"
         return (
-            f"the C of the DM is the switching logic on all {self.facts} combinations of facts, "
-            f"and on {self.states} states of every class of input"
+            f"the compiled DM switches as it should: all {self.facts} combinations of facts, "
+            f"{self.states:,} inputs"
         )
 
     def differs(self, what: str) -> None:
@@ -99,7 +111,7 @@ class DMCheck:
 def decided(
     mode: int, *, stale: bool, ttf: bool, safer: bool, gate_fault: bool, clean: bool
 ) -> int:
-    """The mode after a DM step (docs/semantics.md): AC is left for any doubt, returned to for none."""
+    """The mode after a DM step (docs/semantics.md): AC is left for any doubt."""
     if mode == AC:
         return SC if ttf or stale or gate_fault else AC
     return AC if safer and not stale and clean else SC
@@ -108,13 +120,13 @@ def decided(
 def check_decisions(
     system: System,
     core: CoreSystem | None = None,
-    points: Sequence[Sequence[float]] = (),
+    points: Points | None = None,
     change: Callable[[str], str] | None = None,
 ) -> list[DMCheck]:
     """Check the C of every decision module of a system.
 
-    `points`: per float leaf that a predicate may read, in the order of topics and leaves, values
-    worth trying besides, such as breakpoints of tables; `change` edits the C first (for tests).
+    `points`: (topic, leaf) -> values worth trying besides, such as breakpoints of tables; `change`
+    edits the C first (for tests).
     """
     unit = generate(system, core)
     source = unit.source if change is None else change(unit.source)
@@ -124,9 +136,29 @@ def check_decisions(
     for module in system.modules:
         check = DMCheck(module.name)
         _all_facts(c, check)
-        _inputs(c, system, module, check, points)
+        _Inputs(c, system, module, check).run(points or {})
         found.append(check)
     return found
+
+
+def check_module(result: ModuleResult) -> DMCheck:
+    """The DM of a verified module; with the predicates that were computed, where they were."""
+    problem = result.problem
+    module = replace(problem.module)
+    components = tuple(replace(x, binding=None) for x in problem.system.components)
+    system = replace(problem.system, components=components, modules=(module,))
+    points: dict[tuple[int, int], tuple[float, ...]] = {}
+    if problem.computed and all(g.levels for case in result.cases for g in case.groups):
+        sets = [[(g.levels[0], g.levels[-1]) for g in case.groups] for case in result.cases]
+        found = tables(problem, sets)
+        put(system, module, problem, found)
+        for table in found:
+            for state, edges in zip(table.states, table.edges, strict=True):
+                points[problem.topic_leaf_of_state[state]] = edges
+    core = lower(system)
+    for function in core.functions:
+        function.source = None  # predicates call no extern functions (R003)
+    return check_decisions(system, core, points)[0]
 
 
 class _Compiled:
@@ -173,64 +205,80 @@ def _name(mode: int) -> str:
 # ---------------------------------------------------------------- states
 
 
-def _inputs(
-    c: _Compiled,
-    system: System,
-    module: Module,
-    check: DMCheck,
-    points: Sequence[Sequence[float]],
-) -> None:
-    """States of every class: the values of topics, times their ages, times what the gate says."""
-    symbol = module.symbol
-    predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
-    scope = {**system.components[module.sc].scope.topics, **module.scope.topics}
-    read = [scope[t] for t in topic_reads(*predicates)]
-    expected = _Expected(system, module)
-    base = tuple(t.default for t in system.topics)
-    chance = random.Random(1)  # noqa: S311 - test points
-    for values in _values(system, read, points, chance):
-        topics = list(base)
-        for index, value in zip(read, values, strict=True):
-            topics[index] = value
-        ttf, safer = expected.truths(tuple(topics))
-        state = expected.state(c.unit, tuple(topics))
-        for stamps in _ages(system, module, chance):
-            for mode, gate_fault, clean in _gates(module, chance):
-                _one(c, system, module, check, state, stamps, (mode, gate_fault, clean), ttf, safer)
+class _Inputs:
+    """States of every class: values of topics, times their ages, times what the gate says."""
+
+    def __init__(self, c: _Compiled, system: System, module: Module, check: DMCheck) -> None:
+        self.c, self.system, self.module, self.check = c, system, module, check
+        self.chance = random.Random(1)  # noqa: S311 - test points
+        layout = c.unit.layout
+        fields = state_dtype(system, layout)["modules"].base.fields
+        assert fields is not None
+        own = layout.module_offset + module.index * fields_size(system, layout)
+        self.at = {name: own + int(where[1]) for name, where in fields.items()}
+        self.stamps = layout.stamp_offset
+        self.limits = [
+            (i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None
+        ]
+
+    def run(self, points: Points) -> None:
+        """Try them all."""
+        system, symbol = self.system, self.module.symbol
+        predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
+        scope = {**system.components[self.module.sc].scope.topics, **self.module.scope.topics}
+        read = [scope[t] for t in topic_reads(*predicates)]
+        expected = _Expected(system, self.module)
+        ages, gates = list(self._ages()), list(_gates(self.module))
+        every = list(itertools.product(ages, gates))
+        for k, values in enumerate(_values(system, read, points, self.chance)):
+            topics = [t.default for t in system.topics]
+            for index, value in zip(read, values, strict=True):
+                topics[index] = value
+            ttf, safer = expected.truths(tuple(topics))
+            state = expected.state(self.c.unit, tuple(topics))
+            chosen = every if k < WHOLE else self.chance.sample(every, min(SOME, len(every)))
+            for stamps, gate in chosen:
+                self._one(state, stamps, gate, ttf=ttf, safer=safer)
+
+    def _ages(self) -> Iterator[dict[int, int]]:
+        """Ages: all fresh; then each input at its limit, beyond it, never published."""
+        yield {}
+        for index, limit in self.limits:
+            for age in (limit, limit + 1, NOW_NS - NEVER):
+                yield {index: age}
+        if self.limits:
+            yield {i: self.chance.randrange(2 * a + 2) for i, a in self.limits}
+
+    def _one(
+        self,
+        state: bytearray,
+        ages: dict[int, int],
+        gate: tuple[int, int, int],
+        *,
+        ttf: bool,
+        safer: bool,
+    ) -> None:
+        mode, gate_fault, clean = gate
+        struct.pack_into("<q", state, 0, NOW_NS)
+        for i in range(len(self.system.topics)):
+            struct.pack_into("<q", state, self.stamps + 8 * i, NOW_NS - ages.get(i, 0))
+        struct.pack_into("<I", state, self.at["clean_needed"], clean)
+        state[self.at["mode"]], state[self.at["gate_fault"]] = mode, gate_fault
+        stale = any(ages.get(i, 0) > limit for i, limit in self.limits)
+        got = self.c.decide(self.module.index, state)
+        facts = {"stale": stale, "ttf": ttf, "safer": safer}
+        wanted = decided(mode, **facts, gate_fault=gate_fault != 0, clean=clean == 0)
+        self.check.states += 1
+        wrong = [n for n, fact in facts.items() if state[self.at[n]] != fact]
+        for name in wrong[:1]:
+            self.check.differs(f"in {_name(mode)} it finds `{name}` {not facts[name]}")
+        if got != wanted:
+            self.check.differs(f"in {_name(mode)} on {facts}: {_name(got)}, not {_name(wanted)}")
 
 
-def _one(
-    c: _Compiled,
-    system: System,
-    module: Module,
-    check: DMCheck,
-    state: bytearray,
-    stamps: dict[int, int],
-    gate: tuple[int, int, int],
-    ttf: bool,
-    safer: bool,
-) -> None:
-    dtype = state_dtype(system, c.unit.layout)
-    view = np.frombuffer(state, dtype=dtype)[0]
-    view["header"]["ct"] = NOW_NS
-    for topic in system.topics:
-        view["stamps"][topic.index] = stamps.get(topic.index, NOW_NS)
-    mode, gate_fault, clean = gate
-    m = view["modules"][module.index]
-    m["mode"], m["gate_fault"], m["clean_needed"] = gate
-    limits = {i: system.topics[i].max_age_ns for i in module.inputs}
-    stale = any(a is not None and NOW_NS - stamps.get(i, NOW_NS) > a for i, a in limits.items())
-    got = c.decide(module.index, state)
-    wanted = decided(
-        mode, stale=stale, ttf=ttf, safer=safer, gate_fault=gate_fault != 0, clean=clean == 0
-    )
-    check.states += 1
-    facts = {"stale": stale, "ttf": ttf, "safer": safer}
-    wrong = [n for n, fact in facts.items() if bool(m[n]) != fact]
-    if wrong or got != wanted:
-        what = f"`{wrong[0]}` is {not facts[wrong[0]]}" if wrong else f"{_name(got)}"
-        values = [system.topics[i].name for i in module.inputs]
-        check.differs(f"in {_name(mode)}, a state of {', '.join(values)}: {what}, expected otherwise")
+def fields_size(system: System, layout: StateLayout) -> int:
+    """Bytes of one module's record in a state."""
+    return int(state_dtype(system, layout)["modules"].base.itemsize)
 
 
 class _Expected:
@@ -277,20 +325,9 @@ class _Expected:
 # ---------------------------------------------------------------- classes of input
 
 
-def _ages(system: System, module: Module, chance: random.Random) -> Iterator[dict[int, int]]:
-    """Stamps: all fresh; then each input at its limit, beyond it, never published."""
-    yield {}
-    limited = [(i, a) for i in module.inputs if (a := system.topics[i].max_age_ns) is not None]
-    for index, age in limited:
-        for stamp in (NOW_NS - age, NOW_NS - age - 1, NEVER):
-            yield {index: stamp}
-    if limited:
-        yield {i: NOW_NS - chance.randrange(2 * a + 2) for i, a in limited}
-
-
-def _gates(module: Module, chance: random.Random) -> Iterator[tuple[int, int, int]]:
+def _gates(module: Module) -> Iterator[tuple[int, int, int]]:
     """(mode, gate fault, clean outputs owed)."""
-    owed = (0, 1, module.clean, 2**32 - 1, chance.randrange(2**32))
+    owed = (0, 1, module.clean, 2**31, 2**32 - 1)
     for mode in (SC, AC):
         for gate_fault in (0, 1):
             for clean in dict.fromkeys(owed):
@@ -300,17 +337,16 @@ def _gates(module: Module, chance: random.Random) -> Iterator[tuple[int, int, in
 def _values(
     system: System,
     read: Sequence[int],
-    points: Sequence[Sequence[float]],
+    points: Points,
     chance: random.Random,
 ) -> Iterator[tuple[Value, ...]]:
     """Values of the topics that are read: each leaf in each class, and points drawn at random."""
-    extra = iter(points)
-    leaves_: list[list[tuple[int, _Leaf]]] = []
+    flat = []
     for index in read:
         topic = system.topics[index]
-        made = [_Leaf(t, b, next(extra, ())) for t, b in _leaves(topic.type, topic.bounds)]
-        leaves_.append([(index, leaf) for leaf in made])
-    flat = [leaf for group in leaves_ for _, leaf in group]
+        kinds = [kind for _, kind in leaves(topic.type)]
+        for k, (kind, bound) in enumerate(zip(kinds, topic.bounds, strict=True)):
+            flat.append(_Leaf(kind, bound, points.get((index, k), ())))
 
     def built(chosen: list[Value]) -> tuple[Value, ...]:
         it = iter(chosen)
@@ -367,14 +403,6 @@ class _Leaf:
         if isinstance(self.type, EnumType):
             return chance.randrange(len(self.type.members))
         return chance.randint(*self._ints())
-
-
-def _leaves(t: Type, bounds: Sequence[Bound | None]) -> Iterator[tuple[Type, Bound | None]]:
-    """Scalars of a type with their bounds; a list is tried with all its elements."""
-    from soter.program.types import leaves  # noqa: PLC0415 - shadows nothing here
-
-    for (_, kind), bound in zip(leaves(t), bounds, strict=False):
-        yield kind, bound
 
 
 def _build(t: Type, values: Iterator[Value]) -> Value:

@@ -28,7 +28,7 @@ TRUTHS = (
     *("safe", "core", "ttf", "safer"),
     *(f"{name}_{k}" for name in ("safe", "safer") for k in range(PARTS_MAX)),
 )
-FLAGS = (*STRICT, "-O3", "-fPIC", "-shared", "-pthread", *OWN_SYMBOLS)
+FLAGS = (*STRICT, "-O2", "-fPIC", "-shared", "-pthread", *OWN_SYMBOLS)
 
 
 def _declarations() -> str:

@@ -41,6 +41,9 @@ def recover(case: Case) -> None:
     for i, (engine, part, target) in enumerate(
         zip(case.groups, case.sets.groups, targets, strict=True)
     ):
+        if not case.fresh[i]:
+            longest = max(longest, part.return_ns)
+            continue
         inside = target & part.allowed
         part.home = engine.core(inside).witness
         if not part.home.any():
@@ -54,7 +57,8 @@ def recover(case: Case) -> None:
             continue
         found = _way(engine, part, part.home > 0)
         part.rank, part.rank_holds = found.rank, found.holds
-        longest = max(longest, found.longest_ns)
+        part.return_ns = found.longest_ns
+        longest = max(longest, part.return_ns)
         stuck = (part.core > 0) & (found.rank == 0)
         if stuck.any():
             case.fail(
@@ -63,6 +67,7 @@ def recover(case: Case) -> None:
                 i,
                 stuck,
                 "an SC that returns to where `safer` holds; a finer grid",
+                stuck=True,
             )
     case.counts["recover_ns"] = longest + case.problem.times.decision
     _in_time(case)

@@ -17,8 +17,9 @@ if TYPE_CHECKING:
     from soter.reach.problem import Group, Problem
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
-PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start")
-"""In this order everywhere; `start` is that the declared initial states are among those proved."""
+PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "DM")
+"""In this order everywhere; `start` is that the declared initial states are among those proved,
+`DM` that the generated C of the decision module is the switching logic (`dm_check.py`)."""
 
 
 @dataclass(frozen=True)
@@ -78,6 +79,8 @@ class GroupSets:
     home: NDArray[np.uint8] | None = None
     rank: NDArray[np.uint16] | None = None
     rank_holds: NDArray[np.uint8] | None = None
+    return_ns: int = 0
+    """The longest time from W to Q."""
     levels: list[NDArray[np.bool_]] = field(default_factory=list)
     """S_0, S_1, ... on estimates, where predicates are computed."""
     solver: object | None = None

@@ -41,9 +41,14 @@ if TYPE_CHECKING:
     from soter.reach.problem import Group, Problem
 
     Progress = Callable[[float], None]
+    Tell = Callable[[str, float], None]
 
 REFINEMENTS_MAX = 2
-STAGES = ("library", "safe", "core", "tubes", "ttf", "safer", "recovery")
+TRIMS_MAX = 3
+TRIM_MAX = 0.02
+"""Share of K that may be given up because there is no way back from it."""
+STAGES = ("safe", "core", "tubes", "ttf", "safer", "way")
+"""What the engine says it does, in the order in which that takes place."""
 METHODS = {
     "P1a": "periods compared",
     "P1b": "outputs compared",
@@ -54,6 +59,7 @@ METHODS = {
     "ttf": "inclusion on every cell, all errors",
     "safer": "inclusion on every cell, all errors",
     "start": "inclusion of the initial states",
+    "DM": "the compiled DM on all facts and on every class of input",
 }
 CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
 
@@ -65,20 +71,14 @@ def verify_module(
     began = time.perf_counter()
     library, prelude = library_of(problem)
     _assume(problem, prelude)
-    groups = problem.groups
-    done = _attempt(problem, library, groups, progress)
-    for _ in range(REFINEMENTS_MAX):
-        finer = refined(done, groups)
-        if finer is None:
-            break
-        groups = finer
-        done = _attempt(problem, library, groups, progress)
+    done = _all_cases(problem, library, progress)
     result = ModuleResult(problem, {}, [c.sets for c in done])
     _static(problem, result)
     for claim in CLAIMS:
         result.findings[claim] = _finding(problem, done, claim)
     result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
     _scheme(problem, done)
+    result.findings["DM"] = _decision_module(result)
     result.findings = {p: result.findings[p] for p in PROPERTIES}
     result.recover_s = _recover_s(done, result)
     result.shares = _shares(done)
@@ -91,23 +91,35 @@ def verify_module(
 # ---------------------------------------------------------------- all cases
 
 
-def _attempt(
-    problem: Problem,
-    library: ReachLibrary,
-    groups: tuple[Group, ...],
-    progress: Progress | None,
-) -> list[Case]:
+def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | None) -> list[Case]:
     every = list(cases(problem))
     done = []
+    furthest = 0.0
     for i, parameter in enumerate(every):
 
         def tell(what: str, part: float, i: int = i) -> None:
+            nonlocal furthest
             if progress is not None:
                 stage = STAGES.index(what) if what in STAGES else 0
-                progress((i + (stage + part) / len(STAGES)) / len(every))
+                furthest = max(furthest, (i + (stage + part) / len(STAGES)) / len(every))
+                progress(furthest)
 
-        done.append(_case(problem, library, groups, parameter, tell))
+        done.append(_settled(problem, library, parameter, tell))
     return done
+
+
+def _settled(
+    problem: Problem, library: ReachLibrary, parameter: tuple[int, ...], tell: Tell
+) -> Case:
+    """One case, on finer grids where borders fail. Computed predicates keep the declared grid."""
+    case = _case(problem, library, problem.groups, parameter, tell, None)
+    for _ in range(0 if problem.computed else REFINEMENTS_MAX):
+        groups = tuple(part.group for part in case.sets.groups)
+        finer = refined([case], groups) if groups else None
+        if finer is None:
+            break
+        case = _case(problem, library, finer, parameter, tell, case)
+    return case
 
 
 def _case(
@@ -115,12 +127,13 @@ def _case(
     library: ReachLibrary,
     groups: tuple[Group, ...],
     parameter: tuple[int, ...],
-    tell: Callable[[str, float], None],
+    tell: Tell,
+    before: Case | None,
 ) -> Case:
     """All claims for one combination of parameter values."""
     case = Case(problem, parameter, [], Forms(library, problem, parameter), CaseSets(parameter, []))
     try:
-        case = claims.open_case(problem, library, groups, parameter, tell)
+        case = claims.open_case(problem, library, groups, parameter, tell, before)
         _claims(case)
     except UnboundedError as error:
         for claim in CLAIMS:
@@ -135,6 +148,15 @@ def _claims(case: Case) -> None:
         for claim in CLAIMS[1:]:
             case.fail(claim, "there is no K")
         return
+    _after_core(case)
+    for _ in range(TRIMS_MAX):
+        if not _trimmed(case):
+            break
+        _after_core(case)
+
+
+def _after_core(case: Case) -> None:
+    """Everything that rests on K."""
     with Clock(case, "P3"):
         claims.free_phase(case)
     if case.problem.computed:
@@ -150,7 +172,40 @@ def _claims(case: Case) -> None:
         recover(case)
 
 
+def _trimmed(case: Case) -> bool:
+    """Take the few cells of K out of C from which no way back was found, and compute K anew.
+
+    At its border K has cells that SC keeps, but only by chains whose images are all of K.
+    """
+    failures = case.failed("P2b")
+    if case.problem.computed or not failures or not all(f.stuck for f in failures):
+        return False
+    stuck = {f.group: f.cells for f in failures if f.group is not None and f.cells is not None}
+    for i, cells in stuck.items():
+        if cells.sum() > TRIM_MAX * (case.sets.groups[i].core > 0).sum():
+            return False
+    for i, cells in stuck.items():
+        case.sets.groups[i].allowed &= ~cells
+    case.failures = [f for f in case.failures if f.group not in stuck and f.claim != "start"]
+    case.fresh = [i in stuck for i in range(len(case.groups))]
+    with Clock(case, "P2a"):
+        found = claims.core(case)
+    if not found:
+        for claim in CLAIMS[1:]:
+            case.fail(claim, "there is no K")
+    return found
+
+
 # ---------------------------------------------------------------- verdicts
+
+
+def _decision_module(result: ModuleResult) -> Finding:
+    """The generated C of the DM is the switching logic."""
+    from soter.reach.dm_check import check_module  # noqa: PLC0415 - compiles the DM
+
+    began = time.perf_counter()
+    check = check_module(result)
+    return Finding(check.verdict, time.perf_counter() - began, METHODS["DM"], check.text)
 
 
 def _assume(problem: Problem, prelude: tuple[str, ...]) -> None:

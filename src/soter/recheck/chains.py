@@ -17,7 +17,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from soter.recheck.balls import HALF, ONE, UNIT, ZERO, exact
-from soter.recheck.compile_terms import Drift, compile_step
+from soter.recheck.compile_terms import Sweep, compile_step
 from soter.recheck.flows import LinearFlow, linear_flow
 from soter.recheck.model import control_inputs
 from soter.recheck.terms import Linear, NotRecheckedError, Terms, half_sum
@@ -78,15 +78,10 @@ def free_phase(model: Model, members: Sequence[int], time_ns: int, pieces: int) 
     if model.facts.kind == "map":
         return _free_map(model, members, time_ns)
     flow = linear_flow(model, members).free()
-    total = time_ns * NANOSECOND
-    steps = []
-    for k in range(pieces):
-        terms, states = model.new_terms()
-        own = [states[i] for i in members]
-        motion = flow.motion(total * k / pieces, total * (k + 1) / pieces)
-        tube = _moved(terms, motion, own, [])
-        steps.append(_compiled(model, terms, members, own, [], tube))
-    return FreePhase(len(members), tuple(steps))
+    terms, states = model.new_terms()
+    own = [states[i] for i in members]
+    sweeps, _ = _sweeps(terms, flow, own, [], time_ns * NANOSECOND, pieces)
+    return FreePhase(len(members), (_compiled(model, terms, members, own, [], sweeps),))
 
 
 # ---------------------------------------------------------------- maps
@@ -166,13 +161,65 @@ def _moved(
     return found
 
 
+def _sweeps(
+    terms: Terms,
+    flow: LinearFlow,
+    states: Sequence[Linear],
+    commands: Sequence[Linear],
+    time: Fraction,
+    pieces: int,
+) -> tuple[list[Linear | Sweep], list[Linear]]:
+    """The boxes met within a time under one command, and the states at its end."""
+    found: list[Linear | Sweep] = []
+    start = list(states)
+    for k in range(pieces if time else 0):
+        at = time * (k + 1) / pieces
+        end = _moved(terms, flow.motion(at, at), states, commands)
+        acting = [(u,) for u in commands]
+        found.append(_sweep(flow, start, end, commands, acting, time / pieces))
+        start = end
+    return found, start
+
+
+def _sweep(
+    flow: LinearFlow,
+    starts: Sequence[Linear],
+    ends: Sequence[Linear],
+    commands: Sequence[Linear],
+    acting: Sequence[tuple[Linear, ...]],
+    time: Fraction,
+    gaps: Sequence[tuple[Linear, list[arb]]] = (),
+) -> Sweep:
+    """Between two instants; `commands` act on the mean, up to `gaps`; `acting` at each instant."""
+    motion = flow.motion(Fraction(0), time)
+    drift, drift_constant, rate_constant = [], [], []
+    for i in range(len(starts)):
+        row = list(motion.state[i])
+        row[i] -= ONE
+        drift.append((*row, *motion.control[i], *(reach[i] for _, reach in gaps)))
+        drift_constant.append(motion.constant[i] + motion.noise[i] * UNIT)
+        size = sum((abs(x) for x in flow.noise[i]), ZERO)
+        rate_constant.append(flow.constant[i] + size * UNIT)
+    return Sweep(
+        tuple(starts),
+        tuple(ends),
+        (*commands, *(gap for gap, _ in gaps)),
+        tuple(drift),
+        tuple(drift_constant),
+        tuple(acting),
+        tuple((*a, *b) for a, b in zip(flow.a, flow.b, strict=True)),
+        tuple(rate_constant),
+        exact(time),
+    )
+
+
 def _compiled(
     model: Model,
     terms: Terms,
     members: Sequence[int],
     states: Sequence[Linear],
     outputs: Sequence[Linear],
-    ranges: Sequence[Linear | Drift],
+    ranges: Sequence[Linear | Sweep],
     others: Sequence[Linear] = (),
 ) -> Step:
     """`others`: all states, where those of other groups occur. Beyond the group's: commands."""
@@ -207,7 +254,10 @@ class _FlowChain:
             if any(not r[k].is_zero() for r in self.flow.b)
         ]
         """Controls that this group feels."""
-        self.remembers = bool(self.d or self.j)
+        self.depth = 0
+        """How many earlier commands may still matter when a command is computed."""
+        if self.d or self.j:
+            self.depth = 2 if self.delta < self.d + 2 * self.j <= 2 * self.delta else 1
 
     def chain(self) -> Chain:
         """All three."""
@@ -221,44 +271,59 @@ class _FlowChain:
         if self.d:
             sampled = _moved(terms, self.any.motion(-self.d, Fraction(0)), own, [])
         commands = self._commands(terms, states, sampled)
-        tube = self._tube(terms, own, commands, self.delta - self.j)
-        after = _moved(terms, self._at(self.delta - self.j), own, commands)
-        outputs = after + ([commands[k] for k in self.moves] if self.remembers else [])
+        tube, after = _sweeps(terms, self.flow, own, commands, self.delta - self.j, self.pieces)
+        before = control_inputs(self.model.facts, terms)  # what acted before a_0: anything
+        outputs = after + self._remembered(commands, before)
         return _compiled(self.model, terms, self.members, own, outputs, tube, states)
 
     def _later(self) -> Step:
         """From k delta - j to (k + 1) delta - j."""
         terms, states = self.model.new_terms()
         own = [states[i] for i in self.members]
-        old = self._old_commands(terms)
-        sampled = own
-        if self.remembers:
-            window = (-self.d, 2 * self.j)
-            if self.d + 2 * self.j <= self.delta:
-                sampled = _moved(terms, self.flow.motion(*window), own, old)
-            else:
-                sampled = _moved(terms, self.any.motion(*window), own, [])
+        old, older = self._old_commands(terms), self._old_commands(terms)
+        sampled = self._sampled(terms, own, old, older)
         commands = self._commands(terms, states, sampled)
         current = own
-        tube: list[Linear | Drift] = []
+        tube: list[Linear | Sweep] = []
         if self.j:
-            span = 2 * self.j
-            mixed = []
-            for u, v in zip(old, commands, strict=True):
-                gap = terms.subtract(u, v)
-                either = terms.spread([HALF], [gap])
-                mixed.append((half_sum(terms, u, v), either))
-            if self.pieces == 1:
-                tube += self._drift(own, old, span, mixed)
-            else:
-                tube += self._mixed(terms, own, mixed, Fraction(0), span)
-            current = self._mixed(terms, own, mixed, span, span)
+            current, sweep = self._switched(terms, own, old, commands)
+            tube.append(sweep)
         rest = self.delta - 2 * self.j
-        tube += self._tube(terms, current, commands, rest)
-        after = _moved(terms, self._at(rest), current, commands)
-        remembered = [commands[k] for k in self.moves] if self.remembers else []
-        inputs = own + ([old[k] for k in self.moves] if self.remembers else [])
-        return _compiled(self.model, terms, self.members, inputs, after + remembered, tube, states)
+        sweeps, after = _sweeps(terms, self.flow, current, commands, rest, self.pieces)
+        tube += sweeps
+        inputs = own + self._remembered(old, older)
+        outputs = after + self._remembered(commands, old)
+        return _compiled(self.model, terms, self.members, inputs, outputs, tube, states)
+
+    def _sampled(
+        self,
+        terms: Terms,
+        own: Sequence[Linear],
+        old: Sequence[Linear],
+        older: Sequence[Linear],
+    ) -> list[Linear]:
+        """The states at the sample: from d before to 2j after k delta - j.
+
+        The old command acts from (k - 1) delta + j on at the latest, the one before it from
+        (k - 2) delta + j on: how far the window reaches behind these instants says who may act.
+        """
+        if not self.depth:
+            return list(own)
+        window = (-self.d, 2 * self.j)
+        behind = self.d + 2 * self.j - self.delta
+        if behind <= 0:
+            return _moved(terms, self.flow.motion(*window), own, old)
+        if self.depth < 2:
+            return _moved(terms, self.any.motion(*window), own, [])
+        moved = _moved(terms, self.flow.motion(*window), own, old)
+        found = []
+        for i, x in enumerate(moved):
+            parts = [(ONE, x)]
+            for k, (u, v) in enumerate(zip(old, older, strict=True)):
+                weight = self._command_noise(k, behind, backwards=True)[i]
+                parts.append((ONE, terms.spread([weight], [terms.subtract(v, u)])))
+            found.append(terms.combine(parts))
+        return found
 
     def _last(self) -> Step | None:
         """From N delta - j over [0, 2j], the last command still acting."""
@@ -266,15 +331,12 @@ class _FlowChain:
             return None
         terms, states = self.model.new_terms()
         own = [states[i] for i in self.members]
-        old = self._old_commands(terms)
-        over = _moved(terms, self.flow.motion(Fraction(0), 2 * self.j), own, old)
-        inputs = own + [old[k] for k in self.moves]
+        old, older = self._old_commands(terms), self._old_commands(terms)
+        over, _ = _sweeps(terms, self.flow, own, old, 2 * self.j, 1)
+        inputs = own + self._remembered(old, older)
         return _compiled(self.model, terms, self.members, inputs, [], over)
 
     # ------------------------------------------------------------ parts
-
-    def _at(self, time: Fraction) -> Motion:
-        return self.flow.motion(time, time)
 
     def _old_commands(self, terms: Terms) -> list[Linear]:
         """The command that acts already: part of the form for controls that matter."""
@@ -293,43 +355,12 @@ class _FlowChain:
             at[i] = x
         return self.model.commands(terms, at)
 
-    def _tube(
-        self,
-        terms: Terms,
-        states: Sequence[Linear],
-        commands: Sequence[Linear],
-        time: Fraction,
-    ) -> list[Linear | Drift]:
-        if self.pieces == 1:
-            return self._drift(states, commands, time) if time else []
-        found: list[Linear | Drift] = []
-        for k in range(self.pieces if time else 0):
-            piece = self.flow.motion(time * k / self.pieces, time * (k + 1) / self.pieces)
-            found += _moved(terms, piece, states, commands)
-        return found
+    def _remembered(self, old: Sequence[Linear], older: Sequence[Linear]) -> list[Linear]:
+        """The commands that a form carries along: those that this group feels."""
+        recent = [*old], [*older]
+        return [commands[k] for commands in recent[: self.depth] for k in self.moves]
 
-    def _drift(
-        self,
-        states: Sequence[Linear],
-        commands: Sequence[Linear],
-        time: Fraction,
-        mixed: Sequence[tuple[Linear, Linear]] = (),
-    ) -> list[Linear | Drift]:
-        """The tube as the states and what is added to them at most."""
-        motion = self.flow.motion(Fraction(0), time)
-        used = [middle for middle, _ in mixed] if mixed else list(commands)
-        found: list[Linear | Drift] = []
-        for i, x in enumerate(states):
-            row = list(motion.state[i])
-            row[i] -= ONE
-            gaps = [self._command_noise(k, time)[i] for k in range(len(mixed))]
-            coefficients = (*row, *motion.control[i], *gaps)
-            arguments = (*states, *used, *(gap for _, gap in mixed))
-            constant = motion.constant[i] + motion.noise[i] * UNIT
-            found.append(Drift(x, coefficients, arguments, constant))
-        return found
-
-    def _command_noise(self, k: int, time: Fraction) -> list[arb]:
+    def _command_noise(self, k: int, time: Fraction, *, backwards: bool = False) -> list[arb]:
         """What a command adds at most that is anything in [-1, 1] all the time."""
         column = [[row[k]] for row in self.flow.b]
         none = [ZERO] * len(column)
@@ -337,23 +368,26 @@ class _FlowChain:
             return none
         empty: list[list[arb]] = [[] for _ in column]
         only = LinearFlow(self.flow.members, self.flow.a, empty, none, column, ())
-        return only.motion(time, time).noise
+        return only.motion(-time, -time).noise if backwards else only.motion(time, time).noise
 
-    def _mixed(
+    def _switched(
         self,
         terms: Terms,
         states: Sequence[Linear],
-        mixed: Sequence[tuple[Linear, Linear]],
-        start: Fraction,
-        end: Fraction,
-    ) -> list[Linear]:
+        old: Sequence[Linear],
+        new: Sequence[Linear],
+    ) -> tuple[list[Linear], Sweep]:
         """First one command and then another: their mean, and as noise half of what they differ."""
-        moved = _moved(terms, self.flow.motion(start, end), states, [middle for middle, _ in mixed])
-        found = []
+        span = 2 * self.j
+        means = [half_sum(terms, u, v) for u, v in zip(old, new, strict=True)]
+        gaps = []
+        for k, (u, v) in enumerate(zip(old, new, strict=True)):
+            gap = terms.spread([HALF], [terms.subtract(u, v)])
+            gaps.append((gap, self._command_noise(k, span)))
+        moved = _moved(terms, self.flow.motion(span, span), states, means)
+        after = []
         for i, x in enumerate(moved):
-            parts = [(ONE, x)]
-            for k, (_, either) in enumerate(mixed):
-                reach = self._command_noise(k, end)[i]
-                parts.append((ONE, terms.spread([reach], [either])))
-            found.append(terms.combine(parts))
-        return found
+            noise = [(ONE, terms.spread([reach[i]], [gap])) for gap, reach in gaps]
+            after.append(terms.combine([(ONE, x), *noise]))
+        acting = list(zip(old, new, strict=True))
+        return after, _sweep(self.flow, states, after, means, acting, span, gaps)

@@ -23,6 +23,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from flint import arb
 
 from soter.recheck.balls import HALF, ONE, UNIVARIATE, ZERO, above, below, exact, larger, smaller
 from soter.recheck.terms import Linear, Truth, closure
@@ -30,7 +31,6 @@ from soter.recheck.terms import Linear, Truth, closure
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from flint import arb
     from numpy.typing import NDArray
 
     from soter.recheck.terms import Atom, Terms
@@ -40,21 +40,30 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, eq=False)
-class Drift:
-    """The range of start + sum coefficient * argument + constant, the latter three wide balls.
+class Sweep:
+    """Where the states are at some time between two instants, as one box.
 
-    Coarser than a `Linear`, as it forgets what start and arguments have in common, and cheaper.
+    `drift`: rows over states and `arguments`, and `drift_constant`, all balls: x(t) - x(start) for
+    every t between. `rate`: rows over states and `commands` (of each several that may act), and
+    `rate_constant`: the derivative. Where that has one sign the ends are those of the instants.
     """
 
-    start: Linear
-    coefficients: tuple[arb, ...]
+    starts: tuple[Linear, ...]
+    ends: tuple[Linear, ...]
     arguments: tuple[Linear, ...]
-    constant: arb
+    drift: tuple[tuple[arb, ...], ...]
+    drift_constant: tuple[arb, ...]
+    commands: tuple[tuple[Linear, ...], ...]
+    rate: tuple[tuple[arb, ...], ...]
+    rate_constant: tuple[arb, ...]
+    span: arb
+    """The time between the instants, in s."""
 
     @property
     def parts(self) -> tuple[Linear, ...]:
         """Every form in it."""
-        return (self.start, *self.arguments)
+        acting = (u for alternatives in self.commands for u in alternatives)
+        return (*self.starts, *self.ends, *self.arguments, *acting)
 
 
 def compile_step(
@@ -63,7 +72,7 @@ def compile_step(
     symbols: int,
     outputs: Sequence[Linear],
     *,
-    ranges: Sequence[Linear | Drift] = (),
+    ranges: Sequence[Linear | Sweep] = (),
     must: Sequence[Truth] = (),
     boxes: Mapping[int, tuple[arb, arb]] | None = None,
     memories: tuple[int, int] = (0, 0),
@@ -127,6 +136,7 @@ class _Writer:
             "below": below,
             "above": above,
             "pick": _pick,
+            "swept": _swept,
             "corners": _corners,
             "NOT": (0, 2, 1, 3),
             **{f"line_{name}": f for name, f in UNIVARIATE.items()},
@@ -145,11 +155,11 @@ class _Writer:
     def step(
         self,
         outputs: Sequence[Linear],
-        ranges: Sequence[Linear | Drift],
+        ranges: Sequence[Linear | Sweep],
         must: Sequence[Truth],
         memories: int,
     ) -> Step:
-        linear = [y for x in ranges for y in (x.parts if isinstance(x, Drift) else (x,))]
+        linear = [y for x in ranges for y in (x.parts if isinstance(x, Sweep) else (x,))]
         self._atoms([*outputs, *linear, *must])
         for truth in must:
             self.lines.append(f"if {self._truth(truth)} != 2: return None")
@@ -167,8 +177,8 @@ class _Writer:
         flat += [rest for rest, _ in shared]
         flat += [a for _, row in shared for a in row]
         ends = [
-            self._drifting(x)
-            if isinstance(x, Drift)
+            self._swept(x)
+            if isinstance(x, Sweep)
             else "below({}), above({})".format(*self._range(x))
             for x in ranges
         ]
@@ -234,18 +244,35 @@ class _Writer:
         a = self.terms.atoms[atom]
         return self.boxes.get(atom, (a.low, a.high))
 
-    def _drifting(self, x: Drift) -> str:
-        """The ends of a tube: a range, and the ball of what is added to it."""
-        low, high = self._range(x.start)
-        parts = [
-            f"{self._constant(c)}*{self._ball(y)}"
-            for c, y in zip(x.coefficients, x.arguments, strict=True)
-            if not c.is_zero()
-        ]
-        added = self._sum(parts, x.constant)
-        if added is None:
-            return f"below({low}), above({high})"
-        return f"below(({low} + {added}).lower()), above(({high} + {added}).upper())"
+    def _swept(self, x: Sweep) -> str:
+        """The ends of the box, one state after the other."""
+        balls = [self._ball(y) for y in x.starts]
+        arguments = [*balls, *(self._ball(y) for y in x.arguments)]
+        between = []
+        for ball, row, constant in zip(balls, x.drift, x.drift_constant, strict=True):
+            between.append(self._sum([ball, self._dot(row, arguments, constant)]) or "ZERO")
+        acting = []
+        for alternatives in x.commands:
+            first, *others = (self._ball(u) for u in alternatives)
+            acting.append(self._new(first + "".join(f".union({v})" for v in others)))
+        found = []
+        span = self._constant(x.span)
+        for i, (row, constant) in enumerate(zip(x.rate, x.rate_constant, strict=True)):
+            low, high = self._range(x.starts[i])
+            own = row[i]
+            other = [*row[:i], ZERO, *row[i + 1 :]]
+            rest = self._dot(other, [*between, *acting], constant)
+            if rest is None and own.is_zero():
+                found.append(f"below({low}), above({high})")
+                continue
+            after = ", ".join(self._range(x.ends[i]))
+            law = f"{between[i]}, {rest or 'ZERO'}, {self._constant(own)}, {span}"
+            found.append(f"*swept({low}, {high}, {after}, {law})")
+        return ", ".join(found)
+
+    def _dot(self, row: Sequence[arb], names: Sequence[str], constant: arb) -> str | None:
+        parts = [self._times(c, name) for c, name in zip(row, names, strict=True)]
+        return self._sum(parts, constant)
 
     def _ball(self, x: Linear) -> str:
         found: str = self._memo(
@@ -621,6 +648,36 @@ def _corners(al: arb, ah: arb, bl: arb, bh: arb) -> tuple[arb, arb]:
     """The range of a product."""
     a, b, c, d = al * bl, al * bh, ah * bl, ah * bh
     return a.min(b).min(c.min(d)), a.max(b).max(c.max(d))
+
+
+def _swept(
+    low: arb,
+    high: arb,
+    low_after: arb,
+    high_after: arb,
+    between: arb,
+    rest: arb,
+    own: arb,
+    span: arb,
+) -> tuple[float, float]:
+    """The ends of a state x between two instants with these ranges, x' = own x + rest.
+
+    Where x' has one sign over the box `between`, x runs from one range to the other. Elsewhere a
+    comparison: x stays below the solution of y' = own y + max rest from `high`, which is monotone:
+    it only rises where own high + max rest > 0, and then at most by that times e^(own span) span.
+    """
+    rate = own * between + rest
+    if rate >= 0:
+        return below(low), above(high_after)
+    if rate <= 0:
+        return below(low_after), above(high)
+    down, up = arb((own * low + rest).lower()), arb((own * high + rest).upper())
+    if down < 0 or up > 0:
+        span = span if own <= 0 else span * (own * span).exp()
+    return (
+        below(low if down >= 0 else low + down * span),
+        above(high if up <= 0 else high + up * span),
+    )
 
 
 def _pick(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:

@@ -3,6 +3,7 @@
  * Non-goals: grids; what is done with the images (soter_reach.c). */
 #include "soter_reach_in.h"
 
+#include <stddef.h>
 #include <string.h>
 
 /* Written for any number of axes and commands, and compiled for the usual ones. */
@@ -286,13 +287,9 @@ static void remember(const soter_reach_group* g, soter_reach_chain* x, const lin
   }
 }
 
-/* `from` without the past commands. */
+/* `from` without its commands. */
 static void copy_state(soter_reach_chain* to, const soter_reach_chain* from) {
-  memcpy(to->m, from->m, sizeof from->m);
-  memcpy(to->g, from->g, sizeof from->g);
-  memcpy(to->box, from->box, sizeof from->box);
-  memcpy(to->lo, from->lo, sizeof from->lo);
-  memcpy(to->hi, from->hi, sizeof from->hi);
+  memcpy(to, from, offsetof(soter_reach_chain, uc));
 }
 
 /* m, g, box of x after x -> M (x - from) + to + [-noise, noise], |entries of M| <= size. */
@@ -559,9 +556,6 @@ int soter_reach_hold(const soter_reach_group* g, soter_scratch* s, soter_reach_c
   const int n = g->axes, m = g->commands;
   if (m == 1 && n == 2) {
     return g->is_map ? hold_map(2, 1, g, s, x, out) : hold_flow(2, 1, g, s, x, out);
-  }
-  if (m == 1 && n == 3) {
-    return g->is_map ? hold_map(3, 1, g, s, x, out) : hold_flow(3, 1, g, s, x, out);
   }
   return g->is_map ? hold_map(n, m, g, s, x, out) : hold_flow(n, m, g, s, x, out);
 }

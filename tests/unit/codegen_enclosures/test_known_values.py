@@ -8,7 +8,10 @@ from fractions import Fraction
 import pytest
 
 from generators.enclosing import seeded
-from soter.codegen.enclosure_values import Span, compared, span_binary, span_unary
+from soter.codegen import c_tree as c
+from soter.codegen.enclosure_emit import Emitter, Op
+from soter.codegen.enclosure_ops import Operations
+from soter.codegen.enclosure_values import Form, Span, compared, span_binary, span_unary
 
 COUNT = 400
 NUMBERS = (0.0, 1.0, -1.0, 0.1, 3.0, 1e-320, 5e-324, 1e300, -1e308, 1.0 / 3.0)
@@ -28,6 +31,11 @@ def spans(key: str) -> list[Span]:
 def ends(s: Span) -> tuple[Fraction, Fraction]:
     """Both ends, exactly."""
     return Fraction(s.low), Fraction(s.high)
+
+
+def inside(s: Span) -> tuple[float, float, float]:
+    """Ends and middle."""
+    return s.low, s.high, min(max(0.5 * s.low + 0.5 * s.high, s.low), s.high)
 
 
 @pytest.mark.parametrize("op", ["+", "-", "*", "/"])
@@ -64,8 +72,8 @@ def test_comparisons_of_constants_decide_only_what_is_certain() -> None:
         for op in ("<", "<=", ">", ">=", "==", "!="):
             got = compared(op, (a.low, a.high), (b.low, b.high))
             seen = set()
-            for x in (a.low, a.high, 0.5 * a.low + 0.5 * a.high):
-                for y in (b.low, b.high, 0.5 * b.low + 0.5 * b.high):
+            for x in inside(a):
+                for y in inside(b):
                     seen.add(
                         {
                             "<": x < y, "<=": x <= y, ">": x > y, ">=": x >= y, "==": x == y,
@@ -75,3 +83,19 @@ def test_comparisons_of_constants_decide_only_what_is_certain() -> None:
             decided += got is not None
             assert got is None or seen == {got}, (op, a, b)
     assert decided > COUNT
+
+
+def test_a_constant_that_is_a_range_stays_one() -> None:
+    """`x - [1, 3]` is `x + [-3, -1]`; a maximum with a range is no maximum with its end."""
+    emitter = Emitter()
+    ops = Operations(emitter)
+    x = Form(c.Name("x"))
+    ops.binary("-", x, Span(1.0, 3.0))
+    ops.extreme("max", x, Span(1.0, 3.0))
+    shift, most = emitter.block
+    assert isinstance(shift, Op)
+    assert isinstance(most, Op)
+    assert shift.function == "soter_n_shift"
+    numbers = [float.fromhex(a.text) for a in shift.arguments if isinstance(a, c.Number)]
+    assert numbers == [-3.0, -1.0]
+    assert most.function == "soter_n_max"

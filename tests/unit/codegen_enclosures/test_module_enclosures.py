@@ -219,7 +219,7 @@ def point(rng: random.Random, box: list[tuple[float, float]]) -> list[float]:
 def test_what_a_module_does_lies_in_its_enclosures(text: str, moves: str, tmp_path: Path) -> None:
     k = case(text, tmp_path)
     names = ("law", moves.removeprefix("soter_"), "drives", "safe", "ttf", "safer")
-    assert k.functions == tuple(f"soter_{n}" for n in names)
+    assert {f"soter_{n}" for n in names} <= set(k.functions)
     reference = Reference(k.system)
     rng = seeded(moves)
     forms = k.ffi.new("soter_form[]", len(k.ranges))

@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+import json_documents
 import pytest
 from bench.mutant_models import BASES
 
@@ -90,6 +91,14 @@ def test_a_file_says_it_all(tmp_path: Path) -> None:
     path = write_counterexample(found, tmp_path / "deep" / "x.json")
     read = read_counterexample(path)
     assert read == found
+    assert (
+        list(
+            json_documents._check(
+                json_documents.SCHEMAS["counterexample"], json.loads(path.read_text()), ""
+            )
+        )
+        == []
+    )
     document = json.loads(path.read_text())
     document["choices"]["t.leak"][0][1] = 0.11  # more leak than the program declares
     path.write_text(json.dumps(document))

@@ -128,3 +128,49 @@ def corner(rng: np.random.Generator, low: float, high: float, shape: tuple[int, 
     inside = rng.uniform(low, high, shape)
     ends = np.where(rng.random(shape) < 0.5, low, high)
     return np.where(rng.random(shape) < 0.7, ends, inside)
+
+
+def linear_source(a: Floats, b: Floats, gains: Floats, limit: float) -> str:
+    """in: x (n), u (m), w (n); x' = a x + b u + w, u = clamp(-gains x, +-limit)."""
+    n, m = b.shape
+
+    def combined(target: str, weights: Floats, first: int, more: str = "") -> list[str]:
+        lines = ["    soter_form sum, part, next;", "    soter_form_range(&sum, 0.0, 0.0);"]
+        for k, weight in enumerate(weights):
+            if weight:
+                lines += [
+                    f"    soter_form_scale(&part, &in[{first + k}], {weight!r}, {weight!r});",
+                    "    soter_form_add(&next, &sum, &part);",
+                    "    sum = next;",
+                ]
+        return ["  {", *lines, more, f"    {target} = sum;", "  }"]
+
+    law = []
+    for k in range(m):
+        clamped = (
+            f"    soter_form_at_most(&part, &sum, {limit!r});\n"
+            f"    soter_form_at_least(&sum, &part, {-limit!r});"
+        )
+        law += combined(f"out[{k}]", -gains[k], 0, clamped)
+    rate = []
+    for i in range(n):
+        weights = np.concatenate([a[i], b[i], np.eye(n)[i]])
+        rate += combined(f"out[{i}]", weights, 0)
+    text = SIGNATURE.format(name="law", type="soter_form") + "\n".join(law) + "\n" + END.format()
+    text += SIGNATURE.format(name="derivative", type="soter_form") + "\n".join(rate) + "\n"
+    return _source(text + END.format(), 2 * n + m, {}).replace("np.float64(", "(")
+
+
+def exact(a: Floats, h: float) -> tuple[Floats, Floats]:
+    """e^(a h) and its integral over [0, h]."""
+    z, n = a * h / 64, len(a)
+    power, phi, integral = np.eye(n), np.eye(n), np.eye(n)
+    for k in range(1, 20):
+        power = power @ z / k
+        phi = phi + power
+        integral = integral + power / (k + 1)
+    integral = integral * h / 64
+    for _ in range(6):
+        integral = integral + phi @ integral
+        phi = phi @ phi
+    return phi, integral
