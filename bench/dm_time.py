@@ -5,7 +5,7 @@
 Purpose: issue 3's "DM <= 1 us": cart (predicates written, and computed), drone's motion primitive,
 mountain car (computed). Every state of a run is decided on again and again; the fastest and the
 median round are printed, per call, and the bytes of the tables.
-Non-goals: worst-case times on a microcontroller (`soter build` prints bounds on the number of steps).
+Non-goals: worst-case times on a microcontroller.
 """
 
 from __future__ import annotations

@@ -1,13 +1,13 @@
-"""Certificates made wrong and sealed again: does the re-checker notice?
+"""Certificates made wrong and sealed again.
 
     .venv/bin/python bench/recheck_corruptions.py [--count 1000] [--seed 1] [--jobs 2] [--json FILE]
 
 Purpose: take a certificate of the cart of `recheck_models.py`, change something (sets enlarged,
-witnesses changed, bounds, Delta, H, disturbance or error changed, the grid shifted, the program with
-the manifest adapted), write every hash anew, and let `soter recheck` judge. What it accepts is
-attacked by simulation: a corruption that is accepted while some run breaks a claim is the one thing
-that must not happen.
-Non-goals: bytes changed without new hashes (tests/unit/recheck): no inclusion is needed to see them.
+witnesses changed, bounds, Delta, H, disturbance or error changed, the grid shifted, the program
+with the manifest adapted), write every hash anew, and let `soter recheck` judge. What it accepts is
+attacked by simulation: one that is accepted while some run breaks a claim is the one
+thing that must not happen.
+Non-goals: bytes changed without new hashes (tests/unit/recheck).
 """
 
 from __future__ import annotations
@@ -32,6 +32,7 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 from bench.recheck_models import Attack, Cart, Tables  # noqa: E402 - needs the path
+
 from soter.program.build import check_file, system_of  # noqa: E402
 from soter.recheck.folder import canonical  # noqa: E402
 from soter.recheck.problem import DiffersError, read_facts  # noqa: E402
@@ -39,10 +40,11 @@ from soter.recheck.rechecker import TIME_KEYS, recheck  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from typing import TypeAlias
 
     from numpy.typing import NDArray
 
-    Made = "tuple[Sealed, dict[str, NDArray[Any]]] | None"
+    Made: TypeAlias = "tuple[Sealed, dict[str, NDArray[Any]]] | None"
 
 KINDS = {"K": "<u1", "R": "bits", "Q": "<u1", "W": "<u2", "W_N": "<u1"}
 MAIN = "cart.soter"
@@ -264,11 +266,10 @@ def _program(s: Sealed, draw: np.random.Generator) -> Made:
     """Another program, and a manifest that fits it; the sets are those of the old one."""
     name = str(draw.choice(list(CHANGES)))
     value = float(draw.choice(CHANGES[name]))
-    if isinstance(getattr(s.cart, name), int):
-        s.cart = replace(s.cart, **{name: int(value)})
-    else:
-        factor = float(draw.uniform(0.98, 1.02))
-        s.cart = replace(s.cart, **{name: round(value * factor, 6)})
+    figures: dict[str, Any] = {name: int(value)}
+    if isinstance(getattr(s.cart, name), float):
+        figures[name] = round(value * float(draw.uniform(0.98, 1.02)), 6)
+    s.cart = replace(s.cart, **figures)
     s.adapt = True
     return s, {}
 
@@ -389,9 +390,8 @@ def main() -> int:
     began = time.perf_counter()
     found = run(args.count, args.seed, args.jobs)
     kinds = Counter(o.kind for o in found)
-    print(
-        f"{'corruption':<26}{'count':>7}{'rejected':>10}{'accepted, true':>16}{'accepted, FALSE':>17}"
-    )
+    heads = ("count", "rejected", "accepted, true", "accepted, FALSE")
+    print(f"{'corruption':<26}{heads[0]:>7}{heads[1]:>10}{heads[2]:>16}{heads[3]:>17}")
     for kind in CORRUPTIONS:
         of = [o for o in found if o.kind == kind]
         true = sum(o.accepted and not o.broken for o in of)

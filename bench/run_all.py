@@ -55,8 +55,8 @@ BENCHMARKS = (
     Benchmark(
         "The decision module's time",
         ("bench/dm_time.py",),
-        "One call of the generated C of a DM, predicates included, on the states of a run; computed "
-        "predicates read a table by halving.",
+        "One call of the generated C of a DM, predicates included, on the states of a run; "
+        "computed predicates read a table by halving.",
     ),
     Benchmark(
         "The mountain car: four drivers, alone and with RTA",
@@ -74,6 +74,13 @@ BENCHMARKS = (
         "The mountain car: training with and without the module",
         ("examples/mountain_car/train.py", "-o", ".soter/policy.json"),
         "The same network, seeds and cross-entropy method twice: falls during training.",
+    ),
+    Benchmark(
+        "Sets on grids",
+        ("bench/reach_sets.py",),
+        "K, S_j and R(t) where the answer is known, warm, on two threads; the peer is "
+        "`hj-reachability` on JAX (`pip install 'soter[bench-peers]'`), which approximates and "
+        "proves nothing; without it the comparison is left out.",
     ),
     Benchmark(
         "The generated program and the kernel",

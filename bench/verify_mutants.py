@@ -25,7 +25,7 @@ ROOT = Path(__file__).resolve().parents[1]
 if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
-from bench.mutant_models import BASES, attack  # noqa: E402 - needs the path
+from bench.mutant_models import BASES  # noqa: E402 - needs the path
 
 from soter.program.build import check_file, system_of  # noqa: E402
 from soter.reach.extract import extract  # noqa: E402
@@ -64,7 +64,7 @@ def falsify(base: Base, changed: Params) -> Outcome:
     """The worst of a few seeds of the NumPy simulation."""
     worst = None
     for seed in SEEDS:
-        worst = attack(base.loop(changed), RUNS, base.ticks, seed)
+        worst = base.attack(changed, RUNS, seed)
         if worst.escapes or worst.stuck:
             break
     assert worst is not None
@@ -75,7 +75,7 @@ def examine(base: Base, name: str, changes: Params) -> Row:
     """Falsify, verify, replay."""
     changed = {**base.defaults, **changes}
     seen = falsify(base, changed)
-    checked = check_file(f"{base.name}.soter", base.text(changed))
+    checked = check_file(base.path, base.text(changed))
     assert checked.ok, (base.name, name, [d.message for d in checked.diagnostics.items])
     flat = system_of(checked, "Protected")
     began = time.perf_counter()

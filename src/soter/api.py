@@ -20,11 +20,13 @@ from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.build import Checked, check_file, system_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
-    from soter.program.system import System
+    from soter.program.system import Module, System
     from soter.program.typed import Program as TypedProgram
     from soter.program.types import Value
+    from soter.reach.advise import Advice
+    from soter.reach.monitor import Judgement
     from soter.reach.results import VerifyReport
     from soter.recheck.rechecker import Report as RecheckReport
     from soter.simulate.bindings import Bindings
@@ -353,6 +355,74 @@ class Program:
         package.notes += computed
         return package
 
+    def monitor(
+        self,
+        log: str | Path | None = None,
+        module: str | None = None,
+        *,
+        system: str | None = None,
+        until: float | str | None = None,
+        seed: int = 1,
+        params: Mapping[str, object] | None = None,
+        estimates: bool = False,
+    ) -> list[Judgement]:
+        """Whether some run of the verification plants fits a log, or a fresh run.
+
+        `log`: an MCAP file that `soter run --log` wrote of the same system. `estimates`: judge what
+        was measured instead of the true states. `SoterError` U001 where a plant is not affine.
+        """
+        from soter.reach.extract import extract  # noqa: PLC0415 - needs NumPy
+        from soter.reach.monitor import judge  # noqa: PLC0415 - needs NumPy
+        from soter.simulate.recorded import read_log, recorded  # noqa: PLC0415 - needs NumPy
+
+        self._require_sound()
+        if log is None:
+            run = self.simulate(system, until, seed, params=params)
+            flat, record = run.system, recorded(run)
+        else:
+            flat, _ = self._completed(system, params, None)
+            record = read_log(Path(log), flat)
+        chosen = _chosen_modules(flat, module)
+        return [judge(flat, m, extract(flat, m), record, estimates=estimates) for m in chosen]
+
+    def emit_monitor(
+        self,
+        path: str | Path,
+        module: str | None = None,
+        *,
+        system: str | None = None,
+        params: Mapping[str, object] | None = None,
+        alarm: str | None = None,
+    ) -> Path:
+        """Write the model monitor of a module as a trusted Soter node; gives back the path.
+
+        `alarm`: a bool topic of the program that it is to publish; by default one of its own.
+        """
+        from soter.reach.extract import extract  # noqa: PLC0415 - needs NumPy
+        from soter.reach.monitor import topic_names  # noqa: PLC0415 - needs NumPy
+        from soter.reach.monitor_node import monitor_source  # noqa: PLC0415 - needs NumPy
+        from soter.report.whole_file import reason  # noqa: PLC0415
+
+        self._require_sound()
+        flat, _ = self._completed(system, params, None)
+        (first, *_) = _chosen_modules(flat, module)
+        problem = extract(flat, first)
+        names = {
+            i: n if "." in n else f"watched.{n}"
+            for i, n in topic_names(flat, first, problem).items()
+        }
+        target = Path(path)
+        imported = os.path.relpath(self.path, target.parent or ".")
+        text = monitor_source(
+            problem, imported, names, None if alarm is None else f"watched.{alarm}"
+        )
+        try:
+            target.write_text(text, encoding="utf-8")
+        except OSError as error:
+            message = f"cannot write `{target}`: {reason(error)}"
+            raise SoterError((Diagnostic("D006", message),)) from error
+        return target
+
     def verify(
         self,
         module: str | None = None,
@@ -425,6 +495,41 @@ class Program:
                 self._checked, target, module=module, system=system, params=self._values(params)
             )
         )
+
+    def advise(
+        self,
+        module: str | None = None,
+        *,
+        system: str | None = None,
+        params: Mapping[str, object] | None = None,
+        levels: Sequence[int] = (2, 3, 4),
+        factors: Sequence[float] = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0),
+        report: str | Path | None = None,
+        progress: Progress | None = None,
+    ) -> tuple[Advice, ...]:
+        """What the period of every decision module and the number of its levels cost.
+
+        `factors`: multiples of the declared period to try; `levels`: values of m; `report`: an HTML
+        file with the figure. `SoterError` R... where a problem is not determined, D006, D007 for
+        the report.
+        """
+        from soter.reach.advise import advise  # noqa: PLC0415 - needs NumPy and a compiler
+        from soter.reach.command import modules_of, problems_of  # noqa: PLC0415 - the same
+
+        self._require_sound()
+        chosen = modules_of(self._checked, module, system, self._values(params))
+        problems = problems_of(chosen)
+        found = []
+        for i, problem in enumerate(problems):
+
+            def tell(share: float, i: int = i) -> None:
+                if progress is not None:
+                    progress((i + share) / len(problems))
+
+            found.append(advise(problem, factors, levels, tell))
+        if report is not None and found:
+            _write_advice(found, Path(report))
+        return tuple(found)
 
     def explore(self, *_arguments: object, **_options: object) -> NoReturn:
         """To come: systematic testing."""
@@ -517,6 +622,19 @@ def to_come(what: str) -> SoterError:
 
 def _mistake(code: str, message: str, help_: str) -> SoterError:
     return SoterError((Diagnostic(code, message, helps=(help_,)),))
+
+
+def _write_advice(found: Sequence[Advice], path: Path) -> None:
+    """The figure of every module; `SoterError` D006 where it cannot be written."""
+    from soter.report.advice_page import advice_main  # noqa: PLC0415 - only then
+    from soter.report.errors import ReportError  # noqa: PLC0415 - the same
+    from soter.report.html import write_document  # noqa: PLC0415 - the same
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_document("soter advise", advice_main([a.page() for a in found]), path)
+    except (OSError, ReportError) as error:
+        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
 
 
 def _require_engine(engine: str) -> None:
@@ -625,3 +743,13 @@ def __getattr__(name: str) -> object:
 
         return Run
     raise AttributeError(f"module `soter.api` has no attribute `{name}`")
+
+
+def _chosen_modules(flat: System, module: str | None) -> list[Module]:
+    found = [m for m in flat.modules if module is None or module in (m.name, m.symbol.name)]
+    if not found:
+        there = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"
+        what = f"no module `{module}`" if module else "no module"
+        message = f"system `{flat.name}` has {what}"
+        raise SoterError((Diagnostic("U001", message, notes=(f"there are: {there}",)),))
+    return found

@@ -62,6 +62,7 @@ def test_the_safe_controller_is_what_the_command_finds(tmp_path: Path) -> None:
     written, table = soter.load(tmp_path / "cliff.soter").synthesize()
     assert written.read_text() == shipped
     assert table.read_bytes() == (CAR / "SafeCarSC.npy").read_bytes()
+    assert np.load(table).shape == (45, 35), "docs/mountain_car.md"
 
 
 def test_a_safe_controller_that_pushes_left_is_not_proved(tmp_path: Path) -> None:
@@ -127,6 +128,12 @@ def test_with_a_quarter_of_the_rounding_it_would_not_be(
     assert beside("mountain_car").conform(2_000).exceeded > 100
 
 
+def test_around_gymnasiums_car_the_proof_says_what_it_assumes() -> None:
+    (result,) = soter.load(CAR / "gymnasium.soter").verify(refute=False).modules
+    assert result.verdict == "proved"
+    assert any("car behaves like model" in text for text in result.problem.assumptions)
+
+
 def test_the_module_drives_gymnasiums_car_the_same_on_both_engines() -> None:
     program = soter.load(CAR / "gymnasium.soter")
     native = program.simulate(seed=2, until="60s")
@@ -156,7 +163,7 @@ def test_the_shipped_policy_says_how_it_was_trained(beside: Any) -> None:
     policy = beside("policy")
     facts = json.loads(policy.WEIGHTS.read_text())
     assert facts["falls_protected"] == 0
-    assert len(facts["weights"]) == policy.SIZE
+    assert len(facts["weights"]) == policy.SIZE == 33, "docs/mountain_car.md"
     assert -1.0 <= policy.Policy().force(-0.5, 0.0) <= 1.0
 
 

@@ -38,6 +38,8 @@ COMMANDS = {
     "run": "run a system in virtual time",
     "verify": "prove P2a, P2b, P3 per module",
     "recheck": "check certificates independently",
+    "monitor": "does the verified model explain a recorded run",
+    "advise": "what the decision period and the levels cost",
     "build": "write C99, or a package for a target",
     "explain": "what a diagnostic code means, and what to do",
     "fmt": "lay out source files",
@@ -47,9 +49,7 @@ COMING = {
     "test": "enumerate every schedule",
     "replay": "replay a counterexample",
     "campaign": "many seeded runs with faults, statistics",
-    "advise": "propose the decision period and margins",
     "measure": "execution times of steps",
-    "monitor": "judge a recorded log",
 }
 
 

@@ -16,10 +16,13 @@ from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Mapping
     from pathlib import Path
 
     from soter.cli.console import Console
     from soter.reach.results import Finding, ModuleResult, VerifyReport
+
+    Runs = Mapping[str, Mapping[str, Path]]
 
 EXAMPLES = """\
   soter verify cart.soter
@@ -87,11 +90,12 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
                 report=args.report,
                 progress=progress,
             )
+        runs = _saved(report)
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
         return Outcome(exit_of(items), items, {"file": args.file})
-    _say(report, args, console)
-    fields = _fields(report)
+    _say(report, args, console, runs)
+    fields = _fields(report, runs)
     if written:
         console.say("\nwritten " + " ".join(str(p) for p in written))
         fields["written"] = [str(p) for p in written]
@@ -102,7 +106,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
 # ---------------------------------------------------------------- for people
 
 
-def _say(report: VerifyReport, args: argparse.Namespace, console: Console) -> None:
+def _say(report: VerifyReport, args: argparse.Namespace, console: Console, runs: Runs) -> None:
     hash_ = report.program_sha256[:12]
     console.say(console.paint("muted", f"{report.path}  {report.system}  {hash_}"))
     for module in report.modules:
@@ -121,6 +125,17 @@ def _say(report: VerifyReport, args: argparse.Namespace, console: Console) -> No
     for kind in ("cert", "report"):
         if getattr(args, kind):
             console.say(f"\n{kind:<7} {getattr(args, kind)}")
+    for path in dict.fromkeys(p for files in runs.values() for p in files.values()):
+        console.say(f"\nrun     {path}")
+
+
+def _saved(report: VerifyReport) -> Runs:
+    """The runs that refute, written to `.soter/`: module and property -> file."""
+    if report.verdict != "refuted":
+        return {}
+    from soter.reach.runs import save_runs  # noqa: PLC0415 - only then
+
+    return save_runs(report)
 
 
 def _headline(module: ModuleResult, console: Console) -> str:
@@ -149,8 +164,11 @@ def _details(module: ModuleResult, console: Console) -> list[str]:
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]
     lines = ["", f"{' · '.join(shares)} of the grid's volume, {module.cells:,} cells"]
-    for name, finding in module.findings.items():
-        if not finding.holds:
+    told: list[str] = []
+    for name in ("P2a", "ttf", "safer", *module.findings):
+        finding = module.findings[name]
+        if not finding.holds and finding.text not in told:
+            told.append(finding.text)  # P3 fails like one of `ttf` and `safer`
             lines += _failure(name, finding, console)
     return lines
 
@@ -176,23 +194,23 @@ def seconds(value: float) -> str:
 # ---------------------------------------------------------------- as JSON
 
 
-def _fields(report: VerifyReport) -> dict[str, object]:
+def _fields(report: VerifyReport, runs: Runs) -> dict[str, object]:
     return {
         "file": report.path,
         "program_sha256": report.program_sha256,
         "system": report.system,
         "verdict": report.verdict,
         "seconds": report.seconds,
-        "modules": {m.name: _module(m) for m in report.modules},
+        "modules": {m.name: _module(m, runs.get(m.name, {})) for m in report.modules},
     }
 
 
-def _module(module: ModuleResult) -> dict[str, object]:
+def _module(module: ModuleResult, runs: Mapping[str, Path]) -> dict[str, object]:
     times = module.problem.times
     return {
         "verdict": module.verdict,
         "seconds": module.seconds,
-        "properties": {name: _finding(f) for name, f in module.findings.items()},
+        "properties": {name: _finding(f, runs.get(name)) for name, f in module.findings.items()},
         "cells": module.cells,
         "core_share": module.core_share,
         "shares": module.shares,
@@ -203,7 +221,7 @@ def _module(module: ModuleResult) -> dict[str, object]:
     }
 
 
-def _finding(finding: Finding) -> dict[str, object]:
+def _finding(finding: Finding, run: Path | None) -> dict[str, object]:
     return {
         "verdict": finding.verdict,
         "seconds": finding.seconds,
@@ -218,5 +236,5 @@ def _finding(finding: Finding) -> dict[str, object]:
             }
             for region in finding.regions
         ],
-        "counterexample": None if finding.counterexample is None else str(finding.counterexample),
+        "counterexample": None if run is None else str(run),
     }

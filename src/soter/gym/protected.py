@@ -166,7 +166,7 @@ class Protected(gymnasium.Env[Any, Any]):
             "safer": bool(facts["safer"]),
             "stale": bool(facts["stale"]),
             "switched": int(facts["mode"]) != before,
-            "violations": self.session.violations(),
+            "violations": self.session.violations(over=self._over),
         }
 
 

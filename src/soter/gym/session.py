@@ -49,6 +49,7 @@ class Session:
         silent = {c.name: _never_asked for c in (self.plant, self.agent)}
         bindings = bind(system, {**bound, **silent})
         self._bound = callables(bindings, "native", StopRequest())
+        self._linked = any(text.startswith("c:") for text in bindings.texts().values())
         self._program = NativeProgram(system, core=bindings.core)
         self.layout = self._program.layout
         externs = [c for c in system.components if c.extern]
@@ -137,12 +138,15 @@ class Session:
         offset = self.layout.topic_offset(index)
         return decode_from(memoryview(self.state.data), offset, self.system.topics[index].type)
 
-    def violations(self) -> int:
+    def violations(self, *, over: bool = False) -> int:
         """Onsets of violated properties and latched components, this instant included.
 
         Where the instant still waits for the agent, a copy of the state goes on to its end with
-        nothing published by externs.
+        nothing published by externs. Linked C may have a memory of its own, which a copy would
+        disturb: then this instant is included only when the run is `over`.
         """
+        if self._linked and not over:
+            return int(self.record["header"]["violations"])
         copy = self.state.copy()
         now_ns = int(self.record["header"]["ct"])
         while True:

@@ -148,7 +148,8 @@ def check_module(result: ModuleResult) -> DMCheck:
     components = tuple(replace(x, binding=None) for x in problem.system.components)
     system = replace(problem.system, components=components, modules=(module,))
     points: dict[tuple[int, int], tuple[float, ...]] = {}
-    if problem.computed and all(g.levels for case in result.cases for g in case.groups):
+    whole = all(len(case.groups) == len(problem.groups) for case in result.cases)
+    if problem.computed and whole and all(g.levels for c in result.cases for g in c.groups):
         sets = [[(g.levels[0], g.levels[-1]) for g in case.groups] for case in result.cases]
         found = tables(problem, sets)
         put(system, module, problem, found)

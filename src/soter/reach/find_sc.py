@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 
 HOLDS = (1, 2, 5, 10, 20, 50)
 """Periods of SC for which a command is held while K is looked for; a map's are taken one by one."""
+COMMANDS_MAX = 64
+"""What the engine takes, all combinations counted."""
 
 
 def synthesize(
@@ -101,6 +103,8 @@ def find(problem: Problem, stride: int = STRIDE) -> Table:
         raise _none_for(problem.module, "it has several groups, or one that is no grid")
     if problem.parameters or any(e.high > e.low for e in problem.errors):
         raise _none_for(problem.module, "parameters and measurement errors are not supported yet")
+    if len(combinations(problem)) > COMMANDS_MAX:
+        raise _none_for(problem.module, f"there are more than {COMMANDS_MAX} different commands")
     edges = [np.array(a.edges) for a in problem.groups[0].axes]
     widths = [float(e[-1] - e[0]) / (len(e) - 1) for e in edges]
     library, _ = library_of(problem)
@@ -129,7 +133,12 @@ def _choices(problem: Problem, library: ReachLibrary) -> tuple[Choices, int]:
     """The choices with the largest K over all holds, and the hold."""
     best: tuple[Choices, int] | None = None
     for hold in HOLDS if problem.kind == "flow" else HOLDS[:1]:
-        found = _choices_for(problem, library, hold)
+        try:
+            found = _choices_for(problem, library, hold)
+        except UnboundedError:
+            if best is None:
+                raise
+            break  # too long for an enclosure, and longer ones are too
         if best is None or found.core.sum() > best[0].core.sum():
             best = found, hold
     assert best is not None

@@ -19,7 +19,9 @@ from soter.reach.grid_model import NS, CancelledError, GridModel, UnboundedError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from soter.reach.grid_model import Bools, Bytes, Floats
+    import numpy.typing as npt
+
+    from soter.reach.grid_model import Bools, Bytes, Floats, Ints
     from soter.reach.native import ReachLibrary
     from soter.reach.problem import Group, Problem
 
@@ -56,6 +58,8 @@ class Core:
 
 class GridGroup(GridModel):
     """The engine for one group: its grid, its dynamics, its sets."""
+
+    _scratch: tuple[npt.NDArray[np.uint16], Ints, Bytes] | None = None
 
     @classmethod
     def of(
@@ -175,8 +179,13 @@ class GridGroup(GridModel):
         rounds = self.rounds(w.r)
         w.allowed = self.pointer(bits, "uint64_t *")
         w.witness = self.pointer(witness, "uint8_t *")
-        image, slot = np.empty(size * 2 * n, dtype=np.uint16), np.empty(size, dtype=np.int32)
-        chains = np.empty(pool * ffi.sizeof("soter_reach_chain"), dtype=np.uint8)
+        if self._scratch is None:  # kept for the next time: fresh pages cost more than the work
+            self._scratch = (
+                np.empty(size * 2 * n, dtype=np.uint16),
+                np.empty(size, dtype=np.int32),
+                np.empty(pool * ffi.sizeof("soter_reach_chain"), dtype=np.uint8),
+            )
+        image, slot, chains = self._scratch
         w.image, w.slot = self.pointer(image, "uint16_t *"), self.pointer(slot, "int32_t *")
         w.pool = self.pointer(chains, "soter_reach_chain *")
         w.pool_size, w.longest, w.patience = pool, longest, patience
@@ -184,7 +193,7 @@ class GridGroup(GridModel):
         while not lib.soter_reach_core_continue(self.c, w, SLICE_S, self.threads):
             self.tell("core", w.r.cursor / max(1, w.r.dirty_n))
         lib.soter_reach_core_end(self.c, w)
-        del rounds, image, slot, chains
+        del rounds
         return Core(witness, int(w.r.rounds), int(w.r.steps))
 
     # ------------------------------------------------------------ tubes under all of U

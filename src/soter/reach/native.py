@@ -28,7 +28,8 @@ TRUTHS = (
     *("safe", "core", "ttf", "safer"),
     *(f"{name}_{k}" for name in ("safe", "safer") for k in range(PARTS_MAX)),
 )
-FLAGS = (*STRICT, "-O2", "-fPIC", "-shared", "-pthread", *OWN_SYMBOLS)
+FLAGS = (*STRICT, "-O3", "-fPIC", "-pthread")
+LINKED = ("-shared", *OWN_SYMBOLS)
 
 
 def _declarations() -> str:
@@ -57,9 +58,10 @@ def _inputs_of(source: str) -> int:
 
 
 def _content(source: str, identity: str, flags: tuple[str, ...]) -> str:
+    """Hash of everything a library, or with source "" the engine's objects, are made of."""
     digest = hashlib.sha256()
     headers = sorted(p for p in RUNTIME.iterdir() if p.suffix == ".h")
-    parts = [source, identity, *flags, *(p.read_text(encoding="utf-8") for p in headers)]
+    parts = [source, identity, *flags, *LINKED, *(p.read_text(encoding="utf-8") for p in headers)]
     parts += [(RUNTIME / name).read_text(encoding="utf-8") for name in ENGINE]
     for part in parts:
         data = part.encode("utf-8")
@@ -103,7 +105,9 @@ def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as name:
             work = Path(name)
-            built = _compile(work, source, (*compiler.command, *flags))
+            command = (*compiler.command, *flags)
+            engine = _engine(work, folder, _content("", compiler.identity, flags), command)
+            built = _compile(work, source, command, engine)
             (work / "seal").write_text(
                 hashlib.sha256(built.read_bytes()).hexdigest(), encoding="utf-8"
             )
@@ -116,21 +120,49 @@ def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
     return target
 
 
-def _compile(work: Path, source: str, command: tuple[str, ...]) -> Path:
+def _engine(work: Path, folder: Path, content: str, command: tuple[str, ...]) -> list[str]:
+    """The engine's objects, which depend on a module only by its number of inputs.
+
+    Kept in the cache with the hash of each; anything damaged or missing is built again.
+    """
+    kept = folder / f"engine-{content[:32]}"
+    names = [name.replace(".c", ".o") for name in ENGINE]
+    try:
+        seals = (kept / "seals").read_text(encoding="utf-8").split()
+        if seals == [hashlib.sha256((kept / n).read_bytes()).hexdigest() for n in names]:
+            return [str(kept / n) for n in names]
+    except (OSError, UnicodeDecodeError):
+        pass
+    made = work / "engine"
+    made.mkdir()
+    _run([*command, f"-I{RUNTIME}", "-c", *(str(RUNTIME / name) for name in ENGINE)], made)
+    kept.mkdir(exist_ok=True)
+    seals = []
+    for n in names:
+        seals.append(hashlib.sha256((made / n).read_bytes()).hexdigest())
+        copied = made / f"{n}.copy"
+        copied.write_bytes((made / n).read_bytes())
+        copied.replace(kept / n)
+    (made / "seals").write_text("\n".join(seals), encoding="utf-8")
+    (made / "seals").replace(kept / "seals")
+    return [str(made / n) for n in names]
+
+
+def _compile(work: Path, source: str, command: tuple[str, ...], engine: list[str]) -> Path:
     unit, built = work / "enclosures.c", work / "reach.so"
     unit.write_text(source, encoding="utf-8")
-    files = [str(unit), *(str(RUNTIME / name) for name in ENGINE)]
+    _run([*command, f"-I{RUNTIME}", "-c", str(unit)], work)
+    _run([*command, *LINKED, "-o", str(built), "enclosures.o", *engine, "-lm"], work)
+    return built
+
+
+def _run(command: list[str], work: Path) -> None:
+    """The compiler in `work`; X004 with its words."""
     done = subprocess.run(
-        [*command, f"-I{RUNTIME}", "-o", str(built), *files, "-lm"],
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=TIMEOUT_S,
-        cwd=work,
+        command, capture_output=True, text=True, check=False, timeout=TIMEOUT_S, cwd=work
     )
     if done.returncode != 0:
         lines = done.stderr.replace(str(work) + os.sep, "").strip().splitlines()
         helps = ("this is a defect of soter: please report it with the program",)
         message = "the C of this module's enclosures does not compile"
         raise SoterError((Diagnostic("X004", message, notes=tuple(lines[:8]), helps=helps),))
-    return built

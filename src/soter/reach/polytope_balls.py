@@ -5,10 +5,10 @@ the matrix exponential with its integral, all rounding outward. A result `[mid -
 contains the exact result for every choice of exact operands inside theirs.
 Non-goals: speed for large matrices; anything that is not linear.
 
-Why it rounds outward: for inner products of n <= 4096 terms in any order of summation (fused or
-not) |fl(a.b) - a.b| <= gamma_n |a|.|b|, gamma_n = n u / (1 - n u), u = 2^-53 (Higham, Accuracy and
-Stability, section 3.1). `_error` takes twice that; sums of non-negative terms are inflated by 2^-40,
-more than gamma_4096; underflow is covered by 2^-1000 an entry.
+Why it rounds outward: for inner products of n <= 4096 terms in any order of summation, fused or
+not, |fl(a.b) - a.b| <= gamma_n |a|.|b| with gamma_n = n u / (1 - n u), u = 2^-53 (Higham, Accuracy
+and Stability, section 3.1). A product takes twice that; sums of non-negative terms are inflated by
+2^-40, more than gamma_4096; underflow is covered by 2^-1000 an entry.
 """
 
 from __future__ import annotations

@@ -1,24 +1,25 @@
 """A linear group as numbers, and what its flow does to half-spaces.
 
 Purpose: `LinearGroup` (x' = A x + B u + drift, the SC law u = K y + k on it, its times) and two
-flows over it: one hold of an SC run and the free phase, in which any control of U acts. Both map a row
-c at a time t to (row, loss) with c x(t) <= row x(0) + loss; every bound is rounded outward.
+flows over it: one hold of an SC run, and the free phase in which any control of U acts. Both map a
+row c at a time t to (row, loss) with c x(t) <= row x(0) + loss; every bound is rounded outward.
 Non-goals: polytopes (`polytope_sets.py`), proofs (`polytopes.py`).
 
 Where the bounds come from, for one row c and drift = b + w, w symmetric after centring:
 - c x(t) = c e^{At} x0 + c G(t) (B u + b) + int_0^t c e^{As} w(t - s) ds, G(t) = int_0^t e^{As} ds;
-- the last term is at most nu(t) = int_0^t sum_i |c e^{As}|_i w_i ds, by trapezoids: |f| is at most the
-  interpolation of |f| at the ends plus h^2/8 sup |f''|, and nu does not decrease;
-- between two grid times the deterministic part phi exceeds its ends by at most h^2/8 sup |phi''|, and
-  phi'' = c A e^{At} (A x0 + B u + b), which |c A| e^{|A| t} D bounds, D = sup |A x + B u + b| over the
-  extents and U.
+- the last term is at most nu(t) = int_0^t sum_i |c e^{As}|_i w_i ds, by trapezoids: |f| is at most
+  the interpolation of |f| at the ends plus h^2/8 sup |f''|; nu does not decrease;
+- between two grid times the deterministic part phi exceeds its ends by at most h^2/8 sup |phi''|,
+  and phi'' = c A e^{At} (A x0 + B u + b), which |c A| e^{|A| t} D bounds, where D is the greatest
+  |A x + B u + b| over the extent and U.
 - Hold k lies at the nominal times [k delta, (k + 1) delta] after the first; its read is
-  y = x(k delta + s) + e, -d - j <= s <= j, x(a + s) = x(a) + int x', |x(a + s) - x(a)| <= |s| e^{|A||s|} (D + w).
-  So K y is K (x - d/2 (A x + b + B u_c)) up to (d/2 + j) |K (A x + b + B u_c)| + (d + j) (|K B| u_r + |K| w)
-  + (d + j)^2/2 |K A| e^{|A|(d + j)} (D + w) + |K| e; `rate` bounds the first factor at nominal times and is
-  one of the set's half-spaces.
-- Within j of its ends a neighbour's command may act: an input u_(k+-1) - u_k for at most 2 j in all; the
-  reads of the two are at most delta + d + 2 j apart.
+  y = x(k delta + s) + e, -d - j <= s <= j, and x(a + s) = x(a) + int x' with
+  |x(a + s) - x(a)| <= |s| e^{|A||s|} (D + w). So K y is K (x - d/2 (A x + b + B u_c)) up to
+  (d/2 + j) |K (A x + b + B u_c)| + (d + j) (|K B| u_r + |K| w)
+  + (d + j)^2/2 |K A| e^{|A|(d + j)} (D + w) + |K| e; `rate` bounds the first factor at nominal
+  times and is one of the set's half-spaces.
+- Within j of its ends a neighbour's command may act: an input u_(k+-1) - u_k for at most 2 j in
+  all; the reads of the two are at most delta + d + 2 j apart.
 """
 
 from __future__ import annotations
@@ -108,7 +109,7 @@ class LinearGroup:
 
     @cached_property
     def constant(self) -> Ball:
-        """b + B u_c."""
+        """The constant part of x': b + B u_c."""
         return exact(self.drift[0]) + exact(self.control) @ exact(self.controls[0])
 
     @cached_property
@@ -150,7 +151,7 @@ class Grid:
         )
 
     def noise(self, rows: Ball, columns: Ball) -> Array:
-        """nu at every time, (q + 1, N), of the input columns (n, k) with |w_k| <= 1."""
+        """The bound nu at every time, (q + 1, N), of the input columns (n, k) with |w_k| <= 1."""
         group = self.group
         ends = [
             (rows @ e @ columns).magnitude().sum(axis=-1) * (1 + 2.0**-40) for e, _ in self.maps

@@ -1,12 +1,12 @@
 """Polytopes in half-space form, and upper bounds of linear functions on them.
 
-Purpose: `Polytope` = a box cut by half-spaces; `Bounds` gives, for rows c, numbers that c x does not
-exceed on it. A linear program only suggests multipliers: for every lambda >= 0 (Farkas, weak duality)
+Purpose: `Polytope` = a box cut by half-spaces; `Bounds` gives, for rows c, numbers that c x does
+not exceed on it. A linear program only suggests multipliers: for every lambda >= 0 (Farkas)
 
     c x  <=  lambda . f  +  max over the box of (c - lambda F) x,
 
-and the right side is what is computed, rounding outward. So a wrong suggestion gives a useless bound,
-never a wrong one, and the multipliers can be kept and used again without any solver.
+and the right side is what is computed, rounding outward. So a wrong suggestion gives a useless
+bound, never a wrong one, and multipliers can be kept and used again without any solver.
 Non-goals: which sets are wanted (`polytopes.py`).
 """
 
@@ -48,7 +48,7 @@ class Polytope:
         return rows, np.concatenate([self.bounds, self.high, -self.low])
 
     def contains(self, points: Array) -> npt.NDArray[np.bool_]:
-        """For each point (k, n): whether it lies inside, as plain floats say; for tests and plots."""
+        """For each point (k, n): whether it lies inside, as plain floats say (plots, tests)."""
         inside = ((points >= self.low) & (points <= self.high)).all(axis=1)
         return np.asarray(inside & (points @ self.rows.T <= self.bounds).all(axis=1))
 
@@ -107,7 +107,7 @@ class Bounds:
 
 
 def bound(p: Polytope, rows: Ball, weights: Array) -> Array:
-    """weights f + max over the box of (rows - weights F) x, rounded outward, (N,)."""
+    """The bound weights f + max over the box of (rows - weights F) x, rounded outward, (N,)."""
     if weights.shape != (len(rows.mid), len(p.rows)) or not (weights >= 0).all():
         raise ValueError("multipliers are one non-negative number per row and half-space")
     w = exact(weights)
@@ -125,7 +125,7 @@ class Program:
     def __init__(self, polytope: Polytope) -> None:
         highspy = require_highs()
         self._highs = highspy.Highs()
-        self._highs.setOptionValue("output_flag", False)  # noqa: FBT003 - HiGHS has no keywords
+        self._highs.setOptionValue("output_flag", False)
         self._highs.setOptionValue("threads", 1)
         self._highs.setOptionValue("presolve", "off")
         for side in ("primal", "dual"):
@@ -139,12 +139,16 @@ class Program:
         self._highs.addVars(self.n, polytope.low, polytope.high)
         for row, limit in zip(polytope.rows, polytope.bounds, strict=True):
             self.add(row, limit)
-        self.empty = not self._solve(np.zeros(self.n))
+        self.empty = self.is_empty()
 
     def add(self, row: Array, limit: float) -> None:
         """Cut by a half-space."""
         self._highs.addRow(-self._infinity, float(limit), self.n, self._columns, row)
         self.rows += 1
+
+    def is_empty(self) -> bool:
+        """Whether no point was found (a hint)."""
+        return not self._solve(np.zeros(self.n))
 
     def limit(self, place: int, limit: float) -> None:
         """Change the bound of half-space number `place`."""

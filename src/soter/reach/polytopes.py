@@ -1,20 +1,20 @@
 """Polytope groups: K, R(H), S_j and the return, for linear groups and small fast DMs.
 
-Purpose: `compute` finds the sets of a `LinearGroup` with linear programs as hints; `prove` goes through
-every claim about them with multipliers only, rounding outward, and is all that a verdict rests on
-(docs/verification.md, section 3; THEORY section 3, "Polytopes").
-Non-goals: reading a program (`polytope_extract.py`), grids.
+Purpose: `compute` finds the sets of a `LinearGroup` with linear programs as hints; `prove` goes
+through every claim about them with multipliers only, rounding outward, and is all that a verdict
+may rest on (docs/verification.md, section 3).
+Non-goals: reading a program; grids.
 
 The claims, over K = `core`, R = `free`, S_j = `allowed[j]`, Q = `kept`:
-- K lies in the extent; on K the law is linear (each command clear of its clamp, whatever the error and
-  the age of the read) and `rate` holds;
-- from K, C holds during a whole hold, and K when it ends: so by induction over the holds of an SC run
-  that starts in K its state is in K at every nominal time a_0 + k delta, and in C throughout (P2a);
+- K lies in the extent; on K the law is linear (each command clear of its clamp, whatever the error
+  and the age of the read) and `rate` holds;
+- from K, C holds during a whole hold, and K when it ends: by induction over the holds of an SC run
+  that starts in K, its state is in K at every nominal time a_0 + k delta, in C throughout (P2a);
 - R in K, and from R the state stays in K for all of [0, H] under any control of U;
 - S_0 - E in R; for j > 0: G_j is carried into S_{j-1} eroded by E during the whole window,
   S_j - E in G_j, S_j in S_{j-1};
-- Q is like K with `safer` eroded by E (and the window of the DM) in place of C; K is carried into Q in
-  `periods` holds (P2b).
+- Q is like K with `safer` eroded by E in place of C, so that an estimate within Q's tube satisfies
+  `safer` at every release of the DM; K is carried into Q in `periods` holds (P2b).
 """
 
 from __future__ import annotations
@@ -84,7 +84,7 @@ class NotProvedError(Exception):
 
 
 def compute(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
-    """The sets, or None where the fixpoint ran empty or out of patience. Hints only: `prove` them."""
+    """The sets, or None where the fixpoint ran empty or out of patience: to be proved."""
     found = _core(group, group.rows, group.bounds)
     if found is None:
         return None
@@ -177,11 +177,8 @@ def _fixpoint(hold: Hold, start: Polytope) -> Polytope | None:
     for _ in range(WAVES_MAX):
         fresh = []
         for row, limit in zip(*wave, strict=True):
-            greatest = program.greatest(row)[0]
-            if greatest <= limit:
+            if program.greatest(row)[0] <= limit:
                 continue
-            if -program.greatest(-row)[0] > limit:
-                return None
             program.add(row, limit)
             fresh.append((row, limit))
         if not fresh:
@@ -191,7 +188,7 @@ def _fixpoint(hold: Hold, start: Polytope) -> Polytope | None:
                 Polytope(start.low, start.high, np.array(rows).reshape(-1, n), np.array(bounds))
             )
         kept += fresh
-        if len(kept) > ROWS_MAX:
+        if len(kept) > ROWS_MAX or program.is_empty():
             return None
         wave = _before(hold, np.array([r for r, _ in fresh]), np.array([b for _, b in fresh]))
     return None

@@ -13,11 +13,14 @@ import numpy as np
 
 from soter.program.durations import show_ns
 from soter.reach.boxes import holding
+from soter.reach.grids import LONGEST
 from soter.reach.levels import targets
 from soter.reach.policies import HOLDS, Way, way
 from soter.reach.products import parts, product_holds
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from soter.reach.claims import Case
@@ -25,10 +28,11 @@ if TYPE_CHECKING:
     from soter.reach.results import GroupSets
 
     Bools = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
 
-QUICK = (8, 40, 120)
-"""Lengths of chain that serve nearly every cell."""
-STRAGGLERS_MAX = 4000
+LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
+"""Lengths of chain: the first that serve nearly every cell are enough."""
+STRAGGLERS_MAX = 2000
 """So many cells may be looked at one by one."""
 
 
@@ -55,6 +59,8 @@ def recover(case: Case) -> None:
                 "let SC come to rest where `safer` holds",
             )
             continue
+        # what SC keeps inside `safer` it keeps: as good as K, and mostly part of it
+        part.core = np.where(part.core > 0, part.core, part.home)
         found = _way(engine, part, part.home > 0)
         part.rank, part.rank_holds = found.rank, found.holds
         part.return_ns = found.longest_ns
@@ -70,34 +76,34 @@ def recover(case: Case) -> None:
                 stuck=True,
             )
     case.counts["recover_ns"] = longest + case.problem.times.decision
-    _in_time(case)
+    in_time(case)
 
 
 def _way(engine: GridGroup, part: GroupSets, home: Bools) -> Way:
     """W: a few lengths of chain for all cells, then every length for those that are left."""
     core = part.core > 0
-    for lengths in (QUICK, HOLDS):
+    best: Way | None = None
+    few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
+    for lengths in LENGTHS:
         found = way(engine, core, part.allowed, home, holds=lengths)
-        left = int((core & ~found.cells).sum())
-        if left <= STRAGGLERS_MAX:
+        if best is None or found.cells.sum() > best.cells.sum():
+            best = found
+        if int((core & ~best.cells).sum()) <= few:
             break
-    if left and left <= STRAGGLERS_MAX:
-        return _stragglers(engine, part, found)
-    return found
+    assert best is not None
+    left = int((core & ~best.cells).sum())
+    return _stragglers(engine, part, best) if 0 < left <= STRAGGLERS_MAX else best
 
 
 def _stragglers(engine: GridGroup, part: GroupSets, found: Way) -> Way:
-    """Cells at the border of K whose chains fit W at few lengths only: all lengths up to their N.
-
-    The tube over N holds lies in C because N is no longer than the cell's witness.
-    """
+    """Cells at the border of K whose chains fit W at few lengths only: all lengths."""
     rank, holds, time_ns = found.rank.copy(), found.holds.copy(), found.time_ns.copy()
     period, jitter = engine.inputs.period_ns, engine.inputs.jitter_ns
     images = {}
     for at in map(tuple, np.argwhere((part.core > 0) & (rank == 0))):
         low = [e[i] for e, i in zip(engine.edges, at, strict=True)]
         high = [e[i + 1] for e, i in zip(engine.edges, at, strict=True)]
-        images[at] = engine.enclosures(low, high, int(part.core[at]))[0]
+        images[at] = _inside(engine, part.allowed, low, high)
     joined = True
     while joined:
         joined = False
@@ -117,6 +123,20 @@ def _stragglers(engine: GridGroup, part: GroupSets, found: Way) -> Way:
     return Way(rank, holds, time_ns)
 
 
+def _inside(
+    engine: GridGroup, allowed: Bools, low: Sequence[float], high: Sequence[float]
+) -> list[Floats]:
+    """Images of a box after 1, 2, ... holds, for as long as the tube lies in C."""
+    found: list[Floats] = []
+    for image, tube in zip(*engine.enclosures(low, high, LONGEST), strict=True):
+        block = [holding(e, a, b) for e, (a, b) in zip(engine.edges, tube, strict=True)]
+        to = tuple(b for b in block if b is not None)
+        if len(to) < len(block) or not allowed[to].all():
+            break
+        found.append(image)
+    return found
+
+
 def _targets(case: Case) -> list[Bools] | None:
     """Per group the states all of whose estimates satisfy `safer`."""
     if case.problem.computed:
@@ -131,7 +151,7 @@ def _targets(case: Case) -> list[Bools] | None:
     return found
 
 
-def _in_time(case: Case) -> None:
+def in_time(case: Case) -> None:
     """The declared T, where there is one."""
     wanted, needed = case.problem.recover_ns, case.counts["recover_ns"]
     if wanted is not None and needed > wanted and not case.failed("P2b"):

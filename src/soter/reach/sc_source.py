@@ -16,7 +16,6 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
 from soter.program.types import ArrayType, FloatType, RecordType, leaves
-from soter.reach.synthesize import combinations
 from soter.syntax.printer import format_source
 
 if TYPE_CHECKING:
@@ -67,7 +66,7 @@ def written(problem: Problem, table: Table) -> Written:
     )
     formatted = format_source(Source(source.name, program), Diagnostics())
     assert formatted is not None
-    return Written(node, formatted, data_name, _data(table))
+    return Written(node, formatted, data_name, _data(problem, table))
 
 
 def free_name(name: str, text: str) -> str:
@@ -89,9 +88,16 @@ def _beginning(symbol: ModuleSymbol) -> int:
     return at
 
 
-def _data(table: Table) -> bytes:
+def _data(problem: Problem, table: Table) -> bytes:
+    """One table for each control, of indices into its own commands, which increase.
+
+    On a border between blocks an analysis joins indices: every control by itself, and nothing
+    between two commands that is not between their values.
+    """
+    sizes = [len(values) for values in problem.commands]
+    parts = np.stack(np.unravel_index(table.entries, sizes)).astype(np.uint8)
     stream = io.BytesIO()
-    np.save(stream, table.entries.astype(np.uint8), allow_pickle=False)
+    np.save(stream, parts if len(sizes) > 1 else parts[0], allow_pickle=False)
     return stream.getvalue()
 
 
@@ -99,23 +105,26 @@ def _data(table: Table) -> bytes:
 
 
 def _node(problem: Problem, table: Table, node: str, data: str) -> Iterator[str]:
-    commands = combinations(problem)
     reads = [_read(problem, axis) for axis in range(table.entries.ndim)]
     topics = list(dict.fromkeys(topic for topic, _ in reads))
     symbol = problem.module.symbol
+    controls = problem.quantities.controls
     size = " x ".join(str(n) for n in table.entries.shape)
     yield f"// {HEADER}"
     yield f"// {size} commands for {', '.join(f'{t}{p}' for t, p in reads)}."
-    yield f"type {node}_Entry = int in [0, {len(commands) - 1}];"
+    yield f"type {node}_Entry = int in [0, {max(map(len, problem.commands)) - 1}];"
     element = f"{node}_Entry"
     for k, n in reversed(list(enumerate(table.entries.shape))):
         yield f"type {node}_Axis{k} = {element}[{n}];"
         element = f"{node}_Axis{k}"
+    if len(controls) > 1:
+        yield f"type {node}_Tables = {element}[{len(controls)}];"
+        element = f"{node}_Tables"
     yield f'const {node}_TABLE: {element} = data "{data}";'
-    for j, leaf in enumerate(problem.quantities.controls):
-        values = ", ".join(_float(c[j]) for c in commands)
+    for leaf, values in zip(controls, problem.commands, strict=True):
         name = _constant(node, leaf.owner, leaf.path, problem)
-        yield f"const {name}: float[{len(commands)}] = [{values}];"
+        shown = ", ".join(_float(v) for v in values)
+        yield f"const {name}: float[{len(values)}] = [{shown}];"
     yield f"fun {node}_block(value: float, low: float, width: float, count: int): int {{"
     yield "  let place = (clamp(value, low, low + width * float(count)) - low) / width;"
     yield "  return max(0, min(int(floor(place)), count - 1));"
@@ -130,7 +139,9 @@ def _node(problem: Problem, table: Table, node: str, data: str) -> Iterator[str]
         count = table.entries.shape[k]
         yield f"    let i{k} = {node}_block({topic}{path}, {low}, {width}, {count});"
     index = "".join(f"[i{k}]" for k in range(len(reads)))
-    yield f"    let best = {node}_TABLE{index};"
+    for j in range(len(controls)):
+        of_control = f"[{j}]" if len(controls) > 1 else ""
+        yield f"    let u{j} = {node}_TABLE{of_control}{index};"
     scope = problem.system.components[problem.module.sc].scope.topics
     for t in symbol.sc.publishes:
         value = _value(t.type, node, scope[t], (), problem)
@@ -166,7 +177,8 @@ def _value(t: Type, node: str, topic: int, path: tuple[str, ...], problem: Probl
         each = [_value(t.element, node, topic, (*path, f"[{i}]"), problem) for i in range(t.size)]
         return "[" + ", ".join(each) + "]"
     assert isinstance(t, FloatType)
-    return f"{_constant(node, topic, path, problem)}[best]"
+    owners = [(leaf.owner, leaf.path) for leaf in problem.quantities.controls]
+    return f"{_constant(node, topic, path, problem)}[u{owners.index((topic, path))}]"
 
 
 def _constant(node: str, topic: int, path: Sequence[str], problem: Problem) -> str:

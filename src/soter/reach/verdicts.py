@@ -46,13 +46,12 @@ def refuted(problem: Problem, result: ModuleResult) -> None:
 def _blamed(findings: dict[str, Finding], run: Counterexample) -> list[str]:
     """Which properties a run that leaves C refutes.
 
-    By the theorem one of those that are not proved is false. Where SC has had control up to the
-    end that is P2a if it is among them; otherwise AC had control too long: P3.
+    By the theorem one of those that are not proved is false. Where SC has control at the end that
+    is P2a if it is among them; otherwise AC had control too long: P3.
     """
     open_ = [p for p in SAFETY if findings[p].verdict == UNDECIDED]
-    last = [step["modes"].get(run.module) for step in run.steps]
-    sc_alone = bool(last) and "AC" not in last
-    if "P2a" in open_ and (sc_alone or findings["P3"].verdict == PROVED):
+    last = [step["modes"].get(run.module) for step in run.steps[-1:]]
+    if "P2a" in open_ and (last == ["SC"] or findings["P3"].verdict == PROVED):
         return ["P2a"]
     if "P3" in open_:
         return [p for p in ("P3", "ttf") if p in open_]

@@ -22,7 +22,7 @@ from soter.reach.extract import cases
 from soter.reach.forms import Forms, library_of
 from soter.reach.grids import UnboundedError
 from soter.reach.levels import levels
-from soter.reach.recovery import recover
+from soter.reach.recovery import in_time, recover
 from soter.reach.refine import refined
 from soter.reach.results import (
     PROPERTIES,
@@ -44,8 +44,7 @@ if TYPE_CHECKING:
     Tell = Callable[[str, float], None]
 
 REFINEMENTS_MAX = 2
-TRIMS_MAX = 3
-TRIM_MAX = 0.02
+SHRINK_MAX = 0.1
 """Share of K that may be given up because there is no way back from it."""
 STAGES = ("safe", "core", "tubes", "ttf", "safer", "way")
 """What the engine says it does, in the order in which that takes place."""
@@ -133,6 +132,8 @@ def _case(
     """All claims for one combination of parameter values."""
     case = Case(problem, parameter, [], Forms(library, problem, parameter), CaseSets(parameter, []))
     try:
+        if any(g.representation != "grid" for g in groups):
+            raise UnboundedError("a `polytope` group is not handled by this version")
         case = claims.open_case(problem, library, groups, parameter, tell, before)
         _claims(case)
     except UnboundedError as error:
@@ -149,10 +150,11 @@ def _claims(case: Case) -> None:
             case.fail(claim, "there is no K")
         return
     _after_core(case)
-    for _ in range(TRIMS_MAX):
-        if not _trimmed(case):
-            break
+    with Clock(case, "P2b"):
+        recover(case)
+    if _shrunk(case):
         _after_core(case)
+        in_time(case)
 
 
 def _after_core(case: Case) -> None:
@@ -168,32 +170,30 @@ def _after_core(case: Case) -> None:
                 claims.inclusion(case, predicate)
     with Clock(case, "start"):
         claims.start(case)
-    with Clock(case, "P2b"):
-        recover(case)
 
 
-def _trimmed(case: Case) -> bool:
-    """Take the few cells of K out of C from which no way back was found, and compute K anew.
+def _shrunk(case: Case) -> bool:
+    """Give up the few cells of K from which no way back was found: W in place of K.
 
-    At its border K has cells that SC keeps, but only by chains whose images are all of K.
+    At its border K has cells that SC keeps, but only by chains whose images are all of K. W is
+    as good: its cells have chains in C whose images lie in W, and Q is kept.
     """
     failures = case.failed("P2b")
     if case.problem.computed or not failures or not all(f.stuck for f in failures):
         return False
     stuck = {f.group: f.cells for f in failures if f.group is not None and f.cells is not None}
-    for i, cells in stuck.items():
-        if cells.sum() > TRIM_MAX * (case.sets.groups[i].core > 0).sum():
-            return False
-    for i, cells in stuck.items():
-        case.sets.groups[i].allowed &= ~cells
+    parts = {i: case.sets.groups[i] for i in stuck}
+    if any(stuck[i].sum() > SHRINK_MAX * (part.core > 0).sum() for i, part in parts.items()):
+        return False
+    for part in parts.values():
+        assert part.home is not None
+        assert part.rank is not None
+        assert part.rank_holds is not None
+        part.core = np.where(part.rank == 1, part.home, part.rank_holds)
+        part.core[part.rank == 0] = 0
     case.failures = [f for f in case.failures if f.group not in stuck and f.claim != "start"]
     case.fresh = [i in stuck for i in range(len(case.groups))]
-    with Clock(case, "P2a"):
-        found = claims.core(case)
-    if not found:
-        for claim in CLAIMS[1:]:
-            case.fail(claim, "there is no K")
-    return found
+    return True
 
 
 # ---------------------------------------------------------------- verdicts

@@ -105,14 +105,23 @@ class LinearFlow:
             for k in range(count):
                 column = [row[k] for row in self.noise]
                 over = [_dot(piece[i], column) for piece in pieces]
-                if all(x >= 0 for x in over) or all(x <= 0 for x in over):
-                    total += abs(_dot(whole[i], column))
-                else:
-                    share = exact(time) / PIECES
-                    for x in over:
-                        total += magnitude(x) * share
+                total += _absolute_integral(_dot(whole[i], column), over, exact(time) / PIECES)
             found.append(arb(total.upper()))
         return found
+
+
+def _absolute_integral(whole: arb, over: Sequence[arb], share: arb) -> arb:
+    """A bound on the integral of |f| from that of f and its ranges over equal pieces of time.
+
+    |f| = f + 2 max(-f, 0) = -f + 2 max(f, 0).
+    """
+    below_zero, above_zero, size = ZERO, ZERO, ZERO
+    for x in over:
+        below_zero += ZERO.max(arb((-x).upper()))
+        above_zero += ZERO.max(arb(x.upper()))
+        size += magnitude(x)
+    bounds = (whole + 2 * share * below_zero, 2 * share * above_zero - whole, share * size)
+    return min((arb(b.upper()) for b in bounds), key=float)
 
 
 def _dot(a: Sequence[arb], b: Sequence[arb]) -> arb:

@@ -11,18 +11,26 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.recheck.balls import HALF, TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
+from soter.recheck.balls import (
+    HALF,
+    TINIEST,
+    UNIT_ROUNDOFF,
+    above,
+    below,
+    exact,
+    magnitude,
+)
 from soter.recheck.chains import free_phase, sc_chain
 from soter.recheck.compile_terms import compile_truths, form_of_box
 from soter.recheck.problem import error_of
 from soter.recheck.tables import Cells, Grid, halves, uncovered, volume
 from soter.recheck.terms import (
     TRUE,
-    NotRecheckedError,
     Terms,
     both,
     conjuncts,
     either,
+    influence,
     inputs_of,
     negation,
 )
@@ -46,6 +54,10 @@ PIECES = (1, 4)
 FREE_PIECES = (4, 16)
 SPLITS = 6
 """How often a single cell is halved before it counts as failed."""
+SPLITS_OF_PREDICATES = 10
+"""The same where a predicate is evaluated: errors are halved, too."""
+SPLITS_OF_SETS = 4
+"""The same where it is only asked which cells to use: a failure costs cells, no proof."""
 UNRANKED = 1 << 20
 
 
@@ -78,7 +90,7 @@ def _finer(
         return True
     if splits == 0:
         return False
-    axis = (SPLITS - splits) % len(box)
+    axis = splits % len(box)
     low, high = box[axis]
     middle = ((low + high) * HALF).mid()
     return all(
@@ -178,6 +190,8 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> list[Block]:
     def attempt(at: Block) -> bool:
         part = order[tuple(slice(low, high) for low, high in at)]
         least = int(part.min())
+        if volume(at) > 1 and least < int(part.max()):
+            return False
         holds = int(holds_of[tuple(slice(low, high) for low, high in at)].max())
         if holds == 0:
             return False
@@ -311,22 +325,21 @@ def certain(
 ) -> list[Cells]:
     """For each group the cells on which its share of a predicate certainly holds.
 
-    The predicate holds on the product of these sets: each of its conjuncts must be a matter of
-    one group, the others ranging over their whole grids. Where `errors`, on every estimate of
-    every state.
+    The predicate holds on the product of these sets: each of its conjuncts is the matter of one
+    group, all other states ranging over their whole grids. It is that of the group on which it
+    depends most; any choice is sound, and only this one is useful. Where `errors`, on every
+    estimate of every state.
     """
     terms, states = model.new_terms()
     truth = model.predicate(terms, states, expr, errors=errors)
     shares: list[list[Truth]] = [[] for _ in groups]
     atoms = {next(iter(x.terms)): i for i, x in enumerate(states)}
     for part in [*conjuncts(truth), *terms.obligations]:
-        touched = {atoms[a] for a in inputs_of(terms, [part]) if a in atoms}
-        owners = [k for k, g in enumerate(groups) if touched & set(g.states)]
-        if len(owners) > 1:
-            raise NotRecheckedError(
-                "a predicate that couples groups of states is not rechecked yet"
-            )
-        shares[owners[0] if owners else 0].append(part)
+        weights = [
+            influence(terms, part, [a for a, i in atoms.items() if i in g.states]) for g in groups
+        ]
+        owner = max(range(len(groups)), key=lambda k: float(weights[k]))
+        shares[owner].append(part)
     found = []
     for group, share in zip(groups, shares, strict=True):
         whole = both_all(share)
@@ -344,25 +357,45 @@ def both_all(parts: Sequence[Truth]) -> Truth:
     return found
 
 
+def _decision(
+    model: Model, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Truth
+) -> tuple[Callable[[list[tuple[arb, arb]]], int], list[tuple[arb, arb]]]:
+    """The truth of a proposition on a box of the group's states, other states on their grids.
+
+    Errors and other topics count as states here, behind those of the group: they have much in
+    common in what is compared. Their ranges come with it.
+    """
+    places = [atoms[i] for i in group.states]
+    boxes = dict(zip(atoms, _grid_boxes(model), strict=True))
+    free = sorted(i for i in inputs_of(terms, [truth]) if terms.atoms[i].kind == "box")
+    ranges = [(terms.atoms[i].low, terms.atoms[i].high) for i in free]
+    decide = compile_truths(terms, [*places, *free], [truth], boxes)
+
+    def decided(box: list[tuple[arb, arb]]) -> int:
+        return decide(form_of_box(box, symbols=False))[0]
+
+    return decided, ranges
+
+
 def _certain_cells(
     model: Model, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Truth
 ) -> Cells:
     """Cells on which a proposition certainly holds, whatever the other groups do."""
-    boxes = {
-        atom: box
-        for i, (atom, box) in enumerate(zip(atoms, _grid_boxes(model), strict=True))
-        if i not in group.states
-    }
-    decide = compile_truths(terms, [atoms[i] for i in group.states], [truth], boxes)
+    decide, ranges = _decision(model, group, terms, atoms, truth)
+
+    def holds(box: list[tuple[arb, arb]]) -> bool:
+        return decide(box) == 2
+
     members = np.zeros(group.grid.shape, dtype=np.bool_)
     waiting = [group.grid.whole]
     while waiting:
         block = waiting.pop()
-        (found,) = decide(form_of_box(group.grid.box(block), symbols=False))
-        if found == 2:
-            members[tuple(slice(low, high) for low, high in block)] = True
-        elif found == 3 and volume(block) > 1:
+        box = [*group.grid.box(block), *ranges]
+        found = decide(box)
+        if found == 3 and volume(block) > 1:
             waiting.extend(halves(block))
+        elif found == 2 or (found == 3 and _finer(box, holds, SPLITS_OF_SETS)):
+            members[tuple(slice(low, high) for low, high in block)] = True
     return Cells(group.grid, members)
 
 
@@ -385,20 +418,15 @@ def admitted(
     refused = negation(told) if admits else told
     fine = either(both(negation(safe), sound_safe), both(refused, sound_told))
     atoms = [next(iter(x.terms)) for x in states]
-    boxes = {
-        atom: box
-        for i, (atom, box) in enumerate(zip(atoms, _grid_boxes(model), strict=True))
-        if i not in group.states
-    }
-    decide = compile_truths(terms, [atoms[i] for i in group.states], [fine], boxes)
+    decide, ranges = _decision(model, group, terms, atoms, fine)
     grid = group.grid
 
     def holds(box: list[tuple[arb, arb]]) -> bool:
-        return decide(form_of_box(box, symbols=False)) == (2,)
+        return decide(box) == 2
 
     def attempt(at: Block) -> bool:
-        box = grid.box(at)
-        return holds(box) or (volume(at) == 1 and _finer(box, holds, SPLITS))
+        box = [*grid.box(at), *ranges]
+        return holds(box) or (volume(at) == 1 and _finer(box, holds, SPLITS_OF_PREDICATES))
 
     todo = Cells(grid, ~proved.members)
     return list(uncovered(todo, block, attempt, volume(grid.whole)))

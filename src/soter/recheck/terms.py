@@ -365,6 +365,27 @@ def inputs_of(terms: Terms, roots: Sequence[Linear | Truth]) -> set[int]:
     return {i for i in needed if terms.atoms[i].kind in ("state", "box")}
 
 
+def influence(terms: Terms, root: Truth, inputs: Sequence[int]) -> arb:
+    """Roughly how much inputs move what is compared in a proposition; a guide, no bound."""
+    moved: dict[int, arb] = {}
+
+    def of(x: Linear) -> arb:
+        return sum((abs(f) * moved.get(a, ZERO) for a, f in x.terms.items()), ZERO)
+
+    for index in sorted(closure(terms, [root])):
+        atom = terms.atoms[index]
+        if atom.arguments:
+            moved[index] = sum((of(x) for x in atom.arguments), ZERO)
+        elif index in inputs:
+            moved[index] = atom.high - atom.low
+
+    def compared(x: Truth) -> arb:
+        found = sum((compared(p) for p in x.parts), ZERO)
+        return found if x.argument is None else found + of(x.argument)
+
+    return compared(root)
+
+
 def closure(terms: Terms, roots: Sequence[Linear | Truth]) -> set[int]:
     """Indices of every atom below the roots."""
     found: set[int] = set()

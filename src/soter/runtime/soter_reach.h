@@ -137,13 +137,18 @@ typedef struct {
   int32_t count;
 } soter_reach_way;
 
-/* Enclosures of all runs over [0, t] under all of U, cut into segments. */
+/* All runs over [0, t] under all of U, cut into segments: at every instant of a segment x is in
+ * phi x(0) + [lo, hi] for some phi in [phi_lo, phi_hi]. */
+typedef struct {
+  double phi_lo[SOTER_REACH_AXES][SOTER_REACH_AXES];
+  double phi_hi[SOTER_REACH_AXES][SOTER_REACH_AXES];
+  double lo[SOTER_REACH_AXES];
+  double hi[SOTER_REACH_AXES];
+} soter_reach_segment;
+
 typedef struct {
   int32_t segments;
-  soter_reach_step at[SOTER_REACH_SEGMENTS]; /* from 0 to the end of segment k; w holds U too */
-  soter_reach_step piece;                    /* one segment */
-  double spread[SOTER_REACH_AXES];           /* w plus the influence of U on x' */
-  double drive[SOTER_REACH_AXES];            /* constant part of x' */
+  soter_reach_segment at[SOTER_REACH_SEGMENTS];
 } soter_reach_tube;
 
 int soter_reach_linearize(soter_reach_group* g, const double* low, const double* high);

@@ -386,12 +386,15 @@ int soter_reach_prepare(soter_reach_group* g) {
          soter_reach_dev(g, &g->model, soter_up(g->delay), 1, g->reach_bwd);
 }
 
-/* All runs over [0, t] under U, from the model. */
+/* All runs over [0, t] under U, from the model: the middle of U moves the centre, its radius is
+ * noise, for u may change at any time. Noise only grows: that of the segment's end serves it all.
+ */
 int soter_reach_tube_prepare(const soter_reach_group* g, double t, int32_t segments,
                              soter_reach_tube* out) {
-  soter_reach_model m = g->model;
+  const soter_reach_model* m = &g->model;
   const int n = g->axes;
-  double mid[COMMANDS], rad[COMMANDS];
+  double mid[COMMANDS], rad[COMMANDS], total[AXES][COMMANDS];
+  range drive[AXES], hull[AXES][COMMANDS];
   if (segments < 1 || segments > SOTER_REACH_SEGMENTS) {
     return 0;
   }
@@ -399,38 +402,43 @@ int soter_reach_tube_prepare(const soter_reach_group* g, double t, int32_t segme
   for (int a = 0; a < g->commands; a++) {
     const double lo = g->low[g->states + g->command[a]], hi = g->high[g->states + g->command[a]];
     mid[a] = lo / 2 + hi / 2;
-    rad[a] = soter_up(fmax(hi - mid[a], mid[a] - lo));
+    rad[a] = soter_up(soter_most(hi - mid[a], mid[a] - lo));
   }
   for (int i = 0; i < n; i++) {
-    double spread = m.w[i], size = fabs(m.c[i]), c = m.c[i];
+    drive[i] = exactly(m->c[i]);
     for (int a = 0; a < g->commands; a++) {
-      if (m.b[i][a] != 0) {
-        c += m.b[i][a] * mid[a];
-        size += fabs(m.b[i][a] * mid[a]);
-        spread = soter_up(spread + soter_up(fabs(m.b[i][a]) * rad[a]));
-      }
+      drive[i] = sum(drive[i], times(exactly(m->b[i][a]), exactly(mid[a])));
     }
-    out->drive[i] = c;
-    out->spread[i] = soter_up(spread + (COMMANDS + 2) * EPS * size * (size > 0 ? 1.0 : 0.0));
   }
   for (int k = 0; k < segments; k++) {
-    const double h = k + 1 == segments ? t : t * (k + 1) / segments;
-    double total[AXES][COMMANDS];
-    range hull[AXES][COMMANDS];
-    if (!soter_reach_make_step(g, &m, h, 0, &out->at[k]) ||
-        !absolute(n, &m.a[0][0], 0, moment(h, fmax(h, g->period)), g->commands, &m.b[0][0], PIECES,
-                  total, hull)) {
+    soter_reach_segment* s = &out->at[k];
+    soter_reach_step step;
+    square at, part, integral, ignored;
+    const range begin = moment(t * k / segments, t), end = moment(t * (k + 1) / segments, t);
+    const range length = {0, soter_up(end.hi - begin.lo)}, when = {begin.lo, end.hi};
+    if (!exponential(n, &m->a[0][0], begin, &at, &ignored) ||
+        !exponential(n, &m->a[0][0], length, &part, &ignored) ||
+        !exponential(n, &m->a[0][0], when, &ignored, &integral) ||
+        !soter_reach_make_step(g, m, end.hi, 0, &step) ||
+        !absolute(n, &m->a[0][0], 0, exactly(end.hi), g->commands, &m->b[0][0], PIECES, total,
+                  hull)) {
       return 0;
     }
-    for (int i = 0; i < n; i++) { /* the middle of U moves c, its radius is noise */
-      soter_reach_step* s = &out->at[k];
-      for (int a = 0; a < g->commands; a++) {
-        s->w[i] = soter_up(s->w[i] + soter_up(total[i][a] * rad[a]));
-        s->c[i] += s->gamma[i][a] * mid[a];
-        s->c_r[i] = soter_up(s->c_r[i] + soter_up(s->gamma_r[i][a] * fabs(mid[a])) +
-                             4 * EPS * (fabs(s->c[i]) + 2 * fabs(s->gamma[i][a] * mid[a])));
+    at = product(n, &at, &part);
+    for (int i = 0; i < n; i++) {
+      range c = exactly(0);
+      double w = step.w[i];
+      for (int j = 0; j < n; j++) {
+        s->phi_lo[i][j] = at.e[i][j].lo;
+        s->phi_hi[i][j] = at.e[i][j].hi;
+        c = sum(c, times(integral.e[i][j], drive[j]));
       }
+      for (int a = 0; a < g->commands; a++) {
+        w = soter_up(w + soter_up(total[i][a] * rad[a]));
+      }
+      s->lo[i] = soter_down(c.lo - w);
+      s->hi[i] = soter_up(c.hi + w);
     }
   }
-  return soter_reach_make_step(g, &m, soter_up(t / segments * (1 + 4 * EPS)), 0, &out->piece);
+  return 1;
 }

@@ -67,63 +67,30 @@ static void divide(cell_job* job, int who, box_test test, const int* first, cons
 /* Every instant of every run from the box lies in the target (linear flows). */
 static int tube_inside(const cell_job* job, const double* lo, const double* hi) {
   const soter_reach_group* g = job->g;
-  const soter_reach_tube* t = job->tube;
   const int n = g->axes;
-  double mid[AXES], rad[AXES], was_lo[AXES], was_hi[AXES];
   uint16_t box[2 * AXES];
-  for (int i = 0; i < n; i++) {
-    mid[i] = lo[i] / 2 + hi[i] / 2;
-    rad[i] = soter_up(soter_most(hi[i] - mid[i], mid[i] - lo[i]));
-    was_lo[i] = lo[i];
-    was_hi[i] = hi[i];
-  }
-  for (int k = 0; k < t->segments; k++) {
-    const soter_reach_step* s = &t->at[k];
-    double now_lo[AXES], now_hi[AXES], rate[AXES], wide[AXES], low[AXES], high[AXES];
+  for (int k = 0; k < job->tube->segments; k++) {
+    const soter_reach_segment* s = &job->tube->at[k];
+    double low[AXES], high[AXES];
     for (int i = 0; i < n; i++) {
-      double c = s->c[i], r = s->w[i] + s->c_r[i], slack = fabs(c), v = 0;
+      double size = fabs(s->lo[i]) + fabs(s->hi[i]);
+      low[i] = s->lo[i];
+      high[i] = s->hi[i];
       for (int j = 0; j < n; j++) {
-        const double size = fabs(mid[j]) + rad[j];
-        c += s->phi[i][j] * mid[j];
-        r += fabs(s->phi[i][j]) * rad[j] + s->phi_r[i][j] * size;
-        slack += fabs(s->phi[i][j]) * size;
-        v += fabs(g->model.a[i][j]) * soter_most(fabs(was_lo[j]), fabs(was_hi[j]));
+        const double a = s->phi_lo[i][j] * lo[j], b = s->phi_lo[i][j] * hi[j];
+        const double c = s->phi_hi[i][j] * lo[j], d = s->phi_hi[i][j] * hi[j];
+        const double least = soter_least(soter_least(a, b), soter_least(c, d));
+        const double most = soter_most(soter_most(a, b), soter_most(c, d));
+        low[i] += least;
+        high[i] += most;
+        size += fabs(least) + fabs(most);
       }
-      r = r * (1 + 16 * EPS) + 16 * EPS * slack + TINY;
-      now_lo[i] = soter_down(c - r);
-      now_hi[i] = soter_up(c + r);
-      rate[i] = (v + fabs(t->drive[i]) + t->spread[i]) * (1 + 16 * EPS);
-    }
-    for (int i = 0; i < n; i++) {
-      double d = 0;
-      for (int j = 0; j < n; j++) {
-        d += t->piece.dev[i][j] * rate[j];
-      }
-      wide[i] = d * (1 + 16 * EPS) + TINY;
-    }
-    for (int i = 0; i < n; i++) { /* x' over the segment, then the tube between its ends */
-      double flo = t->drive[i], fhi = t->drive[i], size = fabs(t->drive[i]);
-      for (int j = 0; j < n; j++) {
-        const double p = g->model.a[i][j] * (was_lo[j] - wide[j]);
-        const double q = g->model.a[i][j] * (was_hi[j] + wide[j]);
-        flo += soter_least(p, q);
-        fhi += soter_most(p, q);
-        size += soter_most(fabs(p), fabs(q));
-      }
-      flo = soter_down(flo - t->spread[i]) - 16 * EPS * size;
-      fhi = soter_up(fhi + t->spread[i]) + 16 * EPS * size;
-      const double up = soter_up(t->piece.h * soter_most(fhi, 0.0));
-      const double down = soter_up(t->piece.h * soter_most(-flo, 0.0));
-      const double top = soter_least(soter_up(was_hi[i] + up), soter_up(now_hi[i] + down));
-      const double bottom = soter_most(soter_down(was_lo[i] - down), soter_down(now_lo[i] - up));
-      high[i] = soter_most(top, soter_most(was_hi[i], now_hi[i]));
-      low[i] = soter_least(bottom, soter_least(was_lo[i], now_lo[i]));
+      low[i] -= 8 * EPS * size + TINY;
+      high[i] += 8 * EPS * size + TINY;
     }
     if (!soter_reach_cover(g, low, high, box) || !soter_reach_inside(g, job->target, box, 0)) {
       return 0;
     }
-    memcpy(was_lo, now_lo, sizeof was_lo);
-    memcpy(was_hi, now_hi, sizeof was_hi);
   }
   return 1;
 }

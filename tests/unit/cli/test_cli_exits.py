@@ -108,8 +108,8 @@ def test_130_an_interrupt(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None
 # ---------------------------------------------------------------- the top level
 
 
-COMMANDS = ("check", "run", "build", "explain", "fmt", "new")
-COMING = ("test", "replay", "campaign", "advise", "measure", "monitor")
+COMMANDS = ("check", "run", "advise", "build", "explain", "fmt", "new")
+COMING = ("test", "replay", "campaign", "measure", "monitor")
 
 
 def test_the_help_lists_every_command_of_the_contract(soter: Soter) -> None:

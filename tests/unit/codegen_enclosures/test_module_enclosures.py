@@ -46,7 +46,7 @@ node Careful period 10ms {
   var kept: int in [0, 3] = 1;
   on takeover { kept = 2; }
   step {
-    let wanted = -2.0 * (seen.x - goal) - 3.0 * seen.v;
+    let wanted = float(kept + 1) * (goal - seen.x) - 3.0 * seen.v;
     let limit = Limit(seen.gear);
     kept = min(kept + 1, 3);
     if abs(seen.v) < 2.5 {
@@ -273,6 +273,20 @@ def test_a_command_that_may_leave_its_set_is_a_possible_fault(tmp_path: Path) ->
             set_input(forms[i], i, value, value)
         assert k.library.soter_law(forms, param, out) == fault
     assert reference.law([0.5, 0, 0, 0, 0, 0, 0, 0.5], 1, 0) == [0.0, 0.0]
+
+
+def test_the_constraint_is_about_the_true_state(tmp_path: Path) -> None:
+    """`safe` does not see the errors, `safer` does."""
+    k = case(FLOW, tmp_path)
+    forms = k.ffi.new("soter_form[]", len(k.ranges))
+    param = k.ffi.new("int64_t[]", [1])
+    for i, value in enumerate((1.49, -2.0, 0.0, 0.0, 0.0, 0.02, 0.05, 0.5)):
+        set_input(forms[i], i, value, value)
+    out = k.ffi.new("unsigned char[]", 1)
+    assert k.library.soter_safe(forms, param, out) == 0
+    assert out[0] == 2
+    assert k.library.soter_safer(forms, param, out) == 0
+    assert out[0] == 1
 
 
 def test_extern_controllers_are_refused() -> None:

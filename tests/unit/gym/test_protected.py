@@ -200,6 +200,20 @@ node Sc period 10ms { subscribes speed; publishes gear; step { publish gear = Ge
 rta Box { ac Ac; sc Sc; period 10ms; safe speed < 9.0; ttf speed > 3.0; safer speed < 2.0; }
 system S default { e: Engine; module Box; until 1s; always e.truth.s < 9.0; }
 """
+LINKED = GEARS.replace(
+    "system S", 'extern node Log period 10ms from "c:log.c:note" { publishes noted; }\nsystem S'
+).replace("module Box; until", "module Box; node Log; until")
+LINKED = LINKED.replace("topic turbo: int in [-2, 3] = 0;", "topic noted: int in [0, 1000] = 0;")
+LOG_C = """#include "gears.h"
+int note(const gears_Log_in *in, gears_Log_out *out);
+int note(const gears_Log_in *in, gears_Log_out *out) {
+  static int calls = 0; /* a memory that no copy of the state has */
+  (void)in;
+  out->noted = ++calls;
+  out->has_noted = 1;
+  return 0;
+}
+"""
 
 
 class Engine(Cart):  # type: ignore[misc]
@@ -233,6 +247,29 @@ def test_an_enum_is_a_discrete_action(tmp_path: Path) -> None:
         env.step(gear)
     assert inner.gears == [1, 2, 2, 1, 0], "SC shifts down when the speed is above 3"
     assert env.step(7)[-1]["gate_fault"]
+
+
+def test_violations_include_the_state_that_was_just_reached(tmp_path: Path) -> None:
+    path = tmp_path / "gears.soter"
+    path.write_text(GEARS)
+    env = Protected(path, Engine())
+    env.reset(seed=1)
+    counted = [env.step(2)[-1]["violations"] for _ in range(10)]
+    assert counted == [0] * 8 + [1, 1], "the ninth state is the first at 9.0"
+
+
+def test_linked_c_with_a_memory_steps_once_a_step(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "gears.soter").write_text(LINKED)
+    (tmp_path / "log.c").write_text(LOG_C)
+    monkeypatch.chdir(tmp_path)
+    env = Protected("gears.soter", Engine())
+    env.reset(seed=1)
+    for _ in range(5):
+        env.step(1)
+    noted = env.session.system.topic("noted").index
+    assert env.session.topic(noted) == 5
 
 
 # ---------------------------------------------------------------- spaces

@@ -6,10 +6,10 @@ import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-import json_documents
 import pytest
 from bench.mutant_models import BASES
 
+import json_documents
 from soter.program.build import check_file, system_of
 from soter.reach.attacked import NotAttackableError, attacked
 from soter.reach.refute import refute, refute_return
@@ -39,7 +39,7 @@ def mutant(base_name: str, name: str) -> tuple[Base, System]:
     ("base", "name"),
     [
         ("cart", "SC with the wrong sign"),
-        ("cart", "horizon of zero in ttf"),
+        ("cart", "horizon of zero in ttf, no margin"),
         ("cart", "SC hovers: it only brakes"),
         ("tank", "safer is constant true"),
         ("tank", "SC weaker than the leak"),
@@ -58,13 +58,13 @@ def test_a_bad_module_is_refuted(base: str, name: str) -> None:
     assert replay(found, system_with(chosen, {})) is None, "the sound module survives the same run"
 
 
-@pytest.mark.parametrize("base", BASES, ids=lambda b: b.name)
+@pytest.mark.parametrize("base", [b for b in BASES if b.beside is None], ids=lambda b: b.name)
 def test_a_sound_module_is_not(base: Base) -> None:
     system = system_with(base, {})
-    search = refute(system, base.module, 1.0)
+    search = refute(system, base.module, 0.5)
     assert search.found is None
     assert search.runs > 100
-    assert refute_return(system, base.module, 1.0).found is None
+    assert refute_return(system, base.module, 0.3).found is None
 
 
 def test_a_dm_that_never_returns_is_refuted() -> None:
@@ -91,14 +91,8 @@ def test_a_file_says_it_all(tmp_path: Path) -> None:
     path = write_counterexample(found, tmp_path / "deep" / "x.json")
     read = read_counterexample(path)
     assert read == found
-    assert (
-        list(
-            json_documents._check(
-                json_documents.SCHEMAS["counterexample"], json.loads(path.read_text()), ""
-            )
-        )
-        == []
-    )
+    schema = json_documents.SCHEMAS["counterexample"]
+    assert list(json_documents._check(schema, json.loads(path.read_text()), "")) == []
     document = json.loads(path.read_text())
     document["choices"]["t.leak"][0][1] = 0.11  # more leak than the program declares
     path.write_text(json.dumps(document))

@@ -30,10 +30,11 @@ def group_of(c: Car, changed: dict[str, object] | None = None, cells: int = 40) 
         "period_ns": round(c.period * 1e9),
         "delay_ns": round(c.delay * 1e9),
         "jitter_ns": round(c.jitter * 1e9),
+        "parameters": tuple(round(1000 * k) for k in (c.kp, c.kv, c.brake)),
     }
     inputs = GridInputs(**{**values, **(changed or {})})  # type: ignore[arg-type]
     edges = [np.linspace(-2, 2, cells + 1), np.linspace(-4, 4, cells + 1)]
-    return GridGroup(car(c.kp, c.kv, c.brake, 1.5), inputs, list(enumerate(edges)))
+    return GridGroup(car(), inputs, list(enumerate(edges)))
 
 
 CARS = [

@@ -6,13 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
-from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of, pendulum_rate
-from unit.reach_grids.test_grid_sets import drawn, escapes, inside
-from unit.reach_grids.units import corner, exact, linear_source, pendulum
 
 from soter.reach.grids import GridGroup, GridInputs, UnboundedError
 from soter.reach.linear import scheme_error, scheme_weight
-from soter.reach.native import ReachLibrary
+from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of, pendulum_rate
+from unit.reach_grids.test_grid_sets import drawn, escapes, inside
+from unit.reach_grids.units import corner, exact, linear, linear_source, pendulum
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -21,7 +20,7 @@ if TYPE_CHECKING:
 
 
 def system(name: str) -> tuple[Floats, Floats, Floats]:
-    """A, B and gains: a lag, a lagged cart, a stiff oscillator, two carts of which one is pushed."""
+    """A, B and gains: a lag, a lagged cart, an oscillator, two carts of which one is pushed."""
     if name == "lag":
         return np.array([[-2.0]]), np.array([[2.0]]), np.array([[3.0]])
     if name == "lagged cart":
@@ -51,9 +50,7 @@ def engine_of(name: str, axes: list[int], period_ns: int = 20 * MS) -> GridGroup
         period_ns=period_ns,
     )
     edges = np.linspace(-1, 1, SIZES[name] + 1)
-    return GridGroup(
-        ReachLibrary(linear_source(a, b, gains, 2.0)), inputs, [(i, edges) for i in axes]
-    )
+    return GridGroup(linear(linear_source(a, b, gains, 2.0)), inputs, [(i, edges) for i in axes])
 
 
 @pytest.mark.parametrize(
@@ -125,7 +122,7 @@ def test_a_core_on_four_axes_is_the_product_of_its_parts() -> None:
         states=((-1.0, 1.0),) * 4, controls=((-2.0, 2.0),) * 2,
         disturbances=((-WIND, WIND),) * 4, period_ns=20 * MS,
     )  # fmt: skip
-    library = ReachLibrary(linear_source(a, b, gains, 2.0))
+    library = linear(linear_source(a, b, gains, 2.0))
     edges = np.linspace(-1, 1, 15)
 
     def core(axes: list[int]) -> npt.NDArray[np.bool_]:
@@ -197,7 +194,7 @@ def test_what_has_no_bound_is_said_to_have_none() -> None:
         states=((-1.0, 1.0),), controls=((-2.0, 2.0),), disturbances=((-WIND, WIND),),
         period_ns=20 * MS,
     )  # fmt: skip
-    stiff = ReachLibrary(linear_source(a * 1e5, b, gains, 2.0))
+    stiff = linear(linear_source(a * 1e5, b, gains, 2.0))
     with pytest.raises(UnboundedError):
         GridGroup(stiff, inputs, [(0, np.linspace(-1, 1, 11))])
 
@@ -212,11 +209,12 @@ def test_the_scheme_error_covers_one_step_of_the_simulator() -> None:
     needed = 0.0
     for _ in range(200):
         x, u = corner(rng, -1, 1, (2,)), corner(rng, -2, 2, (1,))
-        f = lambda y, u=u: a @ y + b @ u  # noqa: E731
-        k1 = f(x)
-        k2 = f(x + h / 2 * k1)
-        k3 = f(x + h / 2 * k2)
-        rk4 = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + f(x + h * k3))
+        drive = b @ u
+        k1 = a @ x + drive
+        k2 = a @ (x + h / 2 * k1) + drive
+        k3 = a @ (x + h / 2 * k2) + drive
+        k4 = a @ (x + h * k3) + drive
+        rk4 = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
         error = np.linalg.solve(integral, rk4 - phi @ x - integral @ b @ u)
         assert np.all(np.abs(error) <= w)
         needed = max(needed, float((np.abs(error) / w).max()))

@@ -18,17 +18,20 @@ HEAD = '#define SOTER_INPUTS {n}\n#include "soter_form.h"\n'
 SIGNATURE = "unsigned soter_{name}(const soter_form in[], const int64_t param[], {type} out[]) {{\n"
 END = "  (void)in;\n  (void)param;\n  return 0U;\n}}\n"
 
-# in: p, v, u, w, ep, ev;  p' = v, v' = u + w;  u = clamp(-kp (p + ep) - kv (v + ev))
+# in: p, v, u, w, ep, ev;  p' = v, v' = u + w;  u = clamp(-kp (p + ep) - kv (v + ev), +-brake);
+# param: kp, kv, brake in thousandths
 CAR = (
     SIGNATURE.format(name="law", type="soter_form")
     + """  soter_form p, v, a, b, s;
+  const double kp = 1e-3 * (double)param[0], kv = 1e-3 * (double)param[1];
+  const double brake = 1e-3 * (double)param[2];
   soter_form_add(&p, &in[0], &in[4]);
   soter_form_add(&v, &in[1], &in[5]);
-  soter_form_scale(&a, &p, -KP, -KP);
-  soter_form_scale(&b, &v, -KV, -KV);
+  soter_form_scale(&a, &p, -kp, -kp);
+  soter_form_scale(&b, &v, -kv, -kv);
   soter_form_add(&s, &a, &b);
-  soter_form_at_most(&a, &s, BRAKE);
-  soter_form_at_least(&out[0], &a, -BRAKE);
+  soter_form_at_most(&a, &s, brake);
+  soter_form_at_least(&out[0], &a, -brake);
 """
     + END.format()
     + SIGNATURE.format(name="derivative", type="soter_form")
@@ -36,7 +39,7 @@ CAR = (
     + END.format()
     + SIGNATURE.format(name="safe", type="soter_truth")
     + """  soter_form wall, size;
-  soter_form_range(&wall, WALL, WALL);
+  soter_form_range(&wall, 1.5, 1.5);
   soter_form_abs(&size, &in[0]);
   out[0] = soter_at_most(&size, &wall);
 """
@@ -105,22 +108,32 @@ def _source(text: str, inputs: int, constants: dict[str, float]) -> str:
     return HEAD.format(n=inputs) + defined + text
 
 
-@lru_cache(maxsize=8)
-def car(kp: float, kv: float, brake: float, wall: float) -> ReachLibrary:
+QUICK = ("-O1",)
+"""Compiling takes longer than running."""
+
+
+@lru_cache(maxsize=1)
+def car() -> ReachLibrary:
     """A double integrator with a wall on both sides, noise on the rate, errors on both readings."""
-    return ReachLibrary(_source(CAR, 6, {"KP": kp, "KV": kv, "BRAKE": brake, "WALL": wall}))
+    return ReachLibrary(_source(CAR, 6, {}), QUICK)
+
+
+@lru_cache(maxsize=8)
+def linear(source: str) -> ReachLibrary:
+    """A system of `linear_source`."""
+    return ReachLibrary(source, QUICK)
 
 
 @lru_cache(maxsize=2)
 def pendulum(kp: float, kv: float, brake: float) -> ReachLibrary:
     """A damped pendulum: a nonlinear flow."""
-    return ReachLibrary(_source(PENDULUM, 4, {"KP": kp, "KV": kv, "BRAKE": brake}))
+    return ReachLibrary(_source(PENDULUM, 4, {"KP": kp, "KV": kv, "BRAKE": brake}), QUICK)
 
 
 @lru_cache(maxsize=2)
 def hill(kp: float, kv: float) -> ReachLibrary:
     """A map of two states."""
-    return ReachLibrary(_source(HILL, 3, {"KP": kp, "KV": kv}))
+    return ReachLibrary(_source(HILL, 3, {"KP": kp, "KV": kv}), QUICK)
 
 
 def corner(rng: np.random.Generator, low: float, high: float, shape: tuple[int, ...]) -> Floats:

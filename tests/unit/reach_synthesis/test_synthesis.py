@@ -95,6 +95,52 @@ def test_another_node_of_that_name_is_left_alone(walls: Path) -> None:
     assert "sc SafeSC_;" in path.read_text()
 
 
+BOAT = """soter 1;
+type Pull = { along: float, across: Vec2 };
+topic pose: Vec2 max_age 10ms;
+topic pull: Pull in { along in [-1.0, 1.0], across in [-1.0, 1.0] };
+plant Boat period 20ms {
+  reads pull;
+  drives pose = { x: x, y: y };
+  state x: float = 0.0;
+  state y: float = 0.0;
+  disturbance stream: float in [-0.3, 0.3];
+  next x = x + 0.2 * pull.along + 0.1 * stream;
+  next y = y + 0.1 * pull.across.x - 0.1 * pull.across.y;
+}
+node Drift period 20ms {
+  publishes pull;
+  step { publish pull = { along: 1.0, across: { x: 1.0, y: 0.0 } }; }
+}
+rta Moored {
+  ac Drift;
+  sc synthesized period 20ms;
+  period 20ms;
+  safe abs(pose.x) < 2.0 && abs(pose.y) < 1.0;
+  verify {
+    grid pose.x in [-2.0, 2.0] / 64, pose.y in [-1.0, 1.0] / 48;
+    commands pull.along in { -1.0, 1.0 };
+    commands pull.across.x in { -1.0, 1.0 };
+    commands pull.across.y in { -1.0, 1.0 };
+  }
+}
+system S default { b: Boat; module Moored; until 20s; always abs(b.truth.x) < 2.0; }
+system Forced { b: Boat; module Moored; force Moored sc; until 20s; always abs(b.truth.x) < 2.0; }
+"""
+
+
+def test_outputs_with_several_leaves_get_a_constant_each(tmp_path: Path) -> None:
+    path = tmp_path / "boat.soter"
+    path.write_text(BOAT)
+    written, _ = soter.load(path).synthesize()
+    text = written.read_text()
+    assert "MooredSC_PULL_ACROSS_Y: float[2]" in text
+    program = soter.load(written)
+    assert program.ok
+    assert program.verify(refute=False).modules[0].findings["P2a"].verdict == "proved"
+    assert program.simulate("Forced", seed=3, trace=False).violations == 0
+
+
 # ---------------------------------------------------------------- where there is none
 
 
@@ -110,6 +156,12 @@ def test_too_strong_a_wind_has_no_controller(walls: Path) -> None:
     found = refusal(walls)
     assert found.code == "U009"
     assert "no cell" in found.notes[0]
+
+
+def test_more_commands_than_the_engine_takes_are_refused_in_words(walls: Path) -> None:
+    many = ", ".join(f"{i / 30 - 1.5:.3f}" for i in range(80))
+    walls.write_text(WALLS.replace("-3.0, 0.0, 3.0", many))
+    assert "64" in refusal(walls).notes[0]
 
 
 def test_errors_of_the_estimate_are_refused_in_words(walls: Path) -> None:

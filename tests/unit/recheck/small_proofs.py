@@ -8,67 +8,22 @@ Non-goals: good sets; speed.
 from __future__ import annotations
 
 import hashlib
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from soter.program.build import check_file, system_of
 from soter.recheck.balls import above, below
-from soter.recheck.folder import canonical
-from soter.recheck.inclusion import ChainCheck, FreeCheck, GroupTables, admitted, certain, ranked
 from soter.recheck.compile_terms import form_of_box
+from soter.recheck.folder import canonical
+from soter.recheck.inclusion import ChainCheck, FreeCheck, GroupTables, certain
 from soter.recheck.model import Model
 from soter.recheck.problem import Facts, read_facts
 from soter.recheck.rechecker import TIME_KEYS
 from soter.recheck.tables import Cells, Grid
 
-CART = """soter 1;
-const A: float = 3.0;
-type Motion = { x: float, v: float };
-topic motion: Motion max_age 20ms;
-topic accel: float in [-A, A] = 0.0;
-plant Cart period 10ms {
-  reads accel;
-  drives motion = { x: x, v: v };
-  state x: float in [-0.1, 0.1];
-  state v: float = 0.0;
-  disturbance wind: float in [-0.1, 0.1];
-  der x = v;
-  der v = accel + wind;
-  measured motion.x within 0.01, motion.v within 0.02;
-}
-node Fast period 50ms {
-  subscribes motion;
-  publishes accel;
-  step { publish accel = motion.v > 0.0 ? A : -A; }
-}
-node Careful period 50ms {
-  subscribes motion;
-  publishes accel;
-  step { publish accel = clamp(-2.0 * motion.x - 2.5 * motion.v, -A, A); }
-}
-fun Stop(x: float, v: float, tau: float): float {
-  let w = max(v, 0.0) + A * tau;
-  return x + max(v, 0.0) * tau + 0.5 * A * tau * tau + w * w / 4.0;
-}
-fun Fits(m: Motion, tau: float): bool {
-  return Stop(m.x, m.v, tau) < 1.3 && Stop(-m.x, -m.v, tau) < 1.3 && abs(m.v) < 1.3;
-}
-rta SafeCart {
-  ac Fast;
-  sc Careful;
-  period 50ms;
-  safe abs(motion.x) < 2.0;
-  ttf !Fits(motion, 0.15);
-  safer Fits(motion, 0.25);
-  verify {
-    grid motion.x in [-2.0, 2.0] / 60, motion.v in [-2.5, 2.5] / 40;
-    late sc 2ms, dm 1ms;
-  }
-}
-system Track default { c: Cart; module SafeCart; until 10s; always abs(c.truth.x) < 2.0; }
-"""
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 def facts_of(path: Path, system: str, module: str) -> Facts:
@@ -80,7 +35,7 @@ def facts_of(path: Path, system: str, module: str) -> Facts:
 
 def even_edges(low: float, high: float, cells: int) -> tuple[float, ...]:
     """Breakpoints at equal distances."""
-    return tuple(low + (high - low) * k / cells for k in range(cells)) + (high,)
+    return (*(low + (high - low) * k / cells for k in range(cells)), high)
 
 
 def images(check: ChainCheck, within: Cells, holds_max: int) -> dict[int, list[Any]]:

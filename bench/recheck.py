@@ -1,0 +1,112 @@
+"""How long `soter recheck` takes, and whether it notices a changed byte.
+
+    .venv/bin/python bench/recheck.py [--only mountain_car|drone] [--bytes 200] [--json FILE]
+
+Purpose: prove each example, check its certificate, then flip single bits of random files of it, the
+seal and the hashes left as they were.
+Non-goals: corruptions with valid hashes (`recheck_corruptions.py`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+import soter
+from soter.api import recheck
+
+if TYPE_CHECKING:
+    from soter.recheck.rechecker import Report
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@dataclass(frozen=True)
+class Example:
+    """A program, and the time its certificate may take."""
+
+    name: str
+    path: str
+    target_s: float
+
+
+EXAMPLES = (
+    Example("mountain_car", "examples/mountain_car/cliff.soter", 30.0),
+    Example("drone", "examples/drone/motion_primitive.soter", 120.0),
+)
+
+
+def noticed(folder: Path, count: int, seed: int) -> int:
+    """Of so many flipped bits, how many are rejected; the folder is as before afterwards."""
+    draw = np.random.default_rng(seed)
+    files = sorted(p for p in folder.rglob("*") if p.is_file())
+    found = 0
+    for _ in range(count):
+        path = files[draw.integers(len(files))]
+        data = path.read_bytes()
+        at, bit = int(draw.integers(len(data))), 1 << int(draw.integers(8))
+        path.write_bytes(data[:at] + bytes([data[at] ^ bit]) + data[at + 1 :])
+        found += not recheck(folder).accepted
+        path.write_bytes(data)
+    return found
+
+
+def measure(example: Example, flips: int) -> dict[str, object]:
+    """Prove, check, flip."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name) / "cert"
+        proved = soter.load(ROOT / example.path).verify(cert=folder, refute=False)
+        began = time.perf_counter()
+        report: Report = recheck(folder)
+        seconds = time.perf_counter() - began
+        size = sum(p.stat().st_size for p in folder.rglob("*") if p.is_file())
+        seen = noticed(folder, flips, 1) if report.accepted else 0
+    return {
+        "verdict": proved.verdict,
+        "accepted": report.accepted,
+        "reason": report.reason,
+        "confirmed": [c for m in report.modules for c in m.confirmed],
+        "cells": sum(m.cells for m in report.modules),
+        "bytes": size,
+        "seconds": seconds,
+        "target_s": example.target_s,
+        "flipped": flips,
+        "noticed": seen,
+    }
+
+
+def main() -> int:
+    """Print the table; exit 1 where a target is missed."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--only", choices=[e.name for e in EXAMPLES])
+    parser.add_argument("--bytes", type=int, default=200)
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    found = {}
+    missed = False
+    for example in EXAMPLES:
+        if args.only not in (None, example.name):
+            continue
+        row = found[example.name] = measure(example, args.bytes)
+        print(f"{example.name}: {row['verdict']}, {row['cells']:,} cells, {row['bytes']:,} bytes")
+        said = "accepted" if row["accepted"] else f"REJECTED: {row['reason']}"
+        print(f"  recheck {row['seconds']:.1f} s, target {example.target_s:g} s: {said}")
+        print(f"  confirmed: {' '.join(str(c) for c in row['confirmed'])}")  # type: ignore[attr-defined]
+        print(f"  flipped bits noticed: {row['noticed']} of {row['flipped']}")
+        in_time = float(row["seconds"]) <= example.target_s  # type: ignore[arg-type]
+        missed |= not (row["accepted"] and in_time and row["noticed"] == row["flipped"])
+    if args.json:
+        args.json.write_text(json.dumps(found, indent=1))
+    return 1 if missed else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,141 @@
+"""`soter advise FILE`: what the period of a decision module and its levels cost.
+
+Purpose: a table for each module, a figure in `.soter/`, and the largest Delta that verifies.
+Non-goals: the sweeps (`reach/advise.py`), the drawing (`report/advice_page.py`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.api import load
+from soter.cli.outcome import FINE, Outcome, UsageError, exit_of
+from soter.cli.parser import Parser, add_file, add_settings
+from soter.cli.progress import Progress
+from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.cli.console import Console
+    from soter.reach.advise import Advice, Row
+
+EXAMPLES = """\
+  soter advise cart.soter
+  soter advise cart.soter --levels 2,3,4,6
+  soter advise cart.soter --factors 0.5,1,2,8      multiples of the declared period
+  soter advise drone.soter --module SafeMotionPrimitive -o advice.html
+  soter advise cart.soter --json | jq '.modules[].best_s'
+
+Nothing is changed: every row is the program's problem with another period of the decision module.
+
+exit codes: 0 always when there was something to compute, 1 diagnostics, 2 usage
+"""
+LARGEST = 100.0
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("advise", "What the decision period and the levels cost.", EXAMPLES)
+    add_file(made)
+    made.add_argument("--module", metavar="M", help="only this module; by default all")
+    made.add_argument("--system", metavar="S", help="the system its plants stand in")
+    add_settings(made)
+    made.add_argument("--levels", metavar="LIST", default="2,3,4", help="m to try (2,3,4)")
+    made.add_argument(
+        "--factors",
+        metavar="LIST",
+        default="0.25,0.5,1,1.5,2,3,4",
+        help="multiples of the declared period to try (0.25 to 4)",
+    )
+    made.add_argument("-o", dest="output", metavar="FILE", help="the figure (.soter/...html)")
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Advise."""
+    levels = [int(x) for x in _numbers(args.levels, "--levels", 2.0)]
+    factors = _numbers(args.factors, "--factors", 1e-3)
+    program = load(args.file)
+    for name, target in args.bindings:
+        program.bind(name, target)
+    page = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-advise.html")
+    try:
+        with Progress(console) as progress:
+            found = program.advise(
+                args.module,
+                system=args.system,
+                params=dict(args.params),
+                levels=levels,
+                factors=factors,
+                report=page,
+                progress=progress,
+            )
+    except SoterError as error:
+        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    for advice in found:
+        _say(advice, console)
+    if found:
+        console.say(f"\nfigure  {page}")
+    else:
+        console.say("there is no module to advise on")
+    fields = {
+        "file": args.file,
+        "program_sha256": program.sha256,
+        "report": str(page) if found else None,
+        "modules": {a.module: _fields(a) for a in found},
+    }
+    return Outcome(FINE, program.diagnostics, fields)
+
+
+def _numbers(text: str, option: str, least: float) -> list[float]:
+    """A list of numbers on the command line."""
+    try:
+        found = [float(part) for part in text.split(",")]
+    except ValueError:
+        message = f"{option} takes numbers with commas between, not `{text}`"
+        raise UsageError(message, parser().format_usage()) from None
+    if not all(least <= x <= LARGEST for x in found):
+        message = f"{option} takes numbers from {least:g} to {LARGEST:g}, not `{text}`"
+        raise UsageError(message, parser().format_usage())
+    return found
+
+
+def _say(advice: Advice, console: Console) -> None:
+    from soter.report.summary import table  # noqa: PLC0415 - only here
+
+    head, rows = advice.table()
+    console.say()
+    console.say(console.paint("strong", advice.module))
+    console.say()
+    console.say(table(head, rows))
+    console.say()
+    console.say(advice.summary)
+
+
+def _fields(advice: Advice) -> dict[str, object]:
+    best = advice.best_ns
+    return {
+        "period_s": advice.delta_ns / 1e9,
+        "levels": advice.levels,
+        "best_s": None if best is None else best / 1e9,
+        "rows": [_row(advice, row) for row in advice.rows],
+    }
+
+
+def _row(advice: Advice, row: Row) -> dict[str, object]:
+    return {
+        "period_s": row.delta_ns / 1e9,
+        "sc_period_s": row.sc_ns / 1e9,
+        "h_star_s": row.h_star_ns / 1e9,
+        "horizon_s": row.horizon_ns / 1e9,
+        "in_time": row.in_time,
+        "core": row.core,
+        "allowed": row.allowed,
+        "levels": {str(m): share for m, share in row.levels.items()},
+        "returns": {str(m): holds for m, holds in row.returns.items()},
+        "written": row.written,
+        "verifies": row.verifies(advice.levels),
+        "why": row.why,
+    }

@@ -1,0 +1,263 @@
+"""What the period of a decision module costs: sweeps of Delta and m.
+
+Purpose: for multiples of the declared Delta the problem is derived again (H* follows; SC's period
+is scaled with it only where it is Delta) and the sets recomputed: which share of the states is left
+to AC, whether P1c and P2b hold, and the largest Delta for which everything is proved.
+Non-goals: changing a program; certificates. Verdicts are those of `verify.py` without refinement.
+
+The paper leaves the choice of Delta to future work. A short Delta leaves AC more room, a long one
+costs less computing; m levels of hysteresis keep AC in control for at least (m - 1) Delta.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.program import typed
+from soter.program.durations import show_ns
+from soter.program.walk import nodes
+from soter.reach import claims
+from soter.reach.boxes import share
+from soter.reach.extract import cases
+from soter.reach.forms import library_of
+from soter.reach.grids import UnboundedError
+from soter.reach.levels import levels as add_levels
+from soter.reach.recovery import recover
+from soter.report.advice_page import AdvicePage, Line
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.reach.claims import Case
+    from soter.reach.native import ReachLibrary
+    from soter.reach.problem import Problem
+    from soter.reach.results import GroupSets
+
+    Bools = NDArray[np.bool_]
+    Progress = Callable[[float], None]
+
+FACTORS = (0.25, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0)
+LEVELS = (2, 3, 4)
+
+
+@dataclass
+class Row:
+    """One Delta. Shares are of the grid's volume, products over groups, the least over cases.
+
+    `levels`: m -> share of S_(m-2); `returns`: m -> whether P2b is proved with computed
+    predicates; `written`: whether the program's own `ttf` and `safer` verify (None: it has none).
+    """
+
+    delta_ns: int
+    sc_ns: int
+    h_star_ns: int
+    horizon_ns: int
+    core: float = 0.0
+    allowed: float = 0.0
+    levels: dict[int, float] = field(default_factory=dict)
+    returns: dict[int, bool] = field(default_factory=dict)
+    starts: bool = False
+    written: bool | None = None
+    why: str = ""
+    """What stands in the way, where something does."""
+
+    @property
+    def in_time(self) -> bool:
+        """P1c."""
+        return self.horizon_ns >= self.h_star_ns
+
+    def verifies(self, levels: int) -> bool:
+        """Whether everything is proved: with the program's predicates, or computed ones."""
+        if not (self.in_time and self.starts):
+            return False
+        return self.written if self.written is not None else self.returns.get(levels, False)
+
+
+@dataclass
+class Advice:
+    """The sweep of one module; `best_ns` is the largest Delta tried that verifies."""
+
+    module: str
+    delta_ns: int
+    levels: int
+    rows: list[Row]
+
+    @property
+    def best_ns(self) -> int | None:
+        """The largest Delta that verifies; None where none of those tried does."""
+        found = [r.delta_ns for r in self.rows if r.verifies(self.levels)]
+        return max(found, default=None)
+
+    @property
+    def summary(self) -> str:
+        """One sentence."""
+        best = self.best_ns
+        if best is None:
+            return "no period that was tried verifies"
+        more = ", the longest that was tried" if best == self.rows[-1].delta_ns else ""
+        return f"the largest period that verifies is {show_ns(best)}{more}"
+
+    def table(self) -> tuple[list[str], list[list[str]]]:
+        """(head, rows) for people."""
+        tried = sorted({m for r in self.rows for m in r.levels})
+        head = ["period", "SC", "H*", "K", "S_0"]
+        head += [f"S_{m - 2} (m = {m})" for m in tried]
+        head += ["P1c", "P2b", "verifies", "why not"]
+        rows = []
+        for r in self.rows:
+            mark = " *" if r.delta_ns == self.delta_ns else ""
+            times = [show_ns(r.delta_ns) + mark, show_ns(r.sc_ns), show_ns(r.h_star_ns)]
+            shares = [r.core, r.allowed, *(r.levels.get(m, 0.0) for m in tried)]
+            back = ", ".join(f"m = {m}" for m in tried if r.returns.get(m)) or "no"
+            verifies = r.verifies(self.levels)
+            cells = [*times, *(f"{s:.1%}" for s in shares), "yes" if r.in_time else "no", back]
+            rows.append([*cells, "yes" if verifies else "no", "" if verifies else r.why])
+        return head, rows
+
+    def page(self) -> AdvicePage:
+        """What the figure shows."""
+        tried = sorted({m for r in self.rows for m in r.levels})
+        curves = [Line("K", self._points(lambda r: r.core), tuple(r.core > 0 for r in self.rows))]
+        for m in tried:
+            name = "S_0 (m = 2)" if m == 2 else f"S_{m - 2} (m = {m})"
+            sure = tuple(r.in_time and r.starts and r.returns.get(m, False) for r in self.rows)
+            points = self._points(lambda r, m=m: r.levels.get(m, 0.0))  # type: ignore[misc]
+            curves.append(Line(name, points, sure))
+        head, rows = self.table()
+        return AdvicePage(
+            self.module, self.summary, tuple(curves), tuple(head), tuple(tuple(r) for r in rows)
+        )
+
+    def _points(self, share_of: Callable[[Row], float]) -> tuple[tuple[float, float], ...]:
+        return tuple((r.delta_ns / 1e6, share_of(r)) for r in self.rows)
+
+
+def advise(
+    problem: Problem,
+    factors: Sequence[float] = FACTORS,
+    levels: Sequence[int] = LEVELS,
+    progress: Progress | None = None,
+) -> Advice:
+    """Sweep Delta over multiples of the declared one, and m over `levels`."""
+    library, _ = library_of(problem)
+    wanted = sorted({*levels, problem.levels})
+    every = _periods(problem, factors)
+    advice = Advice(problem.name, problem.times.delta_dm, problem.levels, [])
+    opened: dict[int, list[Case]] = {}
+    for i, delta in enumerate(every):
+        if progress is not None:
+            progress(i / len(every))
+        changed = at_period(problem, delta)
+        times = changed.times
+        row = Row(delta, times.delta_sc, times.h_star, times.horizon_ns)
+        advice.rows.append(row)
+        try:
+            if times.delta_sc not in opened:
+                opened[times.delta_sc] = _opened(changed, library)
+            _fill(row, changed, opened[times.delta_sc], wanted)
+        except UnboundedError as error:
+            row.why = str(error)
+    return advice
+
+
+def _periods(problem: Problem, factors: Sequence[float]) -> list[int]:
+    """Multiples of the declared Delta that are multiples of SC's period (a map: of its own)."""
+    times = problem.times
+    if _scales(problem):
+        return sorted({max(1, round(f * times.delta_dm)) for f in factors})
+    unit = times.delta_sc if problem.kind == "flow" else problem.plant_period_ns
+    return sorted({max(1, round(f * times.delta_dm / unit)) * unit for f in factors})
+
+
+def _scales(problem: Problem) -> bool:
+    """Whether SC's period goes with Delta: a flow's where both are one, and SC reads no `dt`."""
+    times = problem.times
+    if problem.kind != "flow" or times.delta_sc != times.delta_dm:
+        return False
+    node = problem.system.components[problem.module.sc].node
+    return node is not None and not any(isinstance(n, typed.PeriodRead) for n in nodes(node.step))
+
+
+def at_period(problem: Problem, delta_ns: int) -> Problem:
+    """The problem with another Delta; nothing else changes but SC's period where that was Delta.
+
+    Phases stay: they are those of the calendar. The scheme's error is that of the plant's step.
+    """
+    sc = delta_ns if _scales(problem) else problem.times.delta_sc
+    return replace(problem, times=replace(problem.times, delta_dm=delta_ns, delta_sc=sc))
+
+
+def _opened(problem: Problem, library: ReachLibrary) -> list[Case]:
+    """Engines, C and K of every case: they do not depend on Delta."""
+    found = []
+    for parameter in cases(problem):
+        case = claims.open_case(problem, library, problem.groups, parameter, None)
+        if claims.constraint(case):
+            claims.core(case)
+        found.append(case)
+    return found
+
+
+def _fill(row: Row, problem: Problem, opened: list[Case], wanted: list[int]) -> None:
+    done = [_at(case, problem) for case in opened]
+    row.core = _share(done, lambda g: g.core > 0)
+    broken = next((f for c in opened for f in c.failed("P2a")), None)
+    if broken is not None:
+        row.why = broken.text
+        return
+    for case in done:
+        claims.free_phase(case)
+        claims.start(case)
+    row.starts = not any(c.failed("start") for c in done)
+    if not problem.computed:
+        row.written = all(_own(case) for case in done)
+    for m in wanted:
+        computed = replace(problem, computed=True, levels=m)
+        tried = [_at(case, computed) for case in done]
+        for case in tried:
+            add_levels(case)
+        row.allowed = _share(tried, lambda g: g.levels[0])
+        row.levels[m] = _share(tried, lambda g: g.levels[-1])
+        row.returns[m] = row.levels[m] > 0.0 and all(_returns(case) for case in tried)
+    row.why = row.why or _why(row, done)
+
+
+def _at(case: Case, problem: Problem) -> Case:
+    """The same engines and sets for another problem; nothing has failed yet."""
+    sets = replace(case.sets, groups=[replace(g) for g in case.sets.groups])
+    return replace(case, problem=problem, sets=sets, failures=[], spent={}, counts={})
+
+
+def _own(case: Case) -> bool:
+    """Whether the program's predicates verify at this period: `ttf`, `safer`, P2b."""
+    for predicate in ("ttf", "safer"):
+        claims.inclusion(case, predicate)
+    recover(case)
+    return not any(case.failed(c) for c in ("ttf", "safer", "P2b"))
+
+
+def _returns(case: Case) -> bool:
+    recover(case)
+    return not case.failed("P2b")
+
+
+def _why(row: Row, done: list[Case]) -> str:
+    """The first thing that stands in the way."""
+    if not row.in_time:
+        return "the declared horizon is shorter than H*"
+    return next((f.text for c in done for f in c.failures), "")
+
+
+def _share(done: list[Case], cells: Callable[[GroupSets], Bools]) -> float:
+    least = 1.0
+    for case in done:
+        one = 1.0
+        for part, engine in zip(case.sets.groups, case.groups, strict=True):
+            one *= share(np.asarray(cells(part), dtype=np.bool_), engine.edges)
+        least = min(least, one)
+    return least

@@ -1,0 +1,289 @@
+"""The claims about one combination of parameter values.
+
+Purpose: which inclusions each claim needs, and to have them shown on all processors.
+Non-goals: the inclusions themselves (`inclusion.py`), certificates (`rechecker.py`).
+"""
+
+from __future__ import annotations
+
+import multiprocessing
+from dataclasses import dataclass, field
+from functools import partial
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.program.types import leaves
+from soter.recheck.inclusion import (
+    FREE_PIECES,
+    PIECES,
+    ChainCheck,
+    FreeCheck,
+    GroupTables,
+    RejectedError,
+    admitted,
+    certain,
+    drifts,
+    eroded,
+    free,
+    levels_hold,
+    ranked,
+    witnessed,
+)
+from soter.recheck.problem import number_of
+from soter.recheck.symbolic import flat
+from soter.recheck.tables import Cells, Grid, parts
+from soter.recheck.terms import NotRecheckedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.program.typed import Expr
+    from soter.recheck.model import Model
+    from soter.recheck.problem import Facts
+    from soter.recheck.tables import Block
+
+BLOCKS = 24
+"""Into how many blocks a grid is dealt out to the processors."""
+SMALL = 4_000
+"""Cells; a smaller grid is not worth it."""
+
+
+@dataclass(eq=False)
+class Case:
+    """The claims about one combination of parameter values."""
+
+    model: Model
+    groups: list[GroupTables]
+    claims: set[str]
+    entry: dict[str, Any]
+    progress: Callable[[float], None]
+    workers: int
+    tasks: list[tuple[str, Grid, Callable[[Block], list[Block]], Block]] = field(
+        default_factory=list
+    )
+
+    def check(self) -> None:
+        """Collect what is to be shown, then show it."""
+        symbol = self.model.facts.symbol
+        self.computed = symbol.ttf is None and symbol.safer is None
+        self.cores = [Cells(g.grid, g.core > 0) for g in self.groups]
+        if any(c.size == 0 for c in self.cores):
+            raise RejectedError("K is empty")
+        if self.claims & {"P2a", "P2b", "P3", "ttf", "safer", "start"}:
+            self._kernel()
+        if self.claims & {"P3", "ttf", "safer"}:
+            self._free()
+            if self.computed:
+                self._levels()
+            else:
+                self._predicates()
+        if "P2b" in self.claims:
+            self._return()
+        if "start" in self.claims:
+            self._start()
+        self._run()
+
+    def _add(self, what: str, grid: Grid, show: Callable[[Block], list[Block]]) -> None:
+        cells = int(np.prod(grid.shape))
+        for block in parts(grid.whole, BLOCKS if cells > SMALL else 1):
+            self.tasks.append((what, grid, show, block))
+
+    def _kernel(self) -> None:
+        """K: SC keeps `safe` from it, and leads back to it."""
+        allowed = certain(self.model, self.groups, self.model.facts.symbol.safe, errors=False)
+        for group, core, within in zip(self.groups, self.cores, allowed, strict=True):
+            if (core.members & ~within.members).any():
+                raise RejectedError("K holds cells on which `safe` is not certain")
+            check = ChainCheck(self.model, group)
+            check.chain(PIECES[0])
+            show = partial(witnessed, check, group.core, within, core.contains)
+            self._add("SC does not certainly lead back to K from", group.grid, show)
+
+    def _free(self) -> None:
+        """R(H): nothing leads out of K within H."""
+        horizon = self.model.facts.times["H_ns"]
+        for group, core in zip(self.groups, self.cores, strict=True):
+            if group.free is None:
+                raise RejectedError("a claim needs R, which is not there")
+            check = FreeCheck(self.model, group, horizon)
+            check.phase(FREE_PIECES[0])
+            show = partial(free, check, Cells(group.grid, group.free), core)
+            self._add("some command leads out of K within H from", group.grid, show)
+
+    def _predicates(self) -> None:
+        """Where `ttf` may be false or `safer` true, on an estimate, the state is in R(H)."""
+        symbol = self.model.facts.symbol
+        wanted: list[tuple[str, Any, bool]] = []
+        if self.claims & {"P3", "ttf"}:
+            wanted.append(("ttf", symbol.ttf, False))
+        if self.claims & {"P3", "safer"}:
+            wanted.append(("safer", symbol.safer, True))
+        for name, expr, admits in wanted:
+            if expr is None:
+                raise NotRecheckedError("computed predicates are not rechecked yet")
+            for group in self.groups:
+                assert group.free is not None
+                proved = Cells(group.grid, group.free)
+                show: Any = partial(_admitted, self.model, group, expr, admits, proved)
+                self._add(f"`{name}` may leave AC in control outside R(H) in", group.grid, show)
+
+    def _return(self) -> None:
+        """P2b: Q is kept within `safer`, and W leads there from all of K."""
+        allowed = self._calm()
+        for group, core, within in zip(self.groups, self.cores, allowed, strict=True):
+            if group.home is None or group.rank is None or group.rank_holds is None:
+                raise RejectedError("a claim needs Q and W, which are not there")
+            home = Cells(group.grid, group.home > 0)
+            if (home.members & ~within.members).any():
+                raise RejectedError("Q holds cells on which `safer` is not certain")
+            if (core.members & ~home.members & (group.rank == 0)).any():
+                raise RejectedError("W does not hold all of K")
+            check = ChainCheck(self.model, group)
+            check.chain(PIECES[0])
+            kept = partial(witnessed, check, group.home, within, home.contains)
+            self._add("SC does not certainly stay where `safer` holds from", group.grid, kept)
+            show = partial(ranked, check, home)
+            self._add("SC does not certainly come nearer to Q from", group.grid, show)
+        self._recover()
+
+    def _calm(self) -> list[Cells]:
+        """States on all of whose estimates `safer` certainly holds."""
+        safer = self.model.facts.symbol.safer
+        if safer is not None:
+            return certain(self.model, self.groups, safer, errors=True)
+        return [eroded(self.model, g, self._levels_of(g)[-1]) for g in self.groups]
+
+    def _levels_of(self, group: GroupTables) -> list[Cells]:
+        """S_0, ..., S_(m-2)."""
+        count = self.model.facts.levels - 1
+        if len(group.levels) < count:
+            raise RejectedError("a claim needs the tables S, which are not there")
+        return [Cells(group.grid, s) for s in group.levels[:count]]
+
+    def _levels(self) -> None:
+        """Computed predicates: ttf is not S_0, safer is S_(m-2)."""
+        times = self.model.facts.times
+        between = times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"]
+        for group in self.groups:
+            assert group.free is not None
+            if len(group.levels) != self.model.facts.levels - 1:
+                raise RejectedError("the tables S are not as many as the levels ask for")
+            levels = self._levels_of(group)
+            free = Cells(group.grid, group.free)
+            show: Any = partial(levels_hold, self.model, group, levels[0], free)
+            self._add("an estimate in S_0 may be of a state outside R(H), in", group.grid, show)
+            check = FreeCheck(self.model, group, between)
+            for k in range(1, len(levels)):
+                if (levels[k].members & ~levels[k - 1].members).any():
+                    raise RejectedError(f"S_{k} is no part of S_{k - 1}")
+                calm = eroded(self.model, group, levels[k - 1])
+                show = partial(drifts, check, levels[k], calm)
+                self._add(
+                    f"S_{k} may be left for outside S_{k - 1} at once, from", group.grid, show
+                )
+
+    def _recover(self) -> None:
+        """The time to return, bounded by the longest witness of every rank."""
+        wanted = self.entry["recover_ns"]
+        declared = self.model.facts.symbol.verify.recover
+        if declared is None:
+            if wanted is not None:
+                raise RejectedError("the program declares no time to return")
+            return
+        if wanted != number_of(self.model.facts, declared):
+            raise RejectedError("the time to return is another one in the program")
+        times = self.model.facts.times
+        longest = 0
+        for group in self.groups:
+            assert group.rank is not None
+            assert group.rank_holds is not None
+            total = 0
+            for rank in range(1, int(group.rank.max()) + 1):
+                holds = group.rank_holds[group.rank == rank]
+                total += int(holds.max()) if holds.size else 0
+            longest = max(longest, total)
+        bound = longest * times["delta_ns"] + times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"]
+        if bound > wanted:
+            raise RejectedError("SC may take longer to return than the program allows")
+
+    def _start(self) -> None:
+        """The declared initial states stay in K until SC acts, whatever acts before."""
+        facts = self.model.facts
+        if not _is_initial(facts, self.model.parameter):
+            return
+        times = facts.times
+        before = facts.sc.phase_ns + times["J_sc_ns"] + times["R_sc_ns"] + times["L_ns"]
+        for group, core in zip(self.groups, self.cores, strict=True):
+            box = Grid(tuple((facts.states[i].low, facts.states[i].high) for i in group.states))
+            check = FreeCheck(self.model, group, before)
+            if not check.stays(box.box(box.whole), core, FREE_PIECES[1]):
+                raise RejectedError("an initial state may leave K before SC acts")
+        for topic in {c.owner for c in facts.controls}:
+            default = facts.system.topics[topic]
+            for c, value in zip(
+                [c for c in facts.controls if c.owner == topic], _leaves(default), strict=True
+            ):
+                if not c.low <= value <= c.high:
+                    raise RejectedError(f"the default of `{c.name}` is outside its set")
+
+    def _run(self) -> None:
+        global _TASKS  # noqa: PLW0603  what the forked processes see
+        _TASKS = self.tasks
+        workers = min(self.workers, len(self.tasks))
+        done = 0
+        if workers > 1 and "fork" in multiprocessing.get_all_start_methods():
+            with multiprocessing.get_context("fork").Pool(workers) as pool:
+                for failed in pool.imap_unordered(_show, range(len(self.tasks))):
+                    self._note(failed)
+                    done += 1
+                    self.progress(done / len(self.tasks))
+            return
+        for k in range(len(self.tasks)):
+            self._note(_show(k))
+            self.progress((k + 1) / len(self.tasks))
+
+    def _note(self, failed: str) -> None:
+        if failed:
+            case = ", ".join(
+                f"{p.name} = {v}"
+                for p, v in zip(self.model.facts.parameters, self.model.parameter, strict=True)
+            )
+            raise RejectedError(failed + (f" ({case})" if case else ""))
+
+
+_TASKS: list[tuple[str, Grid, Any, Any]] = []
+
+
+def _show(k: int) -> str:
+    """One task: empty, or what went wrong."""
+    what, grid, show, block = _TASKS[k]
+    failed = show(block)
+    return f"{what} {grid.text(failed[0])}" if failed else ""
+
+
+def _admitted(
+    model: Model, group: GroupTables, expr: Expr, admits: bool, proved: Cells, block: Block
+) -> list[Block]:
+    return admitted(model, group, expr, admits=admits, proved=proved, block=block)
+
+
+def _leaves(topic: Any) -> list[float]:  # noqa: ANN401
+    assert len(flat(topic.default)) == len(list(leaves(topic.type)))
+    return flat(topic.default)
+
+
+def _is_initial(facts: Facts, values: tuple[int, ...]) -> bool:
+    """Whether a run may start with these values of the parameters."""
+    for p, v in zip(facts.parameters, values, strict=True):
+        component = next(c for c in facts.plants if c.index == p.owner)
+        assert component.plant is not None
+        names = [s.name for s in component.plant.states]
+        at = names.index(p.variable)
+        drawn = component.initial_range[at]
+        if drawn is not None:
+            if not drawn[0] <= v <= drawn[1]:
+                return False
+        elif int(flat(component.initial[at])[p.leaf]) != v:
+            return False
+    return True

@@ -1,0 +1,19 @@
+"""What a run left behind, as values: times, topics, true states.
+
+Purpose: the common form of a traced run and of a log, for those who judge it afterwards.
+Non-goals: where it comes from (`simulate/recorded.py`), judging (`reach/monitor.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """After each instant: every topic by full name, every plant's true state by full name."""
+
+    times_ns: list[int]
+    topics: list[dict[str, Any]]
+    truths: list[dict[str, Any]]

@@ -1,0 +1,95 @@
+"""A traced run, or a log, as recorded values.
+
+Purpose: what `reach/monitor.py` reads: topics and true states after every instant.
+Non-goals: modes and decisions; logs that `soter run --log` did not write.
+"""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.lower.layout import decode_from
+from soter.program.types import RecordType
+from soter.program.values import ValueShapeError, from_json
+from soter.report.recorded import Recorded
+from soter.simulate.figures import truth_value
+from soter.simulate.to_log import require_log_package
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.program.system import System
+    from soter.program.types import Type
+    from soter.simulate.run import Run
+
+
+def recorded(run: Run) -> Recorded:
+    """The values of a traced run."""
+    trace = run.require_trace()
+    found = Recorded([], [], [])
+    plants = [c for c in run.system.components if c.plant is not None]
+    places = [(t.name, run.layout.topic_offset(t.index), t.type) for t in run.system.topics]
+    for row in trace:
+        raw = memoryview(row.tobytes())
+        found.times_ns.append(int(row["header"]["ct"]))
+        found.topics.append({n: decode_from(raw, offset, t) for n, offset, t in places})
+        found.truths.append({c.name: truth_value(run, c, raw) for c in plants})
+    return found
+
+
+def read_log(path: Path, system: System) -> Recorded:
+    """The values of a log that `soter run --log` wrote of this system; SoterError D006."""
+    require_log_package()
+    types: dict[str, Type] = {t.name: t.type for t in system.topics}
+    truths = {f"{c.name}.truth": c for c in system.components if c.plant is not None}
+    types.update({name: c.plant.truth for name, c in truths.items() if c.plant is not None})
+    found = Recorded([], [], [])
+    topics: dict[str, Any] = {t.name: t.default for t in system.topics}
+    states: dict[str, Any] = {}
+    for time_ns, channel, message in _messages(path):
+        t = types.get(channel)
+        if t is None:
+            continue
+        given = message if isinstance(t, RecordType) else message.get("value")
+        try:
+            value = from_json(t, given, channel)
+        except ValueShapeError as error:
+            raise _unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
+        if not found.times_ns or time_ns > found.times_ns[-1]:
+            _keep(found, topics, states)
+            found.times_ns.append(time_ns)
+        if channel in truths:
+            states[truths[channel].name] = value
+        else:
+            topics[channel] = value
+    if not found.times_ns or len(states) < len(truths):
+        raise _unreadable(path, f"it holds no true states of `{system.name}`")
+    _keep(found, topics, states)
+    return found
+
+
+def _keep(found: Recorded, topics: dict[str, Any], states: dict[str, Any]) -> None:
+    """What stood when the instant that was read last was over."""
+    if found.times_ns:
+        found.topics.append(dict(topics))
+        found.truths.append(dict(states))
+
+
+def _messages(path: Path) -> Any:  # noqa: ANN401 - an iterator over what mcap gives
+    from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
+    from mcap.reader import make_reader  # noqa: PLC0415
+
+    try:
+        with path.open("rb") as file:
+            for _, channel, message in make_reader(file).iter_messages():
+                yield message.log_time, channel.topic, json.loads(message.data)
+    except OSError as error:
+        raise _unreadable(path, error.strerror or str(error)) from error
+    except (McapError, ValueError) as error:
+        raise _unreadable(path, str(error) or "it is no MCAP file") from error
+
+
+def _unreadable(path: Path, why: str) -> SoterError:
+    return SoterError((Diagnostic("D006", f"cannot read the log `{path}`: {why}"),))

@@ -1,0 +1,116 @@
+"""`soter verify`: verdicts, what they rest on, exit codes, and the JSON document."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from typing import Any
+
+    Soter = Callable[..., Any]
+    Golden = Callable[[str, str], None]
+
+ROOT = Path(__file__).resolve().parents[3]
+CART = (ROOT / "examples" / "wall" / "cart.soter").read_text("utf-8")
+COARSE = (("/ 400", "/ 100"), ("/ 320", "/ 80"), ("tau * tau) + 0.12", "tau * tau) + 0.8"))
+PROPERTIES = ["P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "DM"]
+
+
+def write(here: Path, *pairs: tuple[str, str]) -> str:
+    """A coarse cart with some changes, as a file."""
+    text = CART
+    for old, new in (*COARSE, *pairs):
+        assert old in text, old
+        text = text.replace(old, new)
+    (here / "coarse.soter").write_text(text)
+    return "coarse.soter"
+
+
+def steady(text: str) -> str:
+    """Without times and hashes."""
+    text = re.sub(r"(proved|assumptions) +[0-9.]+ (s|ms)", r"\1  TIME", text)
+    text = re.sub(r"─+|time +how", "─", text)
+    return re.sub(r"\b[0-9a-f]{12}\b", "HASH", text)
+
+
+def test_what_it_says_of_a_proved_module(soter: Soter, here: Path, golden: Golden) -> None:
+    done = soter("verify", write(here))
+    assert done.exit == 0
+    assert "PROVED under 7 assumptions" in done.out
+    golden("cli/verify.txt", steady(done.out))
+
+
+def test_the_document_has_every_property(soter: Soter, here: Path) -> None:
+    done = soter("verify", write(here), "--json")
+    module = done.document["modules"]["SafeCart"]
+    assert done.exit == 0
+    assert module["verdict"] == "proved"
+    assert list(module["properties"]) == PROPERTIES
+    assert module["cells"] == 8000
+    assert 0.5 < module["core_share"] < 1.0
+    assert module["horizon_s"] == module["horizon_needed_s"] == 0.074
+    assert 1.0 < module["recover_s"] < 10.0
+
+
+def test_a_refutation_comes_with_its_run(soter: Soter, here: Path) -> None:
+    ttf = "ttf Room(motion, 0.12) < 0.0 || abs(motion.v) > FAST;"
+    done = soter("verify", write(here, (ttf, "ttf false;")), "--json")
+    found = done.document["modules"]["SafeCart"]["properties"]
+    assert done.exit == 3
+    assert found["P2a"]["verdict"] == "proved"
+    assert found["ttf"]["verdict"] == found["P3"]["verdict"] == "refuted"
+    assert (here / found["ttf"]["counterexample"]).is_file()
+
+
+def test_what_is_undecided_says_where_and_what_would_help(soter: Soter, here: Path) -> None:
+    wind = ("wind: float in [-0.2, 0.2]", "wind: float in [-2.5, 2.5]")
+    done = soter("verify", write(here, wind), "--no-refute")
+    assert done.exit == 4
+    assert "UNDECIDED" in done.out
+    assert "  where  c.x in [" in done.out
+    assert "  help   " in done.out
+
+
+def test_a_program_that_determines_no_problem_is_told_so(soter: Soter, here: Path) -> None:
+    grid = re.search(r"    grid .*\n", CART)
+    assert grid is not None
+    (here / "bare.soter").write_text(CART.replace(grid.group(), ""))
+    done = soter("verify", "bare.soter", "--json")
+    assert done.exit == 1
+    assert done.codes == ["R008"]
+
+
+def test_a_module_that_is_not_there_is_a_mistake_of_the_command_line(soter: Soter) -> None:
+    done = soter("verify", "cart.soter", "--module", "SafeCat", "--json")
+    assert done.exit == 2
+    assert done.codes == ["U008"]
+
+
+def test_mistakes_of_the_program_come_first(soter: Soter, here: Path) -> None:
+    (here / "wrong.soter").write_text("soter 1;\nconst A: int = true;\n")
+    done = soter("verify", "wrong.soter", "--json")
+    assert done.exit == 1
+    assert done.codes == ["T001"]
+
+
+def test_a_report_and_a_certificate_are_written(soter: Soter, here: Path) -> None:
+    name = write(here)
+    done = soter("verify", name, "--report", "proof.html", "--cert", "proof", "--json")
+    assert done.exit == 0
+    assert (done.document["report"], done.document["cert"]) == ("proof.html", "proof")
+    page = (here / "proof.html").read_text("utf-8")
+    for text in ("SafeCart", "R(H)", "disturbances stay within their bounds", "program sha256"):
+        assert text in page
+    assert (here / "proof" / "manifest.json").exists()
+
+
+@pytest.mark.parametrize("name", ["--help", "-h"])
+def test_help_has_examples_and_exit_codes(soter: Soter, name: str) -> None:
+    out = soter("verify", name).out
+    assert "soter verify cart.soter --cert proof/" in out
+    assert "4 undecided" in out
