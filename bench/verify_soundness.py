@@ -484,6 +484,8 @@ def main() -> int:
                 f"{f.escapes if bad else ''} {f.note}",
                 flush=True,
             )
+        if len(found) % 10 == 0:
+            print(f"{len(found)} of {arguments.problems}", file=sys.stderr, flush=True)
     summary = _summary(found)
     _print(found, summary)
     if arguments.json:

@@ -5,6 +5,7 @@ Non-goals: the laps (`bench/drone_laps.py`), proofs (`soter verify`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,8 +16,6 @@ from soter.program.build import check_file, system_of
 from soter.simulate.run import NativeProgram
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from numpy.typing import NDArray
 
     Floats = NDArray[np.float64]
@@ -139,50 +138,58 @@ def clip(x: Floats, bound: float) -> Floats:
     return np.minimum(np.maximum(x, -bound), bound)
 
 
-def least_margin(
-    k: dict[str, Any],
-    u_max: float,
-    brake: float,
-    law: Callable[[Floats, Floats], Floats],
-    high: float,
-    low: float,
-    speeds: Floats,
-) -> float:
+@dataclass(frozen=True)
+class Axis:
+    """One axis: what acts, what the sets count on, and SC's target seen from the wall at `high`."""
+
+    u: float
+    brake: float
+    tail: float
+    creep: float
+    target: float
+    low: float
+    high: float
+    speeds: Floats
+
+
+def least_margin(k: dict[str, Any], axis: Axis) -> float:
     """How far from the wall an axis stays that starts on the boundary of S_0, at worst.
 
-    It starts at remaining speed `speeds`, after a long spell of -u_max, 0 or u_max; any control
-    for H is u_max, then SC with a read 10 ms old. Wind and residual push, errors of the estimate
-    stand at their bound. The program's formulas, written anew in the filter's states.
+    It starts at remaining speed `speeds`, after a long spell of -u, 0 or u; any control for H is
+    u, then SC with a read 10 ms old. Wind and residual push, errors of the estimate stand at their
+    bound. The program's formulas, written anew in the filter's states.
     """
     band, fast = k["iris.BAND"], k["iris.FAST"]
     t_lag, p_of_a = 2 / band + 1 / fast, 1 / band**2 + 2 / (band * fast)
-    d, h = k["D"], 0.002
+    d, h, w = k["D"], 0.002, axis.speeds
     worst = np.inf
-    for held in (-u_max, 0.0, u_max):
+    for held in (-axis.u, 0.0, axis.u):
         for sign in (1.0, -1.0):
-            w = speeds
             v = w - held * (2 / band + 1 / fast)
-            later = w + k["E_V"] + (u_max + d) * k["H"]
-            moved = np.maximum((w + k["E_V"] + 0.5 * (u_max + d) * k["H"]) * k["H"], 0.0)
-            need = moved + later**2 / (2 * brake) + k["TAIL"] + k["TAIL_RATE"] * abs(w + k["E_V"])
-            q3 = high - (k["E_P"] + t_lag * k["E_V"] + k["MARGIN"]) - np.where(later > 0, need, 0.0)
+            seen = w + k["E_V"]
+            later = np.maximum(seen + (axis.u + d) * k["H"], 0.0)
+            moved = np.maximum((seen + 0.5 * (axis.u + d) * k["H"]) * k["H"], 0.0)
+            need = moved + later**2 / (2 * axis.brake) + axis.tail
+            q3 = axis.high - (k["E_P"] + t_lag * k["E_V"]) - need
             p = q3 - t_lag * v - p_of_a * held
+            # p, q1 and q2 may be anywhere inside as well: at worst as far out as q3 lets them
             for lead, second in ((0.0, 0.0), (1 / band, 0.0), (2 / band, held / band**2)):
-                reach = k["E_P"] + lead * k["E_V"] + k["MARGIN"]
-                p = p - np.maximum(p + lead * v + second + reach - high, 0.0)
-            inside = p - k["E_P"] - k["MARGIN"] >= low
+                p = p - np.maximum(p + lead * v + second - axis.high + k["LAG"], 0.0)
+            inside = p >= axis.low
             p, v = p + k["E_P"], v + k["E_V"]
             a, j, s = np.full_like(p, held), np.zeros_like(p), np.full_like(p, held)
-            u, peak = np.full_like(p, u_max), p
+            for lead, second in ((0.0, 0.0), (1 / band, 0.0), (2 / band, held / band**2)):
+                p = p - np.maximum(p + lead * v + second - axis.high + k["LAG"], 0.0)
+            u, peak = np.full_like(p, axis.u), p
             past = [(p, v, a, j, s)] * 6
             for step in range(1250):
                 if step % 5 == 0 and step * h >= k["H"] - 1e-9:
                     op, ov, oa, oj, os = past[-6]
                     op, ov = op - sign * k["E_P"], ov - sign * k["E_V"]
-                    u = law(
-                        op + t_lag * ov + p_of_a * oa + oj / (band**2 * fast),
-                        ov + 2 / band * oa + oj / band**2 + os / fast,
-                    )
+                    q = op + t_lag * ov + p_of_a * oa + oj / (band**2 * fast)
+                    speed = ov + 2 / band * oa + oj / band**2 + os / fast
+                    wanted = clip(k["CREEP_GAIN"] * (axis.target - q), axis.creep)
+                    u = clip(k["SPEED_GAIN"] * (wanted - speed), axis.u)
                 p = p + h * v
                 v = v + h * (a + d)
                 a, j, s = (
@@ -192,7 +199,7 @@ def least_margin(
                 )
                 past = [*past[1:], (p, v, a, j, s)]
                 peak = np.maximum(peak, p)
-            worst = min(worst, float((high - peak)[inside].min()))
+            worst = min(worst, float((axis.high - peak)[inside].min()))
     return worst
 
 
@@ -200,30 +207,16 @@ def test_SC_stops_before_every_wall_from_the_boundary_of_S0(  # noqa: N802 - the
     constants: dict[str, Any],
 ) -> None:
     k = constants
-    for _, _, _, _, length, radius, back, front in k["city.TUBES"]:
-
-        def along(q: Floats, w: Floats, length: float = length) -> Floats:
-            wanted = clip(k["CREEP_GAIN"] * (length - q), k["CREEP"])
-            return clip(k["SPEED_GAIN"] * (wanted - w), k["U_ALONG"])
-
-        def across(q: Floats, w: Floats) -> Floats:
-            return clip(-k["CENTRE_P"] * q - k["CENTRE_D"] * w, k["U_SIDE"])
-
-        def up(q: Floats, w: Floats) -> Floats:
-            return clip(-k["CENTRE_P"] * q - k["CENTRE_D"] * w, k["U_UP"])
-
+    for _, _, _, _, length, radius, height, back, front in k["city.TUBES"]:
+        along = (k["U_ALONG"], k["B_ALONG"], k["TAIL_ALONG"], k["CREEP"])
+        side = (k["U_SIDE"], k["B_SIDE"], k["TAIL_SIDE"], k["CREEP_SIDE"])
+        up = (k["U_UP"], k["B_UP"], k["TAIL_UP"], k["CREEP_UP"])
+        aim = length - k["BEFORE"]
         cases = (
-            (k["U_ALONG"], k["B_ALONG"], along, length + front, -back, np.linspace(-1, 6, 71)),
-            (
-                k["U_ALONG"],
-                k["B_ALONG"],
-                lambda q, w, along=along: -along(-q, -w),
-                back,
-                -length - front,
-                np.linspace(-1, 6, 71),
-            ),
-            (k["U_SIDE"], k["B_SIDE"], across, radius, -radius, np.linspace(-1, 3, 41)),
-            (k["U_UP"], k["B_UP"], up, radius, -radius, np.linspace(-1, 2, 31)),
+            Axis(*along, aim, -back, length + front, np.linspace(-1, 5, 61)),
+            Axis(*along, -aim, -length - front, back, np.linspace(-1, 3, 41)),
+            Axis(*side, 0.0, -radius, radius, np.linspace(-1, 2.5, 36)),
+            Axis(*up, 0.0, -height, height, np.linspace(-1, 1.8, 29)),
         )
-        for u_max, brake, law, high, low, speeds in cases:
-            assert least_margin(k, u_max, brake, law, high, low, speeds) > 0.005
+        for axis in cases:
+            assert least_margin(k, axis) > 0.005

@@ -57,7 +57,11 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     try:
         if args.emit is not None:
             program.emit_monitor(
-                args.emit, args.module, system=args.system, params=dict(args.params), alarm=args.alarm
+                args.emit,
+                args.module,
+                system=args.system,
+                params=dict(args.params),
+                alarm=args.alarm,
             )
             console.say(f"wrote {args.emit}")
             fields = {"file": args.file, "emitted": args.emit, "modules": {}}

@@ -60,7 +60,7 @@ def _say(report: Report, folder: str, console: Console) -> None:
     for module in report.modules:
         console.say(f"  {module.name}: {' '.join(module.confirmed)}, {module.cells:,} cells")
         for name in module.other:
-            console.say(console.paint("muted", f"    not claimed: {name}"))
+            console.say(console.paint("muted", f"    not confirmed: {name}"))
     console.say("\nunder these assumptions")
     for text in report.assumptions:
         console.say(console.paint("muted", f"  {text}"))
@@ -74,7 +74,7 @@ def _fields(report: Report, folder: str) -> dict[str, object]:
         "program_sha256": report.program_sha256,
         "seconds": report.seconds,
         "modules": {
-            m.name: {"confirmed": m.confirmed, "not_claimed": m.other, "cells": m.cells}
+            m.name: {"confirmed": m.confirmed, "not_confirmed": m.other, "cells": m.cells}
             for m in report.modules
         },
         "assumptions": report.assumptions,

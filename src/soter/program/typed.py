@@ -484,8 +484,9 @@ class AbstractionLink:
 class ModuleSymbol(Symbol):
     """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
 
-    `ttf` and `safer` may be None: then `soter verify` computes them and the generated DM
-    cannot run before it did. `clean` is the number of clean outputs AC needs after a fault.
+    `ttf` and `safer` may be None: then they are computed (`reach/complete.py`) before a run or
+    a build; where that fails AC never gets control. `clean` is the number of clean outputs AC
+    needs after a fault.
     """
 
     ac: NodeSymbol

@@ -201,7 +201,9 @@ def free_phase(case: Case) -> None:
 def inclusion(case: Case, predicate: str) -> None:
     """`ttf` or `safer`: an estimate from which AC may have control comes from a state in R(H)."""
     for i, engine, part in case.todo():
-        possible = engine.may_hold("safe")
+        if part.possible is None:
+            part.possible = engine.may_hold("safe")
+        possible = part.possible
         if predicate == "ttf":
             lets = engine.may_fail("ttf")
             part.lets_ac = lets & possible

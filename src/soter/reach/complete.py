@@ -11,12 +11,12 @@ import hashlib
 import os
 import tempfile
 from dataclasses import replace
+from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter import __version__
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.build import RUNTIME, cache_dir
 from soter.program.walk import topic_reads
@@ -140,7 +140,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
     """A hash of everything the sets depend on: the enclosures' C, all numbers, the engine."""
     told = hashlib.sha256()
     for part in (
-        __version__,
+        version("soter"),
         np.__version__,
         library.path.name,
         problem.kind,

@@ -33,7 +33,7 @@ class GridInputs:
     kind: str = "flow"
     """"flow" or "map"."""
     period_ns: int = 0
-    """delta of SC (flow) or the plant's period (map)."""
+    """delta of SC: how long a command is held."""
     delay_ns: int = 0
     """d: how old the state is that a command answers."""
     jitter_ns: int = 0
@@ -41,6 +41,8 @@ class GridInputs:
     parameters: tuple[int, ...] = ()
     plant_period_ns: int = 0
     """Of the simulator's RK4 step, whose error becomes disturbance; 0: not covered."""
+    map_step_ns: int = 0
+    """Period of a map, of which `period_ns` is a multiple; 0: that is `period_ns` itself."""
 
     @property
     def ranges(self) -> tuple[Range, ...]:
@@ -64,9 +66,10 @@ def of_problem(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
         _ranges(problem.errors),
         _ranges(problem.others),
         kind=problem.kind,
-        period_ns=problem.plant_period_ns if is_map else times.delta_sc,
+        period_ns=times.delta_sc,
         delay_ns=0 if is_map else times.age_sc + acts,
         jitter_ns=0 if is_map else times.late_sc + acts,
         parameters=tuple(parameters),
         plant_period_ns=problem.scheme_step_ns,
+        map_step_ns=problem.plant_period_ns if is_map else 0,
     )

@@ -82,6 +82,7 @@ class GridModel:
         assert all(np.all(np.diff(e) > 0) for e in self.edges), "breakpoints increase"
         assert library.inputs == max(1, len(inputs.ranges)), "the unit has other inputs"
         assert 2 * inputs.jitter_ns <= inputs.period_ns, "the jitter is below half a period"
+        assert inputs.period_ns % (inputs.map_step_ns or 1) == 0, "SC steps with the map"
         self._kept: list[Any] = []
         self.c = self._described()
         self._linearize(linear)
@@ -110,6 +111,7 @@ class GridModel:
         g.rate = self.library.symbol("next" if x.kind == "map" else "derivative")
         g.states, g.controls, g.inputs = n, len(x.controls), self.library.inputs
         g.is_map = x.kind == "map"
+        g.hold_steps = max(1, x.period_ns // (x.map_step_ns or max(1, x.period_ns)))
         g.axes = len(self.axes)
         tile = TILE[len(self.axes)]
         for a, (state, edges) in enumerate(zip(self.axes, self.edges, strict=True)):

@@ -206,7 +206,8 @@ class GridGroup(GridModel):
         `segments`: into how many pieces a flow's tube is cut; more is tighter and slower.
         """
         assert t_ns >= 0
-        ffi, lib, period = self.library.ffi, self.library.lib, self.inputs.period_ns
+        ffi, lib = self.library.ffi, self.library.lib
+        period = self.inputs.map_step_ns or self.inputs.period_ns
         out = np.empty(self.shape, dtype=np.uint8)
         bits = self.bits(target)
         tube, steps, group = ffi.NULL, 0, self.c

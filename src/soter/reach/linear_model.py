@@ -75,7 +75,9 @@ class Plants:
         self.evaluators = {x.index: Evaluator.of(x.scope) for x in self.plants}
         self.driven = driven_leaves(problem)
 
-    def _environment(self, x: Floats, u: Floats, d: Floats, parameter: Sequence[int]) -> dict[int, Any]:
+    def _environment(
+        self, x: Floats, u: Floats, d: Floats, parameter: Sequence[int]
+    ) -> dict[int, Any]:
         """Component -> environment, with all topics at their defaults but the controls."""
         system = self.problem.system
         topics = [t.default for t in system.topics]
@@ -98,7 +100,9 @@ class Plants:
             found[c.index] = env
         return found
 
-    def _fill(self, owner: int, env: Environment, leaves_: Sequence[Leaf], values: list[Any]) -> None:
+    def _fill(
+        self, owner: int, env: Environment, leaves_: Sequence[Leaf], values: list[Any]
+    ) -> None:
         known = {v.name: v for v in env.variables}
         for leaf, value in zip(leaves_, values, strict=True):
             if leaf.owner == owner:
@@ -220,7 +224,15 @@ def linear_model(problem: Problem, parameter: Sequence[int]) -> LinearModel:
     mid = np.array([r.low / 2 + r.high / 2 for r in ranges])
     half = np.array([r.high / 2 - r.low / 2 for r in ranges])
     return LinearModel(
-        problem.kind, full[:, :n], full[:, n : n + m], c, full[:, n + m :], mid, half, drives, offset
+        problem.kind,
+        full[:, :n],
+        full[:, n : n + m],
+        c,
+        full[:, n + m :],
+        mid,
+        half,
+        drives,
+        offset,
     )
 
 

@@ -16,7 +16,14 @@ import numpy as np
 
 from soter.program.environment import Environment
 from soter.program.evaluate import Evaluator
-from soter.reach.linear_model import Step, driven_leaves, leaf_of, linear_model, step_of
+from soter.reach.linear_model import (
+    Plants,
+    Step,
+    driven_leaves,
+    leaf_of,
+    linear_model,
+    step_of,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -59,6 +66,7 @@ class _Models:
         self.problem = problem
         self._models: dict[tuple[int, ...], LinearModel] = {}
         self._steps: dict[tuple[tuple[int, ...], int], Step] = {}
+        self._plants = Plants(problem)
 
     def model(self, parameter: tuple[int, ...]) -> LinearModel:
         if parameter not in self._models:
@@ -70,6 +78,25 @@ class _Models:
         if key not in self._steps:
             self._steps[key] = step_of(self.model(parameter), ns / 1e9)
         return self._steps[key]
+
+    def around(self, parameter: tuple[int, ...], ns: int, x: Floats, u: Floats) -> Step:
+        """The same; of a map, which need not be affine but in its disturbances, at x and u."""
+        if self.problem.kind != "map":
+            return self.step(parameter, ns)
+        low = np.array([r.low for r in self.problem.disturbances])
+        high = np.array([r.high for r in self.problem.disturbances])
+        middle = low / 2 + high / 2
+        centre = self._plants.rates(x, u, middle, parameter)
+        reach = np.zeros(len(x))
+        for i in range(len(middle)):
+            ends = []
+            for d in (low, high):
+                moved = middle.copy()
+                moved[i] = d[i]
+                ends.append(np.abs(self._plants.rates(x, u, moved, parameter) - centre))
+            reach += np.maximum(*ends)
+        still = np.zeros((len(x), len(x)))
+        return Step(still, np.zeros((len(x), len(u))), centre, reach)
 
 
 # ---------------------------------------------------------------- on true states
@@ -108,8 +135,10 @@ class Reader:
                 )
                 self._compiled.append((link, name, component, evaluator.expression(link.value)))
 
-    def truth(self, topics: Mapping[str, Value], truths: Mapping[str, Value]) -> tuple[Floats, tuple[int, ...]]:
-        """x and the parameters of the true state."""
+    def truth(
+        self, topics: Mapping[str, Value], truths: Mapping[str, Value]
+    ) -> tuple[Floats, tuple[int, ...]]:
+        """X and the parameters of the true state."""
         values: dict[str, Value] = {}
         if self.links:
             listed = [topics.get(t.name, t.default) for t in self.flat.topics]
@@ -140,7 +169,7 @@ class Reader:
         return {**stood, **{n: record.topics[k][n] for n in self.driven}}
 
     def commands(self, topics: Mapping[str, Value]) -> Floats:
-        """u as it stands in the topics."""
+        """U as it stands in the topics."""
         system = self.problem.system
         found = []
         for leaf in self.controls:
@@ -177,7 +206,9 @@ def topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str
     return {i: flat.topics[flying[s]].name for i, s in symbols.items() if s in flying}
 
 
-def judge(flat: System, module: Module, problem: Problem, record: Recorded, *, estimates: bool = False) -> Judgement:
+def judge(
+    flat: System, module: Module, problem: Problem, record: Recorded, *, estimates: bool = False
+) -> Judgement:
     """Follow a record. SoterError U001 where the plants are not affine.
 
     Instants count at which a verification plant's flying counterpart has stepped: those whose
@@ -212,15 +243,28 @@ def _on_truth(reader: Reader, models: _Models, record: Recorded, found: Judgemen
         if last is not None and now > last[3]:
             before, same, u, then = last
             if same == parameter:
-                _compare(models.step(same, now - then), before, u, x, found, record, k, names)
+                step = models.around(same, now - then, before, u)
+                _compare(step, before, u, x, found, record, k, names)
         last = x, parameter, reader.commands(record.topics[k]), now
 
 
 def _compare(
-    step: Step, before: Floats, u: Floats, x: Floats, found: Judgement, record: Recorded, k: int, names: list[str]
+    step: Step,
+    before: Floats,
+    u: Floats,
+    x: Floats,
+    found: Judgement,
+    record: Recorded,
+    k: int,
+    names: list[str],
 ) -> None:
     gap = np.abs(x - (step.phi @ before + step.gamma @ u + step.c))
-    size = np.abs(step.phi) @ np.abs(before) + np.abs(step.gamma) @ np.abs(u) + np.abs(x) + np.abs(step.c)
+    size = (
+        np.abs(step.phi) @ np.abs(before)
+        + np.abs(step.gamma) @ np.abs(u)
+        + np.abs(x)
+        + np.abs(step.c)
+    )
     slack = ROUNDING * size
     over = np.maximum(gap - slack, 0.0)
     with np.errstate(divide="ignore", invalid="ignore"):

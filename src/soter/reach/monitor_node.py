@@ -21,7 +21,7 @@ from soter.reach.linear_model import Plants, driven_leaves, linear_model, step_o
 from soter.reach.monitor import ROUNDING, sight_of
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
@@ -33,7 +33,9 @@ if TYPE_CHECKING:
 NODE = "ModelMonitor"
 
 
-def monitor_source(problem: Problem, imported: str, names: dict[int, str], alarm: str | None) -> str:
+def monitor_source(
+    problem: Problem, imported: str, names: dict[int, str], alarm: str | None
+) -> str:
     """The text of a file with the node.
 
     `imported`: path of the program, for the `import`; `names`: topic index -> its name with the
@@ -103,10 +105,10 @@ def _case(problem: Problem, parameter: Sequence[int], k: int, names: dict[int, s
         lines += _state(i, step.phi[i], step.gamma[i], float(step.c[i]), float(step.reach[i]))
         if np.isfinite(sight.error[i]):
             row = sight.inverse[i]
-            centre = _sum(
-                [(row[j], y[j]) for j in range(len(y))], -float(row @ model.offset)
+            centre = _sum([(row[j], y[j]) for j in range(len(y))], -float(row @ model.offset))
+            error = float(sight.error[i]) * (1 + ROUNDING) + ROUNDING * (
+                1 + abs(float(row @ model.offset))
             )
-            error = float(sight.error[i]) * (1 + ROUNDING) + ROUNDING * (1 + abs(float(row @ model.offset)))
             lines += [
                 f"      let at{i} = {centre};",
                 f"      let least{i} = at{i} - {_number(error)};",
@@ -114,9 +116,7 @@ def _case(problem: Problem, parameter: Sequence[int], k: int, names: dict[int, s
             ]
         else:
             lines += [f"      let least{i} = from{i};", f"      let most{i} = to{i};"]
-    empty = " || ".join(
-        f"max(from{i}, least{i}) > min(to{i}, most{i})" for i in range(n)
-    )
+    empty = " || ".join(f"max(from{i}, least{i}) > min(to{i}, most{i})" for i in range(n))
     lines += [f"      if known && seen && ({empty}) {{", "        alarmed = true;", "      }"]
     for i in range(n):
         lines += [
@@ -130,7 +130,7 @@ def _case(problem: Problem, parameter: Sequence[int], k: int, names: dict[int, s
 def _state(i: int, phi: Floats, gamma: Floats, c: float, reach: float) -> list[str]:
     """from, to: the interval one period later."""
 
-    def end(upper: bool) -> str:  # noqa: FBT001 - which end
+    def end(upper: bool) -> str:
         terms = []
         for j, f in enumerate(phi):
             terms.append((float(f), f"{'high' if (f > 0) == upper else 'low'}[{j}]"))
@@ -183,5 +183,3 @@ def _driven_topics(problem: Problem) -> list[tuple[TopicSymbol, int]]:
         if c.plant is not None
         for topic, _ in c.plant.drives
     ]
-
-

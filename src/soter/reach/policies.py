@@ -114,8 +114,12 @@ class _Synthesis:
         below, unless its own cell is in K: then it is that cell's as well.
         """
         masks = np.where(kept, self.fine, ALL)
-        for a, (first, last) in enumerate(self.group.touched(self.errors)):
-            if self.errors.get(self.group.axes[a], 0.0):
+        touched = self.group.touched(self.errors)
+        exact = [not self.errors.get(s, 0.0) for s in self.group.axes]
+        # exact axes first: while `masks` belong to true cells along the others, as `kept` does
+        for a in sorted(range(len(exact)), key=lambda a: not exact[a]):
+            first, last = touched[a]
+            if not exact[a]:
                 masks = _spread(masks, first, last, a)
                 continue
             below = np.full_like(masks, ALL)

@@ -84,7 +84,8 @@ def _way(engine: GridGroup, part: GroupSets, home: Bools) -> Way:
     core = part.core > 0
     best: Way | None = None
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
-    for lengths in LENGTHS:
+    first = 1 if part.core.max() > 3 * max(LENGTHS[0]) else 0
+    for lengths in LENGTHS[first:]:
         found = way(engine, core, part.allowed, home, holds=lengths)
         if best is None or found.cells.sum() > best.cells.sum():
             best = found

@@ -72,6 +72,8 @@ class GroupSets:
     allowed: NDArray[np.bool_]
     core: NDArray[np.uint8]
     free: NDArray[np.bool_] | None = None
+    possible: NDArray[np.bool_] | None = None
+    """Cells on which `safe` may be true."""
     lets_ac: NDArray[np.bool_] | None = None
     """Cells on which `ttf` may be false."""
     gives_back: NDArray[np.bool_] | None = None

@@ -8,11 +8,11 @@ Non-goals: the page's looks (`report/proof_page.py`).
 from __future__ import annotations
 
 import platform
+from importlib.metadata import version
 from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter import __version__
 from soter.native.compiler import find
 from soter.program.durations import show_ns
 from soter.report.proof import (
@@ -79,7 +79,7 @@ def page(found: VerifyReport) -> ProofPage:
         {
             "program": found.path,
             "program sha256": found.program_sha256,
-            "soter": __version__,
+            "soter": version("soter"),
             "C compiler": find().identity,
             "python": platform.python_version(),
             "numpy": np.__version__,

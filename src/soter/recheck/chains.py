@@ -332,7 +332,7 @@ class _FlowChain:
         terms, states = self.model.new_terms()
         own = [states[i] for i in self.members]
         old, older = self._old_commands(terms), self._old_commands(terms)
-        over, _ = _sweeps(terms, self.flow, own, old, 2 * self.j, 1)
+        over, _ = _sweeps(terms, self.flow, own, old, 2 * self.j, self.pieces)
         inputs = own + self._remembered(old, older)
         return _compiled(self.model, terms, self.members, inputs, [], over)
 

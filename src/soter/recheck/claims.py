@@ -9,6 +9,8 @@ from __future__ import annotations
 from soter.recheck.inclusion import RejectedError
 
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start")
+ELSEWHERE = ("DM",)
+"""Said in a certificate, not confirmed here: what was compiled is not our matter."""
 VERDICTS = ("proved", "assumed", "undecided", "refuted")
 
 
@@ -17,9 +19,9 @@ def claimed_of(given: object) -> set[str]:
     if not isinstance(given, dict):
         raise RejectedError("`claims` is not as it should be")
     for name, verdict in given.items():
-        if name not in CLAIMS or verdict not in VERDICTS:
+        if name not in (*CLAIMS, *ELSEWHERE) or verdict not in VERDICTS:
             raise RejectedError(f"the claim `{name}: {verdict}` is unknown")
-    found = {name for name, verdict in given.items() if verdict == "proved"}
+    found = {name for name, verdict in given.items() if verdict == "proved" and name in CLAIMS}
     if not found:
         raise RejectedError("nothing is claimed")
     return found

@@ -18,7 +18,9 @@ from soter.recheck.balls import (
     above,
     below,
     exact,
+    larger,
     magnitude,
+    smaller,
 )
 from soter.recheck.chains import free_phase, sc_chain
 from soter.recheck.compile_terms import compile_truths, form_of_box
@@ -54,6 +56,10 @@ PIECES = (1, 4)
 FREE_PIECES = (4, 16)
 SPLITS = 6
 """How often a single cell is halved before it counts as failed."""
+SPLITS_CUT = 2
+"""The same where sets are halved on the way as well."""
+MID_CUTS = 4
+"""How often, at equal distances; each doubles the work that is left."""
 SPLITS_OF_PREDICATES = 10
 """The same where a predicate is evaluated: errors are halved, too."""
 SPLITS_OF_SETS = 4
@@ -122,25 +128,100 @@ class ChainCheck:
         within: Cells,
         target: Callable[[Sequence[float]], bool],
         pieces: int,
+        *,
+        cut: bool = False,
     ) -> bool:
-        """Whether after so many holds everything is in `target`, and in `within` all the time."""
+        """Whether after so many holds everything is in `target`, and in `within` all the time.
+
+        `cut`: on the way, sets are halved along what errors and disturbances made of them.
+        """
         chain = self.chain(pieces)
-        n = chain.dimension
-        form = form_of_box(box, symbols=True)
+        forms = [form_of_box(box, symbols=True)]
         step: Step = chain.first
-        boxes: Sequence[float] = ()
-        for _ in range(holds):
-            found = step(form)
-            if found is None:
-                return False
-            form, boxes = found
-            if not within.contains_all(boxes):
-                return False
+        cuts = {holds * k // (MID_CUTS + 1) for k in range(1, MID_CUTS + 1)} if cut else set()
+        for k in range(holds):
+            if k and k in cuts:
+                forms = [part for f in forms for part in self._parts(f, chain.dimension)]
+            after = []
+            for form in forms:
+                found = step(form)
+                if found is None or not within.contains_all(found[1]):
+                    return False
+                after.append(found[0])
+            forms = after
             step = chain.later
-        if chain.last is not None:
-            found = chain.last(form)
-            return found is not None and within.contains_all(found[1]) and target(found[1])
-        return target(_box_of(form, n))
+        return all(self._ends(chain, form, within, target) for form in forms)
+
+    def leads_in_parts(
+        self,
+        box: list[tuple[arb, arb]],
+        holds: int,
+        within: Cells,
+        target: Callable[[Sequence[float]], bool],
+    ) -> bool:
+        """The same with finer tubes, in parts of the box, and in parts on the way."""
+
+        def fine(part: list[tuple[arb, arb]], *, cut: bool) -> bool:
+            return self.leads(part, holds, within, target, PIECES[1], cut=cut)
+
+        return (
+            fine(box, cut=False)
+            or _finer(box, lambda b: fine(b, cut=True), SPLITS_CUT)
+            or _finer(box, lambda b: fine(b, cut=False), SPLITS)
+        )
+
+    @staticmethod
+    def _ends(
+        chain: Chain,
+        form: tuple[arb, ...],
+        within: Cells,
+        target: Callable[[Sequence[float]], bool],
+    ) -> bool:
+        """Whether everything is in the target when the last command ends."""
+        n = chain.dimension
+        if chain.last is None:
+            return target(_box_of(form, n))
+        found = chain.last(form)
+        if found is None or not within.contains_all(found[1]):
+            return False
+        boxes = found[1]
+        return all(target(boxes[k : k + 2 * n]) for k in range(0, len(boxes), 2 * n))
+
+    def _parts(self, form: tuple[arb, ...], n: int) -> list[tuple[arb, ...]]:
+        """A form in two: the beta of the state with the widest rest, in cells, is halved."""
+        widths = [(e[-1] - e[0]) / (len(e) - 1) for e in self.group.grid.edges]
+        count = _states_of(len(form), n)
+        rest = 2 * count + count + count * n
+        axis = max(range(n), key=lambda i: float(form[rest + i]) / widths[i])
+        return [halved(form, n, axis, side) for side in (-HALF, HALF)]
+
+
+def _states_of(length: int, n: int) -> int:
+    """How many states and memories a form has: 4 + n entries each, n more for a memory."""
+    return (length + n * n) // (4 + 2 * n)
+
+
+def halved(form: tuple[arb, ...], n: int, axis: int, side: arb) -> tuple[arb, ...]:
+    """The part of a form in which the beta of one state lies on one side of 0.
+
+    beta = side + beta'/2 with side = 1/2 or -1/2: centres move by what they have of it.
+    """
+    count = _states_of(len(form), n)
+    new = list(form)
+    centre, symbols = 2 * count, 3 * count
+    rest = symbols + count * n
+    common = rest + count
+    b = form[rest + axis]
+    new[centre + axis] += side * b
+    new[rest + axis] = b * HALF
+    for k in range(count - n):
+        new[centre + n + k] += side * b * form[common + k * n + axis]
+    radius = new[rest + axis]
+    for k in range(n):
+        radius += abs(form[symbols + axis * n + k])
+    new[2 * axis] = larger(new[centre + axis] - radius, form[2 * axis])
+    new[2 * axis + 1] = smaller(new[centre + axis] + radius, form[2 * axis + 1])
+    return tuple(new)
 
 
 def _box_of(form: Sequence[arb], n: int) -> tuple[float, ...]:
@@ -170,8 +251,7 @@ def witnessed(
             return True
         if volume(at) > 1:
             return False
-        fine = lambda b: check.leads(b, holds, within, target, PIECES[1])  # noqa: E731
-        return _finer(box, fine, SPLITS)
+        return check.leads_in_parts(box, holds, within, target)
 
     return list(uncovered(todo, block, attempt, CELLS_AT_ONCE))
 
@@ -208,8 +288,7 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> list[Block]:
             return True
         if volume(at) > 1:
             return False
-        fine = lambda b: check.leads(b, holds, everywhere, target, PIECES[1])  # noqa: E731
-        return _finer(box, fine, SPLITS)
+        return check.leads_in_parts(box, holds, everywhere, target)
 
     return list(uncovered(todo, block, attempt, CELLS_AT_ONCE))
 

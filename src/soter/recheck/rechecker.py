@@ -60,7 +60,7 @@ class ModuleReport:
 
     @property
     def other(self) -> list[str]:
-        """Properties that are not said to be proved, with what is said."""
+        """Properties that are not confirmed here, with what the certificate says."""
         return [f"{n} ({v})" for n, v in self.claims.items() if n not in self.confirmed]
 
 

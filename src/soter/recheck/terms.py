@@ -12,7 +12,7 @@ built with `rounded=False`: they are exact.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from soter.recheck.balls import (
@@ -191,6 +191,10 @@ class Terms:
     def rounded(self, x: Linear) -> Linear:
         """`x` as a machine rounds it to the nearest double."""
         largest = magnitude(x.low).max(magnitude(x.high))
+        if not largest.is_finite():  # bounded where it is used, or not at all
+            relative = self.spread([UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)], [x])
+            found = self.combine(((ONE, x), (ONE, relative)))
+            return replace(found, radius=found.radius + TINIEST, nonnegative=x.nonnegative)
         error = largest * UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF) + TINIEST
         return Linear(
             x.const, x.terms, x.radius + error, x.low - error, x.high + error, x.nonnegative

@@ -54,6 +54,7 @@ typedef struct {
   const double* held_high;
   int32_t states, controls, inputs;
   int32_t is_map, is_local; /* is_local: linearised anew at every step */
+  int32_t hold_steps;       /* maps: steps of the plant under one command, at least 1 */
   int32_t axes, commands;
   int32_t axis[SOTER_REACH_AXES];        /* state of each axis */
   int32_t command[SOTER_REACH_COMMANDS]; /* controls that move this group */

@@ -327,29 +327,12 @@ ALWAYS int advance(int n, soter_reach_chain* x, double M[AXES][AXES], double siz
   return hull(n, x);
 }
 
-ALWAYS int hold_map(int n, int m, const soter_reach_group* g, soter_scratch* s,
-                    soter_reach_chain* x, soter_hold* out) {
-  static const double none[AXES] = {0, 0, 0, 0};
+/* One step of a map from y, whose commands stand in `s`, and own states for the range of y. */
+ALWAYS int map_step(int n, const soter_reach_group* g, soter_scratch* s, soter_reach_chain* y) {
   double M[AXES][AXES], size[AXES][AXES], from[AXES], to[AXES] = {0}, noise[AXES] = {0};
-  line u[COMMANDS], f;
-  soter_reach_chain y;
-  copy_state(&y, x);
+  line f;
   for (int i = 0; i < n; i++) {
-    soter_range(&s->in[g->axis[i]], g->axis[i], x->lo[i], x->hi[i]);
     from[i] = s->in[g->axis[i]].c;
-    out->tube_lo[i] = x->lo[i];
-    out->tube_hi[i] = x->hi[i];
-  }
-  if (!commands(n, m, g, s, x, none, none, u)) {
-    return 0;
-  }
-  for (int a = 0; a < m; a++) {
-    const int k = g->states + g->command[a];
-    if (g->held_low != 0) {
-      soter_set(&s->in[k], k, u[a].lo, u[a].hi);
-    } else { /* the symbols of the law's form are those of the inputs */
-      s->in[k] = s->out[g->command[a]];
-    }
   }
   if (g->rate(s->in, g->param, s->out)) {
     return 0;
@@ -364,11 +347,51 @@ ALWAYS int hold_map(int n, int m, const soter_reach_group* g, soter_scratch* s,
     }
     to[i] = f.c;
     noise[i] = f.r + g->extra_w[i];
-    y.lo[i] = soter_down(f.lo - g->extra_w[i]);
-    y.hi[i] = soter_up(f.hi + g->extra_w[i]);
+    y->lo[i] = soter_down(f.lo - g->extra_w[i]);
+    y->hi[i] = soter_up(f.hi + g->extra_w[i]);
   }
-  if (!advance(n, &y, M, size, from, to, noise)) {
+  return advance(n, y, M, size, from, to, noise);
+}
+
+/* The tube of a map: every state under the command but the last, which the image encloses. */
+ALWAYS int hold_map(int n, int m, const soter_reach_group* g, soter_scratch* s,
+                    soter_reach_chain* x, soter_hold* out) {
+  static const double none[AXES] = {0, 0, 0, 0};
+  line u[COMMANDS];
+  soter_reach_chain y;
+  copy_state(&y, x);
+  for (int i = 0; i < n; i++) {
+    soter_range(&s->in[g->axis[i]], g->axis[i], x->lo[i], x->hi[i]);
+    out->tube_lo[i] = x->lo[i];
+    out->tube_hi[i] = x->hi[i];
+  }
+  if (!commands(n, m, g, s, x, none, none, u)) {
     return 0;
+  }
+  for (int a = 0; a < m; a++) {
+    const int k = g->states + g->command[a];
+    if (g->held_low != 0) {
+      soter_set(&s->in[k], k, u[a].lo, u[a].hi);
+    } else { /* the symbols of the law's form are those of the inputs */
+      s->in[k] = s->out[g->command[a]];
+    }
+  }
+  if (!map_step(n, g, s, &y)) {
+    return 0;
+  }
+  for (int k = 1; k < g->hold_steps; k++) { /* the law read the first state, not this one */
+    for (int i = 0; i < n; i++) {
+      soter_range(&s->in[g->axis[i]], g->axis[i], y.lo[i], y.hi[i]);
+      out->tube_lo[i] = soter_least(out->tube_lo[i], y.lo[i]);
+      out->tube_hi[i] = soter_most(out->tube_hi[i], y.hi[i]);
+    }
+    for (int a = 0; a < m && k == 1; a++) {
+      const int c = g->states + g->command[a];
+      soter_set(&s->in[c], c, u[a].lo, u[a].hi);
+    }
+    if (!map_step(n, g, s, &y)) {
+      return 0;
+    }
   }
   copy_state(x, &y);
   x->holds++;

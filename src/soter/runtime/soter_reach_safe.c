@@ -106,6 +106,7 @@ static int walk_inside(const cell_job* job, int who, const double* lo, const dou
   held.held_low = g->low + g->states; /* any command of U, and any other one at the next step */
   held.held_high = g->high + g->states;
   held.delay = held.jitter = 0;
+  held.hold_steps = 1;
   soter_reach_start(g, lo, hi, &x);
   if (!soter_reach_cover(g, x.lo, x.hi, box) || !soter_reach_inside(g, job->target, box, 0)) {
     return 0;

@@ -34,7 +34,7 @@ def write(here: Path, *pairs: tuple[str, str]) -> str:
 def steady(text: str) -> str:
     """Without times and hashes."""
     text = re.sub(r"(proved|assumptions) +[0-9.]+ (s|ms)", r"\1  TIME", text)
-    text = re.sub(r"─+|time +how", "─", text)
+    text = re.sub(r"─+| +time +how", "─", text)
     return re.sub(r"\b[0-9a-f]{12}\b", "HASH", text)
 
 

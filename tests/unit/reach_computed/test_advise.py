@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from typing import TYPE_CHECKING
 
 import pytest
@@ -19,17 +18,19 @@ if TYPE_CHECKING:
     from soter.reach.advise import Advice
 
 
-@pytest.fixture
-def swept(open_cart: Path) -> Advice:
-    (found,) = soter.load(open_cart).advise(factors=(0.4, 1, 4, 40), levels=(2, 3))
+@pytest.fixture(scope="module")
+def swept(tmp_path_factory: pytest.TempPathFactory, open_text: str) -> Advice:
+    path = tmp_path_factory.mktemp("swept") / "open.soter"
+    path.write_text(open_text, encoding="utf-8")
+    (found,) = soter.load(path).advise(factors=(0.4, 4, 40), levels=(2, 3))
     return found
 
 
 def test_a_longer_period_leaves_ac_less(swept: Advice) -> None:
     periods = [r.delta_ns for r in swept.rows]
-    assert periods == [20_000_000, 50_000_000, 200_000_000, 2_000_000_000]
+    assert periods == [20_000_000, 200_000_000, 2_000_000_000]
     assert [r.allowed for r in swept.rows] == sorted((r.allowed for r in swept.rows), reverse=True)
-    assert swept.rows[0].allowed > swept.rows[2].allowed > 0.0
+    assert swept.rows[0].allowed > swept.rows[1].allowed > 0.0
     assert all(r.core == swept.rows[0].core for r in swept.rows), "K is SC's alone"
     assert all(r.levels[3] <= r.levels[2] == r.allowed for r in swept.rows)
 
@@ -45,29 +46,28 @@ def test_what_it_says_of_the_declared_period_is_what_verify_says(
     open_cart: Path, swept: Advice, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 0)
-    for ms, row in zip((20, 50, 200), swept.rows, strict=False):
-        text = re.sub(r"period 50ms", f"period {ms}ms", open_cart.read_text(encoding="utf-8"))
-        path = open_cart.with_name(f"cart{ms}.soter")
-        path.write_text(text, encoding="utf-8")
-        (module,) = soter.load(path).verify(refute=False).modules
-        assert (module.findings["P2b"].verdict == "proved") == row.returns[3]
-        assert (module.findings["start"].verdict == "proved") == row.starts
-        assert module.problem.times.h_star == row.h_star_ns
-        assert module.core_share == pytest.approx(row.core)
+    text = open_cart.read_text(encoding="utf-8").replace("period 50ms", "period 200ms")
+    open_cart.write_text(text, encoding="utf-8")
+    row = swept.rows[1]
+    (module,) = soter.load(open_cart).verify(refute=False).modules
+    assert (module.findings["P2b"].verdict == "proved") == row.returns[3]
+    assert (module.findings["start"].verdict == "proved") == row.starts
+    assert module.problem.times.h_star == row.h_star_ns
+    assert module.core_share == pytest.approx(row.core)
 
 
 def test_the_command_prints_draws_and_documents(
     open_cart: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     page = tmp_path / "deep" / "advice.html"
-    arguments = ["advise", str(open_cart), "--factors", "1,2", "--levels", "2", "-o", str(page)]
+    arguments = ["advise", str(open_cart), "--factors", "40", "--levels", "2", "-o", str(page)]
     assert main([*arguments, "--json"]) == 0
     document = json.loads(capsys.readouterr().out)
     assert problems_of(document) == []
-    assert len(document["modules"]["SafeCart"]["rows"]) == 2
+    assert len(document["modules"]["SafeCart"]["rows"]) == 1
     assert "<svg" in page.read_text(encoding="utf-8")
     assert main(arguments) == 0
-    assert "largest period" in capsys.readouterr().out
+    assert "no period" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("wrong", [["--levels", "1"], ["--levels", "x"], ["--factors", "0"]])

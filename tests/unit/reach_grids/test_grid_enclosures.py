@@ -153,3 +153,29 @@ def test_a_map_is_enclosed() -> None:
             v = np.clip(x[1] + 0.1 * u - 0.05 * x[0], -0.5, 0.5)
             x = np.stack([x[0] + v, v])
             assert np.all((image[:, 0, None] - SLACK <= x) & (x <= image[:, 1, None] + SLACK))
+
+
+@pytest.mark.parametrize("steps", [2, 3])
+def test_a_command_is_held_for_every_step_of_a_map_until_sc_steps_again(steps: int) -> None:
+    rng = np.random.default_rng(15)
+    edges = [np.linspace(-2, 2, 41), np.linspace(-0.6, 0.6, 41)]
+    inputs = GridInputs(
+        states=((-2.0, 2.0), (-0.6, 0.6)),
+        controls=((-1.0, 1.0),),
+        kind="map",
+        period_ns=steps * 100 * MS,
+        map_step_ns=100 * MS,
+    )
+    engine = GridGroup(hill(1.0, 2.0), inputs, list(enumerate(edges)))
+    for _ in range(20):
+        low = rng.uniform((-1.2, -0.4), (1.0, 0.3))
+        images, tubes = engine.enclosures(low, low + rng.uniform(0, 0.1, 2), 8)
+        x = np.stack([corner(rng, low[i], low[i], (1,)) for i in range(2)])
+        assert len(images) == 8
+        for image, tube in zip(images, tubes, strict=True):
+            u = np.clip(-x[0] - 2.0 * x[1], -1, 1)
+            for _ in range(steps):
+                assert np.all((tube[:, 0, None] - SLACK <= x) & (x <= tube[:, 1, None] + SLACK))
+                v = np.clip(x[1] + 0.1 * u - 0.05 * x[0], -0.5, 0.5)
+                x = np.stack([x[0] + v, v])
+            assert np.all((image[:, 0, None] - SLACK <= x) & (x <= image[:, 1, None] + SLACK))

@@ -40,14 +40,20 @@ SIZES = {"lag": 40, "lagged cart": 15, "oscillator": 30, "two carts": 10}
 WIND = 0.05
 
 
-def engine_of(name: str, axes: list[int], period_ns: int = 20 * MS) -> GridGroup:
+def engine_of(
+    name: str,
+    axes: list[int],
+    controls: tuple[float, float] = (-2.0, 2.0),
+    step_ns: int = 0,
+) -> GridGroup:
     a, b, gains = system(name)
     n, m = b.shape
     inputs = GridInputs(
         states=((-1.0, 1.0),) * n,
-        controls=((-2.0, 2.0),) * m,
+        controls=(controls,) * m,
         disturbances=((-WIND, WIND),) * n,
-        period_ns=period_ns,
+        period_ns=20 * MS,
+        plant_period_ns=step_ns,
     )
     edges = np.linspace(-1, 1, SIZES[name] + 1)
     return GridGroup(linear(linear_source(a, b, gains, 2.0)), inputs, [(i, edges) for i in axes])
@@ -98,7 +104,7 @@ def test_runs_of_any_group_stay_in_images_and_tubes(name: str, axes: list[int]) 
 def test_what_is_safe_under_u_is(name: str, axes: list[int]) -> None:
     rng = np.random.default_rng(12)
     a, b, _ = system(name)
-    engine = engine_of(name, axes)
+    engine = engine_of(name, axes, (-0.5, 2.0))
     target = np.zeros(engine.shape, dtype=bool)
     middle = (slice(1, -1),) * len(axes)
     target[middle] = True
@@ -109,7 +115,8 @@ def test_what_is_safe_under_u_is(name: str, axes: list[int]) -> None:
     x = -1 + width * (at.T + corner(rng, 0.0, 1.0, at.T.shape))
     limit = float(engine.edges[0][-2])
     for share in rng.dirichlet((1,) * 5):
-        u = corner(rng, -2, 2, (b.shape[1], 2000))
+        u = corner(rng, -0.5, 2.0, (b.shape[1], 2000))
+        u[:, :500] = 2.0
         phi, integral = exact(a, 0.03 * share)
         x = phi @ x + integral @ (b @ u + corner(rng, -WIND, WIND, x.shape))
         assert np.abs(x).max() <= limit + 1e-9
@@ -221,3 +228,13 @@ def test_the_scheme_error_covers_one_step_of_the_simulator() -> None:
     assert needed > 0.05
     assert not scheme_weight(np.array([[0.0, 1.0], [0.0, 0.0]]), h).any()
     assert np.isinf(scheme_weight(a * 100, h)).all()
+
+
+def test_the_scheme_error_is_part_of_the_model() -> None:
+    without, with_it = (engine_of("oscillator", [0, 1], step_ns=k * MS) for k in (0, 10))
+    grown = with_it.model()["w"] - without.model()["w"]
+    expected = scheme_error(without.model(), np.ones(2), np.full(1, 2.0), 0.01)
+    assert np.allclose(grown, expected, rtol=1e-3)
+    low, high = (-0.1, -0.1), (0.1, 0.1)
+    few, many = (e.enclosures(low, high, 3)[0] for e in (without, with_it))
+    assert np.all(many[:, :, 1] > few[:, :, 1])

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from soter.reach.grids import GridGroup, GridInputs
-from soter.reach.policies import Table, core_synthesis, way
+from soter.reach.policies import Table, _Synthesis, core_synthesis, way
 from unit.reach_grids.adversary import Runs
 from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of
 from unit.reach_grids.test_grid_sets import drawn, inside
@@ -72,6 +72,21 @@ def test_a_table_that_forgets_the_error_is_found_out() -> None:
     left, missing = run(group, table, {1: 0.14}, 4)
     assert left > 0
     assert missing > 0
+
+
+@pytest.mark.parametrize(("error", "exact"), [(0, 1), (1, 0)])
+def test_an_estimate_on_a_face_serves_the_cell_below_beside_its_own(error: int, exact: int) -> None:
+    group = engine()
+    work = _Synthesis(group, np.ones(group.shape, dtype=bool), np.array(COMMANDS), {error: 1e-3},
+                      None)  # fmt: skip
+    kept = np.zeros(group.shape, dtype=bool)
+    own, beside = [60, 60], [60, 60]
+    beside[error] += 1  # within the error
+    beside[exact] -= 1  # shares a face with the estimate's row of cells
+    kept[tuple(own)] = kept[tuple(beside)] = True
+    work.fine[:] = 0
+    work.fine[tuple(own)], work.fine[tuple(beside)] = 1, 2
+    assert work.of_estimates(kept)[tuple(own)] == 0  # no command serves both
 
 
 def test_an_error_makes_the_synthesised_core_smaller() -> None:

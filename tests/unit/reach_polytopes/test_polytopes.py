@@ -101,7 +101,7 @@ def flow(group: LinearGroup, ms: int) -> tuple[Array, Array]:
 
 def step(group: LinearGroup, x: Array, u: Array, w: Array, e: Array, g: Array) -> Array:
     """Exact for constant u and w over the step; rows are states."""
-    return x @ e.T + (u @ group.control.T + w) @ g.T
+    return np.asarray(x @ e.T + (u @ group.control.T + w) @ g.T)
 
 
 def worst(rng: np.random.Generator, shape: tuple[int, ...], bound: Array) -> Array:

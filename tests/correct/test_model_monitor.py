@@ -1,0 +1,150 @@
+"""The model monitor: silent on what the model allows, loud when its bounds are halved.
+
+Non-goals: what the drone does (`bench/drone_conformance.py`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from soter.api import ENGINES, load
+from soter.cli.main import main
+
+DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
+
+WORLD = """soter 1;
+type Seen = { x: float, v: float };
+topic seen: Seen max_age 20ms;
+topic push: float in [-1.0, 1.0];
+plant Flying period 10ms {
+  reads push;
+  drives seen = { x: x, v: v };
+  state x: float;
+  state v: float;
+  disturbance wind: float in [-0.2, 0.2] hold 400ms;
+  let gust = wind < 0.0 ? -0.2 : 0.2;
+  der x = v;
+  der v = 2.0 * push - v + gust;
+  measured seen.x within 0.02, seen.v within 0.05;
+}
+plant Model period 10ms {
+  reads push;
+  drives seen = { x: x, v: v };
+  state x: float;
+  state v: float;
+  disturbance d: float in [-WIND, WIND];
+  der x = v;
+  der v = LAG * (2.0 * push - v) + d;
+  measured seen.x within 0.02, seen.v within 0.05;
+}
+const WIND: float = @WIND;
+const LAG: float = @LAG;
+node Fast period 20ms { subscribes seen; publishes push; step {
+  publish push = clamp(1.0 - seen.x - seen.v, -1.0, 1.0); } }
+node Slow period 20ms { subscribes seen; publishes push; step {
+  publish push = clamp(-seen.x - seen.v, -1.0, 1.0); } }
+rta Keeper {
+  ac Fast;
+  sc Slow;
+  period 20ms;
+  safe abs(seen.x) < 3.0;
+  ttf abs(seen.x) > 2.0;
+  safer abs(seen.x) < 1.5;
+  verify {
+    abstracts d by m: Model = d.truth;
+    grid m.x in [-3.0, 3.0] / 60, m.v in [-3.0, 3.0] / 60;
+  }
+}
+system Flight default { d: Flying; module Keeper; until 10s; }
+"""
+
+WATCHED = """soter 1;
+import "world.soter" as world;
+import "watch.soter" as w;
+topic alarms: int;
+node Count period 10ms { subscribes w.modelAlarm; publishes alarms; var n: int = 0; step {
+  n = n + (w.modelAlarm ? 1 : 0);
+  publish alarms = n;
+} }
+system Watched default { d: world.Flying; module world.Keeper; node w.ModelMonitor; node Count; until 10s; }
+"""
+
+
+def world(folder: Path, wind: float = 0.2, lag: float = 1.0) -> Path:
+    path = folder / "world.soter"
+    path.write_text(WORLD.replace("@WIND", str(wind)).replace("@LAG", str(lag)))
+    return path
+
+
+@pytest.mark.parametrize("estimates", [False, True])
+def test_what_the_model_allows_raises_no_alarm(tmp_path: Path, estimates: bool) -> None:
+    program = load(world(tmp_path))
+    for seed in range(4):
+        (judged,) = program.monitor(seed=seed, estimates=estimates)
+        assert judged.steps > 400
+        assert judged.alarms == 0
+        assert estimates or 0.9 < judged.share <= 1.0
+
+
+@pytest.mark.parametrize("estimates", [False, True])
+@pytest.mark.parametrize(("wind", "lag"), [(0.1, 1.0), (0.2, 2.0)])
+def test_half_the_wind_or_half_the_lag_raises_an_alarm(
+    tmp_path: Path,
+    estimates: bool,
+    wind: float,
+    lag: float,
+) -> None:
+    (judged,) = load(world(tmp_path, wind, lag)).monitor(estimates=estimates)
+    assert judged.alarms > 0
+    assert judged.first_alarm_s is not None
+
+
+def test_a_log_is_judged_like_the_run_it_is_of(tmp_path: Path) -> None:
+    program = load(world(tmp_path, 0.1))
+    log = tmp_path / "run.mcap"
+    program.simulate(seed=5, log=log)
+    for estimates in (False, True):
+        assert program.monitor(log, estimates=estimates) == program.monitor(
+            seed=5, estimates=estimates
+        )
+
+
+def test_the_command_exits_with_3_on_an_alarm(tmp_path: Path, capsys: Any) -> None:
+    assert main(["monitor", str(world(tmp_path))]) == 0
+    assert main(["monitor", str(world(tmp_path, 0.1))]) == 3
+    assert "The model is false" in capsys.readouterr().out.replace("\n", " ")
+
+
+@pytest.mark.parametrize("engine", ENGINES)
+@pytest.mark.parametrize("wind", [0.2, 0.1])
+def test_the_emitted_node_says_on_line_what_the_monitor_says(
+    tmp_path: Path, engine: str, wind: float
+) -> None:
+    load(world(tmp_path, wind)).emit_monitor(tmp_path / "watch.soter")
+    (tmp_path / "watched.soter").write_text(WATCHED)
+    program = load(tmp_path / "watched.soter")
+    run = program.simulate(until=4, engine=engine)
+    (judged,) = program.monitor(until=4, estimates=True)
+    assert (int(run.final["topics"]["alarms"]) > 0) == (wind < 0.2)
+    # the node's last step may still be on its way to the counter
+    assert abs(int(run.final["topics"]["alarms"]) - judged.alarms) <= 1
+
+
+def test_the_drone_stays_within_what_its_proof_assumes() -> None:
+    (judged,) = load(DRONE / "motion_primitive.soter").monitor(seed=7)
+    assert judged.alarms == 0
+    assert 0.5 < judged.share < 1.0
+
+
+def test_the_drone_with_half_the_wind_declared_raises_alarms(tmp_path: Path) -> None:
+    for file in DRONE.iterdir():
+        (tmp_path / file.name).write_bytes(file.read_bytes())
+    main_file = tmp_path / "motion_primitive.soter"
+    text = main_file.read_text()
+    assert "city.TURN * iris.WIND + RESIDUAL" in text
+    main_file.write_text(text.replace("TURN * iris.WIND", "TURN * 0.5 * iris.WIND"))
+    program = load(main_file)
+    assert sum(program.monitor(seed=seed)[0].alarms for seed in (3, 4, 5)) > 0

@@ -1,0 +1,149 @@
+"""Several groups, parameters, hints, maps: products are checked, and each value of a parameter."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.program.build import check_file
+from soter.reach import verify as verifying
+from soter.reach.command import verify
+
+if TYPE_CHECKING:
+    from soter.reach.results import ModuleResult
+
+PLANE = """soter 1;
+topic pos: { x: float, y: float } max_age 10ms;
+topic u: { x: float, y: float } in [-1.0, 1.0];
+plant Ship period 10ms {
+  reads u;
+  drives pos = { x: x, y: y };
+  state x: float;
+  state y: float;
+  state loaded: bool;
+  disturbance wind: Vec2 in [-0.2, 0.2];
+  der x = (loaded ? 0.5 : 1.0) * u.x + wind.x;
+  der y = u.y + wind.y;
+  measured pos within 0.01;
+}
+node Fast period 20ms {
+  subscribes pos;
+  publishes u;
+  step { publish u = { x: 1.0, y: -1.0 }; }
+}
+node Home period 20ms {
+  subscribes pos;
+  publishes u;
+  step { publish u = { x: clamp(-2.0 * pos.x, -1.0, 1.0), y: clamp(-2.0 * pos.y, -1.0, 1.0) }; }
+}
+fun Inside(p: { x: float, y: float }, room: float): bool {
+  return abs(p.x) < 2.0 - room && abs(p.y) < 3.0 - room;
+}
+rta Harbour {
+  ac Fast;
+  sc Home;
+  period 40ms;
+  safe Inside(pos, 0.0);
+  ttf !Inside(pos, 0.2);
+  safer Inside(pos, 0.4);
+  verify {
+    grid pos.x in [-2.0, 2.0] / 200;
+    grid pos.y in [-3.0, 3.0] / 240;
+  }
+}
+system S { s: Ship; module Harbour; }
+"""
+
+
+@pytest.fixture(autouse=True)
+def _no_finer_grids(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 0)
+
+
+def result_of(*pairs: tuple[str, str], text: str = PLANE) -> ModuleResult:
+    for old, new in pairs:
+        assert old in text, old
+        text = text.replace(old, new)
+    checked = check_file("plane.soter", text)
+    assert checked.ok, [d.message for d in checked.diagnostics.items]
+    (found,) = verify(checked, refute=False).modules
+    return found
+
+
+def test_two_groups_and_two_values_of_a_parameter_are_proved() -> None:
+    found = result_of()
+    assert found.verdict == "proved", {n: f.text for n, f in found.findings.items()}
+    assert [c.parameter for c in found.cases] == [(0,), (1,)]
+    assert found.cells == 2 * (200 + 240)
+    one, two = (c.groups[0].core > 0 for c in found.cases)
+    assert one.sum() >= two.sum()
+
+
+def test_states_that_the_constraint_compares_must_be_one_group() -> None:
+    together = ("safe Inside(pos, 0.0);", "safe Inside(pos, 0.0) && abs(pos.x + pos.y) < 3.0;")
+    found = result_of(together)
+    assert found.findings["P2a"].verdict == "undecided"
+    assert "no product" in found.findings["P2a"].text
+
+
+def test_what_the_product_of_the_parts_misses_is_found_between_them() -> None:
+    corner = ("safe Inside(pos, 0.0);", "safe Inside(pos, 0.0) && (pos.x < 1.9 || pos.y < 2.9);")
+    found = result_of(corner)
+    assert found.findings["P2a"].verdict == "undecided"
+
+
+def test_a_predicate_that_forgets_a_group_is_not_proved() -> None:
+    found = result_of(("ttf !Inside(pos, 0.2);", "ttf abs(pos.x) > 1.8;"))
+    assert found.findings["ttf"].verdict == "undecided"
+    assert {axis[0] for r in found.findings["ttf"].regions for axis in r.axes} == {"s.y"}
+
+
+def test_the_value_of_a_parameter_for_which_it_fails_is_named() -> None:
+    found = result_of(("(loaded ? 0.5 : 1.0)", "(loaded ? -0.5 : 1.0)"))
+    assert found.findings["P2a"].verdict == "undecided"
+    regions = found.findings["P2a"].regions
+    assert regions
+    assert {r.parameters for r in regions} == {(("s.loaded", 1),)}
+
+
+def test_the_core_stays_inside_its_hint() -> None:
+    hint = ("verify {", "verify { core abs(pos.x) < 1.95;")
+    found = result_of(hint)
+    assert found.verdict == "proved"
+    part = found.cases[0].groups[0]
+    edges = part.edges[0]
+    kept = [i for i, n in enumerate(part.core) if n]
+    assert edges[kept[0]] >= -1.95 - 1e-9
+    assert edges[kept[-1] + 1] <= 1.95 + 1e-9
+
+
+def test_a_map_is_proved_in_steps_and_a_wrong_one_is_not() -> None:
+    text = """soter 1;
+topic x: float in [-4.0, 4.0] max_age 10ms;
+topic u: float in [-1.0, 1.0];
+plant Belt period 20ms {
+  reads u;
+  drives x = p;
+  state p: float;
+  disturbance push: float in [-0.1, 0.1];
+  next p = p + 0.02 * u + 0.02 * push;
+}
+node Fast period 20ms { subscribes x; publishes u; step { publish u = 1.0; } }
+node Slow period 20ms { subscribes x; publishes u; step { publish u = clamp(-x, -1.0, 1.0); } }
+rta M {
+  ac Fast;
+  sc Slow;
+  period 20ms;
+  safe abs(x) < 3.0;
+  ttf abs(x) > 2.9;
+  safer abs(x) < 2.5;
+  verify { grid x in [-4.0, 4.0] / 800; }
+}
+system S { b: Belt; module M; }
+"""
+    assert result_of(text=text).verdict == "proved"
+    late = result_of(("ttf abs(x) > 2.9;", "ttf abs(x) > 2.985;"), text=text)
+    assert late.findings["ttf"].verdict == "undecided"
+    slow = result_of(("verify {", "verify { horizon 10ms;"), text=text)
+    assert slow.findings["P1c"].verdict == "undecided"
