@@ -1,15 +1,17 @@
-"""Does the vehicle that flies behave like the plant of the proof?
+"""Whether the vehicle that flies behaves like the plant of the proof.
 
 Purpose: for every 5 ms of seeded laps and of flights with hostile ACs, and for every tube axis, the
 smallest bound on |d| with which `Tube` of motion_primitive.soter explains what the 13-state vehicle
 did, from true states. One beyond the declared D is a failure (exit 1).
 Non-goals: estimates (`soter monitor`), whether the proof holds (`soter verify`).
 
-On an axis the state is (p, v, a, j, s); a, j, s are the shaping filter's and must follow it exactly,
-and v' = a + d, p' = v. With alpha = v(h) - v(0) - int a and beta = p(h) - p(0) - h v(0) - iint a, some
-|d(.)| <= D explains the step iff D >= (|2 beta - h alpha| + sqrt((2 beta - h alpha)^2 + h^2 alpha^2)) / h^2:
-the extreme d has one switch.
+On an axis the state is (p, v, a, j, s); a, j, s are the shaping filter's and must follow it
+exactly, and v' = a + d, p' = v. With alpha = v(h) - v(0) - int a, beta = p(h) - p(0) - h v(0) -
+iint a and gamma = 2 beta - h alpha, some |d(.)| <= D explains the step if and only if
+D >= (|gamma| + sqrt(gamma^2 + h^2 alpha^2)) / h^2: the extreme d has one switch.
 """
+
+# ruff: noqa: ANN401 - traces are numpy records
 
 from __future__ import annotations
 

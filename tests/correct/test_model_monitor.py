@@ -69,7 +69,9 @@ node Count period 10ms { subscribes w.modelAlarm; publishes alarms; var n: int =
   n = n + (w.modelAlarm ? 1 : 0);
   publish alarms = n;
 } }
-system Watched default { d: world.Flying; module world.Keeper; node w.ModelMonitor; node Count; until 10s; }
+system Watched default {
+  d: world.Flying; module world.Keeper; node w.ModelMonitor; node Count; until 10s;
+}
 """
 
 

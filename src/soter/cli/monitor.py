@@ -1,4 +1,4 @@
-"""`soter monitor FILE [LOG]`: does the model that was proved explain what was recorded?
+"""`soter monitor FILE [LOG]`: whether the model that was proved explains what was recorded.
 
 Purpose: judge a log, or a fresh run, module by module; or write the monitor as a Soter node.
 Non-goals: the judgement (`reach/monitor.py`).

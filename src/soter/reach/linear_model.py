@@ -1,8 +1,8 @@
 """Verification plants as matrices, read off by evaluating them.
 
-Purpose: x' (flows) or the next x (maps) = A x + B u + c + W d, the driven topics y = M x + m, for one
-combination of parameter values; for monitoring.
-Non-goals: proofs: entries are binary64 as the interpreter computes them, nothing is rounded outward
+Purpose: x' (flows) or the next x (maps) = A x + B u + c + W d, the driven topics y = M x + m, for
+one combination of parameter values; for monitoring.
+Non-goals: proofs: entries are binary64 as the interpreter computes them, nothing rounds outward
 (`grid_model.py` does that from enclosures).
 """
 

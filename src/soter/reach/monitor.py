@@ -1,8 +1,8 @@
-"""The model monitor: does some run of the verification plants fit what was recorded?
+"""The model monitor: whether some run of the verification plants fits what was recorded.
 
-Purpose: set-membership. X_k = image of X_(k-1) under the commands that acted, any disturbance within
-its bounds and the time that passed, met with what is known of x_k: the true state (error 0), or an
-estimate +-E. Where nothing is left the model is false: an alarm, and X_k starts anew.
+Purpose: set-membership. X_k = image of X_(k-1) under the commands that acted, any disturbance
+within its bounds and the time that passed, met with what is known of x_k: the true state
+(error 0), or an estimate +-E. Where nothing is left the model is false: an alarm, and X_k starts anew.
 Non-goals: plants that are not affine; showing that a model is true: silence says that nothing has
 spoken against it. X_k is a box, so that it is never too small.
 """
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.program.system import Module, System
+    from soter.program.typed import TopicSymbol
     from soter.program.types import Value
     from soter.reach.linear_model import LinearModel
     from soter.reach.problem import Problem
@@ -128,7 +129,7 @@ class Reader:
                 flying = {self.prefix + link.instance: flat.component(self.prefix + link.instance)}
                 ((name, component),) = flying.items()
                 evaluator = Evaluator(
-                    flat.params,
+                    module.scope.params,
                     topics=_scope_topics(flat, module),
                     plants={link.instance: component.index},
                     modules=scope.modules,
@@ -188,8 +189,8 @@ class Reader:
         )
 
 
-def _scope_topics(flat: System, module: Module) -> dict[object, int]:
-    found: dict[object, int] = {}
+def _scope_topics(flat: System, module: Module) -> dict[TopicSymbol, int]:
+    found: dict[TopicSymbol, int] = {}
     for c in flat.components:
         found.update(c.scope.topics)
     found.update(module.scope.topics)
@@ -295,9 +296,11 @@ def sight_of(problem: Problem, model: LinearModel) -> Sight:
     at = {key: i for i, key in enumerate(driven_leaves(problem))}
     for leaf, r in zip(problem.quantities.errors, problem.errors, strict=True):
         errors[at[leaf.owner, leaf.path]] = r.high
-    inverse = np.linalg.pinv(model.drives)
+    inverse = np.asarray(np.linalg.pinv(model.drives), dtype=np.float64)
     seen = np.abs(inverse @ model.drives - np.eye(len(model.a))).max(axis=1) < 1e-6
-    return Sight(inverse, np.where(seen, np.abs(inverse) @ errors, np.inf))
+    return Sight(
+        inverse, np.asarray(np.where(seen, np.abs(inverse) @ errors, np.inf), dtype=np.float64)
+    )
 
 
 def _on_estimates(reader: Reader, models: _Models, record: Recorded, found: Judgement) -> None:

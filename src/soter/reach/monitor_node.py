@@ -1,8 +1,8 @@
 """The model monitor as a trusted Soter node.
 
-Purpose: the membership recursion of `monitor.py` on estimates as source text: one interval per state,
-bounded work, no heap; it publishes whether an alarm was raised at its last step. It is to be the
-last instance of a system, so that the command it sees is the one that acts until its next step.
+Purpose: the membership recursion of `monitor.py` on estimates as source text: one interval per
+state, bounded work, no heap; it publishes whether an alarm was raised at its last step. It is to
+be the last instance of a system, so that the command it sees is the one that acts until its next step.
 Non-goals: plants that are not affine, lateness (a step is one period after the last one), composing
 it into a system: the user does that, and lets `ttf` read the alarm.
 """
@@ -48,8 +48,9 @@ def monitor_source(
 def _head(problem: Problem, imported: str, alarm: str | None) -> list[str]:
     lines = [
         "soter 1;",
-        f"// The model monitor of {problem.name}, made by `soter monitor --emit`. Make this node the last one of",
-        "// a system. An alarm says that no disturbance and no error within the declared bounds explains what is seen.",
+        f"// The model monitor of {problem.name}, made by `soter monitor --emit`. It is to be",
+        "// the last instance of a system. An alarm says that no disturbance and no error within",
+        "// the declared bounds explains what is seen.",
         "",
         f'import "{imported}" as watched;',
         "",
@@ -120,11 +121,16 @@ def _case(problem: Problem, parameter: Sequence[int], k: int, names: dict[int, s
     lines += [f"      if known && seen && ({empty}) {{", "        alarmed = true;", "      }"]
     for i in range(n):
         lines += [
-            f"      low[{i}] = !seen ? from{i} : known && !alarmed ? max(from{i}, least{i}) : least{i};",
-            f"      high[{i}] = !seen ? to{i} : known && !alarmed ? min(to{i}, most{i}) : most{i};",
+            f"      low[{i}] = {_kept(f'from{i}', f'least{i}', 'max')};",
+            f"      high[{i}] = {_kept(f'to{i}', f'most{i}', 'min')};",
         ]
     lines += ["      begun = seen || known;", f"      followed = {k};"]
     return lines
+
+
+def _kept(predicted: str, seen: str, meet: str) -> str:
+    """An end of the interval after a step: met with what is seen, or begun anew."""
+    return f"!seen ? {predicted} : known && !alarmed ? {meet}({predicted}, {seen}) : {seen}"
 
 
 def _state(i: int, phi: Floats, gamma: Floats, c: float, reach: float) -> list[str]:

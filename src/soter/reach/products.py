@@ -198,7 +198,7 @@ def law_stays_inside(
         looked += 1
         if looked > LAW_SPLITS_MAX:
             if found is None:
-                return "a step fault of SC could not be ruled out"
+                return "SC might fault, or publish outside its set"
             out = np.flatnonzero((found[:, 0] < limits[:, 0]) | (found[:, 1] > limits[:, 1]))
             name = problem.quantities.controls[int(out[0])].name
             return f"SC could publish {name} outside its set"

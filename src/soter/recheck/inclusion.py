@@ -56,7 +56,7 @@ PIECES = (1, 4)
 FREE_PIECES = (4, 16)
 SPLITS = 6
 """How often a single cell is halved before it counts as failed."""
-SPLITS_CUT = 2
+SPLITS_CUT = 4
 """The same where sets are halved on the way as well."""
 MID_CUTS = 4
 """How often, at equal distances; each doubles the work that is left."""

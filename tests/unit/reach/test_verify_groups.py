@@ -145,5 +145,7 @@ system S { b: Belt; module M; }
     assert result_of(text=text).verdict == "proved"
     late = result_of(("ttf abs(x) > 2.9;", "ttf abs(x) > 2.985;"), text=text)
     assert late.findings["ttf"].verdict == "undecided"
+    wide = result_of(("clamp(-x, -1.0, 1.0)", "-0.6 * x"), text=text)
+    assert wide.findings["P2a"].text == "SC might fault, or publish outside its set"
     slow = result_of(("verify {", "verify { horizon 10ms;"), text=text)
     assert slow.findings["P1c"].verdict == "undecided"
