@@ -21,52 +21,59 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.codegen.unit import generate
-from soter.lower.layout import encode_into, state_dtype
+from soter.lower.layout import encode_into, size_of, state_dtype, struct_of
 from soter.lower.steps import lower
 from soter.native.build import library
 from soter.program.arith import StepFault
 from soter.program.environment import Environment
 from soter.program.evaluate import Evaluator
-from soter.program.types import (
-    ArrayType,
-    BoolType,
-    EnumType,
-    FloatType,
-    IntType,
-    ListType,
-    RecordType,
-    leaves,
-)
+from soter.program.types import ArrayType, RecordType, leaves
 from soter.program.walk import topic_reads
 from soter.reach.complete import put
+from soter.reach.dm_inputs import AC, SC, gates, values
 from soter.reach.tables import tables
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from soter.codegen.unit import Unit
     from soter.lower.core import CoreSystem
     from soter.lower.layout import StateLayout
-    from soter.program.system import Bound, Module, System
+    from soter.program.system import Module, System
     from soter.program.types import Type, Value
+    from soter.reach.dm_inputs import Points
     from soter.reach.results import ModuleResult
+    from soter.reach.tables import Table
 
-    Points = Mapping[tuple[int, int], Sequence[float]]
 
-SC, AC = 0, 1
 NEVER = -(2**62)
 NOW_NS = 10**15
-RANDOM_POINTS = 400
 WHOLE = 24
 """For so many values every age is tried with every state of the gate; for the others some."""
 SOME = 5
+FULL = 2
+"""The level at which AC may have control back."""
 FAILURES_MAX = 10
-SPECIAL = (float("nan"), float("inf"), float("-inf"), 1e308, -1e308, 0.0, -0.0, 5e-324)
 WRAPPER = """
+#include <string.h>
 unsigned soter_check_decide(unsigned module, void *state);
 unsigned soter_check_switch(unsigned mode, unsigned facts);
 unsigned soter_check_decide(unsigned module, void *state) {{
   return (unsigned){prefix}_program.module[module].decide(state);
+}}
+void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
+    const size_t *at, const double *points, size_t count, unsigned char *found);
+void soter_check_cells(unsigned module, unsigned char *state, const size_t facts[2], size_t axes,
+    const size_t *at, const double *points, size_t count, unsigned char *found) {{
+  for (size_t k = 0; k < count; k++) {{
+    for (size_t a = 0; a < axes; a++) {{
+      (void)memcpy(state + at[a], points + k * axes + a, sizeof(double));
+    }}
+    (void){prefix}_program.module[module].decide(state);
+    found[k] = state[facts[0]] != 0U ? 0U : state[facts[1]] != 0U ? 2U : 1U;
+  }}
 }}
 unsigned soter_check_switch(unsigned mode, unsigned facts) {{
   return (unsigned){prefix}_switch((soter_mode)mode, (facts & 1U) != 0U, (facts & 2U) != 0U,
@@ -79,12 +86,14 @@ unsigned soter_check_switch(unsigned mode, unsigned facts) {{
 class DMCheck:
     """What was tried, and where the C differed; `verdict` is proved or refuted.
 
-    `facts`: combinations of facts, all there are; `states`: states of the classes of input.
+    `facts`: combinations of facts, all there are; `states`: states of the classes of input;
+    `cells`: cells of tables, all there are.
     """
 
     module: str
     facts: int = 0
     states: int = 0
+    cells: int = 0
     failures: list[str] = field(default_factory=list)
 
     @property
@@ -99,7 +108,7 @@ class DMCheck:
             return f"the C of the DM differs from the switching logic: {self.failures[0]}"
         return (
             f"the compiled DM switches as it should: all {self.facts} combinations of facts, "
-            f"{self.states:,} inputs"
+            f"{self.states:,} inputs" + (f", all {self.cells:,} cells" if self.cells else "")
         )
 
     def differs(self, what: str) -> None:
@@ -120,25 +129,31 @@ def decided(
 def check_decisions(
     system: System,
     core: CoreSystem | None = None,
-    points: Points | None = None,
+    found: Sequence[Table] = (),
+    leaves_of: Mapping[int, tuple[int, int]] | None = None,
     change: Callable[[str], str] | None = None,
 ) -> list[DMCheck]:
     """Check the C of every decision module of a system.
 
-    `points`: (topic, leaf) -> values worth trying besides, such as breakpoints of tables; `change`
-    edits the C first (for tests).
+    `found`: the tables of computed predicates (one module), every cell of which is tried;
+    `leaves_of`: state -> the (topic, leaf) that shows it; `change` edits the C first (for tests).
     """
+    at = leaves_of or {}
+    points = {at[s]: e for t in found for s, e in zip(t.states, t.edges, strict=True)}
     unit = generate(system, core)
     source = unit.source if change is None else change(unit.source)
     text = source + WRAPPER.format(prefix=unit.prefix)
     c = _Compiled(replace(unit, source=text))
-    found = []
+    checks = []
     for module in system.modules:
         check = DMCheck(module.name)
         _all_facts(c, check)
-        _Inputs(c, system, module, check).run(points or {})
-        found.append(check)
-    return found
+        inputs = _Inputs(c, system, module, check)
+        inputs.run(points)
+        for table in found:
+            inputs.cells(table, [t for t in found if t is not table], at)
+        checks.append(check)
+    return checks
 
 
 def check_module(result: ModuleResult) -> DMCheck:
@@ -147,19 +162,16 @@ def check_module(result: ModuleResult) -> DMCheck:
     module = replace(problem.module)
     components = tuple(replace(x, binding=None) for x in problem.system.components)
     system = replace(problem.system, components=components, modules=(module,))
-    points: dict[tuple[int, int], tuple[float, ...]] = {}
+    found: list[Table] = []
     whole = all(len(case.groups) == len(problem.groups) for case in result.cases)
     if problem.computed and whole and all(g.levels for c in result.cases for g in c.groups):
         sets = [[(g.levels[0], g.levels[-1]) for g in case.groups] for case in result.cases]
         found = tables(problem, sets)
         put(system, module, problem, found)
-        for table in found:
-            for state, edges in zip(table.states, table.edges, strict=True):
-                points[problem.topic_leaf_of_state[state]] = edges
     core = lower(system)
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)
-    return check_decisions(system, core, points)[0]
+    return check_decisions(system, core, found, problem.topic_leaf_of_state)[0]
 
 
 class _Compiled:
@@ -173,6 +185,9 @@ class _Compiled:
         self.ffi.cdef(
             "unsigned soter_check_decide(unsigned module, void *state);"
             "unsigned soter_check_switch(unsigned mode, unsigned facts);"
+            "void soter_check_cells(unsigned module, unsigned char *state, const size_t *facts,"
+            " size_t axes, const size_t *at, const double *points, size_t count,"
+            " unsigned char *found);"
         )
         self.lib: Any = self.ffi.dlopen(str(library(unit)))
 
@@ -181,9 +196,45 @@ class _Compiled:
         bits = sum(1 << i for i, fact in enumerate(facts) if fact)
         return int(self.lib.soter_check_switch(mode, bits))
 
+    def levels(
+        self,
+        module: int,
+        state: bytearray,
+        facts: tuple[int, int],
+        at: NDArray[np.uintp],
+        points: NDArray[np.float64],
+    ) -> NDArray[np.uint8]:
+        """Levels (0: ttf, 2: safer, 1: neither) of points (n, axes), put at the offsets `at`."""
+        found = np.zeros(len(points), dtype=np.uint8)
+        self.lib.soter_check_cells(
+            module,
+            self.ffi.from_buffer(state),
+            self.ffi.new("size_t[2]", facts),
+            len(at),
+            self.ffi.cast("size_t *", at.ctypes.data),
+            self.ffi.cast("double *", points.ctypes.data),
+            len(points),
+            self.ffi.cast("unsigned char *", found.ctypes.data),
+        )
+        return found
+
     def decide(self, module: int, state: bytearray) -> int:
         """The DM's answer; it notes the facts in `state`."""
         return int(self.lib.soter_check_decide(module, self.ffi.from_buffer(state)))
+
+
+def _leaf_offset(t: Type, leaf: int) -> int:
+    """Byte offset of a scalar leaf inside a value."""
+    if isinstance(t, RecordType):
+        for member in struct_of(t).members:
+            count = sum(1 for _ in leaves(member.type))
+            before = sum(sum(1 for _ in leaves(f)) for _, f in t.fields[: member.index])
+            if before <= leaf < before + count:
+                return member.offset + _leaf_offset(member.type, leaf - before)
+    if isinstance(t, ArrayType):
+        count = sum(1 for _ in leaves(t.element))
+        return leaf // count * size_of(t.element) + _leaf_offset(t.element, leaf % count)
+    return 0
 
 
 def _all_facts(c: _Compiled, check: DMCheck) -> None:
@@ -229,17 +280,55 @@ class _Inputs:
         scope = {**system.components[self.module.sc].scope.topics, **self.module.scope.topics}
         read = [scope[t] for t in topic_reads(*predicates)]
         expected = _Expected(system, self.module)
-        ages, gates = list(self._ages()), list(_gates(self.module))
-        every = list(itertools.product(ages, gates))
-        for k, values in enumerate(_values(system, read, points, self.chance)):
+        every = list(itertools.product(self._ages(), gates(self.module)))
+        for k, chosen_values in enumerate(values(system, read, points, self.chance)):
             topics = [t.default for t in system.topics]
-            for index, value in zip(read, values, strict=True):
+            for index, value in zip(read, chosen_values, strict=True):
                 topics[index] = value
             ttf, safer = expected.truths(tuple(topics))
             state = expected.state(self.c.unit, tuple(topics))
             chosen = every if k < WHOLE else self.chance.sample(every, min(SOME, len(every)))
             for stamps, gate in chosen:
                 self._one(state, stamps, gate, ttf=ttf, safer=safer)
+
+    def cells(
+        self, table: Table, others: Sequence[Table], leaves_of: Mapping[int, tuple[int, int]]
+    ) -> None:
+        """The middle of every cell of a table; the other groups where they allow everything."""
+        layout, topics = self.c.unit.layout, self.system.topics
+        state = _Expected(self.system, self.module).state(
+            self.c.unit, tuple(t.default for t in topics)
+        )
+        struct.pack_into("<q", state, 0, NOW_NS)
+        for i in range(len(topics)):
+            struct.pack_into("<q", state, self.stamps + 8 * i, NOW_NS)
+
+        def offset(of: int) -> int:
+            topic, leaf = leaves_of[of]
+            return layout.topic_offset(topic) + _leaf_offset(topics[topic].type, leaf)
+
+        for other in others:
+            best = np.unravel_index(int(other.entries.argmax()), other.entries.shape)
+            if other.entries[best] != FULL:
+                return  # then safer is false everywhere: nothing to tell apart
+            for s, edges, cell in zip(other.states, other.edges, best, strict=True):
+                middle_ = edges[int(cell)] / 2 + edges[int(cell) + 1] / 2
+                struct.pack_into("<d", state, offset(s), middle_)
+        edges_ = [np.array(e) for e in table.edges]
+        middle = [e[:-1] / 2 + e[1:] / 2 for e in edges_]
+        wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges_, strict=True)]
+        grids = np.meshgrid(*middle, indexing="ij")
+        points = np.ascontiguousarray(np.stack(grids, axis=-1).reshape(-1, len(middle)))
+        at = np.array([offset(s) for s in table.states], dtype=np.uintp)
+        got = self.c.levels(
+            self.module.index, state, (self.at["ttf"], self.at["safer"]), at, points
+        )
+        sure = np.logical_and.reduce(np.meshgrid(*wide, indexing="ij")).ravel()
+        wrong = np.flatnonzero(sure & (got != table.entries.ravel()))
+        self.check.cells += int(sure.sum())
+        for k in wrong[:1]:
+            entry = table.entries.ravel()[k]
+            self.check.differs(f"at {points[k].tolist()} its level is {got[k]}, not {entry}")
 
     def _ages(self) -> Iterator[dict[int, int]]:
         """Ages: all fresh; then each input at its limit, beyond it, never published."""
@@ -321,97 +410,3 @@ class _Expected:
                     at = group.offset + member.offset
                     encode_into(out, at, member.type, topics[member.index])
         return out
-
-
-# ---------------------------------------------------------------- classes of input
-
-
-def _gates(module: Module) -> Iterator[tuple[int, int, int]]:
-    """(mode, gate fault, clean outputs owed)."""
-    owed = (0, 1, module.clean, 2**31, 2**32 - 1)
-    for mode in (SC, AC):
-        for gate_fault in (0, 1):
-            for clean in dict.fromkeys(owed):
-                yield mode, gate_fault, clean
-
-
-def _values(
-    system: System,
-    read: Sequence[int],
-    points: Points,
-    chance: random.Random,
-) -> Iterator[tuple[Value, ...]]:
-    """Values of the topics that are read: each leaf in each class, and points drawn at random."""
-    flat = []
-    for index in read:
-        topic = system.topics[index]
-        kinds = [kind for _, kind in leaves(topic.type)]
-        for k, (kind, bound) in enumerate(zip(kinds, topic.bounds, strict=True)):
-            flat.append(_Leaf(kind, bound, points.get((index, k), ())))
-
-    def built(chosen: list[Value]) -> tuple[Value, ...]:
-        it = iter(chosen)
-        return tuple(_build(system.topics[i].type, it) for i in read)
-
-    for at, leaf in enumerate(flat):
-        for value in leaf.classes():
-            drawn = [x.draw(chance) for x in flat]
-            drawn[at] = value
-            yield built(drawn)
-    for _ in range(RANDOM_POINTS if flat else 1):
-        yield built([x.draw(chance) for x in flat])
-
-
-@dataclass(frozen=True)
-class _Leaf:
-    """One scalar of a topic: which values are tried."""
-
-    type: Type
-    bound: Bound | None
-    points: Sequence[float] = ()
-
-    def classes(self) -> Iterator[Value]:
-        """Every class once."""
-        if isinstance(self.type, FloatType):
-            yield from SPECIAL
-            ends = () if self.bound is None else (self.bound.low, self.bound.high)
-            for end in (*ends, *self.points):
-                yield float(end)
-                yield float(np.nextafter(end, np.inf))
-                yield float(np.nextafter(end, -np.inf))
-        elif isinstance(self.type, BoolType):
-            yield from (False, True)
-        elif isinstance(self.type, EnumType):
-            yield from range(len(self.type.members))
-        else:
-            yield from self._ints()
-
-    def _ints(self) -> tuple[int, int]:
-        assert isinstance(self.type, IntType)
-        return self.type.low, self.type.high
-
-    def draw(self, chance: random.Random) -> Value:
-        """Some value: of the range where there is one."""
-        if isinstance(self.type, FloatType):
-            if self.points:
-                low, high = min(self.points), max(self.points)
-                return chance.uniform(low - 0.1 * (high - low), high + 0.1 * (high - low))
-            if self.bound is not None:
-                return chance.uniform(self.bound.low, self.bound.high)
-            return chance.choice((-1, 1)) * 10.0 ** chance.uniform(-3, 3)
-        if isinstance(self.type, BoolType):
-            return chance.random() < 0.5
-        if isinstance(self.type, EnumType):
-            return chance.randrange(len(self.type.members))
-        return chance.randint(*self._ints())
-
-
-def _build(t: Type, values: Iterator[Value]) -> Value:
-    """A value from its leaves in order."""
-    if isinstance(t, RecordType):
-        return tuple(_build(f, values) for _, f in t.fields)
-    if isinstance(t, ArrayType):
-        return tuple(_build(t.element, values) for _ in range(t.size))
-    if isinstance(t, ListType):
-        return (_build(t.element, values),) * t.capacity
-    return next(values)

@@ -58,8 +58,8 @@ SPLITS = 6
 """How often a single cell is halved before it counts as failed."""
 SPLITS_CUT = 4
 """The same where sets are halved on the way as well."""
-MID_CUTS = 4
-"""How often, at equal distances; each doubles the work that is left."""
+MID_CUTS = (4, 7)
+"""How often, at equal distances, first and then; each doubles the work that is left."""
 SPLITS_OF_PREDICATES = 10
 """The same where a predicate is evaluated: errors are halved, too."""
 SPLITS_OF_SETS = 4
@@ -129,18 +129,18 @@ class ChainCheck:
         target: Callable[[Sequence[float]], bool],
         pieces: int,
         *,
-        cut: bool = False,
+        cuts: int = 0,
     ) -> bool:
         """Whether after so many holds everything is in `target`, and in `within` all the time.
 
-        `cut`: on the way, sets are halved along what errors and disturbances made of them.
+        `cuts`: so often on the way sets are halved along what errors and disturbances made of them.
         """
         chain = self.chain(pieces)
         forms = [form_of_box(box, symbols=True)]
         step: Step = chain.first
-        cuts = {holds * k // (MID_CUTS + 1) for k in range(1, MID_CUTS + 1)} if cut else set()
+        at = {holds * k // (cuts + 1) for k in range(1, cuts + 1)}
         for k in range(holds):
-            if k and k in cuts:
+            if k and k in at:
                 forms = [part for f in forms for part in self._parts(f, chain.dimension)]
             after = []
             for form in forms:
@@ -161,13 +161,14 @@ class ChainCheck:
     ) -> bool:
         """The same with finer tubes, in parts of the box, and in parts on the way."""
 
-        def fine(part: list[tuple[arb, arb]], *, cut: bool) -> bool:
-            return self.leads(part, holds, within, target, PIECES[1], cut=cut)
+        def fine(part: list[tuple[arb, arb]], cuts: int) -> bool:
+            return self.leads(part, holds, within, target, PIECES[1], cuts=cuts)
 
         return (
-            fine(box, cut=False)
-            or _finer(box, lambda b: fine(b, cut=True), SPLITS_CUT)
-            or _finer(box, lambda b: fine(b, cut=False), SPLITS)
+            fine(box, 0)
+            or _finer(box, lambda b: fine(b, MID_CUTS[0]), SPLITS_CUT)
+            or _finer(box, lambda b: fine(b, 0), SPLITS)
+            or _finer(box, lambda b: fine(b, MID_CUTS[1]), SPLITS_CUT)
         )
 
     @staticmethod
@@ -244,8 +245,10 @@ def witnessed(
     todo = Cells(grid, witnesses > 0)
 
     def attempt(at: Block) -> bool:
-        centre = tuple((low + high) // 2 for low, high in at)
-        holds = int(witnesses[centre])
+        part = witnesses[tuple(slice(low, high) for low, high in at)]
+        holds = int(part.max())
+        if int(part.min()) < holds:  # every cell is held to its own witness
+            return False
         box = grid.box(at)
         if check.leads(box, holds, within, target, PIECES[0]):
             return True
@@ -272,8 +275,9 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> list[Block]:
         least = int(part.min())
         if volume(at) > 1 and least < int(part.max()):
             return False
-        holds = int(holds_of[tuple(slice(low, high) for low, high in at)].max())
-        if holds == 0:
+        own = holds_of[tuple(slice(low, high) for low, high in at)]
+        holds = int(own.max())
+        if holds == 0 or int(own.min()) < holds:
             return False
 
         def target(box: Sequence[float]) -> bool:

@@ -30,7 +30,7 @@ def unproved(system: System) -> list[str]:
     found = []
     if free:
         names = ", ".join(m.name for m in free)
-        found.append(f"{names}: {' '.join(ASSUMED)} assumed, not checked (`soter verify` does that)")
+        found.append(f"{names}: {' '.join(ASSUMED)} assumed, not checked (`soter verify` does)")
     trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
     if trusted:
         found.append(f"{', '.join(trusted)}: extern and trusted, nothing is known about the code")

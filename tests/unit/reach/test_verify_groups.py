@@ -149,3 +149,26 @@ system S { b: Belt; module M; }
     assert wide.findings["P2a"].text == "SC might fault, or publish outside its set"
     slow = result_of(("verify {", "verify { horizon 10ms;"), text=text)
     assert slow.findings["P1c"].verdict == "undecided"
+
+
+def test_a_polytope_group_is_undecided_not_forgotten() -> None:
+    found = result_of(("grid pos.y in [-3.0, 3.0] / 240;", "polytope pos.y in [-3.0, 3.0];"))
+    assert found.verdict == "undecided"
+    assert {found.findings[p].verdict for p in ("P2a", "P2b", "P3", "ttf", "safer", "start")} == {
+        "undecided"
+    }
+
+
+def test_a_finer_grid_settles_borders_and_forgets_no_failure(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 2)
+    coarse = (("/ 200;", "/ 40;"), ("/ 240;", "/ 60;"))
+    fine = result_of(*coarse)
+    assert fine.verdict == "proved"
+    cells = sum(p.core.size for p in fine.cases[0].groups)
+    assert cells > 40 + 60
+    wrong = ("ttf !Inside(pos, 0.2);", "ttf !Inside(pos, 0.2) && abs(pos.y) < 2.97;")
+    found = result_of(*coarse, wrong)
+    assert found.findings["ttf"].verdict == "undecided"
+    assert "s.y" in {axis[0] for r in found.findings["ttf"].regions for axis in r.axes}

@@ -1,13 +1,17 @@
 """The check that comes with a generated DM: it passes on what is emitted, and on nothing else."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from soter.program.build import check_file, system_of
 from soter.program.system import System
-from soter.reach.complete import complete
-from soter.reach.dm_check import AC, SC, check_decisions, decided
+from soter.reach.command import verify
+from soter.reach.complete import complete, put
+from soter.reach.dm_check import check_decisions, check_module, decided
+from soter.reach.dm_inputs import AC, SC
+from soter.reach.tables import tables
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 MUTANTS = {
@@ -74,3 +78,17 @@ def test_the_logic_is_that_of_the_paper() -> None:
     assert decided(AC, ttf=True, safer=True, **fine) == SC
     assert decided(SC, ttf=False, safer=False, **fine) == SC
     assert decided(SC, ttf=False, safer=True, **fine) == AC
+
+
+def test_one_wrong_entry_of_a_table_is_found(open_cart: Path) -> None:
+    (module,) = verify(check_file(str(open_cart)), refute=False).modules
+    assert check_module(module).cells == 200 * 160
+    sets = module.cases[0].groups[0].levels
+    problem = module.problem
+    found = tables(problem, [[(sets[0], sets[-1])]])
+    flat = replace(problem.system, modules=(replace(problem.module),))
+    put(flat, flat.modules[0], problem, found)
+    found[0].entries[137, 59] ^= 1
+    (check,) = check_decisions(flat, None, found, problem.topic_leaf_of_state)
+    assert check.verdict == "refuted"
+    assert len(check.failures) == 1

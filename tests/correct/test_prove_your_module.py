@@ -1,0 +1,63 @@
+"""What docs/prove-your-module.md says happens, happens."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGE = (ROOT / "docs" / "prove-your-module.md").read_text(encoding="utf-8")
+TANK = re.findall(r"^```soter prove=tank.soter\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)[0]
+
+
+def _soter(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "soter.cli.main", *arguments]
+    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+
+
+@pytest.fixture
+def tank(tmp_path: Path) -> Path:
+    (tmp_path / "tank.soter").write_text(TANK, encoding="utf-8")
+    return tmp_path
+
+
+def _changed(folder: Path, old: str, new: str) -> str:
+    assert old in TANK
+    (folder / "changed.soter").write_text(TANK.replace(old, new), encoding="utf-8")
+    return "changed.soter"
+
+
+def test_the_tank_is_proved_and_its_certificate_accepted(tank: Path) -> None:
+    verified = _soter(tank, "verify", "tank.soter", "--cert", "proof", "--report", "proof.html")
+    assert verified.returncode == 0, verified.stdout
+    assert "PROVED under" in verified.stdout
+    assert "<svg" in (tank / "proof.html").read_text(encoding="utf-8")
+    checked = _soter(tank, "recheck", "proof")
+    assert checked.returncode == 0, checked.stdout
+
+
+def test_a_look_ahead_of_nothing_is_refuted_by_a_run(tank: Path) -> None:
+    bold = _changed(tank, "level < 0.25 || level > 1.75", "level < 0.2 || level > 1.8")
+    verified = _soter(tank, "verify", bold)
+    assert verified.returncode == 3, verified.stdout
+    assert "a run leaves C" in verified.stdout
+
+
+def test_predicates_that_are_left_out_are_computed(tank: Path) -> None:
+    lines = [x for x in TANK.splitlines() if not x.startswith(("  ttf", "  safer"))]
+    (tank / "short.soter").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    verified = _soter(tank, "verify", "short.soter")
+    assert verified.returncode == 0, verified.stdout
+    assert "computed from the sets" in verified.stdout
+
+
+def test_the_declared_times_of_the_page_are_proved(tank: Path) -> None:
+    block = re.findall(r"^```\n(verify \{.*?\n\})\n```", PAGE, re.MULTILINE | re.DOTALL)[0]
+    timed = _changed(tank, "verify { grid level in [0.2, 1.8] / 320; }", block)
+    verified = _soter(tank, "verify", timed)
+    assert verified.returncode == 0, verified.stdout
+    assert re.search(r"P1c +proved", verified.stdout), verified.stdout
