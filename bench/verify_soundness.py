@@ -517,6 +517,12 @@ HIDDEN: dict[str, Callable[[RandomProblem], RandomProblem]] = {
     "half of H*": lambda p: replace(p, horizon=_h_star(p) // 2),
 }
 
+WORSE: dict[str, Callable[[RandomProblem], RandomProblem]] = {
+    "delay": lambda p: p if p.is_map else replace(p, age=200),
+    "jitter": lambda p: p if p.is_map else replace(p, late_sc=p.sc_period // 2 - 2),
+}
+"""What is hidden is first made large: a cell hides a few milliseconds."""
+
 
 def blinded(numbers: range) -> int:
     """Attack what is claimed by an engine that is not told everything; 1 if all is well."""
@@ -526,7 +532,7 @@ def blinded(numbers: range) -> int:
         kinds: dict[str, int] = {}
         problems = 0
         for k in numbers:
-            p = problem(k)
+            p = WORSE.get(name, HIDDEN["nothing"])(problem(k))
             claims, note = claims_of(hide(p))
             f = examine(p, claims, 500_000, note)
             problems += any(f.escapes.values())

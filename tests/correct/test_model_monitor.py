@@ -135,6 +135,31 @@ def test_the_emitted_node_says_on_line_what_the_monitor_says(
     assert abs(int(run.final["topics"]["alarms"]) - judged.alarms) <= 1
 
 
+QUIET = """topic modelAlarm: bool;
+node Quiet period 10ms { publishes modelAlarm; step { publish modelAlarm = false; } }
+type Seen"""
+GUARDED = """soter 1;
+import "world.soter" as world;
+import "watch.soter" as w;
+system Guarded { d: world.Flying; module world.Keeper; node w.ModelMonitor; until 10s; }
+"""
+
+
+@pytest.mark.parametrize("wind", [0.2, 0.1])
+def test_an_alarm_counts_as_ttf_where_the_module_reads_it(tmp_path: Path, wind: float) -> None:
+    path = world(tmp_path, wind)
+    text = path.read_text().replace("type Seen", QUIET)
+    text = text.replace("ttf abs(seen.x) > 2.0;", "ttf abs(seen.x) > 2.0 || modelAlarm;")
+    path.write_text(
+        text.replace("d: Flying; module Keeper;", "d: Flying; module Keeper; node Quiet;")
+    )
+    load(path).emit_monitor(tmp_path / "watch.soter", alarm="modelAlarm")
+    (tmp_path / "guarded.soter").write_text(GUARDED)
+    run = load(tmp_path / "guarded.soter").simulate()
+    (module,) = run.modules.values()
+    assert (module.switches_to_sc > 0) == (wind < 0.2)
+
+
 def test_the_drone_stays_within_what_its_proof_assumes() -> None:
     (judged,) = load(DRONE / "motion_primitive.soter").monitor(seed=7)
     assert judged.alarms == 0

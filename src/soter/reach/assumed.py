@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.program.durations import show_ns
 from soter.program.walk import calls_in
-from soter.reach.timing import DELAYS, WORDS
+from soter.reach.timing import DELAYS, WORDS, read_by_dm, read_by_sc
 
 if TYPE_CHECKING:
     from soter.program import typed
@@ -26,7 +26,9 @@ def assumptions_of(place: Place, inputs: Inputs, times: Times, kind: str) -> lis
     """Every assumption; SCHEME is taken out again where the scheme turns out to be covered."""
     found = [*_environment(place, inputs), *_timing(times, kind)]
     if kind == "flow":
+        found += _of_one_instant(place)
         found.append(SCHEME)
+    found.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
     if inputs.parameters:
         names = ", ".join(p.name for p in inputs.parameters)
         found.append(
@@ -39,7 +41,7 @@ def assumptions_of(place: Place, inputs: Inputs, times: Times, kind: str) -> lis
 def _environment(place: Place, inputs: Inputs) -> list[str]:
     found = [
         f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
-        "within its bounds"
+        f"within its bounds, from the initial states of {link.name} on"
         for link in place.module.symbol.verify.abstracts
     ]
     names = ", ".join(c.name for c in place.plants)
@@ -56,9 +58,25 @@ def _environment(place: Place, inputs: Inputs) -> list[str]:
     measured = {(e.owner, e.path) for e in inputs.errors}
     if place.driven and not measured:
         found.append("estimates are exact: no measurement error is declared")
+    together = [list(read_by_dm(place)), list(read_by_sc(place))]
+    bounded = [place.system.topics[t] for t in dict.fromkeys([*together[0], *together[1]])]
+    bounded = [t for t in bounded if t.set_declared]
+    if bounded:
+        names = ", ".join(t.name for t in bounded)
+        found.append(f"what plants publish lies in the declared sets: {names} (else they stop)")
     if inputs.others:
         names = ", ".join(o.name for o in inputs.others)
         found.append(f"{names}: any value of the declared set, at any time")
+    return found
+
+
+def _of_one_instant(place: Place) -> list[str]:
+    """An estimate is the state at one instant plus an error, also when it comes in parts."""
+    found = []
+    for who, topics in (("the DM", read_by_dm(place)), ("SC", read_by_sc(place))):
+        if len(topics) > 1:
+            names = ", ".join(place.system.topics[t].name for t in topics)
+            found.append(f"what {who} reads together shows the plants at one instant: {names}")
     return found
 
 

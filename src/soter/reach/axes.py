@@ -43,12 +43,28 @@ class Axes:
         """Declared groups, and one of its own for every bounded state that is on no axis."""
         found = [self._group(g) for g in self.place.module.symbol.verify.groups]
         groups = [g for g in found if g.axes]
+        self._once(groups)
         missing = set(range(len(self.inputs.states))) - {a.state for g in groups for a in g.axes}
         if not self.diagnostics.has_errors and missing:
             groups += self._default(sorted(missing), alone=bool(groups))
         return tuple(groups)
 
     # ------------------------------------------------------------ declared
+
+    def _once(self, groups: list[Group]) -> None:
+        """R009 where two axes, by whatever names, are the same state."""
+        seen: set[int] = set()
+        for group in groups:
+            for axis in group.axes:
+                if axis.state in seen:
+                    self.diagnostics.error(
+                        "R009",
+                        f"two axes are the same state, `{axis.name}`",
+                        group.span or self.place.module.symbol.span,
+                        notes=("every state is analysed once",),
+                        helps=("keep one of them",),
+                    )
+                seen.add(axis.state)
 
     def _group(self, group: typed.AxisGroup) -> Group:
         axes = []

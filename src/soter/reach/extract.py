@@ -71,13 +71,20 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         computed=symbol.ttf is None,
         synthesize=synthesize,
         topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()},
-        assumptions=assumptions_of(at, inputs, times, kind),
+        assumptions=[*_forced(flat, module), *assumptions_of(at, inputs, times, kind)],
         name=module.name,
         commands=commands,
         parameter_start=tuple(inputs.parameter_start),
         scheme_step_ns=_scheme_step(at) if kind == "flow" else 0,
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
+
+
+def _forced(flat: System, module: Module) -> list[str]:
+    if module.forced is None:
+        return []
+    who = module.forced.upper()
+    return [f"the DM switches: in system {flat.name} it does not, {module.name} is forced to {who}"]
 
 
 def _stop(diagnostics: Diagnostics) -> None:

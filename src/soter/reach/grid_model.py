@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.reach.linear import scheme_error
+from soter.reach.linear import largest_rates, scheme_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -30,6 +30,8 @@ TILE = {1: (64,), 2: (8, 8), 3: (4, 4, 4), 4: (2, 2, 4, 4)}
 OUTSET = 2.0**-20
 """How much larger than the grid (relative to an axis) the domain of the enclosures is: a run that
 leaves the grid is still inside it, so no claim inside rests on what happens outside."""
+LINEAR = 2.0**-40
+"""Remainders of this share of a rate are rounding: the flow is linear for the simulator, too."""
 NS = 1e-9
 
 
@@ -85,6 +87,8 @@ class GridModel:
         assert inputs.period_ns % (inputs.map_step_ns or 1) == 0, "SC steps with the map"
         self._kept: list[Any] = []
         self.c = self._described()
+        self.covers_scheme = False
+        """Whether one step of the simulator's scheme is a solution of the model."""
         self._linearize(linear)
 
     # ------------------------------------------------------------ the description in C
@@ -144,8 +148,9 @@ class GridModel:
         if self.inputs.kind == "flow" and not g.is_local:
             remainder = self._remainder()
             g.is_local = not (remainder < 1e-3 if linear is None else linear)
-        if not g.is_local and self.inputs.kind == "flow" and self.inputs.plant_period_ns:
-            extra = scheme_error(self.model(), *self._largest(), self.inputs.plant_period_ns * NS)
+        extra = self._scheme_error() if self.is_linear and self.inputs.plant_period_ns else None
+        self.covers_scheme = extra is not None
+        if extra is not None:
             for i, w in enumerate(extra):
                 g.extra_w[i] = w
             if not lib.soter_reach_linearize(g, *ends):
@@ -199,11 +204,53 @@ class GridModel:
         grown = whole["w"] - small["w"]
         return float(np.max(np.where(rates > 0, grown / np.where(rates > 0, rates, 1), 0)))
 
-    def _largest(self) -> tuple[Floats, Floats]:
-        """Largest |x| per axis, |u| per command."""
+    def _scheme_error(self) -> Floats | None:
+        """What the simulator's scheme adds to the rates of the own states.
+
+        It steps all states together, so that of the whole flow counts; and its stages leave the
+        domain. None where the flow is not linear as far as they go, or too stiff for the bound.
+        """
+        h, n = self.inputs.plant_period_ns * NS, len(self.inputs.states)
         largest = np.maximum(np.abs(self.low), np.abs(self.high))
-        commands = [len(self.inputs.states) + int(c) for c in self.model()["commands"]]
-        return largest[list(self.axes)], largest[commands]
+        bounds = largest[:n], largest[n : n + len(self.inputs.controls)]
+        model = self._whole(self.low, self.high)
+        if model is None:
+            return None
+        beyond = 4.0 * h * largest_rates(model, *bounds)
+        low, high = self.low.copy(), self.high.copy()
+        low[:n] -= beyond
+        high[:n] += beyond
+        there = self._whole(low, high)
+        if there is None:
+            return None
+        if np.any(h * largest_rates(there, bounds[0] + beyond, bounds[1]) > beyond):
+            return None
+        found = scheme_error(model, *bounds, h)[list(self.axes)]
+        return found if np.all(np.isfinite(found)) else None
+
+    def _whole(self, low: Floats, high: Floats) -> dict[str, Floats] | None:
+        """The model of all states (all controls are commands); None where it is not linear."""
+        ffi, count = self.library.ffi, self.library.inputs
+        n, moving = len(self.inputs.states), len(self.inputs.states) + len(self.inputs.controls)
+        mid, given = low / 2 + high / 2, len(low)
+        rad = np.where(low < high, np.nextafter(np.maximum(high - mid, mid - low), np.inf), 0.0)
+        forms, out = np.zeros((count, 4 + count)), np.zeros((max(count, n), 4 + count))
+        forms[:given, 0], forms[:given, 1], forms[:given, 2] = low, high, mid
+        forms[range(given), range(4, 4 + given)] = rad
+        ends = [ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
+        if self.library.lib.soter_derivative(ends[0], self.c.param, ends[1]):
+            return None
+        rates = out[:n]
+        size = np.abs(rates[:, 2]) + np.abs(rates[:, 4:]).sum(axis=1)
+        if not np.all(rates[:, 3] <= LINEAR * size + 1e-250):
+            return None
+        slopes = rates[:, 4 : 4 + moving] / np.where(rad[:moving] > 0, rad[:moving], 1.0)
+        return {
+            "A": slopes[:, :n],
+            "B": slopes[:, n:],
+            "c": rates[:, 2] - slopes @ mid[:moving],
+            "w": np.abs(rates[:, 4 + moving :]).sum(axis=1) + rates[:, 3],
+        }
 
     # ------------------------------------------------------------ calls in slices
 

@@ -15,6 +15,7 @@ from soter.program.types import BoolType, EnumType, FloatType, IntType, leaves
 from soter.program.walk import topic_reads
 from soter.reach.place import sc_reads
 from soter.reach.problem import Interval, Parameter
+from soter.reach.timing import read_by_dm
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -190,7 +191,7 @@ def _outputs(place: Place, found: Inputs, diagnostics: Diagnostics) -> None:
 
 
 def _errors(place: Place, found: Inputs) -> None:
-    read = set(_read(place))
+    read = {*_read(place), *read_by_dm(place)}  # computed predicates read the axes' topics
     for c in place.plants:
         for m in c.measured:
             topic = place.system.topics[m.topic]

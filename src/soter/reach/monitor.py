@@ -2,7 +2,8 @@
 
 Purpose: set-membership. X_k = image of X_(k-1) under the commands that acted, any disturbance
 within its bounds and the time that passed, met with what is known of x_k: the true state
-(error 0), or an estimate +-E. Where nothing is left the model is false: an alarm, and X_k starts anew.
+(error 0), or an estimate +-E. Where nothing is left the model is false: an alarm, and X_k starts
+anew.
 Non-goals: plants that are not affine; showing that a model is true: silence says that nothing has
 spoken against it. X_k is a box, so that it is never too small.
 """

@@ -2,7 +2,8 @@
 
 Purpose: the membership recursion of `monitor.py` on estimates as source text: one interval per
 state, bounded work, no heap; it publishes whether an alarm was raised at its last step. It is to
-be the last instance of a system, so that the command it sees is the one that acts until its next step.
+be the last instance of a system, so that the command it sees is the one that acts until its next
+step.
 Non-goals: plants that are not affine, lateness (a step is one period after the last one), composing
 it into a system: the user does that, and lets `ttf` read the alarm.
 """

@@ -6,6 +6,7 @@ Non-goals: measuring anything: lateness and response times are declared, and ass
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 from soter.program.check_const import Calculator
@@ -38,7 +39,7 @@ def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> Times:
         return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
 
     found = {name: getattr(verify, name) for name in DELAYS}
-    dm, sc = _read_by_dm(place), _read_by_sc(place)
+    dm, sc = read_by_dm(place), read_by_sc(place)
     ages = {t: _age(place, t, diagnostics) for t in {**dm, **sc}}
     times = Times(
         module.period_ns,
@@ -51,6 +52,8 @@ def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> Times:
         horizon=None if verify.horizon is None else ns(verify.horizon),
         declared=frozenset(name for name, expr in found.items() if expr is not None),
     )
+    if not place.abstract:
+        _seen_in_time(place, sc, times, diagnostics)
     if kind == "map":
         return _of_map(place, times, diagnostics)
     if 2 * times.jitter_sc > times.delta_sc:
@@ -65,7 +68,7 @@ def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> Times:
     return times
 
 
-def _read_by_dm(place: Place) -> dict[int, None]:
+def read_by_dm(place: Place) -> dict[int, None]:
     """Driven topics behind a verdict of the DM: those of its predicates, or of the axes."""
     symbol, module = place.module.symbol, place.module
     predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
@@ -77,7 +80,8 @@ def _read_by_dm(place: Place) -> dict[int, None]:
     return {scope[t]: None for t in topics if t in scope and scope[t] in place.driven}
 
 
-def _read_by_sc(place: Place) -> dict[int, None]:
+def read_by_sc(place: Place) -> dict[int, None]:
+    """Driven topics that SC reads."""
     assert place.sc.node is not None
     topics = [place.sc.scope.topics[t] for t in sc_reads(place.sc.node)]
     return {t: None for t in topics if t in place.driven}
@@ -95,6 +99,27 @@ def _age(place: Place, index: int, diagnostics: Diagnostics) -> int:
         )
         return 0
     return topic.max_age_ns
+
+
+def _seen_in_time(
+    place: Place, topics: dict[int, None], times: Times, diagnostics: Diagnostics
+) -> None:
+    """R011 where by the periods alone SC reads what is older than the `max_age` it relies on."""
+    for index in topics:
+        topic, plant = place.system.topics[index], place.driven[index]
+        common = math.gcd(plant.period_ns, times.delta_sc)
+        oldest = plant.period_ns - common + times.phase_sc % common
+        oldest = min(oldest + times.late_sc, plant.period_ns)
+        if topic.max_age_ns is not None and oldest > topic.max_age_ns:
+            diagnostics.error(
+                "R011",
+                f"SC may read `{topic.name}` when it is {show_ns(oldest)} old, "
+                f"longer than its `max_age` of {show_ns(topic.max_age_ns)}",
+                topic.symbol.span,
+                also=((plant.span, f"publishes every {show_ns(plant.period_ns)}"),),
+                notes=("no runtime enforces the age of what SC reads: it must hold by itself",),
+                helps=("a longer `max_age`, or a plant that publishes more often",),
+            )
 
 
 def _of_map(place: Place, times: Times, diagnostics: Diagnostics) -> Times:
@@ -116,7 +141,11 @@ def _of_map(place: Place, times: Times, diagnostics: Diagnostics) -> Times:
                 notes=("a plant with `next` has no state between the multiples of its period",),
                 helps=("use multiples of the plant's period",),
             )
-    late = {"`max_age`": max(times.age_dm, times.age_sc), "`late sc`": times.jitter_sc}
+    hand_over = max(times.late_dm + times.response_dm, times.late_sc)
+    late = {
+        "`max_age`": max(times.age_dm, times.age_sc),
+        "the sum of `late`, `response` and `acts`": hand_over + times.response_sc + times.acts,
+    }
     for what, ns in late.items():
         if ns >= step:
             diagnostics.error(

@@ -217,8 +217,8 @@ def _assume(problem: Problem, prelude: tuple[str, ...]) -> None:
 
 def _scheme(problem: Problem, done: list[Case]) -> None:
     """For linear flows the simulator's scheme is part of the proof: one assumption less."""
-    linear = all(g.is_linear for c in done for g in c.groups) and all(c.groups for c in done)
-    if problem.scheme_step_ns and linear and SCHEME in problem.assumptions:
+    covered = all(c.groups and all(g.covers_scheme for g in c.groups) for c in done)
+    if problem.scheme_step_ns and covered and SCHEME in problem.assumptions:
         problem.assumptions.remove(SCHEME)
 
 

@@ -107,6 +107,26 @@ def line_max0(low: arb, high: arb) -> Line:
     return slope, half, half, ZERO, high.max(ZERO)
 
 
+def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
+    """max(x + n, 0) for x in [low, high] and |n| <= noise, as slope x + offset +- spread.
+
+    Above, the chord of the convex max(x + noise, 0); below, max(x - noise, 0), which is nearest to
+    a line of that slope at x = noise. Tighter than a line over x + n where x alone decides.
+    """
+    if high + noise <= 0:
+        return ZERO, ZERO, ZERO
+    if low - noise >= 0:
+        return ONE, ZERO, noise
+    first, last = (low + noise).max(ZERO), (high + noise).max(ZERO)
+    slope = ((last - first) / (high - low)).mid() if high > low else ZERO
+    if not (slope >= 0 and slope <= 1):
+        slope = HALF
+    over = (first - slope * low).max(last - slope * high)
+    nearest = noise.max(low).min(high)
+    under = (nearest - noise).max(ZERO) - slope * nearest
+    return slope, (over + under) * HALF, (over - under) * HALF
+
+
 def line_abs(low: arb, high: arb) -> Line:
     """|x| = 2 max(x, 0) - x."""
     if low >= 0:

@@ -25,7 +25,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from flint import arb
 
-from soter.recheck.balls import HALF, ONE, UNIVARIATE, ZERO, above, below, exact, larger, smaller
+from soter.recheck.balls import (
+    HALF,
+    ONE,
+    UNIVARIATE,
+    ZERO,
+    above,
+    below,
+    exact,
+    larger,
+    line_noisy_max0,
+    smaller,
+)
 from soter.recheck.terms import Linear, Truth, closure
 
 if TYPE_CHECKING:
@@ -130,6 +141,7 @@ class _Writer:
         self.lines: list[str] = []
         self.names: dict[str, Any] = {
             "HALF": HALF,
+            "line_noisy_max0": line_noisy_max0,
             "ZERO": ZERO,
             "larger": larger,
             "smaller": smaller,
@@ -511,6 +523,11 @@ class _Writer:
             least = self._new(f"larger({least} - {extra}, {self._constant(atom.low)})")
             most = self._new(f"smaller({most} + {extra}, {self._constant(atom.high)})")
         row, constant, rest = self._row(x)
+        if atom.kind == "max0" and rest is not None:
+            centre, radius = self._centre_and_radius(row, constant, None)
+            alone = f"{centre} - {radius}, {centre} + {radius}, {rest}"
+            self.lines.append(f"{slope}, {offset}, {spread} = line_noisy_max0({alone})")
+            rest = None
         self.rows[index] = {
             j: self._new(f"{slope}*{self._code(factor)}") for j, factor in row.items()
         }

@@ -106,8 +106,8 @@ def read_facts(flat_system: System, name: str) -> Facts:
         raise NotRecheckedError("flows and maps in one module")
     facts = Facts(system, module, sc, plants, kinds.pop())
     _read_states(facts)
-    _read_topics(facts)
     _read_axes(facts)
+    _read_topics(facts)
     facts.times = _times(facts)
     levels = module.symbol.verify.levels
     facts.levels = 3 if levels is None else number_of(facts, levels)
@@ -235,11 +235,15 @@ def _read_topics(facts: Facts) -> None:
     read += [module.scope.topics[t] for t in topic_reads(*predicates)]
     read = list(dict.fromkeys(read))
     driven = driven_topics(facts)
+    seen = set(read)
+    if not predicates:  # computed predicates read what carries the axes
+        known = {*sc.scope.topics.values(), *module.scope.topics.values()}
+        seen |= {topic for topic, _ in facts.leaves.values()} or known
     for index in module.outputs:
         facts.controls += _leaves_of(facts, index, "control")
     for c in facts.plants:
         for m in c.measured:
-            if m.topic in read and m.bound > 0.0:
+            if m.topic in seen and m.bound > 0.0:
                 topic = facts.system.topics[m.topic]
                 path = list(leaves(topic.type))[m.leaf][0]
                 name = ".".join((topic.name, *path))

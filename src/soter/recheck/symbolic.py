@@ -11,7 +11,7 @@ A value is a bool, int or float, a `Linear` (float or int), a `Truth` (bool), or
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, TypeAlias, cast
 
 from soter.prelude.bounds import BOUNDS
@@ -341,6 +341,11 @@ class Reader:
         self.terms.oblige(negation(self.terms.below(self.terms.combine(((-ONE, x),), high))))
         value = self.terms.function(name, x)
         largest = magnitude(value.low).max(magnitude(value.high))
+        if not largest.is_finite():  # bounded where it is used, or not at all
+            relative = self.terms.spread([exact(bound.ulps) * 2 * UNIT_ROUNDOFF], [value])
+            found = self.terms.combine(((ONE, value), (ONE, relative)))
+            error = exact(bound.ulps) * TINIEST + exact(bound.absolute)
+            return replace(found, radius=found.radius + error)
         ulp = 2 * UNIT_ROUNDOFF * largest + TINIEST
         error = exact(bound.ulps) * ulp + exact(bound.absolute)
         if not self.is_rounded:

@@ -109,7 +109,7 @@ def test_130_an_interrupt(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 COMMANDS = ("check", "run", "advise", "build", "explain", "fmt", "new")
-COMING = ("test", "replay", "campaign", "measure", "monitor")
+COMING = ("test", "replay", "campaign", "measure")
 
 
 def test_the_help_lists_every_command_of_the_contract(soter: Soter) -> None:

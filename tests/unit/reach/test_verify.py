@@ -126,3 +126,34 @@ def test_what_is_wrong_is_not_proved(what: str) -> None:
     if suspect in ("ttf", "safer"):
         assert found.findings["P3"].verdict == "undecided"
         assert found.findings[suspect].regions
+
+
+SLOW = """soter 1;
+topic position: float max_age 500ms;
+topic push: float in [-1.5, 1.5] = 0.0;
+plant Cart period 1s { reads push; drives position = x; state x: float = 0.0; next x = x + push; }
+node Still period 2s { publishes push; step { publish push = 0.0; } }
+node Back period 2s {
+  subscribes position;
+  publishes push;
+  step { publish push = clamp(-GAIN * position, -1.5, 1.5); }
+}
+rta M {
+  ac Still;
+  sc Back;
+  period 2s;
+  safe abs(position) <= 1.0;
+  ttf true;
+  safer false;
+  verify { grid position in [-1.0, 1.0] / 40; }
+}
+system S { cart: Cart; module M; }
+"""
+
+
+@pytest.mark.parametrize(("gain", "verdict"), [("0.5", "proved"), ("1.5", "undecided")])
+def test_the_command_of_a_slow_controller_acts_on_every_step_of_a_map(
+    gain: str, verdict: str
+) -> None:
+    found = result_of(SLOW.replace("GAIN", gain))  # 1.5: x, -x/2, -2x
+    assert found.findings["P2a"].verdict == verdict

@@ -11,7 +11,16 @@ from soter.reach.grids import GridGroup, GridInputs, UnboundedError
 from soter.reach.linear import scheme_error, scheme_weight
 from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of, pendulum_rate
 from unit.reach_grids.test_grid_sets import drawn, escapes, inside
-from unit.reach_grids.units import corner, exact, linear, linear_source, pendulum
+from unit.reach_grids.units import (
+    END,
+    SIGNATURE,
+    _source,
+    corner,
+    exact,
+    linear,
+    linear_source,
+    pendulum,
+)
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -238,3 +247,68 @@ def test_the_scheme_error_is_part_of_the_model() -> None:
     low, high = (-0.1, -0.1), (0.1, 0.1)
     few, many = (e.enclosures(low, high, 3)[0] for e in (without, with_it))
     assert np.all(many[:, :, 1] > few[:, :, 1])
+
+
+def test_the_scheme_error_of_a_group_counts_what_drives_it() -> None:
+    """x' = z: alone the scheme is exact, but z swings, and its stages are no solution."""
+    rng = np.random.default_rng(15)
+    h, a, b = 0.01, np.zeros((3, 3)), np.zeros((3, 1))
+    a[1, 2], a[2, 1], a[0, 1], b[2, 0] = 40.0, -40.0, 1.0, 5.0
+    library = linear(linear_source(a, b, np.ones((1, 3)), 2.0))
+
+    def engine(step_ns: int) -> GridGroup:
+        inputs = GridInputs(
+            states=((-1.0, 1.0),) * 3,
+            controls=((-2.0, 2.0),),
+            disturbances=((0.0, 0.0),) * 3,
+            period_ns=20 * MS,
+            plant_period_ns=step_ns,
+        )
+        return GridGroup(library, inputs, [(0, np.linspace(-1, 1, 11))])
+
+    with_it = engine(round(h * 1e9))
+    assert with_it.covers_scheme
+    extra = float((with_it.model()["w"] - engine(0).model()["w"])[0])
+    phi, integral = exact(a, h)
+    needed = 0.0
+    for _ in range(200):
+        x, drive = corner(rng, -1, 1, (3,)), b @ corner(rng, -2, 2, (1,))
+        k1 = a @ x + drive
+        k2 = a @ (x + h / 2 * k1) + drive
+        k3 = a @ (x + h / 2 * k2) + drive
+        k4 = a @ (x + h * k3) + drive
+        rk4 = x + h / 6 * (k1 + 2 * k2 + 2 * k3 + k4)
+        needed = max(needed, abs(np.linalg.solve(integral, rk4 - phi @ x - integral @ drive)[0]))
+    assert 1e-6 < needed <= extra
+
+
+# in: x, v, u;  x' = v, v' = u, and up to 1000 more or less beyond EDGE
+CLIFF = (
+    SIGNATURE.format(name="derivative", type="soter_form")
+    + """  soter_form edge, kick;
+  out[0] = in[1];
+  out[1] = in[2];
+  soter_form_range(&edge, EDGE, EDGE);
+  if (soter_at_most(&in[0], &edge) != 2) {
+    soter_form_range(&kick, -1000.0, 1000.0);
+    soter_form_add(&out[1], &in[2], &kick);
+  }
+"""
+    + END.format()
+)
+
+
+@pytest.mark.parametrize(("edge", "covered"), [(1.002, False), (4.0, True)])
+def test_the_scheme_is_covered_only_where_its_stages_see_the_same_flow(
+    edge: float, covered: bool
+) -> None:
+    inputs = GridInputs(
+        states=((-1.0, 1.0), (-4.0, 4.0)),
+        controls=((-5.0, 5.0),),
+        period_ns=100 * MS,
+        plant_period_ns=100 * MS,
+    )
+    edges = [np.linspace(-1, 1, 41), np.linspace(-4, 4, 41)]
+    engine = GridGroup(linear(_source(CLIFF, 3, {"EDGE": edge})), inputs, list(enumerate(edges)))
+    assert engine.is_linear
+    assert engine.covers_scheme is covered

@@ -13,7 +13,7 @@ from flint import arb
 import soter
 from soter.program import typed
 from soter.program.build import check_file
-from soter.recheck.balls import UNIVARIATE, ZERO, exact
+from soter.recheck.balls import UNIVARIATE, ZERO, exact, line_noisy_max0
 from soter.recheck.compile_terms import compile_step, form_of_box
 from soter.recheck.flows import LinearFlow, exponential
 from soter.recheck.symbolic import Reader, Surroundings
@@ -188,6 +188,19 @@ def test_lines_enclose_their_functions(name: str) -> None:
             assert not abs(y - slope * exact(x) - offset + near) > spread
             assert not y + near < least
             assert not y + near > most
+
+
+def test_the_line_under_noise_encloses() -> None:
+    draw = np.random.default_rng(11)
+    for _ in range(500):
+        low = float(draw.uniform(-2, 2))
+        high = low + float(draw.uniform(0, 2))
+        noise = float(10.0 ** draw.uniform(-3, 0.3))
+        line = line_noisy_max0(exact(low), exact(high), exact(noise))
+        for x in (low, high, float(draw.uniform(low, high)), min(max(noise, low), high)):
+            for n in (-noise, noise, float(draw.uniform(-noise, noise))):
+                off = exact(max(x + n, 0.0)) - line[0] * exact(x) - line[1]
+                assert not abs(off) > line[2] + 1e-14
 
 
 # ---------------------------------------------------------------- flows

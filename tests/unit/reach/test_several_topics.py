@@ -1,0 +1,63 @@
+"""What a proof takes from a program that reads its plant through several topics, or not at all."""
+
+from __future__ import annotations
+
+from soter.program.build import check_file, system_of
+from soter.reach.extract import extract
+from soter.reach.problem import Interval, Problem
+
+SIGHTED = """soter 1;
+topic clean: float max_age 10ms;
+topic est: float max_age 10ms;
+topic u: float in [-1.0, 1.0];
+plant P period 10ms {
+  reads u;
+  drives clean = p;
+  drives est = p;
+  state p: float;
+  der p = u;
+  measured est within 0.5;
+}
+node Fast period 10ms { publishes u; step { publish u = 1.0; } }
+node Slow period 10ms {
+  subscribes clean;
+  publishes u;
+  step { publish u = clamp(-clean, -1.0, 1.0); }
+}
+rta M {
+  ac Fast;
+  sc Slow;
+  period 20ms;
+  safe abs(clean) < 1.0;
+  verify { grid est in [-1.2, 1.2] / 240; }
+}
+system S { p: P; module M; }
+"""
+
+
+def problem_of(text: str) -> Problem:
+    checked = check_file("test.soter", text)
+    assert checked.ok, [d.message for d in checked.diagnostics.items]
+    flat = system_of(checked)
+    return extract(flat, flat.modules[0])
+
+
+def test_what_only_a_computed_dm_reads_has_its_errors_too() -> None:
+    problem = problem_of(SIGHTED)
+    assert [e.name for e in problem.quantities.errors] == ["est"]
+    assert problem.errors == (Interval(-0.5, 0.5),)
+
+
+def test_a_module_whose_dm_does_not_switch_is_proved_under_the_assumption_that_it_does() -> None:
+    forced = SIGHTED.replace("module M; }", "module M; force M ac; }")
+    said = "the DM switches: in system S it does not, M is forced to AC"
+    assert said in problem_of(forced).assumptions
+    assert said not in problem_of(SIGHTED).assumptions
+
+
+def test_parts_of_an_estimate_are_assumed_to_be_of_one_instant() -> None:
+    both = SIGHTED.replace("subscribes clean", "subscribes clean, est")
+    both = both.replace("clamp(-clean,", "clamp(-clean - est,")
+    text = "what SC reads together shows the plants at one instant"
+    assert any(a.startswith(text) for a in problem_of(both).assumptions)
+    assert not any(a.startswith(text) for a in problem_of(SIGHTED).assumptions)
