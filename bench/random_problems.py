@@ -259,7 +259,7 @@ def _flow(
         sc,
         sc * int(rng.choice([1, 2, 5])),
         plant,
-        plant + int(rng.choice([0, 5, 20])),
+        plant + int(rng.choice([0, 5, 20, 100])),
         int(rng.choice(tiny)),
         int(rng.choice(tiny)),
         int(rng.choice(tiny)),

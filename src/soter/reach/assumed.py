@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.prelude.bounds import BOUNDS
 from soter.program.durations import show_ns
 from soter.program.walk import calls_in
 from soter.reach.timing import DELAYS, WORDS, read_by_dm, read_by_sc
@@ -18,8 +19,12 @@ if TYPE_CHECKING:
     from soter.reach.place import Place
     from soter.reach.problem import Times
 
-
-SCHEME = "the plant is the solution of its differential equation, not the simulator's scheme"
+EXACT = ("clamp", "sign", "quat_conj")
+"""Prelude functions without an error of their own."""
+SCHEME = (
+    "the plant is the one solution of its differential equation, whose right-hand side is "
+    "Lipschitz in the state; not the simulator's scheme"
+)
 
 
 def assumptions_of(place: Place, inputs: Inputs, times: Times, kind: str) -> list[str]:
@@ -108,8 +113,12 @@ def _arithmetic(place: Place) -> list[str]:
         assert c.plant is not None
         roots += [e for _, e in c.plant.lets]
         roots += [*c.plant.der.values(), *c.plant.next.values(), *(e for _, e in c.plant.drives)]
-    if any(name in _prelude_calls(roots) for name in ("sin", "cos", "exp", "log", "atan", "atan2")):
-        found.append("error bounds of the prelude's functions: tested, not proved")
+    inexact = sorted(n for n in _prelude_calls(roots) & set(BOUNDS) if n not in EXACT)
+    if inexact:
+        found.append(
+            f"error bounds of {', '.join(inexact)}: tested, not proved; the libm that encloses "
+            "them is within 8 units in the last place"
+        )
     found.append("the compiler and the hardware compute binary64 as IEEE 754 says")
     return found
 

@@ -7,6 +7,7 @@ Non-goals: grids (`grids.py`), where C walks over millions of cells.
 
 from __future__ import annotations
 
+from copy import copy
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +20,7 @@ from soter.lower.steps import lower_predicate
 from soter.reach.native import ReachLibrary
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -89,8 +90,28 @@ class Forms:
         self.whole: Floats = np.array(ranges, dtype=np.float64).reshape(-1, 2)
         """The box of all inputs over their whole ranges."""
 
+    def within(self, ranges: Mapping[int, tuple[float, float]]) -> Forms:
+        """The same with other ranges of some inputs in `whole`."""
+        found = copy(self)
+        found.whole = self.whole.copy()
+        for i, r in ranges.items():
+            found.whole[i] = r
+        return found
+
+    def affine(self, name: str, forms: Floats, count: int) -> Floats | None:
+        """Forms of the results, (count, 4 + inputs): low, high, centre, remainder, coefficients.
+
+        `forms`: of the inputs, in the same shape. None where a step fault is possible.
+        """
+        self._in[:] = 0.0
+        self._in[: len(forms)] = forms
+        return None if self._run(name) else np.array(self._out[:count])
+
+    def truth(self, name: str, box: Floats) -> int:
+        """Bit 0: may be false, bit 1: may be true; both where a step fault is possible."""
+        return 3 if self._call(name, box) else int(self._out.view(np.uint8).flat[0])
+
     def _call(self, name: str, box: Floats) -> int:
-        ffi = self.library.ffi
         forms = self._in
         forms[:] = 0.0
         low, high = box[:, 0], box[:, 1]
@@ -101,10 +122,14 @@ class Forms:
         forms[:n, 0], forms[:n, 1] = low, high
         forms[:n, 2] = np.where(point, low, middle)
         forms[range(n), range(4, 4 + n)] = np.where(point, 0.0, np.nextafter(radius, np.inf))
+        return self._run(name)
+
+    def _run(self, name: str) -> int:
+        ffi = self.library.ffi
         function = getattr(self.library.lib, f"soter_{name}")
         return int(
             function(
-                ffi.cast("void *", forms.ctypes.data),
+                ffi.cast("void *", self._in.ctypes.data),
                 ffi.cast("int64_t *", self._param.ctypes.data),
                 ffi.cast("void *", self._out.ctypes.data),
             )

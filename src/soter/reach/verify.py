@@ -25,6 +25,7 @@ from soter.reach.levels import levels
 from soter.reach.recovery import in_time, recover
 from soter.reach.refine import refined
 from soter.reach.results import (
+    ASSUMED,
     PROPERTIES,
     PROVED,
     UNDECIDED,
@@ -32,7 +33,7 @@ from soter.reach.results import (
     Finding,
     ModuleResult,
 )
-from soter.reach.timing import in_words
+from soter.reach.timing import DELAYS, in_words
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -234,8 +235,9 @@ def _static(problem: Problem, result: ModuleResult) -> None:
         PROVED, method=METHODS["P1b"], text="AC and SC publish the same topics"
     )
     enough = times.horizon_ns >= times.h_star
+    held = PROVED if all(n in times.declared for n in DELAYS) else ASSUMED
     result.findings["P1c"] = Finding(
-        PROVED if enough else UNDECIDED,
+        held if enough else UNDECIDED,
         method=METHODS["P1c"],
         text=in_words(times),
         hint="" if enough else f"a horizon of {show_ns(times.h_star)} or more, or less delay",

@@ -38,7 +38,7 @@ system S { p: P; module M; }
 def problem_of(text: str) -> Problem:
     checked = check_file("test.soter", text)
     assert checked.ok, [d.message for d in checked.diagnostics.items]
-    flat = system_of(checked)
+    flat = system_of(checked, None)
     return extract(flat, flat.modules[0])
 
 
