@@ -109,21 +109,22 @@ BENCHMARKS = (
     Benchmark(
         "Changed modules that must not be proved",
         ("bench/verify_mutants.py",),
-        "Every mutant is first confirmed bad by a NumPy simulation of its own (`escapes`: runs that "
-        "leave C; `stuck`: runs that SC never gives back); `replayed run` is what the reference "
-        "interpreter saw, given nothing but the choices of the counterexample.",
+        "Every mutant is first confirmed bad by a NumPy simulation of its own (`escapes`: runs "
+        "that leave C; `stuck`: runs that SC never gives back); `replayed run` is what the "
+        "reference interpreter saw, given nothing but the choices of the counterexample.",
     ),
     Benchmark(
         "Random problems and adversaries",
         ("bench/verify_soundness.py",),
         "Every claimed set of 200 random problems is attacked by NumPy simulations with delays, "
-        "jitter, errors and disturbances at their bounds; an escape is a state inside a claimed set "
-        "that does what the claim excludes.",
+        "jitter, errors and disturbances at their bounds; an escape is a state inside a claimed "
+        "set that does what the claim excludes.",
     ),
     Benchmark(
         "The same adversaries against an engine that is not told everything",
         ("bench/verify_soundness.py", "--blind", "--problems", "8"),
-        "A check that the adversaries would see an unsound set: what is hidden must show as escapes.",
+        "A check that the adversaries would see an unsound set: what is hidden must show as "
+        "escapes.",
     ),
 )
 

@@ -20,7 +20,7 @@ from soter.lower.steps import lower_predicate
 from soter.program.types import FloatType, IntType, RecordType, leaves
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Mapping
 
     from soter.codegen import c_tree as c
     from soter.codegen.enclosure_emit import Emitter
@@ -132,6 +132,11 @@ class Enclosed:
         self._driven = driven
         self._topics = {}
 
+    def _see(self, topics: Iterable[int]) -> None:
+        """Estimates are made before any branch: what is first read in one is read behind it too."""
+        for index in topics:
+            self._topics[index] = self._topic(index)
+
     # ------------------------------------------------------------ functions
 
     def law(self) -> list[c.CExpr]:
@@ -143,6 +148,7 @@ class Enclosed:
         if component.extern:
             msg = f"SC `{component.name}` is extern: its commands cannot be enclosed"
             raise EnclosureError(msg)
+        self._see(component.scope.topics.values())
         body = self.body()
         for x in step.locals:
             body.frame.variables[x.name] = self.ops.top(x.type)
@@ -252,6 +258,7 @@ class Enclosed:
         """A predicate on true or estimated topics."""
         self.drive()
         self.estimated = estimated
+        self._see(self.module.scope.topics.values())
         body = self.body(more)
         body.run(p.body)
         return self.ops.truth(body.expr(p.value))

@@ -17,6 +17,7 @@ from soter.reach.problem import Axis, Group, Interval
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
     from soter.program.system import Component
     from soter.reach.inputs import Inputs
     from soter.reach.place import Place
@@ -94,7 +95,10 @@ class Axes:
     def _axis(self, item: typed.GridAxis, state: int) -> Axis:
         name = self.inputs.states[state].name
         if item.low is None or item.high is None:
-            return Axis(state, name, self._extent(state))
+            extent = self._extent(state)
+            if not all(math.isfinite(x) for x in extent):
+                self._unbounded([name], item.span, f"polytope {name} in [-1.0, 1.0];")
+            return Axis(state, name, extent)
         low, high = (
             float(self.calculator.value(e, "a bound") or 0.0) for e in (item.low, item.high)
         )
@@ -164,18 +168,21 @@ class Axes:
             names = [self.inputs.states[s].name for s in unbounded]
             example = ", ".join(f"{n} in [-1.0, 1.0] / 100" for n in names[:AXES_MAX])
             symbol = self.place.module.symbol
-            self.diagnostics.error(
-                "R008",
-                f"nothing bounds the state{'s' if len(names) > 1 else ''} "
-                + ", ".join(f"`{n}`" for n in names),
-                symbol.verify.span or symbol.span,
-                notes=("every state is analysed over a box; outside it counts as unsafe",),
-                helps=(f"write `verify {{ grid {example}; }}` with your bounds",),
-            )
+            self._unbounded(names, symbol.verify.span or symbol.span, f"grid {example};")
             return []
         if not alone and len(missing) <= AXES_MAX:
             return [Group(tuple(self._natural_axis(s, len(missing), ranges[s]) for s in missing))]
         return [Group((self._natural_axis(s, 1, ranges[s]),)) for s in missing]
+
+    def _unbounded(self, names: list[str], span: Span, example: str) -> None:
+        self.diagnostics.error(
+            "R008",
+            f"nothing bounds the state{'s' if len(names) > 1 else ''} "
+            + ", ".join(f"`{n}`" for n in names),
+            span,
+            notes=("every state is analysed over a box; outside it counts as unsafe",),
+            helps=(f"write `verify {{ {example} }}` with your bounds",),
+        )
 
     def _natural(self, state: int) -> Interval | None:
         """What the program says about the values of a state."""

@@ -1,7 +1,8 @@
 """The sets of one case, and the claims that are read off them.
 
 Purpose: for one combination of parameter values: C, K, R(H), the inclusions of `ttf` and `safer`,
-the start (docs/verification.md, section 3). Each claim says where it fails.
+the start (docs/verification.md, section 3). Each claim says where it fails. Polytope groups have
+theirs in `polytope_claims.py`, called from here.
 Non-goals: P2b (`recovery.py`), refinement and verdicts (`verify.py`).
 """
 
@@ -13,11 +14,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.reach import polytope_claims
 from soter.reach.boxes import holding
 from soter.reach.forms import Forms
 from soter.reach.grids import GridGroup
 from soter.reach.products import law_stays_inside, parts, product_holds
-from soter.reach.results import CaseSets, GroupSets
+from soter.reach.results import CaseSets, GroupSets, PolytopePart
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -40,6 +42,8 @@ class Failure:
     group: int | None = None
     cells: Bools | None = None
     hint: str = ""
+    part: PolytopePart | None = None
+    """The polytope group that fails."""
     stuck: bool = False
     """P2b: the cells are those of K from which no way back was found."""
 
@@ -73,9 +77,15 @@ class Case:
         hint: str = "",
         *,
         stuck: bool = False,
+        part: PolytopePart | None = None,
     ) -> None:
         """Enter a failure."""
-        self.failures.append(Failure(claim, text, group, cells, hint, stuck))
+        self.failures.append(Failure(claim, text, group, cells, hint, part, stuck))
+
+    def again(self, group: int) -> None:
+        """A group keeps nothing of an earlier attempt."""
+        self.fresh[group] = True
+        self.failures = [f for f in self.failures if f.group != group]
 
     def todo(self) -> list[tuple[int, GridGroup, GroupSets]]:
         """The fresh groups: number, engine, sets."""
@@ -112,7 +122,8 @@ def open_case(
     analysis of a group looks at the ranges of the others only.
     """
     case = Case(problem, parameter, [], Forms(library, problem, parameter), CaseSets(parameter, []))
-    for i, group in enumerate(groups):
+    _polytopes(case, groups, before)
+    for i, group in enumerate(g for g in groups if g.representation == "grid"):
         if before is not None and before.sets.groups[i].group == group:
             case.groups.append(before.groups[i])
             case.sets.groups.append(before.sets.groups[i])
@@ -131,20 +142,35 @@ def open_case(
     return case
 
 
+def _polytopes(case: Case, groups: Sequence[Group], before: Case | None) -> None:
+    """The polytope groups; those of an earlier attempt stay as they are."""
+    if before is None:
+        found = [PolytopePart(g) for g in groups if g.representation != "grid"]
+        case.sets.polytopes = found
+        return
+    case.sets.polytopes = before.sets.polytopes
+    for part in case.sets.polytopes:
+        part.fresh = False
+    case.failures += [f for f in before.failures if f.part is not None and f.claim != "start"]
+
+
 # ---------------------------------------------------------------- P2a
 
 
 def constraint(case: Case) -> bool:
     """C_g for every group, the product check, and that SC stays inside its sets; False: no C."""
-    found = parts(case.problem, case.groups, "safe")
-    if found is None:
+    ranges = polytope_claims.constrain(case)
+    found = None if ranges is None else parts(case.problem, case.groups, "safe")
+    if found is None or ranges is None:
         case.fail("P2a", "no state was found on which `safe` holds")
         return False
-    if not product_holds(case.forms, case.groups, found, "safe"):
+    forms = case.forms.within(ranges)
+    if not product_holds(forms, case.groups, found, "safe"):
         case.fail(
             "P2a",
             "`safe` is no product over the groups",
-            hint="put states that `safe` compares with each other into one `grid` line",
+            hint="put states that `safe` compares with each other into one line"
+            + (", or give a `polytope` narrower ranges" if ranges else ""),
         )
         return False
     if case.problem.has_core_hint:
@@ -153,9 +179,12 @@ def constraint(case: Case) -> bool:
             case.fail("P2a", "no state was found on which `core` holds")
             return False
         found = [a & b for a, b in zip(found, hints, strict=True)]
+    for i, part in enumerate(case.sets.groups):
+        if not case.fresh[i] and not np.array_equal(part.allowed, found[i]):
+            case.again(i)  # it holds at another point than before, and so the product is another
     for i, _, part in case.todo():
         part.allowed = found[i]
-    why = law_stays_inside(case.problem, case.forms, case.groups, found)
+    why = law_stays_inside(case.problem, forms, case.groups, found)
     if why:
         case.fail("P2a", why, hint="clamp what SC publishes to the topic's set")
     return True
@@ -178,7 +207,7 @@ def core(case: Case) -> bool:
                 part.allowed,
                 "a finer grid; a wider one; a stronger SC; smaller errors, delays or disturbances",
             )
-    return whole
+    return polytope_claims.core(case) and whole
 
 
 # ---------------------------------------------------------------- P3
@@ -196,10 +225,12 @@ def free_phase(case: Case) -> None:
     horizon = in_horizon(case.problem, case.problem.times.horizon_ns)
     for _, engine, part in case.todo():
         part.free = engine.safe_for(horizon, part.core > 0)
+    polytope_claims.free_phase(case)
 
 
 def inclusion(case: Case, predicate: str) -> None:
     """`ttf` or `safer`: an estimate from which AC may have control comes from a state in R(H)."""
+    polytope_claims.inclusion(case, predicate)
     for i, engine, part in case.todo():
         if part.possible is None:
             part.possible = engine.may_hold("safe")
@@ -232,6 +263,7 @@ def start(case: Case) -> None:
     h0 = in_horizon(case.problem, case.problem.times.start)
     if case.parameter != case.problem.parameter_start:
         return
+    polytope_claims.start(case, h0)
     for i, (engine, part) in enumerate(zip(case.groups, case.sets.groups, strict=True)):
         reach = engine.safe_for(h0, part.core > 0)
         box = []

@@ -12,50 +12,23 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.program.types import leaves
+from soter.reach import polytope_claims
 from soter.reach.claims import in_horizon
+from soter.reach.estimates import errors_of, seen
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from soter.program.typed import TopicSymbol
     from soter.reach.claims import Case
     from soter.reach.problem import Problem
 
     Bools = NDArray[np.bool_]
 
 
-def errors_of(problem: Problem) -> dict[int, float]:
-    """State -> largest |estimate - state| of the topic leaf that is that state.
-
-    An estimate is the sum of state and error, rounded once; that is included.
-    """
-    found: dict[int, float] = {}
-    for state, (topic, leaf) in problem.topic_leaf_of_state.items():
-        path = list(leaves(problem.system.topics[topic].type))[leaf][0]
-        for e, bounds in zip(problem.quantities.errors, problem.errors, strict=True):
-            error = max(-bounds.low, bounds.high)
-            if (e.owner, e.path) == (topic, path) and error > 0.0:
-                extent = problem.states[state]
-                largest = max(abs(extent.low), abs(extent.high)) + error
-                found[state] = max(found.get(state, 0.0), error + (error + largest) * 2.0**-50)
-    return found
-
-
-def seen(problem: Problem) -> dict[int, TopicSymbol]:
-    """State -> the topic in which the DM sees it: one of those whose age is inside A."""
-    symbol = problem.module.symbol
-    declared = {a.topic for g in symbol.verify.groups for a in g.axes if a.topic is not None}
-    sc = problem.system.components[problem.module.sc]
-    scope = {**sc.scope.topics, **problem.module.scope.topics}
-    names = {index: s for s, index in scope.items() if not declared or s in declared}
-    at = problem.topic_leaf_of_state
-    return {s: names[topic] for s, (topic, _) in at.items() if topic in names}
-
-
 def levels(case: Case) -> None:
     """S_0 ... S_(m-2) of every group; failures of `ttf` and `safer` where they are empty."""
     problem = case.problem
+    polytope_claims.levels(case)
     errors, shown = errors_of(problem), seen(problem)
     window = in_horizon(problem, problem.times.decision)
     for i, (engine, part) in enumerate(zip(case.groups, case.sets.groups, strict=True)):

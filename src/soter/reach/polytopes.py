@@ -64,6 +64,8 @@ class PolytopeSets:
     kept_rate: Array = field(default_factory=lambda: np.zeros(0))
     periods: int = 0
     """Holds after which every run from K is in Q."""
+    target: Polytope | None = None
+    """States all of whose estimates satisfy `safer`, where that is not S_(m-2) eroded by E."""
 
     @property
     def ttf(self) -> Polytope:
@@ -85,21 +87,33 @@ class NotProvedError(Exception):
 
 def compute(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
     """The sets, or None where the fixpoint ran empty or out of patience: to be proved."""
+    sets = find_core(group, windows)
+    if sets is not None:
+        find_levels(sets)
+        find_return(sets)
+    return sets
+
+
+def find_core(group: LinearGroup, windows: Windows) -> PolytopeSets | None:
+    """K and R(H); no levels yet."""
     found = _core(group, group.rows, group.bounds)
     if found is None:
         return None
     core, rate = found
     free = _free(group, core, core, windows.horizon_ns)
-    allowed, carried = [lean(_tighter(free.shrunk(group.error)))], []
+    return PolytopeSets(group, windows, rate, core, free, [], [])
+
+
+def find_levels(sets: PolytopeSets) -> None:
+    """S_0, S_1, ... and G_1, ..."""
+    group, windows, free = sets.group, sets.windows, sets.free
+    sets.allowed, sets.carried = [lean(_tighter(free.shrunk(group.error)))], []
     for _ in range(windows.levels - 2):
-        inner = allowed[-1].shrunk(group.error)
+        inner = sets.allowed[-1].shrunk(group.error)
         following = _free(group, free, inner, windows.window_ns)
         estimates = _tighter(following.shrunk(group.error))
-        carried.append(following)
-        allowed.append(lean(estimates.meet(_tighter(allowed[-1]))))
-    sets = PolytopeSets(group, windows, rate, core, free, allowed, carried)
-    _return(sets)
-    return sets
+        sets.carried.append(following)
+        sets.allowed.append(lean(estimates.meet(_tighter(sets.allowed[-1]))))
 
 
 def _plain(rows: Ball, limits: Array, reach: Array) -> tuple[Array, Array]:
@@ -217,22 +231,32 @@ def _tighter(p: Polytope) -> Polytope:
     return Polytope(p.low + SLACK, p.high - SLACK, p.rows, p.bounds - SLACK)
 
 
-def _return(sets: PolytopeSets) -> None:
-    """Find Q inside eroded `safer`, and after how many holds every run from K is in it."""
+def find_return(sets: PolytopeSets) -> None:
+    """Find Q inside `home`, and after how many holds every run from K is in it."""
     group = sets.group
-    inner = sets.safer.shrunk(group.error)
-    found = _core(group, *inner.faces)
+    found = _core(group, *home(sets).faces)
     if found is None:
         return
     sets.kept, sets.kept_rate = found
+    sets.periods = 0
+    try:
+        _prove_home(_Claims(None), sets)
+    except NotProvedError:
+        sets.kept = None
+        return
     for periods in _guesses():
         try:
-            _prove_return(sets, _Claims(None), periods)
+            _prove_way(_Claims(None), sets, periods)
         except NotProvedError:
             continue
         sets.periods = periods
         return
     sets.kept = None
+
+
+def home(sets: PolytopeSets) -> Polytope:
+    """The states all of whose estimates satisfy `safer`, or a part of them."""
+    return sets.safer.shrunk(sets.group.error) if sets.target is None else sets.target
 
 
 def _guesses() -> Iterable[int]:
@@ -275,9 +299,38 @@ def prove(sets: PolytopeSets, multipliers: list[Array] | None = None) -> list[Ar
     With `multipliers` of an earlier proof nothing is solved: they are checked.
     """
     claims = _Claims(multipliers)
+    prove_core(sets, claims)
+    prove_free(sets, claims)
+    prove_levels(sets, claims)
+    if sets.kept is not None:
+        prove_return(sets, claims)
+    return claims.record
+
+
+def claims_of(multipliers: list[Array] | None = None) -> _Claims:
+    """What the parts of a proof write their multipliers to, or take them from."""
+    return _Claims(multipliers)
+
+
+def prove_core(sets: PolytopeSets, claims: _Claims) -> None:
+    """P2a: SC keeps C from K."""
     group = sets.group
     _prove_kept(claims, "K", Hold(group, sets.rate), sets.core, group.rows, group.bounds)
-    _prove_free(claims, "R(H)", group, sets.free, sets.core, sets.windows.horizon_ns)
+
+
+def prove_free(sets: PolytopeSets, claims: _Claims) -> None:
+    """R(H)."""
+    _prove_free(claims, "R(H)", sets.group, sets.free, sets.core, sets.windows.horizon_ns)
+
+
+def prove_start(sets: PolytopeSets, claims: _Claims, start: Polytope, until_ns: int) -> None:
+    """From every state of `start` the state is in K during all of [0, until]."""
+    _prove_free(claims, "the start", sets.group, start, sets.core, until_ns)
+
+
+def prove_levels(sets: PolytopeSets, claims: _Claims) -> None:
+    """S_0, S_1, ... of estimates."""
+    group = sets.group
     _prove_estimates(claims, "S_0", group, sets.allowed[0], sets.free)
     for j, carried in enumerate(sets.carried):
         before, after = sets.allowed[j], sets.allowed[j + 1]
@@ -285,9 +338,12 @@ def prove(sets: PolytopeSets, multipliers: list[Array] | None = None) -> list[Ar
         _prove_free(claims, f"G_{j + 1}", group, carried, inner, sets.windows.window_ns)
         _prove_estimates(claims, f"S_{j + 1}", group, after, carried)
         _inside(claims, f"S_{j + 1} in S_{j}", after, before)
-    if sets.kept is not None:
-        _prove_return(sets, claims, sets.periods)
-    return claims.record
+
+
+def prove_return(sets: PolytopeSets, claims: _Claims) -> None:
+    """P2b: SC keeps Q, and every run from K is in Q after `periods` holds."""
+    _prove_home(claims, sets)
+    _prove_way(claims, sets, sets.periods)
 
 
 def _inside(claims: _Claims, what: str, inner: Polytope, outer: Polytope) -> None:
@@ -338,13 +394,15 @@ def _prove_estimates(
     claims.holds(what, estimates, exact(rows), np.nextafter(limits - loss, -np.inf))
 
 
-def _prove_return(sets: PolytopeSets, claims: _Claims, periods: int) -> None:
-    """Q is kept inside eroded `safer`, and every run from K is in Q after `periods` holds."""
-    group = sets.group
+def _prove_home(claims: _Claims, sets: PolytopeSets) -> None:
     assert sets.kept is not None
-    rows, bounds = sets.safer.shrunk(group.error).faces
-    _prove_kept(claims, "Q", Hold(group, sets.kept_rate), sets.kept, rows, bounds)
-    hold = Hold(group, sets.rate)
+    rows, bounds = home(sets).faces
+    _prove_kept(claims, "Q", Hold(sets.group, sets.kept_rate), sets.kept, rows, bounds)
+
+
+def _prove_way(claims: _Claims, sets: PolytopeSets, periods: int) -> None:
+    assert sets.kept is not None
+    hold = Hold(sets.group, sets.rate)
     faces, limits = sets.kept.faces
     row, loss = exact(faces), np.zeros(len(faces))
     for _ in range(periods):

@@ -40,7 +40,7 @@ def states_elsewhere(
 
 
 def candidates(problem: Problem) -> list[Floats]:
-    """Points at which a product predicate may hold: the start, zero, the middle of the grid."""
+    """Points at which a product predicate may hold: the start, zero, the middle of the ranges."""
     low = np.array([r.low for r in problem.states])
     high = np.array([r.high for r in problem.states])
     start = np.array([i.low / 2 + i.high / 2 for i in problem.initial])
@@ -53,7 +53,7 @@ def parts(problem: Problem, groups: Sequence[GridGroup], predicate: str) -> list
     None where no point is found at which it holds. The product of the parts need not satisfy the
     predicate: `product_holds` checks that.
     """
-    if len(groups) == 1:
+    if len(groups) == len(problem.groups) == 1:
         return [groups[0].definitely(predicate)]
     for point in candidates(problem):
         found = [
@@ -73,9 +73,8 @@ def product_holds(
     unknown there, the block that matters is split: along the axis with most cells, of the group for
     which splitting decides most.
     """
-    if len(groups) == 1:
-        # the only set holds just cells on which the predicate is definitely true
-        return bool((groups[0].definitely(predicate) | ~sets[0]).all())
+    if len(groups) == 1 and (groups[0].definitely(predicate) | ~sets[0]).all():
+        return True  # the only grid holds just cells on which the predicate is definitely true
     conjuncts = forms.conjuncts(predicate)
     return all(_holds(forms, groups, sets, part) for part in conjuncts or [predicate])
 

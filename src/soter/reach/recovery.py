@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.program.durations import show_ns
+from soter.reach import polytope_claims
 from soter.reach.boxes import holding
 from soter.reach.grids import LONGEST
 from soter.reach.levels import targets
@@ -45,9 +46,11 @@ def recover(case: Case) -> None:
     for i, (engine, part, target) in enumerate(
         zip(case.groups, case.sets.groups, targets, strict=True)
     ):
-        if not case.fresh[i]:
+        if not case.fresh[i] and part.target is not None and np.array_equal(part.target, target):
             longest = max(longest, part.return_ns)
             continue
+        case.failures = [f for f in case.failures if (f.group, f.claim) != (i, "P2b")]
+        part.target = target
         inside = target & part.allowed
         part.home = engine.core(inside).witness
         if not part.home.any():
@@ -75,6 +78,7 @@ def recover(case: Case) -> None:
                 "an SC that returns to where `safer` holds; a finer grid",
                 stuck=True,
             )
+    longest = max(longest, polytope_claims.recover(case))
     case.counts["recover_ns"] = longest + case.problem.times.decision
     in_time(case)
 
@@ -142,11 +146,12 @@ def _targets(case: Case) -> list[Bools] | None:
     """Per group the states all of whose estimates satisfy `safer`."""
     if case.problem.computed:
         return targets(case)
-    found = parts(case.problem, case.groups, "safer")
-    if found is None:
+    ranges = polytope_claims.targets(case)
+    found = None if ranges is None else parts(case.problem, case.groups, "safer")
+    if found is None or ranges is None:
         case.fail("P2b", "no state was found on which `safer` surely holds")
         return None
-    if not product_holds(case.forms, case.groups, found, "safer"):
+    if not product_holds(case.forms.within(ranges), case.groups, found, "safer"):
         case.fail("P2b", "`safer` is no product over the groups")
         return None
     return found

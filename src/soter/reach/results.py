@@ -14,6 +14,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from soter.reach.polytope_extract import Model
+    from soter.reach.polytopes import PolytopeSets
     from soter.reach.problem import Group, Problem
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
@@ -78,6 +80,8 @@ class GroupSets:
     """Cells on which `ttf` may be false."""
     gives_back: NDArray[np.bool_] | None = None
     """Cells on which `safer` may be true."""
+    target: NDArray[np.bool_] | None = None
+    """States all of whose estimates satisfy `safer`: what Q was looked for in."""
     home: NDArray[np.uint8] | None = None
     rank: NDArray[np.uint16] | None = None
     rank_holds: NDArray[np.uint8] | None = None
@@ -95,14 +99,36 @@ class GroupSets:
 
 
 @dataclass(eq=False)
-class CaseSets:
-    """All groups under one combination of parameter values."""
+class PolytopePart:
+    """A polytope group under one combination of parameter values.
 
-    parameter: tuple[int, ...]
-    groups: list[GroupSets]
+    `limits`: C_g, a box over the group's own states; `multipliers`: of what was proved, by part of
+    the proof; `shares`: sampled, for people.
+    """
+
+    group: Group
+    limits: list[tuple[float, float]] = field(default_factory=list)
+    model: Model | None = None
+    sets: PolytopeSets | None = None
+    multipliers: dict[str, list[NDArray[np.float64]]] = field(default_factory=dict)
+    shares: dict[str, float] = field(default_factory=dict)
+    boxes: dict[str, int] = field(default_factory=dict)
+    """Boxes that were looked at for an inclusion, by predicate."""
+    return_ns: int = 0
+    fresh: bool = True
+    """Still to be computed; otherwise it is that of an earlier attempt."""
 
 
 @dataclass(eq=False)
+class CaseSets:
+    """All groups under one combination of parameter values: grids, and polytopes."""
+
+    parameter: tuple[int, ...]
+    groups: list[GroupSets]
+    polytopes: list[PolytopePart] = field(default_factory=list)
+
+
+@dataclass(eq=False, repr=False)
 class ModuleResult:
     """Everything that was found about a module."""
 
@@ -115,6 +141,10 @@ class ModuleResult:
     the parameters."""
     recover_s: float | None = None
     """The T that P2b was proved with, in s."""
+
+    def __repr__(self) -> str:
+        held = ", ".join(f"{name} {f.verdict}" for name, f in self.findings.items())
+        return f"<soter.ModuleResult {self.name} {self.verdict}: {held}>"
 
     @property
     def name(self) -> str:
@@ -141,7 +171,7 @@ class ModuleResult:
         return self.shares.get("core", 0.0)
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, repr=False)
 class VerifyReport:
     """What `Program.verify` gives: one result a module, and the hash of what was proved."""
 
@@ -159,3 +189,14 @@ class VerifyReport:
             if verdict in found:
                 return verdict
         return PROVED
+
+    def __getitem__(self, module: str) -> ModuleResult:
+        """The result of one module, by full name; KeyError where there is none."""
+        for m in self.modules:
+            if m.name == module:
+                return m
+        raise KeyError(module)
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{m.name} {m.verdict}" for m in self.modules)
+        return f"<soter.VerifyReport {self.path}: {found}>"

@@ -28,7 +28,7 @@ rta M {
   ac Fast;
   sc Slow;
   period 20ms;
-  safe abs(clean) < 1.0;
+  safe abs(est) < 1.0;
   verify { grid est in [-1.2, 1.2] / 240; }
 }
 system S { p: P; module M; }

@@ -157,3 +157,48 @@ def test_the_command_of_a_slow_controller_acts_on_every_step_of_a_map(
 ) -> None:
     found = result_of(SLOW.replace("GAIN", gain))  # 1.5: x, -x/2, -2x
     assert found.findings["P2a"].verdict == verdict
+
+
+CORNERS = """soter 1;
+topic at_a: float max_age 500ms;
+topic at_b: float max_age 500ms;
+topic push: float in [-1.0, 1.0] = 0.0;
+plant P period 1s {
+  reads push;
+  drives at_a = a;
+  drives at_b = b;
+  state a: float = 0.9;
+  state b: float = 0.8;
+  state leg: int in [0, 1] = 0;
+  next a = a < 0.6 ? 0.5 * a : 0.9 + 0.5 * (a - 0.9);
+  next b = b < 0.55 ? 0.5 * b : 0.8 + 0.5 * (b - 0.8) + 0.0 * push;
+}
+node Ac period 1s { publishes push; step { publish push = 0.0; } }
+node Sc period 1s { publishes push; step { publish push = 0.0; } }
+rta M {
+  ac Ac;
+  sc Sc;
+  period 1s;
+  safe (abs(at_a - 0.9) <= 0.03 && abs(at_b - 0.8) <= 0.2)
+    || (abs(at_a) <= 0.4 && abs(at_b) <= 0.4);
+  ttf true;
+  safer abs(at_b) <= 0.11;
+  verify { grid at_a in [-3.0, 3.0] / 60; grid at_b in [-1.0, 1.0] / 40; }
+}
+system S { p: P; module M; }
+"""
+
+
+def test_a_finer_grid_of_one_group_does_not_pair_sets_of_different_corners(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 2)
+    found = result_of(CORNERS)
+    assert found.findings["P2a"].verdict == "proved"
+    for case in found.cases:
+        near = []
+        for part in case.groups:
+            (edges,) = part.edges
+            middles = (np.array(edges[:-1]) + np.array(edges[1:])) / 2
+            near.append({bool(m < 0.5) for m in middles[part.core > 0]})
+        assert near[0] == near[1] in ({True}, {False})  # `safe` is no product of both corners
