@@ -37,7 +37,8 @@ def assumptions_of(place: Place, inputs: Inputs, times: Times, kind: str) -> lis
     if inputs.parameters:
         names = ", ".join(p.name for p in inputs.parameters)
         found.append(
-            f"{names} changes only while the estimate lies in S_0 of the new value, whichever mode"
+            f"{names} changes only while the estimate lies in S_0 of the new value, whichever mode, "
+            "and DM and SC read the new value from that instant on"
         )
     found += _arithmetic(place)
     return found

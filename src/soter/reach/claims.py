@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from soter.reach.native import ReachLibrary
     from soter.reach.problem import Group, Problem
+    from soter.reach.results import Region
 
     Bools = NDArray[np.bool_]
     Tell = Callable[[str, float], None]
@@ -44,6 +45,8 @@ class Failure:
     hint: str = ""
     part: PolytopePart | None = None
     """The polytope group that fails."""
+    where: Region | None = None
+    """Where that is."""
     stuck: bool = False
     """P2b: the cells are those of K from which no way back was found."""
 
@@ -80,7 +83,7 @@ class Case:
         part: PolytopePart | None = None,
     ) -> None:
         """Enter a failure."""
-        self.failures.append(Failure(claim, text, group, cells, hint, part, stuck))
+        self.failures.append(Failure(claim, text, group, cells, hint, stuck=stuck, part=part))
 
     def again(self, group: int) -> None:
         """A group keeps nothing of an earlier attempt."""

@@ -24,7 +24,8 @@ from soter.reach import claims
 from soter.reach.extract import cases, extract
 from soter.reach.forms import library_of
 from soter.reach.grids import UnboundedError
-from soter.reach.levels import levels, seen
+from soter.reach.estimates import seen
+from soter.reach.levels import levels
 from soter.reach.tables import predicates, tables
 
 if TYPE_CHECKING:

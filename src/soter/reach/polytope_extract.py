@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.reach.grid_model import LINEAR, NS, OUTSET
-from soter.reach.levels import errors_of
+from soter.reach.estimates import errors_of
 from soter.reach.linear import scheme_error
 from soter.reach.place import sc_reads
 from soter.reach.polytope_model import LinearGroup

@@ -20,7 +20,7 @@ import numpy as np
 
 from soter.program import typed as t
 from soter.program.types import BOOL, FLOAT, INT, ArrayType, IntType, RecordType, leaves
-from soter.reach.levels import seen
+from soter.reach.estimates import seen
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

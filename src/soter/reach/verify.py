@@ -22,6 +22,7 @@ from soter.reach.extract import cases
 from soter.reach.forms import Forms, library_of
 from soter.reach.grids import UnboundedError
 from soter.reach.levels import levels
+from soter.reach.polytope_claims import add_shares
 from soter.reach.recovery import in_time, recover
 from soter.reach.refine import refined
 from soter.reach.results import (
@@ -54,6 +55,7 @@ METHODS = {
     "P1b": "outputs compared",
     "P1c": "worst case over all releases",
     "P2a": "greatest fixpoint over chains of SC periods",
+    "polytopes": "half-spaces, with multipliers for every claim",
     "P2b": "ranks over chains of SC periods",
     "P3": "inclusions of `ttf` and `safer`",
     "ttf": "inclusion on every cell, all errors",
@@ -118,7 +120,8 @@ def _settled(
         finer = refined([case], groups) if groups else None
         if finer is None:
             break
-        case = _case(problem, library, finer, parameter, tell, case)
+        polytopes = tuple(part.group for part in case.sets.polytopes)
+        case = _case(problem, library, finer + polytopes, parameter, tell, case)
     return case
 
 
@@ -132,10 +135,6 @@ def _case(
 ) -> Case:
     """All claims for one combination of parameter values."""
     case = Case(problem, parameter, [], Forms(library, problem, parameter), CaseSets(parameter, []))
-    if any(g.representation != "grid" for g in groups):
-        for claim in CLAIMS:
-            case.fail(claim, "`polytope` groups are not verified", hint="a `grid`, if it is small")
-        return case
     try:
         case = claims.open_case(problem, library, groups, parameter, tell, before)
         _claims(case)
@@ -196,6 +195,8 @@ def _shrunk(case: Case) -> bool:
         part.core[part.rank == 0] = 0
     case.failures = [f for f in case.failures if f.group not in stuck and f.claim != "start"]
     case.fresh = [i in stuck for i in range(len(case.groups))]
+    for polytope in case.sets.polytopes:
+        polytope.fresh = False
     return True
 
 
@@ -218,9 +219,18 @@ def _assume(problem: Problem, prelude: tuple[str, ...]) -> None:
 
 def _scheme(problem: Problem, done: list[Case]) -> None:
     """For linear flows the simulator's scheme is part of the proof: one assumption less."""
-    covered = all(c.groups and all(g.covers_scheme for g in c.groups) for c in done)
+    covered = all(_follows_scheme(c) for c in done)
     if problem.scheme_step_ns and covered and SCHEME in problem.assumptions:
         problem.assumptions.remove(SCHEME)
+
+
+def _follows_scheme(case: Case) -> bool:
+    """Whether the simulator's steps are solutions of every group's model."""
+    if len(case.groups) + len(case.sets.polytopes) < len(case.problem.groups):
+        return False
+    models = [part.model for part in case.sets.polytopes]
+    grids = all(g.covers_scheme for g in case.groups)
+    return grids and all(m is not None and m.covers_scheme for m in models)
 
 
 def _static(problem: Problem, result: ModuleResult) -> None:
@@ -245,7 +255,8 @@ def _static(problem: Problem, result: ModuleResult) -> None:
 
 
 def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
-    finding = Finding(PROVED, method=METHODS[claim])
+    grids = any(c.groups for c in done) or not any(c.sets.polytopes for c in done)
+    finding = Finding(PROVED, method=METHODS[claim if grids else "polytopes"])
     finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
     for case in done:
         for failure in case.failed(claim):
@@ -259,6 +270,8 @@ def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
                 ]
                 edges = case.groups[failure.group].edges
                 finding.regions += regions_of(failure.cells, names, edges, parameters)
+            if failure.where is not None:
+                finding.regions.append(failure.where)
     if not finding.text:
         finding.text = _proved_text(problem, done, claim, finding)
     return finding
@@ -276,19 +289,31 @@ def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Findin
             "rounds": max(c.counts.get("rounds", 0) for c in done),
         }
         span = show_ns(longest * problem.times.delta_sc)
-        return f"SC keeps C from K: {cells:,} of {of:,} cells, chains up to {span}{many}"
+        found = [f"{cells:,} of {of:,} cells, chains up to {span}"] if of else []
+        faces = _faces(done)
+        found += [f"{faces:,} half-spaces, kept in every period of SC"] if faces else []
+        return f"SC keeps C from K: {'; '.join(found)}{many}"
     if claim in ("ttf", "safer"):
         if problem.computed:
             return f"`{claim}` is computed from the sets{many}"
         names = {"ttf": "not ttf", "safer": "safer"}
         parts = [g.lets_ac if claim == "ttf" else g.gives_back for c in done for g in c.sets.groups]
         cells = sum(int(p.sum()) for p in parts if p is not None)
-        finding.counts = {"cells": cells}
-        return f"{names[claim]} implies R(H), on {cells:,} cells{many}"
+        boxes = sum(p.boxes.get(claim, 0) for c in done for p in c.sets.polytopes)
+        finding.counts = {"cells": cells, "boxes": boxes}
+        found = [f"on {cells:,} cells"] if parts else []
+        found += [f"on {boxes:,} boxes"] if boxes else []
+        return f"{names[claim]} implies R(H), {', '.join(found)}{many}"
     if claim == "P2b":
         seconds = max((c.counts.get("recover_ns", 0) for c in done), default=0)
         return f"SC gives control back within {show_ns(seconds)}{many}"
     return f"initial states lie in R({show_ns(problem.times.start)})"
+
+
+def _faces(done: list[Case]) -> int:
+    """Half-spaces of K, of all polytope groups."""
+    sets = [p.sets for c in done for p in c.sets.polytopes if p.sets is not None]
+    return sum(len(s.core.faces[1]) for s in sets)
 
 
 def _p3(result: ModuleResult, seconds: float) -> Finding:
@@ -325,6 +350,10 @@ def _shares(done: list[Case]) -> dict[str, float]:
             for name, cells in sets.items():
                 if cells is not None:
                     one[name] = one.get(name, 1.0) * share(np.asarray(cells), engine.edges)
+        add_shares(case)
+        for polytope in case.sets.polytopes:
+            for name, value in polytope.shares.items():
+                one[name] = one.get(name, 1.0) * value
         for name, value in one.items():
             found.setdefault(name, []).append(value)
     return {name: min(values) for name, values in found.items()}

@@ -275,6 +275,29 @@ def test_a_command_that_may_leave_its_set_is_a_possible_fault(tmp_path: Path) ->
     assert reference.law([0.5, 0, 0, 0, 0, 0, 0, 0.5], 1, 0) == [0.0, 0.0]
 
 
+def test_what_is_first_read_in_a_branch_is_read_behind_it_too(tmp_path: Path) -> None:
+    """An estimate that only one side of a branch made is none on the other, nor behind."""
+    wanted = "let wanted = float(kept + 1) * (goal - seen.x) - 3.0 * seen.v;"
+    assert wanted in FLOW
+    text = FLOW.replace(
+        wanted,
+        "var wanted = 0.0; if kept > 1 { wanted = goal - seen.x; } else { wanted = -seen.v; }",
+    )
+    k = case(text, tmp_path)
+    reference = Reference(k.system)
+    forms = k.ffi.new("soter_form[]", len(k.ranges))
+    param = k.ffi.new("int64_t[]", [1])
+    out = k.ffi.new("soter_form[]", 2)
+    at = [0.5, 0.25, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5]
+    for i, value in enumerate(at):
+        set_input(forms[i], i, value, value)
+    assert k.library.soter_law(forms, param, out) == 0
+    for kept in (0, 3):
+        law = reference.law(at, 1, kept)
+        assert law is not None
+        assert out[0].lo <= law[0] <= out[0].hi
+
+
 def test_the_constraint_is_about_the_true_state(tmp_path: Path) -> None:
     """`safe` does not see the errors, `safer` does."""
     k = case(FLOW, tmp_path)
