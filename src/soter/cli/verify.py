@@ -163,7 +163,8 @@ def _details(module: ModuleResult, console: Console) -> list[str]:
     """Shares, and where and why something is not proved."""
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]
-    lines = ["", f"{' · '.join(shares)} of the grid's volume, {module.cells:,} cells"]
+    size = f", {module.cells:,} cells" if module.cells else ""
+    lines = ["", f"{' · '.join(shares)} of the grid's volume{size}"]
     told: list[str] = []
     for name in ("P2a", "ttf", "safer", *module.findings):
         finding = module.findings[name]

@@ -160,12 +160,15 @@ def names_in(e: object) -> Iterator[str]:
             yield from names_in(getattr(e, f.name))
 
 
-def pruned(block: list[Step], live: set[str]) -> list[Step]:
-    """The block without operations whose results nobody reads; `live` grows backwards."""
+def pruned(block: list[Step], live: set[str], *, faults: bool = True) -> list[Step]:
+    """The block without operations whose results nobody reads; `live` grows backwards.
+
+    `faults`: operations that may fault stay in any case.
+    """
     found: list[Step] = []
     for s in reversed(block):
         if isinstance(s, Op):
-            if s.kept or s.result in live:
+            if (s.kept and faults) or s.result in live:
                 live.update(names_in(s.arguments))
                 found.append(s)
         elif isinstance(s, Store):
@@ -174,7 +177,8 @@ def pruned(block: list[Step], live: set[str]) -> list[Step]:
                 found.append(s)
         else:
             merged = [m for m in s.merged if m.result in live]
-            then, otherwise = pruned(s.then, live), pruned(s.otherwise, live)
+            then = pruned(s.then, live, faults=faults)
+            otherwise = pruned(s.otherwise, live, faults=faults)
             if then or otherwise:
                 live.update(names_in(s.condition))
                 found.append(Branch(s.condition, merged, then, otherwise))
@@ -241,11 +245,18 @@ def _declared(m: Merged) -> list[c.CStmt]:
 
 
 def framed(
-    block: list[Step], reads: dict[int, c.Name], results: list[c.CStmt]
+    block: list[Step],
+    reads: dict[int, c.Name],
+    results: list[c.CStmt],
+    *,
+    faults: bool = True,
 ) -> tuple[c.CStmt, ...]:
-    """The body of a function: the inputs it reads on their own symbols, operations, results."""
+    """The body of a function: the inputs it reads on their own symbols, operations, results.
+
+    Without `faults` it answers for faults of the operations that the results rest on, only.
+    """
     live = {n for s in results for n in names_in(s)}
-    inner = statements(pruned(block, live))
+    inner = statements(pruned(block, live, faults=faults))
     taken = {k: name for k, name in sorted(reads.items()) if name.text in live}
     numbers = c.Initializer(tuple((None, c.Number(str(k))) for k in taken))
     arguments = (c.Name("in"), c.Name("read"), c.Number(str(len(taken))), c.Name("symbols"))

@@ -38,6 +38,8 @@ PARAMETERS = (
     ("const int64_t ", "param[]"),
     ("soter_form ", "out[]"),
 )
+CONTROLS_MAX = 8
+"""So many controls have a function of their own each."""
 PREDICATE_PARAMETERS = (*PARAMETERS[:2], ("soter_truth ", "out[]"))
 
 
@@ -123,7 +125,7 @@ class _Unit:
         """Emit every function that there is something for."""
         symbol = self.module.symbol
         if not symbol.synthesized:
-            self._numbers("law", "SC's published controls", lambda e: e.law())
+            self._law()
         if any(p.integrate for p in self.core.plants.values()):
             flow = Enclosed.is_flow(self.core)
             what = "derivative of every state" if flow else "every state one period later"
@@ -139,6 +141,21 @@ class _Unit:
         for name, said in (("ttf", symbol.ttf), ("safer", symbol.safer)):
             if said is not None:
                 self._estimated(name, said)
+
+    def _law(self) -> None:
+        """All controls at once, and each alone: a group is moved by few, and asks millions of times.
+
+        `law_K` leaves control K in out[K]. A fault elsewhere in SC is not seen by it: only `law`
+        says that there is none.
+        """
+        enclosed = self._enclosed()
+        results = [given(i, e) for i, e in enumerate(enclosed.law())]
+        emitter = enclosed.emitter
+        self._define("law", "SC's published controls", PARAMETERS, emitter, results)
+        if 1 < len(results) <= CONTROLS_MAX:
+            for k, result in enumerate(results):
+                doc = f"{self.quantities.controls[k].name} alone; faults elsewhere are not seen"
+                self._define(f"law_{k}", doc, PARAMETERS, emitter, [result], faults=False)
 
     def _estimated(self, name: str, said: Expr) -> None:
         self._truth(name, lambda e: e.expression(said, estimated=True))
@@ -173,8 +190,10 @@ class _Unit:
         parameters: tuple[tuple[str, str], ...],
         emitter: Emitter,
         results: list[c.CStmt],
+        *,
+        faults: bool = True,
     ) -> None:
-        body = framed(emitter.block, emitter.reads, results)
+        body = framed(emitter.block, emitter.reads, results, faults=faults)
         full = f"soter_{name}"
         self.names.append(full)
         self.definitions.append(

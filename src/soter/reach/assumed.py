@@ -37,8 +37,8 @@ def assumptions_of(place: Place, inputs: Inputs, times: Times, kind: str) -> lis
     if inputs.parameters:
         names = ", ".join(p.name for p in inputs.parameters)
         found.append(
-            f"{names} changes only while the estimate lies in S_0 of the new value, whichever mode, "
-            "and DM and SC read the new value from that instant on"
+            f"{names} changes only while the estimate lies in S_0 of the new value, whichever "
+            "mode; DM and SC read the new value from that instant on"
         )
     found += _arithmetic(place)
     return found
@@ -50,6 +50,10 @@ def _environment(place: Place, inputs: Inputs) -> list[str]:
         f"within its bounds, from the initial states of {link.name} on"
         for link in place.module.symbol.verify.abstracts
     ]
+    if place.abstract:
+        read = dict.fromkeys([*read_by_dm(place), *read_by_sc(place)])
+        names = ", ".join(place.system.topics[t].name for t in read)
+        found.append(f"whoever publishes {names} does so at the instant of the state it shows")
     names = ", ".join(c.name for c in place.plants)
     if not place.abstract:
         found.append(f"the world behaves like {names} for some disturbance within its bounds")

@@ -39,6 +39,8 @@ class Axes:
         self.calculator = Calculator(diagnostics, place.module.scope.params)
         self.names = {leaf.name: i for i, leaf in enumerate(inputs.states)}
         self.topic_leaves = self._topic_leaves()
+        self.shown: dict[int, tuple[int, int]] = {}
+        """State -> the (topic, leaf) that is its declared axis."""
 
     def groups(self) -> tuple[Group, ...]:
         """Declared groups, and one of its own for every bounded state that is on no axis."""
@@ -137,6 +139,8 @@ class Axes:
             paths = [p for p, _ in leaves(item.topic.type)]
             at = None if index is None else (index, paths.index(item.path))
             state = self.topic_leaves.get(at) if at is not None else None
+            if at is not None and state is not None:
+                self.shown[state] = at
         if state is None:
             known = ", ".join(f"`{n}`" for n in self.names)
             self.diagnostics.error(

@@ -13,7 +13,7 @@ import tempfile
 from dataclasses import replace
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -21,12 +21,13 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.native.build import RUNTIME, cache_dir
 from soter.program.walk import topic_reads
 from soter.reach import claims
+from soter.reach.estimates import seen
 from soter.reach.extract import cases, extract
 from soter.reach.forms import library_of
 from soter.reach.grids import UnboundedError
-from soter.reach.estimates import seen
 from soter.reach.levels import levels
-from soter.reach.tables import predicates, tables
+from soter.reach.polytope_sets import Polytope
+from soter.reach.tables import in_order, predicates, tables
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -34,14 +35,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.program.system import Module, System
+    from soter.reach.facets import Facets
     from soter.reach.native import ReachLibrary
-    from soter.reach.problem import Problem
-    from soter.reach.tables import Table
+    from soter.reach.problem import Group, Problem
+    from soter.reach.tables import Pair, Table
 
     Bools = NDArray[np.bool_]
+    Found = list[Table | Facets]
     Progress = Callable[[float], None]
 
 
+PARTS = ("low", "high", "rows", "bounds")
 NEVER = "ttf and safer are not computed, its AC never gets control"
 
 
@@ -69,12 +73,12 @@ def complete(flat: System, progress: Progress | None = None) -> list[str]:
             notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
             continue
         put(flat, module, problem, found)
-        share = min(float((x.entries > 0).mean()) for x in found)
+        share = min(x.share for x in found)
         notes.append(f"{module.name}: ttf and safer computed, S_0 is {share:.1%} of the grid")
     return notes
 
 
-def put(flat: System, module: Module, problem: Problem, found: list[Table]) -> None:
+def put(flat: System, module: Module, problem: Problem, found: Found) -> None:
     """The predicates of these tables as the module's own."""
     ttf, safer = predicates(problem, found)
     reads = tuple(topic_reads(ttf, safer))
@@ -89,7 +93,7 @@ def put(flat: System, module: Module, problem: Problem, found: list[Table]) -> N
 # ---------------------------------------------------------------- computing
 
 
-def _tables(problem: Problem, progress: Progress | None) -> list[Table] | None:
+def _tables(problem: Problem, progress: Progress | None) -> Found | None:
     """From the cache, or computed; None where the engine has no answer."""
     library, _ = library_of(problem)
     path = cache_dir() / "sets" / f"{_key(problem, library)}.npz"
@@ -104,7 +108,7 @@ def _tables(problem: Problem, progress: Progress | None) -> list[Table] | None:
 
 def _computed(
     problem: Problem, library: ReachLibrary, progress: Progress | None
-) -> list[list[tuple[Bools, Bools]]] | None:
+) -> list[list[Pair]] | None:
     every = list(cases(problem))
     found = []
     for i, parameter in enumerate(every):
@@ -117,7 +121,13 @@ def _computed(
             levels(case)
         except UnboundedError:
             return None
-        found.append([(part.levels[0], part.levels[-1]) for part in case.sets.groups])
+        if any(f.part is not None for f in case.failures):
+            return None  # what was not proved of a polytope is not used
+        pairs: list[Pair] = [(part.levels[0], part.levels[-1]) for part in case.sets.groups]
+        for polytope in case.sets.polytopes:
+            assert polytope.sets is not None
+            pairs.append((polytope.sets.allowed[0], polytope.sets.safer))
+        found.append(pairs)
     return found
 
 
@@ -168,14 +178,17 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
     return told.hexdigest()
 
 
-def _keep(path: Path, sets: list[list[tuple[Bools, Bools]]]) -> None:
+def _keep(path: Path, sets: list[list[Pair]]) -> None:
     """Write the sets; a cache that cannot be written is no error."""
-    arrays = {
-        f"{i}_{j}_{k}": np.packbits(cells)
-        for i, case in enumerate(sets)
-        for j, pair in enumerate(case)
-        for k, cells in enumerate(pair)
-    }
+    arrays: dict[str, NDArray[np.uint8] | NDArray[np.float64]] = {}
+    for i, case in enumerate(sets):
+        for j, pair in enumerate(case):
+            for k, part in enumerate(pair):
+                if isinstance(part, Polytope):
+                    for name in PARTS:
+                        arrays[f"{i}_{j}_{k}_{name}"] = getattr(part, name)
+                else:
+                    arrays[f"{i}_{j}_{k}"] = np.packbits(np.asarray(part))
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         handle, name = tempfile.mkstemp(dir=path.parent, suffix=".npz")
@@ -186,22 +199,27 @@ def _keep(path: Path, sets: list[list[tuple[Bools, Bools]]]) -> None:
         return
 
 
-def _kept(path: Path, problem: Problem) -> list[list[tuple[Bools, Bools]]] | None:
+def _kept(path: Path, problem: Problem) -> list[list[Pair]] | None:
     """The sets of an earlier run; None where there are none."""
     if not path.is_file():
         return None
-    shapes = [tuple(len(a.edges) - 1 for a in g.axes) for g in problem.groups]
+    groups = in_order(problem)
     try:
         with np.load(path) as data:
             return [
-                [
-                    (_unpacked(data[f"{i}_{j}_0"], s), _unpacked(data[f"{i}_{j}_1"], s))
-                    for j, s in enumerate(shapes)
-                ]
+                [_pair(data, f"{i}_{j}", group) for j, group in enumerate(groups)]
                 for i, _ in enumerate(cases(problem))
             ]
     except (OSError, ValueError, KeyError):
         return None
+
+
+def _pair(data: Any, name: str, group: Group) -> Pair:  # noqa: ANN401 - an open archive
+    if group.representation != "grid":
+        outer, inner = (Polytope(*(data[f"{name}_{k}_{part}"] for part in PARTS)) for k in range(2))
+        return outer, inner
+    shape = tuple(len(a.edges) - 1 for a in group.axes)
+    return _unpacked(data[f"{name}_0"], shape), _unpacked(data[f"{name}_1"], shape)
 
 
 def _unpacked(bits: NDArray[np.uint8], shape: tuple[int, ...]) -> Bools:

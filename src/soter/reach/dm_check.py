@@ -31,6 +31,7 @@ from soter.program.types import ArrayType, RecordType, leaves
 from soter.program.walk import topic_reads
 from soter.reach.complete import put
 from soter.reach.dm_inputs import AC, SC, gates, values
+from soter.reach.facets import Facets, border_points
 from soter.reach.tables import tables
 
 if TYPE_CHECKING:
@@ -44,8 +45,8 @@ if TYPE_CHECKING:
     from soter.program.system import Module, System
     from soter.program.types import Type, Value
     from soter.reach.dm_inputs import Points
-    from soter.reach.results import ModuleResult
-    from soter.reach.tables import Table
+    from soter.reach.results import CaseSets, ModuleResult
+    from soter.reach.tables import Pair, Table
 
 
 NEVER = -(2**62)
@@ -53,8 +54,6 @@ NOW_NS = 10**15
 WHOLE = 24
 """For so many values every age is tried with every state of the gate; for the others some."""
 SOME = 5
-FULL = 2
-"""The level at which AC may have control back."""
 FAILURES_MAX = 10
 WRAPPER = """
 #include <string.h>
@@ -94,6 +93,8 @@ class DMCheck:
     facts: int = 0
     states: int = 0
     cells: int = 0
+    points: int = 0
+    """Points around the borders of polytopes."""
     failures: list[str] = field(default_factory=list)
 
     @property
@@ -108,7 +109,9 @@ class DMCheck:
             return f"the C of the DM differs from the switching logic: {self.failures[0]}"
         return (
             f"the compiled DM switches as it should: all {self.facts} combinations of facts, "
-            f"{self.states:,} inputs" + (f", all {self.cells:,} cells" if self.cells else "")
+            f"{self.states:,} inputs"
+            + (f", all {self.cells:,} cells" if self.cells else "")
+            + (f", {self.points:,} points at borders" if self.points else "")
         )
 
     def differs(self, what: str) -> None:
@@ -129,7 +132,7 @@ def decided(
 def check_decisions(
     system: System,
     core: CoreSystem | None = None,
-    found: Sequence[Table] = (),
+    found: Sequence[Table | Facets] = (),
     leaves_of: Mapping[int, tuple[int, int]] | None = None,
     change: Callable[[str], str] | None = None,
 ) -> list[DMCheck]:
@@ -151,7 +154,11 @@ def check_decisions(
         inputs = _Inputs(c, system, module, check)
         inputs.run(points)
         for table in found:
-            inputs.cells(table, [t for t in found if t is not table], at)
+            others = [t for t in found if t is not table]
+            if isinstance(table, Facets):
+                inputs.borders(table, others, at)
+            else:
+                inputs.cells(table, others, at)
         checks.append(check)
     return checks
 
@@ -162,16 +169,22 @@ def check_module(result: ModuleResult) -> DMCheck:
     module = replace(problem.module)
     components = tuple(replace(x, binding=None) for x in problem.system.components)
     system = replace(problem.system, components=components, modules=(module,))
-    found: list[Table] = []
-    whole = all(len(case.groups) == len(problem.groups) for case in result.cases)
-    if problem.computed and whole and all(g.levels for c in result.cases for g in c.groups):
-        sets = [[(g.levels[0], g.levels[-1]) for g in case.groups] for case in result.cases]
+    found: list[Table | Facets] = []
+    sets = [_pairs(case) for case in result.cases]
+    if problem.computed and all(len(pairs) == len(problem.groups) for pairs in sets):
         found = tables(problem, sets)
         put(system, module, problem, found)
     core = lower(system)
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)
     return check_decisions(system, core, found, problem.topic_leaf_of_state)[0]
+
+
+def _pairs(case: CaseSets) -> list[Pair]:
+    """(S_0, S_(m-2)) of the groups that have them."""
+    found: list[Pair] = [(g.levels[0], g.levels[-1]) for g in case.groups if g.levels]
+    sets = [part.sets for part in case.polytopes if part.sets is not None]
+    return found + [(s.allowed[0], s.safer) for s in sets if s.allowed]
 
 
 class _Compiled:
@@ -291,10 +304,13 @@ class _Inputs:
             for stamps, gate in chosen:
                 self._one(state, stamps, gate, ttf=ttf, safer=safer)
 
-    def cells(
-        self, table: Table, others: Sequence[Table], leaves_of: Mapping[int, tuple[int, int]]
-    ) -> None:
-        """The middle of every cell of a table; the other groups where they allow everything."""
+    def _fresh(
+        self,
+        own: Table | Facets,
+        others: Sequence[Table | Facets],
+        leaves_of: Mapping[int, tuple[int, int]],
+    ) -> tuple[bytearray, NDArray[np.uintp]] | None:
+        """A state with all fresh, other groups where they allow everything; where `own` lies."""
         layout, topics = self.c.unit.layout, self.system.topics
         state = _Expected(self.system, self.module).state(
             self.c.unit, tuple(t.default for t in topics)
@@ -308,18 +324,31 @@ class _Inputs:
             return layout.topic_offset(topic) + _leaf_offset(topics[topic].type, leaf)
 
         for other in others:
-            best = np.unravel_index(int(other.entries.argmax()), other.entries.shape)
-            if other.entries[best] != FULL:
-                return  # then safer is false everywhere: nothing to tell apart
-            for s, edges, cell in zip(other.states, other.edges, best, strict=True):
-                middle_ = edges[int(cell)] / 2 + edges[int(cell) + 1] / 2
-                struct.pack_into("<d", state, offset(s), middle_)
+            full = other.full
+            if full is None:
+                return None  # then safer is false everywhere: nothing to tell apart
+            for s, value in zip(other.states, full, strict=True):
+                struct.pack_into("<d", state, offset(s), value)
+        return state, np.array([offset(s) for s in own.states], dtype=np.uintp)
+
+    def cells(
+        self,
+        table: Table,
+        others: Sequence[Table | Facets],
+        leaves_of: Mapping[int, tuple[int, int]],
+    ) -> None:
+        """The middle of every cell of a table; the other groups where they allow everything."""
+        if not table.states:
+            return  # the DM sees none of its axes: one entry for all estimates
+        fresh = self._fresh(table, others, leaves_of)
+        if fresh is None:
+            return
+        state, at = fresh
         edges_ = [np.array(e) for e in table.edges]
         middle = [e[:-1] / 2 + e[1:] / 2 for e in edges_]
         wide = [(m > e[:-1]) & (m < e[1:]) for m, e in zip(middle, edges_, strict=True)]
         grids = np.meshgrid(*middle, indexing="ij")
         points = np.ascontiguousarray(np.stack(grids, axis=-1).reshape(-1, len(middle)))
-        at = np.array([offset(s) for s in table.states], dtype=np.uintp)
         got = self.c.levels(
             self.module.index, state, (self.at["ttf"], self.at["safer"]), at, points
         )
@@ -329,6 +358,25 @@ class _Inputs:
         for k in wrong[:1]:
             entry = table.entries.ravel()[k]
             self.check.differs(f"at {points[k].tolist()} its level is {got[k]}, not {entry}")
+
+    def borders(
+        self,
+        facets: Facets,
+        others: Sequence[Table | Facets],
+        leaves_of: Mapping[int, tuple[int, int]],
+    ) -> None:
+        """Points on both sides of the borders of S_0 and S_(m-2), and anywhere in the box."""
+        fresh = self._fresh(facets, others, leaves_of)
+        if fresh is None or facets.full is None:
+            return
+        state, at = fresh
+        points, surely, wanted = border_points(facets)
+        facts = (self.at["ttf"], self.at["safer"])
+        got = self.c.levels(self.module.index, state, facts, at, points)
+        self.check.points += len(points)
+        for k in np.flatnonzero((got > surely) | (got < wanted))[:1]:
+            where = points[k].tolist()
+            self.check.differs(f"at {where} its level is {got[k]}, not {surely[k]}")
 
     def _ages(self) -> Iterator[dict[int, int]]:
         """Ages: all fresh; then each input at its limit, beyond it, never published."""

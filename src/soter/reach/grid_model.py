@@ -90,6 +90,7 @@ class GridModel:
         self.covers_scheme = False
         """Whether one step of the simulator's scheme is a solution of the model."""
         self._linearize(linear)
+        self._narrow_law()
 
     # ------------------------------------------------------------ the description in C
 
@@ -182,6 +183,34 @@ class GridModel:
             "commands": np.array([g.command[a] for a in range(g.commands)], dtype=np.float64),
         }
 
+    def _narrow_law(self) -> None:
+        """Where one control moves the group, only that one is asked of SC.
+
+        What may fault elsewhere in SC would go unseen, so all of SC must be free of faults over the
+        whole domain. A read state of a run that counts lies in the grid, hence in the domain.
+        """
+        g = self.c
+        if g.commands != 1 or g.controls == 1 or g.law == self.library.ffi.NULL:
+            return
+        alone = self.library.symbol(f"law_{g.command[0]}")
+        if alone == self.library.ffi.NULL:
+            return
+        forms, out = self._forms(self.low, self.high)
+        ends = [self.library.ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
+        if not self.library.lib.soter_law(ends[0], g.param, ends[1]):
+            g.law = alone
+
+    def _forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats]:
+        """The inputs over their ranges as forms, and room for results."""
+        count, given = self.library.inputs, len(low)
+        mid = low / 2 + high / 2
+        rad = np.where(low < high, np.nextafter(np.maximum(high - mid, mid - low), np.inf), 0.0)
+        results = max(count, len(self.inputs.states), len(self.inputs.controls))
+        forms, out = np.zeros((count, 4 + count)), np.zeros((results, 4 + count))
+        forms[:given, 0], forms[:given, 1], forms[:given, 2] = low, high, mid
+        forms[range(given), range(4, 4 + given)] = rad
+        return forms, out
+
     def _remainder(self) -> float:
         """How much W grows from a small box to the whole domain, relative to the rates."""
         g, lib, n = self.c, self.library.lib, len(self.inputs.states)
@@ -230,13 +259,10 @@ class GridModel:
 
     def _whole(self, low: Floats, high: Floats) -> dict[str, Floats] | None:
         """The model of all states (all controls are commands); None where it is not linear."""
-        ffi, count = self.library.ffi, self.library.inputs
+        ffi = self.library.ffi
         n, moving = len(self.inputs.states), len(self.inputs.states) + len(self.inputs.controls)
-        mid, given = low / 2 + high / 2, len(low)
-        rad = np.where(low < high, np.nextafter(np.maximum(high - mid, mid - low), np.inf), 0.0)
-        forms, out = np.zeros((count, 4 + count)), np.zeros((max(count, n), 4 + count))
-        forms[:given, 0], forms[:given, 1], forms[:given, 2] = low, high, mid
-        forms[range(given), range(4, 4 + given)] = rad
+        forms, out = self._forms(low, high)
+        mid, rad = forms[: len(low), 2], forms[range(len(low)), range(4, 4 + len(low))]
         ends = [ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
         if self.library.lib.soter_derivative(ends[0], self.c.param, ends[1]):
             return None

@@ -20,7 +20,6 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.reach.claims import Case
-    from soter.reach.problem import Problem
 
     Bools = NDArray[np.bool_]
 

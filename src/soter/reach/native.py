@@ -17,13 +17,14 @@ from pathlib import Path
 from typing import Any
 
 from soter.codegen.conjuncts import PARTS_MAX
+from soter.codegen.enclosures import CONTROLS_MAX
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import OWN_SYMBOLS, RUNTIME, TIMEOUT_S, cache_dir
 from soter.native.compiler import STRICT, find
 
 PARTS = ("", "_hold", "_linear", "_grid", "_pool", "_rounds", "_safe", "_choice", "_way")
 ENGINE = tuple(f"soter_reach{part}.c" for part in PARTS)
-NUMBERS = ("law", "derivative", "next", "drives")
+NUMBERS = ("law", "derivative", "next", "drives", *(f"law_{k}" for k in range(CONTROLS_MAX)))
 TRUTHS = (
     *("safe", "core", "ttf", "safer"),
     *(f"{name}_{k}" for name in ("safe", "safer") for k in range(PARTS_MAX)),

@@ -2,7 +2,8 @@
 
 Purpose: levels of estimates (0: ttf, 1: in S_0, 2: in S_(m-2)) packed four cells a byte, and
 checked expressions for `ttf` and `safer` that interpreter, Core and C see like any other.
-Non-goals: the sets (`levels.py`), when they are computed (`complete.py`).
+Non-goals: the sets (`levels.py`), when they are computed (`complete.py`), half-spaces
+(`facets.py`).
 
 Why reading is sound. S_j is a set of closed cells. `place` looks for the cell by halving, then
 compares the estimate with the two breakpoints of the cell it found: comparisons are exact, so an
@@ -21,6 +22,7 @@ import numpy as np
 from soter.program import typed as t
 from soter.program.types import BOOL, FLOAT, INT, ArrayType, IntType, RecordType, leaves
 from soter.reach.estimates import seen
+from soter.reach.facets import Facets, facets_function
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -29,12 +31,16 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.span import Span
     from soter.program.types import Type, Value
-    from soter.reach.problem import Problem
+    from soter.reach.polytope_sets import Polytope
+    from soter.reach.problem import Group, Problem
 
+    Pair = tuple[NDArray[np.bool_], NDArray[np.bool_]] | tuple[Polytope, Polytope]
     Bools = NDArray[np.bool_]
 
 PER_BYTE = 4
 POWERS = (1, 4, 16, 64)
+FULL = 2
+"""The level at which AC may have control back."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,14 +60,40 @@ class Table:
         four = flat.reshape(-1, PER_BYTE) @ np.array(POWERS, dtype=np.uint8)
         return tuple(int(v) for v in four)
 
+    @property
+    def share(self) -> float:
+        """Share of the cells that are in S_0."""
+        return float((self.entries > 0).mean())
 
-def tables(problem: Problem, cases: Sequence[Sequence[tuple[Bools, Bools]]]) -> list[Table]:
-    """A table for each group from (S_0, S_(m-2)) per case and group: what holds in every case."""
+    @property
+    def full(self) -> tuple[float, ...] | None:
+        """The middle of a cell of S_(m-2); None where there is none."""
+        best = np.unravel_index(int(self.entries.argmax()), self.entries.shape)
+        if self.entries[best] != FULL:
+            return None
+        cells = zip(self.edges, best, strict=True)
+        return tuple(e[int(i)] / 2 + e[int(i) + 1] / 2 for e, i in cells)
+
+
+def in_order(problem: Problem) -> list[Group]:
+    """The groups as tables have them: grids first."""
+    return sorted(problem.groups, key=lambda g: g.representation != "grid")
+
+
+def tables(problem: Problem, cases: Sequence[Sequence[Pair]]) -> list[Table | Facets]:
+    """A table for each group from (S_0, S_(m-2)) per case and group: what holds in every case.
+
+    Groups in the order of `in_order`; of a polytope group the two are polytopes.
+    """
     shown = seen(problem)
-    found = []
-    for i, group in enumerate(problem.groups):
-        sure = np.logical_and.reduce([case[i][0] for case in cases])
-        inner = np.logical_and.reduce([case[i][1] for case in cases]) & sure
+    found: list[Table | Facets] = []
+    for i, group in enumerate(in_order(problem)):
+        if group.representation != "grid":
+            states = [a.state for a in group.axes]
+            found.append(Facets.of(states, [case[i] for case in cases]))  # type: ignore[misc]
+            continue
+        sure = np.logical_and.reduce([np.asarray(case[i][0]) for case in cases])
+        inner = np.logical_and.reduce([np.asarray(case[i][1]) for case in cases]) & sure
         entries = sure.astype(np.uint8) + inner.astype(np.uint8)
         kept = [k for k, a in enumerate(group.axes) if a.state in shown]
         unseen = tuple(k for k in range(entries.ndim) if k not in kept)
@@ -76,14 +108,19 @@ def tables(problem: Problem, cases: Sequence[Sequence[tuple[Bools, Bools]]]) -> 
     return found
 
 
-def predicates(problem: Problem, found: Sequence[Table]) -> tuple[t.Expr, t.Expr]:
+def predicates(problem: Problem, found: Sequence[Table | Facets]) -> tuple[t.Expr, t.Expr]:
     """(ttf, safer): some group below level 1, every group at level 2."""
     symbol = problem.module.symbol
     w = Writer(symbol.span)
     shown = seen(problem)
     lows, highs = [], []
     for i, table in enumerate(found):
-        fun = level_function(w, f"{symbol.name}_level{i if len(found) > 1 else ''}", table)
+        name = f"{symbol.name}_level{i if len(found) > 1 else ''}"
+        fun = (
+            facets_function(w, name, table)
+            if isinstance(table, Facets)
+            else level_function(w, name, table)
+        )
         arguments = []
         for state in table.states:
             topic, leaf = problem.topic_leaf_of_state[state]

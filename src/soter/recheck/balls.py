@@ -107,6 +107,13 @@ def line_max0(low: arb, high: arb) -> Line:
     return slope, half, half, ZERO, high.max(ZERO)
 
 
+def range_max0(low: arb, high: arb) -> tuple[arb, arb]:
+    """max(x, 0) for x in [low, high], as `line_max0` has it."""
+    if low >= 0:
+        return low, high
+    return ZERO, ZERO if high <= 0 else high.max(ZERO)
+
+
 def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
     """max(x + n, 0) for x in [low, high] and |n| <= noise, as slope x + offset +- spread.
 

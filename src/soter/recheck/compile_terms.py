@@ -19,6 +19,7 @@ the states stands in coefficients a, and only their remainder has a beta of its 
 from __future__ import annotations
 
 import math
+import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -35,6 +36,7 @@ from soter.recheck.balls import (
     exact,
     larger,
     line_noisy_max0,
+    range_max0,
     smaller,
 )
 from soter.recheck.terms import Linear, Truth, closure
@@ -122,8 +124,13 @@ def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, 
     return tuple(form)
 
 
+WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
+"""A name in our own code; `.max` is none."""
+PLAIN = {"abs", "if", "else", "return", "None"}
+
+
 class _Writer:
-    """Writes one function."""
+    """Writes one function; what needs no input is computed once, what is written twice, too."""
 
     def __init__(
         self,
@@ -142,6 +149,7 @@ class _Writer:
         self.names: dict[str, Any] = {
             "HALF": HALF,
             "line_noisy_max0": line_noisy_max0,
+            "range_max0": range_max0,
             "ZERO": ZERO,
             "larger": larger,
             "smaller": smaller,
@@ -161,6 +169,10 @@ class _Writer:
         self.bounds: dict[int, tuple[str, str]] = {}
         self.known: dict[tuple[str, int], Any] = {}
         self.keep: list[object] = []
+        self.written: dict[str, list[str]] = {}
+        """Code -> the names of its values."""
+        self.numbers: dict[object, str] = {_exactly(ZERO): "ZERO", _exactly(HALF): "HALF"}
+        """Constant -> its name."""
 
     # ------------------------------------------------------------ functions
 
@@ -174,7 +186,9 @@ class _Writer:
         linear = [y for x in ranges for y in (x.parts if isinstance(x, Sweep) else (x,))]
         self._atoms([*outputs, *linear, *must])
         for truth in must:
-            self.lines.append(f"if {self._truth(truth)} != 2: return None")
+            found_truth = self._truth(truth)
+            if self.names.get(found_truth) != 2:
+                self.lines.append(f"if {found_truth} != 2: return None")
         forms = [self._form(x) for x in outputs]
         radii = [self._sum([*self._betas(f[2]), f[3]]) or "ZERO" for f in forms]
         found = [
@@ -213,29 +227,60 @@ class _Writer:
         names += [f"b{i}" for i in range(n)]
         names += [f"a{i}_{k}" for i in range(self.leading, n) for k in range(self.leading)]
         head = [f"{_tuple(names)} = form"] if names else []
-        body = "\n    ".join(head + self.lines)
+        body = "\n    ".join(head + _used(self.lines))
         exec(f"def run(form):\n    {body}\n", self.names)  # noqa: S102  our own text
         return self.names["run"]
 
     # ------------------------------------------------------------ text
 
     def _new(self, code: str) -> str:
-        self.count += 1
-        name = f"v{self.count}"
-        self.lines.append(f"{name} = {code}")
-        return name
+        """A name for a value."""
+        if code.isidentifier():
+            return code
+        return self._values(code, 1)[0]
 
-    def _constant(self, x: arb) -> str:
-        self.count += 1
-        name = f"K{self.count}"
-        self.names[name] = x
-        return name
+    def _values(self, code: str, count: int) -> list[str]:
+        """Names for the values of some code: constants where no input is in it."""
+        if code in self.written:
+            return self.written[code]
+        if all(w in self.names or w in PLAIN for w in WORD.findall(code)):
+            value = eval(code, self.names)  # noqa: S307  our own text
+            names = [self._constant(v) for v in (value if count > 1 else (value,))]
+        else:
+            names = []
+            for _ in range(count):
+                self.count += 1
+                names.append(f"v{self.count}")
+            self.lines.append(f"{', '.join(names)} = {code}")
+        self.written[code] = names
+        return names
+
+    def _constant(self, x: Any) -> str:  # noqa: ANN401  a ball, a truth, a pair of balls
+        """The name of a number; equal ones have one name."""
+        key: object = _exactly(x) if isinstance(x, arb) else (type(x), id(x))
+        if key not in self.numbers:
+            self.count += 1
+            name = f"K{self.count}"
+            self.names[name] = x
+            self.numbers[key] = name
+        return self.numbers[key]
+
+    def _absolute(self, code: str) -> str:
+        """The absolute value of a name, computed at once where it is a constant."""
+        return self._constant(abs(self.names[code])) if code in self.names else f"abs({code})"
+
+    def _product_of(self, a: str, b: str) -> str:
+        """A * b."""
+        for one, other in ((a, b), (b, a)):
+            if one in self.names and self.names[one] == 1 and isinstance(self.names[one], arb):
+                return other
+        return f"{a}*{b}"
 
     def _times(self, factor: arb | str, code: str) -> str | None:
         """`factor * code`; None for zero."""
         if isinstance(factor, str):
-            return f"{factor}*{code}"
-        if factor.is_zero():
+            return None if "ZERO" in (factor, code) else self._product_of(factor, code)
+        if factor.is_zero() or code == "ZERO":  # what is unbounded is finite all the same
             return None
         if factor == 1:
             return code
@@ -245,7 +290,7 @@ class _Writer:
 
     def _sum(self, parts: Sequence[str | None], offset: arb = ZERO) -> str | None:
         """A name for the sum; None for zero."""
-        kept = [p for p in parts if p is not None]
+        kept = [p for p in parts if p is not None and p != "ZERO"]
         if not offset.is_zero() or not kept:
             if not kept and offset.is_zero():
                 return None
@@ -353,7 +398,7 @@ class _Writer:
         """Of a row over the form."""
         centre, symbols, betas, rest = self._over_form(row, constant, spread)
         radius = [*self._betas(betas), *rest]
-        radius += [f"abs({' + '.join(parts)})" for parts in symbols if parts]
+        radius += [self._absolute(self._new(" + ".join(parts))) for parts in symbols if parts]
         return self._sum(centre) or "ZERO", self._sum(radius) or "ZERO"
 
     def _over_form(
@@ -374,22 +419,22 @@ class _Writer:
             if i < self.leading:
                 betas[i].append(self._code(factor))
                 continue
-            rest.append(self._times(_absolute(factor), f"b{i}"))
+            size = self._absolute(factor) if isinstance(factor, str) else abs(factor)
+            rest.append(self._times(size, f"b{i}"))
             for k in range(self.leading):
                 part = self._times(factor, f"a{i}_{k}")
                 if part is not None:
                     betas[k].append(part)
         return centre, symbols, betas, rest
 
-    @staticmethod
-    def _betas(betas: Sequence[Sequence[str] | str | None]) -> list[str]:
+    def _betas(self, betas: Sequence[Sequence[str] | str | None]) -> list[str]:
         """What the betas of the states add to a radius."""
         found = []
         for i, parts in enumerate(betas):
             if not parts:
                 continue
             code = parts if isinstance(parts, str) else " + ".join(parts)
-            found.append(f"abs({code})*b{i}")
+            found.append(self._product_of(self._absolute(self._new(code)), f"b{i}"))
         return found
 
     def _range(self, x: Linear) -> tuple[str, str]:
@@ -514,20 +559,22 @@ class _Writer:
     def _univariate(self, index: int, atom: Atom) -> None:
         (x,) = atom.arguments
         low, high = self._range(x)
-        line = [f"{part}{index}" for part in ("s", "o", "r", "l_", "h_")]
-        self.lines.append(f"{', '.join(line)} = line_{atom.kind}({low}, {high})")
-        slope, offset, spread, least, most = line
+        row, constant, rest = self._row(x)
+        if atom.kind == "max0" and rest is not None:
+            least, most = self._values(f"range_max0({low}, {high})", 2)
+            centre, radius = self._centre_and_radius(row, constant, None)
+            ends = self._new(f"{centre} - {radius}"), self._new(f"{centre} + {radius}")
+            code = f"line_noisy_max0({ends[0]}, {ends[1]}, {rest})"
+            slope, offset, spread = self._values(code, 3)
+            rest = None
+        else:
+            code = f"line_{atom.kind}({low}, {high})"
+            slope, offset, spread, least, most = self._values(code, 5)
         if not atom.extra.is_zero():
             extra = self._constant(atom.extra)
             spread = self._new(f"{spread} + {extra}")
             least = self._new(f"larger({least} - {extra}, {self._constant(atom.low)})")
             most = self._new(f"smaller({most} + {extra}, {self._constant(atom.high)})")
-        row, constant, rest = self._row(x)
-        if atom.kind == "max0" and rest is not None:
-            centre, radius = self._centre_and_radius(row, constant, None)
-            alone = f"{centre} - {radius}, {centre} + {radius}, {rest}"
-            self.lines.append(f"{slope}, {offset}, {spread} = line_noisy_max0({alone})")
-            rest = None
         self.rows[index] = {
             j: self._new(f"{slope}*{self._code(factor)}") for j, factor in row.items()
         }
@@ -657,8 +704,26 @@ def _tuple(parts: Sequence[str]) -> str:
     return f"({', '.join(parts)},)" if parts else "()"
 
 
-def _absolute(factor: arb | str) -> arb | str:
-    return f"abs({factor})" if isinstance(factor, str) else abs(factor)
+def _exactly(x: arb) -> object:
+    """Equal for equal balls only."""
+    if not x.is_finite():
+        return (arb, id(x))
+    return (arb, *map(str, (*x.mid().man_exp(), *x.rad().man_exp())))
+
+
+def _used(lines: Sequence[str]) -> list[str]:
+    """The lines on which the last one, or one that may return, depends."""
+    needed: set[str] = set()
+    kept = []
+    for line in reversed(lines):
+        names, found, code = line.partition(" = ")
+        if not found or line.startswith(("return", "if ")):
+            code = line
+        elif needed.isdisjoint(WORD.findall(names)):
+            continue
+        needed.update(WORD.findall(code))
+        kept.append(line)
+    return kept[::-1]
 
 
 def _corners(al: arb, ah: arb, bl: arb, bh: arb) -> tuple[arb, arb]:

@@ -25,7 +25,7 @@ from soter.recheck.balls import (
 from soter.recheck.chains import free_phase, sc_chain
 from soter.recheck.compile_terms import compile_truths, form_of_box
 from soter.recheck.problem import error_of
-from soter.recheck.tables import Cells, Grid, halves, uncovered, volume
+from soter.recheck.tables import Cells, Grid, halves, uncovered, unshown, volume
 from soter.recheck.terms import (
     TRUE,
     Terms,
@@ -38,7 +38,7 @@ from soter.recheck.terms import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from flint import arb
     from numpy.typing import NDArray
@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from soter.recheck.tables import Block
     from soter.recheck.terms import Truth
 
-CELLS_AT_ONCE = 16
+CELLS_AT_ONCE = 64
 PIECES = (1, 4)
 """Into how many pieces a tube is cut, first and where that was not enough."""
 FREE_PIECES = (4, 16)
@@ -150,7 +150,49 @@ class ChainCheck:
                 after.append(found[0])
             forms = after
             step = chain.later
-        return all(self._ends(chain, form, within, target) for form in forms)
+        for form in forms:
+            ends = self._after(chain, form, within)
+            if ends is None or not all(target(box) for box in ends):
+                return False
+        return True
+
+    def reached(
+        self, box: list[tuple[arb, arb]], wanted: Sequence[int], within: Cells
+    ) -> Iterator[tuple[int, list[tuple[float, ...]]]]:
+        """(N, where everything may be after N holds) for each wanted N, rising, while it is within.
+
+        An N after which the box is not certainly within until N delta + j is left out.
+        """
+        if not wanted:
+            return
+        chain = self.chain(PIECES[0])
+        form = form_of_box(box, symbols=True)
+        step: Step = chain.first
+        at = 0
+        for k in range(1, wanted[-1] + 1):
+            found = step(form)
+            if found is None or not within.contains_all(found[1]):
+                return
+            form, step = found[0], chain.later
+            if k == wanted[at]:
+                at += 1
+                ends = self._after(chain, form, within)
+                if ends is not None:
+                    yield k, ends
+
+    @staticmethod
+    def _after(
+        chain: Chain, form: tuple[arb, ...], within: Cells
+    ) -> list[tuple[float, ...]] | None:
+        """The boxes in which everything may be when the last command ends; None: not within."""
+        n = chain.dimension
+        if chain.last is None:
+            return [_box_of(form, n)]
+        found = chain.last(form)
+        if found is None or not within.contains_all(found[1]):
+            return None
+        boxes = found[1]
+        return [boxes[k : k + 2 * n] for k in range(0, len(boxes), 2 * n)]
 
     def leads_in_parts(
         self,
@@ -170,23 +212,6 @@ class ChainCheck:
             or _finer(box, lambda b: fine(b, 0), SPLITS)
             or _finer(box, lambda b: fine(b, MID_CUTS[1]), SPLITS_CUT)
         )
-
-    @staticmethod
-    def _ends(
-        chain: Chain,
-        form: tuple[arb, ...],
-        within: Cells,
-        target: Callable[[Sequence[float]], bool],
-    ) -> bool:
-        """Whether everything is in the target when the last command ends."""
-        n = chain.dimension
-        if chain.last is None:
-            return target(_box_of(form, n))
-        found = chain.last(form)
-        if found is None or not within.contains_all(found[1]):
-            return False
-        boxes = found[1]
-        return all(target(boxes[k : k + 2 * n]) for k in range(0, len(boxes), 2 * n))
 
     def _parts(self, form: tuple[arb, ...], n: int) -> list[tuple[arb, ...]]:
         """A form in two: the beta of the state with the widest rest, in cells, is halved."""
@@ -242,21 +267,24 @@ def witnessed(
 ) -> list[Block]:
     """Cells with a witness from which SC does not certainly lead to the target."""
     grid = check.group.grid
-    todo = Cells(grid, witnesses > 0)
 
-    def attempt(at: Block) -> bool:
-        part = witnesses[tuple(slice(low, high) for low, high in at)]
-        holds = int(part.max())
-        if int(part.min()) < holds:  # every cell is held to its own witness
-            return False
+    def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        own = witnesses[tuple(slice(low, high) for low, high in at)]
         box = grid.box(at)
-        if check.leads(box, holds, within, target, PIECES[0]):
-            return True
-        if volume(at) > 1:
-            return False
-        return check.leads_in_parts(box, holds, within, target)
+        shown = np.zeros_like(wanted)
+        for holds, ends in check.reached(box, holds_of(own, wanted), within):
+            if all(target(end) for end in ends):
+                shown |= wanted & (own == holds)
+        if shown.size == 1 and not shown.any():
+            shown[...] = check.leads_in_parts(box, int(own.flat[0]), within, target)
+        return shown
 
-    return list(uncovered(todo, block, attempt, CELLS_AT_ONCE))
+    return list(unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE))
+
+
+def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[int]:
+    """The numbers of holds of the cells that are wanted, rising."""
+    return [int(n) for n in np.unique(witnesses[wanted]) if n > 0]
 
 
 def ranked(check: ChainCheck, home: Cells, block: Block) -> list[Block]:
@@ -264,37 +292,32 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> list[Block]:
     group = check.group
     assert group.rank is not None
     assert group.rank_holds is not None
-    grid = group.grid
+    grid, every_holds = group.grid, group.rank_holds
     order = np.where(home.members, 0, np.where(group.rank > 0, group.rank, UNRANKED))
     everywhere = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
-    holds_of = group.rank_holds
-    todo = Cells(grid, (group.rank > 0) & ~home.members)
 
-    def attempt(at: Block) -> bool:
-        part = order[tuple(slice(low, high) for low, high in at)]
-        least = int(part.min())
-        if volume(at) > 1 and least < int(part.max()):
-            return False
-        own = holds_of[tuple(slice(low, high) for low, high in at)]
-        holds = int(own.max())
-        if holds == 0 or int(own.min()) < holds:
-            return False
+    def highest(box: Sequence[float]) -> int:
+        cells = grid.cells(box)
+        if cells is None:
+            return UNRANKED
+        return int(order[tuple(slice(low, high) for low, high in cells)].max())
 
-        def target(box: Sequence[float]) -> bool:
-            cells = grid.cells(box)
-            if cells is None:
-                return False
-            there = order[tuple(slice(low, high) for low, high in cells)]
-            return int(there.max()) < least
-
+    def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
+        here = tuple(slice(low, high) for low, high in at)
+        own, ranks = every_holds[here], order[here]
         box = grid.box(at)
-        if check.leads(box, holds, everywhere, target, PIECES[0]):
-            return True
-        if volume(at) > 1:
-            return False
-        return check.leads_in_parts(box, holds, everywhere, target)
+        shown = np.zeros_like(wanted)
+        for holds, ends in check.reached(box, holds_of(own, wanted), everywhere):
+            top = max(highest(end) for end in ends)
+            shown |= wanted & (own == holds) & (ranks > top)
+        if shown.size == 1 and not shown.any() and own.flat[0]:
+            rank = int(ranks.flat[0])
+            shown[...] = check.leads_in_parts(
+                box, int(own.flat[0]), everywhere, lambda end: highest(end) < rank
+            )
+        return shown
 
-    return list(uncovered(todo, block, attempt, CELLS_AT_ONCE))
+    return list(unshown((group.rank > 0) & ~home.members, block, attempt, CELLS_AT_ONCE))
 
 
 # ---------------------------------------------------------------- free phases

@@ -164,3 +164,52 @@ def uncovered(
             yield block
         else:
             waiting.extend(halves(block))
+
+
+def unshown(
+    todo: NDArray[np.bool_],
+    block: Block,
+    attempt: Callable[[Block, NDArray[np.bool_]], NDArray[np.bool_]],
+    largest: int,
+) -> Iterator[Block]:
+    """Cells of `todo` in the block that no attempt showed.
+
+    `attempt` is made on blocks of at most `largest` cells, with those of them that are wanted; it
+    gives back which of these it showed. Where it did not show all, smaller blocks follow.
+    """
+    left = todo[_slices(block)].copy()
+    base = tuple(low for low, _ in block)
+    waiting = [(block, largest)]
+    while waiting:
+        at, limit = waiting.pop()
+        wanted = left[_slices(at, base)]
+        if not wanted.any():
+            continue
+        at = _around(wanted, at)
+        wanted = left[_slices(at, base)]
+        size = volume(at)
+        if size <= limit:
+            wanted &= ~attempt(at, wanted)
+            limit = max(size // 4, 1)
+            if not wanted.any():
+                continue
+        if size == 1:
+            yield at
+        else:
+            waiting.extend((half, limit) for half in halves(at))
+
+
+def _slices(block: Block, base: Sequence[int] | None = None) -> tuple[slice, ...]:
+    """A block as an index, of a part of the table that begins at `base`."""
+    starts = base or [0] * len(block)
+    return tuple(slice(low - b, high - b) for (low, high), b in zip(block, starts, strict=True))
+
+
+def _around(wanted: NDArray[np.bool_], block: Block) -> Block:
+    """The smallest block around the cells that are wanted."""
+    found = []
+    for axis, (low, _) in enumerate(block):
+        others = tuple(k for k in range(wanted.ndim) if k != axis)
+        places = np.flatnonzero(wanted.any(axis=others))
+        found.append((low + int(places[0]), low + int(places[-1]) + 1))
+    return tuple(found)

@@ -5,6 +5,8 @@ from __future__ import annotations
 from soter.program.build import check_file, system_of
 from soter.reach.extract import extract
 from soter.reach.problem import Interval, Problem
+from soter.reach.results import UNDECIDED
+from soter.reach.verify import verify_module
 
 SIGHTED = """soter 1;
 topic clean: float max_age 10ms;
@@ -61,3 +63,32 @@ def test_parts_of_an_estimate_are_assumed_to_be_of_one_instant() -> None:
     text = "what SC reads together shows the plants at one instant"
     assert any(a.startswith(text) for a in problem_of(both).assumptions)
     assert not any(a.startswith(text) for a in problem_of(SIGHTED).assumptions)
+
+
+def test_the_dm_sees_a_state_in_the_topic_that_is_declared_as_its_axis() -> None:
+    text = SIGHTED.replace("  drives clean = p;\n", "").replace(
+        "  drives est = p;\n", "  drives est = p;\n  drives clean = p;\n"
+    )
+    problem = problem_of(text)
+    topic, leaf = problem.topic_leaf_of_state[0]
+    assert (problem.system.topics[topic].name, leaf) == ("est", 0)
+
+
+def test_a_dm_that_sees_nothing_is_undecided() -> None:
+    blind = SIGHTED.replace("drives est = p;", "drives est = 2.0 * p;").replace(
+        "drives clean = p;", "drives clean = 2.0 * p;"
+    )
+    problem = problem_of(blind.replace("grid est in", "grid p.p in"))
+    result = verify_module(problem, refute=False)
+    assert result.findings["ttf"].verdict == UNDECIDED
+
+
+def test_of_an_abstraction_initial_states_and_time_stamps_are_assumed() -> None:
+    text = SIGHTED.replace("plant P ", "plant Model ").replace("{ p: P;", "{ d: Far;")
+    text = text.replace("verify { ", "verify { abstracts d by t: Model = { p: d.truth.far }; ")
+    flies = "plant Far period 10ms { drives clean = far; drives est = far; state far: float; }\n"
+    problem = problem_of(text.replace("node Fast", flies + "node Fast"))
+    said = "\n".join(problem.assumptions)
+    assert "d behaves like t (Model)" in said
+    assert "from the initial states of t on" in said
+    assert "at the instant of the state it shows" in said

@@ -11,7 +11,7 @@ from soter.reach.command import verify
 from soter.reach.complete import complete, put
 from soter.reach.dm_check import check_decisions, check_module, decided
 from soter.reach.dm_inputs import AC, SC
-from soter.reach.tables import tables
+from soter.reach.tables import Table, tables
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 MUTANTS = {
@@ -88,7 +88,9 @@ def test_one_wrong_entry_of_a_table_is_found(open_cart: Path) -> None:
     found = tables(problem, [[(sets[0], sets[-1])]])
     flat = replace(problem.system, modules=(replace(problem.module),))
     put(flat, flat.modules[0], problem, found)
-    found[0].entries[137, 59] ^= 1
+    table = found[0]
+    assert isinstance(table, Table)
+    table.entries[137, 59] ^= 1
     (check,) = check_decisions(flat, None, found, problem.topic_leaf_of_state)
     assert check.verdict == "refuted"
     assert len(check.failures) == 1
