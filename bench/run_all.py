@@ -2,8 +2,8 @@
 
     make bench            (or: .venv/bin/python bench/run_all.py [--only NAME])
 
-Purpose: no figure in the docs that a command did not just make. Each section holds the command and
-its whole output.
+Purpose: no figure in the docs that a command did not make. Each section holds the command and its
+whole output; `--only` makes one anew and leaves the others.
 Non-goals: judging; every benchmark prints its targets beside its figures.
 """
 
@@ -142,14 +142,27 @@ def machine() -> str:
     return f"{cpu}; {compiler}; Python {python}; {platform.system()} {platform.machine()}."
 
 
-def main() -> int:
-    """Run, collect, write."""
-    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument(
-        "--only", help="run the benchmarks whose name contains this; writes nothing"
-    )
-    arguments = parser.parse_args()
+def sections() -> dict[str, str]:
+    """The page as it stands, by heading."""
+    if not PAGE.exists():
+        return {}
+    parts = re.split(r"^## (.*)$", PAGE.read_text(encoding="utf-8"), flags=re.MULTILINE)[1:]
+    return dict(zip(parts[::2], (text.strip() for text in parts[1::2]), strict=True))
+
+
+def write(found: dict[str, str]) -> None:
+    """The page in the order of BENCHMARKS."""
     parts = [HEAD.format(machine=machine())]
+    parts += [f"## {b.name}\n\n{found[b.name]}\n" for b in BENCHMARKS if b.name in found]
+    PAGE.write_text("\n".join(parts), encoding="utf-8")
+
+
+def main() -> int:
+    """Run, and write each section as soon as it is there; others stay as they were."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("--only", help="run the benchmarks whose name contains this")
+    arguments = parser.parse_args()
+    found = sections()
     failed = 0
     for b in BENCHMARKS:
         if arguments.only and arguments.only.lower() not in b.name.lower():
@@ -161,12 +174,9 @@ def main() -> int:
         failed += done.returncode != 0
         print(done.stdout + done.stderr, flush=True)
         command = "python " + " ".join(b.arguments)
-        parts.append(
-            f"## {b.name}\n\n`{command}`\n\n{b.about}\n\n```\n{done.stdout.rstrip()}\n```\n"
-        )
-    if not arguments.only:
-        PAGE.write_text("\n".join(parts), encoding="utf-8")
-        print(f"wrote {PAGE.relative_to(ROOT)}")
+        found[b.name] = f"`{command}`\n\n{b.about}\n\n```\n{done.stdout.rstrip()}\n```"
+        write(found)
+    print(f"wrote {PAGE.relative_to(ROOT)}")
     return 1 if failed else 0
 
 

@@ -143,7 +143,7 @@ class _Unit:
                 self._estimated(name, said)
 
     def _law(self) -> None:
-        """All controls at once, and each alone: a group is moved by few, and asks millions of times.
+        """All controls at once, and each alone: a group is moved by few, and asks very often.
 
         `law_K` leaves control K in out[K]. A fault elsewhere in SC is not seen by it: only `law`
         says that there is none.

@@ -148,3 +148,7 @@ class SoterError(Exception):
     def __init__(self, diagnostics: tuple[Diagnostic, ...]) -> None:
         super().__init__("; ".join(f"[{d.code}] {d.message}" for d in diagnostics))
         self.diagnostics = diagnostics
+
+    def __reduce__(self) -> tuple[type[SoterError], tuple[tuple[Diagnostic, ...]]]:
+        """Crosses from process to process: `args` hold the text, not what it is made of."""
+        return type(self), (self.diagnostics,)

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.program import typed
 from soter.program.durations import show_ns
 from soter.program.walk import nodes
@@ -143,7 +144,14 @@ def advise(
     levels: Sequence[int] = LEVELS,
     progress: Progress | None = None,
 ) -> Advice:
-    """Sweep Delta over multiples of the declared one, and m over `levels`."""
+    """Sweep Delta over multiples of the declared one, and m over `levels`.
+
+    SoterError U001 where a group is no grid.
+    """
+    if any(g.representation != "grid" for g in problem.groups):
+        message = f"module `{problem.name}` has a `polytope` group"
+        notes = ("the sweep compares shares of grids",)
+        raise SoterError((Diagnostic("U001", message, notes=notes),))
     library, _ = library_of(problem)
     wanted = sorted({*levels, problem.levels})
     every = _periods(problem, factors)

@@ -28,8 +28,9 @@ if TYPE_CHECKING:
     from soter.codegen.enclosures import Leaf
     from soter.program.typed import Program
     from soter.program.types import Value
-    from soter.reach.problem import Interval, Problem, Times
-    from soter.reach.results import CaseSets, GroupSets, ModuleResult
+    from soter.reach.polytope_sets import Polytope
+    from soter.reach.problem import Group, Interval, Problem, Times
+    from soter.reach.results import CaseSets, GroupSets, ModuleResult, PolytopePart
 
 SCHEMA = 1
 MANIFEST, SEAL = "manifest.json", "SEAL"
@@ -165,17 +166,15 @@ def _case(
     problem: Problem, case: CaseSets, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
     groups = [_group(problem, g, f"{stem}_{k}", files) for k, g in enumerate(case.groups)]
+    for k, part in enumerate(case.polytopes):
+        groups.append(_polytope(problem, part, f"{stem}_p{k}", files))
     return {"parameter": list(case.parameter), "groups": groups}
 
 
 def _group(
     problem: Problem, group: GroupSets, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    entry: dict[str, Any] = {"kind": group.group.representation, "axes": []}
-    for k, axis in enumerate(group.group.axes):
-        name = f"{stem}_axis{k}.bin"
-        files[name] = np.array(axis.edges, dtype="<f8").tobytes()
-        entry["axes"].append({"state": problem.quantities.states[axis.state].name, "edges": name})
+    entry = _axes(problem, group.group, stem, files)
     tables = {
         "K": _whole(group.core, "<u1"),
         "R": _bits(group.free),
@@ -193,6 +192,48 @@ def _group(
         name = f"{stem}_S{k}.bin"
         files[name] = _bits(level) or b""
         entry["S"].append(name)
+    return entry
+
+
+def _axes(problem: Problem, group: Group, stem: str, files: dict[str, bytes]) -> dict[str, Any]:
+    entry: dict[str, Any] = {"kind": group.representation, "axes": []}
+    for k, axis in enumerate(group.axes):
+        name = f"{stem}_axis{k}.bin"
+        files[name] = np.array(axis.edges, dtype="<f8").tobytes()
+        entry["axes"].append({"state": problem.quantities.states[axis.state].name, "edges": name})
+    return entry
+
+
+def _polytope(
+    problem: Problem, part: PolytopePart, stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    """Boxes (2, n), half-spaces (N, n + 1) with their thresholds last, and multipliers."""
+    entry = _axes(problem, part.group, stem, files)
+
+    def matrix(name: str, values: NDArray[Any]) -> dict[str, object]:
+        path = f"{stem}_{name}.bin"
+        files[path] = np.ascontiguousarray(values, dtype="<f8").tobytes()
+        return {"file": path, "shape": list(values.shape)}
+
+    def polytope(name: str, p: Polytope) -> dict[str, object]:
+        faces = np.concatenate([p.rows, p.bounds[:, None]], axis=1)
+        box = np.stack([p.low, p.high])
+        return {"box": matrix(f"{name}_box", box), "faces": matrix(f"{name}_faces", faces)}
+
+    sets = part.sets
+    if sets is None:
+        return entry
+    entry["C"] = matrix("C", np.array(part.limits).T)
+    found = {"K": sets.core, "R": sets.free, "Q": sets.kept, "target": sets.target}
+    entry.update({k: polytope(k, p) for k, p in found.items() if p is not None})
+    entry["S"] = [polytope(f"S{j}", p) for j, p in enumerate(sets.allowed)]
+    entry["G"] = [polytope(f"G{j + 1}", p) for j, p in enumerate(sets.carried)]
+    entry["rates"] = {"K": matrix("K_rate", sets.rate), "Q": matrix("Q_rate", sets.kept_rate)}
+    entry["periods"] = sets.periods
+    entry["multipliers"] = {
+        name: [matrix(f"{name}_m{i}", m) for i, m in enumerate(record)]
+        for name, record in part.multipliers.items()
+    }
     return entry
 
 

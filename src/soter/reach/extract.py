@@ -76,6 +76,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         commands=commands,
         parameter_start=tuple(inputs.parameter_start),
         scheme_step_ns=_scheme_step(at) if kind == "flow" else 0,
+        still=frozenset(inputs.still),
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
 

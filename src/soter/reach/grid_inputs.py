@@ -43,6 +43,8 @@ class GridInputs:
     """Of the simulator's RK4 step, whose error becomes disturbance; 0: not covered."""
     map_step_ns: int = 0
     """Period of a map, of which `period_ns` is a multiple; 0: that is `period_ns` itself."""
+    still: frozenset[int] = frozenset()
+    """States without dynamics."""
 
     @property
     def ranges(self) -> tuple[Range, ...]:
@@ -72,4 +74,5 @@ def of_problem(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
         parameters=tuple(parameters),
         plant_period_ns=problem.scheme_step_ns,
         map_step_ns=problem.plant_period_ns if is_map else 0,
+        still=problem.still,
     )

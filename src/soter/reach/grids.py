@@ -147,9 +147,16 @@ class GridGroup(GridModel):
         A chain is given up when its images have been more than a cell away from K `patience`
         times in a row: a smaller K at worst. The result does not depend on threads.
         """
+        if self.still:
+            return Core(np.asarray(allowed).astype(np.uint8), 0, 0)
         if allowed.all() and self.stays:
             return Core(np.ones(self.shape, dtype=np.uint8), 0, 0)
         return self._core(allowed, longest, patience)
+
+    @property
+    def still(self) -> bool:
+        """Whether none of its states has dynamics: every set of cells is kept."""
+        return set(self.axes) <= self.inputs.still
 
     @property
     def stays(self) -> bool:
@@ -211,7 +218,7 @@ class GridGroup(GridModel):
         out = np.empty(self.shape, dtype=np.uint8)
         bits = self.bits(target)
         tube, steps, group = ffi.NULL, 0, self.c
-        if t_ns == 0 or (target.all() and self.stays):
+        if t_ns == 0 or self.still or (target.all() and self.stays):
             return np.array(target, dtype=np.bool_)
         if self.is_linear:
             tube = ffi.new("soter_reach_tube *")

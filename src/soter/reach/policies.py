@@ -54,6 +54,8 @@ class Way:
     rank: npt.NDArray[np.uint16]
     holds: Bytes
     time_ns: npt.NDArray[np.int64]
+    steps: int
+    """Holds that were computed: what it took."""
 
     @property
     def cells(self) -> Bools:
@@ -214,30 +216,45 @@ def way(
     goal: Bools,
     *,
     holds: Sequence[int] = HOLDS,
+    before: Way | None = None,
+    until: Bytes | None = None,
 ) -> Way:
     """W: from which cells of `core` the law reaches `goal` (Q) on every run, and how soon.
 
     W_0 = Q, W_(k+1) = W_k and {c in `core`: for some N of `holds` the tube lies in `constraint`,
     the image over [N delta - j, N delta + j] in W_k and in `core`}. P2b needs W to cover K.
+
+    `before`: a W to go on from, for what it lacks. `until`: per cell the largest N to try.
     """
-    ffi, lib, size = group.library.ffi, group.library.lib, core.size
+    ffi, lib = group.library.ffi, group.library.lib
     steps = np.array(sorted({h for h in holds if h <= grids.LONGEST}), dtype=np.int32)
-    goal = goal & core
+    found = before or _at_once(goal & core)
+    rank, taken, time_ns = found.rank.copy(), found.holds.copy(), found.time_ns.copy()
+    asked = core & (rank == 0)
+    slot = np.where(asked, np.cumsum(asked, dtype=np.int32).reshape(core.shape) - 1, -1)
+    slot = np.ascontiguousarray(slot, dtype=np.int32)
+    image = np.empty((int(asked.sum()), len(steps), len(group.axes), 2), dtype=np.uint16)
     w = ffi.new("soter_reach_way *")
     memory = group.rounds(w.r)
-    memory["kept"][:] = group.bits(goal)
+    memory["kept"][:] = group.bits(rank != 0)
     inside, allowed = group.bits(constraint), group.bits(core)
-    image = np.empty(size * len(steps) * 2 * len(group.axes), dtype=np.uint16)
-    rank = goal.astype(np.uint16)
-    taken, time_ns = np.zeros(group.shape, np.uint8), np.zeros(group.shape, np.int64)
     at = group.pointer
     w.allowed, w.inside = at(allowed, "uint64_t *"), at(inside, "uint64_t *")
     w.holds, w.count = at(steps, "int32_t *"), len(steps)
-    w.image, w.rank = at(image, "uint16_t *"), at(rank, "uint16_t *")
-    w.taken, w.time = at(taken, "uint8_t *"), at(time_ns, "int64_t *")
+    w.slot, w.image = at(slot, "int32_t *"), at(image, "uint16_t *")
+    w.rank, w.taken = at(rank, "uint16_t *"), at(taken, "uint8_t *")
+    w.time = at(time_ns, "int64_t *")
+    w.base = max(0, int(rank.max(initial=0)) - 1)
+    w.until = ffi.NULL if until is None else at(until, "uint8_t *")
     w.period_ns, w.jitter_ns = group.inputs.period_ns, group.inputs.jitter_ns
     lib.soter_reach_way_begin(group.c, w)
     while not lib.soter_reach_way_continue(group.c, w, grids.SLICE_S, group.threads):
         group.tell("way", w.r.cursor / max(1, w.r.dirty_n))
-    del memory, inside, allowed, image
-    return Way(rank, taken, time_ns)
+    del memory, inside, allowed, image, slot
+    return Way(rank, taken, time_ns, int(w.r.steps))
+
+
+def _at_once(goal: Bools) -> Way:
+    """W = Q."""
+    none = np.zeros(goal.shape, np.int64)
+    return Way(goal.astype(np.uint16), none.astype(np.uint8), none, 0)

@@ -8,9 +8,9 @@ Non-goals: sets (`polytopes.py`), C (`polytope_claims.py`).
 How. A form says that a value lies in c + sum g_i eps_i + [-r, r] for inputs x_i = m_i + r_i eps_i.
 With a_i = fl(g_i / r_i) it lies in sum a_i x_i + [low, high]; these two are computed in rationals
 and rounded outward. The law is clamped, hence linear only between two values of z = K y + k: K is
-taken from a small box near rest, and the law is then enclosed over all inputs with z between the two
-values, by letting z itself be an input in place of one of the others: what the law gives beyond z
-is the remainder.
+taken from a small box near rest, and the law is then enclosed over all inputs with z between the
+two values, by letting z itself be an input in place of one of the others: what the law gives
+beyond z is the remainder.
 """
 
 from __future__ import annotations

@@ -154,6 +154,8 @@ class Problem:
     """For synthesis: the finite set of each control, in their order."""
     parameter_start: tuple[int, ...] = ()
     """Declared first value of each parameter."""
+    still: frozenset[int] = frozenset()
+    """States without dynamics: constants of a run."""
     scheme_step_ns: int = 0
     """Step of the simulator's RK4 where its error can be part of the proof (linear flows); 0: its
     scheme is not covered: an assumption."""

@@ -13,15 +13,12 @@ import numpy as np
 
 from soter.program.durations import show_ns
 from soter.reach import polytope_claims
-from soter.reach.boxes import holding
 from soter.reach.grids import LONGEST
 from soter.reach.levels import targets
 from soter.reach.policies import HOLDS, Way, way
 from soter.reach.products import parts, product_holds
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from soter.reach.claims import Case
@@ -29,7 +26,6 @@ if TYPE_CHECKING:
     from soter.reach.results import GroupSets
 
     Bools = NDArray[np.bool_]
-    Floats = NDArray[np.float64]
 
 LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
 """Lengths of chain: the first that serve nearly every cell are enough."""
@@ -86,59 +82,19 @@ def recover(case: Case) -> None:
 def _way(engine: GridGroup, part: GroupSets, home: Bools) -> Way:
     """W: a few lengths of chain for all cells, then every length for those that are left."""
     core = part.core > 0
-    best: Way | None = None
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
     first = 1 if part.core.max() > 3 * max(LENGTHS[0]) else 0
+    found: Way | None = None
     for lengths in LENGTHS[first:]:
-        found = way(engine, core, part.allowed, home, holds=lengths)
-        if best is None or found.cells.sum() > best.cells.sum():
-            best = found
-        if int((core & ~best.cells).sum()) <= few:
+        found = way(engine, core, part.allowed, home, holds=lengths, before=found)
+        if int((core & ~found.cells).sum()) <= few:
             break
-    assert best is not None
-    left = int((core & ~best.cells).sum())
-    return _stragglers(engine, part, best) if 0 < left <= STRAGGLERS_MAX else best
-
-
-def _stragglers(engine: GridGroup, part: GroupSets, found: Way) -> Way:
-    """Cells at the border of K whose chains fit W at few lengths only: all lengths."""
-    rank, holds, time_ns = found.rank.copy(), found.holds.copy(), found.time_ns.copy()
-    period, jitter = engine.inputs.period_ns, engine.inputs.jitter_ns
-    images = {}
-    for at in map(tuple, np.argwhere((part.core > 0) & (rank == 0))):
-        low = [e[i] for e, i in zip(engine.edges, at, strict=True)]
-        high = [e[i + 1] for e, i in zip(engine.edges, at, strict=True)]
-        images[at] = _inside(engine, part.allowed, low, high)
-    joined = True
-    while joined:
-        joined = False
-        inside, following = rank != 0, int(rank.max()) + 1
-        for at, steps in list(images.items()):
-            for n, box in enumerate(steps, 1):
-                block = [holding(e, a, b) for e, (a, b) in zip(engine.edges, box, strict=True)]
-                if any(b is None for b in block):
-                    continue
-                to = tuple(b for b in block if b is not None)
-                if inside[to].all():
-                    rank[at], holds[at] = following, n
-                    time_ns[at] = int(time_ns[to].max()) + n * period + jitter
-                    del images[at]
-                    joined = True
-                    break
-    return Way(rank, holds, time_ns)
-
-
-def _inside(
-    engine: GridGroup, allowed: Bools, low: Sequence[float], high: Sequence[float]
-) -> list[Floats]:
-    """Images of a box after 1, 2, ... holds, for as long as the tube lies in C."""
-    found: list[Floats] = []
-    for image, tube in zip(*engine.enclosures(low, high, LONGEST), strict=True):
-        block = [holding(e, a, b) for e, (a, b) in zip(engine.edges, tube, strict=True)]
-        to = tuple(b for b in block if b is not None)
-        if len(to) < len(block) or not allowed[to].all():
-            break
-        found.append(image)
+    assert found is not None
+    # cells at the border of K, whose chains fit W at few lengths only: mostly as they fit K
+    for until in (part.core, np.full_like(part.core, LONGEST)):
+        if 0 < int((core & ~found.cells).sum()) <= STRAGGLERS_MAX:
+            every = range(1, int(until.max()) + 1)
+            found = way(engine, core, part.allowed, home, holds=every, before=found, until=until)
     return found
 
 

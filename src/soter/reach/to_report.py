@@ -15,6 +15,7 @@ import numpy as np
 
 from soter.native.compiler import find
 from soter.program.durations import show_ns
+from soter.reach.polytope_claims import inner_point
 from soter.report.proof import (
     R1,
     R2,
@@ -33,7 +34,13 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.reach.results import CaseSets, GroupSets, ModuleResult, VerifyReport
+    from soter.reach.results import (
+        CaseSets,
+        GroupSets,
+        ModuleResult,
+        PolytopePart,
+        VerifyReport,
+    )
 
 MEANINGS = {
     "P1a": "AC and SC step at least as often as the decision module",
@@ -57,6 +64,10 @@ SHARES = {
     "lets_ac": "`ttf` may be false: AC keeps control",
     "gives_back": "`safer` may be true: AC gets control back",
 }
+
+
+PIXELS = 160
+"""Points a side of a polytope's figure."""
 
 
 def write_report(found: VerifyReport, path: Path) -> Path:
@@ -145,7 +156,37 @@ def regions(sets: GroupSets) -> NDArray[np.uint8]:
 def _figures(m: ModuleResult, case: CaseSets) -> list[RegionFigure]:
     names = [p.name for p in m.problem.parameters]
     note = ", ".join(f"{n} = {v}" for n, v in zip(names, case.parameter, strict=True))
-    return [_figure(s, note) for s in case.groups if s.group.representation == "grid"]
+    figures = [_figure(s, note) for s in case.groups]
+    for part in case.polytopes:
+        figures += _slice(part, note)
+    return figures
+
+
+def _slice(part: PolytopePart, note: str) -> list[RegionFigure]:
+    """A polytope's regions over its first two states, the others in the middle of K."""
+    sets, axes = part.sets, part.group.axes
+    if sets is None or (centre := inner_point(sets.core)) is None:
+        return []
+    edges = [np.linspace(a.edges[0], a.edges[-1], PIXELS + 1) for a in axes[:2]]
+    middles = [(e[:-1] + e[1:]) / 2 for e in edges]
+    points = np.tile(centre, (PIXELS ** len(edges), 1))
+    for k, values in enumerate(np.meshgrid(*middles, indexing="ij")):
+        points[:, k] = values.ravel()
+    found = np.full(len(points), R1, dtype=np.uint8)
+    low, high = np.array(part.limits).T
+    found[((points >= low) & (points <= high)).all(axis=1)] = R2
+    for region, p in ((R3, sets.core), (R4, sets.free)):
+        found[p.contains(points)] = region
+    if sets.allowed:
+        found[sets.free.contains(points) & sets.safer.contains(points)] = R5
+    cuts = [f"{a.name} = {x:.4g}" for a, x in zip(axes[2:], centre[2:], strict=True)]
+    text = "; ".join(filter(None, (note, ", ".join(cuts), "drawn from half-spaces, by points")))
+    regions = found.reshape([PIXELS] * len(edges))
+    if len(axes) == 1:
+        y = np.array([0.0, 1.0])
+        return [RegionFigure(axes[0].name, axes[0].name, "", edges[0], y, regions[:, None], text)]
+    title = f"{axes[0].name} and {axes[1].name}"
+    return [RegionFigure(title, axes[0].name, axes[1].name, edges[0], edges[1], regions, text)]
 
 
 def _figure(sets: GroupSets, note: str) -> RegionFigure:

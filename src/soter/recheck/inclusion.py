@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     from soter.recheck.tables import Block
     from soter.recheck.terms import Truth
 
-CELLS_AT_ONCE = 64
+CELLS_AT_ONCE = 256
 PIECES = (1, 4)
 """Into how many pieces a tube is cut, first and where that was not enough."""
 FREE_PIECES = (4, 16)

@@ -238,7 +238,7 @@ def _groups(
     found, seen = [], []
     for entry in entries:
         if entry.get("kind") != "grid":
-            raise NotRecheckedError(f"{entry.get('kind')} groups are not rechecked yet")
+            raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
         _keys(entry, (*REQUIRED, *(k for k in OPTIONAL if k in entry)), "a group")
         states, edges = [], []
         for axis in entry["axes"]:

@@ -129,13 +129,16 @@ typedef struct {
   soter_reach_rounds r;    /* kept: W */
   const uint64_t* allowed; /* K; runs stay in `inside` */
   const uint64_t* inside;  /* C */
-  const int32_t* holds;    /* increasing */
-  uint16_t* image;         /* per cell and number of holds; first > last: none */
+  const int32_t* holds;    /* increasing, at most 250 */
+  const int32_t* slot;     /* per cell of K: its row in `image`; -1: no way is wanted */
+  const uint8_t* until;    /* per cell: the most holds to try; null: all */
+  uint16_t* image;         /* per slot and number of holds; first > last: none */
   uint16_t* rank;          /* per cell: 0 not in W, 1 Q, 2.. */
   uint8_t* taken;          /* per cell: the number of holds */
   int64_t* time;           /* per cell, ns, at most until Q */
   int64_t period_ns, jitter_ns;
   int32_t count;
+  int32_t base; /* the largest rank there is to begin with, less 1 */
 } soter_reach_way;
 
 /* All runs over [0, t] under all of U, cut into segments: at every instant of a segment x is in

@@ -13,9 +13,11 @@ typedef struct {
   int64_t steps[SOTER_REACH_THREADS];
 } way_job;
 
+/* Images of a cell that lie in K, as long as the tube lies in C. */
 static void images(way_job* job, int who, const int* at, uint16_t* image, uint16_t* reaches) {
   const soter_reach_group* g = job->g;
   const soter_reach_way* w = job->w;
+  const int until = w->until == 0 ? INT32_MAX : w->until[soter_reach_cell(g, at)];
   soter_reach_chain x;
   soter_hold h;
   uint16_t tube[2 * AXES];
@@ -25,7 +27,7 @@ static void images(way_job* job, int who, const int* at, uint16_t* image, uint16
     image[2 * g->axes * k + 1] = 0;
   }
   soter_reach_start_at(g, at, at, &x);
-  for (int k = 0; k < w->count; k++) {
+  for (int k = 0; k < w->count && w->holds[k] <= until; k++) {
     for (; held < w->holds[k]; held++) {
       job->steps[who]++;
       if (!soter_reach_hold(g, &job->scratch[who], &x, &h) ||
@@ -39,6 +41,9 @@ static void images(way_job* job, int who, const int* at, uint16_t* image, uint16
         soter_reach_inside(g, w->allowed, box, 0)) {
       memcpy(image + 2 * g->axes * k, box, sizeof(uint16_t) * 2 * (size_t)g->axes);
       soter_reach_depend(g, reaches, box);
+      if (w->r.rounds == 0 && w->base == 0 && soter_reach_inside(g, w->r.kept, box, 0)) {
+        return; /* in Q: nothing is sooner */
+      }
     }
   }
 }
@@ -75,9 +80,8 @@ static void look(soter_crew* crew, int who, int64_t n) {
   memcpy(at, first, sizeof at);
   do {
     const int64_t cell = soter_reach_cell(g, at);
-    uint16_t* image = w->image + 2 * g->axes * w->count * cell;
-    if (w->rank[cell] == 0 && soter_reach_has(g, w->allowed, at) &&
-        (w->r.changed[tile] >> bit & 1U) == 0) {
+    if (w->rank[cell] == 0 && w->slot[cell] >= 0 && (w->r.changed[tile] >> bit & 1U) == 0) {
+      uint16_t* image = w->image + (int64_t)2 * g->axes * w->count * w->slot[cell];
       int64_t best = INT64_MAX;
       if (fresh) {
         images(job, who, at, image, reaches);
@@ -92,7 +96,7 @@ static void look(soter_crew* crew, int who, int64_t n) {
           }
         }
       }
-      if (best < INT64_MAX && w->r.rounds < UINT16_MAX - 2) {
+      if (best < INT64_MAX && w->base + w->r.rounds < UINT16_MAX - 2) {
         /* `rank` stays 0 for the others of this round: they read `kept`, and times of cells there
          */
         joined[bit] = best;
@@ -107,14 +111,14 @@ static void look(soter_crew* crew, int who, int64_t n) {
   do {
     if (joined[bit] >= 0) {
       const int64_t cell = soter_reach_cell(g, at);
-      w->rank[cell] = (uint16_t)(w->r.rounds + 2);
+      w->rank[cell] = (uint16_t)(w->base + w->r.rounds + 2);
       w->time[cell] = joined[bit];
     }
     bit++;
   } while (soter_reach_next_cell(g->axes, first, last, at));
 }
 
-/* kept, rank and time hold Q to begin with. */
+/* kept, rank and time hold Q (or an earlier W) to begin with. */
 void soter_reach_way_begin(const soter_reach_group* g, soter_reach_way* w) {
   soter_reach_rounds_begin(g, &w->r);
 }
