@@ -76,6 +76,12 @@ BENCHMARKS = (
         "The same network, seeds and cross-entropy method twice: falls during training.",
     ),
     Benchmark(
+        "The time of soter verify",
+        ("bench/verify_time.py",),
+        "Whole processes, imports included; `cold` with an empty cache folder, so the engine, the "
+        "enclosures and the decision module are compiled, too. CPU is of all threads and children.",
+    ),
+    Benchmark(
         "Sets on grids",
         ("bench/reach_sets.py",),
         "K, S_j and R(t) where the answer is known, warm, on two threads; the peer is "

@@ -18,6 +18,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.loader import load
 from soter.reach.results import PROVED
+from soter.reach.tables import Table, tables
 from soter.syntax import tree
 
 if TYPE_CHECKING:
@@ -122,7 +123,7 @@ def _module(
         *_inputs("error", q.errors, problem.errors),
         *_inputs("other", q.others, problem.others),
     ]
-    return {
+    entry: dict[str, object] = {
         "system": system,
         "module": problem.name,
         "plants": plants,
@@ -136,6 +137,32 @@ def _module(
         "assumptions": list(problem.assumptions),
         "recover_ns": recover,
     }
+    if problem.computed:
+        entry["tables"] = _tables(result, stem, files)
+    return entry
+
+
+def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[dict[str, object]]:
+    """What the DM of the module holds: breakpoints and levels of every grid, as in its C."""
+    cases = [
+        [(g.levels[0], g.levels[-1]) for g in case.groups if g.levels]
+        + [(p.sets.allowed[0], p.sets.safer) for p in case.polytopes if p.sets is not None]
+        for case in result.cases
+    ]
+    if not cases or any(len(case) != len(result.problem.groups) for case in cases):
+        return []  # not everything was computed: there is no table, and nothing to be claimed
+    names = [s.name for s in result.problem.quantities.states]
+    found: list[dict[str, object]] = []
+    for k, table in enumerate(tables(result.problem, cases)):
+        if not isinstance(table, Table):
+            continue
+        files[f"{stem}_dm{k}.bin"] = bytes(table.packed)
+        axes = []
+        for i, (state, edges) in enumerate(zip(table.states, table.edges, strict=True)):
+            files[f"{stem}_dm{k}_axis{i}.bin"] = np.array(edges, dtype="<f8").tobytes()
+            axes.append({"state": names[state], "edges": f"{stem}_dm{k}_axis{i}.bin"})
+        found.append({"axes": axes, "levels": f"{stem}_dm{k}.bin"})
+    return found
 
 
 def _inputs(

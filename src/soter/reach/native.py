@@ -12,6 +12,7 @@ import os
 import re
 import subprocess
 import tempfile
+from concurrent.futures import ThreadPoolExecutor
 from functools import lru_cache
 from pathlib import Path
 from typing import Any
@@ -107,8 +108,11 @@ def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
         with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as name:
             work = Path(name)
             command = (*compiler.command, *flags)
-            engine = _engine(work, folder, _content("", compiler.identity, flags), command)
-            built = _compile(work, source, command, engine)
+            content = _content("", compiler.identity, flags)
+            with ThreadPoolExecutor(2) as both:
+                engine = both.submit(_engine, work, folder, content, command)
+                both.submit(_unit, work, source, command).result()
+                built = _linked(work, command, engine.result())
             (work / "seal").write_text(
                 hashlib.sha256(built.read_bytes()).hexdigest(), encoding="utf-8"
             )
@@ -149,10 +153,13 @@ def _engine(work: Path, folder: Path, content: str, command: tuple[str, ...]) ->
     return [str(made / n) for n in names]
 
 
-def _compile(work: Path, source: str, command: tuple[str, ...], engine: list[str]) -> Path:
-    unit, built = work / "enclosures.c", work / "reach.so"
-    unit.write_text(source, encoding="utf-8")
-    _run([*command, f"-I{RUNTIME}", "-c", str(unit)], work)
+def _unit(work: Path, source: str, command: tuple[str, ...]) -> None:
+    (work / "enclosures.c").write_text(source, encoding="utf-8")
+    _run([*command, f"-I{RUNTIME}", "-c", "enclosures.c"], work)
+
+
+def _linked(work: Path, command: tuple[str, ...], engine: list[str]) -> Path:
+    built = work / "reach.so"
     _run([*command, *LINKED, "-o", str(built), "enclosures.o", *engine, "-lm"], work)
     return built
 

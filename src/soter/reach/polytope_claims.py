@@ -75,7 +75,8 @@ def _proved(
     why = _why_not(lambda: prove(part.sets, record))
     part.multipliers[name] = record.record
     for claim in claims if why else ():
-        case.fail(claim, f"not shown of the polytope: {why}", hint=WEAK, part=part)
+        hint = "start further inside, or closer to rest" if claim == "start" else WEAK
+        case.fail(claim, f"not shown of the polytope: {why}", hint=hint, part=part)
     return not why
 
 

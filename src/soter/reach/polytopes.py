@@ -244,14 +244,31 @@ def find_return(sets: PolytopeSets) -> None:
     except NotProvedError:
         sets.kept = None
         return
+    sets.periods = _periods(sets)
+    if not sets.periods:
+        sets.kept = None
+
+
+def _periods(sets: PolytopeSets) -> int:
+    """After so many holds every run from K is in Q; 0: none was found. To be proved."""
+    assert sets.kept is not None
+    hold, bounds = Hold(sets.group, sets.rate), Bounds(sets.core)
+    faces, limits = sets.kept.faces
+    row, loss = exact(faces), np.zeros(len(faces))
+    done, last = 0, 0  # `last`: the half-space that failed last, and mostly fails again
     for periods in _guesses():
-        try:
-            _prove_way(_Claims(None), sets, periods)
-        except NotProvedError:
+        for _ in range(periods - done):
+            row, more = _one_hold_back(hold, row)
+            loss = up_sum(loss, more)
+        done = periods
+        limit = np.nextafter(limits - loss, -np.inf)
+        if bounds.of(row[last : last + 1])[0] > limit[last]:
             continue
-        sets.periods = periods
-        return
-    sets.kept = None
+        excess = bounds.of(row) - limit
+        if (excess <= 0).all():
+            return periods
+        last = int(np.argmax(excess))
+    return 0
 
 
 def home(sets: PolytopeSets) -> Polytope:

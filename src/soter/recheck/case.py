@@ -17,6 +17,7 @@ from soter.program.types import leaves
 from soter.recheck.inclusion import (
     FREE_PIECES,
     PIECES,
+    AdmitCheck,
     ChainCheck,
     FreeCheck,
     GroupTables,
@@ -30,6 +31,7 @@ from soter.recheck.inclusion import (
     ranked,
     witnessed,
 )
+from soter.recheck.inward import points_inwards
 from soter.recheck.problem import number_of
 from soter.recheck.symbolic import flat
 from soter.recheck.tables import Cells, Grid, parts
@@ -38,7 +40,6 @@ from soter.recheck.terms import NotRecheckedError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.typed import Expr
     from soter.recheck.model import Model
     from soter.recheck.problem import Facts
     from soter.recheck.tables import Block
@@ -65,16 +66,15 @@ class Case:
 
     def check(self) -> None:
         """Collect what is to be shown, then show it."""
-        symbol = self.model.facts.symbol
-        self.computed = symbol.ttf is None and symbol.safer is None
         self.cores = [Cells(g.grid, g.core > 0) for g in self.groups]
+        self.kept = [points_inwards(self.model, g) for g in self.groups]
         if any(c.size == 0 for c in self.cores):
             raise RejectedError("K is empty")
         if self.claims & {"P2a", "P2b", "P3", "ttf", "safer", "start"}:
             self._kernel()
         if self.claims & {"P3", "ttf", "safer"}:
             self._free()
-            if self.computed:
+            if self.model.facts.computed:
                 self._levels()
             else:
                 self._predicates()
@@ -84,6 +84,10 @@ class Case:
             self._start()
         self._run()
 
+    def _never_left(self, index: int, *sets: Cells) -> bool:
+        """Whether the sets are the whole grid of a group that no run leaves."""
+        return self.kept[index] and all(s.members.all() for s in sets)
+
     def _add(self, what: str, grid: Grid, show: Callable[[Block], list[Block]]) -> None:
         cells = int(np.prod(grid.shape))
         for block in parts(grid.whole, BLOCKS if cells > SMALL else 1):
@@ -92,9 +96,13 @@ class Case:
     def _kernel(self) -> None:
         """K: SC keeps `safe` from it, and leads back to it."""
         allowed = certain(self.model, self.groups, self.model.facts.symbol.safe, errors=False)
-        for group, core, within in zip(self.groups, self.cores, allowed, strict=True):
+        for k, (group, core, within) in enumerate(
+            zip(self.groups, self.cores, allowed, strict=True)
+        ):
             if (core.members & ~within.members).any():
                 raise RejectedError("K holds cells on which `safe` is not certain")
+            if self._never_left(k, core):
+                continue
             check = ChainCheck(self.model, group)
             check.chain(PIECES[0])
             show = partial(witnessed, check, group.core, within, core.contains)
@@ -103,9 +111,11 @@ class Case:
     def _free(self) -> None:
         """R(H): nothing leads out of K within H."""
         horizon = self.model.facts.times["H_ns"]
-        for group, core in zip(self.groups, self.cores, strict=True):
+        for k, (group, core) in enumerate(zip(self.groups, self.cores, strict=True)):
             if group.free is None:
                 raise RejectedError("a claim needs R, which is not there")
+            if self._never_left(k, core):
+                continue
             check = FreeCheck(self.model, group, horizon)
             check.phase(FREE_PIECES[0])
             show = partial(free, check, Cells(group.grid, group.free), core)
@@ -124,14 +134,17 @@ class Case:
                 raise NotRecheckedError("computed predicates are not rechecked yet")
             for group in self.groups:
                 assert group.free is not None
-                proved = Cells(group.grid, group.free)
-                show: Any = partial(_admitted, self.model, group, expr, admits, proved)
+                if group.free.all():
+                    continue
+                show: Any = partial(admitted, AdmitCheck(self.model, group, expr, admits=admits))
                 self._add(f"`{name}` may leave AC in control outside R(H) in", group.grid, show)
 
     def _return(self) -> None:
         """P2b: Q is kept within `safer`, and W leads there from all of K."""
         allowed = self._calm()
-        for group, core, within in zip(self.groups, self.cores, allowed, strict=True):
+        for k, (group, core, within) in enumerate(
+            zip(self.groups, self.cores, allowed, strict=True)
+        ):
             if group.home is None or group.rank is None or group.rank_holds is None:
                 raise RejectedError("a claim needs Q and W, which are not there")
             home = Cells(group.grid, group.home > 0)
@@ -139,6 +152,8 @@ class Case:
                 raise RejectedError("Q holds cells on which `safer` is not certain")
             if (core.members & ~home.members & (group.rank == 0)).any():
                 raise RejectedError("W does not hold all of K")
+            if self._never_left(k, home):
+                continue
             check = ChainCheck(self.model, group)
             check.chain(PIECES[0])
             kept = partial(witnessed, check, group.home, within, home.contains)
@@ -152,7 +167,12 @@ class Case:
         safer = self.model.facts.symbol.safer
         if safer is not None:
             return certain(self.model, self.groups, safer, errors=True)
-        return [eroded(self.model, g, self._levels_of(g)[-1]) for g in self.groups]
+        found = []
+        for group in self.groups:
+            if group.given_back is None:
+                raise RejectedError("a claim needs the table of the DM, which is not there")
+            found.append(eroded(self.model, group, Cells(group.grid, group.given_back)))
+        return found
 
     def _levels_of(self, group: GroupTables) -> list[Cells]:
         """S_0, ..., S_(m-2)."""
@@ -165,7 +185,7 @@ class Case:
         """Computed predicates: ttf is not S_0, safer is S_(m-2)."""
         times = self.model.facts.times
         between = times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"]
-        for group in self.groups:
+        for i, group in enumerate(self.groups):
             assert group.free is not None
             if len(group.levels) != self.model.facts.levels - 1:
                 raise RejectedError("the tables S are not as many as the levels ask for")
@@ -178,6 +198,8 @@ class Case:
                 if (levels[k].members & ~levels[k - 1].members).any():
                     raise RejectedError(f"S_{k} is no part of S_{k - 1}")
                 calm = eroded(self.model, group, levels[k - 1])
+                if self._never_left(i, calm):
+                    continue
                 show = partial(drifts, check, levels[k], calm)
                 self._add(
                     f"S_{k} may be left for outside S_{k - 1} at once, from", group.grid, show
@@ -260,12 +282,6 @@ def _show(k: int) -> str:
     what, grid, show, block = _TASKS[k]
     failed = show(block)
     return f"{what} {grid.text(failed[0])}" if failed else ""
-
-
-def _admitted(
-    model: Model, group: GroupTables, expr: Expr, admits: bool, proved: Cells, block: Block
-) -> list[Block]:
-    return admitted(model, group, expr, admits=admits, proved=proved, block=block)
 
 
 def _leaves(topic: Any) -> list[float]:  # noqa: ANN401

@@ -40,12 +40,15 @@ class Chain:
 
     `last`: from the form before the last switch to the boxes it may then be in, None where that
     is simply the box of the form. A box is a flat tuple low, high, low, high, ...
+    `bare`: first and later for parts of a set from which everything on the way was seen already:
+    no boxes, and what must hold was shown.
     """
 
     dimension: int
     first: Step
     later: Step
     last: Step | None
+    bare: tuple[Step, Step]
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +72,7 @@ def sc_chain(model: Model, members: Sequence[int], pieces: int) -> Chain:
     """The chain of a group, tubes cut into `pieces` a period."""
     if model.facts.kind == "map":
         step = _map_step(model, members)
-        return Chain(len(members), step, step, None)
+        return Chain(len(members), step, step, None, (step, step))
     return _FlowChain(model, members, pieces).chain()
 
 
@@ -260,10 +263,12 @@ class _FlowChain:
             self.depth = 2 if self.delta < self.d + 2 * self.j <= 2 * self.delta else 1
 
     def chain(self) -> Chain:
-        """All three."""
-        return Chain(len(self.members), self._first(), self._later(), self._last())
+        """All of them."""
+        (first, bare_first), (later, bare_later) = self._first(), self._later()
+        bare = bare_first, bare_later
+        return Chain(len(self.members), first, later, self._last(), bare)
 
-    def _first(self) -> Step:
+    def _first(self) -> tuple[Step, Step]:
         """From a_0 to delta - j."""
         terms, states = self.model.new_terms()
         own = [states[i] for i in self.members]
@@ -274,9 +279,9 @@ class _FlowChain:
         tube, after = _sweeps(terms, self.flow, own, commands, self.delta - self.j, self.pieces)
         before = control_inputs(self.model.facts, terms)  # what acted before a_0: anything
         outputs = after + self._remembered(commands, before)
-        return _compiled(self.model, terms, self.members, own, outputs, tube, states)
+        return self._both(terms, own, outputs, tube, states)
 
-    def _later(self) -> Step:
+    def _later(self) -> tuple[Step, Step]:
         """From k delta - j to (k + 1) delta - j."""
         terms, states = self.model.new_terms()
         own = [states[i] for i in self.members]
@@ -293,7 +298,21 @@ class _FlowChain:
         tube += sweeps
         inputs = own + self._remembered(old, older)
         outputs = after + self._remembered(commands, old)
-        return _compiled(self.model, terms, self.members, inputs, outputs, tube, states)
+        return self._both(terms, inputs, outputs, tube, states)
+
+    def _both(
+        self,
+        terms: Terms,
+        inputs: Sequence[Linear],
+        outputs: Sequence[Linear],
+        tube: Sequence[Linear | Sweep],
+        states: Sequence[Linear],
+    ) -> tuple[Step, Step]:
+        """With the boxes on the way and what must hold, and without."""
+        full = _compiled(self.model, terms, self.members, inputs, outputs, tube, states)
+        terms.obligations = []
+        bare = _compiled(self.model, terms, self.members, inputs, outputs, [], states)
+        return full, bare
 
     def _sampled(
         self,

@@ -25,7 +25,15 @@ from soter.recheck.balls import (
 from soter.recheck.chains import free_phase, sc_chain
 from soter.recheck.compile_terms import compile_truths, form_of_box
 from soter.recheck.problem import error_of
-from soter.recheck.tables import Cells, Grid, halves, uncovered, unshown, volume
+from soter.recheck.tables import (
+    Cells,
+    Grid,
+    block_index,
+    halves,
+    uncovered,
+    unshown,
+    volume,
+)
 from soter.recheck.terms import (
     TRUE,
     Terms,
@@ -83,6 +91,8 @@ class GroupTables:
     rank: NDArray[np.uint16] | None = None
     rank_holds: NDArray[np.uint8] | None = None
     levels: list[NDArray[np.bool_]] = field(default_factory=list)
+    given_back: NDArray[np.bool_] | None = None
+    """Estimates on which the table of the DM gives control back to AC: S_(m-2) of all cases."""
 
 
 # ---------------------------------------------------------------- boxes
@@ -157,25 +167,31 @@ class ChainCheck:
         return True
 
     def reached(
-        self, box: list[tuple[arb, arb]], wanted: Sequence[int], within: Cells
+        self, at: Block, wanted: Sequence[int], within: Cells, seen: NDArray[np.uint16]
     ) -> Iterator[tuple[int, list[tuple[float, ...]]]]:
         """(N, where everything may be after N holds) for each wanted N, rising, while it is within.
 
-        An N after which the box is not certainly within until N delta + j is left out.
+        An N after which the box is not certainly within until N delta + j is left out. `seen`: for
+        each cell how many holds were seen to be within from some block that holds it.
         """
         if not wanted:
             return
         chain = self.chain(PIECES[0])
-        form = form_of_box(box, symbols=True)
-        step: Step = chain.first
-        at = 0
+        form = form_of_box(self.group.grid.box(at), symbols=True)
+        before = seen[block_index(at)]
+        known = int(before.min())
+        rising = iter(wanted)
+        following = next(rising)
         for k in range(1, wanted[-1] + 1):
-            found = step(form)
+            steps = chain.bare if k <= known else (chain.first, chain.later)
+            found = steps[k > 1](form)
             if found is None or not within.contains_all(found[1]):
                 return
-            form, step = found[0], chain.later
-            if k == wanted[at]:
-                at += 1
+            form = found[0]
+            if k > known:
+                np.maximum(before, k, out=before)
+            if k == following:
+                following = next(rising, 0)
                 ends = self._after(chain, form, within)
                 if ends is not None:
                     yield k, ends
@@ -267,16 +283,16 @@ def witnessed(
 ) -> list[Block]:
     """Cells with a witness from which SC does not certainly lead to the target."""
     grid = check.group.grid
+    seen = np.zeros(grid.shape, dtype=np.uint16)
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        own = witnesses[tuple(slice(low, high) for low, high in at)]
-        box = grid.box(at)
+        own = witnesses[block_index(at)]
         shown = np.zeros_like(wanted)
-        for holds, ends in check.reached(box, holds_of(own, wanted), within):
+        for holds, ends in check.reached(at, holds_of(own, wanted), within, seen):
             if all(target(end) for end in ends):
                 shown |= wanted & (own == holds)
         if shown.size == 1 and not shown.any():
-            shown[...] = check.leads_in_parts(box, int(own.flat[0]), within, target)
+            shown[...] = check.leads_in_parts(grid.box(at), int(own.flat[0]), within, target)
         return shown
 
     return list(unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE))
@@ -300,20 +316,20 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> list[Block]:
         cells = grid.cells(box)
         if cells is None:
             return UNRANKED
-        return int(order[tuple(slice(low, high) for low, high in cells)].max())
+        return int(order[block_index(cells)].max())
+
+    seen = np.zeros(grid.shape, dtype=np.uint16)
 
     def attempt(at: Block, wanted: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        here = tuple(slice(low, high) for low, high in at)
-        own, ranks = every_holds[here], order[here]
-        box = grid.box(at)
+        own, ranks = every_holds[block_index(at)], order[block_index(at)]
         shown = np.zeros_like(wanted)
-        for holds, ends in check.reached(box, holds_of(own, wanted), everywhere):
+        for holds, ends in check.reached(at, holds_of(own, wanted), everywhere, seen):
             top = max(highest(end) for end in ends)
             shown |= wanted & (own == holds) & (ranks > top)
         if shown.size == 1 and not shown.any() and own.flat[0]:
             rank = int(ranks.flat[0])
             shown[...] = check.leads_in_parts(
-                box, int(own.flat[0]), everywhere, lambda end: highest(end) < rank
+                grid.box(at), int(own.flat[0]), everywhere, lambda end: highest(end) < rank
             )
         return shown
 
@@ -501,38 +517,40 @@ def _certain_cells(
         if found == 3 and volume(block) > 1:
             waiting.extend(halves(block))
         elif found == 2 or (found == 3 and _finer(box, holds, SPLITS_OF_SETS)):
-            members[tuple(slice(low, high) for low, high in block)] = True
+            members[block_index(block)] = True
     return Cells(group.grid, members)
 
 
-def admitted(
-    model: Model,
-    group: GroupTables,
-    expr: typed.Expr,
-    *,
-    admits: bool,
-    proved: Cells,
-    block: Block,
-) -> list[Block]:
-    """Cells outside `proved` where `safe` may hold and, on an estimate, `expr` may be `admits`."""
-    terms, states = model.new_terms()
-    safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
-    sound_safe = both_all(terms.obligations)
-    terms.obligations.clear()
-    told = model.predicate(terms, states, expr, errors=True)
-    sound_told = both_all(terms.obligations)
-    refused = negation(told) if admits else told
-    fine = either(both(negation(safe), sound_safe), both(refused, sound_told))
-    atoms = [next(iter(x.terms)) for x in states]
-    decide, ranges = _decision(model, group, terms, atoms, fine)
-    grid = group.grid
+class AdmitCheck:
+    """Whether `safe` fails or, on every estimate, `expr` is not `admits`."""
 
-    def holds(box: list[tuple[arb, arb]]) -> bool:
-        return decide(box) == 2
+    def __init__(self, model: Model, group: GroupTables, expr: typed.Expr, *, admits: bool) -> None:
+        self.group = group
+        terms, states = model.new_terms()
+        safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
+        sound_safe = both_all(terms.obligations)
+        terms.obligations.clear()
+        told = model.predicate(terms, states, expr, errors=True)
+        sound_told = both_all(terms.obligations)
+        refused = negation(told) if admits else told
+        fine = either(both(negation(safe), sound_safe), both(refused, sound_told))
+        atoms = [next(iter(x.terms)) for x in states]
+        self._decide, self._ranges = _decision(model, group, terms, atoms, fine)
+
+    def holds(self, box: list[tuple[arb, arb]], splits: int) -> bool:
+        """On a box of states; it and the errors are halved so often."""
+        whole = [*box, *self._ranges]
+        return _finer(whole, lambda part: self._decide(part) == 2, splits)
+
+
+def admitted(check: AdmitCheck, block: Block) -> list[Block]:
+    """Cells outside R where `safe` may hold and, on an estimate, the predicate lets AC."""
+    group = check.group
+    assert group.free is not None
 
     def attempt(at: Block) -> bool:
-        box = [*grid.box(at), *ranges]
-        return holds(box) or (volume(at) == 1 and _finer(box, holds, SPLITS_OF_PREDICATES))
+        splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
+        return check.holds(group.grid.box(at), splits)
 
-    todo = Cells(grid, ~proved.members)
-    return list(uncovered(todo, block, attempt, volume(grid.whole)))
+    todo = Cells(group.grid, ~group.free)
+    return list(uncovered(todo, block, attempt, volume(group.grid.whole)))

@@ -87,6 +87,11 @@ class Facts:
         """The declaration of the module."""
         return self.module.symbol
 
+    @property
+    def computed(self) -> bool:
+        """Whether `ttf` and `safer` are left to the prover."""
+        return self.symbol.ttf is None and self.symbol.safer is None
+
     def cases(self) -> Iterator[tuple[int, ...]]:
         """Every combination of parameter values."""
         return product(*(p.values for p in self.parameters))

@@ -20,6 +20,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import system_of
 from soter.recheck.case import Case
 from soter.recheck.claims import CLAIMS, claimed_of
+from soter.recheck.deployed import compare_tables
 from soter.recheck.folder import Certificate, read_certificate
 from soter.recheck.inclusion import GroupTables, RejectedError
 from soter.recheck.model import Model
@@ -46,6 +47,20 @@ TIME_KEYS = (
     "L_ns",
     "H_ns",
     "H_star_ns",
+)
+
+
+MODULE_KEYS = (
+    "system",
+    "module",
+    "plants",
+    "parameters",
+    "times",
+    "inputs",
+    "cases",
+    "claims",
+    "assumptions",
+    "recover_ns",
 )
 
 
@@ -155,22 +170,8 @@ def _module(
     progress: Callable[[float], None],
     workers: int,
 ) -> ModuleReport:
-    _keys(
-        entry,
-        (
-            "system",
-            "module",
-            "plants",
-            "parameters",
-            "times",
-            "inputs",
-            "cases",
-            "claims",
-            "assumptions",
-            "recover_ns",
-        ),
-        "a module",
-    )
+    given_tables = isinstance(entry, dict) and "tables" in entry
+    _keys(entry, (*MODULE_KEYS, *(("tables",) if given_tables else ())), "a module")
     claims = claimed_of(entry["claims"])
     with _understood("a module"):
         if entry["system"] not in checked.systems:
@@ -182,11 +183,18 @@ def _module(
     cases = list(facts.cases())
     if given != [list(c) for c in cases]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
-    for k, (values, case) in enumerate(zip(cases, entry["cases"], strict=True)):
+    tables = []
+    for case in entry["cases"]:
         _keys(case, ("parameter", "groups"), "a case")
-        model = Model(facts, values, extents)
         with _understood("a group"):
-            groups = _groups(certificate, facts, extents, case["groups"])
+            tables.append(_groups(certificate, facts, extents, case["groups"]))
+    if given_tables != facts.computed:
+        raise RejectedError("a module has tables of its DM where its predicates are computed")
+    if facts.computed:
+        with _understood("a table of the DM"):
+            compare_tables(certificate, facts, tables, entry["tables"])
+    for k, (values, groups) in enumerate(zip(cases, tables, strict=True)):
+        model = Model(facts, values, extents)
         report.cells += sum(int(np.prod(g.grid.shape)) for g in groups)
         share = partial(_share, progress, k, len(cases))
         Case(model, groups, claims, entry, share, workers).check()

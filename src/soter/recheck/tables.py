@@ -177,16 +177,16 @@ def unshown(
     `attempt` is made on blocks of at most `largest` cells, with those of them that are wanted; it
     gives back which of these it showed. Where it did not show all, smaller blocks follow.
     """
-    left = todo[_slices(block)].copy()
+    left = todo[block_index(block)].copy()
     base = tuple(low for low, _ in block)
     waiting = [(block, largest)]
     while waiting:
         at, limit = waiting.pop()
-        wanted = left[_slices(at, base)]
+        wanted = left[block_index(at, base)]
         if not wanted.any():
             continue
         at = _around(wanted, at)
-        wanted = left[_slices(at, base)]
+        wanted = left[block_index(at, base)]
         size = volume(at)
         if size <= limit:
             wanted &= ~attempt(at, wanted)
@@ -199,7 +199,7 @@ def unshown(
             waiting.extend((half, limit) for half in halves(at))
 
 
-def _slices(block: Block, base: Sequence[int] | None = None) -> tuple[slice, ...]:
+def block_index(block: Block, base: Sequence[int] | None = None) -> tuple[slice, ...]:
     """A block as an index, of a part of the table that begins at `base`."""
     starts = base or [0] * len(block)
     return tuple(slice(low - b, high - b) for (low, high), b in zip(block, starts, strict=True))
