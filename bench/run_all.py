@@ -132,6 +132,19 @@ BENCHMARKS = (
         "A check that the adversaries would see an unsound set: what is hidden must show as "
         "escapes.",
     ),
+    Benchmark(
+        "Certificates: checking them again",
+        ("bench/recheck.py",),
+        "`soter recheck` on all processors: one pass over every table in Arb balls; then single "
+        "bits of random files flipped, seal and hashes left as they were.",
+    ),
+    Benchmark(
+        "Certificates made wrong and sealed again",
+        ("bench/recheck_corruptions.py", "--count", "1000"),
+        "Sets enlarged, witnesses, bounds, times, grids and programs changed, every hash written "
+        "anew; what is accepted all the same is attacked by simulation: `accepted, true` is what "
+        "no run breaks.",
+    ),
 )
 
 

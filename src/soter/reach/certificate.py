@@ -234,7 +234,10 @@ def _axes(problem: Problem, group: Group, stem: str, files: dict[str, bytes]) ->
 def _polytope(
     problem: Problem, part: PolytopePart, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    """Boxes (2, n), half-spaces (N, n + 1) with their thresholds last, and multipliers."""
+    """Boxes (2, n), half-spaces (N, n + 1) with their thresholds last, and multipliers.
+
+    Multipliers are triples (row, half-space, value) of a matrix of shape `of`: few are not zero.
+    """
     entry = _axes(problem, part.group, stem, files)
 
     def matrix(name: str, values: NDArray[Any]) -> dict[str, object]:
@@ -247,6 +250,10 @@ def _polytope(
         box = np.stack([p.low, p.high])
         return {"box": matrix(f"{name}_box", box), "faces": matrix(f"{name}_faces", faces)}
 
+    def sparse(name: str, values: NDArray[Any]) -> dict[str, object]:
+        at = np.nonzero(values)
+        return {"of": list(values.shape), **matrix(name, np.stack([*at, values[at]], axis=1))}
+
     sets = part.sets
     if sets is None:
         return entry
@@ -258,7 +265,7 @@ def _polytope(
     entry["rates"] = {"K": matrix("K_rate", sets.rate), "Q": matrix("Q_rate", sets.kept_rate)}
     entry["periods"] = sets.periods
     entry["multipliers"] = {
-        name: [matrix(f"{name}_m{i}", m) for i, m in enumerate(record)]
+        name: [sparse(f"{name}_m{i}", m) for i, m in enumerate(record)]
         for name, record in part.multipliers.items()
     }
     return entry

@@ -217,14 +217,13 @@ def way(
     *,
     holds: Sequence[int] = HOLDS,
     before: Way | None = None,
-    until: Bytes | None = None,
 ) -> Way:
     """W: from which cells of `core` the law reaches `goal` (Q) on every run, and how soon.
 
     W_0 = Q, W_(k+1) = W_k and {c in `core`: for some N of `holds` the tube lies in `constraint`,
     the image over [N delta - j, N delta + j] in W_k and in `core`}. P2b needs W to cover K.
 
-    `before`: a W to go on from, for what it lacks. `until`: per cell the largest N to try.
+    `before`: a W to go on from, for what it lacks.
     """
     ffi, lib = group.library.ffi, group.library.lib
     steps = np.array(sorted({h for h in holds if h <= grids.LONGEST}), dtype=np.int32)
@@ -245,7 +244,6 @@ def way(
     w.rank, w.taken = at(rank, "uint16_t *"), at(taken, "uint8_t *")
     w.time = at(time_ns, "int64_t *")
     w.base = max(0, int(rank.max(initial=0)) - 1)
-    w.until = ffi.NULL if until is None else at(until, "uint8_t *")
     w.period_ns, w.jitter_ns = group.inputs.period_ns, group.inputs.jitter_ns
     lib.soter_reach_way_begin(group.c, w)
     while not lib.soter_reach_way_continue(group.c, w, grids.SLICE_S, group.threads):

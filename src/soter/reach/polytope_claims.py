@@ -210,7 +210,12 @@ def surely_inside(p: Polytope, x: Floats) -> bool:
 def free_phase(case: Case) -> None:
     """R(H)."""
     for part in _parts(case):
-        _proved(case, part, ("ttf", "safer"), "R", polytopes.prove_free)
+        assert part.sets is not None
+        if inner_point(part.sets.free) is None:
+            hint = "wider ranges, where a state may touch their ends; a shorter horizon"
+            _both(case, part, "R(H) is empty: AC could leave K from every state", hint)
+        else:
+            _proved(case, part, ("ttf", "safer"), "R", polytopes.prove_free)
 
 
 # ---------------------------------------------------------------- `ttf` and `safer`
@@ -257,7 +262,8 @@ def inclusion(case: Case, predicate: str) -> None:
         case.fail(
             predicate,
             f"`{predicate}` {says} where it was not shown that AC stays in K for H",
-            hint=f"a `{predicate}` that is more careful there, or none: then it is computed",
+            hint=f"a `{predicate}` that is more careful there, or none: then it is computed; "
+            "a polytope ends where SC is clamped, a `grid` need not",
             part=part,
         )
         case.failures[-1].where = wrong
@@ -348,7 +354,8 @@ def recover(case: Case) -> int:
     for part in _parts(case):
         assert part.sets is not None
         if part.sets.target is None and not part.sets.allowed:
-            case.fail("P2b", "there is no `safer` to return to", part=part)
+            hint = "what helps `safer`"
+            case.fail("P2b", "there is no `safer` to return to", hint=hint, part=part)
             continue
         why = _why_not(lambda part=part: polytopes.find_return(part.sets))  # type: ignore[misc]
         if why or part.sets.kept is None:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
 """Lengths of chain: the first that serve nearly every cell are enough."""
 STRAGGLERS_MAX = 2000
-"""So many cells may be looked at one by one."""
+"""So many cells may be looked at after every hold."""
 
 
 def recover(case: Case) -> None:
@@ -90,11 +90,10 @@ def _way(engine: GridGroup, part: GroupSets, home: Bools) -> Way:
         if int((core & ~found.cells).sum()) <= few:
             break
     assert found is not None
-    # cells at the border of K, whose chains fit W at few lengths only: mostly as they fit K
-    for until in (part.core, np.full_like(part.core, LONGEST)):
-        if 0 < int((core & ~found.cells).sum()) <= STRAGGLERS_MAX:
-            every = range(1, int(until.max()) + 1)
-            found = way(engine, core, part.allowed, home, holds=every, before=found, until=until)
+    if 0 < int((core & ~found.cells).sum()) <= STRAGGLERS_MAX:
+        # at the border of K chains fit W at few lengths only
+        every = range(1, LONGEST + 1)
+        found = way(engine, core, part.allowed, home, holds=every, before=found)
     return found
 
 

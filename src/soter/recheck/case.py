@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.program.types import leaves
+from soter.recheck.chains import delays
 from soter.recheck.inclusion import (
     FREE_PIECES,
     PIECES,
@@ -38,7 +39,7 @@ from soter.recheck.tables import Cells, Grid, parts
 from soter.recheck.terms import NotRecheckedError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
 
     from soter.recheck.model import Model
     from soter.recheck.problem import Facts
@@ -60,9 +61,10 @@ class Case:
     entry: dict[str, Any]
     progress: Callable[[float], None]
     workers: int
-    tasks: list[tuple[str, Grid, Callable[[Block], list[Block]], Block]] = field(
+    tasks: list[tuple[str, Grid, Callable[[Block], Iterator[Block]], Block]] = field(
         default_factory=list
     )
+    checks: dict[int, ChainCheck] = field(default_factory=dict)
 
     def check(self) -> None:
         """Collect what is to be shown, then show it."""
@@ -88,7 +90,14 @@ class Case:
         """Whether the sets are the whole grid of a group that no run leaves."""
         return self.kept[index] and all(s.members.all() for s in sets)
 
-    def _add(self, what: str, grid: Grid, show: Callable[[Block], list[Block]]) -> None:
+    def _chains(self, index: int) -> ChainCheck:
+        """Of a group; what is compiled is compiled before processes are forked."""
+        if index not in self.checks:
+            self.checks[index] = ChainCheck(self.model, self.groups[index])
+            self.checks[index].chain(PIECES[0])
+        return self.checks[index]
+
+    def _add(self, what: str, grid: Grid, show: Callable[[Block], Iterator[Block]]) -> None:
         cells = int(np.prod(grid.shape))
         for block in parts(grid.whole, BLOCKS if cells > SMALL else 1):
             self.tasks.append((what, grid, show, block))
@@ -103,8 +112,7 @@ class Case:
                 raise RejectedError("K holds cells on which `safe` is not certain")
             if self._never_left(k, core):
                 continue
-            check = ChainCheck(self.model, group)
-            check.chain(PIECES[0])
+            check = self._chains(k)
             show = partial(witnessed, check, group.core, within, core.contains)
             self._add("SC does not certainly lead back to K from", group.grid, show)
 
@@ -154,8 +162,7 @@ class Case:
                 raise RejectedError("W does not hold all of K")
             if self._never_left(k, home):
                 continue
-            check = ChainCheck(self.model, group)
-            check.chain(PIECES[0])
+            check = self._chains(k)
             kept = partial(witnessed, check, group.home, within, home.contains)
             self._add("SC does not certainly stay where `safer` holds from", group.grid, kept)
             show = partial(ranked, check, home)
@@ -225,7 +232,8 @@ class Case:
                 holds = group.rank_holds[group.rank == rank]
                 total += int(holds.max()) if holds.size else 0
             longest = max(longest, total)
-        bound = longest * times["delta_ns"] + times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"]
+        bound = longest * times["delta_ns"] + delays(self.model)[1]  # a_N is late by j at most
+        bound += times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"]
         if bound > wanted:
             raise RejectedError("SC may take longer to return than the program allows")
 
@@ -236,8 +244,11 @@ class Case:
             return
         times = facts.times
         before = facts.sc.phase_ns + times["J_sc_ns"] + times["R_sc_ns"] + times["L_ns"]
-        for group, core in zip(self.groups, self.cores, strict=True):
+        for k, (group, core) in enumerate(zip(self.groups, self.cores, strict=True)):
             box = Grid(tuple((facts.states[i].low, facts.states[i].high) for i in group.states))
+            inside = group.grid.cells([end for edges in box.edges for end in edges]) is not None
+            if inside and self._never_left(k, core):
+                continue
             check = FreeCheck(self.model, group, before)
             if not check.stays(box.box(box.whole), core, FREE_PIECES[1]):
                 raise RejectedError("an initial state may leave K before SC acts")
@@ -251,7 +262,7 @@ class Case:
 
     def _run(self) -> None:
         global _TASKS  # noqa: PLW0603  what the forked processes see
-        _TASKS = self.tasks
+        _TASKS = self.tasks = self.tasks[::-1]  # the long ones first: ranks are asked for last
         workers = min(self.workers, len(self.tasks))
         done = 0
         if workers > 1 and "fork" in multiprocessing.get_all_start_methods():
@@ -280,8 +291,8 @@ _TASKS: list[tuple[str, Grid, Any, Any]] = []
 def _show(k: int) -> str:
     """One task: empty, or what went wrong."""
     what, grid, show, block = _TASKS[k]
-    failed = show(block)
-    return f"{what} {grid.text(failed[0])}" if failed else ""
+    failed = next(show(block), None)
+    return "" if failed is None else f"{what} {grid.text(failed)}"
 
 
 def _leaves(topic: Any) -> list[float]:  # noqa: ANN401

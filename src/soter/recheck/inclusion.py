@@ -280,7 +280,7 @@ def witnessed(
     within: Cells,
     target: Callable[[Sequence[float]], bool],
     block: Block,
-) -> list[Block]:
+) -> Iterator[Block]:
     """Cells with a witness from which SC does not certainly lead to the target."""
     grid = check.group.grid
     seen = np.zeros(grid.shape, dtype=np.uint16)
@@ -295,7 +295,7 @@ def witnessed(
             shown[...] = check.leads_in_parts(grid.box(at), int(own.flat[0]), within, target)
         return shown
 
-    return list(unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE))
+    return unshown(witnesses > 0, block, attempt, CELLS_AT_ONCE)
 
 
 def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[int]:
@@ -303,7 +303,7 @@ def holds_of(witnesses: NDArray[np.uint8], wanted: NDArray[np.bool_]) -> list[in
     return [int(n) for n in np.unique(witnesses[wanted]) if n > 0]
 
 
-def ranked(check: ChainCheck, home: Cells, block: Block) -> list[Block]:
+def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
     """Cells of W from which SC does not certainly lead to lower ranks."""
     group = check.group
     assert group.rank is not None
@@ -333,7 +333,7 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> list[Block]:
             )
         return shown
 
-    return list(unshown((group.rank > 0) & ~home.members, block, attempt, CELLS_AT_ONCE))
+    return unshown((group.rank > 0) & ~home.members, block, attempt, CELLS_AT_ONCE)
 
 
 # ---------------------------------------------------------------- free phases
@@ -369,7 +369,7 @@ class FreeCheck:
         return True
 
 
-def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> list[Block]:
+def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
     """Cells of `claimed` that some command may drive out of `within`."""
     grid = check.group.grid
 
@@ -381,7 +381,7 @@ def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> list[
             return False
         return _finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
 
-    return list(uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE))
+    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
 
 
 # ---------------------------------------------------------------- computed predicates
@@ -410,16 +410,16 @@ def eroded(model: Model, group: GroupTables, level: Cells) -> Cells:
 
 def levels_hold(
     model: Model, group: GroupTables, claimed: Cells, inside: Cells, block: Block
-) -> list[Block]:
+) -> Iterator[Block]:
     """Cells of estimates, some state behind which is not certainly inside."""
 
     def attempt(at: Block) -> bool:
         return inside.contains(around(model, group, group.grid.box(at)))
 
-    return list(uncovered(claimed, block, attempt, 1 << 20))
+    return uncovered(claimed, block, attempt, 1 << 20)
 
 
-def drifts(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> list[Block]:
+def drifts(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
     """Cells of estimates, some state behind which may be driven out of `within` in time."""
     grid = check.group.grid
 
@@ -432,7 +432,7 @@ def drifts(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> lis
             return False
         return _finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
 
-    return list(uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE))
+    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
 
 
 # ---------------------------------------------------------------- predicates
@@ -543,7 +543,7 @@ class AdmitCheck:
         return _finer(whole, lambda part: self._decide(part) == 2, splits)
 
 
-def admitted(check: AdmitCheck, block: Block) -> list[Block]:
+def admitted(check: AdmitCheck, block: Block) -> Iterator[Block]:
     """Cells outside R where `safe` may hold and, on an estimate, the predicate lets AC."""
     group = check.group
     assert group.free is not None
@@ -553,4 +553,4 @@ def admitted(check: AdmitCheck, block: Block) -> list[Block]:
         return check.holds(group.grid.box(at), splits)
 
     todo = Cells(group.grid, ~group.free)
-    return list(uncovered(todo, block, attempt, volume(group.grid.whole)))
+    return uncovered(todo, block, attempt, volume(group.grid.whole))

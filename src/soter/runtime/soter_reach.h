@@ -131,7 +131,6 @@ typedef struct {
   const uint64_t* inside;  /* C */
   const int32_t* holds;    /* increasing, at most 250 */
   const int32_t* slot;     /* per cell of K: its row in `image`; -1: no way is wanted */
-  const uint8_t* until;    /* per cell: the most holds to try; null: all */
   uint16_t* image;         /* per slot and number of holds; first > last: none */
   uint16_t* rank;          /* per cell: 0 not in W, 1 Q, 2.. */
   uint8_t* taken;          /* per cell: the number of holds */

@@ -45,15 +45,29 @@ static void fill(cell_job* job, const int* first, const int* last, uint8_t value
   }
 }
 
-/* The test on a box; where it does not decide, on its halves. */
+enum { FEW = 16 };
+
+/* The test on a box; where it does not decide, on its halves. A predicate of several groups is
+ * often undecided on every cell, so that few cells are not worth halving. */
 static void divide(cell_job* job, int who, box_test test, const int* first, const int* last) {
-  int widest = 0, mid_last[AXES], mid_first[AXES];
+  int widest = 0, size = 1, mid_last[AXES], mid_first[AXES];
   const int value = test(job, who, first, last);
   for (int a = 0; a < job->g->axes; a++) {
     widest = last[a] - first[a] > last[widest] - first[widest] ? a : widest;
   }
   if ((value & 8) == 0 || last[widest] == first[widest]) {
     fill(job, first, last, (uint8_t)(value & 7));
+    return;
+  }
+  for (int a = 0; a < job->g->axes; a++) {
+    size *= last[a] - first[a] + 1;
+  }
+  if (job->test != 0 && size <= FEW) {
+    int at[AXES];
+    memcpy(at, first, sizeof at);
+    do {
+      fill(job, at, at, (uint8_t)(test(job, who, at, at) & 7));
+    } while (soter_reach_next_cell(job->g->axes, first, last, at));
     return;
   }
   memcpy(mid_last, last, sizeof mid_last);

@@ -17,7 +17,6 @@ typedef struct {
 static void images(way_job* job, int who, const int* at, uint16_t* image, uint16_t* reaches) {
   const soter_reach_group* g = job->g;
   const soter_reach_way* w = job->w;
-  const int until = w->until == 0 ? INT32_MAX : w->until[soter_reach_cell(g, at)];
   soter_reach_chain x;
   soter_hold h;
   uint16_t tube[2 * AXES];
@@ -27,7 +26,7 @@ static void images(way_job* job, int who, const int* at, uint16_t* image, uint16
     image[2 * g->axes * k + 1] = 0;
   }
   soter_reach_start_at(g, at, at, &x);
-  for (int k = 0; k < w->count && w->holds[k] <= until; k++) {
+  for (int k = 0; k < w->count; k++) {
     for (; held < w->holds[k]; held++) {
       job->steps[who]++;
       if (!soter_reach_hold(g, &job->scratch[who], &x, &h) ||

@@ -136,7 +136,7 @@ def case(text: str, folder: Path) -> Case:
     return Case(system, q, ranges, ffi, ffi.dlopen(str(built)), unit.functions)
 
 
-NUMBERS = frozenset(f"soter_{n}" for n in ("law", "derivative", "next", "drives"))
+NUMBERS = frozenset(f"soter_{n}" for n in ("law", "law_0", "law_1", "derivative", "next", "drives"))
 
 
 class Reference:
@@ -234,6 +234,9 @@ def test_what_a_module_does_lies_in_its_enclosures(text: str, moves: str, tmp_pa
         gear = param[0] = rng.randint(0, 2)
         law, motion, drives = (k.ffi.new("soter_form[]", 3) for _ in range(3))
         assert k.library.soter_law(forms, param, law) == 0
+        alone = k.ffi.new("soter_form[]", 2)
+        assert k.library.soter_law_0(forms, param, alone) == 0
+        assert k.library.soter_law_1(forms, param, alone) == 0
         assert getattr(k.library, moves)(forms, param, motion) == 0
         assert k.library.soter_drives(forms, param, drives) == 0
         said = {}
@@ -249,6 +252,7 @@ def test_what_a_module_does_lies_in_its_enclosures(text: str, moves: str, tmp_pa
             tally["silent" if published is None else "published"] += 1
             for i, value in enumerate(published or [rng.uniform(-4, 4), rng.choice((0.0, 1.0))]):
                 assert holds(law[i], value, forms, at), ("law", at, value)
+                assert holds(alone[i], value, forms, at), ("law_K", at, value)
             for i, value in enumerate(reference.motion(at, gear)):
                 assert holds(motion[i], value, forms, at), (moves, at, value)
             for i, value in enumerate((at[0], at[1], float(gear))):
@@ -272,6 +276,8 @@ def test_a_command_that_may_leave_its_set_is_a_possible_fault(tmp_path: Path) ->
         for i, value in enumerate((x, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.5)):
             set_input(forms[i], i, value, value)
         assert k.library.soter_law(forms, param, out) == fault
+        assert k.library.soter_law_0(forms, param, out) == fault
+        assert k.library.soter_law_1(forms, param, out) == 0, "the light alone cannot fault"
     assert reference.law([0.5, 0, 0, 0, 0, 0, 0, 0.5], 1, 0) == [0.0, 0.0]
 
 

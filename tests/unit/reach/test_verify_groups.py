@@ -151,12 +151,14 @@ system S { b: Belt; module M; }
     assert slow.findings["P1c"].verdict == "undecided"
 
 
-def test_a_polytope_group_is_undecided_not_forgotten() -> None:
+def test_a_polytope_ends_where_sc_is_clamped() -> None:
+    pytest.importorskip("highspy")
     found = result_of(("grid pos.y in [-3.0, 3.0] / 240;", "polytope pos.y in [-3.0, 3.0];"))
-    assert found.verdict == "undecided"
-    assert {found.findings[p].verdict for p in ("P2a", "P2b", "P3", "ttf", "safer", "start")} == {
-        "undecided"
-    }
+    assert found.findings["P2a"].verdict == "proved"
+    assert found.shares["core"] < 0.5 / 3.0
+    assert {found.findings[p].verdict for p in ("P3", "ttf", "safer")} == {"undecided"}
+    assert {axis[0] for r in found.findings["ttf"].regions for axis in r.axes} == {"s.y"}
+    assert len(found.cases[0].polytopes) == 1
 
 
 def test_a_finer_grid_settles_borders_and_forgets_no_failure(

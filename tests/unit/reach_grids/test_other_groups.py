@@ -152,6 +152,34 @@ def test_a_core_on_four_axes_is_the_product_of_its_parts() -> None:
     assert both.sum() > 0.8 * product.sum()
 
 
+ALONE = SIGNATURE.format(name="law_0", type="soter_form") + """  soter_form all[2];
+  (void)soter_law(in, param, all);
+  out[0] = all[0];
+""" + END.format()  # fmt: skip
+
+
+@pytest.mark.parametrize("limit", [2.0, 0.5])
+def test_one_control_is_asked_alone_only_where_all_of_sc_is_free_of_faults(limit: float) -> None:
+    """SC steps outside what it publishes for this group, too: with a fault there, it is no SC."""
+    a, b, gains = system("two carts")
+    whole = linear_source(a, b, gains, 2.0)
+    faulty = whole.replace("return 0U;", f"return in[3].hi > {limit!r} ? 1U : 0U;", 1)
+    assert faulty != whole
+    inputs = GridInputs(
+        states=((-1.0, 1.0),) * 4, controls=((-2.0, 2.0),) * 2,
+        disturbances=((-WIND, WIND),) * 4, period_ns=20 * MS,
+    )  # fmt: skip
+    axes = [(i, np.linspace(-1, 1, 31)) for i in (0, 1)]
+    cores = []
+    for source in (faulty, faulty + ALONE):
+        group = GridGroup(linear(source), inputs, axes)
+        asked = "law_0" if limit > 1 and source is not faulty else "law"
+        assert group.c.law == group.library.symbol(asked)
+        cores.append(group.core(np.ones(group.shape, dtype=bool), longest=60).witness)
+    assert cores[0].any() == (limit > 1)
+    assert np.array_equal(cores[0], cores[1])
+
+
 def test_unequal_cells_are_as_sound() -> None:
     c = CARS[1]
     whole = group_of(c)

@@ -114,7 +114,8 @@ def test_the_preferred_commands_lead_to_the_middle() -> None:
 
 
 @pytest.mark.parametrize("number", [1, 3])
-def test_the_way_back_takes_no_longer_than_claimed(number: int) -> None:
+@pytest.mark.parametrize("in_turns", [False, True])
+def test_the_way_back_takes_no_longer_than_claimed(number: int, *, in_turns: bool) -> None:
     c = CARS[number]
     group = group_of(c, cells=121)
     allowed = group.constraint()
@@ -122,7 +123,14 @@ def test_the_way_back_takes_no_longer_than_claimed(number: int) -> None:
     middle = np.abs(group.edges[0][:-1] + group.edges[0][1:]) < 1.4
     rates = np.abs(group.edges[1][:-1] + group.edges[1][1:]) < 1.6
     goal = core & middle[:, None] & rates[None, :]
-    found = way(group, core, allowed, goal)
+    first = way(group, core, allowed, goal, holds=(2, 5)) if in_turns else None
+    found = way(group, core, allowed, goal, before=first)
+    if first is not None:
+        before = first.cells
+        assert 0.1 * core.sum() < before.sum() < found.cells.sum()
+        assert np.array_equal(found.rank[before], first.rank[before])
+        assert found.rank[found.cells & ~before].min() > first.rank.max()
+        assert np.array_equal(found.cells, way(group, core, allowed, goal).cells)
     assert np.array_equal(found.rank == 1, goal)
     assert (found.cells & core).sum() > 0.98 * core.sum()
     rng = np.random.default_rng(6)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from functools import lru_cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from soter.api import load
 from soter.program.build import check_file, system_of
 from soter.reach import verify as verifying
 from soter.reach.complete import complete
@@ -21,6 +23,7 @@ from soter.reach.polytope_sets import Polytope, Program
 from soter.reach.refute import refute
 from soter.reach.results import ModuleResult
 from soter.reach.verify import verify_module
+from soter.recheck.rechecker import recheck
 
 if TYPE_CHECKING:
     from soter.reach.claims import Failure
@@ -109,7 +112,7 @@ def lift() -> ModuleResult:
     """The sets of the lift, and what stands against its claims: nothing."""
     problem = problem_of(text=LIFT.read_text())
     library, _ = library_of(problem)
-    (case,) = verifying._all_cases(problem, library, None)  # noqa: SLF001 - without the check of C
+    (case,) = verifying._all_cases(problem, library, None)
     assert not case.failures, case.failures
     return ModuleResult(problem, {}, [case.sets])
 
@@ -245,6 +248,29 @@ def test_states_in_topics_of_different_ages_are_no_one_estimate() -> None:
         linear_group(problem, Forms(library, problem, ()), problem.groups[0], limits)
 
 
+def hidden(limit: float) -> tuple[tuple[str, str], ...]:
+    """A lag between command and acceleration, whose state no topic shows."""
+    return (
+        *COMPUTED,
+        ("state v: float = 0.0;", "state v: float = 0.0;\n  state f: float = 0.0;"),
+        ("der v = accel + wind;", "der v = f + wind;\n  der f = 40.0 * (accel - f);"),
+        ("[-6.0, 6.0];", f"[-6.0, 6.0], c.f in [-{limit}, {limit}];"),
+    )
+
+
+def test_a_state_that_no_topic_shows_is_named() -> None:
+    found = failures_of(*hidden(5.2))
+    assert {f.claim for f in found} == {"ttf", "safer", "P2b"}
+    assert "c.f" in found[0].text
+    assert "write `ttf` and `safer`" in found[0].hint
+
+
+def test_a_range_that_commands_reach_the_end_of_leaves_ac_nothing() -> None:
+    (first, *_) = failures_of(*hidden(5.0))
+    assert first.claim == "ttf"
+    assert "R(H) is empty" in first.text
+
+
 # ---------------------------------------------------------------- the numbers
 
 
@@ -274,6 +300,10 @@ def test_the_matrices_enclose_the_plant_and_the_law() -> None:
             assert abs(told.mean() - z[0]) <= group.remainder[0] + 1e-12
     assert linear > 20
     assert group.law_high[0] > 4.99
+    assert (group.error[:2] >= [0.03, 0.05]).all()
+    assert (group.error[:2] <= [0.0301, 0.0501]).all()
+    assert (group.control_low[0], group.control_high[0]) == (-5.0, 5.0)
+    assert (group.delta_ns, group.delay_ns, group.jitter_ns) == (20 * MS, 12 * MS, 3 * MS)
 
 
 def test_a_clamp_that_is_tighter_than_the_set_limits_the_linear_part() -> None:
@@ -416,3 +446,36 @@ def test_a_coupling_between_groups_counts_as_disturbance() -> None:
     model = linear_group(problem, Forms(library, problem, ()), problem.groups[0], limits)
     assert model.group.drift_high[1] >= 0.2 + 0.1 * 0.5
     assert model.group.drift_high[1] < 0.3
+
+
+# ---------------------------------------------------------------- what is written
+
+
+def test_the_certificate_holds_the_polytopes_and_is_not_accepted(tmp_path: Path) -> None:
+    source = tmp_path / "cart.soter"
+    source.write_text(_replaced(CART))
+    program = load(source)
+    program.verify(cert=tmp_path / "cert", report=tmp_path / "proof.html", refute=False)
+    manifest = json.loads((tmp_path / "cert" / "manifest.json").read_text())
+    (group,) = manifest["modules"][0]["cases"][0]["groups"]
+    assert group["kind"] == "polytope"
+    rows, columns = group["K"]["faces"]["shape"]
+    raw = (tmp_path / "cert" / group["K"]["faces"]["file"]).read_bytes()
+    assert np.frombuffer(raw, dtype="<f8").reshape(rows, columns).shape == (rows, 3)
+    assert set(group["multipliers"]) == {"K", "R", "S", "Q", "start"}
+    report = recheck(tmp_path / "cert", workers=1)
+    assert not report.accepted
+    assert "`polytope` groups are not rechecked" in report.reason
+    page = (tmp_path / "proof.html").read_text()
+    assert "drawn from half-spaces, by points" in page
+
+
+def test_the_dm_and_the_interpreter_agree_on_every_state(tmp_path: Path) -> None:
+    source = tmp_path / "cart.soter"
+    source.write_text(_replaced(CART))
+    program = load(source)
+    runs = [
+        program.simulate(until=4.0, engine=engine, trace=True) for engine in ("native", "interp")
+    ]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    assert runs[0].modules["SafeCart"].switches_to_sc > 0
