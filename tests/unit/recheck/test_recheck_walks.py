@@ -18,12 +18,14 @@ from soter.recheck.tables import Cells, Grid, unshown, volume
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from numpy.typing import NDArray
 
     from soter.recheck.tables import Block
 
+CLAMPED = "clamp(-2.0 * seen, -1.0, 1.0)"
 LAG = """soter 1;
 topic seen: float max_age 10ms;
 topic push: float in [-1.0, 1.0] = 0.0;
@@ -55,9 +57,12 @@ system S default { l: Lag; module Module; until 10s; }
 """
 
 
-def lag(tmp_path: Path, rate: str, extra: str, bound: float) -> tuple[Model, list[GroupTables]]:
+def lag(
+    tmp_path: Path, rate: str, extra: str, bound: float, law: str = CLAMPED
+) -> tuple[Model, list[GroupTables]]:
     """The model, and a table for w and for q; `bound`: of the grid of q."""
-    text = LAG.replace("RATE", rate).replace("EXTRA", extra).replace("BOUND", repr(bound))
+    text = LAG.replace(CLAMPED, law)
+    text = text.replace("RATE", rate).replace("EXTRA", extra).replace("BOUND", repr(bound))
     (tmp_path / "lag.soter").write_text(text)
     facts = small_proofs.facts_of(tmp_path / "lag.soter", "S", "Module")
     model = Model(facts, (), tuple(facts.axes[i] for i in range(2)))
@@ -78,6 +83,9 @@ def lag(tmp_path: Path, rate: str, extra: str, bound: float) -> tuple[Model, lis
         ("4.0", "0.0", 0.99, False),  # w may be beyond
         ("4.0", "d", 1.13, True),
         ("4.0", "d", 1.12, False),  # 4 (1 - 1.12) + 0.5 > 0
+        ("4.0", "d + 0.4", 1.23, True),
+        ("4.0", "d + 0.4", 1.2, False),  # at the upper end alone
+        ("4.0", "d - 0.4", 1.2, False),  # at the lower end alone
         ("4.0", "0.01 * push", 1.5, False),  # a command moves it
         ("-4.0", "0.0", 1.5, False),
         ("0.0", "d", 1.5, False),
@@ -125,6 +133,20 @@ def test_a_part_of_a_group_that_flows_inwards_is_not_kept_for_free(tmp_path: Pat
     case = Case(model, [groups[0], part], {"P2a"}, {}, lambda _: None, 1)
     with pytest.raises(RejectedError, match="lead back"):
         case.check()
+
+
+@pytest.mark.parametrize(
+    ("law", "near", "far"),
+    [(CLAMPED, True, True), ("-2.0 * seen", True, False), ("2.0 + 0.0 * seen", False, False)],
+)
+def test_a_command_outside_its_set_ends_a_chain(
+    tmp_path: Path, law: str, near: bool, far: bool
+) -> None:
+    model, groups = lag(tmp_path, "4.0", "d", 1.13, law)
+    chain = ChainCheck(model, groups[0]).chain(1)
+    for at, known in (((20, 22), near), ((38, 39), far)):
+        form = form_of_box(groups[0].grid.box((at,)), symbols=True)
+        assert (chain.first(form) is not None) == known
 
 
 # ---------------------------------------------------------------- walks
@@ -188,7 +210,7 @@ def test_steps_without_boxes_give_the_same_forms(small: tuple[Model, GroupTables
 
 
 def test_what_was_seen_of_a_block_is_used_for_its_parts_only(
-    small: tuple[Model, GroupTables],
+    small: tuple[Model, GroupTables], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """`seen` is written for the block alone, and only as far as it was within."""
     model, group = small
@@ -201,8 +223,19 @@ def test_what_was_seen_of_a_block_is_used_for_its_parts_only(
     assert (seen[5:7, 4:6] == 5).all()
     assert seen.sum() == 4 * 5
     assert list(check.reached(at, [2, 5], everywhere, seen)) == whole
-    larger = ((5, 12), (4, 10))
-    assert list(check.reached(larger, [3], everywhere, seen)) == []
+    looked: list[int] = []
+    contains_all = everywhere.contains_all
+
+    def noted(boxes: Sequence[float]) -> bool:
+        looked.append(len(boxes))
+        return contains_all(boxes)
+
+    monkeypatch.setattr(everywhere, "contains_all", noted)
+    list(check.reached(at, [2], everywhere, seen))
+    assert [n > 0 for n in looked] == [False, False, True], "only the end of the last hold"
+    looked.clear()
+    list(check.reached(((5, 8), (4, 6)), [2], everywhere, seen))
+    assert [n > 0 for n in looked] == [True, True, True]
     edge = ((11, 12), (9, 10))  # at the wall, as fast as the grid goes
     assert list(check.reached(edge, [3], everywhere, seen)) == []
     assert seen[11, 9] < 3
