@@ -18,21 +18,23 @@ from soter.recheck.chains import delays
 from soter.recheck.inclusion import (
     FREE_PIECES,
     PIECES,
-    AdmitCheck,
     ChainCheck,
     FreeCheck,
     GroupTables,
     RejectedError,
-    admitted,
-    certain,
-    drifts,
-    eroded,
     free,
-    levels_hold,
     ranked,
     witnessed,
 )
 from soter.recheck.inward import points_inwards
+from soter.recheck.predicates import (
+    AdmitCheck,
+    admitted,
+    certain,
+    drifts,
+    eroded,
+    levels_hold,
+)
 from soter.recheck.problem import number_of
 from soter.recheck.symbolic import flat
 from soter.recheck.tables import Cells, Grid, parts

@@ -1,7 +1,8 @@
 """The claims about one group in one case, each an inclusion recomputed from its witnesses.
 
-Purpose: K, R(H), Q, W of a group; where `safe`, `ttf` and `safer` certainly hold; the start.
-Non-goals: reading certificates (`folder.py`), deciding which claims there are (`rechecker.py`).
+Purpose: K, R(H), Q, W of a group, and the start, cell by cell.
+Non-goals: predicates (`predicates.py`), certificates (`folder.py`), which claims there are
+(`case.py`).
 """
 
 from __future__ import annotations
@@ -13,36 +14,20 @@ import numpy as np
 
 from soter.recheck.balls import (
     HALF,
-    TINIEST,
-    UNIT_ROUNDOFF,
     above,
     below,
-    exact,
     larger,
-    magnitude,
     smaller,
 )
 from soter.recheck.chains import free_phase, sc_chain
-from soter.recheck.compile_terms import compile_truths, form_of_box
-from soter.recheck.problem import error_of
+from soter.recheck.compile_terms import form_of_box
 from soter.recheck.tables import (
     Cells,
     Grid,
     block_index,
-    halves,
     uncovered,
     unshown,
     volume,
-)
-from soter.recheck.terms import (
-    TRUE,
-    Terms,
-    both,
-    conjuncts,
-    either,
-    influence,
-    inputs_of,
-    negation,
 )
 
 if TYPE_CHECKING:
@@ -51,12 +36,10 @@ if TYPE_CHECKING:
     from flint import arb
     from numpy.typing import NDArray
 
-    from soter.program import typed
     from soter.recheck.chains import Chain, FreePhase
     from soter.recheck.compile_terms import Step
     from soter.recheck.model import Model
     from soter.recheck.tables import Block
-    from soter.recheck.terms import Truth
 
 CELLS_AT_ONCE = 256
 PIECES = (1, 4)
@@ -68,10 +51,6 @@ SPLITS_CUT = 4
 """The same where sets are halved on the way as well."""
 MID_CUTS = (4, 7)
 """How often, at equal distances, first and then; each doubles the work that is left."""
-SPLITS_OF_PREDICATES = 10
-"""The same where a predicate is evaluated: errors are halved, too."""
-SPLITS_OF_SETS = 4
-"""The same where it is only asked which cells to use: a failure costs cells, no proof."""
 UNRANKED = 1 << 20
 
 
@@ -98,7 +77,7 @@ class GroupTables:
 # ---------------------------------------------------------------- boxes
 
 
-def _finer(
+def finer(
     box: list[tuple[arb, arb]], attempt: Callable[[list[tuple[arb, arb]]], bool], splits: int
 ) -> bool:
     """Whether the attempt works on all parts of a box, halving where it does not."""
@@ -110,7 +89,7 @@ def _finer(
     low, high = box[axis]
     middle = ((low + high) * HALF).mid()
     return all(
-        _finer([*box[:axis], half, *box[axis + 1 :]], attempt, splits - 1)
+        finer([*box[:axis], half, *box[axis + 1 :]], attempt, splits - 1)
         for half in ((low, middle), (middle, high))
     )
 
@@ -224,9 +203,9 @@ class ChainCheck:
 
         return (
             fine(box, 0)
-            or _finer(box, lambda b: fine(b, MID_CUTS[0]), SPLITS_CUT)
-            or _finer(box, lambda b: fine(b, 0), SPLITS)
-            or _finer(box, lambda b: fine(b, MID_CUTS[1]), SPLITS_CUT)
+            or finer(box, lambda b: fine(b, MID_CUTS[0]), SPLITS_CUT)
+            or finer(box, lambda b: fine(b, 0), SPLITS)
+            or finer(box, lambda b: fine(b, MID_CUTS[1]), SPLITS_CUT)
         )
 
     def _parts(self, form: tuple[arb, ...], n: int) -> list[tuple[arb, ...]]:
@@ -379,178 +358,6 @@ def free(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Itera
             return True
         if volume(at) > 1:
             return False
-        return _finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
+        return finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
 
     return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
-
-
-# ---------------------------------------------------------------- computed predicates
-
-
-def around(model: Model, group: GroupTables, box: list[tuple[arb, arb]]) -> tuple[float, ...]:
-    """Everything an estimate of a state in the box may be, and the other way round."""
-    found: list[float] = []
-    for state, (low, high) in zip(group.states, box, strict=True):
-        error = exact(error_of(model.facts, state))
-        if not error.is_zero():
-            error += (magnitude(low).max(magnitude(high)) + error) * (2 * UNIT_ROUNDOFF) + TINIEST
-        found += (below(low - error), above(high + error))
-    return tuple(found)
-
-
-def eroded(model: Model, group: GroupTables, level: Cells) -> Cells:
-    """Cells of states all of whose estimates lie in a level; and of estimates of such states."""
-    grid = group.grid
-    members = np.zeros(grid.shape, dtype=np.bool_)
-    for cell in np.argwhere(level.members):
-        block = tuple((int(i), int(i) + 1) for i in cell)
-        members[tuple(cell)] = level.contains(around(model, group, grid.box(block)))
-    return Cells(grid, members)
-
-
-def levels_hold(
-    model: Model, group: GroupTables, claimed: Cells, inside: Cells, block: Block
-) -> Iterator[Block]:
-    """Cells of estimates, some state behind which is not certainly inside."""
-
-    def attempt(at: Block) -> bool:
-        return inside.contains(around(model, group, group.grid.box(at)))
-
-    return uncovered(claimed, block, attempt, 1 << 20)
-
-
-def drifts(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
-    """Cells of estimates, some state behind which may be driven out of `within` in time."""
-    grid = check.group.grid
-
-    def attempt(at: Block) -> bool:
-        ends = around(check.model, check.group, grid.box(at))
-        box = [(exact(a), exact(b)) for a, b in zip(ends[::2], ends[1::2], strict=True)]
-        if check.stays(box, within, FREE_PIECES[0]):
-            return True
-        if volume(at) > 1:
-            return False
-        return _finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
-
-    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
-
-
-# ---------------------------------------------------------------- predicates
-
-
-def _grid_boxes(model: Model) -> list[tuple[arb, arb]]:
-    return [(exact(low), exact(high)) for low, high in model.extents]
-
-
-def certain(
-    model: Model, groups: Sequence[GroupTables], expr: typed.Expr, *, errors: bool
-) -> list[Cells]:
-    """For each group the cells on which its share of a predicate certainly holds.
-
-    The predicate holds on the product of these sets: each of its conjuncts is the matter of one
-    group, all other states ranging over their whole grids. It is that of the group on which it
-    depends most; any choice is sound, and only this one is useful. Where `errors`, on every
-    estimate of every state.
-    """
-    terms, states = model.new_terms()
-    truth = model.predicate(terms, states, expr, errors=errors)
-    shares: list[list[Truth]] = [[] for _ in groups]
-    atoms = {next(iter(x.terms)): i for i, x in enumerate(states)}
-    for part in [*conjuncts(truth), *terms.obligations]:
-        weights = [
-            influence(terms, part, [a for a, i in atoms.items() if i in g.states]) for g in groups
-        ]
-        owner = max(range(len(groups)), key=lambda k: float(weights[k]))
-        shares[owner].append(part)
-    found = []
-    for group, share in zip(groups, shares, strict=True):
-        whole = both_all(share)
-        found.append(
-            _certain_cells(model, group, terms, [next(iter(x.terms)) for x in states], whole)
-        )
-    return found
-
-
-def both_all(parts: Sequence[Truth]) -> Truth:
-    """All of them."""
-    found = TRUE
-    for p in parts:
-        found = both(found, p)
-    return found
-
-
-def _decision(
-    model: Model, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Truth
-) -> tuple[Callable[[list[tuple[arb, arb]]], int], list[tuple[arb, arb]]]:
-    """The truth of a proposition on a box of the group's states, other states on their grids.
-
-    Errors and other topics count as states here, behind those of the group: they have much in
-    common in what is compared. Their ranges come with it.
-    """
-    places = [atoms[i] for i in group.states]
-    boxes = dict(zip(atoms, _grid_boxes(model), strict=True))
-    free = sorted(i for i in inputs_of(terms, [truth]) if terms.atoms[i].kind == "box")
-    ranges = [(terms.atoms[i].low, terms.atoms[i].high) for i in free]
-    decide = compile_truths(terms, [*places, *free], [truth], boxes)
-
-    def decided(box: list[tuple[arb, arb]]) -> int:
-        return decide(form_of_box(box, symbols=False))[0]
-
-    return decided, ranges
-
-
-def _certain_cells(
-    model: Model, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Truth
-) -> Cells:
-    """Cells on which a proposition certainly holds, whatever the other groups do."""
-    decide, ranges = _decision(model, group, terms, atoms, truth)
-
-    def holds(box: list[tuple[arb, arb]]) -> bool:
-        return decide(box) == 2
-
-    members = np.zeros(group.grid.shape, dtype=np.bool_)
-    waiting = [group.grid.whole]
-    while waiting:
-        block = waiting.pop()
-        box = [*group.grid.box(block), *ranges]
-        found = decide(box)
-        if found == 3 and volume(block) > 1:
-            waiting.extend(halves(block))
-        elif found == 2 or (found == 3 and _finer(box, holds, SPLITS_OF_SETS)):
-            members[block_index(block)] = True
-    return Cells(group.grid, members)
-
-
-class AdmitCheck:
-    """Whether `safe` fails or, on every estimate, `expr` is not `admits`."""
-
-    def __init__(self, model: Model, group: GroupTables, expr: typed.Expr, *, admits: bool) -> None:
-        self.group = group
-        terms, states = model.new_terms()
-        safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
-        sound_safe = both_all(terms.obligations)
-        terms.obligations.clear()
-        told = model.predicate(terms, states, expr, errors=True)
-        sound_told = both_all(terms.obligations)
-        refused = negation(told) if admits else told
-        fine = either(both(negation(safe), sound_safe), both(refused, sound_told))
-        atoms = [next(iter(x.terms)) for x in states]
-        self._decide, self._ranges = _decision(model, group, terms, atoms, fine)
-
-    def holds(self, box: list[tuple[arb, arb]], splits: int) -> bool:
-        """On a box of states; it and the errors are halved so often."""
-        whole = [*box, *self._ranges]
-        return _finer(whole, lambda part: self._decide(part) == 2, splits)
-
-
-def admitted(check: AdmitCheck, block: Block) -> Iterator[Block]:
-    """Cells outside R where `safe` may hold and, on an estimate, the predicate lets AC."""
-    group = check.group
-    assert group.free is not None
-
-    def attempt(at: Block) -> bool:
-        splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
-        return check.holds(group.grid.box(at), splits)
-
-    todo = Cells(group.grid, ~group.free)
-    return uncovered(todo, block, attempt, volume(group.grid.whole))

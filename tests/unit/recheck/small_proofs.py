@@ -16,8 +16,9 @@ from soter.program.build import check_file, system_of
 from soter.recheck.balls import above, below
 from soter.recheck.compile_terms import form_of_box
 from soter.recheck.folder import canonical
-from soter.recheck.inclusion import ChainCheck, FreeCheck, GroupTables, certain
+from soter.recheck.inclusion import ChainCheck, FreeCheck, GroupTables
 from soter.recheck.model import Model
+from soter.recheck.predicates import certain
 from soter.recheck.problem import Facts, read_facts
 from soter.recheck.rechecker import TIME_KEYS
 from soter.recheck.tables import Cells, Grid
