@@ -55,8 +55,8 @@ BENCHMARKS = (
     Benchmark(
         "The drone against the plant of its proof",
         ("bench/drone_conformance.py",),
-        "Every 5 ms of 1,000 seeded laps and of flights with hostile ACs: the least bound on |d| with "
-        "which the verification plant explains what the 13-state vehicle did, on true states.",
+        "Every 5 ms of 1,000 seeded laps and of flights with hostile ACs: the least bound on |d| "
+        "with which the verification plant explains what the 13-state vehicle did, on true states.",
     ),
     Benchmark(
         "The decision module's time",
