@@ -465,6 +465,7 @@ class Program:
             module=module,
             system=system,
             params=self._values(params),
+            given=params,
             cert=None if cert is None else Path(cert),
             refute=refute,
             report=None if report is None else Path(report),

@@ -107,7 +107,7 @@ def _say(advice: Advice, console: Console) -> None:
 
     head, rows = advice.table()
     console.say()
-    console.say(console.paint("strong", advice.module))
+    console.say(console.paint("bold", advice.module))
     console.say()
     console.say(table(head, rows))
     console.say()

@@ -81,8 +81,9 @@ class Console:
             self.note(render_all(items, color=self.color_err))
 
     def paint(self, style: str, text: str) -> str:
-        """`text` in colour where standard output shows it."""
-        return f"\x1b[{STYLES[style]}m{text}\x1b[0m" if self.color_out and text else text
+        """`text` in colour where standard output shows it; as it is in a style nobody knows."""
+        known = STYLES.get(style)
+        return f"\x1b[{known}m{text}\x1b[0m" if known and self.color_out and text else text
 
     def flush(self) -> None:
         """Hand over what is buffered; the outcome stands in `output_error`."""

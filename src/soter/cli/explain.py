@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.cli.outcome import DIAGNOSTICS, Outcome
 from soter.cli.parser import Parser
 from soter.diagnostics.diagnostic import Diagnostic
-from soter.diagnostics.explain import all_codes, explain, suggestions, title
+from soter.diagnostics.explain import all_codes, explain, named, suggestions, title
 from soter.diagnostics.render import safe
 
 if TYPE_CHECKING:
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   soter explain P1a
+  soter explain ttf        also safer, start and DM: what else `soter verify` shows
   soter explain            all codes with their titles
 """
 
@@ -41,7 +42,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     if page is None:
         return _unknown(args.code)
     console.say(_shown(page, console))
-    code = next((c for c in all_codes() if c.casefold() == args.code.strip().casefold()), args.code)
+    code = named(args.code)
     return Outcome(fields={"code": code, "title": title(code), "page": page})
 
 

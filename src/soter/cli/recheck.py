@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import recheck
-from soter.cli.outcome import FINE, VIOLATED, Outcome, exit_of
+from soter.cli.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
 from soter.cli.parser import Parser
 from soter.cli.progress import Progress
 from soter.diagnostics.diagnostic import SoterError
@@ -28,7 +28,9 @@ EXAMPLES = """\
 Every byte of the folder counts: a changed, missing or additional file is rejected. Then the problem
 is read off the program once more, by other code, and every claim is recomputed in ball arithmetic.
 
-exit codes: 0 accepted, 3 rejected, 1 no certificate there or python-flint missing, 2 usage
+exit codes: 0 accepted: safety and the return of AC (P2b) are established, 3 rejected,
+            4 accepted in part: what is claimed holds, and it is not all of that,
+            1 no certificate there or python-flint missing, 2 usage
 """
 
 
@@ -47,7 +49,28 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     except SoterError as error:
         return Outcome(exit_of(error.diagnostics), error.diagnostics, {"certificate": args.folder})
     _say(report, args.folder, console)
-    return Outcome(FINE if report.accepted else VIOLATED, (), _fields(report, args.folder))
+    return Outcome(_exit(report), (), _fields(report, args.folder))
+
+
+def _exit(report: Report) -> int:
+    if not report.accepted:
+        return VIOLATED
+    return FINE if report.safe and report.returns else UNDECIDED
+
+
+def _headline(report: Report, folder: str, console: Console) -> str:
+    if not report.safe:
+        several = len(report.modules) > 1
+        missing = "; ".join(
+            (f"{m.name}: " if several else "") + ", ".join(m.missing)
+            for m in report.modules
+            if m.missing
+        )
+        word = console.paint("yellow", "ACCEPTED IN PART")
+        return f"{word}  {folder}: safety is not established ({missing} not claimed)"
+    if not report.returns:
+        return f"{console.paint('yellow', 'ACCEPTED, without P2b')}  {folder}"
+    return f"{console.paint('green', 'ACCEPTED')}  {folder}"
 
 
 def _say(report: Report, folder: str, console: Console) -> None:
@@ -56,7 +79,7 @@ def _say(report: Report, folder: str, console: Console) -> None:
         console.say(f"{console.paint('red', 'REJECTED')}  {folder}  {hash_}".rstrip())
         console.say(f"  {report.reason}")
         return
-    console.say(f"{console.paint('green', 'ACCEPTED')}  {folder}  {hash_}  {report.seconds:.1f} s")
+    console.say(f"{_headline(report, folder, console)}  {hash_}  {report.seconds:.1f} s")
     for module in report.modules:
         console.say(f"  {module.name}: {' '.join(module.confirmed)}, {module.cells:,} cells")
         for name in module.other:
@@ -70,11 +93,18 @@ def _fields(report: Report, folder: str) -> dict[str, object]:
     return {
         "certificate": folder,
         "accepted": report.accepted,
+        "safe": report.safe,
+        "returns": report.returns,
         "reason": report.reason,
         "program_sha256": report.program_sha256,
         "seconds": report.seconds,
         "modules": {
-            m.name: {"confirmed": m.confirmed, "not_confirmed": m.other, "cells": m.cells}
+            m.name: {
+                "confirmed": m.confirmed,
+                "not_confirmed": m.other,
+                "missing": m.missing,
+                "cells": m.cells,
+            }
             for m in report.modules
         },
         "assumptions": report.assumptions,

@@ -125,8 +125,27 @@ def _say(report: VerifyReport, args: argparse.Namespace, console: Console, runs:
     for kind in ("cert", "report"):
         if getattr(args, kind):
             console.say(f"\n{kind:<7} {getattr(args, kind)}")
+        if kind == "cert" and args.cert:
+            for line in _of_the_certificate(report):
+                console.say(f"        {console.paint('yellow', line)}")
     for path in dict.fromkeys(p for files in runs.values() for p in files.values()):
         console.say(f"\nrun     {path}")
+
+
+def _of_the_certificate(report: VerifyReport) -> list[str]:
+    """What a certificate does not say, or `soter recheck` does not accept."""
+    lines = []
+    for module in report.modules:
+        claimed = [n for n, f in module.findings.items() if f.verdict == "proved" and n != "DM"]
+        open_ = [n for n, f in module.findings.items() if not f.holds and n != "DM"]
+        if open_ == ["P2b"]:
+            lines.append(f"{module.name}: claims safety, without P2b: AC may not get control back")
+        elif open_:
+            said = " ".join(claimed) or "nothing"
+            lines.append(f"{module.name}: claims only {said}: not a proof of safety")
+        if any(g.representation != "grid" for g in module.problem.groups):
+            lines.append(f"{module.name}: `soter recheck` does not accept polytope groups yet")
+    return lines
 
 
 def _saved(report: VerifyReport) -> Runs:
@@ -142,7 +161,10 @@ def _headline(module: ModuleResult, console: Console) -> str:
     verdict = console.paint(PAINTS[module.verdict], module.verdict.upper())
     count = len(module.problem.assumptions)
     under = f" under {count} assumption{'' if count == 1 else 's'}"
-    if module.verdict != "proved":
+    assumed = [n for n, f in module.findings.items() if f.verdict == "assumed"]
+    if assumed:
+        under += f" ({', '.join(assumed)} assumed)"
+    if module.verdict not in ("proved", "assumed"):
         worst = [n for n, f in module.findings.items() if f.verdict == module.verdict]
         under = f": {', '.join(worst)}"
     return f"{console.paint('bold', module.name)}  {verdict}{under}  {seconds(module.seconds)}"

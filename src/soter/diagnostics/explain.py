@@ -18,9 +18,20 @@ def all_codes() -> list[str]:
     return sorted(_by_folded().values(), key=lambda code: (code.rstrip("0123456789"), code))
 
 
+def all_words() -> list[str]:
+    """What verdicts are about and no diagnostic is: `ttf`, `safer`, `start`, `DM`."""
+    return sorted(_words().values())
+
+
+def named(code: str) -> str | None:
+    """A code or word as it is written, from any letter case; None where there is no page."""
+    folded = code.strip().casefold()
+    return _by_folded().get(folded) or _words().get(folded)
+
+
 def explain(code: str) -> str | None:
-    """The Markdown page of a code in any letter case, None where there is none."""
-    known = _by_folded().get(code.strip().casefold())
+    """The Markdown page of a code or word in any letter case, None where there is none."""
+    known = named(code)
     return _page(known) if known is not None else None
 
 
@@ -35,7 +46,7 @@ def title(code: str) -> str | None:
 
 def suggestions(code: str) -> list[str]:
     """Codes that look like an unknown one, best first."""
-    known = _by_folded()
+    known = {**_by_folded(), **_words()}
     near = get_close_matches(code.strip().casefold()[:20], list(known), 3, 0.5)
     return [known[folded] for folded in near]
 
@@ -46,5 +57,11 @@ def _by_folded() -> dict[str, str]:
 
 
 @cache
+def _words() -> dict[str, str]:
+    return {path.stem.casefold(): path.stem for path in (_PAGES / "words").glob("*.md")}
+
+
+@cache
 def _page(code: str) -> str:
-    return (_PAGES / f"{code}.md").read_text(encoding="utf-8")
+    folder = _PAGES / "words" if code in _words().values() else _PAGES
+    return (folder / f"{code}.md").read_text(encoding="utf-8")

@@ -25,6 +25,7 @@ from soter.reach.boxes import share
 from soter.reach.extract import cases
 from soter.reach.forms import library_of
 from soter.reach.grids import UnboundedError
+from soter.reach.levels import deploy
 from soter.reach.levels import levels as add_levels
 from soter.reach.recovery import recover
 from soter.report.advice_page import AdvicePage, Line
@@ -229,8 +230,9 @@ def _fill(row: Row, problem: Problem, opened: list[Case], wanted: list[int]) -> 
         tried = [_at(case, computed) for case in done]
         for case in tried:
             add_levels(case)
-        row.allowed = _share(tried, lambda g: g.levels[0])
-        row.levels[m] = _share(tried, lambda g: g.levels[-1])
+        deploy(tried)
+        row.allowed = _share(tried, lambda g: _held(g, 0))
+        row.levels[m] = _share(tried, lambda g: _held(g, 1))
         row.returns[m] = row.levels[m] > 0.0 and all(_returns(case) for case in tried)
     row.why = row.why or _why(row, done)
 
@@ -247,6 +249,12 @@ def _own(case: Case) -> bool:
         claims.inclusion(case, predicate)
     recover(case)
     return not any(case.failed(c) for c in ("ttf", "safer", "P2b"))
+
+
+def _held(part: GroupSets, which: int) -> Bools:
+    """S_0 or S_(m-2) as the DM would hold it for all cases; grids always have a table."""
+    assert part.deployed is not None
+    return part.deployed[which]
 
 
 def _returns(case: Case) -> bool:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.prelude.bounds import BOUNDS
 from soter.program.durations import show_ns
+from soter.program.types import FloatType, leaves
 from soter.program.walk import calls_in
 from soter.reach.timing import DELAYS, WORDS, read_by_dm, read_by_sc
 
@@ -64,7 +65,9 @@ def _environment(place: Place, inputs: Inputs) -> list[str]:
     if inputs.errors:
         pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
         bounds = ", ".join(f"{e.name} within {r.high:g}" for e, r in pairs)
-        found.append(f"measurement errors stay within their bounds: {bounds}")
+        exact = _exact(place, inputs)
+        rest = f"; exact: {', '.join(exact)}" if exact else ""
+        found.append(f"measurement errors stay within their bounds: {bounds}{rest}")
     measured = {(e.owner, e.path) for e in inputs.errors}
     if place.driven and not measured:
         found.append("estimates are exact: no measurement error is declared")
@@ -77,6 +80,17 @@ def _environment(place: Place, inputs: Inputs) -> list[str]:
     if inputs.others:
         names = ", ".join(o.name for o in inputs.others)
         found.append(f"{names}: any value of the declared set, at any time")
+    return found
+
+
+def _exact(place: Place, inputs: Inputs) -> list[str]:
+    """Leaves of what the DM and SC read of plants for which no error is declared."""
+    measured = {(e.owner, e.path) for e in inputs.errors}
+    found = []
+    for index in dict.fromkeys([*read_by_dm(place), *read_by_sc(place)]):
+        topic = place.system.topics[index]
+        paths = [path for path, t in leaves(topic.type) if isinstance(t, FloatType)]
+        found += [".".join((topic.name, *p)) for p in paths if (index, p) not in measured]
     return found
 
 
@@ -106,6 +120,7 @@ def _timing(times: Times, kind: str) -> list[str]:
     if absent:
         found.append(f"undeclared times are zero: {', '.join(absent)}")
     found.append("SC waits for the DM, in one thread, and no release is skipped")
+    found.append("commands of AC and SC act in the order in which they were published")
     return found
 
 

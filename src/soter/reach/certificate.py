@@ -18,7 +18,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.loader import load
 from soter.reach.results import PROVED
-from soter.reach.tables import Table, tables
+from soter.reach.tables import Table, pairs_of, tables
 from soter.syntax import tree
 
 if TYPE_CHECKING:
@@ -144,11 +144,7 @@ def _module(
 
 def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[dict[str, object]]:
     """What the DM of the module holds: breakpoints and levels of every grid, as in its C."""
-    cases = [
-        [(g.levels[0], g.levels[-1]) for g in case.groups if g.levels]
-        + [(p.sets.allowed[0], p.sets.safer) for p in case.polytopes if p.sets is not None]
-        for case in result.cases
-    ]
+    cases = [pairs_of(case) for case in result.cases]
     if not cases or any(len(case) != len(result.problem.groups) for case in cases):
         return []  # not everything was computed: there is no table, and nothing to be claimed
     names = [s.name for s in result.problem.quantities.states]

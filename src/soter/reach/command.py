@@ -6,6 +6,7 @@ Non-goals: the proofs (`verify.py`), printing.
 
 from __future__ import annotations
 
+import shlex
 import time
 from typing import TYPE_CHECKING
 
@@ -36,8 +37,12 @@ def verify(
     refute: bool = True,
     report: Path | None = None,
     progress: Progress | None = None,
+    given: Mapping[str, object] | None = None,
 ) -> VerifyReport:
-    """Verify the modules of a checked program; `SoterError` where a problem is not determined."""
+    """Verify the modules of a checked program; `SoterError` where a problem is not determined.
+
+    `given`: the parameters as the user wrote them, for the report's command line.
+    """
     from soter.reach.verify import verify_module  # noqa: PLC0415 - needs a compiler
 
     began = time.perf_counter()
@@ -55,6 +60,7 @@ def verify(
         ", ".join(names),
         tuple(results),
         time.perf_counter() - began,
+        _command_line(checked.program.path, module, system, given or {}),
     )
     if cert is not None:
         from soter.reach.certificate import write  # noqa: PLC0415 - only then
@@ -65,6 +71,17 @@ def verify(
 
         write_report(found, report)
     return found
+
+
+def _command_line(
+    path: str, module: str | None, system: str | None, given: Mapping[str, object]
+) -> str:
+    words = ["soter", "verify", path]
+    words += ["--module", module] if module else []
+    words += ["--system", system] if system else []
+    for name, value in given.items():
+        words += ["--set", f"{name}={str(value).lower() if isinstance(value, bool) else value}"]
+    return shlex.join(words)
 
 
 def modules_of(

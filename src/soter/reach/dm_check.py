@@ -32,7 +32,7 @@ from soter.program.walk import topic_reads
 from soter.reach.complete import put
 from soter.reach.dm_inputs import AC, SC, gates, values
 from soter.reach.facets import Facets, border_points
-from soter.reach.tables import tables
+from soter.reach.tables import pairs_of, tables
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from soter.program.system import Module, System
     from soter.program.types import Type, Value
     from soter.reach.dm_inputs import Points
-    from soter.reach.results import CaseSets, ModuleResult
-    from soter.reach.tables import Pair, Table
+    from soter.reach.results import ModuleResult
+    from soter.reach.tables import Table
 
 
 NEVER = -(2**62)
@@ -170,7 +170,7 @@ def check_module(result: ModuleResult) -> DMCheck:
     components = tuple(replace(x, binding=None) for x in problem.system.components)
     system = replace(problem.system, components=components, modules=(module,))
     found: list[Table | Facets] = []
-    sets = [_pairs(case) for case in result.cases]
+    sets = [pairs_of(case) for case in result.cases]
     if problem.computed and all(len(pairs) == len(problem.groups) for pairs in sets):
         found = tables(problem, sets)
         put(system, module, problem, found)
@@ -178,13 +178,6 @@ def check_module(result: ModuleResult) -> DMCheck:
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)
     return check_decisions(system, core, found, problem.topic_leaf_of_state)[0]
-
-
-def _pairs(case: CaseSets) -> list[Pair]:
-    """(S_0, S_(m-2)) of the groups that have them."""
-    found: list[Pair] = [(g.levels[0], g.levels[-1]) for g in case.groups if g.levels]
-    sets = [part.sets for part in case.polytopes if part.sets is not None]
-    return found + [(s.allowed[0], s.safer) for s in sets if s.allowed]
 
 
 class _Compiled:

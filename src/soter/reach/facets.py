@@ -23,13 +23,13 @@ import numpy as np
 from soter.program import typed as t
 from soter.program.types import BOOL, FLOAT, INT
 from soter.reach.polytope_claims import inner_point, surely_inside
+from soter.reach.polytope_sets import Polytope
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from soter.reach.polytope_sets import Polytope
     from soter.reach.tables import Writer
 
     Floats = NDArray[np.float64]
@@ -94,6 +94,12 @@ def thresholds(p: Polytope) -> Floats:
         value = float(exact)
         found.append(value if Fraction(value) <= exact else float(np.nextafter(value, -np.inf)))
     return np.array(found)
+
+
+def surely(p: Polytope) -> Polytope:
+    """A part of a polytope on which the computed comparisons certainly succeed."""
+    once = Polytope(p.low, p.high, p.rows, thresholds(p))
+    return Polytope(p.low, p.high, p.rows, thresholds(once))
 
 
 def facets_function(w: Writer, name: str, facets: Facets) -> t.FunSymbol:

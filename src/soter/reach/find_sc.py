@@ -97,12 +97,19 @@ def _require_place(main: Path, output: Path) -> None:
         raise SoterError((Diagnostic("D008", message, helps=helps),))
 
 
+MORE = ("give more commands: `commands topic in {-1.0, 0.0, 1.0};`", "or write one")
+UNSUPPORTED = ("write a controller of your own: `sc NAME;`",)
+
+
 def find(problem: Problem, stride: int = STRIDE) -> Table:
     """A law for the only group of a problem; SoterError U009 where there is none."""
     if len(problem.groups) != 1 or problem.groups[0].representation != "grid":
-        raise _none_for(problem.module, "it has several groups, or one that is no grid")
+        raise _none_for(
+            problem.module, "it has several groups, or one that is no grid", UNSUPPORTED
+        )
     if problem.parameters or any(e.high > e.low for e in problem.errors):
-        raise _none_for(problem.module, "parameters and measurement errors are not supported yet")
+        why = "parameters and measurement errors are not supported yet"
+        raise _none_for(problem.module, why, UNSUPPORTED)
     if len(combinations(problem)) > COMMANDS_MAX:
         raise _none_for(problem.module, f"there are more than {COMMANDS_MAX} different commands")
     edges = [np.array(a.edges) for a in problem.groups[0].axes]
@@ -118,11 +125,10 @@ def find(problem: Problem, stride: int = STRIDE) -> Table:
     return chosen(choices, [float(e[0]) for e in edges], widths, steps.after, stride)
 
 
-def _none_for(module: Module, why: str) -> SoterError:
+def _none_for(module: Module, why: str, helps: tuple[str, ...] = MORE) -> SoterError:
     symbol = module.symbol
     at = Label(symbol.sc_span, "to be found") if symbol.sc_span is not None else None
     message = f"no safe controller was found for module `{module.name}`"
-    helps = ("give more commands: `commands topic in {-1.0, 0.0, 1.0};`", "or write one")
     return SoterError((Diagnostic("U009", message, at, notes=(why,), helps=helps),))
 
 

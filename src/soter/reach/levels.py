@@ -1,6 +1,7 @@
 """Computed predicates: the sets S_0, S_1, ... on estimates (docs/verification.md, section 3).
 
-Purpose: for a module without `ttf` and `safer`: ttf := estimate not in S_0, safer := S_(m-2).
+Purpose: for a module without `ttf` and `safer`: ttf := estimate not in S_0, safer := S_(m-2), of
+every case; and what of that the DM holds for all of them, to which P2b returns.
 Non-goals: reading them from tables (`tables.py`), putting them into a program (`complete.py`).
 
 An axis that no topic of the DM shows counts as anywhere: then S_j does not depend on it.
@@ -15,11 +16,16 @@ import numpy as np
 from soter.reach import polytope_claims
 from soter.reach.claims import in_horizon
 from soter.reach.estimates import errors_of, seen
+from soter.reach.facets import Facets, surely
+from soter.reach.tables import FULL, Table, pairs_of, tables
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from soter.reach.claims import Case
+    from soter.reach.results import GroupSets
 
     Bools = NDArray[np.bool_]
 
@@ -39,8 +45,6 @@ def levels(case: Case) -> None:
             following = engine.safe_for(window, inner)
             estimates = _anywhere(engine.erode(following, errors), blind)
             part.levels.append(estimates & part.levels[-1])
-        part.lets_ac = engine.dilate(part.levels[0], errors) & part.free
-        part.gives_back = engine.dilate(part.levels[-1], errors) & part.free
         names = [problem.quantities.states[engine.axes[k]].name for k in blind]
         hint = "fewer levels, a smaller period, smaller errors, a stronger SC"
         if names:
@@ -59,12 +63,80 @@ def _anywhere(cells: Bools, axes: tuple[int, ...]) -> Bools:
     return np.array(np.broadcast_to(every, cells.shape), dtype=np.bool_)
 
 
-def targets(case: Case) -> list[Bools] | None:
-    """Per group the states whose every estimate lies in S_(m-2); None where there is none."""
+def deploy(cases: Sequence[Case]) -> None:
+    """What the DM holds, of all cases together; before P2b, which needs control to come back.
+
+    The DM has one table for all values of the parameters: an estimate lets AC have control only
+    where S_0 of every case holds it. Where a case has no sets there is no table.
+    """
+    problem = cases[0].problem
+    pairs = [pairs_of(case.sets) for case in cases]
+    if any(len(p) != len(problem.groups) for p in pairs) or any(_refused(c) for c in cases):
+        return
+    found = tables(problem, pairs)
+    for case in cases:
+        count = len(case.sets.groups)
+        for part, table in zip(case.sets.groups, found[:count], strict=True):
+            assert isinstance(table, Table)
+            part.deployed = _of_table(part, table)
+        for polytope, facets in zip(case.sets.polytopes, found[count:], strict=True):
+            assert isinstance(facets, Facets)
+            inner = facets.inner.meet(facets.outer)
+            polytope.deployed = (surely(facets.outer), surely(inner))
+        _admitted(case)
+
+
+def _refused(case: Case) -> bool:
+    """What was not proved of a polytope is not put into a DM."""
+    claims = ("P2a", "ttf", "safer")
+    return any(f.part is not None and f.claim in claims for f in case.failures)
+
+
+def _of_table(part: GroupSets, table: Table) -> tuple[Bools, Bools]:
+    """The two sets of a table over all axes of its group."""
+    shape = [len(a.edges) - 1 if a.state in table.states else 1 for a in part.group.axes]
+    entries = np.broadcast_to(table.entries.reshape(shape), part.allowed.shape)
+    return entries > 0, entries >= FULL
+
+
+def _admitted(case: Case) -> None:
+    """States from which AC may have control; failures where that is none in all cases together."""
     errors = errors_of(case.problem)
-    if any(not part.levels for part in case.sets.groups):
-        return None
-    return [
-        engine.erode(part.levels[-1], errors)
-        for engine, part in zip(case.groups, case.sets.groups, strict=True)
-    ]
+    for i, (engine, part) in enumerate(zip(case.groups, case.sets.groups, strict=True)):
+        assert part.deployed is not None
+        assert part.free is not None
+        outer, inner = part.deployed
+        part.lets_ac = engine.dilate(outer, errors) & part.free
+        part.gives_back = engine.dilate(inner, errors) & part.free
+        hint = "fewer values of the parameters: the DM has one table for all of them"
+        for claim, j, cells in (("ttf", 0, outer), ("safer", -1, inner)):
+            if part.levels[j].any() and not cells.any():
+                which = j % len(part.levels)
+                text = f"no estimate is in S_{which} of every case: AC would never get control"
+                case.fail(claim, text, i, part.free, hint)
+    hint = "fewer values of the parameters: the DM has one set of half-spaces for all of them"
+    for polytope in case.sets.polytopes:
+        assert polytope.deployed is not None
+        for claim, p in zip(("ttf", "safer"), polytope.deployed, strict=True):
+            if polytope_claims.inner_point(p) is None:
+                text = "no estimate is in the sets of every case: AC would never get control"
+                case.fail(claim, text, hint=hint, part=polytope)
+
+
+def targets(case: Case) -> list[Bools] | None:
+    """Per group the states whose every estimate the DM gives back; None without a table.
+
+    Those of polytope groups become their own target.
+    """
+    errors = errors_of(case.problem)
+    found = []
+    for engine, part in zip(case.groups, case.sets.groups, strict=True):
+        if part.deployed is None:
+            return None
+        found.append(engine.erode(part.deployed[1], errors))
+    for polytope in case.sets.polytopes:
+        if polytope.deployed is None or polytope.sets is None:
+            return None
+        sets = polytope.sets
+        sets.target = polytope.deployed[1].shrunk(sets.group.error)
+    return found

@@ -382,8 +382,8 @@ def add_shares(case: Case) -> None:
             "core": float(inside.mean()),
             "free": float(part.sets.free.contains(points).mean()),
         }
-        if part.sets.allowed:
-            for name, s in (("lets_ac", part.sets.allowed[0]), ("gives_back", part.sets.safer)):
+        if part.deployed is not None:
+            for name, s in zip(("lets_ac", "gives_back"), part.deployed, strict=True):
                 part.shares[name] = float(s.contains(points).mean())
         elif not case.problem.computed:
             few = points[:SAMPLES_OF_PREDICATES]

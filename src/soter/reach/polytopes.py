@@ -65,7 +65,7 @@ class PolytopeSets:
     periods: int = 0
     """Holds after which every run from K is in Q."""
     target: Polytope | None = None
-    """States all of whose estimates satisfy `safer`, where that is not S_(m-2) eroded by E."""
+    """States all of whose estimates satisfy `safer`; None: S_(m-2) of this case, eroded by E."""
 
     @property
     def ttf(self) -> Polytope:

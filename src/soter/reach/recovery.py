@@ -1,7 +1,8 @@
 """P2b: SC gives control back.
 
 Purpose: sets Q_g that SC keeps inside the states whose every estimate satisfies `safer`, and ranks
-that lead there from all of K (docs/verification.md, section 3).
+that lead there from all of K (docs/verification.md, section 3). T counts from SC's first acting
+output to the instant at which the verdict that gives control back is in force.
 Non-goals: whether AC then does anything useful.
 """
 
@@ -75,7 +76,8 @@ def recover(case: Case) -> None:
                 stuck=True,
             )
     longest = max(longest, polytope_claims.recover(case))
-    case.counts["recover_ns"] = longest + case.problem.times.decision
+    times = case.problem.times
+    case.counts["recover_ns"] = longest + times.decision + times.response_dm
     in_time(case)
 
 
@@ -100,7 +102,10 @@ def _way(engine: GridGroup, part: GroupSets, home: Bools) -> Way:
 def _targets(case: Case) -> list[Bools] | None:
     """Per group the states all of whose estimates satisfy `safer`."""
     if case.problem.computed:
-        return targets(case)
+        held = targets(case)
+        if held is None:
+            case.fail("P2b", "not every case has sets: the DM never gives control back")
+        return held
     ranges = polytope_claims.targets(case)
     found = None if ranges is None else parts(case.problem, case.groups, "safer")
     if found is None or ranges is None:

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.reach.polytope_extract import Model
+    from soter.reach.polytope_sets import Polytope
     from soter.reach.polytopes import PolytopeSets
     from soter.reach.problem import Group, Problem
 
@@ -89,6 +90,8 @@ class GroupSets:
     """The longest time from W to Q."""
     levels: list[NDArray[np.bool_]] = field(default_factory=list)
     """S_0, S_1, ... on estimates, where predicates are computed."""
+    deployed: tuple[NDArray[np.bool_], NDArray[np.bool_]] | None = None
+    """(S_0, S_(m-2)) as the DM holds them: what is in those of every case. None: no table."""
     solver: object | None = None
     """The engine's group (`grids.py`), for whoever computes more."""
 
@@ -114,6 +117,8 @@ class PolytopePart:
     shares: dict[str, float] = field(default_factory=dict)
     boxes: dict[str, int] = field(default_factory=dict)
     """Boxes that were looked at for an inclusion, by predicate."""
+    deployed: tuple[Polytope, Polytope] | None = None
+    """(S_0, S_(m-2)) as the DM holds them, up to rounding: as for grids."""
     return_ns: int = 0
     fresh: bool = True
     """Still to be computed; otherwise it is that of an earlier attempt."""
@@ -180,6 +185,8 @@ class VerifyReport:
     system: str
     modules: tuple[ModuleResult, ...]
     seconds: float
+    command: str = ""
+    """The command line that verifies the same again."""
 
     @property
     def verdict(self) -> str:

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from soter.program.types import Type, Value
     from soter.reach.polytope_sets import Polytope
     from soter.reach.problem import Group, Problem
+    from soter.reach.results import CaseSets
 
     Pair = tuple[NDArray[np.bool_], NDArray[np.bool_]] | tuple[Polytope, Polytope]
     Bools = NDArray[np.bool_]
@@ -106,6 +107,13 @@ def tables(problem: Problem, cases: Sequence[Sequence[Pair]]) -> list[Table | Fa
             )
         )
     return found
+
+
+def pairs_of(case: CaseSets) -> list[Pair]:
+    """(S_0, S_(m-2)) of the groups of a case that have them, in the order of `in_order`."""
+    found: list[Pair] = [(g.levels[0], g.levels[-1]) for g in case.groups if g.levels]
+    sets = [part.sets for part in case.polytopes if part.sets is not None]
+    return found + [(s.allowed[0], s.safer) for s in sets if s.allowed]
 
 
 def predicates(problem: Problem, found: Sequence[Table | Facets]) -> tuple[t.Expr, t.Expr]:

@@ -54,6 +54,8 @@ def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> Times:
     )
     if not place.abstract:
         _seen_in_time(place, sc, times, diagnostics)
+        for who, topics in (("the DM", dm), ("SC", sc)):
+            _of_one_instant(place, who, topics, diagnostics)
     if kind == "map":
         return _of_map(place, times, diagnostics)
     if 2 * times.jitter_sc > times.delta_sc:
@@ -120,6 +122,33 @@ def _seen_in_time(
                 notes=("no runtime enforces the age of what SC reads: it must hold by itself",),
                 helps=("a longer `max_age`, or a plant that publishes more often",),
             )
+
+
+def _of_one_instant(
+    place: Place, who: str, topics: dict[int, None], diagnostics: Diagnostics
+) -> None:
+    """R016 where plants publish at different instants what is read as one state.
+
+    Plants start together: those with the same period publish at the same instants.
+    """
+    first, *others = topics or (None,)
+    for index in others:
+        assert first is not None
+        plants = [place.driven[i] for i in (first, index)]
+        if (plants[0].period_ns, plants[0].phase_ns) == (plants[1].period_ns, plants[1].phase_ns):
+            continue
+        names = [place.system.topics[i].name for i in (first, index)]
+        every = [show_ns(c.period_ns) for c in plants]
+        diagnostics.error(
+            "R016",
+            f"{who} reads `{names[0]}` and `{names[1]}`, which show the plants at different times",
+            plants[1].span,
+            f"publishes `{names[1]}` every {every[1]}",
+            also=((plants[0].span, f"publishes `{names[0]}` every {every[0]}"),),
+            notes=("an estimate is the state at one instant, plus an error",),
+            helps=("give these plants one period",),
+        )
+        return
 
 
 def _of_map(place: Place, times: Times, diagnostics: Diagnostics) -> Times:

@@ -52,6 +52,7 @@ MEANINGS = {
     "ttf": "whenever `ttf` may be false, the state lies in R(H)",
     "safer": "whenever `safer` may be true, the state lies in R(H)",
     "start": "the declared initial states are among those for which all this holds",
+    "DM": "the generated C of the decision module switches as docs/semantics.md says",
 }
 TRUSTED = (
     "Soter's front end and Core: both the proof and the code that flies come from them",
@@ -80,6 +81,8 @@ def page(found: VerifyReport) -> ProofPage:
     names = ", ".join(m.name for m in found.modules) or "no module"
     assumptions = dict.fromkeys(a for m in found.modules for a in m.problem.assumptions)
     under = f", under {len(assumptions)} assumptions" if found.verdict == "proved" else ""
+    taken = {n for m in found.modules for n, f in m.findings.items() if f.verdict == "assumed"}
+    under += f" ({', '.join(sorted(taken))} assumed)" if under and taken else ""
     return ProofPage(
         f"Verification of {found.path}",
         f"{names}: {found.verdict}{under}",
@@ -88,6 +91,7 @@ def page(found: VerifyReport) -> ProofPage:
         tuple(assumptions),
         TRUSTED,
         {
+            "command": found.command,
             "program": found.path,
             "program sha256": found.program_sha256,
             "soter": version("soter"),

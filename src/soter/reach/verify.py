@@ -21,7 +21,7 @@ from soter.reach.claims import Case, Clock
 from soter.reach.extract import cases
 from soter.reach.forms import Forms, library_of
 from soter.reach.grids import UnboundedError
-from soter.reach.levels import levels
+from soter.reach.levels import deploy, levels
 from soter.reach.polytope_claims import add_shares
 from soter.reach.recovery import in_time, recover
 from soter.reach.refine import refined
@@ -107,7 +107,22 @@ def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | Non
                 progress(furthest)
 
         done.append(_settled(problem, library, parameter, tell))
+    if problem.computed:
+        deploy(done)  # the DM has one table for all cases, and P2b returns to what it holds
+        for case in done:
+            _return(case)
     return done
+
+
+def _return(case: Case) -> None:
+    """P2b of one case."""
+    if case.failed("P2b"):
+        return  # there is no K, or no enclosure
+    try:
+        with Clock(case, "P2b"):
+            recover(case)
+    except UnboundedError as error:
+        case.fail("P2b", str(error), hint="a smaller grid, or a shorter horizon")
 
 
 def _settled(
@@ -152,6 +167,8 @@ def _claims(case: Case) -> None:
             case.fail(claim, "there is no K")
         return
     _after_core(case)
+    if case.problem.computed:
+        return  # P2b waits for the sets of all cases
     with Clock(case, "P2b"):
         recover(case)
     if _shrunk(case):

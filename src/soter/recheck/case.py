@@ -235,7 +235,7 @@ class Case:
                 total += int(holds.max()) if holds.size else 0
             longest = max(longest, total)
         bound = longest * times["delta_ns"] + delays(self.model)[1]  # a_N is late by j at most
-        bound += times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"]
+        bound += times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"] + times["R_dm_ns"]
         if bound > wanted:
             raise RejectedError("SC may take longer to return than the program allows")
 

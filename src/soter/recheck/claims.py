@@ -11,7 +11,18 @@ from soter.recheck.inclusion import RejectedError
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start")
 ELSEWHERE = ("DM",)
 """Said in a certificate, not confirmed here: what was compiled is not our matter."""
+SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
+"""Without one of them there is no theorem (docs/proof.md); P2b is about AC's return only."""
 VERDICTS = ("proved", "assumed", "undecided", "refuted")
+
+
+def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
+    """What safety needs and a certificate does not establish; P1c may be assumed.
+
+    An assumed P1c is H >= H* with delays taken for zero: `recheck/problem.py` compares them.
+    """
+    held = {*confirmed, *(n for n in ("P1c",) if claims.get(n) == "assumed")}
+    return [n for n in SAFETY if n not in held]
 
 
 def claimed_of(given: object) -> set[str]:

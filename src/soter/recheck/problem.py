@@ -394,6 +394,10 @@ def _times(facts: Facts) -> dict[str, int]:
     else:
         found["A_ns"] = _oldest(facts, by_dm)
         found["A_sc_ns"] = _oldest(facts, by_sc)
+    if not facts.symbol.verify.abstracts:
+        for together in (by_dm, by_sc):
+            if len({(driven[t][0].period_ns, driven[t][0].phase_ns) for t in together}) > 1:
+                raise DiffersError("what is read together is published at different times")
     period, delta = found["Delta_ns"], found["delta_ns"]
     common = gcd(period, delta)
     behind = (facts.sc.phase_ns - dm.phase_ns) % common

@@ -19,7 +19,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import system_of
 from soter.recheck.case import Case
-from soter.recheck.claims import CLAIMS, claimed_of
+from soter.recheck.claims import CLAIMS, claimed_of, missing_of
 from soter.recheck.deployed import compare_tables
 from soter.recheck.folder import Certificate, read_certificate
 from soter.recheck.inclusion import GroupTables, RejectedError
@@ -78,10 +78,23 @@ class ModuleReport:
         """Properties that are not confirmed here, with what the certificate says."""
         return [f"{n} ({v})" for n, v in self.claims.items() if n not in self.confirmed]
 
+    @property
+    def missing(self) -> list[str]:
+        """What safety needs and is not established; empty: the module is safe."""
+        return missing_of(self.claims, self.confirmed)
+
+    @property
+    def returns(self) -> bool:
+        """Whether P2b is confirmed: SC gives control back."""
+        return "P2b" in self.confirmed
+
 
 @dataclass
 class Report:
-    """`accepted`, or why not; `seconds` and cells for people."""
+    """`accepted`, or why not; `seconds` and cells for people.
+
+    Accepted says that what is claimed holds: whether that is safety, see `safe`.
+    """
 
     accepted: bool
     reason: str = ""
@@ -89,6 +102,16 @@ class Report:
     assumptions: list[str] = field(default_factory=list)
     program_sha256: str = ""
     seconds: float = 0.0
+
+    @property
+    def safe(self) -> bool:
+        """Whether safety is established, for every module."""
+        return self.accepted and all(not m.missing for m in self.modules)
+
+    @property
+    def returns(self) -> bool:
+        """Whether P2b is, too."""
+        return self.accepted and all(m.returns for m in self.modules)
 
 
 def recheck(

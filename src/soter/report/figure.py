@@ -173,11 +173,16 @@ def decision_hover(decision: Decision) -> str:
         escape(f"t = {decision.time_s:.2f} s · {decision.module}"),
     ]
     if decision.reason:
-        lines.append(prose(decision.reason))
+        lines.append(_hover(decision.reason))
     lines += [escape(text) for text in predicates_text(decision.predicates)]
     return "<br>".join(lines)
 
 
+def _hover(text: str) -> str:
+    """Without code: a figure knows few tags."""
+    return prose(text.replace("`", ""))
+
+
 def violation_hover(violation: Violation) -> str:
     """Return the hover text of a violation."""
-    return f"<b>Violation</b><br>t = {violation.time_s:.2f} s<br>{prose(violation.text)}"
+    return f"<b>Violation</b><br>t = {violation.time_s:.2f} s<br>{_hover(violation.text)}"

@@ -25,7 +25,11 @@ REGIONS = (
     ("r1", "R1", "outside the constraint C (`safe`)"),
     ("r2", "R2", "inside C, but SC cannot keep it there"),
     ("r3", "R3 \N{SET MINUS} R4", "core K: SC keeps C; the DM has switched to SC"),
-    ("r4", "R4 \N{SET MINUS} R5", "R(H): any control for H, then SC; whoever has control keeps it"),
+    (
+        "r4",
+        "R4 \N{SET MINUS} R5",
+        "R(H): AC may act here for H; it keeps control where `ttf` is false",
+    ),
     ("r5", "R5", "where `safer` may hold: the DM gives control back to AC"),
 )
 

@@ -23,15 +23,15 @@ CAPTIONS = {
     "switches_to_ac": "AC came back",
     "min_clearance_m": "closest approach",
 }
+CODE = re.compile(r"`([^`]+)`")
 SUBSCRIPTS = re.compile(r"(φ|ttf)_(safer|safe|2Δ|\{2Δ\})")
 UNITS = {"_s": "s", "_m": "m", "_km": "km", "_ns": "ns"}
 
 
 def prose(text: str) -> str:
-    """Escape a text for HTML and set the paper's symbols with their subscripts."""
-    return SUBSCRIPTS.sub(
-        lambda match: f"{match[1]}<sub>{match[2].strip('{}')}</sub>", escape(text)
-    )
+    """Escape a text for HTML; set code, and the paper's symbols with their subscripts."""
+    set_off = CODE.sub(r"<code>\1</code>", escape(text))
+    return SUBSCRIPTS.sub(lambda match: f"{match[1]}<sub>{match[2].strip('{}')}</sub>", set_off)
 
 
 def violation_count(arm: Flight | Chart) -> int:

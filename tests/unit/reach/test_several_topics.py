@@ -65,6 +65,13 @@ def test_parts_of_an_estimate_are_assumed_to_be_of_one_instant() -> None:
     assert not any(a.startswith(text) for a in problem_of(SIGHTED).assumptions)
 
 
+def test_the_order_in_which_commands_act_is_assumed_with_and_without_delays() -> None:
+    said = "commands of AC and SC act in the order in which they were published"
+    assert said in problem_of(SIGHTED).assumptions
+    late = SIGHTED.replace("verify { ", "verify { acts within 2ms; ")
+    assert said in problem_of(late).assumptions
+
+
 def test_the_dm_sees_a_state_in_the_topic_that_is_declared_as_its_axis() -> None:
     text = SIGHTED.replace("  drives clean = p;\n", "").replace(
         "  drives est = p;\n", "  drives est = p;\n  drives clean = p;\n"

@@ -14,6 +14,7 @@ import numpy as np
 
 from soter.program.build import check_file, system_of
 from soter.recheck.balls import above, below
+from soter.recheck.claims import CLAIMS
 from soter.recheck.compile_terms import form_of_box
 from soter.recheck.folder import canonical
 from soter.recheck.inclusion import ChainCheck, FreeCheck, GroupTables
@@ -134,7 +135,7 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
                 ]
             )
         ],
-        "claims": dict.fromkeys(("P2a", "P2b", "P3", "ttf", "safer", "start"), "proved"),
+        "claims": dict.fromkeys(CLAIMS, "proved"),
         "assumptions": [],
         "recover_ns": None,
         "cases": [],

@@ -5,13 +5,16 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING
 
+import pytest
+
 from json_documents import problems_of
 from soter.cli.main import main
+from soter.recheck.claims import CLAIMS, SAFETY
+from soter.recheck.rechecker import ModuleReport, Report
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
     from pathlib import Path
-
-    import pytest
 
 
 def document(capsys: pytest.CaptureFixture[str]) -> dict[str, object]:
@@ -47,3 +50,64 @@ def test_no_certificate_is_1(tmp_path: Path, capsys: pytest.CaptureFixture[str])
 def test_no_folder_is_2(capsys: pytest.CaptureFixture[str]) -> None:
     assert main(["recheck", "--json"]) == 2
     document(capsys)
+
+
+def claiming(changed: Callable[[Callable[[dict[str, object]], None]], Path], **claims: str) -> Path:
+    """The certificate with other claims."""
+
+    def change(manifest: dict[str, object]) -> None:
+        manifest["modules"][0]["claims"].update(claims)  # type: ignore[index]
+
+    return changed(change)
+
+
+@pytest.mark.parametrize("name", ["P1a", "P1c", "P2a", "P3", "ttf", "safer", "start"])
+def test_what_safety_needs_and_is_not_claimed_is_accepted_in_part(name: str) -> None:
+    claims = dict.fromkeys(CLAIMS, "proved") | {name: "undecided"}
+    module = ModuleReport("M", claims, 0, [n for n in CLAIMS if n != name])
+    report = Report(accepted=True, modules=[module])
+    assert module.missing == [name]
+    assert not report.safe
+
+
+def test_p1c_may_be_assumed() -> None:
+    claims = dict.fromkeys(CLAIMS, "proved") | {"P1c": "assumed"}
+    confirmed = [n for n in CLAIMS if n != "P1c"]
+    assert Report(accepted=True, modules=[ModuleReport("M", claims, 0, confirmed)]).safe
+
+
+def test_nothing_else_may_be_assumed() -> None:
+    claims = dict.fromkeys(CLAIMS, "assumed")
+    assert ModuleReport("M", claims, 0, []).missing == ["P1a", "P1b", *SAFETY[3:]]
+
+
+def test_without_the_start_it_is_accepted_in_part(
+    changed: Callable[[Callable[[dict[str, object]], None]], Path],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    folder = str(claiming(changed, start="undecided", ttf="undecided"))
+    assert main(["recheck", folder, "--json"]) == 4
+    found = document(capsys)
+    assert (found["accepted"], found["safe"], found["ok"]) == (True, False, False)
+    assert main(["recheck", folder]) == 4
+    out = capsys.readouterr().out
+    assert f"ACCEPTED IN PART  {folder}: safety is not established (ttf, start not claimed)" in out
+
+
+def test_without_p2b_that_is_said(
+    changed: Callable[[Callable[[dict[str, object]], None]], Path],
+    capsys: pytest.CaptureFixture[str],
+) -> None:
+    def change(manifest: dict[str, object]) -> None:
+        entry = manifest["modules"][0]  # type: ignore[index]
+        entry["claims"]["P2b"] = "undecided"
+        entry["recover_ns"] = None
+
+    folder = str(changed(change))
+    code = main(["recheck", folder, "--json"])
+    found = document(capsys)
+    assert (code, found["accepted"], found["safe"], found["returns"]) == (4, True, True, False), (
+        found["reason"]
+    )
+    assert main(["recheck", folder]) == 4
+    assert f"ACCEPTED, without P2b  {folder}" in capsys.readouterr().out
