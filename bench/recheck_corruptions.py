@@ -193,7 +193,8 @@ def _lower_rank(s: Sealed, draw: np.random.Generator) -> Made:
         return None
     chosen = cells[draw.integers(len(cells), size=int(draw.choice([1, 3, 10])))]
     for i, j in chosen:
-        s.tables["W"][i, j] = int(draw.integers(1, s.tables["W"][i, j]))
+        rank = int(s.tables["W"][i, j])  # a cell may be drawn twice, and be at 1 already
+        s.tables["W"][i, j] = int(draw.integers(1, rank)) if rank > 1 else rank
     return s, {"W": chosen}
 
 

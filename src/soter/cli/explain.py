@@ -38,11 +38,11 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Explain."""
     if args.code is None:
         return _list(console)
+    code = named(args.code)
     page = explain(args.code)
-    if page is None:
+    if page is None or code is None:
         return _unknown(args.code)
     console.say(_shown(page, console))
-    code = named(args.code)
     return Outcome(fields={"code": code, "title": title(code), "page": page})
 
 

@@ -78,6 +78,12 @@ class Facets:
         return None if found is None else tuple(found.tolist())
 
     @property
+    def certain(self) -> tuple[Polytope, Polytope]:
+        """Parts of S_0 and S_(m-2) to which the function certainly gives level 1 and 2."""
+        outer = _surely(self.outer)
+        return _once(outer), _once(_surely(self.inner).meet(outer))
+
+    @property
     def polytopes(self) -> tuple[Polytope, Polytope]:
         """S_0 and S_(m-2)."""
         return self.outer, self.inner
@@ -96,10 +102,18 @@ def thresholds(p: Polytope) -> Floats:
     return np.array(found)
 
 
-def surely(p: Polytope) -> Polytope:
+def _surely(p: Polytope) -> Polytope:
     """A part of a polytope on which the computed comparisons certainly succeed."""
     once = Polytope(p.low, p.high, p.rows, thresholds(p))
     return Polytope(p.low, p.high, p.rows, thresholds(once))
+
+
+def _once(p: Polytope) -> Polytope:
+    """The same set: of equal rows the least threshold."""
+    rows, at = np.unique(p.rows, axis=0, return_inverse=True)
+    bounds = np.full(len(rows), np.inf)
+    np.minimum.at(bounds, at.reshape(-1), p.bounds)
+    return Polytope(p.low, p.high, rows, bounds)
 
 
 def facets_function(w: Writer, name: str, facets: Facets) -> t.FunSymbol:

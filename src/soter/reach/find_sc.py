@@ -111,7 +111,8 @@ def find(problem: Problem, stride: int = STRIDE) -> Table:
         why = "parameters and measurement errors are not supported yet"
         raise _none_for(problem.module, why, UNSUPPORTED)
     if len(combinations(problem)) > COMMANDS_MAX:
-        raise _none_for(problem.module, f"there are more than {COMMANDS_MAX} different commands")
+        why = f"there are more than {COMMANDS_MAX} different commands"
+        raise _none_for(problem.module, why, ("give fewer values in `commands`",))
     edges = [np.array(a.edges) for a in problem.groups[0].axes]
     widths = [float(e[-1] - e[0]) / (len(e) - 1) for e in edges]
     library, _ = library_of(problem)

@@ -16,7 +16,7 @@ import numpy as np
 from soter.reach import polytope_claims
 from soter.reach.claims import in_horizon
 from soter.reach.estimates import errors_of, seen
-from soter.reach.facets import Facets, surely
+from soter.reach.facets import Facets
 from soter.reach.tables import FULL, Table, pairs_of, tables
 
 if TYPE_CHECKING:
@@ -81,8 +81,7 @@ def deploy(cases: Sequence[Case]) -> None:
             part.deployed = _of_table(part, table)
         for polytope, facets in zip(case.sets.polytopes, found[count:], strict=True):
             assert isinstance(facets, Facets)
-            inner = facets.inner.meet(facets.outer)
-            polytope.deployed = (surely(facets.outer), surely(inner))
+            polytope.deployed = facets.certain
         _admitted(case)
 
 

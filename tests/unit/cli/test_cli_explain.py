@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.explain import all_codes
+from soter.diagnostics.explain import all_codes, all_words
+from soter.reach.results import PROPERTIES
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -70,3 +71,10 @@ CLI_CODES = [
 def test_every_code_of_the_command_line_has_a_page(soter: Soter) -> None:
     for code in CLI_CODES:
         assert soter("explain", code).exit == 0, code
+
+
+def test_the_words_of_a_verdict_have_pages_too(soter: Soter) -> None:
+    known = [*all_codes(), *all_words()]
+    for name in PROPERTIES:
+        assert name in known
+        assert soter("explain", name.upper(), "--json").document["code"] == name

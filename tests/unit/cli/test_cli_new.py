@@ -33,6 +33,7 @@ def test_what_it_makes_is_laid_out_and_sound(soter: Soter) -> None:
     checked = soter("check", "my-rover/my-rover.soter")
     assert checked.exit == 0
     assert checked.err == ""
+    assert soter("verify", "my-rover/my-rover.soter").exit == 0
     assert soter("run", "my-rover/my-rover.soter").exit == 0
     assert soter("run", "my-rover/my-rover.soter", "--system", "Unguarded").exit == 3
     bound = soter(

@@ -104,9 +104,40 @@ def test_a_report_and_a_certificate_are_written(soter: Soter, here: Path) -> Non
     assert done.exit == 0
     assert (done.document["report"], done.document["cert"]) == ("proof.html", "proof")
     page = (here / "proof.html").read_text("utf-8")
-    for text in ("SafeCart", "R(H)", "disturbances stay within their bounds", "program sha256"):
+    command = "<dd>soter verify coarse.soter</dd>"
+    for text in ("SafeCart", "R(H)", "disturbances stay within their bounds", "sha256", command):
         assert text in page
     assert (here / "proof" / "manifest.json").exists()
+
+
+def test_what_has_no_declared_error_is_said_to_be_exact(soter: Soter, here: Path) -> None:
+    error = ("motion.x within 0.02, motion.v within 0.05", "motion.x within 0.02")
+    done = soter("verify", write(here, error), "--no-refute")
+    assert "within their bounds: motion.x within 0.02; exact: motion.v\n" in done.out
+
+
+def test_an_assumed_property_stands_in_the_headline(soter: Soter, here: Path) -> None:
+    late, response = "    late dm 1ms, sc 1ms;\n", "    response dm 1ms, sc 1ms;\n"
+    acts = "    acts within 1ms;\n"
+    done = soter("verify", write(here, (late, ""), (response, ""), (acts, "")))
+    assert done.exit == 0
+    assert re.search(r"PROVED under \d+ assumptions \(P1c assumed\)", done.out)
+
+
+def test_a_polytope_certificate_is_not_accepted_and_verify_says_so(
+    soter: Soter, here: Path
+) -> None:
+    page = (ROOT / "docs" / "prove-your-module.md").read_text("utf-8")
+    tank = re.search(r"^```soter prove=tank.soter\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
+    assert tank is not None
+    grid = "grid level in [0.2, 1.8] / 320;"
+    assert grid in tank[1]
+    (here / "tank.soter").write_text(tank[1].replace(grid, "polytope level in [0.2, 1.8];"))
+    done = soter("verify", "tank.soter", "--cert", "proof", "--no-refute")
+    assert "`soter recheck` does not accept polytope groups yet" in done.out
+    checked = soter("recheck", "proof")
+    assert checked.exit == 3
+    assert "`polytope` groups are not rechecked yet" in checked.out
 
 
 @pytest.mark.parametrize("name", ["--help", "-h"])

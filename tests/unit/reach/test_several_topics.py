@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import pytest
+
+from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_of
 from soter.reach.extract import extract
 from soter.reach.problem import Interval, Problem
@@ -63,6 +66,31 @@ def test_parts_of_an_estimate_are_assumed_to_be_of_one_instant() -> None:
     text = "what SC reads together shows the plants at one instant"
     assert any(a.startswith(text) for a in problem_of(both).assumptions)
     assert not any(a.startswith(text) for a in problem_of(SIGHTED).assumptions)
+
+
+CLOCKS = (
+    ("drives clean = p;\n", ""),
+    (
+        "node Fast",
+        "plant Q period 5ms { drives clean = q; state q: float; der q = -q; }\nnode Fast",
+    ),
+    ("verify { ", "verify { grid clean in [-1.0, 1.0] / 4; "),
+    ("{ p: P;", "{ p: P; q: Q;"),
+    ("subscribes clean", "subscribes clean, est"),
+    ("clamp(-clean,", "clamp(-clean - est,"),
+)
+
+
+def test_plants_with_different_periods_are_not_read_as_one_state() -> None:
+    text = SIGHTED
+    for old, new in CLOCKS:
+        assert old in text, old
+        text = text.replace(old, new)
+    with pytest.raises(SoterError) as raised:
+        problem_of(text)
+    found = [d for d in raised.value.diagnostics if d.code == "R016"]
+    assert [d.message.split(" reads")[0] for d in found] == ["the DM", "SC"]
+    problem_of(text.replace("plant Q period 5ms", "plant Q period 10ms"))
 
 
 def test_the_order_in_which_commands_act_is_assumed_with_and_without_delays() -> None:

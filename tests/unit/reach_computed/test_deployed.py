@@ -21,37 +21,46 @@ if TYPE_CHECKING:
     from soter.reach.results import ModuleResult
 
 DRIFTS = """soter 1;
-topic x: float max_age 10ms;
-topic side: float max_age 10ms;
+topic at: { x: float, side: float } max_age 10ms;
 topic u: float in [-2.0, 2.0];
 plant P period 10ms {
   reads u;
-  drives x = p;
-  drives side = right ? 1.0 : -1.0;
+  drives at = { x: p, side: right ? 1.0 : -1.0 };
   state p: float;
   state right: bool;
   der p = u + (right ? 1.2 : -1.2);
 }
 node Push period 20ms { publishes u; step { publish u = 2.0; } }
 node Rest period 20ms {
-  subscribes x, side;
+  subscribes at;
   publishes u;
-  step { publish u = clamp(2.0 * (-REST * side - x) - 1.2 * side, -2.0, 2.0); }
+  step { publish u = clamp(GAIN * (-REST * at.side - at.x) - 1.2 * at.side, -2.0, 2.0); }
 }
 rta M {
   ac Push;
   sc Rest;
   period 20ms;
-  safe abs(x) < 3.0;
-  verify { grid x in [-3.0, 3.0] / 150; horizon HORIZON; levels 2; }
+  safe abs(at.x) < 3.0;
+  verify { grid at.x in [-3.0, 3.0] / 150; horizon HORIZON; levels 2; }
 }
 system S { p: P; module M; }
 """
 """Drifting right, AC can reach the wall on the right within H, and SC rests on the left."""
 
+GRID = "grid at.x in [-3.0, 3.0] / 150"
+POLYTOPE = {"cells": "polytope at.x in [-3.0, 3.0]", "gain": "0.2"}
+"""SC is clamped nowhere in the range."""
 
-def result_of(rest: str = "1.0", horizon: str = "800ms") -> ModuleResult:
-    text = DRIFTS.replace("REST", rest).replace("HORIZON", horizon)
+
+def result_of(
+    rest: str = "1.0", horizon: str = "800ms", cells: str = GRID, gain: str = "2.0"
+) -> ModuleResult:
+    text = (
+        DRIFTS.replace("REST", rest)
+        .replace("HORIZON", horizon)
+        .replace(GRID, cells)
+        .replace("GAIN", gain)
+    )
     checked = check_file("drifts.soter", text)
     assert checked.ok, [d.message for d in checked.diagnostics.items]
     flat = system_of(checked, None)
@@ -101,10 +110,19 @@ def test_cases_without_a_common_estimate_let_nobody_have_control() -> None:
 
 
 def test_the_sets_of_a_proof_are_the_table_of_a_run() -> None:
-    text = DRIFTS.replace("REST", "1.0").replace("HORIZON", "800ms")
+    text = DRIFTS.replace("REST", "1.0").replace("HORIZON", "800ms").replace("GAIN", "2.0")
     flat = system_of(check_file("drifts.soter", text), None)
     (note,) = complete(flat)
     found = result_of()
     deployed = found.cases[0].groups[0].deployed
     assert deployed is not None
     assert f"S_0 is {deployed[0].mean():.1%}" in note
+
+
+def test_half_spaces_of_all_values_are_what_polytopes_return_to(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    found = result_of(**POLYTOPE)
+    assert found.findings["P2b"].verdict == UNDECIDED
+    monkeypatch.setattr(verifying, "deploy", each_alone)
+    assert result_of(**POLYTOPE).findings["P2b"].verdict == PROVED

@@ -161,12 +161,16 @@ def test_too_strong_a_wind_has_no_controller(walls: Path) -> None:
 def test_more_commands_than_the_engine_takes_are_refused_in_words(walls: Path) -> None:
     many = ", ".join(f"{i / 30 - 1.5:.3f}" for i in range(80))
     walls.write_text(WALLS.replace("-3.0, 0.0, 3.0", many))
-    assert "64" in refusal(walls).notes[0]
+    found = refusal(walls)
+    assert "64" in found.notes[0]
+    assert "fewer" in found.helps[0]
 
 
 def test_errors_of_the_estimate_are_refused_in_words(walls: Path) -> None:
     walls.write_text(WALLS.replace("  der x = v;", "  der x = v;\n  measured motion.x within 0.1;"))
-    assert refusal(walls).code == "U009"
+    found = refusal(walls)
+    assert found.code == "U009"
+    assert not any("commands" in text for text in found.helps)  # more of them would not help
 
 
 def test_the_output_lies_in_the_programs_folder(walls: Path, tmp_path: Path) -> None:

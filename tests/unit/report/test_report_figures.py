@@ -71,7 +71,9 @@ def test_every_colour_has_a_value_in_the_style_sheet(everything: list[Figure]) -
 
 
 def test_dark_changes_every_colour_and_adds_none() -> None:
-    light, dark = CSS.split("@media (prefers-color-scheme: dark)")[:2]
+    blocks = r"^@media \(prefers-color-scheme: dark\) \{\n.*?^\}"
+    dark = "".join(re.findall(blocks, CSS, re.MULTILINE | re.DOTALL))
+    light = re.sub(blocks, "", CSS, flags=re.MULTILINE | re.DOTALL)
     fonts = {"font", "serif", "mono"}
     pattern = r"--([\w-]+):"
     assert set(re.findall(pattern, dark)) == set(re.findall(pattern, light)) - fonts
