@@ -35,9 +35,10 @@ def test_the_program_shown_is_the_one_that_is_shipped() -> None:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
-    shutil.copytree(ROOT / "examples" / "wall", tmp_path / "examples" / "wall")
+    for folder in ("wall", "drone"):
+        shutil.copytree(ROOT / "examples" / folder, tmp_path / "examples" / folder)
     arguments = command.split()[1:]
-    environment = {**os.environ, "SOTER_CACHE": str(tmp_path / "cache")}
+    environment = {**os.environ, "SOTER_CACHE": str(tmp_path.parent / "cache")}
     done = subprocess.run(
         [sys.executable, "-m", "soter.cli.main", *arguments],
         cwd=tmp_path,
@@ -54,7 +55,7 @@ def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
 def test_the_python_of_the_readme_works(tmp_path: Path) -> None:
     code = re.search(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
     assert code
-    environment = {**os.environ, "SOTER_CACHE": str(tmp_path / "cache")}
+    environment = {**os.environ, "SOTER_CACHE": str(tmp_path.parent / "cache")}
     done = subprocess.run(
         [sys.executable, "-c", code.group(1)],
         cwd=ROOT,
