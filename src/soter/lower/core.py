@@ -178,6 +178,20 @@ class Checked(Stmt):
 
 
 @dataclass(frozen=True)
+class Choose(Stmt):
+    """A new temporary of type `type`: number `low + k` (bool, enum, int), k < `count`, picked.
+
+    `ages`: the temporary of the hidden local of a fair choice, which is updated; else None.
+    """
+
+    name: str
+    type: Type
+    count: int
+    low: int
+    ages: str | None = None
+
+
+@dataclass(frozen=True)
 class Guard(Stmt):
     """A fault of this kind unless the condition holds."""
 

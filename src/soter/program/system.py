@@ -51,6 +51,12 @@ class Topic:
     max_age_ns: int | None
     driver: str
     """Name of the plant or node that drives it, "M" for a module, "input", or "" (nobody)."""
+    queue_of: int | None = None
+    """For the queue of a subscription: the topic whose values it collects. Its type is a list."""
+    policy: str = ""
+    """Of a queue that is full: drop_oldest, drop_newest or fault (of the subscriber)."""
+    queues: tuple[int, ...] = ()
+    """The queues that take what is published here."""
 
 
 @dataclass(eq=False)
@@ -152,7 +158,11 @@ class Module:
 
 @dataclass(eq=False)
 class Property:
-    """A property checked at the end of every instant."""
+    """A property checked at the end of every instant: "always" or "never".
+
+    With a `component` it is a contract of that node, "assumes" or "guarantees", checked as the
+    node steps (docs/semantics.md).
+    """
 
     index: int
     kind: str
@@ -160,17 +170,64 @@ class Property:
     scope: Scope
     text: str
     span: Span
+    component: int | None = None
 
 
 @dataclass(eq=False)
 class InputDrive:
     """A seeded environment input: drawn at every multiple of `every_ns`, before all else.
 
-    One stream `input.<topic>[.<leaf>]` a leaf, index = t // every.
+    One stream `input.<topic>[.<leaf>]` a leaf, index = t // every. With `values` it is one of
+    them, from the stream `input.<topic>`.
     """
 
     topic: int
     every_ns: int
+    values: tuple[Value, ...] = ()
+
+
+@dataclass(eq=False)
+class TimedProperty:
+    """A property that only a test has: "eventually", "leadsto" or "invariant" (docs/testing.md).
+
+    `module` is the module of an invariant; the other two have `condition` and `within_ns`.
+    """
+
+    index: int
+    kind: str
+    premise: Expr | None
+    condition: Expr | None
+    within_ns: int
+    module: int | None
+    scope: Scope
+    text: str
+    span: Span
+
+
+@dataclass(eq=False)
+class TimingFault:
+    """A node or DM that may be "late", "skip" or "overrun" (docs/testing.md)."""
+
+    kind: str
+    component: int
+    by_ns: int
+    at_most: int
+    span: Span
+
+
+@dataclass(eq=False)
+class TestPlan:
+    """What a `test` block adds to its system. Times in ns; `quantum_ns` as declared."""
+
+    name: str
+    skew_ns: int
+    horizon_ns: int
+    quantum_ns: int | None
+    faults: tuple[TimingFault, ...]
+    timed: tuple[TimedProperty, ...]
+    span: Span
+
+    __test__ = False  # not a test of pytest's
 
 
 @dataclass(eq=False)
@@ -188,6 +245,8 @@ class System:
     until_ns: int | None
     params: dict[str, Value]
     hyperperiod_ns: int
+    test: TestPlan | None = None
+    """Set when the system was flattened for a `test` block, with its properties."""
 
     def topic(self, name: str) -> Topic:
         """The topic with this full name; KeyError when there is none."""

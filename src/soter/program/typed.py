@@ -222,6 +222,21 @@ class Aggregate(Expr):
 
 
 @dataclass(eq=False)
+class Choose(Expr):
+    """`choose ...` in the step of a node: one of finitely many values; who runs the step picks.
+
+    With `options` they are evaluated left to right and one of them is the value; without, the
+    value is number `low + k` (k-th bool, enum member or int), 0 <= k < `count`. `ages` is the
+    hidden local of a `fair` choice (array of `int in [0, 255]`, one per alternative), else None.
+    """
+
+    count: int
+    low: int
+    options: tuple[Expr, ...]
+    ages: Variable | None
+
+
+@dataclass(eq=False)
 class Narrow(Expr):
     """An int put into an `int in [a, b]` (the type of this node): faults when outside."""
 
@@ -578,24 +593,44 @@ class InstanceSymbol:
 
 @dataclass(eq=False)
 class PropertySymbol:
-    """A property of a system or test: kind always, never, eventually or leadsto."""
+    """A property of a system or test: kind always, never, eventually, leadsto or invariant.
+
+    "invariant" (tests only) has no expressions: `module` is the instance path it is about, None
+    for `invariants`, all of them.
+    """
 
     kind: str
     premise: Expr | None
-    condition: Expr
+    condition: Expr | None
     within: Expr | None
     text: str
+    span: Span
+    module: str | None = None
+
+
+@dataclass(eq=False)
+class FaultSymbol:
+    """A timing fault of a test: `late N by d;`, `skip N at most k;`, `overrun N by d;`.
+
+    `path`: the component as the system names it; exactly one of `by` and `at_most` is set.
+    """
+
+    kind: str
+    path: str
+    by: Expr | None
+    at_most: Expr | None
     span: Span
 
 
 @dataclass(eq=False)
 class InputSymbol:
-    """`input topic every d;`."""
+    """`input topic [in { values }] every d;`: without values the whole set of the topic."""
 
     path: str
     topic: TopicSymbol
     every: Expr
     span: Span
+    values: tuple[Expr, ...] = ()
 
 
 @dataclass(eq=False)
@@ -621,6 +656,9 @@ class TestSymbol(Symbol):
     skew: Expr | None
     horizon: Expr | None
     properties: tuple[PropertySymbol, ...]
+    quantum: Expr | None = None
+    faults: tuple[FaultSymbol, ...] = ()
+    inputs: tuple[InputSymbol, ...] = ()
 
 
 @dataclass(eq=False)

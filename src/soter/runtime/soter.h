@@ -96,6 +96,24 @@ typedef struct {
 /* A state starts with a soter_header, then components, modules, properties, one int64_t stamp
  * per topic; topics, locals and plant states follow. */
 
+/* ------------------------------------------------------------------ choices */
+
+/* Whatever a step leaves open is a choice among finitely many alternatives. A driver that wants to
+ * decide itself passes soter_answers as the `answer` of a step that is not extern; without, chance
+ * decides. Alternative 0 is the default one. */
+typedef struct {
+  uint64_t stream; /* who asked: FNV-1a of the stream's name */
+  uint32_t count;  /* how many alternatives there were */
+  uint32_t pick;
+} soter_choice;
+
+typedef struct {
+  soter_choice* choices; /* [room]: in: the first `given` picks; out: everything that was asked */
+  uint32_t room, given;  /* beyond `given` alternative 0 is taken */
+  uint32_t* taken;       /* how many were asked for; more than `room` are not written down */
+  uint64_t* branches;    /* one bit per branch that was taken, or NULL */
+} soter_answers;
+
 /* ------------------------------------------------------------------ the program's tables */
 
 #define SOTER_ENABLED 1U  /* flag: OE of this component */
@@ -129,9 +147,17 @@ typedef struct {
   soter_mode (*decide)(void* state); /* the generated decision module */
 } soter_module_info;
 
+typedef enum {
+  SOTER_AT_INSTANT = 0, /* always, never: at the end of every instant */
+  SOTER_BEFORE_STEP = 1, /* assumes: as `component` steps, on what it reads */
+  SOTER_AFTER_STEP = 2  /* guarantees: after a step with OE whose `assumes` all held */
+} soter_when;
+
 typedef struct {
   const char* text;
   bool (*violated)(const void* state);
+  soter_when when;
+  uint32_t component;
 } soter_property_info;
 
 typedef struct {
@@ -142,7 +168,7 @@ typedef struct {
 
 typedef struct {
   int64_t every_ns;
-  void (*draw)(void* state);
+  void (*draw)(void* state, const void* answer);
 } soter_input_info;
 
 typedef struct {
@@ -155,7 +181,7 @@ typedef struct {
   const soter_property_info* property;
   const soter_topic_info* topic;
   const soter_input_info* input;
-  void (*init)(void* state); /* defaults of topics, locals and plants, with the seed set */
+  void (*init)(void* state, const void* answer); /* defaults of topics, locals and plants */
 } soter_program;
 
 /* ------------------------------------------------------------------ the kernel */
@@ -167,6 +193,13 @@ typedef enum {
 
 /* The initial configuration (L0, OE0, ct0, FN0, Topics0); ct0 is just before 0. */
 void soter_start(const soter_program* p, void* state, uint64_t seed);
+
+/* The same; `answer` may be soter_answers, then a driver decides what is drawn at the start. */
+void soter_start_with(const soter_program* p, void* state, uint64_t seed, const void* answer);
+
+/* One step of a component at the time ct, by whichever rule it takes; it need not be a member of
+ * FN. The caller keeps `next` (the release after this one). For drivers that choose the order. */
+void soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer);
 
 /* dt2: the time of the next instant, ns. */
 int64_t soter_next_instant(const soter_program* p, const void* state);

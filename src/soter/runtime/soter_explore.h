@@ -1,0 +1,209 @@
+/* soter_explore.h: the explorer, one more driver over the state struct (docs/testing.md).
+ *
+ * A *world* is the program's state followed by the schedule: the time, how many releases every
+ * actor has made, the deadlines of properties. Generated code packs a world into a few words,
+ * which is what is stored; everything else works on whole worlds.
+ */
+#ifndef SOTER_EXPLORE_H
+#define SOTER_EXPLORE_H
+
+#include "soter.h"
+
+#define SOTER_ACTORS 64U  /* at most: a set of actors is one word */
+#define SOTER_CHOICES 64U /* choices in one step, at most */
+#define SOTER_INPUT \
+  0x80000000U /* in `component` of an actor: input number (component & ~SOTER_INPUT) */
+
+/* ------------------------------------------------------------------ what is explored */
+
+typedef struct {
+  uint32_t component; /* or SOTER_INPUT | number of the input */
+  int64_t period_ns, phase_ns;
+  int64_t window_ns;      /* a step happens in [r, r + window] */
+  int64_t overrun_ns;     /* its publications take effect up to this long after; 0: at once */
+  uint32_t skips;         /* releases in a row that may be lost; 0: none */
+  uint64_t dependent;     /* actors whose steps do not commute with this one's, itself included */
+  bool visible;           /* its step may change what a property reads */
+  const uint32_t* output; /* topics that it publishes */
+  uint32_t outputs;
+  uint32_t held; /* overrun: offset in the world of its soter_held; else 0 */
+} soter_actor;
+
+/* A world: the state, padded to 8 bytes; one soter_schedule; then
+ *   int64_t due[timeds]     until when it has to hold; INT64_MAX: nothing is owed
+ *   int64_t verdict[modules] when the DM last said AC; 0 at the start
+ *   uint32_t done[actors]   releases made (or lost)
+ *   uint32_t lost[actors]   releases lost in a row
+ *   uint8_t acted[modules]  SC has published since the last AC verdict, and the mode is SC
+ *   zeros up to a multiple of 8; then per overrunning actor a soter_held and, each padded to 8, the
+ *   values of its outputs, that wait to take effect. */
+typedef struct {
+  int64_t now; /* ns; -1 before the first step */
+} soter_schedule;
+
+typedef struct {
+  int64_t since; /* start of the step that still runs; -1: none does */
+  uint64_t mask; /* outputs that it will publish */
+} soter_held;
+
+typedef enum { SOTER_EVENTUALLY = 0, SOTER_LEADSTO = 1, SOTER_INVARIANT = 2 } soter_timed_kind;
+
+typedef struct {
+  const char* text;
+  soter_timed_kind kind;
+  bool (*premise)(const void* state);   /* leadsto; a fault is false */
+  bool (*condition)(const void* state); /* eventually, leadsto: a fault is false; invariant: safe */
+  int64_t within_ns;                    /* for an invariant 2 * period of the module */
+  uint32_t module;                      /* invariant */
+} soter_timed;
+
+/* A scalar of a topic, for coverage: kind 0 bool or enum, 1 int, 2 float. */
+typedef struct {
+  uint32_t topic;
+  size_t offset; /* in the state */
+  uint32_t kind, size;
+  bool is_signed;
+  double low, high; /* of its set; -inf and inf where it has none */
+} soter_leaf;
+
+typedef struct {
+  const soter_program* program;
+  const soter_actor* actor;
+  const soter_timed* timed;
+  const soter_leaf* leaf;
+  uint32_t actors, timeds, leaves, branches;
+  int64_t tick_ns;    /* every time is a multiple */
+  int64_t quantum_ns; /* steps happen at multiples of it, where `timely` */
+  int64_t horizon_ns;
+  bool timely;  /* when a step happens matters: its time is a choice */
+  bool sampled; /* a continuum is sampled: never exhausted */
+  uint32_t world_size;
+  uint32_t bits;  /* of a packed world */
+  uint32_t words; /* uint64_t that these take */
+  void (*pack)(const void* world, uint64_t* words);
+  void (*unpack)(const uint64_t* words, void* world); /* into a world that was started once */
+} soter_model;
+
+/* Parts of a world. */
+SOTER_INLINE size_t soter_padded(size_t size) {
+  return (size + 7U) & ~(size_t)7U;
+}
+SOTER_INLINE soter_schedule* soter_schedule_of(const soter_program* p, void* world) {
+  return (soter_schedule*)((char*)world + soter_padded(p->state_size));
+}
+SOTER_INLINE int64_t* soter_due_of(const soter_program* p, void* world) {
+  return (int64_t*)(soter_schedule_of(p, world) + 1);
+}
+SOTER_INLINE int64_t* soter_verdict_of(const soter_model* m, void* world) {
+  return soter_due_of(m->program, world) + m->timeds;
+}
+SOTER_INLINE uint32_t* soter_done_of(const soter_model* m, void* world) {
+  return (uint32_t*)(soter_verdict_of(m, world) + m->program->modules);
+}
+SOTER_INLINE uint32_t* soter_lost_of(const soter_model* m, void* world) {
+  return soter_done_of(m, world) + m->actors;
+}
+SOTER_INLINE uint8_t* soter_acted_of(const soter_model* m, void* world) {
+  return (uint8_t*)(soter_lost_of(m, world) + m->actors);
+}
+
+/* ------------------------------------------------------------------ how */
+
+typedef enum {
+  SOTER_BFS = 0,
+  SOTER_DFS = 1,
+  SOTER_DEEPENING = 2,
+  SOTER_RANDOM = 3,
+  SOTER_PCT = 4,
+  SOTER_COVERAGE = 5
+} soter_strategy;
+
+typedef enum { SOTER_EXACT = 0, SOTER_FINGERPRINT = 1 } soter_storage;
+
+#define SOTER_REDUCE_SLEEP 1U
+#define SOTER_REDUCE_AMPLE 2U
+
+typedef struct {
+  soter_strategy strategy;
+  soter_storage storage;
+  uint32_t reduce; /* SOTER_REDUCE_... */
+  uint32_t threads;
+  uint64_t memory;     /* bytes that tables and frontiers may take */
+  uint64_t max_states; /* 0: no bound */
+  uint64_t seed;
+  uint64_t runs;      /* of the random strategies */
+  uint32_t bug_depth; /* PCT: d */
+  bool keep;          /* keep the stored worlds for soter_explore_worlds */
+} soter_explore_options;
+
+typedef enum {
+  SOTER_EXHAUSTED = 0,
+  SOTER_VIOLATED = 1,
+  SOTER_MEMORY = 2,
+  SOTER_STATES = 3,
+  SOTER_RUNS = 4,
+  SOTER_STOPPED = 5,
+  SOTER_NO_MEMORY = 6, /* not even enough to begin */
+  SOTER_LIMIT = 7      /* more choices in a step, or deeper, than there is room for */
+} soter_explore_status;
+
+/* What is violated: `what` 0 always/never (`index` property), 1 a contract (property), 2 a trusted
+ * component faulted (component), 3 a timed property (timed). */
+typedef struct {
+  uint32_t what, index;
+} soter_broken;
+
+/* One step of a trace. `kind`: 0 step, 1 lost release (skip), 2 start of an overrunning step, 3 its
+ * publications take effect, 4 the start of the world (choices of initial values). */
+typedef struct {
+  uint32_t actor, kind;
+  int64_t release_ns, time_ns;
+  uint32_t choices;
+  soter_choice choice[SOTER_CHOICES];
+} soter_trace_step;
+
+typedef struct {
+  soter_explore_status status;
+  soter_broken broken;
+  uint64_t states, transitions, runs;
+  uint64_t table_bytes, frontier_bytes;
+  uint32_t depth;  /* steps of the longest execution seen */
+  uint32_t length; /* of the trace */
+} soter_explore_result;
+
+typedef struct {
+  volatile int stop; /* set by another thread: the search ends in order */
+  volatile uint64_t states, transitions;
+  volatile uint32_t depth;
+} soter_explore_progress;
+
+typedef struct {
+  uint64_t* branches; /* [(branches + 63) / 64] */
+  uint8_t* classes; /* [leaves * 256]: kinds 0: value % 256; 1 and 2: 0 low 1 high 2 negative 3 zero
+                       4 positive */
+  uint8_t* modes;   /* [modules * 2] seen; */
+  uint8_t* switches; /* [modules * 2] to SC, to AC */
+  uint8_t* fired;    /* [actors] */
+} soter_explore_coverage;
+
+/* Searches. `trace` has room for `room` steps. `coverage` is added to. */
+void soter_explore(const soter_model* m, const soter_explore_options* o,
+                   soter_explore_progress* progress, soter_explore_coverage* coverage,
+                   soter_explore_result* result, soter_trace_step* trace, uint32_t room);
+
+/* The least trace to a violation of `broken`: fewest steps, then fewest changes of actor, then
+ * fewest non-default choices; by exhaustive search without reduction. SOTER_VIOLATED, or why not.
+ */
+void soter_explore_least(const soter_model* m, const soter_explore_options* o, soter_broken broken,
+                         soter_explore_progress* progress, soter_explore_result* result,
+                         soter_trace_step* trace, uint32_t room);
+
+/* Runs a trace; after each step the world is written to `worlds` ([length] worlds) if not NULL.
+ * Returns the number of steps that were possible; *broken is set if the last one violates. */
+uint32_t soter_explore_replay(const soter_model* m, const soter_trace_step* trace, uint32_t length,
+                              void* worlds, bool* violates, soter_broken* broken);
+
+/* All stored worlds (options.keep) of the last search, one after the other; NULL: how many. */
+typedef void soter_world_fn(void* to, const void* world);
+
+#endif
