@@ -6,6 +6,7 @@ Non-goals: what surrounds a body (`steps.py`).
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
@@ -15,12 +16,22 @@ from soter.lower import core
 from soter.lower.footprint import walk
 from soter.lower.layout import LENGTH, scalar, storage_range
 from soter.program.arith import FaultKind
-from soter.program.types import ArrayType, EnumType, FloatType, IntType, ListType, RecordType
+from soter.program.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+from soter.semantics.random_draws import fnv
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.codegen.types import TypeTable
+    from soter.diagnostics.span import Span
     from soter.program.types import Type
 
 FAULT_NAMES = {
@@ -38,6 +49,29 @@ COMPARISONS = frozenset(("<", "<=", ">", ">=", "==", "!="))
 UNARY_CALLS = {"sqrt": "sqrt", "floor": "floor", "abs": "fabs"}
 
 
+@dataclass(frozen=True)
+class Branch:
+    """One side of an `if` in the step of a component; its position in the list is its number."""
+
+    component: str
+    span: Span
+    taken: bool
+    """Whether it is the side on which the condition holds."""
+
+
+@dataclass
+class Choices:
+    """What the choices of the step that is being emitted are named by; `branches` collects."""
+
+    component: str
+    branches: list[Branch] | None = None
+
+
+def stream_key(stream: str) -> c.CExpr:
+    """The FNV-1a of a stream's name."""
+    return c.Number(f"UINT64_C(0x{fnv(stream):016x})")
+
+
 class Body:
     """Emits the bodies of one generated program."""
 
@@ -53,6 +87,8 @@ class Body:
         self.cell = cell
         self.outputs: tuple[str, ...] = ()
         """Names of the outputs of the step that is being emitted."""
+        self.choices: Choices | None = None
+        """Set while a step is emitted that a driver may answer."""
 
     def out(self, output: int) -> c.Name:
         """The value of an output, until the step commits."""
@@ -187,6 +223,8 @@ class Body:
             return self._marked(declared, s.name, used)
         if isinstance(s, core.Checked):
             return self._marked(self._checked(s), s.name, used)
+        if isinstance(s, core.Choose):
+            return self._marked(self._choose(s), s.name, used)
         if isinstance(s, core.Guard):
             kind = c.Name(FAULT_NAMES[s.kind])
             return [c.Do(c.CallExpr("soter_guard", (self.expr(s.condition), kind, FAULT)))]
@@ -204,13 +242,10 @@ class Body:
         if isinstance(s, core.Push):
             return self._push(s)
         if isinstance(s, core.If):
-            return [
-                c.IfStmt(
-                    self.expr(s.condition),
-                    self._inner(s.then, used),
-                    self._inner(s.otherwise, used),
-                )
-            ]
+            condition = self.expr(s.condition)
+            then = (*self._branch(s, taken=True), *self._inner(s.then, used))
+            otherwise = (*self._branch(s, taken=False), *self._inner(s.otherwise, used))
+            return [c.IfStmt(condition, then, otherwise)]
         if isinstance(s, core.Loop):
             body = self._inner(s.body, used)
             return [c.For(self.local(s.variable), int_number(s.low), int_number(s.high), body)]
@@ -219,6 +254,37 @@ class Body:
             c.Assign(self.out(s.output), self.expr(s.value)),
             c.Assign(self.has(s.output), c.Name("true")),
         ]
+
+    def _branch(self, s: core.If, *, taken: bool) -> list[c.CStmt]:
+        """Note for coverage that one side of an `if` was taken, where that is wanted."""
+        if self.choices is None or self.choices.branches is None:
+            return []
+        number = c.Number(f"{len(self.choices.branches)}U")
+        self.choices.branches.append(Branch(self.choices.component, s.span, taken))
+        return [c.Do(c.CallExpr("soter_branch", (c.Name("answer"), FAULT, number)))]
+
+    def _choose(self, s: core.Choose) -> c.CStmt:
+        """A choice; after a fault nobody is asked."""
+        assert self.choices is not None
+        header = c.Unary("&", c.Arrow(c.Name("s"), "header"))
+        key = stream_key(f"{self.choices.component}.choose")
+        made = c.Unary("&", c.Name("made"))
+        arguments: tuple[c.CExpr, ...] = (header, c.Name("answer"), key, c.Name("release"), made)
+        function = "soter_choose"
+        if s.ages is not None:
+            function = "soter_choose_fair"
+            arguments = (*arguments, c.Member(c.Name(self.local(s.ages)), "at"))
+        call = c.CallExpr(function, (*arguments, c.Number(f"{s.count}U")))
+        fine = c.Binary("==", c.Unary("*", FAULT), c.Name("SOTER_OK"))
+        value: c.CExpr = c.Ternary(fine, call, c.Number("0U"))
+        if isinstance(s.type, BoolType):
+            value = c.Binary("!=", value, c.Number("0U"))
+        else:
+            value = c.Cast("int64_t", value)
+            if s.low != 0:
+                value = c.Binary("+", int_number(s.low), value)
+            value = value if isinstance(s.type, IntType) else self.types.to_store(s.type, value)
+        return self._declare(s.name, s.type, value, const=True)
 
     def _inner(self, statements: tuple[core.Stmt, ...], used: set[str]) -> tuple[c.CStmt, ...]:
         found: list[c.CStmt] = []

@@ -37,6 +37,7 @@ PRECEDENCE = {
 }
 TERNARY, UNARY, POSTFIX, ATOM = 0, 11, 12, 13
 COMPARISONS = {"==", "!=", "<", "<=", ">", ">="}
+BITS = {"|", "^", "&", "<<", ">>"}
 
 
 def precedence(e: c.CExpr) -> int:
@@ -99,7 +100,8 @@ def _binary(e: c.Binary) -> str:
         if isinstance(x, c.Binary):
             mixed_logic = {e.op, x.op} == {"&&", "||"}
             compared = e.op in COMPARISONS and x.op in COMPARISONS
-            loose = loose or mixed_logic or compared
+            bits = e.op in BITS and x.op != e.op
+            loose = loose or mixed_logic or compared or bits
         if isinstance(x, c.Unary) and x.op == "!":
             loose = loose or e.op in COMPARISONS
         return f"({text})" if loose else text

@@ -171,6 +171,11 @@ class EnclosureBody:
             return self.ops.to_int(operands[0])
         return self.ops.int_operation(s.op, operands)
 
+    def _do_choose(self, s: core.Choose) -> None:
+        where = f"line {s.span.line} of `{s.span.source.name}`"
+        msg = f"what `choose` gives (in {where}) cannot be enclosed"
+        raise EnclosureError(msg)
+
     def _do_guard(self, s: core.Guard) -> None:
         self.ops.guard(self.expr(s.condition))
 

@@ -76,6 +76,10 @@ class Enclosed:
 
     def _topic(self, index: int) -> Item:
         topic = self.system.topics[index]
+        if topic.queue_of is not None:
+            name = self.system.topics[topic.queue_of].name
+            msg = f"what waits in the queue of `{name}` cannot be enclosed"
+            raise EnclosureError(msg)
         driven = any(o.topic == index for p in self.core.plants.values() for o in p.outputs)
         if self.moving:
             # What another plant drives is sampled and erroneous: its whole set covers both.

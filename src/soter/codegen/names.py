@@ -24,11 +24,14 @@ size_t ptrdiff_t wchar_t max_align_t float_t double_t intptr_t uintptr_t intmax_
 """
 _SIZED = [f"{u}int{kind}{n}_t" for u in ("", "u") for kind in ("", "_fast", "_least")
           for n in (8, 16, 32, 64)]  # fmt: skip
-_OWN = "s state flags published answer fault status first began got kept sqrt floor fabs"
+_OWN = """
+s state flags published answer fault status first began got kept made release sqrt floor fabs
+"""
 _MACRO = re.compile(
     r"(U?INT|SIZE_|PTRDIFF_|WCHAR_|WINT_|SIG_ATOMIC_|FP_|HUGE_VAL|MATH_|M_|DBL_|FLT_|LDBL_|SOTER)"
     r"[A-Z0-9_]*"
 )
+_HIDDEN = re.compile(r"fair_\d+")
 _HEADERS = """
 assert complex ctype errno fenv float inttypes iso646 limits locale math memory setjmp signal
 stdalign stdarg stdatomic stdbool stddef stdint stdio stdlib stdnoreturn string strings tgmath
@@ -72,17 +75,22 @@ def program_prefix(stem: str) -> str:
 def local(text: str, prefix: str) -> str:
     """The C name of a temporary in the program `prefix`: different names stay different."""
     name = legal(text)
-    taken = ("v_", "soter_", "out_", "has_", "_", prefix + "_")
+    taken = ("v_", "soter_", "out_", "has_", "drawn_", "_", prefix + "_")
     if has_meaning(name) or name in OWN or name.startswith(taken):
         return "v_" + name
     return name
 
 
 def field_name(text: str) -> str:
-    """A struct member in C: different names stay different; `pad_` is the padding's."""
+    """A struct member in C: different names stay different; `pad_` is the padding's.
+
+    A hidden local has a space in its name, which becomes `_`; a program's own name that looks so
+    then gets one more.
+    """
     name = legal(text)
     stem = name.rstrip("_")
-    if has_meaning(stem) or (stem == "pad" and name != "pad"):
+    looks_hidden = " " not in text and _HIDDEN.fullmatch(stem) is not None
+    if has_meaning(stem) or (stem == "pad" and name != "pad") or looks_hidden:
         return name + "_"
     return name
 

@@ -9,11 +9,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
+from soter.codegen.body import Branch, Choices, stream_key
 from soter.codegen.names import Unique, field_name
 from soter.codegen.received import received
 from soter.codegen.types import FAULT, float_number, int_number
 from soter.lower import core
 from soter.lower.footprint import walk
+from soter.program.system import queues_of
 from soter.program.types import (
     ArrayType,
     BoolType,
@@ -25,15 +27,14 @@ from soter.program.types import (
     default_value,
     leaves,
 )
-from soter.semantics.random_draws import fnv
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from soter.codegen.body import Body
     from soter.codegen.types import TypeTable
     from soter.diagnostics.span import Span
-    from soter.program.system import Component, System
+    from soter.program.system import Bound, Component, InputDrive, System, Topic
     from soter.program.typed import NodeSymbol
     from soter.program.types import Type, Value
 
@@ -47,6 +48,7 @@ STEP_PARAMETERS = (
     ("uint32_t *", "published"),
     ("const void *", "answer"),
 )
+DRAW_PARAMETERS = (("void *", "state"), ("const void *", "answer"))
 
 
 def where(span: Span) -> str:
@@ -71,6 +73,8 @@ class StepEmitter:
         self.prefix = prefix
         self.groups = groups
         """Component index -> C name of its group of locals or states."""
+        self.branches: list[Branch] | None = None
+        """A list: nodes count which branches they take, and it says what the numbers mean."""
         unique = Unique()
         self._topic_fields = [unique(t.name) for t in system.topics]
 
@@ -161,12 +165,90 @@ class StepEmitter:
             stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(output.topic)))
             value = self.types.to_store(output.type, self.body.out(k))
             stores: list[c.CStmt] = [c.Assign(self.topic(output.topic), value), c.Assign(stamp, CT)]
+            stores += self._push_on(output.topic)
             bit = c.Number(f"{1 << k}U")
             published = c.Unary("*", c.Name("published"))
             note = c.Assign(published, c.Binary("|", published, bit))
             if gated:
                 stores = [c.IfStmt(enabled("SOTER_ENABLED"), tuple(stores))]
             found.append(c.IfStmt(self.body.has(k), (note, *stores)))
+        return found
+
+    # ------------------------------------------------------------ queues
+
+    def pushed(self, topic: int) -> str:
+        """The function that puts a topic's value into the queues behind it."""
+        return f"{self.prefix}_pushed_{topic}"
+
+    def _push_on(self, topic: int) -> list[c.CStmt]:
+        """After a topic has a new value: put it into its queues."""
+        if not self.system.topics[topic].queues:
+            return []
+        return [c.Do(c.CallExpr(self.pushed(topic), (S,)))]
+
+    def push(self, topic: Topic) -> c.FunctionDef:
+        """Puts a topic's value into the queues behind it, each by its policy when it is full."""
+        body: list[c.CStmt] = [self.state_pointer()]
+        for index in topic.queues:
+            queue = self.system.topics[index]
+            assert isinstance(queue.type, ListType)
+            items = c.Member(self.topic(index), "items")
+            length = c.Member(self.topic(index), "len")
+            capacity = queue.type.capacity
+            append = (
+                c.Assign(c.IndexExpr(items, length), self.topic(topic.index)),
+                c.Assign(length, c.Binary("+", length, c.Number("1"))),
+            )
+            room = c.Binary("<", length, c.Number(str(capacity)))
+            if queue.policy == "drop_oldest":
+                k = c.Name("k")
+                after = c.IndexExpr(items, c.Binary("+", k, c.Number("1")))
+                move = (c.Assign(c.IndexExpr(items, k), after),)
+                last = c.Number(str(capacity - 1))
+                shift = (c.For("k", c.Number("0"), last, move),) if capacity > 1 else ()
+                body += [c.IfStmt(c.Unary("!", room), (*shift, c.Assign(length, last))), *append]
+            elif queue.policy == "fault":
+                lost = c.Assign(self._lost(index), c.Name("SOTER_LOST"))
+                body.append(c.IfStmt(room, append, (lost,)))
+            else:
+                body.append(c.IfStmt(room, append))
+        doc = f"the queues behind {topic.name}"
+        return c.FunctionDef(
+            "void", self.pushed(topic.index), (("void *", "state"),), tuple(body), doc
+        )
+
+    def _lost(self, queue: int) -> c.CExpr:
+        """Whether a queue lost a value that it may not lose: SOTER_LOST, else SOTER_NEVER."""
+        return c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(queue)))
+
+    def _has_lost(self, queue: int) -> c.CExpr:
+        return c.Binary("!=", self._lost(queue), c.Name("SOTER_NEVER"))
+
+    def _must_not_lose(self, component: Component) -> list[c.CStmt]:
+        """A step fault where a queue of the node lost a value that it may not lose."""
+        return [
+            c.Do(
+                c.CallExpr(
+                    "soter_guard",
+                    (c.Unary("!", self._has_lost(q)), c.Name("SOTER_CAPACITY"), FAULT),
+                )
+            )
+            for q in queues_of(self.system, component)
+            if self.system.topics[q].policy == "fault"
+        ]
+
+    def _empty(self, queue: int) -> c.CStmt:
+        default = self.types.default(self.system.topics[queue].type)
+        return c.Assign(self.topic(queue), default)
+
+    def _forgive(self, component: Component) -> list[c.CStmt]:
+        """After that fault the queue starts afresh."""
+        found: list[c.CStmt] = []
+        for q in queues_of(self.system, component):
+            if self.system.topics[q].policy == "fault":
+                fresh = (self._empty(q), c.Assign(self._lost(q), c.Name("SOTER_NEVER")))
+                told = c.Binary("==", c.Name("status"), c.Name("SOTER_CAPACITY"))
+                found.append(c.IfStmt(c.Binary("&&", told, self._has_lost(q)), fresh))
         return found
 
     # ------------------------------------------------------------ nodes
@@ -177,31 +259,49 @@ class StepEmitter:
         c_source = component.binding is not None and component.binding.startswith("c:")
         foreign = component.extern
         used = {n.name for n in _vars((step.takeover, step.body))}
+        branches = None if foreign else self.branches
+        self.body.choices = Choices(component.name, branches)
         takeover: list[c.CStmt] = []
         if step.takeover:
             block = tuple(self.body.block(step.takeover, step.body))
             takeover.append(c.IfStmt(enabled("SOTER_TAKEOVER"), block))
         body: list[c.CStmt] = [self.state_pointer(), *self.fault_pointer()]
         body += self.load(step.locals, used)
+        must_not_lose = self._must_not_lose(component)
         if foreign and c_source and step.locals:
-            body += [*takeover, *self._linked(component, step, name)]
+            body += [*takeover, *self._linked(component, step, name), *must_not_lose]
         elif foreign:
             outputs = self._linked if c_source else self._answered
-            body += [*outputs(component, step, name), *takeover]
+            body += [*outputs(component, step, name), *must_not_lose, *takeover]
         else:
             body += self.declare_outputs(step.outputs)
-            body += [*takeover, *self.body.block(step.body)]
+            body += must_not_lose
+            body += [*self._choosing(component, step), *takeover, *self.body.block(step.body)]
         body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault")]
         body += self.check_outputs(step.outputs)
-        body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
+        failed = (*self._forgive(component), c.Return(c.Name("status")))
+        body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), failed))
         if foreign and c_source:
             body += [self._keep(copy) for copy in step.locals]
         else:
             body += self.store(step.locals)
+        body += [self._empty(q) for q in queues_of(self.system, component)]
         body += self.publish(step.outputs, gated=True)
         body.append(c.Return(OK))
+        self.body.choices = None
         doc = f"{component.role} {component.node.name}, {where(step.span)}"
         return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, tuple(body), doc)
+
+    def _choosing(self, component: Component, step: core.NodeStep) -> list[c.CStmt]:
+        """What choices need: how many were made in this step, and which release it is."""
+        if not any(isinstance(n, core.Choose) for n in walk(step.body)):
+            return []
+        since = c.Binary("-", CT, int_number(component.phase_ns)) if component.phase_ns else CT
+        release = c.Binary("/", since, int_number(component.period_ns))
+        return [
+            c.Declare("uint32_t", "made", c.Number("0U")),
+            c.Declare("int64_t", "release", release, const=True),
+        ]
 
     def _linked(self, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
         """Outputs of an extern node from a linked C function, which also gets its locals."""
@@ -291,6 +391,7 @@ class StepEmitter:
             constant = self.types.constant(t, value, "failsafe")
             body.append(c.Assign(self.topic(index), self.types.to_store(t, constant)))
             body.append(c.Assign(c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(index))), CT))
+            body += self._push_on(index)
         return c.FunctionDef("void", f"{name}_failsafe", (("void *", "state"),), tuple(body))
 
     # ------------------------------------------------------------ plants
@@ -335,25 +436,27 @@ class StepEmitter:
         found: list[c.CStmt] = [c.Declare("int64_t", "began", began, const=True)]
         for name, t, draws in step.disturbances:
             if name in used:
-                values = iter([self._draw(d, component, c.Name("began")) for d in draws])
-                found.append(
-                    c.Declare(
-                        self.types.work(t),
-                        self.body.local(name),
-                        _assemble(self.types, t, values),
-                        const=True,
-                    )
-                )
+                drawn = [self._draw(d, component, c.Name("began")) for d in draws]
+                own = self.body.local(name)
+                before, values = _in_order([("double", e) for e in drawn], f"drawn_{own}")
+                value = _assemble(self.types, t, iter(values))
+                found += [*before, c.Declare(self.types.work(t), own, value, const=True)]
         return found
 
     def _draw(self, draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
+        """A disturbance: one that holds is drawn by chance, whoever answers."""
         hold = draw.hold_ns if draw.hold_ns > 0 else component.period_ns
         index = c.Binary("/", at, int_number(hold))
-        return self._uniform(draw.stream, index, draw.low, draw.high)
+        chance = draw.hold_ns > 0 or component.extern
+        return self._uniform(draw.stream, index, draw.low, draw.high, chance=chance)
 
-    def _uniform(self, stream: str, index: c.CExpr, low: float, high: float) -> c.CExpr:
-        key = c.Number(f"UINT64_C(0x{fnv(stream):016x})")
-        return c.CallExpr("soter_draw", (HEADER, key, index, float_number(low), float_number(high)))
+    def _uniform(
+        self, stream: str, index: c.CExpr, low: float, high: float, *, chance: bool = False
+    ) -> c.CExpr:
+        bounds = (float_number(low), float_number(high))
+        if chance:
+            return c.CallExpr("soter_draw", (HEADER, stream_key(stream), index, *bounds))
+        return c.CallExpr("soter_drawn", (*_whom(stream), index, *bounds))
 
     def _new_states(self, step: core.PlantStep, name: str) -> list[c.CStmt]:
         """An extern plant: the driver's answer holds the new states."""
@@ -372,7 +475,9 @@ class StepEmitter:
         index = c.Binary("/", CT, int_number(component.period_ns))
         for output, leaf, draw in step.noise:
             target = _leaf(self.body.out(output), step.outputs[output].type, leaf)
-            error = self._uniform(draw.stream, index, draw.low, draw.high)
+            error = self._uniform(
+                draw.stream, index, draw.low, draw.high, chance=component.extern
+            )
             found.append(c.Assign(target, c.Binary("+", target, error)))
         return found
 
@@ -462,45 +567,70 @@ class StepEmitter:
             "bool", name, (("const void *", "state"),), tuple(body), f"{doc}, {where(p.span)}"
         )
 
-    def draw_input(self, topic: int, every_ns: int, name: str) -> c.FunctionDef:
-        """A seeded change of an environment input."""
-        info = self.system.topics[topic]
-        index = c.Binary("/", CT, int_number(every_ns))
-        values = []
-        for (path, t), bound in zip(leaves(info.type), info.bounds, strict=True):
-            stream = ".".join((f"input.{info.name}", *path))
-            if isinstance(t, FloatType):
-                assert bound is not None
-                values.append(self._uniform(stream, index, bound.low, bound.high))
-                continue
-            key = c.Number(f"UINT64_C(0x{fnv(stream):016x})")
-            if isinstance(t, BoolType):
-                bits = c.CallExpr("soter_bits", (HEADER, key, index))
-                values.append(c.Cast("uint8_t", c.Binary(">>", bits, c.Number("63"))))
-                continue
-            if isinstance(t, EnumType):
-                low, high = 0, len(t.members) - 1
-            else:
-                assert isinstance(t, IntType)
-                low, high = (int(bound.low), int(bound.high)) if bound else (t.low, t.high)
-            drawn = c.CallExpr(
-                "soter_draw_int", (HEADER, key, index, int_number(low), int_number(high))
-            )
-            values.append(self.types.to_store(t, drawn))
+    def draw_input(self, drive: InputDrive, name: str) -> c.FunctionDef:
+        """A change of an environment input, by chance or as a driver answers."""
+        info = self.system.topics[drive.topic]
+        index = c.Binary("/", CT, int_number(drive.every_ns))
+        stream = f"input.{info.name}"
+        before: Sequence[c.CStmt]
+        if drive.values:
+            before, value = self._one_of(drive, stream, index)
+        else:
+            drawn = [
+                self._drawn_leaf(t, bound, ".".join((stream, *path)), index)
+                for (path, t), bound in zip(leaves(info.type), info.bounds, strict=True)
+            ]
+            before, values = _in_order(drawn, "drawn")
+            value = _assemble(self.types, info.type, iter(values))
         body = (
             self.state_pointer(),
-            c.Assign(self.topic(topic), _assemble(self.types, info.type, iter(values))),
-            c.Assign(c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(topic))), CT),
+            *before,
+            c.Assign(self.topic(drive.topic), value),
+            c.Assign(c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(drive.topic))), CT),
+            *self._push_on(drive.topic),
+            c.Unused("answer"),
         )
-        return c.FunctionDef(
-            "void", name, (("void *", "state"),), body, f"environment input {info.name}"
-        )
+        return c.FunctionDef("void", name, DRAW_PARAMETERS, body, f"environment input {info.name}")
+
+    def _one_of(
+        self, drive: InputDrive, stream: str, index: c.CExpr
+    ) -> tuple[list[c.CStmt], c.CExpr]:
+        """One of the declared values of an input."""
+        t = self.system.topics[drive.topic].type
+        last = len(drive.values) - 1
+        pick = c.CallExpr("soter_drawn_int", (*_whom(stream), index, int_number(0), int_number(last)))
+        name = c.Name("drawn_pick")
+        value = self.types.constant(t, drive.values[last], "value")
+        for k in range(last - 1, -1, -1):
+            this = self.types.constant(t, drive.values[k], "value")
+            value = c.Ternary(c.Binary("==", name, c.Number(str(k))), this, value)
+        declared = c.Declare("int64_t", name.text, pick, const=True)
+        return [declared, c.Unused(name.text)], self.types.to_store(t, value)
+
+    def _drawn_leaf(
+        self, t: Type, bound: Bound | None, stream: str, index: c.CExpr
+    ) -> tuple[str, c.CExpr]:
+        """One leaf of an input: its C type, and the draw."""
+        if isinstance(t, FloatType):
+            assert bound is not None
+            return "double", self._uniform(stream, index, bound.low, bound.high)
+        if isinstance(t, BoolType):
+            drawn = c.CallExpr("soter_drawn_bool", (*_whom(stream), index))
+            return "uint8_t", c.Cast("uint8_t", drawn)
+        if isinstance(t, EnumType):
+            low, high = 0, len(t.members) - 1
+        else:
+            assert isinstance(t, IntType)
+            low, high = (int(bound.low), int(bound.high)) if bound else (t.low, t.high)
+        limits = (int_number(low), int_number(high))
+        drawn = c.CallExpr("soter_drawn_int", (*_whom(stream), index, *limits))
+        return self.types.stored(t), self.types.to_store(t, drawn)
 
     # ------------------------------------------------------------ start
 
     def init(self, name: str) -> c.FunctionDef:
         """Defaults of topics, locals and plant states."""
-        body: list[c.CStmt] = [self.state_pointer(), c.Unused("s")]
+        body: list[c.CStmt] = [self.state_pointer(), c.Unused("s"), c.Unused("answer")]
         for topic in self.system.topics:
             body += self._initial(self.topic(topic.index), topic.type, topic.default)
         for component in self.system.components:
@@ -522,14 +652,32 @@ class StepEmitter:
                     self._uniform(".".join((base, *path)), c.Number("0"), *interval)
                     for path, _ in leaves(v.type)
                 ]
-                body.append(c.Assign(target, _assemble(self.types, v.type, iter(draws))))
-        return c.FunctionDef("void", name, (("void *", "state"),), tuple(body), "initial values")
+                own = f"drawn_{component.index}_{i}"
+                before, values = _in_order([("double", e) for e in draws], own)
+                body += [*before, c.Assign(target, _assemble(self.types, v.type, iter(values)))]
+        return c.FunctionDef("void", name, DRAW_PARAMETERS, tuple(body), "initial values")
 
     def _initial(self, target: c.CExpr, t: Type, value: Value) -> list[c.CStmt]:
         if value == default_value(t) and _is_zero(t, value):
             return []
         constant = self.types.constant(t, value, "initial")
         return [c.Assign(target, self.types.canonical(t, constant))]
+
+
+def _whom(stream: str) -> tuple[c.CExpr, ...]:
+    """The first arguments of a draw that a driver may answer."""
+    return (HEADER, c.Name("answer"), stream_key(stream))
+
+
+def _in_order(drawn: list[tuple[str, c.CExpr]], name: str) -> tuple[list[c.CStmt], list[c.CExpr]]:
+    """Draws one after the other: C leaves the order inside an initializer open."""
+    if len(drawn) == 1:
+        return [], [drawn[0][1]]
+    names = [f"{name}_{k}" for k in range(len(drawn))]
+    before: list[c.CStmt] = [
+        c.Declare(t, n, e, const=True) for n, (t, e) in zip(names, drawn, strict=True)
+    ]
+    return before, [c.Name(n) for n in names]
 
 
 def _is_zero(t: Type, value: Value) -> bool:

@@ -23,9 +23,10 @@ from soter.lower.steps import lower
 from soter.program.types import BOOL
 
 if TYPE_CHECKING:
+    from soter.codegen.body import Branch
     from soter.lower.core import CoreSystem, Function
     from soter.lower.layout import StateLayout
-    from soter.program.system import Component, System
+    from soter.program.system import Component, Property, System
     from soter.program.types import Type
 
 COMPONENT_NAMES = ("_step", "_failsafe", "_in", "_out", "_local", "_state", "_move")
@@ -57,6 +58,8 @@ class Unit:
     """C files that externs are bound to."""
     names: dict[int, str]
     """Component -> what its C names begin with (`cart_c`: `cart_c_step`, `cart_c_out`)."""
+    branches: tuple[Branch, ...] = ()
+    """What the numbers of `soter_branch` mean, where they were asked for."""
 
 
 def answer_fields(component: Component) -> tuple[tuple[str, Type], ...]:
@@ -72,15 +75,26 @@ def own_names(system: System) -> tuple[str, ...]:
     """What every generated file declares, whatever the program calls its own things."""
     properties = [f"property_{p.index}" for p in system.properties]
     inputs = [f"input_{i}" for i in range(len(system.inputs))]
-    return (*OWN_NAMES, *properties, *inputs)
+    pushed = [f"pushed_{t.index}" for t in system.topics if t.queues]
+    return (*OWN_NAMES, *properties, *inputs, *pushed)
 
 
-def generate(system: System, core: CoreSystem | None = None, prefix: str | None = None) -> Unit:
-    """The C of a system."""
-    return _UnitBuilder(system, core or lower(system), prefix).run()
+def generate(
+    system: System,
+    core: CoreSystem | None = None,
+    prefix: str | None = None,
+    *,
+    branches: bool = False,
+) -> Unit:
+    """The C of a system. With `branches` its nodes tell which of their branches they take."""
+    builder = UnitBuilder(system, core or lower(system), prefix)
+    builder.steps.branches = [] if branches else None
+    return builder.run()
 
 
-class _UnitBuilder:
+class UnitBuilder:
+    """Builds the unit of one system."""
+
     def __init__(self, system: System, core: CoreSystem, prefix: str | None) -> None:
         self.system = system
         self.core = core
@@ -110,6 +124,7 @@ class _UnitBuilder:
         steps = self._steps()
         init = self.steps.init(f"{self.prefix}_init")
         tables = self._tables()
+        more = self.more()
         interface = self._interface()
         state = self._state()
         path, hash_ = self.system.program.path, self.system.program.sha256
@@ -164,6 +179,7 @@ class _UnitBuilder:
                 init,
                 c.Section("tables"),
                 *tables,
+                *more,
             )
         )
         answers = {x.index: arrange(answer_fields(x)) for x in self.system.components if x.extern}
@@ -175,7 +191,12 @@ class _UnitBuilder:
             answers,
             tuple(dict.fromkeys(self.c_sources)),
             dict(self.names),
+            tuple(self.steps.branches or ()),
         )
+
+    def more(self) -> list[c.CTop]:
+        """What a kind of program has besides (`exploring.py`)."""
+        return []
 
     # ------------------------------------------------------------ functions and steps
 
@@ -238,7 +259,7 @@ class _UnitBuilder:
         return c.FunctionDef(result, name, parameters, body, doc, inline=True)
 
     def _steps(self) -> list[c.CTop]:
-        found: list[c.CTop] = []
+        found: list[c.CTop] = [self.steps.push(t) for t in self.system.topics if t.queues]
         for x in self.system.components:
             name = self.names[x.index]
             if x.index in self.core.plants:
@@ -261,13 +282,11 @@ class _UnitBuilder:
                     f"{self.prefix}_property_{p.index}",
                     f"violated: {p.kind} {p.text}",
                     unsafe=True,
-                    negate=p.kind == "always",
+                    negate=p.kind != "never",
                 )
             )
         for i, drive in enumerate(self.system.inputs):
-            found.append(
-                self.steps.draw_input(drive.topic, drive.every_ns, f"{self.prefix}_input_{i}")
-            )
+            found.append(self.steps.draw_input(drive, f"{self.prefix}_input_{i}"))
         return found
 
     # ------------------------------------------------------------ the state struct
@@ -352,7 +371,8 @@ class _UnitBuilder:
         symbol = x.binding.rsplit(":", 1)[1]
         inputs = tuple(
             c.StructMember(
-                self.types.stored(t.topic.type), field_name(t.topic.name.rsplit(".", 1)[-1])
+                self.types.stored(self.system.topics[x.scope.topics[t.topic]].type),
+                field_name(t.topic.name.rsplit(".", 1)[-1]),
             )
             for t in x.node.subscribes
         ) or (c.StructMember("uint8_t", "pad_"),)
@@ -400,11 +420,12 @@ class _UnitBuilder:
                     (
                         ("text", c.String(f"{q.kind} {q.text}")),
                         ("violated", c.Name(f"{p}_property_{q.index}")),
+                        *_when(q),
                     )
                 )
                 for q in self.system.properties
             ],
-            "properties, checked on the truth at the end of every instant",
+            "properties, checked on the truth at the end of every instant, and contracts",
         )
         topics = table("soter_topic_info", "topics_info", self._topics(), "topics")
         inputs = table(
@@ -497,7 +518,16 @@ class _UnitBuilder:
                         ),
                     ),
                     ("size", c.CallExpr("sizeof", (c.Name(self.types.stored(t.type)),))),
+                    *((("pushed", c.Name(self.steps.pushed(t.index))),) if t.queues else ()),
                 )
             )
             for t in self.system.topics
         ]
+
+
+def _when(p: Property) -> tuple[tuple[str, c.CExpr], ...]:
+    """When a contract is checked, and whose it is; nothing for what instants check."""
+    if p.component is None:
+        return ()
+    when = "SOTER_BEFORE_STEP" if p.kind == "assumes" else "SOTER_AFTER_STEP"
+    return (("when", c.Name(when)), ("component", c.Number(f"{p.component}U")))

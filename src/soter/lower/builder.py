@@ -116,7 +116,7 @@ class Builder:
 
     def bind(self, variable: typed.Variable, name: str | None = None) -> str:
         """Give a variable its name."""
-        chosen = self.fresh(name or variable.name)
+        chosen = self.fresh(name or variable.name.replace(" ", "_"))  # a hidden local's
         self.names[variable] = chosen
         return chosen
 
@@ -399,6 +399,22 @@ class Builder:
             values = ordered
         return core.Make(e.type, tuple(values))
 
+    def _choose(self, e: typed.Choose) -> core.Expr:
+        """The options first, left to right; then the choice, also where there is only one."""
+        options = [self.atom(self.expr(o), o.span, "option") for o in e.options]
+        ages = None if e.ages is None else self.names[e.ages]
+        t = INT if options else core_type(e.type)
+        name = self.fresh("choice")
+        self.emit(core.Choose(e.span, name, t, e.count, 0 if options else e.low, ages))
+        chosen = core.Var(t, name)
+        if not options:
+            return chosen
+        value = options[-1]
+        for k in range(len(options) - 2, -1, -1):
+            is_k = core.Binary(BOOL, "==", chosen, core.Const(INT, k))
+            value = core.Select(value.type, is_k, options[k], value)
+        return self.let(e.span, "chosen", value)
+
     def _narrow(self, e: typed.Narrow) -> core.Expr:
         operand = self.expr(e.operand)
         have, want = e.operand.type, e.type
@@ -504,7 +520,7 @@ class Builder:
         c = self.expr(condition)
         then, _ = self.capture(lambda: self.block(body))
         if more:
-            rest = typed.If(s.span, tuple(more), s.otherwise)
+            rest = typed.If(more[0][0].span, tuple(more), s.otherwise)
             otherwise, _ = self.capture(lambda: self._if(rest))
         else:
             otherwise, _ = self.capture(lambda: self.block(s.otherwise))

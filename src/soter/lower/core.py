@@ -377,6 +377,14 @@ class Decision:
 
 
 @dataclass(eq=False)
+class Timed:
+    """A timed property of a test; the condition of an invariant is its module's `safe`."""
+
+    premise: Predicate | None
+    condition: Predicate
+
+
+@dataclass(eq=False)
 class CoreSystem:
     """Everything that is generated for one system."""
 
@@ -385,3 +393,5 @@ class CoreSystem:
     plants: dict[int, PlantStep]
     decisions: tuple[Decision, ...]
     properties: tuple[Predicate, ...]
+    timed: tuple[Timed, ...] = ()
+    """Of a system that was flattened for a test: as `TestPlan.timed`."""

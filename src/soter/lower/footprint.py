@@ -14,6 +14,8 @@ from soter.lower import core
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from soter.program.system import System
+
 
 def walk(root: object) -> Iterator[object]:
     """Every Core expression and statement below `root`, in order."""
@@ -48,4 +50,16 @@ def footprint_of(statements: tuple[core.Stmt, ...]) -> core.Footprint:
 
 def written_names(statements: tuple[core.Stmt, ...]) -> set[str]:
     """Names of temporaries that are assigned after their creation."""
-    return {n.name for n in walk(statements) if isinstance(n, (core.Set, core.Push))}
+    found = set()
+    for n in walk(statements):
+        if isinstance(n, (core.Set, core.Push)):
+            found.add(n.name)
+        elif isinstance(n, core.Choose) and n.ages is not None:
+            found.add(n.ages)
+    return found
+
+
+def written_topics(system: System, topic: int) -> list[core.Cell]:
+    """The cells that a publication changes: the topic and the queues behind it."""
+    found = (topic, *system.topics[topic].queues)
+    return [core.Cell("topic", i, system.topics[i].name) for i in found]

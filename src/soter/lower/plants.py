@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.lower import core
 from soter.lower.builder import Builder, rebuild, select
-from soter.lower.footprint import footprint_of
+from soter.lower.footprint import footprint_of, written_topics
 from soter.program.types import FLOAT, RecordType
 
 if TYPE_CHECKING:
@@ -70,7 +70,7 @@ class _Plant:
             if c.written:
                 footprint.writes.add(c.cell)
         for o in outputs:
-            footprint.writes.add(core.Cell("topic", o.topic, self.system.topics[o.topic].name))
+            footprint.writes.update(written_topics(self.system, o.topic))
         return core.PlantStep(
             self.component.index,
             tuple(self.copies),

@@ -10,15 +10,16 @@ from typing import TYPE_CHECKING
 
 from soter.lower import core
 from soter.lower.builder import Builder
-from soter.lower.footprint import footprint_of, written_names
+from soter.lower.footprint import footprint_of, written_names, written_topics
 from soter.lower.functions import FunctionTable
 from soter.lower.plants import lower_plant
 from soter.program import typed
+from soter.program.system import queues_of
 from soter.program.types import BOOL
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
-    from soter.program.system import Component, Scope, System
+    from soter.program.system import Component, Property, Scope, System, TimedProperty
 
 
 def outputs_of(system: System, topics: tuple[int, ...]) -> tuple[core.Output, ...]:
@@ -55,17 +56,29 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
         if component.extern:
             index = component.scope.topics[s.topic]
             footprint.reads.add(core.Cell("topic", index, system.topics[index].name))
+    for q in queues_of(system, component):
+        cell = core.Cell("topic", q, system.topics[q].name)
+        footprint.reads.add(cell)
+        footprint.writes.add(cell)
+        if system.topics[q].policy == "fault":
+            footprint.stamps.add(q)
     for o in outputs:
-        footprint.writes.add(core.Cell("topic", o.topic, system.topics[o.topic].name))
+        footprint.writes.update(written_topics(system, o.topic))
         footprint.stamps.add(o.topic)
     return core.NodeStep(component.index, copies, takeover, body, outputs, footprint, node.span)
 
 
 def lower_predicate(
-    functions: FunctionTable, system: System, scope: Scope, condition: typed.Expr, span: Span
+    functions: FunctionTable,
+    system: System,
+    scope: Scope,
+    condition: typed.Expr,
+    span: Span,
+    period_ns: int = 0,
 ) -> core.Predicate:
-    """A boolean over topics and truths."""
+    """A boolean over topics and truths; a contract knows the period of its node."""
     builder = Builder(functions, system, scope)
+    builder.period_ns = period_ns
     value = builder.expr(condition)
     body = builder.finish()
     probe = core.Let(span, "value", value)
@@ -88,6 +101,25 @@ def lower_decision(functions: FunctionTable, system: System, module: int) -> cor
     )
 
 
+def lower_property(functions: FunctionTable, system: System, p: Property) -> core.Predicate:
+    """The condition of a property or a contract."""
+    period_ns = 0 if p.component is None else system.components[p.component].period_ns
+    return lower_predicate(functions, system, p.scope, p.condition, p.span, period_ns)
+
+
+def lower_timed(functions: FunctionTable, system: System, timed: TimedProperty) -> core.Timed:
+    """The predicates of a timed property."""
+    scope, condition = timed.scope, timed.condition
+    if timed.module is not None:
+        module = system.modules[timed.module]
+        scope, condition = module.scope, module.symbol.safe
+    assert condition is not None
+    premise = timed.premise and lower_predicate(
+        functions, system, scope, timed.premise, timed.premise.span
+    )
+    return core.Timed(premise, lower_predicate(functions, system, scope, condition, condition.span))
+
+
 def lower(system: System) -> core.CoreSystem:
     """Lower a whole system."""
     functions = FunctionTable(system)
@@ -99,7 +131,8 @@ def lower(system: System) -> core.CoreSystem:
         elif c.plant is not None:
             plants[c.index] = lower_plant(functions, system, c)
     decisions = tuple(lower_decision(functions, system, m.index) for m in system.modules)
-    properties = tuple(
-        lower_predicate(functions, system, p.scope, p.condition, p.span) for p in system.properties
-    )
-    return core.CoreSystem(tuple(functions.by_name.values()), nodes, plants, decisions, properties)
+    properties = tuple(lower_property(functions, system, p) for p in system.properties)
+    asked = system.test.timed if system.test else ()
+    timed = tuple(lower_timed(functions, system, t) for t in asked)
+    used = tuple(functions.by_name.values())
+    return core.CoreSystem(used, nodes, plants, decisions, properties, timed)

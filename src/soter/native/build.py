@@ -40,10 +40,13 @@ def cache_dir() -> Path:
     return (Path(base) if base else Path.home() / ".cache") / "soter"
 
 
-def _content(unit: Unit, flags: tuple[str, ...], identity: str) -> str:
+def _content(
+    unit: Unit, flags: tuple[str, ...], identity: str, runtime: tuple[str, ...] = ()
+) -> str:
     digest = hashlib.sha256()
     parts = [unit.header, unit.source, identity, *flags, "externs are checked by the header"]
-    parts += [(RUNTIME / name).read_text(encoding="utf-8") for name in (*KERNEL, *HEADERS)]
+    names = (*KERNEL, *HEADERS, *runtime)
+    parts += [(RUNTIME / name).read_text(encoding="utf-8") for name in names]
     for source in unit.c_sources:
         parts += [x for path, text in included(source).items() for x in (str(path), text)]
     for part in parts:
@@ -69,19 +72,28 @@ def _is_whole(target: Path) -> bool:
         return False
 
 
-def library(unit: Unit, optimise: str = "-O2", extra: tuple[str, ...] = ()) -> Path:
-    """The shared library of a unit, from the cache or freshly compiled."""
+def library(
+    unit: Unit,
+    optimise: str = "-O2",
+    extra: tuple[str, ...] = (),
+    runtime: tuple[str, ...] = (),
+) -> Path:
+    """The shared library of a unit, from the cache or freshly compiled.
+
+    `runtime`: files of the run-time that are needed besides the kernel, headers included.
+    """
     compiler = find()
     flags = (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS, *extra)
     folder = cache_dir()
-    target = folder / f"{unit.prefix[:40]}-{_content(unit, flags, compiler.identity)[:32]}.so"
+    content = _content(unit, flags, compiler.identity, runtime)
+    target = folder / f"{unit.prefix[:40]}-{content[:32]}.so"
     if _is_whole(target):
         return target
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as name:
             work = Path(name)
-            built = compile_in(work, unit, flags)
+            built = compile_in(work, unit, flags, runtime)
             seal = work / "seal"
             seal.write_text(_seal(built), encoding="utf-8")
             built.replace(target)
@@ -120,7 +132,9 @@ def _helps(unit: Unit) -> tuple[str, ...]:
     )
 
 
-def compile_in(work: Path, unit: Unit, flags: tuple[str, ...]) -> Path:
+def compile_in(
+    work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...] = ()
+) -> Path:
     """Write the unit into `work` and compile it there; X004 with the compiler's words."""
     (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
     source = work / f"{unit.prefix}.c"
@@ -136,7 +150,7 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...]) -> Path:
         str(built),
         str(source),
         *externs,
-        *(str(RUNTIME / k) for k in KERNEL),
+        *(str(RUNTIME / k) for k in (*KERNEL, *runtime) if k.endswith(".c")),
         "-lm",
     ]
     done = subprocess.run(

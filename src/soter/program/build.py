@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import gc
 import sys
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
@@ -16,6 +16,7 @@ from soter.program.checker import check
 from soter.program.elaborate import Elaborator, implicit_system
 from soter.program.loader import load
 from soter.program.summary import for_people
+from soter.program.tested import elaborate_test
 from soter.program.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 from soter.program.wellformed import check_declaration, check_periods
 
@@ -54,6 +55,12 @@ class Checked:
             return next(iter(self.systems.values()))
         marked = [s for s in self.systems.values() if s.default]
         return marked[0] if len(marked) == 1 else None
+
+    @property
+    def tests(self) -> dict[str, TestSymbol]:
+        """The tests of the main file."""
+        tests = {} if self.program is None else self.program.tests
+        return {n: t for n, t in tests.items() if "." not in n}
 
 
 def check_file(
@@ -100,7 +107,7 @@ def _check_file(path: str, text: str | None, overrides: Mapping[str, Value] | No
             )
             break
     for test in program.tests.values():
-        _flatten_test(program, test, overrides or {}, found)
+        elaborate_test(program, test, overrides or {}, found)
     _check_the_rest(program, own, found)
     return Checked(program, for_people(found, [f.source for f in loaded.files]), own)
 
@@ -118,25 +125,6 @@ def _flatten(
     if flat is not None:
         check_periods(flat, diagnostics, elaborator.unknown)
     return flat
-
-
-def _flatten_test(
-    program: Program, test: TestSymbol, overrides: Mapping[str, Value], diagnostics: Diagnostics
-) -> None:
-    """A test is its system with replacements and properties of its own."""
-    system = replace(
-        test.system,
-        replaces=(*test.system.replaces, *test.replaces),
-        properties=test.properties,
-    )
-    if test.system in program.damaged:
-        program.damaged.add(system)
-    elaborator = Elaborator(program, system, overrides, diagnostics)
-    elaborator.long_duration(test.horizon, "`horizon`")
-    elaborator.skew(test.skew)
-    flat = elaborator.run()
-    if flat is not None:
-        check_periods(flat, diagnostics, elaborator.unknown)
 
 
 def _check_the_rest(
@@ -201,6 +189,25 @@ def system_of(
         raise SoterError(diagnostics.items)
     flat = _flatten(checked.program, symbol, overrides or {}, diagnostics)
     if flat is None or diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    return flat
+
+
+def system_of_test(
+    checked: Checked, name: str, overrides: Mapping[str, Value] | None = None
+) -> System:
+    """The system that a test explores, `System.test` set; SoterError when it has errors."""
+    if not checked.ok:
+        raise SoterError(checked.diagnostics.items)
+    assert checked.program is not None
+    diagnostics = Diagnostics()
+    test = checked.tests.get(name)
+    if test is None:
+        known = ", ".join(f"`{n}`" for n in checked.tests) or "none"
+        diagnostics.error("U010", f"there is no test `{name}`", notes=(f"there are: {known}",))
+        raise SoterError(diagnostics.items)
+    flat = elaborate_test(checked.program, test, overrides or {}, diagnostics)
+    if flat is None:
         raise SoterError(diagnostics.items)
     return flat
 

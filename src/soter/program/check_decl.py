@@ -16,7 +16,7 @@ from soter.program.check_module import ModuleChecker
 from soter.program.check_node import NodeChecker
 from soter.program.check_plant import PlantChecker
 from soter.program.check_stmt import always_returns
-from soter.program.check_system import SystemChecker
+from soter.program.check_test import TestChecker
 from soter.program.context import Context
 from soter.program.durations import write_ns
 from soter.program.types import (
@@ -57,7 +57,7 @@ class DeclChecker:
         self.nodes = NodeChecker(checker)
         self.modules = ModuleChecker(checker)
         self.plants = PlantChecker(checker)
-        self.systems = SystemChecker(checker)
+        self.systems = TestChecker(checker)
         self._topics: dict[typed.SystemSymbol, list[typed.TopicSymbol]] = {}
 
     def symbol(self, entry: Entry) -> object:

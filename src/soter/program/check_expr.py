@@ -18,6 +18,7 @@ from soter.program.check_base import (
     plain,
 )
 from soter.program.check_call import CallChecker
+from soter.program.check_choose import ChooseChecker
 from soter.program.check_field import listed
 from soter.program.check_operator import OperatorChecker
 from soter.program.context import SPECIALS
@@ -46,7 +47,7 @@ if TYPE_CHECKING:
 __all__ = ["ExprChecker", "error_expr", "float_literal", "is_error", "plain"]
 
 
-class ExprChecker(CallChecker, OperatorChecker):
+class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
     """Checks expressions of one program."""
 
     def dispatch(self, expr: tree.Expr, context: Context, expected: Type | None) -> typed.Expr:
@@ -107,6 +108,9 @@ class ExprChecker(CallChecker, OperatorChecker):
                 hidden.used = True
                 self._not_constant(f"`{name}`", span, hidden.span, context)
                 return error_expr(span)
+        if name in context.private:
+            self._private(context.private[name], span, context)
+            return error_expr(span)
         entry = self.names.find(context.scope, name)
         if entry is not None:
             return self.entry(entry, span, context)
@@ -146,6 +150,17 @@ class ExprChecker(CallChecker, OperatorChecker):
                 helps=("pass it as an argument",) if context.result is not None else (),
             )
         return error_expr(span)
+
+    def _private(self, local: typed.Variable, span: Span, context: Context) -> None:
+        local.used = True
+        self.diagnostics.error(
+            "T013",
+            f"`{local.name}` has no meaning in {context.where}",
+            span,
+            also=((local.span, "a local of the node"),),
+            notes=("a contract speaks about what a node reads and publishes",),
+            helps=("check it in the step: `assert ...;`",),
+        )
 
     def _not_constant(self, what: str, span: Span, declared: Span | None, context: Context) -> None:
         """T008, or T007 in the bound of a loop: known only when the program runs."""
@@ -218,7 +233,9 @@ class ExprChecker(CallChecker, OperatorChecker):
             self._not_subscribed(topic, span, context)
             return error_expr(span)
         context.topics_read.setdefault(topic)
-        return typed.TopicRead(topic.type, span, topic)
+        queue = context.queues.get(topic)
+        t = topic.type if queue is None else ListType(topic.type, queue)
+        return typed.TopicRead(t, span, topic)
 
     def _not_subscribed(self, topic: typed.TopicSymbol, span: Span, context: Context) -> None:
         if context.owner in self.checker.damaged:  # it may be the one that could not be read
@@ -334,6 +351,7 @@ class ExprChecker(CallChecker, OperatorChecker):
         tree.ConditionalExpr: OperatorChecker.conditional,
         tree.RecordExpr: _record,
         tree.ListExpr: _list,
+        tree.ChooseExpr: ChooseChecker.choose,
     }
 
 

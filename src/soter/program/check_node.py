@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 from soter.program import typed
 from soter.program.check_base import is_error, sound
+from soter.program.check_types import MAX_LEAVES
 from soter.program.context import Context
-from soter.program.types import BOOL, DURATION
+from soter.program.types import BOOL, DURATION, leaf_count
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -90,15 +91,16 @@ class NodeChecker:
                 self.diagnostics.error(
                     "T011", "a queue holds at least one message", s.span, f"not {s.queue}"
                 )
-            elif s.queue is not None:
-                self.diagnostics.warning(
-                    "W002",
-                    f"the queue of `{topic.name}` has no effect yet",
+            elif s.queue is not None and s.queue * leaf_count(topic.type) > MAX_LEAVES:
+                self.diagnostics.error(
+                    "T011",
+                    f"this queue holds {s.queue * leaf_count(topic.type)} numbers",
                     s.span,
-                    notes=("in this version every subscription holds the last value",),
+                    f"at most {MAX_LEAVES} are possible",
                 )
             policy = s.policy or "drop_oldest"
-            found[topic] = typed.Subscribed(topic, s.queue, policy, s.span)
+            queue = None if s.queue is None else max(s.queue, 1)
+            found[topic] = typed.Subscribed(topic, queue, policy, s.span)
         return found
 
     def _publishes(
@@ -254,10 +256,12 @@ class NodeChecker:
         frame = {v.name: v for v in node.locals}
         inputs = {s.topic for s in node.subscribes}
         where = f"node `{decl.name.text}`"
+        queues = {s.topic: s.queue for s in node.subscribes if s.queue is not None}
         context = Context(
             scope,
             where,
             topics=inputs,
+            queues=queues,
             has_time=True,
             has_period=True,
             has_modes=True,
@@ -272,6 +276,7 @@ class NodeChecker:
                 scope,
                 f"`on takeover` of `{decl.name.text}`",
                 topics=inputs,
+                queues=queues,
                 has_time=True,
                 has_period=True,
                 owner=node,
@@ -281,36 +286,35 @@ class NodeChecker:
             )
             node.takeover = self.checker.statements.block(decl.takeover, reset)
         if decl.step is not None:
+            context.choices = []
             node.step = self.checker.statements.block(decl.step, context)
+            node.locals += tuple(context.choices)
+            node.initial += (None,) * len(context.choices)
+            context.choices = None
         if not decl.extern and not scope.loaded.library:
             self._warn(node, decl, context)
 
-    def _contracts(self, node: typed.NodeSymbol, decl: tree.NodeDecl, context: Context) -> None:
-        check = self.checker.expressions.check
-        node.assumes = tuple(check(e, context, BOOL) for e in decl.assumes)
+    def _contracts(self, node: typed.NodeSymbol, decl: tree.NodeDecl, step: Context) -> None:
+        """What it relies on and promises: about topics, the time and modes, not its locals."""
         inputs = {s.topic for s in node.subscribes}
-        both = Context(
-            context.scope,
-            context.where,
-            topics=inputs | set(node.publishes),
+        context = Context(
+            step.scope,
+            f"a contract of {step.where}",
+            topics=inputs,
+            queues=step.queues,
             has_time=True,
-            has_period=True,
             has_modes=True,
-            node=node,
             owner=node,
-            broken=context.broken,
-            locals=context.locals,
-            topics_read=context.topics_read,
+            broken=step.broken,
+            private=step.locals[0],
+            topics_read=step.topics_read,
         )
-        node.guarantees = tuple(check(e, both, BOOL) for e in decl.guarantees)
-        for word, exprs in (("assumes", decl.assumes), ("guarantees", decl.guarantees)):
-            for expr in exprs:
-                self.diagnostics.warning(
-                    "W003",
-                    f"`{word}` has no effect yet",
-                    expr.span,
-                    notes=("in this version its names and types are checked, nothing else",),
-                )
+        check = self.checker.expressions.check
+        assumes = [check(e, context, BOOL) for e in decl.assumes]
+        context.topics = inputs | set(node.publishes)
+        guarantees = [check(e, context, BOOL) for e in decl.guarantees]
+        node.assumes = tuple(e for e in assumes if not is_error(e))
+        node.guarantees = tuple(e for e in guarantees if not is_error(e))
 
     def _warn(self, node: typed.NodeSymbol, decl: tree.NodeDecl, context: Context) -> None:
         name = decl.name.text

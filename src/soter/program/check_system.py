@@ -1,7 +1,7 @@
-"""Check systems and tests: instances, wiring, properties, overrides.
+"""Check systems: instances, wiring, properties, overrides, inputs.
 
-Purpose: `system` and `test` declarations -> symbols.
-Non-goals: flattening and numbers (`elaborate.py`), running tests (`explore/`).
+Purpose: `system` declarations -> symbols; `check_test.py` builds on it.
+Non-goals: flattening and numbers (`elaborate.py`).
 """
 
 from __future__ import annotations
@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.program import typed
 from soter.program.check_base import a_type, is_error, sound
+from soter.program.check_choose import MAX_CHOICES
 from soter.program.check_field import find_instance
 from soter.program.context import Context
 from soter.program.types import BOOL, DURATION, ArrayType, ListType, RecordType
@@ -27,7 +28,7 @@ INSTANTIABLE = ("plant", "node", "module", "system")
 
 
 class SystemChecker:
-    """Checks systems and tests of one program."""
+    """Checks systems of one program, and what tests share with them."""
 
     def __init__(self, checker: Checker) -> None:
         self.checker = checker
@@ -155,16 +156,18 @@ class SystemChecker:
         """Properties, overrides, inputs."""
         where = f"system `{decl.name.text}`"
         instances = {i.name: i for i in system.instances}
-        system.until = self._time(decl.until, Context(scope, where), "`until`")
+        system.until = self.time(decl.until, Context(scope, where), "`until`")
         lost = self.lost[system]
-        found = [self._property(p, scope, instances, lost, decl.name.text) for p in decl.properties]
+        context = self.inside(scope, decl.name.text, instances, lost)
+        found = [self.property(p, context) for p in decl.properties]
         system.properties = tuple(p for p in found if p is not None)
         self._forces(system, decl, instances)
-        system.replaces = tuple(self._replaces(decl.replaces, scope))
+        system.replaces = tuple(self.replaces(decl.replaces, scope))
         system.sets = tuple(self._sets(decl, scope))
-        system.inputs = tuple(self._inputs(decl, scope, instances, lost))
+        system.inputs = tuple(self.inputs(decl.inputs, context))
 
-    def _time(self, expr: tree.Expr | None, context: Context, what: str) -> typed.Expr | None:
+    def time(self, expr: tree.Expr | None, context: Context, what: str) -> typed.Expr | None:
+        """A time, to be computed for each system."""
         if expr is None:
             return None
         return sound(self.checker.constants.number(expr, context, DURATION, what))
@@ -199,15 +202,15 @@ class SystemChecker:
                 )
         system.forces = tuple(forces.values())
 
-    def _property(
+    def inside(
         self,
-        item: tree.Property,
         scope: FileScope,
+        name: str,
         instances: dict[str, typed.InstanceSymbol],
         lost: frozenset[str],
-        name: str,
-    ) -> typed.PropertySymbol | None:
-        context = Context(
+    ) -> Context:
+        """The place of a property or an input of the system or test called `name`."""
+        return Context(
             scope,
             f"a property of `{name}`",
             topics="any",
@@ -217,16 +220,32 @@ class SystemChecker:
             broken=name in scope.broken,
             lost=lost,
         )
+
+    def property(self, item: tree.Property, context: Context) -> typed.PropertySymbol | None:
+        """A property that is an expression, or two."""
+        if invariant_call(item, context) is not None:
+            self._only_in_a_test(item)
+            return None
         check = self.checker.expressions.check
         premise = check(item.premise, context, BOOL) if item.premise else None
         condition = check(item.condition, context, BOOL)
-        within = self._time(item.within, Context(scope, context.where), "`within`")
+        within = self.time(item.within, Context(context.scope, context.where), "`within`")
         if is_error(condition) or (premise is not None and is_error(premise)):
             return None
-        text = " ".join(item.condition.span.text.split())
+        text = source_line(item.condition)
         return typed.PropertySymbol(item.kind, premise, condition, within, text, item.span)
 
-    def _replaces(self, items: tuple[tree.Replace, ...], scope: FileScope) -> list[Replaced]:
+    def _only_in_a_test(self, item: tree.Property) -> None:
+        self.diagnostics.error(
+            "E012",
+            f"`{source_line(item.condition)}` can only be asked by a test, with `always`",
+            item.condition.span,
+            notes=("it speaks about the time since the decision module last looked",),
+            helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
+        )
+
+    def replaces(self, items: tuple[tree.Replace, ...], scope: FileScope) -> list[Replaced]:
+        """`replace A by B;`: what stands in for what."""
         found: list[Replaced] = []
         for item in items:
             entry = self.checker.names.find_ref(scope, item.by)
@@ -240,11 +259,7 @@ class SystemChecker:
                     item.by.span,
                     also=((entry.decl.name.span, "declared here"),),
                 )
-            for part in item.what.parts:  # a name that is only replaced counts as used
-                if part.text in scope.entries:
-                    scope.entries[part.text].used = True
-                elif part.text in scope.imports:
-                    scope.used_imports.add(part.text)
+            mentioned(item.what, scope)
         return found
 
     def _sets(
@@ -275,39 +290,53 @@ class SystemChecker:
                 found[symbol] = (symbol, literal, item.param.span)
         return list(found.values())
 
-    def _inputs(
-        self,
-        decl: tree.SystemDecl,
-        scope: FileScope,
-        instances: dict[str, typed.InstanceSymbol],
-        lost: frozenset[str],
+    def inputs(
+        self, items: tuple[tree.DriveInput, ...], context: Context
     ) -> list[typed.InputSymbol]:
-        where = f"system `{decl.name.text}`"
-        context = Context(scope, where, topics="any", instances=instances, lost=lost)
-        context.broken = decl.name.text in scope.broken
+        """`input t [in { values }] every d;`: each an input topic, and once."""
         found: dict[typed.TopicSymbol, typed.InputSymbol] = {}
-        for item in decl.inputs:
-            every = self._time(item.every, Context(scope, where), "`every`")
-            read = self.checker.expressions.check(_path_expr(item.topic), context)
+        for item in items:
+            every = self.time(item.every, Context(context.scope, context.where), "`every`")
+            read = self.checker.expressions.check(path_expr(item.topic), context)
             if is_error(read):
                 continue
+            values = self._values(item, read, context)
             if not isinstance(read, typed.TopicRead) or not read.topic.input:
                 self._no_input(item, read)
             elif read.topic in found:
                 first = found[read.topic].span
                 self._twice(f"`{item.topic.text}` is drawn twice", item.topic.span, first)
-            elif _has_list(read.type):
+            elif not item.values and _has_list(read.type):
                 self.diagnostics.error(
                     "T018",
                     f"{a_type(read.type)} cannot be drawn: it has a list inside",
                     item.topic.span,
                     also=((read.topic.span, "declared here"),),
+                    helps=("list the values to draw from: `in { ... }`",),
                 )
             elif every is not None:
                 found[read.topic] = typed.InputSymbol(
-                    item.topic.text, read.topic, every, item.topic.span
+                    item.topic.text, read.topic, every, item.topic.span, values
                 )
         return list(found.values())
+
+    def _values(
+        self, item: tree.DriveInput, read: typed.Expr, context: Context
+    ) -> tuple[typed.Expr, ...]:
+        """The declared values of an input, numbers of the program."""
+        place = Context(context.scope, "the value of an input")
+        because = (item.topic.span, f"this is {a_type(read.type)}")
+        number = self.checker.constants.number
+        found = [number(v, place, read.type, "the value of an input", because) for v in item.values]
+        if len(found) > MAX_CHOICES:
+            self.diagnostics.error(
+                "E004",
+                f"an input of {len(found)} values is too wide",
+                item.topic.span,
+                f"at most {MAX_CHOICES} are possible",
+                notes=("every value is a branch of every execution",),
+            )
+        return tuple(v for v in found if not is_error(v))
 
     def _no_input(self, item: tree.DriveInput, read: typed.Expr) -> None:
         topic = read.topic if isinstance(read, typed.TopicRead) else None
@@ -320,50 +349,8 @@ class SystemChecker:
             helps=(f"declare it `input topic {item.topic.parts[-1].text}`",) if topic else (),
         )
 
-    # ------------------------------------------------------------ tests
 
-    def test_signature(
-        self, decl: tree.TestDecl, scope: FileScope, full: str
-    ) -> typed.TestSymbol | None:
-        """A test and the system it names."""
-        if decl.system is None:
-            if decl.name.text not in scope.broken:
-                self.diagnostics.error(
-                    "M006",
-                    f"test `{decl.name.text}` names no system",
-                    decl.name.span,
-                    helps=("add `system Name;`",),
-                )
-            return None
-        entry = self.checker.names.find_ref(scope, decl.system)
-        system = self.checker.resolve(entry, decl.system.span) if entry else None
-        if entry is not None and entry.kind != "system":
-            self.diagnostics.error(
-                "N003",
-                f"`{decl.system.text}` is a {entry.kind}, not a system",
-                decl.system.span,
-                also=((entry.decl.name.span, "declared here"),),
-            )
-        if not isinstance(system, typed.SystemSymbol):
-            return None
-        test = typed.TestSymbol(full, decl.name.span, system, (), None, None, ())
-        self.checker.later(test, decl, scope)
-        return test
-
-    def test_body(self, test: typed.TestSymbol, decl: tree.TestDecl, scope: FileScope) -> None:
-        """Properties, replacements, bounds."""
-        name = decl.name.text
-        context = Context(scope, f"test `{name}`")
-        instances = {i.name: i for i in test.system.instances}
-        test.skew = self._time(decl.skew, context, "`skew`")
-        test.horizon = self._time(decl.horizon, context, "`horizon`")
-        test.replaces = tuple(self._replaces(decl.replaces, scope))
-        lost = self.lost[test.system]
-        found = [self._property(p, scope, instances, lost, name) for p in decl.properties]
-        test.properties = tuple(p for p in found if p is not None)
-
-
-def _path_expr(path: tree.Path) -> tree.Expr:
+def path_expr(path: tree.Path) -> tree.Expr:
     """The path as an expression."""
     first = path.parts[0]
     expr: tree.Expr = tree.NameExpr(first.span, first)
@@ -378,3 +365,30 @@ def _has_list(t: Type) -> bool:
     if isinstance(t, ArrayType):
         return _has_list(t.element)
     return isinstance(t, RecordType) and any(_has_list(f) for _, f in t.fields)
+
+
+def source_line(expr: tree.Expr) -> str:
+    """The text of an expression, on one line."""
+    return " ".join(expr.span.text.split())
+
+
+def mentioned(path: tree.Path, scope: FileScope) -> None:
+    """A name that is only replaced or disturbed counts as used."""
+    for part in path.parts:
+        if part.text in scope.entries:
+            scope.entries[part.text].used = True
+        elif part.text in scope.imports:
+            scope.used_imports.add(part.text)
+
+
+def invariant_call(item: tree.Property, context: Context) -> tree.Expr | None:
+    """The condition where it is `invariant(M)` or `invariants`, and nobody declared that name."""
+    e = item.condition
+    if isinstance(e, tree.CallExpr) and isinstance(e.callee, tree.NameExpr):
+        asked = e.callee.name.text == "invariant" and len(e.arguments) == 1
+        name = "invariant"
+    else:
+        asked = isinstance(e, tree.NameExpr) and e.name.text == "invariants"
+        name = "invariants"
+    taken = name in context.scope.entries or name in (context.instances or {})
+    return e if asked and not taken else None

@@ -71,6 +71,14 @@ class Composition:
         for index, span in property_reads:
             self._driven(index, span, "a property", driven)
         self._disjoint_nodes()
+        for topic in self.system.topics:
+            if topic.queue_of is not None:
+                topic.driver = self.system.topics[topic.queue_of].driver
+
+    def _source(self, index: int) -> int:
+        """The topic itself where `index` is a queue of it."""
+        queue_of = self.system.topics[index].queue_of
+        return index if queue_of is None else queue_of
 
     # ------------------------------------------------------------ drivers
 
@@ -181,7 +189,7 @@ class Composition:
         for c in self.system.components:
             if c.node is None:
                 continue
-            reads = {c.scope.topics[s.topic]: s.topic for s in c.node.subscribes}
+            reads = {self._source(c.scope.topics[s.topic]): s.topic for s in c.node.subscribes}
             for symbol in c.node.publishes:
                 index = c.scope.topics[symbol]
                 inner = reads.get(index)
@@ -210,6 +218,7 @@ class Composition:
         return [(t, read.span) for t, read in topic_reads(*m.predicates).items()]
 
     def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
+        index = self._source(index)
         topic = self.system.topics[index]
         if index in driven:
             return

@@ -41,11 +41,15 @@ class Context:
     constant: str = ""
     hidden: Context | None = None
     topics: set[TopicSymbol] | str | None = None
+    queues: dict[TopicSymbol, int] = field(default_factory=dict)
+    """Topics that are read as the queue of a subscription, and its length."""
     inputs: str = "subscribes"
     """The word that would make a topic readable."""
     has_time: bool = False
     has_period: bool = False
     has_modes: bool = False
+    choices: list[Variable] | None = None
+    """In the step of a node: the hidden locals of its fair choices so far; else no `choose`."""
     node: NodeSymbol | None = None
     """The node whose step this is: `in_control`, publish."""
     result: Type | None = None
@@ -60,6 +64,8 @@ class Context:
     """The declaration lost a part when it was parsed: names unknown here may have been in it."""
     lost: frozenset[str] = frozenset()
     """Names of instances that could not be made: they were reported."""
+    private: dict[str, Variable] = field(default_factory=dict)
+    """Locals of a node that its contract cannot speak about."""
     locals: list[dict[str, Variable]] = field(default_factory=list)
     topics_read: dict[TopicSymbol, None] = field(default_factory=dict)
     """Topics read so far, in order of first use."""

@@ -30,7 +30,7 @@ from soter.program.value_sets import Topics, beyond, first_outside
 from soter.program.walk import mode_reads, nodes, topic_reads
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
@@ -65,6 +65,8 @@ class Elaborator(Topics):
         """Names of components whose period has an error: nothing is said about it again."""
         self.property_reads: list[tuple[int, Span]] = []
         """Topics that properties read, and where."""
+        self._plants: dict[str, int] = {}
+        self._modules_by_name: dict[str, Module] = {}
 
     # ------------------------------------------------------------ the result
 
@@ -233,6 +235,10 @@ class Elaborator(Topics):
         module: int | None = None,
     ) -> Component:
         scope = self._scope(placed, [*(s.topic for s in node.subscribes), *node.publishes])
+        for subscribed in node.subscribes:
+            if subscribed.queue is not None:
+                source = self.topics[scope.topics[subscribed.topic]]
+                scope.topics[subscribed.topic] = self.queue(source, subscribed, name)
         period = self._period(node.period, f"the period of node `{node.name}`", name)
         self._takeover_in_module(node, role)
         locals_ = [v for v in node.locals if not isinstance(v.type, ErrorType)]
@@ -438,7 +444,9 @@ class Elaborator(Topics):
             if component.module is not None:
                 home = modules[component.module].name
             if component.node is not None:
-                wanted = mode_reads(*component.node.step, *(component.node.takeover or ()))
+                node = component.node
+                contracts = (*node.assumes, *node.guarantees)
+                wanted = mode_reads(*node.step, *(node.takeover or ()), *contracts)
             elif component.role == "dm" and component.module is not None:
                 own = modules[component.module].symbol
                 predicates = (own.safe, own.ttf, own.safer)
@@ -467,33 +475,50 @@ class Elaborator(Topics):
         )
 
     def _properties(self, modules: list[Module], components: list[Component]) -> list[Property]:
-        """Those of the system, then those of its sub-systems, each in its own names."""
+        """Those of the system, then those of its sub-systems, then the contracts of nodes."""
         result: list[Property] = []
-        plants = {c.name: c.index for c in components if c.role == "plant"}
-        named = {m.name: m for m in modules}
+        self._plants = {c.name: c.index for c in components if c.role == "plant"}
+        self._modules_by_name = {m.name: m for m in modules}
         for part in self.parts:
             for item in part.system.properties:
-                scope = Scope({}, self.params)
-                roots = [e for e in (item.premise, item.condition) if e is not None]
-                self._names_of_property(part, roots, scope, plants, named)
-                if item.within is not None:
-                    self.long_duration(item.within, "`within`")
-                if item.kind in {"always", "never"}:
-                    text = f"{item.text} in {part.prefix[:-1]}" if part.prefix else item.text
-                    result.append(
-                        Property(len(result), item.kind, item.condition, scope, text, item.span)
-                    )
+                scope = self.scope_of_property(part, item)
+                text = f"{item.text} in {part.prefix[:-1]}" if part.prefix else item.text
+                self.add_property(result, item, scope, text)
+        for component in components:
+            for kind, expr in _contracts(component):
+                text = f"{' '.join(expr.span.text.split())} in {component.name}"
+                scope = component.scope
+                found = Property(len(result), kind, expr, scope, text, expr.span, component.index)
+                result.append(found)
         return result
+
+    def add_property(
+        self, result: list[Property], item: typed.PropertySymbol, scope: Scope, text: str
+    ) -> None:
+        """An `always` or `never`; what else there is belongs to tests."""
+        if item.kind in {"always", "never"} and item.condition is not None:
+            found = Property(len(result), item.kind, item.condition, scope, text, item.span)
+            result.append(found)
+
+    def scope_of_property(self, part: Part, item: typed.PropertySymbol) -> Scope:
+        """What the names of a property mean, seen from its part."""
+        scope = Scope({}, self.params)
+        roots = [e for e in (item.premise, item.condition) if e is not None]
+        self._names_of_property(part, roots, scope)
+        return scope
+
+    def module_called(self, name: str) -> Module | None:
+        """The module instance with this full name."""
+        return self._modules_by_name.get(name)
 
     def _names_of_property(
         self,
         part: Part,
         roots: list[typed.Expr],
         scope: Scope,
-        plants: dict[str, int],
-        modules: dict[str, Module],
     ) -> None:
         """What the names in a property mean, as seen from inside its part."""
+        plants, modules = self._plants, self._modules_by_name
         for topic, read in topic_reads(*roots).items():
             scope.topics[topic] = self.topic(self.key(topic, part.prefix, part.wires))
             self.property_reads.append((scope.topics[topic], read.span))
@@ -512,29 +537,66 @@ class Elaborator(Topics):
             else:
                 self._no_module(module, len(found), mode, "in this system")
 
-    def _inputs(self) -> list[InputDrive]:
+    def input_items(self) -> Iterator[tuple[Part, typed.InputSymbol]]:
         """Draws of the system, then those of sub-systems that nothing outside decides."""
-        result: dict[int, InputDrive] = {}
         for part in self.parts:
             for item in part.system.inputs:
                 if part.prefix and any(item.topic in table for table in part.wires):
                     continue  # wired: the outer system says what it is
-                index = self.topic(self.key(item.topic, part.prefix, part.wires))
-                every = self.duration(item.every, f"`every` of `{item.path}`")
-                if index in result:
-                    continue
-                topic = self.topics[index]
-                if not topic.set_declared and topic.symbol not in self.program.damaged:
-                    self.diagnostics.error(
-                        "V009",
-                        f"input topic `{topic.symbol.name}` has no value set to be drawn from",
-                        item.span,
-                        "drawn here",
-                        also=((topic.symbol.span, "declared here"),),
-                        helps=("add a set: `in [-1.0, 1.0]` with your bounds",),
-                    )
-                result[index] = InputDrive(index, every or 1_000_000_000)
+                yield part, item
+
+    def _inputs(self) -> list[InputDrive]:
+        """How each input topic is driven: by the first who says so."""
+        result: dict[int, InputDrive] = {}
+        for part, item in self.input_items():
+            index = self.topic(self.key(item.topic, part.prefix, part.wires))
+            every = self.duration(item.every, f"`every` of `{item.path}`")
+            if index in result:
+                continue
+            topic = self.topics[index]
+            values = self._values(item, topic)
+            if not (item.values or topic.set_declared or topic.symbol in self.program.damaged):
+                self.diagnostics.error(
+                    "V009",
+                    f"input topic `{topic.symbol.name}` has no value set to be drawn from",
+                    item.span,
+                    "drawn here",
+                    also=((topic.symbol.span, "declared here"),),
+                    helps=(
+                        "add a set: `in [-1.0, 1.0]` with your bounds",
+                        "or list values where it is drawn: `in { ... }`",
+                    ),
+                )
+            result[index] = InputDrive(index, every or 1_000_000_000, values)
         return list(result.values())
+
+    def _values(self, item: typed.InputSymbol, topic: Topic) -> tuple[Value, ...]:
+        """The declared values of an input; V005 for one outside the topic's set."""
+        found: list[Value] = []
+        for expr in item.values:
+            value = self.number(expr, "the value of an input")
+            if value is None:
+                continue
+            found.append(value)
+            outside = first_outside(topic.type, value, topic.bounds)
+            if outside is not None and topic.symbol not in self.program.damaged:
+                leaf, number, bound = outside
+                where = f" (`{leaf}`)" if leaf else ""
+                self.diagnostics.error(
+                    "V005",
+                    f"this value of `{topic.symbol.name}`{where} is {beyond(number, bound)}",
+                    expr.span,
+                    also=((topic.symbol.span, "the topic"),),
+                )
+        return tuple(found)
+
+
+def _contracts(component: Component) -> list[tuple[str, typed.Expr]]:
+    node = component.node
+    if node is None:
+        return []
+    assumed = [("assumes", e) for e in node.assumes]
+    return [*assumed, *(("guarantees", e) for e in node.guarantees)]
 
 
 def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) -> tuple[str, str]:

@@ -20,15 +20,23 @@ class BudgetExceeded(Exception):  # noqa: N818  not an error: the limit was aske
     """A constant took more operations than the evaluator was allowed."""
 
 
+def _nobody(count: int) -> int:
+    """Who chooses where nobody was named: only the step of a node has choices."""
+    msg = f"nobody chooses between {count} alternatives here"
+    raise RuntimeError(msg)
+
+
 class Environment:
     """All that an expression can see, and the publications of a step.
 
     `variables` by identity; `topics` and `stamps` by topic index, as they were when the step
     began; `mode(module index)` and `truth(component index)` ask the configuration; `published`
-    collects what `publish` wrote, by topic index. A closed constant needs no argument at all.
+    collects what `publish` wrote, by topic index. `choose(count)` answers a `choose` expression:
+    0 <= pick < count. A closed constant needs no argument at all.
     """
 
     __slots__ = (
+        "choose",
         "in_control",
         "mode",
         "period_ns",
@@ -51,6 +59,7 @@ class Environment:
         in_control: bool = True,
         mode: Callable[[int], int] | None = None,
         truth: Callable[[int], Value] | None = None,
+        choose: Callable[[int], int] | None = None,
     ) -> None:
         self.variables = {} if variables is None else variables
         self.topics = topics
@@ -60,4 +69,5 @@ class Environment:
         self.in_control = in_control
         self.mode = mode
         self.truth = truth
+        self.choose = _nobody if choose is None else choose
         self.published: dict[int, Value] = {}

@@ -10,11 +10,11 @@ import operator
 from abc import ABC, abstractmethod
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.program import arith, vectors
+from soter.program import arith, fairness, vectors
 from soter.program import typed as t
 from soter.program.arith import FaultKind, StepFault
 from soter.program.environment import BudgetExceeded, Environment
-from soter.program.types import ArrayType, DurationType, FloatType, IntType, leaf_count
+from soter.program.types import ArrayType, BoolType, DurationType, FloatType, IntType, leaf_count
 from soter.program.values import from_python, to_python
 
 if TYPE_CHECKING:
@@ -348,6 +348,27 @@ class ExpressionEvaluator(ABC):
 
         return self._counted(len(elements), aggregate)
 
+    def _choose(self, expr: t.Choose) -> Compiled:
+        """Options first, then the choice; a fair one asks among what is allowed."""
+        options = [self._expr(o) for o in expr.options]
+        count, low, ages = expr.count, expr.low, expr.ages
+        boolean = isinstance(expr.type, BoolType)
+
+        def choose(env: Environment) -> Value:
+            values = [o(env) for o in options]
+            if ages is None:
+                pick = env.choose(count)
+            else:
+                before = env.variables[ages]
+                allowed = fairness.allowed(before)
+                pick = allowed[env.choose(len(allowed))]
+                env.variables[ages] = fairness.taken(before, pick)
+            if values:
+                return values[pick]
+            return bool(pick) if boolean else low + pick
+
+        return choose
+
     _EXPRESSIONS: ClassVar[dict[type[t.Expr], Callable[[ExpressionEvaluator, Any], Compiled]]] = {
         t.Literal: _literal,
         t.ParamRead: _param_read,
@@ -369,6 +390,7 @@ class ExpressionEvaluator(ABC):
         t.Index: _index,
         t.Length: _length,
         t.Aggregate: _aggregate,
+        t.Choose: _choose,
         t.Narrow: _narrow,
     }
 

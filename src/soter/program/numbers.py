@@ -175,13 +175,17 @@ class Numbers:
             return None
         return a, b
 
-    def skew(self, expr: typed.Expr | None) -> None:
-        """The skew of a test: zero is allowed."""
+    def skew(self, expr: typed.Expr | None) -> int:
+        """The skew of a test in ns: zero is allowed, and what stands for a wrong one."""
         value = self.number(expr, "`skew`") if expr is not None else None
-        if expr is not None and value is not None and not 0 <= value <= MAX_PERIOD_NS:
+        if expr is None or value is None:
+            return 0
+        if not 0 <= value <= MAX_PERIOD_NS:
             self.diagnostics.error(
                 "C002",
                 f"`skew` cannot be {show_ns(value)}",
                 expr.span,
                 f"0 s to {show_ns(MAX_PERIOD_NS)} are possible",
             )
+            return 0
+        return int(value)

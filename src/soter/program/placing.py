@@ -202,6 +202,10 @@ class Placing(Numbers):
             helps=("a replacement offers the same topics",),
         )
 
+    def conditions(self, part: Part) -> list[typed.Expr]:
+        """The expressions of the properties of a part."""
+        return expressions_of(part.system.properties)
+
     def _same_truth(self, placed: Placed, by: object, span: Span) -> None:
         """M014 where a property reads a state that the replacement does not have."""
         if not isinstance(by, typed.PlantSymbol):
@@ -209,7 +213,7 @@ class Placing(Numbers):
         reads = [
             (node, part.prefix + node.instance)
             for part in self.parts
-            for node in nodes([p.condition for p in part.system.properties])
+            for node in nodes(self.conditions(part))
             if isinstance(node, typed.TruthRead)
         ]
         for node, name in reads:
@@ -264,6 +268,12 @@ class Placing(Numbers):
             if topic in table:
                 return table[topic]
         return at, topic
+
+
+def expressions_of(properties: tuple[typed.PropertySymbol, ...]) -> list[typed.Expr]:
+    """Every expression that properties evaluate."""
+    found = [e for p in properties for e in (p.premise, p.condition)]
+    return [e for e in found if e is not None]
 
 
 def _names(topics: set[typed.TopicSymbol]) -> str:

@@ -261,3 +261,11 @@ class System:
             if c.name == name:
                 return c
         raise KeyError(name)
+
+
+def queues_of(system: System, component: Component) -> tuple[int, ...]:
+    """The queues that a node reads, as topic indices."""
+    if component.node is None:
+        return ()
+    read = [component.scope.topics[s.topic] for s in component.node.subscribes]
+    return tuple([i for i in read if system.topics[i].queue_of is not None])

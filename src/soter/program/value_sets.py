@@ -76,6 +76,30 @@ class Topics(Placing):
             self.topics.append(known)
         return known.index
 
+    def queue(self, source: Topic, subscribed: typed.Subscribed, node: str) -> int:
+        """Index of a new topic: the queue in which a node collects the values of `source`."""
+        assert subscribed.queue is not None
+        t = ListType(source.type, subscribed.queue)
+        if not self.measure.fits(t):
+            raise TooLargeError
+        index = len(self.topics)
+        queue = Topic(
+            index,
+            f"{node}.{subscribed.topic.name}.queue",
+            source.symbol,
+            t,
+            source.bounds,
+            source.set_declared,
+            (),
+            None,
+            "",
+            queue_of=source.index,
+            policy=subscribed.policy,
+        )
+        self.topics.append(queue)
+        source.queues = (*source.queues, index)
+        return index
+
     def _range(self, symbol: typed.TopicSymbol) -> tuple[tuple[Bound | None, ...], bool, Value]:
         """Bounds, whether every number has one, and the first value; computed once."""
         if symbol not in self._ranges:

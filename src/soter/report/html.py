@@ -35,20 +35,29 @@ def write_html(page: ReportPage, path: str | os.PathLike[str]) -> Path:
     `report` is not installed and `ReportError` where the file cannot be written; a file that
     stood at `path` before is then untouched.
     """
-    return _written(html_document(page, _drawing_library()), path)
+    return write_text(html_document(page, _drawing_library()), path)
 
 
 def write_document(title: str, main: str, path: str | os.PathLike[str]) -> Path:
     """Write a page without drawings by script; `ReportError` as for `write_html`."""
-    return _written(_document(title, main, ""), path)
+    return write_text(document(title, main), path)
 
 
-def _written(text: str, path: str | os.PathLike[str]) -> Path:
+def document(title: str, main: str, asset: str = "") -> str:
+    """Return a page that needs no library; `asset.css` and `asset.js` serve it where named."""
+    if not asset:
+        return _document(title, main, "")
+    script = f"<script>\n{_asset(f'{asset}.js')}</script>\n"
+    return _document(title, main, script, _asset(f"{asset}.css"))
+
+
+def write_text(text: str, path: str | os.PathLike[str]) -> Path:
+    """Write a page that is ready to `path` and return it; `ReportError` as for `write_html`."""
     target = Path(path)
-    document = text.encode()
+    content = text.encode()
     try:
         with whole_file(target) as stream:
-            stream.write(document)
+            stream.write(content)
     except OSError as error:
         raise ReportError(f"cannot write the report {target}: {reason(error)}") from error
     return target
@@ -67,7 +76,7 @@ def html_document(page: ReportPage, drawing_library: str) -> str:
     return _document(page.title, main, scripts)
 
 
-def _document(title: str, main: str, scripts: str) -> str:
+def _document(title: str, main: str, scripts: str, style: str = "") -> str:
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
@@ -78,7 +87,7 @@ def _document(title: str, main: str, scripts: str) -> str:
 <meta name="generator" content="soter">
 <title>{escape(title)}</title>
 <style>
-{_asset("report.css")}</style>
+{_asset("report.css")}{style}</style>
 </head>
 <body>
 <main>

@@ -48,6 +48,7 @@ typedef enum {
 } soter_role;
 
 #define SOTER_NEVER (-(INT64_C(1) << 62))
+#define SOTER_LOST INT64_C(0) /* the stamp of a queue that was full and may not be; else NEVER */
 
 /* ------------------------------------------------------------------ the state's fixed part */
 
@@ -164,6 +165,7 @@ typedef struct {
   const char* name;
   size_t offset; /* of its value in the state */
   size_t size;
+  void (*pushed)(void* state); /* puts its value into the queues behind it; NULL without any */
 } soter_topic_info;
 
 typedef struct {
@@ -198,8 +200,10 @@ void soter_start(const soter_program* p, void* state, uint64_t seed);
 void soter_start_with(const soter_program* p, void* state, uint64_t seed, const void* answer);
 
 /* One step of a component at the time ct, by whichever rule it takes; it need not be a member of
- * FN. The caller keeps `next` (the release after this one). For drivers that choose the order. */
-void soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer);
+ * FN, and leaves it. `next` is not touched. For drivers that choose the order; `answer` may be
+ * soter_answers, or for an extern step what the driver computed. Gives the outputs that the step
+ * published or, not enabled, would have: one bit each; none for a fault, a latched node or a DM. */
+uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer);
 
 /* dt2: the time of the next instant, ns. */
 int64_t soter_next_instant(const soter_program* p, const void* state);
@@ -402,6 +406,113 @@ SOTER_INLINE int64_t soter_draw_int(const soter_header* h, uint64_t stream, int6
   const uint64_t span = (uint64_t)high - (uint64_t)low + 1U;
   const uint64_t bits = soter_bits(h, stream, index);
   return (int64_t)((uint64_t)low + (span == 0U ? bits : bits % span));
+}
+
+/* ------------------------------------------------------------------ what is left open */
+
+/* Asks the driver which of `count` alternatives; where there is only one, nobody. */
+SOTER_INLINE uint32_t soter_ask(const void* answer, uint64_t stream, uint32_t count) {
+  const soter_answers* const a = (const soter_answers*)answer;
+  if (count < 2U) {
+    return 0U;
+  }
+  const uint32_t at = *a->taken;
+  const bool known = at < a->given && at < a->room && a->choices[at].pick < count;
+  const uint32_t pick = known ? a->choices[at].pick : 0U;
+  if (at < a->room) {
+    a->choices[at] = (soter_choice){.stream = stream, .count = count, .pick = pick};
+  }
+  (*a->taken)++;
+  return pick;
+}
+
+/* A float of [low, high]: by chance, or the middle, low or high as the driver picks. */
+SOTER_INLINE double soter_drawn(const soter_header* h, const void* answer, uint64_t stream,
+                                int64_t index, double low, double high) {
+  if (answer == NULL) {
+    return soter_draw(h, stream, index, low, high);
+  }
+  const uint32_t pick = soter_ask(answer, stream, low < high ? 3U : 1U);
+  if (pick != 0U) {
+    return pick == 1U ? low : high;
+  }
+  return low <= 0.0 && high >= 0.0 ? 0.0 : low + (high - low) / 2.0;
+}
+
+/* An int of [low, high]. */
+SOTER_INLINE int64_t soter_drawn_int(const soter_header* h, const void* answer, uint64_t stream,
+                                     int64_t index, int64_t low, int64_t high) {
+  if (answer == NULL) {
+    return soter_draw_int(h, stream, index, low, high);
+  }
+  const uint64_t last = (uint64_t)high - (uint64_t)low;
+  const uint32_t count = last < UINT32_MAX ? (uint32_t)last + 1U : UINT32_MAX;
+  return (int64_t)((uint64_t)low + soter_ask(answer, stream, count));
+}
+
+SOTER_INLINE bool soter_drawn_bool(const soter_header* h, const void* answer, uint64_t stream,
+                                   int64_t index) {
+  return (answer == NULL ? soter_bits(h, stream, index) >> 63 : soter_ask(answer, stream, 2U)) !=
+         0U;
+}
+
+/* `choose`: number `*made` of the step whose release has this index; one of `count`. */
+SOTER_INLINE uint32_t soter_choose(const soter_header* h, const void* answer, uint64_t stream,
+                                   int64_t release, uint32_t* made, uint32_t count) {
+  const int64_t index = release * 4096 + (int64_t)*made;
+  (*made)++;
+  if (answer != NULL) {
+    return soter_ask(answer, stream, count);
+  }
+  return (uint32_t)(soter_bits(h, stream, index) % count);
+}
+
+/* Whether a fair choice of n may take alternative i, whose ages say how many times in a row each
+ * was not taken: every other one must still get its turn within 2n choices in a row. */
+SOTER_INLINE bool soter_is_fair(const uint8_t* ages, uint32_t n, uint32_t i) {
+  for (uint32_t left = 0; left < 2U * n; left++) { /* choices until it is too late for some */
+    uint32_t urgent = 0;
+    for (uint32_t j = 0; j < n; j++) {
+      urgent += j != i && (uint32_t)ages[j] + left >= 2U * n - 1U ? 1U : 0U;
+    }
+    if (urgent > left) {
+      return false;
+    }
+  }
+  return true;
+}
+
+/* `fair choose`: picks among the alternatives that are allowed, and keeps the ages. */
+SOTER_INLINE uint32_t soter_choose_fair(const soter_header* h, const void* answer, uint64_t stream,
+                                        int64_t release, uint32_t* made, uint8_t* ages,
+                                        uint32_t n) {
+  uint32_t allowed = 0;
+  for (uint32_t i = 0; i < n; i++) {
+    allowed += soter_is_fair(ages, n, i) ? 1U : 0U;
+  }
+  uint32_t left = soter_choose(h, answer, stream, release, made, allowed > 0U ? allowed : 1U);
+  uint32_t taken = 0;
+  for (uint32_t i = 0; i < n; i++) {
+    if (soter_is_fair(ages, n, i)) {
+      if (left == 0U) {
+        taken = i;
+        break;
+      }
+      left--;
+    }
+  }
+  for (uint32_t i = 0; i < n; i++) {
+    ages[i] = i == taken ? 0U : (uint8_t)(ages[i] + 1U);
+  }
+  return taken;
+}
+
+/* Coverage: this branch was taken. */
+SOTER_INLINE void soter_branch(const void* answer, const soter_fault* fault, uint32_t branch) {
+  const soter_answers* const a = (const soter_answers*)answer;
+  if (a != NULL && a->branches != NULL && *fault == SOTER_OK) {
+    a->branches[branch / 64U] |= UINT64_C(1) << (branch % 64U);
+  }
 }
 
 #endif

@@ -25,8 +25,11 @@ typedef struct {
   uint64_t dependent;     /* actors whose steps do not commute with this one's, itself included */
   bool visible;           /* its step may change what a property reads */
   const uint32_t* output; /* topics that it publishes */
+  const uint32_t* leaf;   /* per output: its first leaf in the model's table; the others follow */
   uint32_t outputs;
-  uint32_t held; /* overrun: offset in the world of its soter_held; else 0 */
+  const uint64_t* reads;  /* [words]: packed bits that its steps may read */
+  const uint64_t* writes; /* [words]: and write; both without the schedule's */
+  uint32_t held;          /* overrun: offset in the world of its soter_held; else 0 */
 } soter_actor;
 
 /* A world: the state, padded to 8 bytes; one soter_schedule; then
@@ -75,8 +78,11 @@ typedef struct {
   int64_t tick_ns;    /* every time is a multiple */
   int64_t quantum_ns; /* steps happen at multiples of it, where `timely` */
   int64_t horizon_ns;
-  bool timely;  /* when a step happens matters: its time is a choice */
-  bool sampled; /* a continuum is sampled: never exhausted */
+  bool timely;               /* when a step happens matters: its time is a choice */
+  bool sampled;              /* a continuum is sampled: never exhausted */
+  bool plain;                /* a step changes nothing packed but the schedule and its `writes` */
+  const uint64_t* scheduled; /* [words]: packed bits of the schedule: now, done, lost */
+  const uint64_t* observed;  /* [words]: packed bits that always and never read */
   uint32_t world_size;
   uint32_t bits;  /* of a packed world */
   uint32_t words; /* uint64_t that these take */
@@ -133,7 +139,9 @@ typedef struct {
   uint64_t seed;
   uint64_t runs;      /* of the random strategies */
   uint32_t bug_depth; /* PCT: d */
-  bool keep;          /* keep the stored worlds for soter_explore_worlds */
+  bool keep;          /* keep the stored worlds for soter_explore_kept */
+  bool plainly;       /* never remember steps: run every one (a check of the explorer itself) */
+  bool go_on;         /* do not stop at a violation: what violates is not expanded */
 } soter_explore_options;
 
 typedef enum {
@@ -169,6 +177,7 @@ typedef struct {
   uint64_t table_bytes, frontier_bytes;
   uint32_t depth;  /* steps of the longest execution seen */
   uint32_t length; /* of the trace */
+  void* kept;      /* options.keep: for soter_explore_kept, until soter_explore_free */
 } soter_explore_result;
 
 typedef struct {
@@ -203,7 +212,9 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
 uint32_t soter_explore_replay(const soter_model* m, const soter_trace_step* trace, uint32_t length,
                               void* worlds, bool* violates, soter_broken* broken);
 
-/* All stored worlds (options.keep) of the last search, one after the other; NULL: how many. */
-typedef void soter_world_fn(void* to, const void* world);
+/* All worlds that a search with exact storage stored, written to `worlds` one after the other
+ * (NULL: nothing is written); returns how many there are. */
+uint64_t soter_explore_kept(const soter_model* m, const void* kept, void* worlds);
+void soter_explore_free(void* kept);
 
 #endif

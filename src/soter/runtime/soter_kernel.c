@@ -1,6 +1,6 @@
 /* soter_kernel.c: the four rules of the operational semantics over a program's tables.
  *
- * Purpose: time progress, DM steps, AC-or-SC steps with the gate, plants, properties.
+ * Purpose: time progress, DM steps, AC-or-SC steps with the gate, plants, properties, contracts.
  * Non-goals: clocks, threads, input and output; those are drivers'.
  */
 #include "soter.h"
@@ -31,6 +31,10 @@ int64_t* soter_stamps_of(const soter_program* p, void* state) {
 /* ------------------------------------------------------------------ start */
 
 void soter_start(const soter_program* p, void* state, uint64_t seed) {
+  soter_start_with(p, state, seed, NULL);
+}
+
+void soter_start_with(const soter_program* p, void* state, uint64_t seed, const void* answer) {
   assert(p != NULL);
   assert(state != NULL);
   (void)memset(state, 0, p->state_size);
@@ -57,7 +61,7 @@ void soter_start(const soter_program* p, void* state, uint64_t seed) {
   for (uint32_t i = 0; i < p->topics; i++) {
     stamps[i] = SOTER_NEVER;
   }
-  p->init(state);
+  p->init(state, answer);
 }
 
 /* ------------------------------------------------------------------ Discrete-Time-Progress-Step */
@@ -96,7 +100,7 @@ static void time_progress(const soter_program* p, void* state) {
   h->firing = 1U;
   for (uint32_t i = 0; i < p->inputs; i++) { /* Environment-Input, as the system declares it */
     if (h->ct % p->input[i].every_ns == 0) {
-      p->input[i].draw(state);
+      p->input[i].draw(state, NULL);
     }
   }
 }
@@ -176,17 +180,54 @@ static uint32_t flags_of(const soter_program* p, void* state, uint32_t index) {
   if (c->oe != 0U && c->had_control == 0U) {
     flags |= SOTER_TAKEOVER;
   }
-  if (c->next - p->component[index].period_ns == p->component[index].phase_ns) {
+  if (soter_header_of(state)->ct == p->component[index].phase_ns) {
     flags |= SOTER_FIRST;
   }
   return flags;
 }
 
-static void run_step(const soter_program* p, void* state, uint32_t index, const void* answer) {
+static void note_property(const soter_program* p, void* state, uint32_t index, bool violated) {
+  soter_header* const h = soter_header_of(state);
+  soter_property* const q = soter_properties_of(p, state) + index;
+  if (violated && q->active == 0U) {
+    q->count++;
+    h->violations++;
+    if (q->first_ns == SOTER_NEVER) {
+      q->first_ns = h->ct;
+    }
+  }
+  q->active = violated ? 1U : 0U;
+}
+
+/* The contracts of a component that are due now; whether all of them hold. */
+static bool contracts_hold(const soter_program* p, void* state, uint32_t component,
+                           soter_when when) {
+  bool hold = true;
+  for (uint32_t i = 0; i < p->properties; i++) {
+    const soter_property_info* const info = &p->property[i];
+    if (info->when == when && info->component == component) {
+      const bool violated = info->violated(state);
+      note_property(p, state, i, violated);
+      hold = hold && !violated;
+    }
+  }
+  return hold;
+}
+
+static uint32_t run_step(const soter_program* p, void* state, uint32_t index,
+                         const void* answer) {
   uint32_t published = 0U;
+  const bool assumed = contracts_hold(p, state, index, SOTER_BEFORE_STEP);
   const uint32_t flags = flags_of(p, state, index);
   const soter_fault fault = p->component[index].step(state, flags, &published, answer);
   after_step(p, state, index, fault, published);
+  if (fault != SOTER_OK) {
+    return 0U;
+  }
+  if (assumed && soter_components_of(state)[index].oe != 0U) {
+    (void)contracts_hold(p, state, index, SOTER_AFTER_STEP);
+  }
+  return published;
 }
 
 void soter_answer(const soter_program* p, void* state, uint32_t component, soter_fault fault,
@@ -196,8 +237,9 @@ void soter_answer(const soter_program* p, void* state, uint32_t component, soter
   assert(c->pending != 0U);
   c->pending = 0;
   if (fault == SOTER_OK && answer != NULL) {
-    run_step(p, state, component, answer);
+    (void)run_step(p, state, component, answer);
   } else {
+    (void)contracts_hold(p, state, component, SOTER_BEFORE_STEP);
     after_step(p, state, component, fault == SOTER_OK ? SOTER_EXTERN_FAULT : fault, 0U);
   }
 }
@@ -205,18 +247,10 @@ void soter_answer(const soter_program* p, void* state, uint32_t component, soter
 /* ------------------------------------------------------------------ properties */
 
 static void check_properties(const soter_program* p, void* state) {
-  soter_header* const h = soter_header_of(state);
-  soter_property* const q = soter_properties_of(p, state);
   for (uint32_t i = 0; i < p->properties; i++) {
-    const bool violated = p->property[i].violated(state);
-    if (violated && q[i].active == 0U) {
-      q[i].count++;
-      h->violations++;
-      if (q[i].first_ns == SOTER_NEVER) {
-        q[i].first_ns = h->ct;
-      }
+    if (p->property[i].when == SOTER_AT_INSTANT) {
+      note_property(p, state, i, p->property[i].violated(state));
     }
-    q[i].active = violated ? 1U : 0U;
   }
 }
 
@@ -232,6 +266,21 @@ static bool needs_driver(const soter_program* p, void* state, uint32_t index) {
   return info->role != SOTER_ROLE_PLANT || !first;
 }
 
+uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer) {
+  assert(component < p->components);
+  soter_component* const c = soter_components_of(state) + component;
+  const soter_component_info* const info = &p->component[component];
+  c->pending = 0;
+  if (c->latched != 0U) {
+    publish_failsafe(info, c, state);
+  } else if (info->role == SOTER_ROLE_DM) {
+    dm_step(p, state, (uint32_t)info->module);
+  } else {
+    return run_step(p, state, component, answer);
+  }
+  return 0U;
+}
+
 soter_status soter_instant(const soter_program* p, void* state, uint32_t* due) {
   assert(p != NULL);
   assert(due != NULL);
@@ -244,17 +293,11 @@ soter_status soter_instant(const soter_program* p, void* state, uint32_t* due) {
     if (c[i].pending == 0U) {
       continue;
     }
-    if (c[i].latched != 0U) {
-      publish_failsafe(&p->component[i], &c[i], state);
-    } else if (p->component[i].role == SOTER_ROLE_DM) {
-      dm_step(p, state, (uint32_t)p->component[i].module);
-    } else if (needs_driver(p, state, i)) {
+    if (c[i].latched == 0U && needs_driver(p, state, i)) {
       *due = i;
       return SOTER_EXTERN_DUE;
-    } else {
-      run_step(p, state, i, NULL);
     }
-    c[i].pending = 0;
+    (void)soter_fire(p, state, i, NULL);
   }
   h->firing = 0U;
   check_properties(p, state);

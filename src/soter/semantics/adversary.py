@@ -84,6 +84,10 @@ class AdverseDraws:
             return self.uniform(stream, index, bound.low, bound.high)
         return SeededDraws(self.seed).leaf(t, bound, stream, index)
 
+    def choice(self, stream: str, index: int, count: int) -> int:
+        """An alternative, by chance."""
+        return SeededDraws(self.seed).choice(stream, index, count)
+
 
 # ---------------------------------------------------------------- written down
 
@@ -110,6 +114,12 @@ class Recorder:
         value = self.draws.leaf(t, bound, stream, index)
         self._note(stream, index, value)
         return value
+
+    def choice(self, stream: str, index: int, count: int) -> int:
+        """Which of some alternatives."""
+        pick = self.draws.choice(stream, index, count)
+        self._note(stream, index, pick)
+        return pick
 
     def _note(self, stream: str, index: int, value: Value) -> None:
         noted = self.choices.setdefault(stream, [])
@@ -158,4 +168,11 @@ class RecordedDraws:
                 allowed = low <= value <= high
         if not allowed:
             raise ChoiceError(f"`{stream}` at {index}: {value} is no value of its set")
+        return value
+
+    def choice(self, stream: str, index: int, count: int) -> int:
+        """The alternative that was chosen."""
+        value = self._at(stream, index)
+        if isinstance(value, bool) or not isinstance(value, int) or not 0 <= value < count:
+            raise ChoiceError(f"`{stream}` at {index}: {value} is none of {count} alternatives")
         return value

@@ -15,7 +15,10 @@ if TYPE_CHECKING:
     from soter.program.types import Value
 
 NEVER = -(2**62)
-"""The stamp of a topic before its first publication."""
+"""The stamp of a topic before its first publication; of a queue, always but for `LOST`."""
+
+LOST = 0
+"""The stamp of a queue with the policy `fault` that was full: its reader will fault."""
 
 
 @dataclass(frozen=True, slots=True)

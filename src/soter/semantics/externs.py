@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
     from soter.program.environment import Environment
     from soter.program.evaluate import Executed
-    from soter.program.system import Component
+    from soter.program.system import Component, Topic
     from soter.program.typed import TopicSymbol
     from soter.program.types import Type, Value
 
@@ -75,11 +75,14 @@ def reset(name: str, bound: object, seed: int) -> None:
             raise ExternResetError(name, error) from error
 
 
-def extern_node(component: Component, step: Step) -> Executed:
+def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Executed:
     """The step of an extern node: inputs by short name, answers become publications."""
     assert component.node is not None
     scope = component.scope.topics
-    reads = [_named(s.topic, scope) for s in component.node.subscribes]
+    reads = []
+    for s in component.node.subscribes:  # a queue is a list of what the topic holds
+        name, _, index = _named(s.topic, scope)
+        reads.append((name, topics[index].type, index))
     writes = [_named(topic, scope) for topic in component.node.publishes]
     shapes = [(name, t) for name, t, _ in writes]
 

@@ -1,7 +1,7 @@
 """The gate: what may reach the topics, and what a refused step costs.
 
-Purpose: checks of publications, publishing, the latches of AC and trusted components, and the
-count of clean outputs (docs/semantics.md, AC-or-SC-Step 4 to 6; THEORY ruling 9).
+Purpose: checks of publications, publishing, queues, the latches of AC and trusted components, and
+the count of clean outputs (docs/semantics.md, AC-or-SC-Step 4 to 6 and Queues; THEORY ruling 9).
 Non-goals: running steps (`rules.py`, `plants.py`).
 """
 
@@ -13,10 +13,10 @@ from typing import TYPE_CHECKING
 
 from soter.program.arith import FaultKind, StepFault
 from soter.program.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
-from soter.semantics.configuration import put
+from soter.semantics.configuration import LOST, NEVER, put
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from soter.diagnostics.span import Span
     from soter.program.system import Bound, Module, Topic
@@ -89,15 +89,56 @@ def check_publications(
 # ---------------------------------------------------------------- publishing, latching, counting
 
 
-def publish(c: Configuration, published: Mapping[int, Value]) -> Configuration:
-    """Topics' = out united with Topics[T without dom(out)]; what was published is stamped ct."""
+def publish(
+    topics: Sequence[Topic], c: Configuration, published: Mapping[int, Value]
+) -> Configuration:
+    """Topics' = out united with Topics[T without dom(out)]; what was published is stamped ct.
+
+    Every value also goes into the queues behind its topic.
+    """
     if not published:
         return c
-    topics, stamps = list(c.Topics), list(c.stamps)
+    values, stamps = list(c.Topics), list(c.stamps)
     for topic, value in published.items():
-        topics[topic] = value
+        values[topic] = value
         stamps[topic] = c.ct
-    return replace(c, Topics=tuple(topics), stamps=tuple(stamps))
+        for queue in topics[topic].queues:
+            _push(topics[queue], values, stamps, value)
+    return replace(c, Topics=tuple(values), stamps=tuple(stamps))
+
+
+def _push(queue: Topic, values: list[Value], stamps: list[int], value: Value) -> None:
+    """A value at the end of a queue; one that is full does as its policy says."""
+    assert isinstance(queue.type, ListType), queue.name
+    waiting = values[queue.index]
+    if len(waiting) < queue.type.capacity:
+        values[queue.index] = (*waiting, value)
+    elif queue.policy == "drop_oldest":
+        values[queue.index] = (*waiting[1:], value)
+    elif queue.policy == "fault":
+        stamps[queue.index] = LOST
+
+
+def must_not_lose(c: Configuration, queues: Iterable[int], span: Span) -> None:
+    """A step fault where one of a node's queues lost a value that it may not lose."""
+    if any(c.stamps[q] == LOST for q in queues):
+        raise StepFault(FaultKind.CAPACITY, span, "a queue was full")
+
+
+def forgive(c: Configuration, queues: Iterable[int]) -> Configuration:
+    """After that fault these queues start afresh."""
+    for q in queues:
+        if c.stamps[q] == LOST:
+            c = replace(emptied(c, (q,)), stamps=put(c.stamps, q, NEVER))
+    return c
+
+
+def emptied(c: Configuration, queues: Iterable[int]) -> Configuration:
+    """After a completed step of the node that reads them."""
+    for q in queues:
+        if c.Topics[q]:
+            c = replace(c, Topics=put(c.Topics, q, ()))
+    return c
 
 
 def refuse(c: Configuration, module: Module) -> Configuration:

@@ -14,6 +14,7 @@ from soter.program.system import Bound
 from soter.program.types import leaf_count
 from soter.semantics.configuration import NEVER, Configuration
 from soter.semantics.externs import reset
+from soter.semantics.gate import publish
 from soter.semantics.machine import Machine
 from soter.semantics.plants import plant_step
 from soter.semantics.properties import violated
@@ -30,7 +31,7 @@ from soter.semantics.rules import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from soter.program.system import Component, Module, System
+    from soter.program.system import Component, InputDrive, Module, System
     from soter.program.types import Value
     from soter.semantics.random_draws import Draws
     from soter.semantics.record import Outcome, Verdict
@@ -90,7 +91,9 @@ class Interpreter:
         return Record(
             modules=[ModuleRecord(_first_mode(m)) for m in self.system.modules],
             components=[ComponentRecord() for _ in self.system.components],
-            properties=[PropertyRecord() for _ in self.system.properties],
+            properties=[
+                PropertyRecord(contract=p.component is not None) for p in self.system.properties
+            ],
         )
 
     def _first_state(self, n: Component) -> Value:
@@ -137,14 +140,23 @@ class Interpreter:
             return dm_step(self.machine, c, n)
         return ac_or_sc_step(self.machine, c, n)
 
+    def publish(self, c: Configuration, published: Mapping[int, Value]) -> Configuration:
+        """Values reach topics and their queues, for drivers that hold publications back."""
+        return publish(self.system.topics, c, published)
+
     def due_inputs(self, c: Configuration) -> Iterable[tuple[int, Value]]:
         """The inputs of the virtual-time driver at ct: the seeded draws of `input t every d`."""
         for drive in self.system.inputs:
             if c.ct % drive.every_ns == 0:
-                topic = self.system.topics[drive.topic]
-                stream, index = f"input.{topic.name}", c.ct // drive.every_ns
-                draws = self.machine.draws
-                yield drive.topic, chosen_value(topic.type, topic.bounds, draws, stream, index)
+                yield drive.topic, self.drawn_input(drive, c.ct)
+
+    def drawn_input(self, drive: InputDrive, ct: int) -> Value:
+        """The value that the draws choose for an input at ct."""
+        topic, draws = self.system.topics[drive.topic], self.machine.draws
+        stream, index = f"input.{topic.name}", ct // drive.every_ns
+        if drive.values:
+            return drive.values[draws.choice(stream, index, len(drive.values))]
+        return chosen_value(topic.type, topic.bounds, draws, stream, index)
 
     def instant(
         self,
@@ -160,7 +172,7 @@ class Interpreter:
         """
         c = discrete_time_progress_step(self.machine, c)
         for topic, value in (choose_input or self.due_inputs)(c):
-            c = environment_input(c, topic, value)
+            c = environment_input(self.machine, c, topic, value)
         while c.FN:
             c, event = self.fire(c, choose_node(c))
             if record is not None:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.program.environment import Environment
 from soter.program.evaluate import Evaluator
+from soter.program.system import queues_of
 from soter.semantics.externs import (
     UnboundExternError,
     extern_node,
@@ -42,13 +43,17 @@ STACK_DEPTH = 10_000
 
 @dataclass(frozen=True, slots=True)
 class NodeCode:
-    """The code of a node: `outputs` are topic indices in the order of its `publishes`."""
+    """The code of a node: `outputs` are topic indices in the order of its `publishes`.
+
+    `queues` are the queues that it reads.
+    """
 
     locals: tuple[Variable, ...]
     store: Callable[[tuple[Value, ...]], tuple[Value, ...]]
     takeover: Executed | None
     step: Executed
     outputs: tuple[int, ...]
+    queues: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,6 +96,11 @@ class Machine:
         for component in system.components:
             self._compile(component)
         self.properties = tuple([self._property(p) for p in system.properties])
+        self.contracts: dict[int, list[tuple[str, int]]] = {}
+        """Component -> its contracts: kind and property index."""
+        for p in system.properties:
+            if p.component is not None:
+                self.contracts.setdefault(p.component, []).append((p.kind, p.index))
         self._require_bound([f.name for e in self._evaluators for f in e.unbound])
 
     def environment(self, c: Configuration, component: Component | None = None) -> Environment:
@@ -155,7 +165,7 @@ class Machine:
         assert node is not None, component.name
         evaluator = self._evaluator(component.scope)
         if component.extern:
-            step = extern_node(component, step_of(self._externs[component.name]))
+            step = extern_node(self.system.topics, component, step_of(self._externs[component.name]))
         else:
             step = evaluator.block(node.step)
         return NodeCode(
@@ -164,9 +174,10 @@ class Machine:
             takeover=None if node.takeover is None else evaluator.block(node.takeover),
             step=step,
             outputs=tuple([component.scope.topics[topic] for topic in node.publishes]),
+            queues=queues_of(self.system, component),
         )
 
     def _property(self, prop: Property) -> tuple[Compiled, bool]:
         """The condition, and the value it has to have."""
-        assert prop.kind in ("always", "never"), prop.kind
-        return self._evaluator(prop.scope).expression(prop.condition), prop.kind == "always"
+        assert prop.kind in ("always", "never", "assumes", "guarantees"), prop.kind
+        return self._evaluator(prop.scope).expression(prop.condition), prop.kind != "never"

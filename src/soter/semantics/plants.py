@@ -100,7 +100,8 @@ def plant_step(machine: Machine, c: Configuration, n: int) -> tuple[Configuratio
         check_publications(machine.checks, out, out, component.span)
     except StepFault as fault:
         return latch(c, n), Outcome(n, {}, fault, latched=True)
-    return publish(replace(c, L=put(c.L, n, states)), out), Outcome(n, out)
+    c = publish(machine.system.topics, replace(c, L=put(c.L, n, states)), out)
+    return c, Outcome(n, out)
 
 
 def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Variable, Value]:

@@ -1,6 +1,7 @@
-"""Properties: what has to hold at the end of every instant.
+"""Properties: what has to hold at the end of every instant, and contracts: as a node steps.
 
-Purpose: whether an `always` or `never` is violated in a configuration, judged on the truth.
+Purpose: whether an `always` or `never` is violated in a configuration, judged on the truth, and
+whether `assumes` and `guarantees` of a node are.
 Non-goals: onsets and counts (`record.py`), temporal properties of tests (`explore/`).
 """
 
@@ -11,17 +12,38 @@ from typing import TYPE_CHECKING
 from soter.program.arith import StepFault
 
 if TYPE_CHECKING:
+    from soter.program.environment import Environment
+    from soter.program.system import Component
     from soter.semantics.configuration import Configuration
     from soter.semantics.machine import Machine
 
 
 def violated(machine: Machine, c: Configuration) -> list[bool]:
-    """Per property of the system: whether it is violated now; one that faults is."""
+    """Per property of the system: whether it is violated now; one that faults is.
+
+    Contracts are not judged at an instant: False.
+    """
     env = machine.environment(c)
-    found = []
-    for condition, wanted in machine.properties:
-        try:
-            found.append(bool(condition(env)) != wanted)
-        except StepFault:
-            found.append(True)
-    return found
+    return [
+        p.component is None and _is_violated(machine, p.index, env)
+        for p in machine.system.properties
+    ]
+
+
+def judged(
+    machine: Machine, c: Configuration, component: Component, kind: str
+) -> dict[int, bool]:
+    """The contracts of a node of one kind, by property index: whether each is violated."""
+    own = [i for k, i in machine.contracts.get(component.index, ()) if k == kind]
+    if not own:
+        return {}
+    env = machine.environment(c, component)
+    return {i: _is_violated(machine, i, env) for i in own}
+
+
+def _is_violated(machine: Machine, index: int, env: Environment) -> bool:
+    condition, wanted = machine.properties[index]
+    try:
+        return bool(condition(env)) != wanted
+    except StepFault:
+        return True

@@ -72,6 +72,13 @@ class Draws(Protocol):
     def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
         """A value of a scalar type within its bound."""
 
+    def choice(self, stream: str, index: int, count: int) -> int:
+        """Which of `count` alternatives, count >= 1."""
+
+
+CHOICES_A_STEP = 4096
+"""Indices of the stream of a node's choices that belong to one release."""
+
 
 @dataclass(frozen=True)
 class SeededDraws:
@@ -86,6 +93,10 @@ class SeededDraws:
     def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
         """A uniform value."""
         return _draw_leaf(t, bound, self.seed, stream, index)
+
+    def choice(self, stream: str, index: int, count: int) -> int:
+        """A uniform choice."""
+        return draw_bits(self.seed, stream, index) % count
 
 
 def chosen_value(

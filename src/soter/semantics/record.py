@@ -41,7 +41,8 @@ class Outcome:
     """What a plant's or node's step did.
 
     `published` holds what reached the topics, by topic index. `module` is set for a gate fault:
-    the module whose AC it was. `latched` says that this step latched the component.
+    the module whose AC it was. `latched` says that this step latched the component. `judged` has
+    the contracts that were checked, by property index: whether each was violated.
     """
 
     component: int
@@ -49,6 +50,12 @@ class Outcome:
     fault: StepFault | None = None
     module: int | None = None
     latched: bool = False
+    judged: Mapping[int, bool] = field(default_factory=dict)
+
+    @property
+    def broken(self) -> tuple[int, ...]:
+        """The contracts that this step violated, as property indices."""
+        return tuple([i for i, violated in self.judged.items() if violated])
 
 
 @dataclass(slots=True)
@@ -84,11 +91,23 @@ class ComponentRecord:
 
 @dataclass(slots=True)
 class PropertyRecord:
-    """Of one property: `active` while violated; `count` of onsets; time of the first."""
+    """Of one property: `active` while violated; `count` of onsets; time of the first.
+
+    A contract is judged when its node steps, everything else at the end of instants.
+    """
 
     active: bool = False
     count: int = 0
     first_ns: int = NEVER
+    contract: bool = False
+
+    def note(self, ct: int, *, violated: bool) -> None:
+        """Whether it is violated at `ct`."""
+        if violated and not self.active:
+            self.count += 1
+            if self.first_ns == NEVER:
+                self.first_ns = ct
+        self.active = violated
 
 
 @dataclass(slots=True)
@@ -119,11 +138,8 @@ class Record:
     def note_properties(self, violated: Sequence[bool], ct: int) -> None:
         """Add the properties' values at the end of the instant `ct`."""
         for record, now in zip(self.properties, violated, strict=True):
-            if now and not record.active:
-                record.count += 1
-                if record.first_ns == NEVER:
-                    record.first_ns = ct
-            record.active = now
+            if not record.contract:
+                record.note(ct, violated=now)
 
     def _note_verdict(self, verdict: Verdict, ct: int) -> None:
         module = self.modules[verdict.module]
@@ -139,6 +155,8 @@ class Record:
         module.mode, module.mode_since_ns = verdict.after, ct
 
     def _note_outcome(self, outcome: Outcome, ct: int) -> None:
+        for index, violated in outcome.judged.items():
+            self.properties[index].note(ct, violated=violated)
         if outcome.fault is None:
             return
         component = self.components[outcome.component]

@@ -11,14 +11,28 @@ Every rule assumes its premises; `FN` is the set of components that remain to be
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import count
 from typing import TYPE_CHECKING
 
-from soter.program.arith import StepFault
+from soter.program.arith import FaultKind, StepFault
 from soter.semantics.configuration import put
-from soter.semantics.gate import check_publications, earn, latch, publish, refuse
+from soter.semantics.gate import (
+    check_publications,
+    earn,
+    emptied,
+    forgive,
+    latch,
+    must_not_lose,
+    publish,
+    refuse,
+)
+from soter.semantics.properties import judged
+from soter.semantics.random_draws import CHOICES_A_STEP
 from soter.semantics.record import AC, SC, Outcome, Verdict
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from soter.program.environment import Environment
     from soter.program.evaluate_expr import Compiled
     from soter.program.system import Component, Module
@@ -27,12 +41,14 @@ if TYPE_CHECKING:
     from soter.semantics.machine import Machine
 
 
-def environment_input(c: Configuration, topic: int, value: Value) -> Configuration:
+def environment_input(
+    machine: Machine, c: Configuration, topic: int, value: Value
+) -> Configuration:
     """ENVIRONMENT-INPUT: an input topic takes a value of its set, at any time.
 
     (L, OE, ct, FN, Topics) -> (L, OE, ct, FN, Topics[e -> v])
     """
-    return publish(c, {topic: value})
+    return publish(machine.system.topics, c, {topic: value})
 
 
 def discrete_time_progress_step(machine: Machine, c: Configuration) -> Configuration:
@@ -85,20 +101,26 @@ def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configura
     """
     component = machine.system.components[n]
     c = replace(c, FN=_without(c.FN, n))
-    oe = c.OE[n]
+    oe, code = c.OE[n], machine.nodes[n]
     if c.latched[n]:
-        return _fail_safe(c, component, Outcome(n, {}))
+        return _fail_safe(machine, c, component, Outcome(n, {}))
+    assumed = judged(machine, c, component, "assumes")
     try:
         kept, out = _transition(machine, c, component)  # (l, in, l', out) in T(n)
-        check_publications(machine.checks, machine.nodes[n].outputs, out, component.span)
+        check_publications(machine.checks, code.outputs, out, component.span)
     except StepFault as fault:
-        return _faulted(machine, c, component, fault)
+        c, outcome = _faulted(machine, c, component, fault)
+        return c, replace(outcome, judged=assumed)
     c = replace(c, L=put(c.L, n, kept), had_control=put(c.had_control, n, oe))
+    c = emptied(c, code.queues)
     if component.role == "ac":
-        c = earn(c, _module(machine, component), machine.nodes[n].outputs, out)
-    if oe:  # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
-        return publish(c, out), Outcome(n, out)
-    return c, Outcome(n, {})
+        c = earn(c, _module(machine, component), code.outputs, out)
+    if not oe:
+        return c, Outcome(n, {}, judged=assumed)
+    # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
+    c = publish(machine.system.topics, c, out)
+    guaranteed = {} if any(assumed.values()) else judged(machine, c, component, "guarantees")
+    return c, Outcome(n, out, judged={**assumed, **guaranteed})
 
 
 # ---------------------------------------------------------------- premises
@@ -160,14 +182,26 @@ def _transition(
     code = machine.nodes[n]
     env = machine.environment(c, component)
     env.variables.update(zip(code.locals, c.L[n], strict=True))
+    env.choose = _chooser(machine, c, component)
     control_is_new = c.OE[n] and not c.had_control[n]
     takeover = code.takeover if control_is_new else None
-    if takeover is not None and not component.extern:
-        takeover(env)
+    if not component.extern:
+        must_not_lose(c, code.queues, component.span)
+        if takeover is not None:
+            takeover(env)
     code.step(env)
-    if takeover is not None and component.extern:  # which is asked first, and sees no locals
-        takeover(env)
+    if component.extern:  # which is asked first, and sees no locals
+        must_not_lose(c, code.queues, component.span)
+        if takeover is not None:
+            takeover(env)
     return code.store(tuple([env.variables[v] for v in code.locals])), env.published
+
+
+def _chooser(machine: Machine, c: Configuration, component: Component) -> Callable[[int], int]:
+    """Who answers the `choose`s of one step: the machine's draws, one index after the other."""
+    stream = f"{component.name}.choose"
+    indices = count((c.ct - component.phase_ns) // component.period_ns * CHOICES_A_STEP)
+    return lambda alternatives: machine.draws.choice(stream, next(indices), alternatives)
 
 
 def _faulted(
@@ -175,19 +209,22 @@ def _faulted(
 ) -> tuple[Configuration, Outcome]:
     """Nothing is published and the locals stay; an AC is gated, a trusted node latched."""
     n = component.index
+    if fault.kind is FaultKind.CAPACITY:
+        c = forgive(c, machine.nodes[n].queues)
     if component.role == "ac":
         module = _module(machine, component)
         return refuse(c, module), Outcome(n, {}, fault, module=module.index)
-    return _fail_safe(latch(c, n), component, Outcome(n, {}, fault, latched=True))
+    return _fail_safe(machine, latch(c, n), component, Outcome(n, {}, fault, latched=True))
 
 
 def _fail_safe(
-    c: Configuration, component: Component, outcome: Outcome
+    machine: Machine, c: Configuration, component: Component, outcome: Outcome
 ) -> tuple[Configuration, Outcome]:
     """A latched node publishes its declared fail-safe values, if its outputs are enabled."""
     if not c.OE[component.index]:
         return c, outcome
-    return publish(c, component.failsafe), replace(outcome, published=component.failsafe)
+    c = publish(machine.system.topics, c, component.failsafe)
+    return c, replace(outcome, published=component.failsafe)
 
 
 def _module(machine: Machine, component: Component) -> Module:

@@ -54,7 +54,7 @@ def c_externs(
         return {}
     path = str(library(generate(system, core)))
     opened(FFI(), Path(path), linked_symbols(system, core))  # says what is missing, and where
-    found = {x.name: CExtern(_node(x, path)) for x in nodes}
+    found = {x.name: CExtern(_node(system, x, path)) for x in nodes}
     found.update({f.name: CExtern(_function(f, source, path)) for f, source in funs.items()})
     return found
 
@@ -94,13 +94,16 @@ def _only_native(what: str, why: str, span: Any) -> Diagnostic:  # noqa: ANN401 
 # ---------------------------------------------------------------- nodes
 
 
-def _node(component: Component, path: str) -> Callable[[SimpleNamespace], object]:
+def _node(system: System, component: Component, path: str) -> Callable[[SimpleNamespace], object]:
     """`int step(const in *, out *)`: the structs are those of the generated header."""
     node = component.node
     assert node is not None
     assert component.binding is not None
     ffi, call = _symbol(path, component.binding, "int", ["const void *", "void *"])
-    reads = [(s.topic.name.rpartition(".")[2], s.topic.type) for s in node.subscribes]
+    reads = [
+        (s.topic.name.rpartition(".")[2], system.topics[component.scope.topics[s.topic]].type)
+        for s in node.subscribes
+    ]
     places, in_size = _in_order([t for _, t in reads])
     answer = arrange(answer_fields(component))
     offsets = {m.name: (m.offset, m.type) for m in answer.members}

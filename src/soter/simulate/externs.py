@@ -78,8 +78,9 @@ class ExternAnswers:
     def _topic(
         self, component: Component, topic: TopicSymbol, raw: memoryview
     ) -> tuple[str, Type, Value]:
-        offset = self.layout.topic_offset(component.scope.topics[topic])
-        return topic.name.rpartition(".")[2], topic.type, decode_from(raw, offset, topic.type)
+        index = component.scope.topics[topic]
+        offset, t = self.layout.topic_offset(index), self.system.topics[index].type
+        return topic.name.rpartition(".")[2], t, decode_from(raw, offset, t)
 
     def _call(self, component: Component, state: Bytes) -> bytes:
         raw = memoryview(state.data)

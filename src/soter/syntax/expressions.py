@@ -296,7 +296,9 @@ class ExpressionParser(Cursor):
         kind = kinds[i]
         start = self.starts[i]
         result: tree.Expr
-        if kind == NAME:
+        if kind == "choose" or (kinds[i + 1] == "choose" and self.is_word("fair")):
+            result = self._choose()
+        elif kind == NAME:
             if self.texts[i] == "not" and kinds[i + 1] in (NAME, "true", "false", "!"):
                 i = self._skip_not()
                 start = self.starts[i]
@@ -495,6 +497,39 @@ class ExpressionParser(Cursor):
             if not self.comma("}", "the field", opener):
                 break
         return tree.RecordExpr(self.span_from(start), tuple(entries))
+
+    def _choose(self) -> tree.Expr:
+        """`[fair] choose` and what is chosen from."""
+        start = self.starts[self.i]
+        fair = self.accept_word("fair")
+        self.i += 1
+        opener = self.i
+        kind = self.kinds[opener]
+        of: tree.TypeExpr | None = None
+        interval: tree.Interval | None = None
+        options: tuple[tree.Expr, ...] = ()
+        if kind == "[":
+            strict = self.strict
+            interval = self.interval("the choices")
+            self.strict = strict
+        elif kind == "{":
+            self.i += 1
+            options = self._elements("}", "the choice", opener)
+        elif kind == "bool":
+            self.i += 1
+            of = tree.BuiltinType(self.token_span(opener), kind)
+        elif kind == NAME:
+            ref = self.ref("an enum")
+            of = tree.NamedType(ref.span, ref)
+        else:
+            helps = ("write `choose [low, high]`",) if kind == "int" else ()
+            raise self.failure(
+                "S007",
+                f"expected what to choose from, found {self.found()}",
+                notes=("that is `bool`, an enum, `[low, high]` or `{ a, b, c }`",),
+                helps=helps,
+            )
+        return tree.ChooseExpr(self.span_from(start), fair, of, interval, options)
 
     def _no_expression(self, kind: str) -> NoReturn:
         """Nothing here begins an expression: say why, as well as the token lets us."""
@@ -749,6 +784,8 @@ def children(expr: tree.Expr) -> list[tree.Expr]:
         value = getattr(expr, field.name)
         if isinstance(value, tree.Expr):
             found.append(value)
+        elif isinstance(value, tree.Interval):
+            found += [value.low, value.high]
         elif isinstance(value, tuple):
             for part in value:
                 if isinstance(part, tree.Expr):

@@ -38,7 +38,7 @@ _OPERATOR_LEVEL = {
     "+": 6, "-": 6, "*": 7, "/": 7, "%": 7,
 }  # fmt: skip
 _CLAUSE_WORDS = frozenset(
-    ["in", "max_age", "within", "from", "leadsto", "by", "phase", "queue", "hold", "every"]
+    ["in", "max_age", "within", "from", "leadsto", "by", "phase", "queue", "hold", "every", "at"]
 )
 _ITEM_BOUNDARY, _AFTER_COMMA, _BEFORE_CLAUSE, _AFTER_ASSIGN, _ELSEWHERE = 0, 1, 2, 18, 99
 
@@ -472,7 +472,17 @@ def _print_operand(expr: tree.Expr) -> str:
     if isinstance(expr, tree.RecordExpr):
         pairs = (f"{name.text}: {_print(value, _ANYTHING)}" for name, value in expr.fields)
         return f"{{ {', '.join(pairs)} }}"
+    if isinstance(expr, tree.ChooseExpr):
+        return f"{'fair ' if expr.fair else ''}choose {_choices(expr)}"
     return "..."
+
+
+def _choices(expr: tree.ChooseExpr) -> str:
+    if expr.type is not None:
+        return expr.type.span.text
+    if expr.interval is not None:
+        return f"[{_commas((expr.interval.low, expr.interval.high))}]"
+    return f"{{ {_commas(expr.options)} }}"
 
 
 def _commas(exprs: tuple[tree.Expr, ...]) -> str:

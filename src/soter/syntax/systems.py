@@ -42,6 +42,7 @@ class _SystemParts(OnceParts):
     replaces: list[tree.Replace] = field(default_factory=list)
     sets: list[tree.SetParam] = field(default_factory=list)
     inputs: list[tree.DriveInput] = field(default_factory=list)
+    faults: list[tree.TimingFault] = field(default_factory=list)
 
 
 class SystemParser(NodeParser):
@@ -222,6 +223,7 @@ class SystemParser(NodeParser):
     def _instance(self, parts: _SystemParts) -> bool:
         """`name: What;` if that stands here."""
         i = self.i
+        self._no_leads_to(i)
         colon = self.kinds[i + 1] == ":"
         if colon and self.texts[i] in _SYSTEM_ITEMS and self.kinds[i + 2] != NAME:
             return False
@@ -239,6 +241,19 @@ class SystemParser(NodeParser):
         self.semicolon("the instance")
         parts.instances.append(tree.Instance(name, what, None, renames, self.span_from(start)))
         return True
+
+    def _no_leads_to(self, i: int) -> None:
+        """`p leadsto q within d;` is a property of tests only."""
+        at = i
+        while self.kinds[at] not in (";", "{", "}", EOF) and self.texts[at] != "leadsto":
+            at += 1
+        if at > i and self.texts[at] == "leadsto" and self.kinds[at] == NAME:
+            raise self.failure(
+                "S010",
+                "a system cannot ask what `leadsto` what",
+                self.token_span(at),
+                notes=("`leadsto` and `eventually` belong in a test: only an exploration judges",),
+            )
 
     def _instance_without_colon(self, i: int) -> bool:
         """`c Cart;`, where `c` is no item word and not nearly one."""
@@ -319,9 +334,17 @@ class SystemParser(NodeParser):
         start = self.starts[self.i]
         self.i += 1
         topic = self.path("the name of an input topic")
+        values: list[tree.Expr] = []
+        if self.accept("in"):
+            self.expect("{", "before the values of the input")
+            values.append(self.expr("a value"))
+            while self.accept(","):
+                values.append(self.expr("a value"))
+            self.expect("}", "after the values of the input")
         self.expect_word("every", "after the input")
         every = self.time_value("`every`")
-        parts.inputs.append(tree.DriveInput(topic, every, self.span_from(start)))
+        item = tree.DriveInput(topic, tuple(values), every, self.span_from(start))
+        parts.inputs.append(item)
 
     def _test(self) -> tree.Decl:
         start = self.starts[self.i]
@@ -338,6 +361,9 @@ class SystemParser(NodeParser):
             once("skew"),
             once("horizon"),
             tuple(parts.properties),
+            once("quantum"),
+            tuple(parts.faults),
+            tuple(parts.inputs),
         )
 
     def _tested_system(self, parts: _SystemParts) -> None:
@@ -349,9 +375,34 @@ class SystemParser(NodeParser):
 
     def _test_time(self, parts: _SystemParts) -> None:
         at = self.i
-        word = "horizon" if self.texts[at] == "horizon" else "skew"
+        word = self.texts[at] if self.texts[at] in ("horizon", "quantum") else "skew"
         self.i += 1
         self.keep_once(parts, word, self.time_value(f"`{word}`"), at)
+
+    def _late(self, parts: _SystemParts) -> None:
+        """`late N by d;` and `overrun N by d;`."""
+        start = self.starts[self.i]
+        kind = "overrun" if self.texts[self.i] == "overrun" else "late"
+        self.i += 1
+        component = self.path(f"the name of a node after `{kind}`")
+        self.expect_word("by", "and a time after the node")
+        by = self.time_value("`by`")
+        fault = tree.TimingFault(kind, component, by, None, self.span_from(start))
+        parts.faults.append(fault)
+
+    def _skip(self, parts: _SystemParts) -> None:
+        """`skip N [at most k];`."""
+        start = self.starts[self.i]
+        self.i += 1
+        component = self.path("the name of a node after `skip`")
+        at_most: tree.Expr | None = None
+        if self.accept_word("at"):
+            self.expect_word("most", "after `at`")
+            at_most = self.value("`at most`")
+        else:
+            self.semicolon("the node that may skip a step")
+        fault = tree.TimingFault("skip", component, None, at_most, self.span_from(start))
+        parts.faults.append(fault)
 
     def _eventually(self, parts: _SystemParts) -> None:
         start = self.starts[self.i]
@@ -425,6 +476,11 @@ _TEST_ITEMS: dict[str, Callable[[SystemParser, _SystemParts], None]] = {
     "always": SystemParser._always,
     "never": SystemParser._always,
     "eventually": SystemParser._eventually,
+    "quantum": SystemParser._test_time,
+    "late": SystemParser._late,
+    "overrun": SystemParser._late,
+    "skip": SystemParser._skip,
+    "input": SystemParser._input,
 }
 HOMES["a plant"] = frozenset(_PLANT_ITEMS)
 HOMES["a system"] = frozenset(_SYSTEM_ITEMS)

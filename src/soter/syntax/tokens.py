@@ -35,7 +35,7 @@ RESERVED = frozenset(
         "topic", "node", "period", "phase", "subscribes", "publishes", "var", "step",
         "rta", "plant", "system", "test", "let", "if", "elseif", "else", "for", "in",
         "return", "assert", "publish", "true", "false", "bool", "float", "int",
-        "duration", "state", "der", "next", "while",
+        "duration", "state", "der", "next", "while", "choose",
     ]
 )  # fmt: skip
 

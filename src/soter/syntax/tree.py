@@ -160,6 +160,19 @@ class ListExpr(Expr):
 
 
 @dataclass(frozen=True, slots=True)
+class ChooseExpr(Expr):
+    """`[fair] choose bool`, `choose Enum`, `choose [a, b]`, `choose { e1, e2 }`.
+
+    Exactly one of `type` and `interval` is set, or neither: then `options` are the choices.
+    """
+
+    fair: bool
+    type: TypeExpr | None
+    interval: Interval | None
+    options: tuple[Expr, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class ErrorExpr(Expr):
     """Stands where an expression could not be parsed; already reported, never again."""
 
@@ -647,10 +660,22 @@ class SetParam:
 
 @dataclass(frozen=True, slots=True)
 class DriveInput:
-    """`input goal every 1s;`: a seeded uniform draw from the topic's set."""
+    """`input goal [in { a, b }] every 1s;`: drawn from the values, else from the topic's set."""
 
     topic: Path
+    values: tuple[Expr, ...]
     every: Expr
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class TimingFault:
+    """`late N by d;`, `skip N [at most k];`, `overrun N by d;` of a test."""
+
+    kind: str
+    component: Path
+    by: Expr | None
+    at_most: Expr | None
     span: Span
 
 
@@ -677,6 +702,9 @@ class TestDecl(Decl):
     skew: Expr | None
     horizon: Expr | None
     properties: tuple[Property, ...]
+    quantum: Expr | None = None
+    faults: tuple[TimingFault, ...] = ()
+    inputs: tuple[DriveInput, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -76,8 +76,8 @@ def test_warnings_about_absence_are_not_given_beside_errors() -> None:
 
 
 def test_other_warnings_are_given_beside_errors() -> None:
-    text = "input topic x: bool;\nnode N period 0ms { subscribes x queue 8; step { assert x; } }"
-    assert codes(text) == ["C001", "W002"]
+    text = PLANT + "system A { c: Cart; set GAIN = 2.0; }\nsystem B { a: A; until 0s; }"
+    assert codes(text) == ["W006", "C001"]
 
 
 def test_a_system_is_found_by_name_or_by_default() -> None:

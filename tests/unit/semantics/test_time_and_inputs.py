@@ -70,7 +70,7 @@ def test_initial_values_are_the_written_ones(build: Build) -> None:
 def test_an_input_changes_its_topic_and_stamp_and_nothing_else(build: Build) -> None:
     it = build()
     before = it.instant(it.initial())
-    after = environment_input(before, X, 12.5)
+    after = environment_input(it.machine, before, X, 12.5)
     assert after.Topics == (12.5, *before.Topics[1:])
     assert after.stamps == (before.ct, *before.stamps[1:])
     rest = ("L", "OE", "ct", "FN", "latched", "had_control", "gate_fault", "clean_needed")

@@ -1,0 +1,108 @@
+"""What the verdict on a test rests on, and what it does not say.
+
+Purpose: plain sentences; they are part of every result.
+Non-goals: what a proof rests on (`reach/problem.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.explore.schedule import plan_of
+from soter.program.elaborate import show_ns
+from soter.program.types import FloatType, leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.explore.results import Options
+    from soter.program.system import System
+
+FINGERPRINT_BITS = 64
+
+
+def of_test(
+    system: System, options: Options, states: int, replaced: Sequence[tuple[str, str]]
+) -> tuple[str, ...]:
+    """Everything; `replaced`: components and what stands in their place."""
+    return tuple(_all(system, options, states, replaced))
+
+
+def _all(
+    system: System, options: Options, states: int, replaced: Sequence[tuple[str, str]]
+) -> Iterator[str]:
+    plan = plan_of(system)
+    yield f"nothing is said about times after the horizon, {show_ns(plan.horizon_ns)}"
+    yield _orders(plan.skew_ns)
+    for f in plan.faults:
+        name = system.components[f.component].name
+        if f.kind == "skip":
+            yield f"{name} loses at most {f.at_most} release{_s(f.at_most)} in a row"
+        else:
+            what = "is late" if f.kind == "late" else "overruns"
+            yield f"{name} {what} by at most {show_ns(f.by_ns)}"
+    for name, by in replaced:
+        yield f"{name} is replaced by {by}, and may do nothing that {by} may not"
+    yield "steps are atomic: a step reads, computes and publishes at one time, unless it overruns"
+    yield "the compiled steps are those that `soter build` deploys: the same C, the same arithmetic"
+    if any(p.kind in ("eventually", "leadsto") for p in plan.timed):
+        yield "deadlines beyond the horizon are not judged"
+    if not system.properties and not plan.timed:
+        yield "the test states no property: only step faults of trusted components were looked for"
+    yield from _sampled(system)
+    yield from _held(system, options.seed)
+    if options.storage == "fingerprint":
+        yield _missed(states)
+
+
+def _orders(skew_ns: int) -> str:
+    if skew_ns == 0:
+        return "steps happen at their release, in every order within an instant (skew 0)"
+    return (
+        f"every step happens within {show_ns(skew_ns)} of its release: no other schedule was tried"
+    )
+
+
+def _s(count: int) -> str:
+    return "" if count == 1 else "s"
+
+
+def _sampled(system: System) -> Iterator[str]:
+    """Continua of which three values were taken."""
+    names = [
+        f"{c.name}.{d.variable.name}"
+        for c in system.components
+        for d in c.disturbances
+        if d.low < d.high and not d.hold_ns
+    ]
+    names += [f"{c.name} (measurement)" for c in system.components if c.measured]
+    names += [
+        f"{c.name} (start)"
+        for c in system.components
+        if any(r is not None for r in c.initial_range)
+    ]
+    for drive in system.inputs:
+        topic = system.topics[drive.topic]
+        if not drive.values and any(isinstance(t, FloatType) for _, t in leaves(topic.type)):
+            names.append(topic.name)
+    if names:
+        yield f"of these floats only the middle, the least, the largest value: {', '.join(names)}"
+
+
+def _held(system: System, seed: int) -> Iterator[str]:
+    names = [
+        f"{c.name}.{d.variable.name}"
+        for c in system.components
+        for d in c.disturbances
+        if d.hold_ns
+    ]
+    if names:
+        yield f"drawn by chance once, with seed {seed}: {', '.join(names)}"
+
+
+def _missed(states: int) -> str:
+    """The chance that two of n configurations share a fingerprint of 64 bits: n^2 / 2^65."""
+    chance = min(states * states / 2.0 ** (FINGERPRINT_BITS + 1), 1.0)
+    return (
+        f"fingerprints of 64 bits: a configuration was missed with probability about {chance:.1g}"
+    )

@@ -1,0 +1,403 @@
+"""The explorer as a shared library: a system's generated C, its model and `soter_explore*.c`.
+
+Purpose: compile them together, once for each content, and reach the explorer through cffi: plain
+numbers in, plain numbers out. A search runs in a thread of its own, so that Ctrl-C ends it in
+order, with what it has found until then.
+Non-goals: names of actors and streams, verdicts, reports (`search.py`, `command.py`).
+"""
+
+from __future__ import annotations
+
+import re
+import threading
+import time
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.codegen.exploring import generate_model
+from soter.explore.actors import plan_of
+from soter.lower.steps import lower
+from soter.native.build import RUNTIME, library
+from soter.native.library import opened
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    from soter.lower.core import CoreSystem
+    from soter.program.system import System
+
+    Bytes = npt.NDArray[np.uint8]
+    Words = npt.NDArray[np.uint64]
+
+STRATEGIES = ("bfs", "dfs", "deepening", "random", "pct", "coverage")
+STORAGES = ("exact", "fingerprint")
+REDUCTIONS = {"none": 0, "sleep": 1, "ample": 2, "all": 3}
+STATUSES = (
+    "exhausted",
+    "violated",
+    "memory",
+    "states",
+    "runs",
+    "stopped",
+    "no_memory",
+    "limit",
+)
+ROOM = 65_536
+"""Steps of a trace, at most."""
+CHOICES = 64
+"""`SOTER_CHOICES`: choices of a step, at most."""
+FLAGS = ("-pthread",)
+LOOK_S = 0.1
+"""Seconds between two looks at how far a search is."""
+
+
+def sources() -> tuple[str, ...]:
+    """The explorer's files in the run-time, headers included."""
+    return tuple(sorted(p.name for p in RUNTIME.glob("soter_explore*.[ch]")))
+
+
+def _declarations() -> str:
+    """What cffi reads of the headers: types and functions, without comments and inline code."""
+    kernel = (RUNTIME / "soter.h").read_text(encoding="utf-8")
+    text = (RUNTIME / "soter_explore.h").read_text(encoding="utf-8")
+    choice = re.search(r"typedef struct \{[^{}]*\} soter_choice;", kernel)
+    assert choice is not None, "soter.h has no soter_choice"
+    text = re.sub(r"/\*.*?\*/", "", text, flags=re.DOTALL)
+    text = re.sub(r"^SOTER_INLINE.*?^\}$", "", text, flags=re.DOTALL | re.MULTILINE)
+    text = re.sub(r"^#(?:.*\\\n)*.*$", "", text, flags=re.MULTILINE)
+    text = text.replace("SOTER_CHOICES", str(CHOICES))
+    declared = re.sub(r"/\*.*?\*/", "", choice.group(0), flags=re.DOTALL)
+    return f"typedef struct soter_program soter_program;\n{declared}\n{text}"
+
+
+@lru_cache(maxsize=1)
+def ffi() -> Any:  # noqa: ANN401 - cffi has no types
+    """The explorer's declarations."""
+    from cffi import FFI  # noqa: PLC0415 - only the explorer pays for it
+
+    found = FFI()
+    found.cdef(_declarations())
+    return found
+
+
+@dataclass(frozen=True)
+class RawChoice:
+    """An answered choice: hash of the stream's name (FNV-1a), alternatives, which one."""
+
+    stream: int
+    count: int
+    pick: int
+
+
+@dataclass(frozen=True)
+class RawStep:
+    """A step of a trace; `actor` counts in `Engine.actors`, -1 at the birth of the world.
+
+    `kind`: 0 step, 1 lost release, 2 start of an overrunning step, 3 it takes effect, 4 birth.
+    """
+
+    actor: int
+    kind: int
+    release_ns: int
+    time_ns: int
+    choices: tuple[RawChoice, ...]
+
+
+@dataclass(frozen=True)
+class Settings:
+    """How to search; as `soter_explore_options`, with names for the first three.
+
+    `plainly`: run every step, remember none. `go_on`: do not stop at a violation. `keep`: keep
+    the stored worlds for `Engine.worlds`.
+    """
+
+    strategy: str = "bfs"
+    storage: str = "exact"
+    reduction: str = "all"
+    threads: int = 1
+    memory: int = 2 * 2**30
+    max_states: int = 0
+    seed: int = 1
+    runs: int = 10_000
+    bug_depth: int = 3
+    keep: bool = False
+    plainly: bool = False
+    go_on: bool = False
+
+
+@dataclass(frozen=True)
+class Searched:
+    """What a search found: `status` is one of STATUSES, `broken` (what, index) of soter_broken."""
+
+    status: str
+    broken: tuple[int, int] | None
+    states: int
+    transitions: int
+    runs: int
+    table_bytes: int
+    frontier_bytes: int
+    depth: int
+    seconds: float
+    steps: tuple[RawStep, ...]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a search is."""
+
+    states: int
+    transitions: int
+    depth: int
+    seconds: float
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Coverage, added up over all searches of an engine; see `soter_explore_coverage`.
+
+    `branches`: one word for 64 branches; `classes`: (leaves, 256); `modes` and `switches`:
+    (modules, 2), SC first; `fired`: (actors,).
+    """
+
+    branches: Words
+    classes: Bytes
+    modes: Bytes
+    switches: Bytes
+    fired: Bytes
+
+
+class Engine:
+    """The explorer on one system that was flattened for a test."""
+
+    def __init__(
+        self, system: System, lowered: CoreSystem | None = None, extra: tuple[str, ...] = ()
+    ) -> None:
+        """`extra`: more compiler flags (tests)."""
+        assert system.test is not None, f"{system.name} is no test"
+        lowered = lowered or lower(system)
+        self.system = system
+        self.plan = plan_of(system, lowered)
+        self.generated = generate_model(system, lowered, self.plan)
+        self.actors = self.plan.actors
+        self.path = library(self.generated.unit, "-O2", (*FLAGS, *extra), sources())
+        self.ffi = ffi()
+        self.lib = opened(self.ffi, self.path)
+        self.model = self._model()
+        self.bits = int(self.model.bits)
+        self.words = int(self.model.words)
+        self.world_size = int(self.model.world_size)
+        self._kept = self.ffi.NULL
+        modules, leaves = len(system.modules), int(self.model.leaves)
+        self.seen = Seen(
+            np.zeros(-(-int(self.model.branches) // 64) or 1, dtype=np.uint64),
+            np.zeros((leaves, 256), dtype=np.uint8),
+            np.zeros((modules, 2), dtype=np.uint8),
+            np.zeros((modules, 2), dtype=np.uint8),
+            np.zeros(len(self.actors), dtype=np.uint8),
+        )
+
+    def _model(self) -> Any:  # noqa: ANN401 - cdata
+        own = type(self.ffi)()
+        own.cdef(f"extern const char {self.generated.symbol}[];")
+        held = own.dlopen(str(self.path))
+        address = own.cast("uintptr_t", own.addressof(held, self.generated.symbol))
+        return self.ffi.cast("const soter_model *", int(address))
+
+    def close(self) -> None:
+        """Give back the memory of kept worlds."""
+        if self._kept != self.ffi.NULL:
+            self.lib.soter_explore_free(self._kept)
+            self._kept = self.ffi.NULL
+
+    # ------------------------------------------------------------ searching
+
+    def explore(
+        self, settings: Settings, look: Callable[[Progress], None] | None = None
+    ) -> Searched:
+        """Search until the end, a bound or Ctrl-C. `look` is told ten times a second."""
+        coverage = self._coverage()
+
+        def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
+            self.lib.soter_explore(self.model, options, progress, coverage, result, trace, ROOM)
+
+        return self._run(settings, look, search)
+
+    def least(
+        self,
+        settings: Settings,
+        broken: tuple[int, int],
+        look: Callable[[Progress], None] | None = None,
+    ) -> Searched:
+        """The least trace to a violation of the same thing; its status is then `violated`."""
+        what = self.ffi.new("soter_broken *", {"what": broken[0], "index": broken[1]})
+
+        def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
+            self.lib.soter_explore_least(
+                self.model, options, what[0], progress, result, trace, ROOM
+            )
+
+        return self._run(settings, look, search)
+
+    def _run(
+        self,
+        settings: Settings,
+        look: Callable[[Progress], None] | None,
+        search: Callable[[Any, Any, Any, Any], None],
+    ) -> Searched:
+        self.close()
+        options = self._options(settings)
+        progress = self.ffi.new("soter_explore_progress *")
+        result = self.ffi.new("soter_explore_result *")
+        size = self.ffi.sizeof("soter_trace_step")
+        room = np.zeros(ROOM * size, dtype=np.uint8)  # untouched pages cost nothing
+        trace = self.ffi.cast("soter_trace_step *", room.ctypes.data)
+        failures: list[BaseException] = []
+
+        def work() -> None:
+            try:
+                search(options, progress, result, trace)
+            except BaseException as error:  # noqa: BLE001 - raised again below
+                failures.append(error)
+
+        began = time.perf_counter()
+        worker = threading.Thread(target=work, name="soter explorer")
+        worker.start()
+        self._watch(worker, progress, began, look)
+        seconds = time.perf_counter() - began
+        if failures:
+            raise failures[0]
+        self._kept = result.kept
+        return self._searched(result, trace, seconds)
+
+    def _watch(
+        self,
+        worker: threading.Thread,
+        progress: Any,  # noqa: ANN401 - cdata
+        began: float,
+        look: Callable[[Progress], None] | None,
+    ) -> None:
+        """Wait for the search; whatever interrupts the waiting ends it in order."""
+        failure: BaseException | None = None
+        while worker.is_alive():
+            try:
+                worker.join(LOOK_S)
+                if look is not None and worker.is_alive() and not progress.stop:
+                    seconds = time.perf_counter() - began
+                    states, made = int(progress.states), int(progress.transitions)
+                    look(Progress(states, made, int(progress.depth), seconds))
+            except KeyboardInterrupt:
+                progress.stop = 1
+            except BaseException as error:  # noqa: BLE001 - raised again when the thread has ended
+                progress.stop = 1
+                failure = failure or error
+        if failure is not None:
+            raise failure
+
+    def _options(self, s: Settings) -> Any:  # noqa: ANN401 - cdata
+        return self.ffi.new(
+            "soter_explore_options *",
+            {
+                "strategy": STRATEGIES.index(s.strategy),
+                "storage": STORAGES.index(s.storage),
+                "reduce": REDUCTIONS[s.reduction],
+                "threads": s.threads,
+                "memory": s.memory,
+                "max_states": s.max_states,
+                "seed": s.seed & (2**64 - 1),
+                "runs": s.runs,
+                "bug_depth": s.bug_depth,
+                "keep": s.keep,
+                "plainly": s.plainly,
+                "go_on": s.go_on,
+            },
+        )
+
+    def _coverage(self) -> Any:  # noqa: ANN401 - cdata
+        seen, cast = self.seen, self.ffi.cast
+        return self.ffi.new(
+            "soter_explore_coverage *",
+            {
+                "branches": cast("uint64_t *", seen.branches.ctypes.data),
+                "classes": cast("uint8_t *", seen.classes.ctypes.data),
+                "modes": cast("uint8_t *", seen.modes.ctypes.data),
+                "switches": cast("uint8_t *", seen.switches.ctypes.data),
+                "fired": cast("uint8_t *", seen.fired.ctypes.data),
+            },
+        )
+
+    def _searched(self, r: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
+        status = STATUSES[int(r.status)]
+        broken = (int(r.broken.what), int(r.broken.index)) if status == "violated" else None
+        return Searched(
+            status,
+            broken,
+            int(r.states),
+            int(r.transitions),
+            int(r.runs),
+            int(r.table_bytes),
+            int(r.frontier_bytes),
+            int(r.depth),
+            seconds,
+            tuple(self._step(trace[i]) for i in range(min(int(r.length), ROOM))),
+        )
+
+    def _step(self, s: Any) -> RawStep:  # noqa: ANN401 - cdata
+        choices = tuple(
+            RawChoice(int(c.stream), int(c.count), int(c.pick)) for c in s.choice[0 : s.choices]
+        )
+        actor = int(s.actor) if s.actor < len(self.actors) else -1
+        return RawStep(actor, int(s.kind), int(s.release_ns), int(s.time_ns), choices)
+
+    # ------------------------------------------------------------ traces and worlds
+
+    def replay(
+        self, steps: Sequence[RawStep]
+    ) -> tuple[int, tuple[int, int] | None, npt.NDArray[np.uint8]]:
+        """How many steps of a trace are possible, and what the last one breaks.
+
+        And the world after each of them, (steps, world_size).
+        """
+        trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
+        for raw, s in zip(trace, steps, strict=False):
+            raw.actor = s.actor if s.actor >= 0 else 2**32 - 1
+            raw.kind, raw.release_ns, raw.time_ns = s.kind, s.release_ns, s.time_ns
+            raw.choices = len(s.choices)
+            for to, choice in zip(raw.choice, s.choices, strict=False):
+                to.stream, to.count, to.pick = choice.stream, choice.count, choice.pick
+        worlds = np.zeros((len(steps), self.world_size), dtype=np.uint8)
+        violates = self.ffi.new("bool *")
+        broken = self.ffi.new("soter_broken *")
+        possible = self.lib.soter_explore_replay(
+            self.model, trace, len(steps), self._pointer(worlds), violates, broken
+        )
+        found = (int(broken.what), int(broken.index)) if violates[0] else None
+        return int(possible), found, worlds
+
+    def worlds(self) -> Bytes:
+        """The worlds that the last search stored, (states, world_size), if it was to keep them."""
+        if self._kept == self.ffi.NULL:
+            return np.zeros((0, self.world_size), dtype=np.uint8)
+        count = int(self.lib.soter_explore_kept(self.model, self._kept, self.ffi.NULL))
+        found = np.zeros((count, self.world_size), dtype=np.uint8)
+        self.lib.soter_explore_kept(self.model, self._kept, self._pointer(found))
+        return found
+
+    def packed(self, world: Bytes) -> Words:
+        """A world as words."""
+        words = np.zeros(self.words, dtype=np.uint64)
+        to = self.ffi.cast("uint64_t *", words.ctypes.data)
+        self.model.pack(self._pointer(world), to)
+        return words
+
+    def unpack(self, words: Words, world: Bytes) -> None:
+        """Read packed words back into a world that was started once."""
+        of = self.ffi.cast("uint64_t *", words.ctypes.data)
+        self.model.unpack(of, self._pointer(world))
+
+    def _pointer(self, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
+        return self.ffi.cast("void *", array.ctypes.data)

@@ -1,0 +1,234 @@
+"""`soter test` and `soter replay` without a terminal: from a flattened test to its result.
+
+Purpose: search, minimise, and let the reference interpreter replay what was found before anybody
+is told of a violation; traces to files and back.
+Non-goals: the search itself (`runtime/soter_explore*.c`, `search.py`), printing.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.explore import assumptions
+from soter.explore.replay import broken_of, replay
+from soter.explore.results import (
+    BOUND,
+    EXHAUSTED,
+    INTERRUPTED,
+    LIMIT,
+    MEMORY,
+    RUNS,
+    SAMPLED,
+    STATES,
+    VIOLATED,
+    TestResult,
+)
+from soter.explore.schedule import plan_of
+from soter.explore.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from soter.explore.replay import Replayed
+    from soter.explore.results import Looked, Options
+    from soter.explore.search import Found, Search
+    from soter.explore.trace import Step
+    from soter.program.system import System
+    from soter.program.typed import TestSymbol
+
+    Progress = Callable[[Looked], None]
+
+FOLDER = Path(".soter")
+ENDING = ".trace.json"
+_BOUNDS = {
+    "memory": MEMORY,
+    "states": STATES,
+    "runs": RUNS,
+    "stopped": INTERRUPTED,
+    "no_memory": MEMORY,
+    "limit": LIMIT,
+}
+
+
+class UnreproducedError(RuntimeError):
+    """The explorer believes in a violation that the interpreter does not see: soter's defect.
+
+    `trace`: what was believed, for whoever repairs it.
+    """
+
+    def __init__(self, found: Replayed) -> None:
+        trace = found.trace
+        super().__init__(
+            f"test {trace.test}: the reference interpreter does not reproduce the violation of "
+            f"`{trace.broken.text}`: {found.outcome}"
+        )
+        self.trace = trace
+
+
+@dataclass(frozen=True)
+class Told:
+    """What a trace says of the program beside its steps; `params` as JSON."""
+
+    program: str
+    params: Mapping[str, object]
+    replaced: tuple[tuple[str, str], ...] = ()
+
+
+# ---------------------------------------------------------------- which tests
+
+
+def chosen(tests: Mapping[str, TestSymbol], path: str, name: str | None) -> list[TestSymbol]:
+    """The tests that are meant, in the program's order; `SoterError` U010 where there is none."""
+    if name in tests:
+        return [tests[name]]
+    if name is None and tests:
+        return list(tests.values())
+    if name is None:
+        help_ = "write one: `test Name { system S; horizon 1s; always ...; }`"
+        problem = Diagnostic("U010", f"`{path}` has no `test`", helps=(help_,))
+    else:
+        there = ", ".join(f"`{n}`" for n in tests) or "none"
+        message = f"there is no test `{name}`"
+        problem = Diagnostic("U010", message, notes=(f"there are: {there}",))
+    raise SoterError((problem,))
+
+
+def replaced_in(test: TestSymbol) -> tuple[tuple[str, str], ...]:
+    """What stands for what in a test: path of the instance, name of the replacement."""
+    found = {path: by.name for path, by, _ in (*test.system.replaces, *test.replaces)}
+    return tuple(found.items())
+
+
+def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:
+    """The same test with another skew or horizon; `SoterError` U001 where that cannot be."""
+    plan = plan_of(system)
+    for what, given, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
+        if given is not None and not least <= given <= TIME_MAX:
+            raise SoterError((Diagnostic("U001", f"the {what} cannot be {given} ns"),))
+    skew = plan.skew_ns if skew_ns is None else skew_ns
+    horizon = plan.horizon_ns if horizon_ns is None else horizon_ns
+    return replace(system, test=replace(plan, skew_ns=skew, horizon_ns=horizon))
+
+
+# ---------------------------------------------------------------- one test
+
+
+def explore_test(
+    system: System, options: Options, told: Told, progress: Progress | None = None
+) -> TestResult:
+    """Explore a flattened test. A violation is minimised and replayed: `UnreproducedError`."""
+    from soter.explore.search import Search as Engine  # noqa: PLC0415 - needs a compiler
+
+    with Engine(system, options, progress) as search:
+        found = search.run()
+        verdict, bound = _verdict(found, options, sampled=search.sampled)
+        result = TestResult(
+            name=plan_of(system).name,
+            system=system,
+            options=options,
+            verdict=verdict,
+            bound=bound,
+            states=found.states,
+            transitions=found.transitions,
+            runs=found.runs,
+            seconds=found.seconds,
+            depth=found.depth,
+            bits=search.bits,
+            table_bytes=found.table_bytes,
+            frontier_bytes=found.frontier_bytes,
+            coverage=search.coverage(),
+            assumptions=assumptions.of_test(system, options, found.states, told.replaced),
+        )
+        if verdict == VIOLATED:
+            _explain(result, search, found, told)
+    return result
+
+
+def _verdict(found: Found, options: Options, *, sampled: bool) -> tuple[str, str | None]:
+    """The verdict, and which bound was reached."""
+    if found.status == "violated":
+        return VIOLATED, None
+    if found.status == "exhausted":
+        if options.strategy in ("random", "pct", "coverage"):
+            return BOUND, RUNS
+        return (BOUND, SAMPLED) if sampled else (EXHAUSTED, None)
+    return BOUND, _BOUNDS[found.status]
+
+
+def _explain(result: TestResult, search: Search, found: Found, told: Told) -> None:
+    """The trace of a violation: the least one, replayed by the interpreter."""
+    assert found.broken is not None
+    what, index = found.broken
+    result.broken = broken_of(result.system, BROKEN_KINDS[what], index)
+    assert result.broken is not None, found.broken
+    least = search.least(found)
+    result.minimal = least.status == "violated"
+    if not result.minimal:
+        result.least_bound = _BOUNDS.get(least.status, LIMIT)
+    steps = least.steps if result.minimal else found.steps
+    trace = trace_of(result, told, steps)
+    replayed = replay(trace, result.system)
+    if not replayed.reproduced:
+        raise UnreproducedError(replayed)
+    result.replayed = with_values(replayed)
+
+
+def trace_of(result: TestResult, told: Told, steps: Sequence[Step]) -> Trace:
+    """The trace of a violated test."""
+    assert result.broken is not None
+    plan, program = plan_of(result.system), result.system.program
+    return Trace(
+        program=told.program,
+        sha256=program.sha256,
+        system=result.system.name,
+        test=plan.name,
+        params=told.params,
+        seed=result.options.seed,
+        skew_ns=plan.skew_ns,
+        horizon_ns=plan.horizon_ns,
+        broken=result.broken,
+        steps=tuple(steps),
+        minimal=result.minimal,
+    )
+
+
+def with_values(found: Replayed) -> Replayed:
+    """The same, its trace with the values that were chosen, as the interpreter saw them."""
+    steps = tuple(
+        replace(step, choices=done.choices)
+        for step, done in zip(found.trace.steps, found.steps, strict=True)
+    )
+    return replace(found, trace=replace(found.trace, steps=steps))
+
+
+# ---------------------------------------------------------------- files
+
+
+def save(result: TestResult, folder: Path = FOLDER) -> Path | None:
+    """Write the trace of a violated test; `SoterError` D006. None where there is nothing."""
+    if result.replayed is None:
+        return None
+    trace = result.replayed.trace
+    result.trace = write_trace(trace, folder / f"{file_stem(trace)}{ENDING}")
+    return result.trace
+
+
+def file_stem(trace: Trace) -> str:
+    """`<program>-<test>`."""
+    name = f"{Path(trace.program).stem}-{trace.test}"
+    return re.sub(r"[^A-Za-z0-9_.=+-]", "_", name)
+
+
+def changed_program(trace: Trace, path: str) -> SoterError:
+    """D011: the program is not the one that the trace was found in."""
+    problem = Diagnostic(
+        "D011",
+        f"the trace belongs to another version of `{path}`",
+        notes=(f"it was found in the program with the hash {trace.sha256[:12]}",),
+        helps=("search again: `soter test`",),
+    )
+    return SoterError((problem,))

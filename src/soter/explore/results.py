@@ -1,0 +1,155 @@
+"""What exploring a program's tests found, as plain data.
+
+Purpose: one result a test: verdict, what was covered, what bound was reached, the trace of a
+violation and what all of it rests on.
+Non-goals: finding anything, printing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.explore.coverage import Coverage
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.explore.replay import Replayed
+    from soter.explore.trace import Broken
+    from soter.program.system import System
+
+EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
+
+MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED, LIMIT = (
+    "memory",
+    "states",
+    "runs",
+    "sampled",
+    "interrupted",
+    "limit",
+)
+BOUNDS = {
+    MEMORY: "the memory that was allowed is full (--memory)",
+    STATES: "as many configurations as were allowed are stored (--max-states)",
+    RUNS: "random executions never cover everything (--runs; --strategy bfs does)",
+    SAMPLED: "a continuum is sampled at three values: what lies between was not looked at",
+    INTERRUPTED: "interrupted",
+    LIMIT: "a step has more choices, or an execution more steps, than the explorer has room for",
+}
+"""Why a search that found no violation did not cover everything."""
+
+
+@dataclass(frozen=True)
+class Options:
+    """How to search. `reduction`: none, sleep, ample or all; `memory`: bytes of the tables.
+
+    `max_states` 0: no bound of its own. `runs` and `seed` are of the random strategies; `seed`
+    also draws what stays left to chance. `bug_depth` is the d of PCT.
+    """
+
+    strategy: str = "bfs"
+    storage: str = "exact"
+    reduction: str = "all"
+    threads: int = 1
+    memory: int = 2 * 2**30
+    max_states: int = 0
+    runs: int = 10_000
+    seed: int = 1
+    bug_depth: int = 3
+
+
+@dataclass(frozen=True)
+class Looked:
+    """How far a search is: for a line of progress. `minimising`: it has found a violation."""
+
+    test: str
+    states: int
+    transitions: int
+    depth: int
+    bytes: int
+    seconds: float
+    minimising: bool = False
+
+
+@dataclass(eq=False)
+class TestResult:
+    """Of one test. `bits`: of a packed configuration; `seconds` of the search alone.
+
+    `broken`, `replayed` and `trace` (the file) are there where it is violated; `minimal` says
+    that no execution to that violation has fewer steps. `least_bound`: why that was not shown.
+    """
+
+    __test__ = False  # not a test of pytest's
+
+    name: str
+    system: System
+    options: Options
+    verdict: str
+    bound: str | None
+    states: int
+    transitions: int
+    runs: int
+    seconds: float
+    depth: int
+    bits: int
+    table_bytes: int
+    frontier_bytes: int
+    coverage: Coverage = field(default_factory=Coverage)
+    assumptions: tuple[str, ...] = ()
+    broken: Broken | None = None
+    replayed: Replayed | None = None
+    minimal: bool = False
+    least_bound: str | None = None
+    trace: Path | None = None
+
+    @property
+    def states_per_s(self) -> float:
+        """Configurations stored, or executions' steps where nothing is, per second."""
+        found = self.states or self.transitions
+        return found / self.seconds if self.seconds > 0 else 0.0
+
+    @property
+    def bytes_per_state(self) -> float:
+        """Bytes of the table for each stored configuration."""
+        return self.table_bytes / self.states if self.states else 0.0
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether somebody stopped it."""
+        return self.bound == INTERRUPTED
+
+    def __repr__(self) -> str:
+        what = f" {self.broken.text}" if self.broken else f" {self.bound}" if self.bound else ""
+        return f"<soter.TestResult {self.name} {self.verdict}{what}, {self.states:,} states>"
+
+
+@dataclass(eq=False)
+class ExploreReport:
+    """What `Program.explore` gives: one result a test, in the program's order."""
+
+    path: str
+    program_sha256: str
+    tests: tuple[TestResult, ...]
+
+    @property
+    def verdict(self) -> str:
+        """The worst: violated, then bound, then exhausted."""
+        found = {t.verdict for t in self.tests}
+        return next((v for v in (VIOLATED, BOUND) if v in found), EXHAUSTED)
+
+    @property
+    def interrupted(self) -> bool:
+        """Whether somebody stopped it; later tests are then missing."""
+        return any(t.interrupted for t in self.tests)
+
+    def __getitem__(self, test: str) -> TestResult:
+        """The result of one test by name; KeyError where there is none."""
+        for t in self.tests:
+            if t.name == test:
+                return t
+        raise KeyError(test)
+
+    def __repr__(self) -> str:
+        found = ", ".join(f"{t.name} {t.verdict}" for t in self.tests)
+        return f"<soter.ExploreReport {self.path}: {found}>"

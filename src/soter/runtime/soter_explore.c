@@ -1,0 +1,21 @@
+/* soter_explore.c: the explorer's door.
+ *
+ * Purpose: choose the strategy, begin and end in order.
+ * Non-goals: everything else (soter_explore_in.h says where it is).
+ */
+#include "soter_explore_in.h"
+
+static soter_strategy_fn* const STRATEGY[] = {soter_search_bfs,       soter_search_dfs,
+                                              soter_search_deepening, soter_search_random,
+                                              soter_search_pct,       soter_search_coverage};
+
+void soter_explore(const soter_model* m, const soter_explore_options* o,
+                   soter_explore_progress* progress, soter_explore_coverage* coverage,
+                   soter_explore_result* result, soter_trace_step* trace, uint32_t room) {
+  (void)memset(result, 0, sizeof *result);
+  soter_search s = {m, o, progress, coverage, result, trace, room};
+  STRATEGY[o->strategy](&s);
+  progress->states = result->states;
+  progress->transitions = result->transitions;
+  progress->depth = result->depth;
+}

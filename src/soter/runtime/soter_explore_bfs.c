@@ -1,0 +1,472 @@
+/* soter_explore_bfs.c: breadth first, on one or two threads.
+ *
+ * Purpose: all worlds, layer by layer; the shortest violation comes first. Each thread owns the
+ * worlds whose hash says so: it has a table and a frontier of its own, and hands the others what is
+ * theirs at the end of a layer, so that no table is shared and nothing is locked.
+ * Where something is violated, the same search is made again with a link from every world to the
+ * one it came from, until that violation: memory is not spent on links unless they are needed.
+ */
+#define _POSIX_C_SOURCE 200809L
+#include <pthread.h>
+
+#include "soter_explore_in.h"
+
+#define THREADS 2U
+
+/* Worlds to be expanded: packed, what sleeps in them, which moves (all, or those to be made again).
+ */
+typedef struct {
+  uint64_t* item;
+  uint64_t count, room, width;
+} queue;
+
+typedef struct worker {
+  struct layered* all;
+  uint32_t id;
+  soter_expander expander;
+  soter_store store;
+  soter_explore_coverage coverage;
+  queue here, next, out[THREADS];
+  uint64_t count, moved;
+  bool broke, full;
+  soter_broken broken;
+  uint64_t culprit; /* links: the entry whose move breaks something */
+  queue links;      /* one thread: worlds as they came, each with the number of the one before */
+} worker;
+
+typedef struct layered {
+  soter_search* s;
+  uint32_t threads, words;
+  bool link;
+  worker w[THREADS];
+  pthread_mutex_t mutex;
+  pthread_cond_t turn;
+  uint32_t waiting, turns; /* a barrier: not every system has one */
+  bool done;
+  soter_explore_status status;
+  uint32_t depth;
+} layered;
+
+/* ------------------------------------------------------------------ queues */
+
+static bool queue_put(queue* q, const uint64_t* packed, uint32_t words, uint64_t sleep,
+                      uint64_t only) {
+  if (q->count == q->room) {
+    const uint64_t room = q->room == 0U ? 1024U : q->room + q->room / 2U;
+    uint64_t* const item = realloc(q->item, room * q->width * sizeof *item);
+    if (item == NULL) {
+      return false;
+    }
+    q->item = item;
+    q->room = room;
+  }
+  uint64_t* const to = q->item + q->count * q->width;
+  (void)memcpy(to, packed, words * sizeof *packed);
+  to[words] = sleep;
+  if (q->width > words + 1U) {
+    to[words + 1U] = only;
+  }
+  q->count++;
+  return true;
+}
+
+static uint64_t bytes_of(const queue* q) {
+  return q->room * q->width * sizeof *q->item;
+}
+
+static uint64_t frontier_of(const worker* w) {
+  uint64_t bytes = bytes_of(&w->here) + bytes_of(&w->next) + bytes_of(&w->links);
+  for (uint32_t k = 0; k < THREADS; k++) {
+    bytes += bytes_of(&w->out[k]);
+  }
+  return bytes;
+}
+
+/* ------------------------------------------------------------------ one world */
+
+static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
+  if (!w->broke) {
+    w->broke = true;
+    w->broken = *broken;
+    w->culprit = culprit;
+  }
+}
+
+/* Takes a world in: new ones are judged and wait for the next layer. */
+static void take_in(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t from) {
+  uint64_t again = 0U;
+  const uint32_t words = w->all->words;
+  const int fresh = soter_store_put(&w->store, packed, &sleep, &again);
+  if (fresh < 0) {
+    w->full = true;
+    return;
+  }
+  if (fresh == 0) {
+    if (again != 0U && !queue_put(&w->next, packed, words, sleep, again)) {
+      w->full = true;
+    }
+    return;
+  }
+  soter_broken broken;
+  w->count++;
+  if (w->all->link && !queue_put(&w->links, packed, words, from, 0U)) {
+    w->full = true;
+  }
+  if (soter_is_broken(&w->expander, packed, &broken)) {
+    break_off(w, &broken, SOTER_NO_DEADLINE);
+    return;
+  }
+  if (!queue_put(&w->next, packed, words, sleep, UINT64_MAX)) {
+    w->full = true;
+  }
+}
+
+static uint32_t owner_of(const layered* all, const uint64_t* packed) {
+  if (all->threads == 1U) {
+    return 0U;
+  }
+  uint64_t h = 0U;
+  for (uint32_t k = 0; k < all->words; k++) {
+    h = (h ^ packed[k]) * UINT64_C(0x9e3779b97f4a7c15);
+  }
+  return (uint32_t)(h >> 40) % all->threads;
+}
+
+static bool stops(const layered* all) {
+  return all->s->progress->stop != 0;
+}
+
+static void expand_one(worker* w, const uint64_t* item, uint64_t from) {
+  layered* const all = w->all;
+  const uint32_t words = all->words;
+  soter_expand(&w->expander, item, item[words], item[words + 1U]);
+  if (w->expander.broke) {
+    break_off(w, &w->expander.broken, from);
+  }
+  const soter_heirs* const h = &w->expander.heirs;
+  for (uint32_t k = 0; k < h->count && !w->full; k++) {
+    const uint64_t* const packed = h->packed + (size_t)k * words;
+    const uint32_t owner = owner_of(all, packed);
+    if (owner == w->id) {
+      take_in(w, packed, h->sleep[k], from);
+    } else if (!queue_put(&w->out[owner], packed, words, h->sleep[k], 0U)) {
+      w->full = true;
+    }
+  }
+  w->full = w->full || w->expander.no_memory;
+}
+
+static bool over(const worker* w) {
+  const soter_search* const s = w->all->s;
+  return w->full || stops(w->all) || (w->broke && !s->o->go_on);
+}
+
+static void tell(worker* w) {
+  soter_search* const s = w->all->s;
+  if (w->id != 0U) {
+    return;
+  }
+  uint64_t states = 0U;
+  uint64_t transitions = 0U;
+  for (uint32_t k = 0; k < w->all->threads; k++) {
+    states += w->all->w[k].count;
+    transitions += w->all->w[k].expander.transitions;
+  }
+  s->progress->states = states;
+  s->progress->transitions = transitions;
+  s->progress->depth = w->all->depth;
+  if ((s->o->max_states > 0U && states >= s->o->max_states) ||
+      (frontier_of(w) + w->store.room * w->store.bytes) * w->all->threads > s->o->memory) {
+    w->full = true;
+  }
+}
+
+/* ------------------------------------------------------------------ layers */
+
+static void expand_layer(worker* w) {
+  for (uint64_t i = 0; i < w->here.count && !over(w); i++) {
+    expand_one(w, w->here.item + i * w->here.width, w->moved + i);
+    if ((i & 4095U) == 4095U) {
+      tell(w);
+    }
+  }
+}
+
+static void wait_for_others(layered* all) {
+  if (all->threads == 1U) {
+    return;
+  }
+  (void)pthread_mutex_lock(&all->mutex);
+  const uint32_t turn = all->turns;
+  if (++all->waiting == all->threads) {
+    all->waiting = 0U;
+    all->turns++;
+    (void)pthread_cond_broadcast(&all->turn);
+  }
+  while (turn == all->turns) {
+    (void)pthread_cond_wait(&all->turn, &all->mutex);
+  }
+  (void)pthread_mutex_unlock(&all->mutex);
+}
+
+static void receive(worker* w) {
+  layered* const all = w->all;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    queue* const q = &all->w[k].out[w->id];
+    for (uint64_t i = 0; i < q->count && !w->full; i++) {
+      const uint64_t* const item = q->item + i * q->width;
+      take_in(w, item, item[all->words], 0U);
+    }
+    q->count = 0U;
+  }
+}
+
+static void decide(layered* all) {
+  uint64_t waiting = 0U;
+  all->depth++;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    worker* const w = &all->w[k];
+    waiting += w->next.count;
+    if (w->broke && !all->s->o->go_on) {
+      all->status = SOTER_VIOLATED;
+      all->done = true;
+    } else if (w->full && all->status == SOTER_EXHAUSTED) {
+      const uint64_t states = all->s->progress->states;
+      const bool many = all->s->o->max_states > 0U && states >= all->s->o->max_states;
+      all->status = many ? SOTER_STATES : SOTER_MEMORY;
+      all->done = true;
+    }
+  }
+  if (!all->done && stops(all)) {
+    all->status = SOTER_STOPPED;
+    all->done = true;
+  }
+  all->done = all->done || waiting == 0U;
+}
+
+static void* work(void* argument) {
+  worker* const w = argument;
+  layered* const all = w->all;
+  while (!all->done) {
+    expand_layer(w);
+    wait_for_others(all);
+    receive(w);
+    wait_for_others(all);
+    tell(w);
+    if (w->id == 0U) {
+      decide(all);
+    }
+    wait_for_others(all);
+    w->moved += w->here.count;
+    const queue swap = w->here;
+    w->here = w->next;
+    w->next = swap;
+    w->next.count = 0U;
+  }
+  return NULL;
+}
+
+/* ------------------------------------------------------------------ beginning and end */
+
+static bool coverage_open(soter_explore_coverage* c, const soter_model* m) {
+  c->branches = calloc((m->branches + 63U) / 64U + 1U, sizeof *c->branches);
+  c->classes = calloc((size_t)m->leaves * 256U + 1U, 1U);
+  c->modes = calloc(m->program->modules * 2U + 1U, 1U);
+  c->switches = calloc(m->program->modules * 2U + 1U, 1U);
+  c->fired = calloc(m->actors + 1U, 1U);
+  return c->branches != NULL && c->classes != NULL && c->modes != NULL && c->switches != NULL &&
+         c->fired != NULL;
+}
+
+static void coverage_close(soter_explore_coverage* c) {
+  free(c->branches);
+  free(c->classes);
+  free(c->modes);
+  free(c->switches);
+  free(c->fired);
+}
+
+static bool open_worker(layered* all, uint32_t id) {
+  const soter_search* const s = all->s;
+  worker* const w = &all->w[id];
+  w->all = all;
+  w->id = id;
+  const uint64_t width = all->words + 2U;
+  w->here.width = w->next.width = width;
+  w->links.width = all->words + 1U;
+  for (uint32_t k = 0; k < THREADS; k++) {
+    w->out[k].width = all->words + 1U;
+  }
+  const bool sleep = (s->o->reduce & SOTER_REDUCE_SLEEP) != 0U && !s->m->timely;
+  return coverage_open(&w->coverage, s->m) &&
+         soter_expander_open(&w->expander, s->m, s->o, &w->coverage) &&
+         soter_store_open(&w->store, s->m, s->o->storage, sleep, s->o->memory / all->threads);
+}
+
+static void close_worker(worker* w, bool keep) {
+  coverage_close(&w->coverage);
+  soter_expander_close(&w->expander);
+  if (!keep) {
+    soter_store_close(&w->store);
+  }
+  free(w->here.item);
+  free(w->next.item);
+  free(w->links.item);
+  for (uint32_t k = 0; k < THREADS; k++) {
+    free(w->out[k].item);
+  }
+}
+
+static bool open_all(layered* all, soter_search* s, uint32_t threads, bool link) {
+  (void)memset(all, 0, sizeof *all);
+  all->s = s;
+  all->words = s->m->words;
+  all->threads = threads < 1U ? 1U : threads > THREADS ? THREADS : threads;
+  all->link = link;
+  bool fine = true;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    fine = open_worker(all, k) && fine;
+  }
+  return fine;
+}
+
+static void close_all(layered* all, bool keep) {
+  for (uint32_t k = 0; k < all->threads; k++) {
+    close_worker(&all->w[k], keep);
+  }
+}
+
+static void be_born(layered* all) {
+  worker* const w = &all->w[0];
+  soter_expand_birth(&w->expander);
+  const soter_heirs* const h = &w->expander.heirs;
+  for (uint32_t k = 0; k < h->count; k++) {
+    const uint64_t* const packed = h->packed + (size_t)k * all->words;
+    take_in(&all->w[owner_of(all, packed)], packed, 0U, SOTER_NO_DEADLINE);
+  }
+  for (uint32_t k = 0; k < all->threads; k++) {
+    const queue swap = all->w[k].here;
+    all->w[k].here = all->w[k].next;
+    all->w[k].next = swap;
+  }
+}
+
+static void run(layered* all) {
+  be_born(all);
+  if (all->threads == 1U) {
+    (void)work(&all->w[0]);
+    return;
+  }
+  pthread_t other;
+  (void)pthread_mutex_init(&all->mutex, NULL);
+  (void)pthread_cond_init(&all->turn, NULL);
+  if (pthread_create(&other, NULL, work, &all->w[1]) != 0) {
+    all->status = SOTER_NO_MEMORY;
+  } else {
+    (void)work(&all->w[0]);
+    (void)pthread_join(other, NULL);
+  }
+  (void)pthread_cond_destroy(&all->turn);
+  (void)pthread_mutex_destroy(&all->mutex);
+}
+
+static void sum_up(layered* all, soter_explore_result* r) {
+  r->status = all->status;
+  r->depth = all->depth;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    worker* const w = &all->w[k];
+    r->states += w->count;
+    r->transitions += w->expander.transitions;
+    r->table_bytes += w->store.room * w->store.bytes;
+    r->frontier_bytes += frontier_of(w);
+    if (w->broke) {
+      r->broken = w->broken;
+      r->status = SOTER_VIOLATED;
+    }
+    soter_merge_coverage(all->s->m, all->s->coverage, &w->coverage);
+  }
+}
+
+/* ------------------------------------------------------------------ the trace */
+
+static bool write_links(layered* all, soter_search* s, uint64_t last, const soter_broken* broken) {
+  worker* const w = &all->w[0];
+  soter_place x;
+  if (!soter_place_open(&x, s->m, s->o->seed, NULL)) {
+    return false;
+  }
+  uint64_t* const way = malloc((s->room + 1U) * sizeof *way);
+  uint32_t length = 0U;
+  for (uint64_t i = last; way != NULL && i != SOTER_NO_DEADLINE && length < s->room;
+       i = w->links.item[i * w->links.width + all->words]) {
+    way[length++] = i;
+  }
+  bool fine = way != NULL && length < s->room;
+  const uint64_t* before = NULL;
+  uint32_t written = 0U;
+  for (uint32_t k = length; fine && k > 0U; k--) {
+    const uint64_t* const here = w->links.item + way[k - 1U] * w->links.width;
+    fine = soter_find_move(&x, before, here, NULL, &s->trace[written++]);
+    before = here;
+  }
+  if (fine && broken != NULL) {
+    fine = soter_find_move(&x, before, NULL, broken, &s->trace[written++]);
+  }
+  soter_place_close(&x);
+  free(way);
+  s->result->length = fine ? written : 0U;
+  return fine;
+}
+
+/* With links the order of the worlds is the order of their expansion only without revisits. */
+static void trace_back(soter_search* s) {
+  layered* const all = malloc(sizeof *all);
+  soter_explore_options once = *s->o;
+  once.reduce &= ~SOTER_REDUCE_SLEEP; /* no world is expanded twice */
+  once.go_on = false;
+  soter_search again = *s;
+  again.o = &once;
+  soter_explore_result unused = {0};
+  again.result = &unused;
+  if (all == NULL) {
+    return;
+  }
+  if (open_all(all, &again, 1U, true)) {
+    run(all);
+    worker* const w = &all->w[0];
+    if (w->broke) {
+      s->result->broken = w->broken;
+      const bool by_a_move = w->culprit != SOTER_NO_DEADLINE;
+      const uint64_t last = by_a_move ? w->culprit : w->links.count - 1U;
+      again.result = s->result;
+      (void)write_links(all, &again, last, by_a_move ? &w->broken : NULL);
+    }
+  }
+  close_all(all, false);
+  free(all);
+}
+
+void soter_search_bfs(soter_search* s) {
+  layered* const all = malloc(sizeof *all);
+  if (all == NULL) {
+    s->result->status = SOTER_NO_MEMORY;
+    return;
+  }
+  if (!open_all(all, s, s->o->threads, false)) {
+    s->result->status = SOTER_NO_MEMORY;
+    close_all(all, false);
+    free(all);
+    return;
+  }
+  run(all);
+  sum_up(all, s->result);
+  const bool keep = s->o->keep && s->o->storage == SOTER_EXACT;
+  for (uint32_t k = 0; keep && k < all->threads; k++) {
+    s->result->kept = soter_keep(s->result->kept, &all->w[k].store);
+  }
+  close_all(all, keep);
+  free(all);
+  if (s->result->status == SOTER_VIOLATED && s->trace != NULL) {
+    trace_back(s);
+  }
+}

@@ -1,0 +1,25 @@
+/* soter_explore_deepening.c: iterative deepening.
+ *
+ * Purpose: shortest counterexamples with the memory of depth-first search: a search up to 1, 2, 3,
+ * ... steps, each from an empty table. How many steps a world takes to reach does not depend on the
+ * way (every step counts a release), but for overruns, which lose several at a time.
+ */
+#include "soter_explore_dfs.h"
+
+void soter_search_deepening(soter_search* s) {
+  for (uint32_t bound = 1U;; bound++) {
+    soter_stack t;
+    const bool opened = soter_stack_open(&t, s);
+    if (opened) {
+      s->result->states = 0U; /* of the last round; transitions of all */
+      soter_stack_run(&t, bound);
+      soter_stack_sum_up(&t, s->result);
+    } else {
+      s->result->status = SOTER_NO_MEMORY;
+    }
+    soter_stack_close(&t, false);
+    if (!opened || !t.cut || s->result->status != SOTER_EXHAUSTED) {
+      return;
+    }
+  }
+}
