@@ -9,12 +9,22 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from soter.api import CheckReport, Program, load, recheck
+    from soter.api import CheckReport, Program, ReplayReport, load, recheck, replay
     from soter.diagnostics.diagnostic import SoterError
     from soter.simulate.run import Run
 
 __version__ = "0.1.0"
-__all__ = ["CheckReport", "Program", "Run", "SoterError", "__version__", "load", "recheck"]
+__all__ = [
+    "CheckReport",
+    "Program",
+    "ReplayReport",
+    "Run",
+    "SoterError",
+    "__version__",
+    "load",
+    "recheck",
+    "replay",
+]
 
 
 def __getattr__(name: str) -> object:

@@ -13,22 +13,27 @@ from dataclasses import dataclass
 from functools import partial as partial_
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NoReturn
+from typing import TYPE_CHECKING, Any
 
 from soter import __version__
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.program.build import Checked, check_file, system_of
+from soter.program.build import Checked, check_file, system_of, system_of_test
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from soter.explore.replay import Replayed
+    from soter.explore.results import ExploreReport, Looked, TestResult
+    from soter.explore.trace import Trace
     from soter.program.system import Module, System
     from soter.program.typed import Program as TypedProgram
     from soter.program.types import Value
     from soter.reach.advise import Advice
     from soter.reach.monitor import Judgement
+    from soter.reach.replay import Replay as CounterexampleRun
     from soter.reach.results import VerifyReport
     from soter.recheck.rechecker import Report as RecheckReport
+    from soter.report.sequence import SequenceView
     from soter.simulate.bindings import Bindings
     from soter.simulate.run import NativeProgram, Run
     from soter.targets.package import Package
@@ -36,9 +41,6 @@ if TYPE_CHECKING:
     Progress = Callable[[float], None]
 
 ENGINES = ("native", "interp")
-COMING = {
-    "explore": "systematic testing of every schedule: issue 4",
-}
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,62 @@ def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckRepo
         hint = "`soter verify --cert DIR` makes one"
         problem = Diagnostic("D009", f"this is no certificate: {error}", helps=(hint,))
         raise SoterError((problem,)) from None
+
+
+@dataclass(frozen=True, eq=False)
+class ReplayReport:
+    """What `soter.replay` found in a file.
+
+    `kind`: "trace" (of `soter test`, then `trace` has every step) or "counterexample" (of `soter
+    verify`, then `counterexample` is the run). `outcome`: one sentence.
+    """
+
+    path: str
+    kind: str
+    program: str
+    program_sha256: str
+    reproduced: bool
+    outcome: str
+    trace: Replayed | None = None
+    counterexample: CounterexampleRun | None = None
+
+    def view(self) -> SequenceView:
+        """The trace as the records that pages, logs and tables are made of.
+
+        `SoterError` U001 for a counterexample of `soter verify`: a proof has no schedule.
+        """
+        from soter.explore.to_report import view_of  # noqa: PLC0415 - see the docstring
+
+        if self.trace is None:
+            raise _mistake(
+                "U001",
+                f"`{self.path}` is a run that refutes a proof: it has no sequence of steps",
+                "`soter verify --report` shows it; traces of `soter test` have a sequence",
+            )
+        return view_of(self.trace, __version__, provenance={"trace": self.path})
+
+    def write_html(self, path: str | Path) -> Path:
+        """Write the sequence page of a trace; `SoterError` D006, U001."""
+        return _write_sequence(self.view(), Path(path), "html")
+
+    def write_mcap(self, path: str | Path) -> Path:
+        """Write the MCAP log of a trace; `SoterError` D006, D007, U001."""
+        return _write_sequence(self.view(), Path(path), "mcap")
+
+
+def replay(path: str | Path) -> ReplayReport:
+    """Run a trace of `soter test`, or a counterexample of `soter verify`, in the interpreter.
+
+    `SoterError` D010 where the file is neither, D011 where its program has changed, and whatever is
+    wrong with the program.
+    """
+    from soter.explore.trace import read_document, trace_of  # noqa: PLC0415 - see the docstring
+
+    file = Path(path)
+    document = read_document(file)
+    if document.get("kind") == "counterexample":
+        return _replay_counterexample(file, document)
+    return _replay_trace(trace_of(document, file), file)
 
 
 class Program:
@@ -532,9 +590,94 @@ class Program:
             _write_advice(found, Path(report))
         return tuple(found)
 
-    def explore(self, *_arguments: object, **_options: object) -> NoReturn:
-        """To come: systematic testing."""
-        raise to_come("explore")
+    def explore(
+        self,
+        test: str | None = None,
+        *,
+        strategy: str = "bfs",
+        storage: str = "exact",
+        reduction: str = "all",
+        threads: int = 1,
+        memory: int | str = "2G",
+        max_states: int = 0,
+        runs: int = 10_000,
+        seed: int = 1,
+        skew: float | str | None = None,
+        horizon: float | str | None = None,
+        params: Mapping[str, object] | None = None,
+        output: str | Path | None = ".soter",
+        html: bool = False,
+        progress: Callable[[Looked], None] | None = None,
+        partial: bool = False,
+    ) -> ExploreReport:
+        """Explore every execution of every test, or of one (docs/testing.md).
+
+        `strategy`: bfs, dfs, deepening, random, pct or coverage; `storage`: exact or fingerprint;
+        `reduction`: none, sleep, ample or all. `memory`: bytes, or a text such as `"512M"`.
+        `max_states`: 0 for no bound of its own; `runs` and `seed` are of the random strategies.
+        `skew` and `horizon`: seconds or text, in place of the test's own. A violation comes with
+        its least trace, which the reference interpreter has replayed; it is written to the folder
+        `output` (None: not at all), with `html` also as a page. `progress` is told how far the search
+        is. Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was covered.
+        """
+        from soter.explore.command import (  # noqa: PLC0415 - needs NumPy and a compiler
+            Told,
+            chosen,
+            explore_test,
+            replaced_in,
+            save,
+        )
+        from soter.explore.results import ExploreReport  # noqa: PLC0415 - the same
+        from soter.explore.settings import options_of  # noqa: PLC0415 - the same
+
+        program = self._require_sound()
+        options = options_of(
+            strategy, storage, reduction, threads, memory, max_states, runs, seed
+        )
+        tests = chosen(self._checked.tests, self.path, test)
+        systems = self._tests([t.name for t in tests], params, skew, horizon)
+        told = _params_as_json(program, self._values(params))
+        results = []
+        for symbol, system in zip(tests, systems, strict=True):
+            result = explore_test(
+                system, options, Told(self.path, told, replaced_in(symbol)), progress
+            )
+            results.append(result)
+            if output is not None and save(result, Path(output)) is not None and html:
+                _write_page(result)
+            if result.interrupted:
+                break
+        report = ExploreReport(self.path, program.sha256, tuple(results))
+        if report.interrupted and not partial:
+            raise KeyboardInterrupt
+        return report
+
+    def _tests(
+        self,
+        names: Sequence[str],
+        params: Mapping[str, object] | None,
+        skew: float | str | None,
+        horizon: float | str | None,
+    ) -> list[System]:
+        """The flattened systems of tests, complete; every diagnostic of all of them at once."""
+        from soter.explore.command import with_times  # noqa: PLC0415 - see the docstring
+
+        values, found = self._values(params), Diagnostics()
+        skew_ns, horizon_ns = _time_ns("skew", skew), _time_ns("horizon", horizon)
+        systems = []
+        for name in names:
+            try:
+                system = system_of_test(self._checked, name, values)
+            except SoterError as error:
+                for d in error.diagnostics:
+                    found.add(d)
+            else:
+                systems.append(with_times(system, skew_ns, horizon_ns))
+        if found.has_errors:
+            raise SoterError(found.items)
+        for system in systems:
+            _complete(system)
+        return systems
 
     # ------------------------------------------------------------ shared
 
@@ -573,11 +716,7 @@ class Program:
     ) -> tuple[System, list[str]]:
         """A flat system whose modules all have `ttf` and `safer`, and a note on each computed."""
         system = self._system(name, params)
-        if all(m.symbol.ttf is not None for m in system.modules):
-            return system, []
-        from soter.reach.complete import complete  # noqa: PLC0415 - needs NumPy and a compiler
-
-        return system, complete(system, progress)
+        return system, _complete(system, progress)
 
     def _bindings(self, system: System) -> Bindings:
         from soter.simulate.bindings import bind  # noqa: PLC0415 - see the docstring
@@ -614,13 +753,6 @@ def format_text(name: str, text: str) -> str:
 # ---------------------------------------------------------------- helpers
 
 
-def to_come(what: str) -> SoterError:
-    """U006 for what the contract names and this version does not have."""
-    return _mistake(
-        "U006", f"`{what}` is not in soter {__version__}", f"to come: {COMING.get(what, 'later')}"
-    )
-
-
 def _mistake(code: str, message: str, help_: str) -> SoterError:
     return SoterError((Diagnostic(code, message, helps=(help_,)),))
 
@@ -636,6 +768,131 @@ def _write_advice(found: Sequence[Advice], path: Path) -> None:
         write_document("soter advise", advice_main([a.page() for a in found]), path)
     except (OSError, ReportError) as error:
         raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
+
+
+def _complete(system: System, progress: Progress | None = None) -> list[str]:
+    """Compute `ttf` and `safer` for modules that have neither; a note on each."""
+    if all(m.symbol.ttf is not None for m in system.modules):
+        return []
+    from soter.reach.complete import complete  # noqa: PLC0415 - needs NumPy and a compiler
+
+    return complete(system, progress)
+
+
+# ---------------------------------------------------------------- traces
+
+
+def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
+    from soter.explore import trace as traces  # noqa: PLC0415 - see the docstring
+    from soter.explore.command import changed_program, with_times  # noqa: PLC0415 - the same
+    from soter.explore.replay import replay as run  # noqa: PLC0415 - the same
+
+    path = traces.program_path(trace)
+    checked = check_file(path)
+    if not checked.ok or checked.program is None:
+        raise SoterError(checked.diagnostics.items)
+    if checked.program.sha256 != trace.sha256:
+        raise changed_program(trace, path)
+    if trace.test not in checked.tests:
+        raise traces.no_trace(file, "its program has no such test")
+    params = _params_from_json(checked.program, trace.params, file)
+    system = system_of_test(checked, trace.test, params)
+    system = with_times(system, trace.skew_ns, trace.horizon_ns)
+    _complete(system)
+    found = run(trace, system)
+    return ReplayReport(
+        str(file), "trace", path, trace.sha256, found.reproduced, found.outcome, trace=found
+    )
+
+
+def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayReport:
+    from soter.explore.trace import no_trace  # noqa: PLC0415 - see the docstring
+    from soter.reach.runs import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
+
+    program, sha256 = str(document.get("program", "")), str(document.get("program_sha256", ""))
+    try:
+        run = replay_file(file)
+    except AnotherVersionError as error:
+        hint = "verify again: `soter verify`"
+        raise SoterError((Diagnostic("D011", str(error), helps=(hint,)),)) from error
+    except ValueError as error:
+        raise no_trace(file, str(error)) from error
+    outcome = "the run does not show what the file says"
+    if run is not None:
+        outcome = f"{document.get('module')}: {document.get('shows')} at {run.time_ns / 1e9:.9g} s"
+    return ReplayReport(
+        str(file), "counterexample", program, sha256, run is not None, outcome, counterexample=run
+    )
+
+
+def _params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[str, object]:
+    """Parameters for a trace: durations in ns."""
+    from soter.program.values import to_json  # noqa: PLC0415 - see the docstring
+
+    return {n: to_json(program.params[n].type, v) for n, v in values.items()}
+
+
+def _params_from_json(
+    program: TypedProgram, given: Mapping[str, object], file: Path
+) -> dict[str, Value]:
+    """The parameters of a trace; `SoterError` D010."""
+    from soter.explore.trace import no_trace  # noqa: PLC0415 - see the docstring
+    from soter.program.values import ValueShapeError, from_json  # noqa: PLC0415 - the same
+
+    found: dict[str, Value] = {}
+    for name, value in given.items():
+        if name not in program.params:
+            raise no_trace(file, f"its program has no parameter `{name}`")
+        try:
+            found[name] = from_json(program.params[name].type, value, name)
+        except ValueShapeError as error:
+            raise no_trace(file, f"a parameter: {error}") from error
+    return found
+
+
+def _write_page(result: TestResult) -> Path:
+    """The sequence page of a violated test, beside its trace."""
+    from soter.explore.to_report import view_of  # noqa: PLC0415 - see the docstring
+
+    assert result.replayed is not None
+    assert result.trace is not None
+    provenance = {"trace": str(result.trace)}
+    view = view_of(result.replayed, __version__, result.assumptions, provenance)
+    path = result.trace.with_name(result.trace.name.removesuffix(".trace.json") + ".html")
+    result.page = _write_sequence(view, path, "html")
+    return result.page
+
+
+def _write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
+    """`SoterError` D006 where it cannot be written, D007 where a package is missing."""
+    from soter.report.errors import LogError, LogUnavailableError, ReportError  # noqa: PLC0415 - as above
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if kind == "html":
+            from soter.report.sequence_page import write_page  # noqa: PLC0415 - only then
+
+            return write_page(view, path)
+        from soter.report.sequence_log import write_log  # noqa: PLC0415 - an extra
+
+        return write_log(view, path)
+    except LogUnavailableError as error:
+        raise SoterError((Diagnostic("D007", str(error)),)) from error
+    except (OSError, ReportError, LogError) as error:
+        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
+
+
+def _time_ns(what: str, given: float | str | None) -> int | None:
+    """A length of time from outside in ns; `SoterError` U001."""
+    if given is None:
+        return None
+    from soter.simulate.settings import WrongTextError, duration_ns  # noqa: PLC0415 - as above
+
+    try:
+        return duration_ns(given)
+    except WrongTextError as error:
+        message = f"`{what}` cannot be `{str(given)[:40]}`: {error}"
+        raise SoterError((Diagnostic("U001", message),)) from error
 
 
 def _require_engine(engine: str) -> None:

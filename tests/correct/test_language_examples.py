@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from soter.program.build import check_file, system_of
+from soter.program.build import check_file, system_of, system_of_test
 from soter.simulate.run import NativeProgram, run_interpreted
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,6 +41,8 @@ def test_an_example_checks_clean_and_runs_alike_on_both_engines(
         interpreted = run_interpreted(system, DURATION_NS, 3)
         assert native.instants > 0
         assert native.trace_sha256 == interpreted.trace_sha256
+    for name in checked.tests:
+        assert system_of_test(checked, name).test is not None
 
 
 def test_the_page_has_examples() -> None:

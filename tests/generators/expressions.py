@@ -92,6 +92,8 @@ class ExpressionMaker:
         choose = self.choose
         if choose.chance(9):
             return self._conditional(t, at, depth, flows=flows)
+        if at.has_choice and choose.chance(7):
+            return self.chosen(t, at, depth, flows=flows)
         if choose.chance(14):
             called = self._call(t, at, depth)
             if called is not None:
@@ -220,6 +222,22 @@ class ExpressionMaker:
         condition = self.make(BOOL, at, depth - 1)
         one, other = (self.make(t, at, depth - 1, flows=flows) for _ in range(2))
         return f"({condition} ? {one} : {other})"
+
+    def chosen(self, t: Type, at: Sight, depth: int, *, flows: bool = True) -> str:
+        """`choose`: one of a few values, a whole type, or an interval."""
+        choose = self.choose
+        word = "fair choose" if choose.chance(40) else "choose"
+        if choose.chance(35):
+            if isinstance(t, BoolType):
+                return f"({word} bool)"
+            if isinstance(t, EnumType) and t.name != MODE.name:
+                return f"({word} {t.name})"
+            if isinstance(t, IntType) and flows:
+                low = choose.below(20) if t.is_full else t.low
+                high = min(low + choose.below(6), t.high)
+                return f"({word} [{low}, {high}])"
+        options = [self.make(t, at, depth - 1, flows=flows) for _ in range(choose.count(1, 4))]
+        return f"({word} {{ {', '.join(options)} }})"
 
     def _call(self, t: Type, at: Sight, depth: int) -> str | None:
         fitting = [

@@ -10,6 +10,7 @@ nodes, and one system; in every third program that system has two instances of a
 
 from __future__ import annotations
 
+import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
@@ -43,6 +44,7 @@ from soter.program.types import (
     ArrayType,
     FloatType,
     IntType,
+    ListType,
     RecordType,
     is_vector,
 )
@@ -243,14 +245,21 @@ class ProgramMaker:
         topics = self._subscribed(outputs)
         modules = self._modes()
         risk = choose.pick((0, 0, 4, 15) if role == "ac" else (0, 0, 0, 0, 0, 2))
+        queues = {t.name: self._queue(role) for t in topics if not has_list(t.type)}
+        queues = {name: queue for name, queue in queues.items() if queue}
+        seen = [
+            Seen(t.name, ListType(t.type, queues[t.name][0])) if t.name in queues else t.seen
+            for t in topics
+        ]
         sight = self._sight(
-            topics=[t.seen for t in topics], modules=modules, has_time=True, has_period=True,
+            topics=seen, modules=modules, has_time=True, has_period=True,
             has_control=True, risk=risk, fuel=70, frames=[{}],
         )  # fmt: skip
         phase = f" phase {choose.below(period_us)}us" if choose.chance(20) else ""
         lines = [f"node {name} period {period_us}us{phase} {{"]
         if topics:
-            lines.append(f"  subscribes {', '.join([t.name for t in topics])};")
+            reads = [t.name + queues.get(t.name, (0, ""))[1] for t in topics]
+            lines.append(f"  subscribes {', '.join(reads)};")
         if outputs:
             lines.append(f"  publishes {', '.join([t.name for t in choose.shuffled(outputs)])};")
         lines += [
@@ -259,11 +268,14 @@ class ProgramMaker:
             if role != "ac" and choose.chance(50)
         ]
         counter = self._locals(lines, sight)
+        own = {f.name for f in sight.locals()}
+        lines += self._contracts(seen, [t.seen for t in outputs], modules, own)
         published = [Output(t.name, t.type, t.values) for t in outputs]
         if role in {"ac", "sc"} and choose.chance(35):
             sight.has_control, sight.modules = False, []
             lines += ["  on takeover {", *self.statements.takeover(sight), "  }"]
             sight.has_control, sight.modules, sight.spent = True, modules, 0
+        sight.has_choice = choose.chance(50)
         lines += ["  step {"]
         if counter:
             lines += [f"    {counter} = {counter} + 1;"]
@@ -273,6 +285,37 @@ class ProgramMaker:
 
         lines += [*self.statements.step(sight, published, conditions), "  }", "}"]
         self.text.append(lines)
+
+    def _queue(self, role: str) -> tuple[int, str] | None:
+        """Whether a topic is read as a queue: how many values it holds, and how it is written."""
+        choose = self.choose
+        if not choose.chance(15):
+            return None
+        size = choose.pick((1, 2, 3, 8))
+        hard = choose.chance(40 if role == "ac" else 12)
+        policy = "fault" if hard else choose.pick(("", "drop_oldest", "drop_newest"))
+        return size, f" queue {size} {policy}".rstrip()
+
+    def _contracts(
+        self, reads: list[Seen], writes: list[Seen], modules: list[str], hidden: set[str]
+    ) -> list[str]:
+        """`assumes` and `guarantees` over what the node reads and publishes.
+
+        A local of the node hides what has its name, and may not be read.
+        """
+        choose = self.choose
+        found = []
+        for word, topics in (("assumes", reads), ("guarantees", [*reads, *writes])):
+            if not choose.chance(15):
+                continue
+            risk = choose.pick((0, 0, 10))
+            sight = self._sight(
+                topics=topics, modules=modules, has_time=True, risk=risk, fuel=30, frames=[{}]
+            )
+            condition = self.expressions.make(BOOL, sight, 2)
+            if not hidden & set(re.findall(r"\w+", condition)):
+                found.append(f"  {word} {condition};")
+        return found
 
     def _locals(self, lines: list[str], sight: Sight) -> str:
         """Locals with their first values; gives the name of a step counter, if there is one."""
@@ -598,7 +641,8 @@ class ProgramMaker:
         lines = self._forces(modules)
         for name in inputs:
             if choose.chance(90):
-                lines.append(f"  input {name} every {choose.pick((20, 50, 130, 7, 300))}ms;")
+                every = choose.pick((20, 50, 130, 7, 300))
+                lines.append(f"  input {name}{self._values(name)} every {every}ms;")
         lines += [
             f"  set {p.name} = {self._setting(p)};"
             for p in self.world.parameters
@@ -614,6 +658,15 @@ class ProgramMaker:
                 condition = f"{condition} && !{self._faulty(sight)}"
             lines.append(f"  {choose.pick(('always', 'never'))} {condition};")
         return [*lines, "  until 10s;"]
+
+    def _values(self, name: str) -> str:
+        """The values that an input is drawn from, where not all of its set."""
+        choose = self.choose
+        topic = next((t for t in self.topics if t.name == name.rpartition(".")[2]), None)
+        if topic is None or not choose.chance(25):
+            return ""
+        values = [self.expressions.fixed(topic.type, topic.values) for _ in range(choose.count(1, 4))]
+        return f" in {{ {', '.join(values)} }}"
 
     def _setting(self, parameter: Seen) -> str:
         if parameter.type == FLOAT:

@@ -60,6 +60,7 @@ class Sight:
     has_time: bool = False
     has_period: bool = False
     has_control: bool = False
+    has_choice: bool = False
     constant: bool = False
     """Only constants can be seen, and nothing may fault."""
     risk: int = 0

@@ -26,6 +26,8 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
     roles = [x.role for x in s.system.components]
     latched = {role for role, x in zip(roles, last["components"], strict=True) if x["latched"]}
     found |= {f"latched {role}" for role in latched}
+    queues = [t.index for t in s.system.topics if t.queue_of is not None]
+    contracts = [p.index for p in s.system.properties if p.component is not None]
     facts = {
         "any fault": bool(kinds),
         "any latched": bool(latched),
@@ -41,6 +43,12 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "sometimes stale": bool((modules["stale"] > 0).any() and (modules["stale"] == 0).any()),
         "property violated": bool((last["properties"]["count"] > 0).any()),
         "plant": "plant" in roles,
+        "queue": bool(queues),
+        "queue overflow": bool((states["stamps"][:, queues] == 0).any()) if queues else False,
+        "contract": bool(contracts),
+        "contract violated": bool((last["properties"]["count"][contracts] > 0).any()),
+        "choice": "choose " in s.text,
+        "fair choice": "fair choose " in s.text,
         "input driven": bool(s.system.inputs),
         "sub-systems": any("." in m.name for m in s.system.modules)
         or any("." in x.name for x in s.system.components if x.module is None),

@@ -11,16 +11,11 @@ from soter.cli.outcome import USAGE, Outcome
 from soter.cli.parser import HelpWantedError
 from soter.diagnostics.diagnostic import Diagnostic
 
-ISSUES = {"test": 4, "replay": 4}
-"""The issue that brings a command, where it is decided."""
-
 
 def run(name: str, about: str, rest: list[str]) -> Outcome:
     """Say that it is to come, and with what."""
-    when = f"it comes with issue {ISSUES[name]}" if name in ISSUES else "it comes later"
     if {"-h", "--help"} & set(rest):
-        raise HelpWantedError(f"soter {name}: {about}\n\nNot in soter {__version__}: {when}.")
-    problem = Diagnostic(
-        "U006", f"`soter {name}` is not in soter {__version__}", notes=(f"{about}: {when}",)
-    )
+        raise HelpWantedError(f"soter {name}: {about}\n\nNot in soter {__version__}: it is to come.")
+    note = f"{about}: it is to come"
+    problem = Diagnostic("U006", f"`soter {name}` is not in soter {__version__}", notes=(note,))
     return Outcome(USAGE, (problem,))

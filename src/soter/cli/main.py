@@ -40,14 +40,14 @@ COMMANDS = {
     "recheck": "check certificates independently",
     "monitor": "does the verified model explain a recorded run",
     "advise": "what the decision period and the levels cost",
+    "test": "explore every schedule, find the shortest counterexample",
+    "replay": "run a trace again, step by step",
     "build": "write C99, or a package for a target",
     "explain": "what a diagnostic code means, and what to do",
     "fmt": "lay out source files",
     "new": "make a small robot that runs",
 }
 COMING = {
-    "test": "enumerate every schedule",
-    "replay": "replay a counterexample",
     "campaign": "many seeded runs with faults, statistics",
     "measure": "execution times of steps",
 }

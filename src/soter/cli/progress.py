@@ -24,8 +24,8 @@ WIDTH = 30
 CLEAR = "\r\x1b[K"
 
 
-class Progress:
-    """Called with the share that is done; a context, which clears the line when left."""
+class LineOfProgress:
+    """Called with a text that says how far it is; a context, which clears the line when left."""
 
     def __init__(self, console: Console) -> None:
         self._console = console
@@ -33,21 +33,43 @@ class Progress:
         self._next += PATIENCE_S
         self._shown = False
 
-    def __enter__(self) -> Callable[[float], None] | None:
+    def __enter__(self) -> Callable[[str], None] | None:
         return self._show if is_terminal(self._console.err) else None
 
     def __exit__(self, *_: object) -> None:
         if self._shown:
             self._write(CLEAR)
 
-    def _show(self, share: float) -> None:
+    def _show(self, text: str) -> None:
+        if self._is_time():
+            self._write(CLEAR + text)
+
+    def _is_time(self) -> bool:
+        """Whether to write now."""
         now = time.perf_counter()
         if now < self._next:
-            return
+            return False
         self._next = now + EVERY_S
         self._shown = True
-        share = min(max(share, 0.0), 1.0)
-        self._write(CLEAR + self._line(share, now - self._began))
+        return True
+
+    def _write(self, text: str) -> None:
+        assert self._console.err is not None
+        with suppress(OSError, ValueError):
+            self._console.err.write(text)
+            self._console.err.flush()
+
+
+class Progress(LineOfProgress):
+    """Called with the share that is done: a bar, and how long it may still take."""
+
+    def __enter__(self) -> Callable[[float], None] | None:  # type: ignore[override]
+        return self._show_share if is_terminal(self._console.err) else None
+
+    def _show_share(self, share: float) -> None:
+        if self._is_time():
+            spent_s = time.perf_counter() - self._began
+            self._write(CLEAR + self._line(min(max(share, 0.0), 1.0), spent_s))
 
     def _line(self, share: float, spent_s: float) -> str:
         full = int(share * WIDTH)
@@ -55,9 +77,3 @@ class Progress:
         left = f"{spent_s / share - spent_s:.0f} s left" if share > 0.001 else ""
         parts = [f"{fill * full}{rest * (WIDTH - full)}", f"{share:4.0%}", left]
         return "  ".join(p for p in parts if p)
-
-    def _write(self, text: str) -> None:
-        assert self._console.err is not None
-        with suppress(OSError, ValueError):
-            self._console.err.write(text)
-            self._console.err.flush()

@@ -11,9 +11,10 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.codegen import c_tree as c
-from soter.codegen.packing import Packing, hulls, unsigned, word
+from soter.codegen.packing import word
 from soter.codegen.types import float_number, int_number
 from soter.codegen.unit import Unit, UnitBuilder
+from soter.codegen.worlds import WorldEmitter, within
 from soter.lower.layout import scalar, size_of, struct_of
 from soter.program.types import (
     ArrayType,
@@ -29,12 +30,12 @@ from soter.program.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.codegen.packing import Label
+    from soter.codegen.packing import Packing
     from soter.lower.core import CoreSystem
-    from soter.program.system import Component, Module, System, Topic
+    from soter.lower.plan import Label, Plan
+    from soter.program.system import Bound, System, Topic
     from soter.program.types import Type
 
-X, S, NOW, SINCE_START = c.Name("x"), c.Name("s"), c.Name("now"), c.Name("from")
 LEAVES_MAX = 4096
 """Leaves of topics that are told apart for coverage, at most."""
 KINDS = {
@@ -95,39 +96,32 @@ class _ModelBuilder(UnitBuilder):
         self.world_size = 0
         self.bits = 0
         self.leaves: list[_Leaf] = []
-        self.world = ""
-        self.symbol = ""
-        self.overrunning = [i for i, a in enumerate(plan.actors) if a.overrun_ns]
         self.held_at: dict[int, int] = {}
-        invariants = [t for t in self.test.timed if t.module is not None]
-        self.judged = {t.module: t.within_ns for t in invariants}
-        self.last_now = self._ticks(
-            plan.horizon_ns + max((a.window_ns + a.overrun_ns for a in plan.actors), default=0)
-        )
-
-    def _ticks(self, ns: int) -> int:
-        return ns // self.plan.tick_ns
+        self.symbol = ""
+        self.world = ""
 
     # ------------------------------------------------------------ everything
 
     def more(self) -> list[c.CTop]:
         """The model, after the tables."""
         unique = self.types.unique
-        self.world = unique("world")
-        world = self._world()
+        worlds = WorldEmitter(
+            self.system, self.plan, self.types, self.steps, self.layout, self.prefix
+        )
+        struct, packing = worlds.struct(), worlds.packing
+        self.world = worlds.name
+        self.world_size, self.bits, self.held_at = worlds.size, packing.bits, worlds.held_at
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
-        packing = self._packing()
-        self.bits = packing.bits
         predicates, timed = self._timed()
         leaf = self._leaves()
         parts = [self._actors(packing), timed, leaf, *self._masks(packing)]
         return [
             c.Section("model of the explorer"),
             c.Include("soter_explore_pack.h"),
-            world,
+            struct,
             *predicates,
-            self._pack(packing, pack_name),
-            self._unpack(packing, unpack_name),
+            worlds.pack(pack_name),
+            worlds.unpack(unpack_name),
             *(x for tables, _ in parts for x in tables),
             self._model([value for _, value in parts], packing, pack_name, unpack_name),
         ]
@@ -223,11 +217,11 @@ class _ModelBuilder(UnitBuilder):
             rows.append(
                 c.Initializer(
                     (
-                        ("text", c.String(f"{t.kind} {t.text}")),
+                        ("text", c.String(t.text)),
                         ("kind", c.Name(KINDS[t.kind])),
                         ("premise", found[0]),
                         ("condition", found[1]),
-                        ("within_ns", int_number(t.within_ns)),
+                        ("within_ns", int_number(within(self.system, t))),
                         ("module", c.Number(f"{t.module or 0}U")),
                     )
                 )
@@ -307,11 +301,6 @@ def _truth(value: bool) -> c.CExpr:
     return c.Name("true" if value else "false")
 
 
-def _padding(size: int, number: int) -> list[c.StructMember]:
-    """Bytes up to a multiple of 8."""
-    return [c.StructMember("uint8_t", f"pad_{number}", -size % 8)] if size % 8 else []
-
-
 def _range(t: Type) -> tuple[float, float]:
     """All values of a leaf's type."""
     if isinstance(t, IntType):
@@ -338,5 +327,6 @@ def _placed(t: Type, offset: int) -> Iterator[tuple[tuple[str, ...], Type, int]]
         assert isinstance(t, ListType)
 
 
-def _flat_bounds(t: Topic) -> list[object]:
+def _flat_bounds(t: Topic) -> list[Bound | None]:
+    """The bounds of those leaves."""
     return [b for (path, _), b in zip(leaves(t.type), t.bounds, strict=True) if "[]" not in path]

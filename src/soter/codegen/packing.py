@@ -32,11 +32,10 @@ from soter.program.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
+    from soter.lower.plan import Label
     from soter.program.system import Bound
     from soter.program.types import Type, Value
 
-    Label = tuple[str, int] | tuple[str, int, str]
-    """What a field is a part of: kind, index, name."""
     Hull = tuple[int, int] | None
     """Smallest and largest value of an int leaf; None for other leaves."""
 
@@ -49,7 +48,12 @@ ALL = 2**64 - 1
 
 def word(value: int) -> c.CExpr:
     """A constant of 64 bits."""
-    return c.Number(f"{value}U" if value < 2**31 else f"UINT64_C(0x{value:x})")
+    return c.Number(f"UINT64_C({value})" if value < 2**31 else f"UINT64_C(0x{value:x})")
+
+
+def short(value: int) -> c.CExpr:
+    """A constant beside which there are 64 bits already: a mask, an index, a shift."""
+    return c.Number(f"{value}U") if value < 2**31 else word(value)
 
 
 def unsigned(e: c.CExpr) -> c.CExpr:
@@ -149,25 +153,25 @@ class Packing:
     def _write(self, value: c.CExpr, width: int) -> None:
         offset = self.bits % WORD
         w = c.Name("w")
-        shifted = c.Binary("<<", value, word(offset)) if offset else value
+        shifted = c.Binary("<<", value, short(offset)) if offset else value
         self.pack.append(c.Assign(w, c.Binary("|", w, shifted) if offset else shifted))
         index = self.bits // WORD
         self.bits += width
         if offset + width >= WORD:
-            self.pack.append(c.Assign(c.IndexExpr(WORDS, word(index)), w))
+            self.pack.append(c.Assign(c.IndexExpr(WORDS, short(index)), w))
         if offset + width > WORD:
-            self.pack.append(c.Assign(w, c.Binary(">>", value, word(WORD - offset))))
+            self.pack.append(c.Assign(w, c.Binary(">>", value, short(WORD - offset))))
 
     def _read(self, at: int, width: int) -> c.CExpr:
         index, offset = divmod(at, WORD)
-        e: c.CExpr = c.IndexExpr(WORDS, word(index))
+        e: c.CExpr = c.IndexExpr(WORDS, short(index))
         if offset:
-            e = c.Binary(">>", e, word(offset))
+            e = c.Binary(">>", e, short(offset))
         if offset + width > WORD:
-            rest = c.IndexExpr(WORDS, word(index + 1))
-            e = c.Binary("|", e, c.Binary("<<", rest, word(WORD - offset)))
+            rest = c.IndexExpr(WORDS, short(index + 1))
+            e = c.Binary("|", e, c.Binary("<<", rest, short(WORD - offset)))
         masked = width < WORD and offset + width != WORD
-        return c.Binary("&", e, word((1 << width) - 1)) if masked else e
+        return c.Binary("&", e, short((1 << width) - 1)) if masked else e
 
     def align(self) -> None:
         """Begin a new word."""
@@ -213,9 +217,9 @@ class Packing:
         items = c.Member(place, "items" if listed else "at")
         count = sum(1 for _ in leaves(t.element))
         if leaf_count(t) <= UNROLLED:
-            for k in range(_size(t)):
-                own = hulls_ if listed else hulls_[k * count : (k + 1) * count]
-                self.value(c.IndexExpr(items, c.Number(str(k))), t.element, own, present)
+            for i in range(_size(t)):
+                own = hulls_ if listed else hulls_[i * count : (i + 1) * count]
+                self.value(c.IndexExpr(items, c.Number(str(i))), t.element, own, present)
             return
         own = hulls_ if listed else _common(hulls_, count)
         self.align()
@@ -282,8 +286,8 @@ class Packing:
             return at
         where = c.Binary("+", base, word(at)) if at else base
         shown = _shown(place, t, hulls_[0], present)
-        writes.append(c.Do(c.CallExpr("soter_put", (WORDS, where, word(width), shown))))
-        got = c.CallExpr("soter_get", (WORDS, where, word(width)))
+        writes.append(c.Do(c.CallExpr("soter_put", (WORDS, where, short(width), shown))))
+        got = c.CallExpr("soter_get", (WORDS, where, short(width)))
         reads.append(c.Assign(place, _stored(got, t, hulls_[0])))
         return at + width
 
@@ -295,7 +299,7 @@ class Packing:
 
     def _store_last(self) -> None:
         if self.bits % WORD:
-            index = c.IndexExpr(WORDS, word(self.bits // WORD))
+            index = c.IndexExpr(WORDS, short(self.bits // WORD))
             self.pack.append(c.Assign(index, c.Name("w")))
 
 

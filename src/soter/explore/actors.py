@@ -20,15 +20,15 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.codegen.exploring import Actor, Plan
 from soter.lower import core
 from soter.lower.footprint import walk
+from soter.lower.plan import Actor, Plan
 from soter.program.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.codegen.packing import Label
+    from soter.lower.plan import Label
     from soter.program.system import Component, InputDrive, Property, System, TestPlan
 
 
@@ -283,8 +283,8 @@ class Footprints:
 
 def _texts(lowered: core.CoreSystem) -> Iterator[object]:
     """All Core that runs, functions aside, which are pure."""
-    for step in (*lowered.nodes.values(), *lowered.plants.values()):
-        yield _body(step)
+    yield from (_body(step) for step in lowered.nodes.values())
+    yield from (_body(step) for step in lowered.plants.values())
     predicates = list(lowered.properties)
     for d in lowered.decisions:
         predicates += [d.ttf, d.safer]

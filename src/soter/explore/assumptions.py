@@ -42,7 +42,7 @@ def _all(
             what = "is late" if f.kind == "late" else "overruns"
             yield f"{name} {what} by at most {show_ns(f.by_ns)}"
     for name, by in replaced:
-        yield f"{name} is replaced by {by}, and may do nothing that {by} may not"
+        yield f"{name} is replaced by {by}: said of whatever does only what {by} may do"
     yield "steps are atomic: a step reads, computes and publishes at one time, unless it overruns"
     yield "the compiled steps are those that `soter build` deploys: the same C, the same arithmetic"
     if any(p.kind in ("eventually", "leadsto") for p in plan.timed):

@@ -102,6 +102,7 @@ class TestResult:
     minimal: bool = False
     least_bound: str | None = None
     trace: Path | None = None
+    page: Path | None = None
 
     @property
     def states_per_s(self) -> float:

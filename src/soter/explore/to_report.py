@@ -82,7 +82,7 @@ def _sentence(found: Replayed) -> str:
 
 def _start(found: Replayed) -> SequenceStep:
     published = tuple([Published(n, shown(v)) for n, v in found.start.items()])
-    return SequenceStep(number=0, time_ns=-1, kind="start", published=published)
+    return SequenceStep(number=0, time_ns=0, kind="start", published=published)
 
 
 def _step(s: Stepped, found: Replayed, words: ChoiceWords) -> SequenceStep:
@@ -93,7 +93,7 @@ def _step(s: Stepped, found: Replayed, words: ChoiceWords) -> SequenceStep:
     published = found.start if s.kind == START else s.published
     return SequenceStep(
         number=s.number,
-        time_ns=s.time_ns,
+        time_ns=max(s.time_ns, 0),
         lane=s.actor,
         kind=cast("Kind", KINDS.get(s.kind, s.kind)),
         release_ns=None if s.kind in (START, EFFECT) else s.release_ns,

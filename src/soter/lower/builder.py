@@ -208,7 +208,9 @@ class Builder:
         return core.Const(e.type, float(self.period_ns) / 1e9, "dt")
 
     def _ageread(self, e: typed.AgeRead) -> core.Expr:
-        return core.Fact(e.type, "age", self.topic_cell(e.topic).owner)
+        index = self.topic_cell(e.topic).owner
+        source = self.system.topics[index].queue_of  # a queue is as old as its topic
+        return core.Fact(e.type, "age", index if source is None else source)
 
     def _unary(self, e: typed.Unary) -> core.Expr:
         operand = self.expr(e.operand)

@@ -114,9 +114,9 @@ def lower_timed(functions: FunctionTable, system: System, timed: TimedProperty) 
         module = system.modules[timed.module]
         scope, condition = module.scope, module.symbol.safe
     assert condition is not None
-    premise = timed.premise and lower_predicate(
-        functions, system, scope, timed.premise, timed.premise.span
-    )
+    premise = None
+    if timed.premise is not None:
+        premise = lower_predicate(functions, system, scope, timed.premise, timed.premise.span)
     return core.Timed(premise, lower_predicate(functions, system, scope, condition, condition.span))
 
 

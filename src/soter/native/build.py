@@ -17,9 +17,13 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.compiler import STRICT, find
 from soter.native.includes import included
+from soter.native.objects import kept_objects
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.codegen.unit import Unit
+    from soter.native.compiler import Compiler
 
 RUNTIME = Path(__file__).resolve().parent.parent / "runtime"
 KERNEL = ("soter_kernel.c", "soter_virtual.c")
@@ -43,12 +47,20 @@ def cache_dir() -> Path:
 def _content(
     unit: Unit, flags: tuple[str, ...], identity: str, runtime: tuple[str, ...] = ()
 ) -> str:
-    digest = hashlib.sha256()
     parts = [unit.header, unit.source, identity, *flags, "externs are checked by the header"]
-    names = (*KERNEL, *HEADERS, *runtime)
-    parts += [(RUNTIME / name).read_text(encoding="utf-8") for name in names]
+    parts += _texts(runtime)
     for source in unit.c_sources:
         parts += [x for path, text in included(source).items() for x in (str(path), text)]
+    return _digest(parts)
+
+
+def _texts(runtime: tuple[str, ...]) -> list[str]:
+    names = (*KERNEL, *HEADERS, *runtime)
+    return [(RUNTIME / name).read_text(encoding="utf-8") for name in names]
+
+
+def _digest(parts: Sequence[str]) -> str:
+    digest = hashlib.sha256()
     for part in parts:
         data = part.encode("utf-8", "surrogatepass")
         digest.update(len(data).to_bytes(8, "little"))
@@ -93,7 +105,8 @@ def library(
         folder.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as name:
             work = Path(name)
-            built = compile_in(work, unit, flags, runtime)
+            objects = _runtime_objects(folder, flags, compiler, runtime)
+            built = compile_in(work, unit, flags, objects)
             seal = work / "seal"
             seal.write_text(_seal(built), encoding="utf-8")
             built.replace(target)
@@ -132,10 +145,23 @@ def _helps(unit: Unit) -> tuple[str, ...]:
     )
 
 
-def compile_in(
-    work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...] = ()
-) -> Path:
-    """Write the unit into `work` and compile it there; X004 with the compiler's words."""
+def _runtime_objects(
+    folder: Path, flags: tuple[str, ...], compiler: Compiler, runtime: tuple[str, ...]
+) -> tuple[str, ...]:
+    """The kernel alone as sources; with more of the run-time everything as objects, kept."""
+    if not runtime:
+        return tuple(str(RUNTIME / name) for name in KERNEL)
+    content = _digest((compiler.identity, *flags, *_texts(runtime)))
+    sources = tuple(RUNTIME / name for name in (*KERNEL, *runtime) if name.endswith(".c"))
+    wanted = tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
+    return kept_objects(sources, (*compiler.command, *wanted, f"-I{RUNTIME}"), folder, content)
+
+
+def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
+    """Write the unit into `work` and compile it there; X004 with the compiler's words.
+
+    `runtime`: sources or objects of the kernel and of what else is needed.
+    """
     (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
     source = work / f"{unit.prefix}.c"
     source.write_text(unit.source, encoding="utf-8")
@@ -150,7 +176,7 @@ def compile_in(
         str(built),
         str(source),
         *externs,
-        *(str(RUNTIME / k) for k in (*KERNEL, *runtime) if k.endswith(".c")),
+        *runtime,
         "-lm",
     ]
     done = subprocess.run(

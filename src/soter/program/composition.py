@@ -71,9 +71,9 @@ class Composition:
         for index, span in property_reads:
             self._driven(index, span, "a property", driven)
         self._disjoint_nodes()
-        for topic in self.system.topics:
-            if topic.queue_of is not None:
-                topic.driver = self.system.topics[topic.queue_of].driver
+        for queue in self.system.topics:
+            if queue.queue_of is not None:
+                queue.driver = self.system.topics[queue.queue_of].driver
 
     def _source(self, index: int) -> int:
         """The topic itself where `index` is a queue of it."""

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.program.arith import StepFault
 from soter.program.values import to_json
-from soter.reach.attacked import OWN, attacked, reads_time, truths_known_ns
+from soter.reach.attacked import DRAWN, OWN, attacked, reads_time, truths_known_ns
 from soter.semantics.adversary import ChoiceError, RecordedDraws
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
@@ -267,27 +267,61 @@ def write_counterexample(c: Counterexample, path: Path) -> Path:
     return path
 
 
+TIME_MAX = 10**15
+"""In ns, some eleven days: a counterexample that takes longer is damaged."""
+
+
 def read_counterexample(path: Path) -> Counterexample:
     """Read it; ValueError where the file is no counterexample of this schema."""
     d = json.loads(path.read_text(encoding="utf-8"))
     if not isinstance(d, dict) or d.get("kind") != "counterexample" or d.get("schema") != SCHEMA:
         raise ValueError(f"`{path}` is no counterexample of schema {SCHEMA}")
     own = {"schema", "kind", "module", "shows", "controller", "seed", "time_ns", "cycle_ns"}
+    facts = {k: v for k, v in d.items() if k not in own | {"choices", "steps"}}
     try:
-        choices = {
-            str(s): [(int(index), value) for index, value in chosen]
-            for s, chosen in d["choices"].items()
-        }
+        cycle = d["cycle_ns"]
         return Counterexample(
-            d["module"],
-            d["shows"],
-            d["controller"],
-            d["seed"],
-            d["time_ns"],
-            d["cycle_ns"],
-            choices,
-            tuple(d["steps"]),
-            {k: v for k, v in d.items() if k not in own | {"choices", "steps"}},
+            _checked(d["module"], str),
+            _one_of(d["shows"], (LEAVES, CYCLE)),
+            _one_of(d["controller"], (OWN, DRAWN)),
+            _checked(d["seed"], int),
+            _time(d["time_ns"]),
+            None if cycle is None else _time(cycle),
+            {str(s): _chosen_values(chosen) for s, chosen in _checked(d["choices"], dict).items()},
+            tuple(_checked(d["steps"], list)),
+            {**facts, "params": _checked(facts.get("params") or {}, dict)},
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"`{path}` is a damaged counterexample: {error}") from error
+
+
+def _checked(given: Any, wanted: type) -> Any:  # noqa: ANN401 - any JSON
+    if not isinstance(given, wanted) or isinstance(given, bool):
+        raise TypeError(f"{str(given)[:40]!r} is no {wanted.__name__}")
+    return given
+
+
+def _one_of(given: object, known: tuple[str, ...]) -> str:
+    if given not in known:
+        raise TypeError(f"{str(given)[:40]!r} is none of {', '.join(known)}")
+    return str(given)
+
+
+def _time(given: object) -> int:
+    time: int = _checked(given, int)
+    if not 0 <= time <= TIME_MAX:
+        raise TypeError("a time is out of range")
+    return time
+
+
+def _chosen_values(given: object) -> list[tuple[int, Any]]:
+    """Choices of one stream, by index; what they mean is checked where they are drawn."""
+    found = []
+    for entry in _checked(given, list):
+        index, value = _checked(entry, list)
+        if isinstance(value, (list, dict, str)) or value is None:
+            raise TypeError("a choice is no value")
+        found.append((_checked(index, int), value))
+    if not found:
+        raise TypeError("a stream without choices")
+    return found

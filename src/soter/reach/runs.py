@@ -2,7 +2,7 @@
 
 Purpose: `.soter/<program>-<module>.counterexample.json` for every refutation of a report
 (docs/json.md), and from such a file back to the verification system and the interpreter.
-Non-goals: what a counterexample is (`replay.py`); choices of order (`soter test`, to come).
+Non-goals: what a counterexample is (`replay.py`); choices of order (`explore/`).
 """
 
 from __future__ import annotations
@@ -27,6 +27,10 @@ if TYPE_CHECKING:
     from soter.reach.results import ModuleResult, VerifyReport
 
 FOLDER = Path(".soter")
+
+
+class AnotherVersionError(ValueError):
+    """A counterexample of a program that has changed since."""
 
 
 def save_runs(report: VerifyReport, folder: Path = FOLDER) -> dict[str, dict[str, Path]]:
@@ -76,7 +80,9 @@ def replay_file(path: Path) -> Replay | None:
     if not checked.ok or checked.program is None:
         raise SoterError(checked.diagnostics.items)
     if checked.program.sha256 != facts.get("program_sha256"):
-        raise ValueError(f"`{path}` belongs to another version of `{checked.program.path}`")
+        raise AnotherVersionError(
+            f"`{path}` belongs to another version of `{checked.program.path}`"
+        )
     for name in str(facts.get("system", "")).split(", "):
         flat = system_of(checked, name or None, facts.get("params") or {})
         for module in flat.modules:

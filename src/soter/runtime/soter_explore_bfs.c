@@ -12,6 +12,7 @@
 #include "soter_explore_in.h"
 
 #define THREADS 2U
+#define AHEAD 16U /* worlds that are looked for at once */
 
 /* Worlds to be expanded: packed, what sleeps in them, which moves (all, or those to be made again).
  */
@@ -93,10 +94,11 @@ static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
 }
 
 /* Takes a world in: new ones are judged and wait for the next layer. */
-static void take_in(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t from) {
+static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint64_t sleep,
+                    uint64_t from) {
   uint64_t again = 0U;
   const uint32_t words = w->all->words;
-  const int fresh = soter_store_put(&w->store, packed, &sleep, &again);
+  const int fresh = soter_store_put_key(&w->store, packed, key, &sleep, &again);
   if (fresh < 0) {
     w->full = true;
     return;
@@ -144,13 +146,23 @@ static void expand_one(worker* w, const uint64_t* item, uint64_t from) {
     break_off(w, &w->expander.broken, from);
   }
   const soter_heirs* const h = &w->expander.heirs;
-  for (uint32_t k = 0; k < h->count && !w->full; k++) {
-    const uint64_t* const packed = h->packed + (size_t)k * words;
-    const uint32_t owner = owner_of(all, packed);
-    if (owner == w->id) {
-      take_in(w, packed, h->sleep[k], from);
-    } else if (!queue_put(&w->out[owner], packed, words, h->sleep[k], 0U)) {
-      w->full = true;
+  for (uint32_t begin = 0; begin < h->count && !w->full; begin += AHEAD) {
+    uint64_t key[AHEAD * SOTER_WORDS];
+    const uint32_t end = h->count - begin < AHEAD ? h->count : begin + AHEAD;
+    for (uint32_t k = begin; k < end; k++) {
+      const uint64_t* const packed = h->packed + (size_t)k * words;
+      uint64_t* const mine = key + (size_t)(k - begin) * words;
+      soter_store_key(&w->store, packed, mine);
+      soter_store_hint(&w->store, packed, mine);
+    }
+    for (uint32_t k = begin; k < end && !w->full; k++) {
+      const uint64_t* const packed = h->packed + (size_t)k * words;
+      const uint32_t owner = owner_of(all, packed);
+      if (owner == w->id) {
+        take_in(w, packed, key + (size_t)(k - begin) * words, h->sleep[k], from);
+      } else if (!queue_put(&w->out[owner], packed, words, h->sleep[k], 0U)) {
+        w->full = true;
+      }
     }
   }
   w->full = w->full || w->expander.no_memory;
@@ -215,7 +227,9 @@ static void receive(worker* w) {
     queue* const q = &all->w[k].out[w->id];
     for (uint64_t i = 0; i < q->count && !w->full; i++) {
       const uint64_t* const item = q->item + i * q->width;
-      take_in(w, item, item[all->words], 0U);
+      uint64_t key[SOTER_WORDS];
+      soter_store_key(&w->store, item, key);
+      take_in(w, item, key, item[all->words], 0U);
     }
     q->count = 0U;
   }
@@ -303,12 +317,10 @@ static bool open_worker(layered* all, uint32_t id) {
          soter_store_open(&w->store, s->m, s->o->storage, sleep, s->o->memory / all->threads);
 }
 
-static void close_worker(worker* w, bool keep) {
+static void close_worker(worker* w) {
   coverage_close(&w->coverage);
   soter_expander_close(&w->expander);
-  if (!keep) {
-    soter_store_close(&w->store);
-  }
+  soter_store_close(&w->store);
   free(w->here.item);
   free(w->next.item);
   free(w->links.item);
@@ -330,9 +342,9 @@ static bool open_all(layered* all, soter_search* s, uint32_t threads, bool link)
   return fine;
 }
 
-static void close_all(layered* all, bool keep) {
+static void close_all(layered* all) {
   for (uint32_t k = 0; k < all->threads; k++) {
-    close_worker(&all->w[k], keep);
+    close_worker(&all->w[k]);
   }
 }
 
@@ -342,7 +354,10 @@ static void be_born(layered* all) {
   const soter_heirs* const h = &w->expander.heirs;
   for (uint32_t k = 0; k < h->count; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * all->words;
-    take_in(&all->w[owner_of(all, packed)], packed, 0U, SOTER_NO_DEADLINE);
+    uint64_t key[SOTER_WORDS];
+    worker* const owner = &all->w[owner_of(all, packed)];
+    soter_store_key(&owner->store, packed, key);
+    take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
   }
   for (uint32_t k = 0; k < all->threads; k++) {
     const queue swap = all->w[k].here;
@@ -442,7 +457,7 @@ static void trace_back(soter_search* s) {
       (void)write_links(all, &again, last, by_a_move ? &w->broken : NULL);
     }
   }
-  close_all(all, false);
+  close_all(all);
   free(all);
 }
 
@@ -454,7 +469,7 @@ void soter_search_bfs(soter_search* s) {
   }
   if (!open_all(all, s, s->o->threads, false)) {
     s->result->status = SOTER_NO_MEMORY;
-    close_all(all, false);
+    close_all(all);
     free(all);
     return;
   }
@@ -464,7 +479,7 @@ void soter_search_bfs(soter_search* s) {
   for (uint32_t k = 0; keep && k < all->threads; k++) {
     s->result->kept = soter_keep(s->result->kept, &all->w[k].store);
   }
-  close_all(all, keep);
+  close_all(all);
   free(all);
   if (s->result->status == SOTER_VIOLATED && s->trace != NULL) {
     trace_back(s);

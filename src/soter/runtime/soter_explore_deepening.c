@@ -17,7 +17,7 @@ void soter_search_deepening(soter_search* s) {
     } else {
       s->result->status = SOTER_NO_MEMORY;
     }
-    soter_stack_close(&t, false);
+    soter_stack_close(&t);
     if (!opened || !t.cut || s->result->status != SOTER_EXHAUSTED) {
       return;
     }

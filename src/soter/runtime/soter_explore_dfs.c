@@ -34,11 +34,9 @@ bool soter_stack_open(soter_stack* t, soter_search* s) {
          soter_store_open(&t->store, s->m, s->o->storage, sleep, s->o->memory);
 }
 
-void soter_stack_close(soter_stack* t, bool keep) {
+void soter_stack_close(soter_stack* t) {
   soter_expander_close(&t->expander);
-  if (!keep) {
-    soter_store_close(&t->store);
-  }
+  soter_store_close(&t->store);
   free(t->item);
 }
 
@@ -196,5 +194,5 @@ void soter_search_dfs(soter_search* s) {
   }
   const bool keep = s->o->keep && s->o->storage == SOTER_EXACT;
   s->result->kept = keep ? soter_keep(NULL, &t.store) : NULL;
-  soter_stack_close(&t, keep);
+  soter_stack_close(&t);
 }

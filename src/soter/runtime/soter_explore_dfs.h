@@ -21,7 +21,7 @@ typedef struct {
 } soter_stack;
 
 bool soter_stack_open(soter_stack* t, soter_search* s);
-void soter_stack_close(soter_stack* t, bool keep);
+void soter_stack_close(soter_stack* t);
 /* Searches worlds of at most `bound` steps. */
 void soter_stack_run(soter_stack* t, uint32_t bound);
 void soter_stack_sum_up(soter_stack* t, soter_explore_result* r);

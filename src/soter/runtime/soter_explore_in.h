@@ -113,16 +113,22 @@ uint64_t soter_enabled(const soter_place* x);
 
 typedef struct {
   uint8_t* entry;
+  uint64_t buckets, count;
+} soter_segment;
+
+typedef struct {
+  soter_segment* segment;
   uint64_t room, count; /* in entries */
   uint32_t bytes;       /* of one entry */
-  uint32_t words;       /* of the key */
-  uint32_t packed;      /* words of a packed world */
-  uint32_t bits;        /* of the key's last word that are used */
-  uint32_t first;       /* bits of the first word */
-  uint32_t sleep;       /* bytes of the sleep set behind the key */
-  uint64_t memory;      /* most bytes that it may take */
+  uint32_t key;         /* of them: the packed world; behind it the sleep set */
+  uint32_t sleep;
+  uint32_t words;  /* of the key */
+  uint32_t packed; /* words of a packed world */
+  uint32_t first;  /* bits of the first word */
+  uint64_t all;    /* these bits */
+  uint64_t mask;   /* of a load of eight bytes: those of the key */
+  uint64_t memory; /* most bytes that it may take */
   bool fingerprint;
-  bool full;
 } soter_store;
 
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
@@ -135,9 +141,16 @@ void soter_store_close(soter_store* s);
 int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uint64_t* again);
 bool soter_store_has(const soter_store* s, const uint64_t* packed);
 /* Keeps a table beyond its search, with others (soter_explore_kept). */
-void* soter_keep(void* others, const soter_store* s);
-/* Entry number `index` of the array, if there is one. */
-bool soter_store_get(const soter_store* s, uint64_t index, uint64_t* packed);
+void* soter_keep(void* others, soter_store* s);
+/* What stands in the table for a packed world; with it, putting, and a hint that it will be put
+ * soon. */
+void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key);
+int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
+                        uint64_t* sleep, uint64_t* again);
+void soter_store_hint(const soter_store* s, const uint64_t* packed, const uint64_t* key);
+/* All stored worlds, in no order; returns how many there are. */
+uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
+                          void* to);
 
 SOTER_INLINE uint64_t soter_scramble(uint64_t x) {
   x ^= x >> 32;

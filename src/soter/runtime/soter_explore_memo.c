@@ -50,7 +50,8 @@ struct soter_memo {
   map* steps; /* [2 * actors]: 2a, and 2a + 1 for first releases */
   map when, seen;
   list effects, values, calendars, plans, bits, verdicts;
-  uint64_t* clear; /* [actors * words]: schedule and writes */
+  uint64_t* clear;  /* [actors * words]: schedule and writes */
+  uint64_t* seeing; /* [words]: schedule and what properties read */
   bool failed;
 };
 
@@ -92,8 +93,8 @@ static void map_close(map* m) {
 }
 
 /* The slot of a key: where it stands, or where it would. */
-static uint32_t slot_of(const map* m, const uint64_t* packed, const uint64_t* mask,
-                        uint32_t words) {
+SOTER_INLINE uint32_t slot_of(const map* m, const uint64_t* packed, const uint64_t* mask,
+                              uint32_t words) {
   uint64_t h = (packed[0] & mask[0]) * UINT64_C(0x9e3779b97f4a7c15);
   for (uint32_t k = 1; k < words; k++) {
     h = (h ^ (h >> 29) ^ (packed[k] & mask[k])) * UINT64_C(0x9e3779b97f4a7c15);
@@ -166,7 +167,11 @@ struct soter_memo* soter_memo_open(soter_expander* e) {
   memo->actors = m->actors;
   memo->steps = calloc(2U * m->actors, sizeof *memo->steps);
   memo->clear = calloc((size_t)m->actors * m->words, sizeof *memo->clear);
-  bool fine = memo->steps != NULL && memo->clear != NULL;
+  memo->seeing = calloc(m->words, sizeof *memo->seeing);
+  bool fine = memo->steps != NULL && memo->clear != NULL && memo->seeing != NULL;
+  for (uint32_t k = 0; fine && k < m->words; k++) {
+    memo->seeing[k] = m->scheduled[k] | m->observed[k];
+  }
   for (uint32_t a = 0; fine && a < 2U * m->actors; a++) {
     fine = map_open(&memo->steps[a], m->words);
   }
@@ -202,6 +207,7 @@ void soter_memo_close(struct soter_memo* memo) {
   map_close(&memo->seen);
   free(memo->steps);
   free(memo->clear);
+  free(memo->seeing);
   free(memo->effects.item);
   free(memo->values.item);
   free(memo->calendars.item);
@@ -262,6 +268,18 @@ static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const u
   return map_put(&memo->when, packed, m->scheduled, m->words, memo->calendars.count - 1U);
 }
 
+/* Whether the same was written with other picks. */
+static bool is_known(const struct soter_memo* memo, const effect* found, const uint64_t* value) {
+  const uint64_t* const all =
+      (const uint64_t*)memo->values.item + (size_t)found->first * memo->words;
+  for (uint32_t o = 0; o < found->count; o++) {
+    if (memcmp(all + (size_t)o * memo->words, value, memo->words * sizeof *value) == 0) {
+      return true;
+    }
+  }
+  return false;
+}
+
 /* Runs the step of a plan in `here` with all picks, and keeps what it writes. */
 static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uint64_t* packed,
                            const plan* p, map* steps) {
@@ -296,7 +314,11 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
       }
       value[k] = after[k] & writes[k];
     }
-    found.count++;
+    if (is_known(memo, &found, value)) {
+      memo->values.count--;
+    } else {
+      found.count++;
+    }
   } while (soter_next_picks(x));
   effect* const to = push(&memo->effects, 1U);
   if (to == NULL) {
@@ -316,11 +338,11 @@ static bool give_up(soter_expander* e) {
   return false;
 }
 
-bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only) {
+SOTER_INLINE bool expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only,
+                         const uint32_t words) {
   struct soter_memo* const memo = e->memo;
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
-  const uint32_t words = memo->words;
   bool unpacked = false;
   uint32_t at = slot_of(&memo->when, packed, m->scheduled, words);
   if (memo->when.number[at] == EMPTY) {
@@ -395,15 +417,17 @@ bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep
   return true;
 }
 
+bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only) {
+  return e->memo->words == 1U ? expand(e, packed, sleep, only, 1U)
+                              : expand(e, packed, sleep, only, e->memo->words);
+}
+
 /* What is observed depends on the schedule (whether anything is) and on the bits of `observed`. */
 bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken) {
   struct soter_memo* const memo = e->memo;
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
-  uint64_t mask[SOTER_WORDS];
-  for (uint32_t k = 0; k < m->words; k++) {
-    mask[k] = m->scheduled[k] | m->observed[k];
-  }
+  const uint64_t* const mask = memo->seeing;
   const uint32_t at = slot_of(&memo->seen, packed, mask, m->words);
   if (memo->seen.number[at] != EMPTY) {
     const effect* const known = (const effect*)memo->verdicts.item + memo->seen.number[at];

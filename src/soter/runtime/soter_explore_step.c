@@ -240,6 +240,9 @@ static void take_effect(soter_place* x, uint32_t actor, int64_t time) {
 
 static bool is_observable(soter_place* x) {
   const int64_t now = soter_schedule_of(x->p, x->there)->now;
+  if (now < 0) {
+    return false; /* the start: nothing has happened */
+  }
   for (uint32_t i = 0; i < x->m->actors; i++) {
     if (window_of(x->m, i, x->there).high <= now) {
       return false;
@@ -346,7 +349,8 @@ static bool timed_fails(soter_place* x, uint32_t i, bool observable) {
   if (due == SOTER_NO_DEADLINE) {
     return false;
   }
-  return due < soter_schedule_of(x->p, x->there)->now || at_the_end(x);
+  const int64_t now = soter_schedule_of(x->p, x->there)->now;
+  return due < now || (now >= 0 && at_the_end(x));
 }
 
 bool soter_violates(soter_place* x, soter_broken* broken) {

@@ -1,15 +1,18 @@
 /* soter_explore_store.c: the table of packed worlds.
  *
  * Purpose: exact storage at little more than the packed bytes, or 64-bit fingerprints.
- * An entry is the packed world, its first word mixed by a bijection so that it is its own hash;
- * entries are kept in the order of that word, each as near to the place its hash says as the ones
- * before it allow (ordered linear probing), so the table may be nine tenths full and grows in
- * place. Non-goals: deletion; sharing between threads (each has a table of its own).
+ * An entry is the packed world, its first word mixed by a bijection so that it is its own hash; its
+ * leading bits say the segment, the next ones the bucket of eight entries; what finds its bucket
+ * full goes to the next one. Segments grow by an eighth, one at a time, so that the table is four
+ * fifths full and never has to exist twice. Non-goals: deletion; sharing between threads (each has
+ * a table of its own).
  */
 #include "soter_explore_in.h"
 
-#define FIRST_ROOM UINT64_C(4096)
-#define SLACK UINT64_C(512) /* entries behind the last place that a hash says */
+#define SEGMENTS 256U
+#define BUCKET 8U        /* entries */
+#define FIRST_BUCKETS 4U /* of a segment */
+#define TAIL 8U          /* bytes behind the last entry: loads take eight at a time */
 #define K1 UINT64_C(0x9e3779b97f4a7c15)
 #define K2 UINT64_C(0xd6e8feb86659fd93)
 
@@ -26,8 +29,7 @@ static uint64_t inverse(uint64_t k) {
   return x;
 }
 
-static uint64_t mixed(uint64_t x, uint32_t bits) {
-  const uint64_t all = low_bits(bits);
+SOTER_INLINE uint64_t mixed(uint64_t x, uint32_t bits, uint64_t all) {
   const uint32_t half = (bits + 1U) / 2U;
   x = (x * K1) & all;
   x ^= x >> half;
@@ -36,8 +38,7 @@ static uint64_t mixed(uint64_t x, uint32_t bits) {
   return (x * K1) & all;
 }
 
-static uint64_t unmixed(uint64_t x, uint32_t bits) {
-  const uint64_t all = low_bits(bits);
+static uint64_t unmixed(uint64_t x, uint32_t bits, uint64_t all) {
   const uint32_t half = (bits + 1U) / 2U;
   x = (x * inverse(K1)) & all;
   x ^= x >> half;
@@ -47,41 +48,52 @@ static uint64_t unmixed(uint64_t x, uint32_t bits) {
 }
 
 /* What the other words add to the first one; 0 for zeros. */
-static uint64_t rest_hash(const uint64_t* packed, uint32_t words, uint32_t bits) {
+static uint64_t rest_hash(const uint64_t* packed, uint32_t words, uint64_t all) {
   uint64_t h = 0U;
   for (uint32_t i = 1; i < words; i++) {
     h = soter_scramble(h + packed[i] * K1);
   }
-  return h & low_bits(bits);
+  return h & all;
 }
 
-/* ------------------------------------------------------------------ entries */
-
-static uint8_t* at(const soter_store* s, uint64_t i) {
-  return s->entry + i * s->bytes;
+/* What stands in the table for a packed world. */
+void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key) {
+  if (s->fingerprint) {
+    key[0] = soter_fingerprint(packed, s->packed);
+    return;
+  }
+  if (s->words == 1U) {
+    key[0] = mixed(packed[0], s->first, s->all);
+    return;
+  }
+  (void)memcpy(key, packed, s->words * sizeof key[0]);
+  key[0] = mixed(key[0] ^ rest_hash(key, s->words, s->all), s->first, s->all);
 }
 
-static uint64_t load(const uint8_t* from, uint32_t bytes) {
-  uint64_t x = 0U;
-  (void)memcpy(&x, from, sizeof x); /* entries have eight bytes behind the last one */
-  return bytes >= 8U ? x : x & low_bits(8U * bytes);
+/* ------------------------------------------------------------------ places */
+
+SOTER_INLINE uint64_t load(const uint8_t* from, uint64_t mask) {
+  uint64_t x;
+  (void)memcpy(&x, from, sizeof x);
+  return x & mask;
 }
 
-static uint32_t first_bytes(const soter_store* s) {
-  return s->words > 1U ? 8U : s->bytes - s->sleep;
+/* A segment holds what happens at one time (the bits behind the lowest one, codegen/packing.py): a
+ * search goes through time, and what it has left behind need not be in the machine's caches. */
+SOTER_INLINE soter_segment* segment_of(const soter_store* s, const uint64_t* packed) {
+  return &s->segment[packed[0] >> 1 & (SEGMENTS - 1U)];
 }
 
-static uint64_t first_of(const soter_store* s, uint64_t i) {
-  return load(at(s, i), first_bytes(s));
+SOTER_INLINE uint64_t bucket_of(const soter_store* s, const soter_segment* g, uint64_t first) {
+  const uint64_t next = first << (64U - s->first) >> 32;
+  return (next * g->buckets) >> 32;
 }
 
-static bool is_empty(const soter_store* s, uint64_t i) {
-  const uint8_t* const e = at(s, i);
-  const uint32_t key = s->bytes - s->sleep;
-  if (load(e, first_bytes(s)) != 0U) {
+SOTER_INLINE bool is_empty(const soter_store* s, const uint8_t* e) {
+  if (load(e, s->mask) != 0U) {
     return false;
   }
-  for (uint32_t k = 8U; k < key; k++) {
+  for (uint32_t k = 8U; k < s->key; k++) {
     if (e[k] != 0U) {
       return false;
     }
@@ -89,22 +101,46 @@ static bool is_empty(const soter_store* s, uint64_t i) {
   return true;
 }
 
-static void write_key(const soter_store* s, uint8_t* e, const uint64_t* key) {
-  (void)memcpy(e, key, s->bytes - s->sleep);
-}
-
-static uint64_t home(const soter_store* s, uint64_t first) {
-  /* the leading bits of the mixed word, scaled to the room */
-  const uint64_t top = first << (64U - s->first) >> 32;
-  return (top * (s->room - SLACK)) >> 32;
-}
-
-static bool rest_is(const soter_store* s, const uint8_t* e, const uint64_t* key) {
-  const uint32_t bytes = s->bytes - s->sleep;
-  return bytes <= 8U || memcmp(e + 8, key + 1, bytes - 8U) == 0;
+/* Where a key stands, or the place for it; `found` says which. NULL: its way through the segment is
+ * full. */
+SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, const uint64_t* key,
+                               bool* found) {
+  uint8_t* e = g->entry + bucket_of(s, g, key[0]) * BUCKET * s->bytes;
+  const uint8_t* const end = g->entry + g->buckets * BUCKET * s->bytes;
+  *found = false;
+  if (s->key <= 8U) {
+    for (; e < end; e += s->bytes) {
+      const uint64_t there = load(e, s->mask);
+      if (there == key[0]) {
+        *found = true;
+        return e;
+      }
+      if (there == 0U) {
+        return e;
+      }
+    }
+    return NULL;
+  }
+  for (; e < end; e += s->bytes) {
+    if (load(e, s->mask) == key[0] && memcmp(e + 8, key + 1, s->key - 8U) == 0) {
+      *found = !is_empty(s, e);
+      return e;
+    }
+    if (is_empty(s, e)) {
+      return e;
+    }
+  }
+  return NULL;
 }
 
 /* ------------------------------------------------------------------ opening, growing */
+
+static bool segment_open(const soter_store* s, soter_segment* g, uint64_t buckets) {
+  g->buckets = buckets;
+  g->count = 0U;
+  g->entry = calloc(buckets * BUCKET * s->bytes + TAIL, 1U);
+  return g->entry != NULL;
+}
 
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
                       uint64_t memory) {
@@ -114,57 +150,67 @@ bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storag
   s->words = s->fingerprint ? 1U : m->words;
   const uint32_t bits = s->fingerprint ? 64U : m->bits;
   s->first = bits < 64U ? bits : 64U;
+  s->all = low_bits(s->first);
   s->sleep = sleep ? (m->actors + 7U) / 8U : 0U;
-  s->bytes = (bits + 7U) / 8U + s->sleep;
+  s->key = (bits + 7U) / 8U;
+  s->bytes = s->key + s->sleep;
+  s->mask = s->key >= 8U ? UINT64_MAX : low_bits(8U * s->key);
   s->memory = memory;
-  s->room = FIRST_ROOM + SLACK;
-  if (s->room * s->bytes + 8U > memory) {
+  s->room = (uint64_t)SEGMENTS * FIRST_BUCKETS * BUCKET;
+  if (s->room * s->bytes > memory) {
     return false;
   }
-  s->entry = calloc(s->room * s->bytes + 8U, 1U);
-  return s->entry != NULL;
+  s->segment = calloc(SEGMENTS, sizeof *s->segment);
+  bool fine = s->segment != NULL;
+  for (uint32_t i = 0; fine && i < SEGMENTS; i++) {
+    fine = segment_open(s, &s->segment[i], FIRST_BUCKETS);
+  }
+  return fine;
 }
 
 void soter_store_close(soter_store* s) {
-  free(s->entry);
-  s->entry = NULL;
+  for (uint32_t i = 0; s->segment != NULL && i < SEGMENTS; i++) {
+    free(s->segment[i].entry);
+  }
+  free(s->segment);
+  s->segment = NULL;
 }
 
-/* In place: first everything to the end of the larger table, then each to where it belongs. */
-static bool grow(soter_store* s) {
-  const uint64_t old = s->room;
-  const uint64_t more = s->count < (UINT64_C(1) << 16) ? s->count : s->count / 8U;
-  const uint64_t room = old + more + 64U;
-  if (room * s->bytes + 8U > s->memory) {
-    return false;
-  }
-  uint8_t* const entry = realloc(s->entry, room * s->bytes + 8U);
-  if (entry == NULL) {
-    return false;
-  }
-  s->entry = entry;
-  (void)memset(entry + old * s->bytes, 0, (room - old) * s->bytes + 8U);
-  uint64_t to = room;
-  for (uint64_t i = old; i > 0U; i--) {
-    if (!is_empty(s, i - 1U)) {
-      to--;
-      if (to != i - 1U) {
-        (void)memcpy(at(s, to), at(s, i - 1U), s->bytes);
-        (void)memset(at(s, i - 1U), 0, s->bytes);
+/* A larger segment with the same entries. */
+static bool grow(soter_store* s, soter_segment* g) {
+  soter_segment larger;
+  uint64_t more = g->buckets < 64U ? g->buckets : g->buckets / 8U;
+  for (;;) {
+    if (more == 0U || (s->room + (g->buckets + more) * BUCKET) * s->bytes > s->memory ||
+        !segment_open(s, &larger, g->buckets + more)) {
+      return false;
+    }
+    bool fits = true;
+    for (uint64_t i = 0; fits && i < g->buckets * BUCKET; i++) {
+      const uint8_t* const e = g->entry + i * s->bytes;
+      if (is_empty(s, e)) {
+        continue;
+      }
+      uint64_t key[SOTER_WORDS];
+      bool found;
+      key[0] = load(e, s->mask);
+      (void)memcpy(key, e, s->key);
+      uint8_t* const to = place_of(s, &larger, key, &found);
+      fits = to != NULL;
+      if (fits) {
+        (void)memcpy(to, e, s->bytes);
       }
     }
-  }
-  s->room = room;
-  uint64_t next = 0U;
-  for (uint64_t i = to; i < room; i++) {
-    const uint64_t wanted = home(s, first_of(s, i));
-    const uint64_t place = wanted > next ? wanted : next;
-    if (place != i) {
-      (void)memcpy(at(s, place), at(s, i), s->bytes);
-      (void)memset(at(s, i), 0, s->bytes);
+    if (fits) {
+      break;
     }
-    next = place + 1U;
+    free(larger.entry); /* the last buckets overflow: once more, with more */
+    more += g->buckets / 8U + 1U;
   }
+  s->room += (larger.buckets - g->buckets) * BUCKET;
+  larger.count = g->count;
+  free(g->entry);
+  *g = larger;
   return true;
 }
 
@@ -172,69 +218,54 @@ static bool grow(soter_store* s) {
 
 static uint64_t sleep_of(const soter_store* s, const uint8_t* e) {
   uint64_t x = 0U;
-  (void)memcpy(&x, e + (s->bytes - s->sleep), s->sleep);
+  (void)memcpy(&x, e + s->key, s->sleep);
   return x;
 }
 
-static void set_sleep(const soter_store* s, uint8_t* e, uint64_t sleep) {
-  (void)memcpy(e + (s->bytes - s->sleep), &sleep, s->sleep);
-}
-
-/* Makes place at i: what stands there and behind moves on by one. */
-static bool shift(soter_store* s, uint64_t i) {
-  uint64_t end = i;
-  while (end < s->room && !is_empty(s, end)) {
-    end++;
-  }
-  if (end == s->room) {
-    return false;
-  }
-  (void)memmove(at(s, i + 1U), at(s, i), (end - i) * s->bytes);
-  return true;
-}
-
-/* What stands in the table for a packed world. */
-static void key_of(const soter_store* s, const uint64_t* packed, uint64_t* key) {
-  if (s->fingerprint) {
-    key[0] = soter_fingerprint(packed, s->packed);
-    return;
-  }
-  (void)memcpy(key, packed, s->words * sizeof key[0]);
-  key[0] = mixed(key[0] ^ rest_hash(key, s->words, s->first), s->first);
+void soter_store_hint(const soter_store* s, const uint64_t* packed, const uint64_t* key) {
+#if defined(__GNUC__)
+  const soter_segment* const g = segment_of(s, packed);
+  __builtin_prefetch(g->entry + bucket_of(s, g, key[0]) * BUCKET * s->bytes);
+#else
+  (void)s;
+  (void)packed;
+  (void)key;
+#endif
 }
 
 int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uint64_t* again) {
   uint64_t key[SOTER_WORDS];
-  key_of(s, packed, key);
+  soter_store_key(s, packed, key);
+  return soter_store_put_key(s, packed, key, sleep, again);
+}
+
+int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
+                        uint64_t* sleep, uint64_t* again) {
+  soter_segment* const g = segment_of(s, packed);
   for (;;) {
-    if (s->count * 10U >= (s->room - SLACK) * 9U && !grow(s)) {
-      return -1;
-    }
-    uint64_t i = home(s, key[0]);
-    while (i < s->room && !is_empty(s, i) && first_of(s, i) < key[0]) {
-      i++;
-    }
-    while (i < s->room && !is_empty(s, i) && first_of(s, i) == key[0]) {
-      if (rest_is(s, at(s, i), key)) {
-        if (s->sleep > 0U) {
-          const uint64_t before = sleep_of(s, at(s, i));
-          *again = before & ~*sleep;
-          set_sleep(s, at(s, i), before & *sleep);
-        }
-        return 0;
-      }
-      i++;
-    }
-    if (i < s->room && shift(s, i)) {
-      (void)memset(at(s, i), 0, s->bytes);
-      write_key(s, at(s, i), key);
+    bool found;
+    uint8_t* const e = place_of(s, g, key, &found);
+    if (e != NULL && found) {
       if (s->sleep > 0U) {
-        set_sleep(s, at(s, i), *sleep);
+        const uint64_t before = sleep_of(s, e);
+        const uint64_t both = before & *sleep;
+        *again = before & ~*sleep;
+        *sleep = both;
+        (void)memcpy(e + s->key, &both, s->sleep);
       }
+      return 0;
+    }
+    /* at most seven eighths full, so that ways are short */
+    if (e != NULL && (g->count + 1U) * 8U <= g->buckets * BUCKET * 7U) {
+      (void)memcpy(e, key, s->key);
+      if (s->sleep > 0U) {
+        (void)memcpy(e + s->key, sleep, s->sleep);
+      }
+      g->count++;
       s->count++;
       return 1;
     }
-    if (!grow(s)) {
+    if (!grow(s, g)) {
       return -1;
     }
   }
@@ -242,27 +273,34 @@ int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uin
 
 bool soter_store_has(const soter_store* s, const uint64_t* packed) {
   uint64_t key[SOTER_WORDS];
-  key_of(s, packed, key);
-  for (uint64_t i = home(s, key[0]); i < s->room && !is_empty(s, i); i++) {
-    const uint64_t first = first_of(s, i);
-    if (first > key[0]) {
-      return false;
-    }
-    if (first == key[0] && rest_is(s, at(s, i), key)) {
-      return true;
-    }
-  }
-  return false;
+  bool found;
+  soter_store_key(s, packed, key);
+  (void)place_of(s, segment_of(s, packed), key, &found);
+  return found;
 }
 
-bool soter_store_get(const soter_store* s, uint64_t index, uint64_t* packed) {
-  if (index >= s->room || is_empty(s, index)) {
-    return false;
+/* ------------------------------------------------------------------ reading */
+
+uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
+                          void* to) {
+  uint64_t count = 0U;
+  for (uint32_t g = 0; g < SEGMENTS; g++) {
+    for (uint64_t i = 0; i < s->segment[g].buckets * BUCKET; i++) {
+      const uint8_t* const e = s->segment[g].entry + i * s->bytes;
+      uint64_t packed[SOTER_WORDS];
+      if (is_empty(s, e)) {
+        continue;
+      }
+      count++;
+      if (each != NULL) {
+        (void)memset(packed, 0, s->words * sizeof packed[0]);
+        (void)memcpy(packed, e, s->key);
+        packed[0] = unmixed(packed[0], s->first, s->all) ^ rest_hash(packed, s->words, s->all);
+        each(to, packed);
+      }
+    }
   }
-  (void)memset(packed, 0, s->words * sizeof packed[0]);
-  (void)memcpy(packed, at(s, index), s->bytes - s->sleep);
-  packed[0] = unmixed(packed[0], s->first) ^ rest_hash(packed, s->words, s->first);
-  return true;
+  return count;
 }
 
 /* ------------------------------------------------------------------ tables that outlive a search
@@ -273,33 +311,35 @@ typedef struct kept {
   struct kept* next;
 } kept;
 
-void* soter_keep(void* others, const soter_store* s) {
+void* soter_keep(void* others, soter_store* s) {
   kept* const k = malloc(sizeof *k);
   if (k == NULL) {
-    free(s->entry);
     return others;
   }
   k->store = *s;
+  s->segment = NULL; /* it is no longer the search's */
   k->next = others;
   return k;
 }
 
+typedef struct {
+  const soter_model* m;
+  uint8_t* next;
+} unpacking;
+
+static void unpack_one(void* to, const uint64_t* packed) {
+  unpacking* const u = to;
+  (void)memset(u->next, 0, u->m->world_size);
+  soter_start(u->m->program, u->next, 0U);
+  u->m->unpack(packed, u->next);
+  u->next += u->m->world_size;
+}
+
 uint64_t soter_explore_kept(const soter_model* m, const void* first, void* worlds) {
   uint64_t count = 0U;
+  unpacking u = {m, worlds};
   for (const kept* k = first; k != NULL; k = k->next) {
-    for (uint64_t i = 0; i < k->store.room; i++) {
-      uint64_t packed[SOTER_WORDS];
-      if (!soter_store_get(&k->store, i, packed)) {
-        continue;
-      }
-      if (worlds != NULL) {
-        uint8_t* const to = (uint8_t*)worlds + count * m->world_size;
-        (void)memset(to, 0, m->world_size);
-        soter_start(m->program, to, 0U);
-        m->unpack(packed, to);
-      }
-      count++;
-    }
+    count += soter_store_each(&k->store, worlds != NULL ? unpack_one : NULL, &u);
   }
   return count;
 }

@@ -91,6 +91,7 @@ class Machine:
         self._externs = externs
         self._functions = self._extern_functions()
         self._evaluators: list[Evaluator] = []
+        self._aged = _sources(system)
         self._dm_of = tuple([module.dm for module in system.modules])
         self._require_bound([c.name for c in system.components if c.extern])
         for component in system.components:
@@ -107,7 +108,7 @@ class Machine:
         """What code sees of a configuration; of a component, also its period and control."""
         return Environment(
             topics=c.Topics,
-            stamps=c.stamps,
+            stamps=[c.stamps[i] for i in self._aged] if self._aged else c.stamps,
             time_ns=c.ct,
             period_ns=component.period_ns if component else 0,
             in_control=c.OE[component.index] if component else True,
@@ -181,3 +182,10 @@ class Machine:
         """The condition, and the value it has to have."""
         assert prop.kind in ("always", "never", "assumes", "guarantees"), prop.kind
         return self._evaluator(prop.scope).expression(prop.condition), prop.kind != "never"
+
+
+def _sources(system: System) -> tuple[int, ...]:
+    """Whose stamp says how old a topic is: of a queue, its source's. Empty without queues."""
+    if all(t.queue_of is None for t in system.topics):
+        return ()
+    return tuple([t.index if t.queue_of is None else t.queue_of for t in system.topics])

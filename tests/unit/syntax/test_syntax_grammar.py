@@ -258,13 +258,16 @@ def test_grammar_accepts_what_it_generates(seed: int) -> None:
 SMALL = """soter 1; import "a" as a;
 type T = { x: float, y: int in [0, 1], }; param K: float = 2.0 in [0, 5];
 fun f(x: float, y: T[2]): bool { let a = -x < 1.0 && !y[0].b ? 1 : 2; if a { a.b[1] = 1; }
-elseif b { push l, 1; } else { for i in 0..3 { assert a, "b"; } } return f(a, [1, 2], { x: 1 }); }
+elseif b { push l, 1; } else { for i in 0..3 { assert a, "b"; } }
+push l, choose bool + fair choose [1, a] * choose { a, fair }; return f(a, [1, 2], { x: 1 }); }
 topic t: float in { a in [0, 1] } = 1.0 max_age 2ms; extern fun g(): T from "c";
 node N period 1ms { subscribes t, a.b queue 2 fault; publishes u; on takeover { } step { } }
 rta R { ac N; sc M; verify { grid a.b in [0, 1] / 2; abstracts d by e: F = g(x); } }
 plant P period 1ms { drives a = 1; state x: float in [0, 1] = 2; der x = y; measured a.b within 1; }
 system S default { c: P { a = b }; module R; until 1s; force R ac; replace N by M; set K = 1; }
 test C { system S; a leadsto b within 1s; eventually c within 2s; }
+test D { late M.dm by 1ms; overrun a by 2ms; skip a; skip b at most 3; quantum 1us; always invariants;
+input t in { 1, a } every 1s; always invariant(M.a); replace N by M; skew 1ms; }
 """
 
 

@@ -226,11 +226,65 @@ def test_contextual_words_are_names_elsewhere(parsed: Parsed) -> None:
         "on",
         "takeover",
         "max_age",
+        "fair",
+        "quantum",
+        "late",
+        "skip",
+        "overrun",
+        "at",
+        "most",
+        "invariant",
+        "invariants",
     ]
     body = "".join(f"  let {w} = {w}_0;\n  place.{w} = {w};\n" for w in words)
     file, problems = parsed(f"soter 1;\nfun f(): float {{\n{body}  return 1.0;\n}}\n")
     assert problems == ()
     assert file.broken == frozenset()
+
+
+@pytest.mark.parametrize(
+    ("text", "fair", "kind"),
+    [
+        ("choose bool", False, tree.BuiltinType),
+        ("fair choose iris.Mode", True, tree.NamedType),
+        ("choose [1, fair]", False, tree.Interval),
+        ("fair choose { fair, choose bool, }", True, tuple),
+        ("choose { }", False, tuple),
+    ],
+)
+def test_a_choice_says_what_it_is_from(
+    parsed: Parsed, text: str, *, fair: bool, kind: type
+) -> None:
+    found = expression(parsed, text)
+    assert isinstance(found, tree.ChooseExpr)
+    assert found.fair is fair
+    assert isinstance(found.type or found.interval or found.options, kind)
+    assert found.span.text == text
+
+
+def test_a_choice_binds_like_a_name(parsed: Parsed) -> None:
+    sum_ = expression(parsed, "choose [0, 1] + fair choose { 2 } * fair")
+    assert isinstance(sum_, tree.BinaryExpr)
+    assert sum_.op == "+"
+    assert isinstance(sum_.left, tree.ChooseExpr)
+    assert isinstance(sum_.right, tree.BinaryExpr)
+
+
+def test_a_test_has_faults_and_inputs(parsed: Parsed) -> None:
+    text = "late M.dm by 1ms; skip a; skip b at most 3; overrun late by 2ms; quantum 1ms; "
+    file, problems = parsed(f"soter 1; test T {{ {text} input t in {{ 1, 2 }} every 1s; }}")
+    assert problems == ()
+    (test,) = file.declarations
+    assert isinstance(test, tree.TestDecl)
+    faults = [(f.kind, f.component.text, f.by is None, f.at_most is None) for f in test.faults]
+    assert faults == [
+        ("late", "M.dm", False, True),
+        ("skip", "a", True, True),
+        ("skip", "b", True, False),
+        ("overrun", "late", False, True),
+    ]
+    assert test.quantum is not None
+    assert [len(i.values) for i in test.inputs] == [2]
 
 
 def test_int_range_of_a_disturbance_belongs_to_the_disturbance(parsed: Parsed) -> None:

@@ -165,6 +165,10 @@ def test_small_cases(before: str, after: str) -> None:
         "(a ? b : c) + 1",
         "iris.f(x)[2]",
         "float(n) / 2.0",
+        "choose bool",
+        "fair choose iris.Mode",
+        "choose [a, b] + 1",
+        "fair choose { a, { x: 1 }, choose bool }",
     ],
 )
 def test_expressions_print_as_they_are_written(parsed: Parsed, text: str) -> None:

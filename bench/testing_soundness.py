@@ -1,0 +1,65 @@
+"""The explorer against the brute-force enumerator on random small programs.
+
+    .venv/bin/python bench/testing_soundness.py [--programs 500] [--first SEED] [--json FILE]
+
+Per program every strategy that is exhaustive and every reduction, two threads, fingerprints, and the
+least trace to every violation; see tests/generators/agreement.py for what has to be equal.
+Purpose: the soundness figure of issue 4. Non-goals: speed.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+import time
+from collections import Counter
+from itertools import islice
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+sys.path.insert(0, str(ROOT / "tests"))
+
+from generators.agreement import REDUCTIONS, compared, small_ones  # noqa: E402 - from tests/
+
+from soter.report.summary import table  # noqa: E402 - after the path
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--programs", type=int, default=500)
+    parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--flags", nargs="*", default=("-O1",), help="for the C compiler")
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    began = time.perf_counter()
+    states: Counter[str] = Counter()
+    kinds: Counter[str] = Counter()
+    different: dict[int, list[str]] = {}
+    largest = violated = 0
+    for s in islice(small_ones(arguments.first), arguments.programs):
+        told = compared(s, tuple(arguments.flags))
+        if told.complaints:
+            different[s.seed] = told.complaints
+            print(f"program {s.seed}:", *told.complaints, sep="\n  ", flush=True)
+        violated += bool(s.found.least)
+        if not s.found.least:  # elsewhere searches end where they find something
+            states.update(told.states)
+        kinds.update({what for what, _ in s.found.least})
+        largest = max(largest, len(s.found.configurations))
+    rows = [(r, f"{states[r]:,}", f"{states[r] / states['none']:.2f}") for r in REDUCTIONS]
+    print(table(("reduction", "configurations of the clean programs", "share"), rows))
+    found = ", ".join(f"{what} {n}" for what, n in sorted(kinds.items()))
+    print(
+        f"{arguments.programs} programs, {violated} of them violated ({found}), at most "
+        f"{largest:,} configurations; {len(different)} differ (target: none); "
+        f"{time.perf_counter() - began:.0f} s"
+    )
+    if arguments.json:
+        figures = {"programs": arguments.programs, "violated": violated, "different": different}
+        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+    return 1 if different else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

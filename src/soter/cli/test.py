@@ -1,0 +1,285 @@
+"""`soter test FILE`: explore every execution of the tests of a file.
+
+Purpose: the verdict on every test with what was covered and what was not, and for a violation
+its least trace, step by step; the same as JSON.
+Non-goals: searching (`explore/`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.api import load
+from soter.cli.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
+from soter.cli.parser import Parser, add_file, add_settings, seed
+from soter.cli.progress import LineOfProgress
+from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.cli.console import Console
+    from soter.explore.results import ExploreReport, TestResult
+
+    Options = argparse.Namespace
+
+EXAMPLES = """\
+  soter test late_sc.soter                            every test of the file
+  soter test late_sc.soter --test Late --html         with a page for the trace
+  soter test two.soter --storage fingerprint          16 bytes a configuration
+  soter test two.soter --strategy random --runs 1000  where it is too large
+  soter test two.soter --skew 2ms --horizon 1s        in place of the test's own
+  soter test late_sc.soter --json | jq '.tests[].verdict'
+  soter replay .soter/late_sc-Late.trace.json         a trace again
+
+exit codes: 0 exhausted and clean, 3 violated, 4 a bound was reached, 1 diagnostics, 2 usage,
+            130 interrupted (what was covered until then is printed)
+"""
+EXITS = {"exhausted": FINE, "violated": VIOLATED, "bound": UNDECIDED}
+PAINTS = {"exhausted": "green", "violated": "red", "bound": "yellow"}
+UNREACHED_SHOWN = 6
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("test", "Explore every execution of the tests of a file.", EXAMPLES)
+    add_file(made)
+    made.add_argument("--test", metavar="T", help="only this test; by default all of the file")
+    made.add_argument(
+        "--strategy",
+        default="bfs",
+        metavar="S",
+        help="bfs (the default), dfs, deepening; random, pct, coverage: samples",
+    )
+    made.add_argument(
+        "--storage", default="exact", metavar="S", help="exact (the default) or fingerprint"
+    )
+    made.add_argument(
+        "--reduction", default="all", metavar="R", help="none, sleep, ample or all (the default)"
+    )
+    made.add_argument("--threads", type=int, default=1, metavar="N", help="by default 1")
+    made.add_argument(
+        "--memory", default="2G", metavar="SIZE", help="what tables may take; by default 2G"
+    )
+    made.add_argument(
+        "--max-states", type=int, default=0, metavar="N", help="stop after so many configurations"
+    )
+    made.add_argument(
+        "--runs", type=int, default=10_000, metavar="N", help="of the sampling strategies"
+    )
+    made.add_argument("--seed", type=seed, default=1, metavar="N", help="likewise; by default 1")
+    made.add_argument("--skew", metavar="TIME", help="in place of the test's own, such as 2ms")
+    made.add_argument("--horizon", metavar="TIME", help="likewise, such as 500ms")
+    add_settings(made)
+    made.add_argument(
+        "-o",
+        "--output",
+        metavar="DIR",
+        default=".soter",
+        help="folder of traces and pages; by default .soter",
+    )
+    made.add_argument("--html", action="store_true", help="write a page for every trace")
+    return made
+
+
+def run(args: Options, console: Console) -> Outcome:
+    """Explore."""
+    program = load(args.file)
+    for name, target in args.bindings:
+        program.bind(name, target)
+    warnings = program.diagnostics if program.ok else ()
+    try:
+        with LineOfProgress(console) as line:
+            report = program.explore(
+                args.test,
+                strategy=args.strategy,
+                storage=args.storage,
+                reduction=args.reduction,
+                threads=args.threads,
+                memory=args.memory,
+                max_states=args.max_states,
+                runs=args.runs,
+                seed=args.seed,
+                skew=args.skew,
+                horizon=args.horizon,
+                params=dict(args.params),
+                output=args.output,
+                html=args.html,
+                progress=None if line is None else lambda looked: line(progress_text(looked)),
+                partial=True,
+            )
+    except SoterError as error:
+        items = (*warnings, *error.diagnostics)
+        return Outcome(exit_of(items), items, {"file": args.file})
+    _say(report, console)
+    code = INTERRUPTED if report.interrupted else EXITS[report.verdict]
+    return Outcome(code, warnings, _fields(report))
+
+
+def progress_text(looked: object) -> str:
+    """How far a search is: `Late  1,204,000 states, 1.4 M/s, depth 55, 9.6 MB`."""
+    from soter.explore.results import Looked  # noqa: PLC0415 - only then
+
+    assert isinstance(looked, Looked)
+    count = looked.states or looked.transitions
+    noun = "states" if looked.states else "steps"
+    rate = count / looked.seconds if looked.seconds > 0 else 0.0
+    doing = "  looking for the shortest trace" if looked.minimising else ""
+    return (
+        f"{looked.test}{doing}  {count:,} {noun}, {rounded(rate)}/s, depth {looked.depth}, "
+        f"{size(looked.bytes)}"
+    )
+
+
+# ---------------------------------------------------------------- for people
+
+
+def _say(report: ExploreReport, console: Console) -> None:
+    head = f"{report.path}  {report.program_sha256[:12]}"
+    console.say(console.paint("muted", head))
+    for test in report.tests:
+        console.say()
+        for line in _lines(test, console):
+            console.say(line)
+
+
+def _lines(test: TestResult, console: Console) -> list[str]:
+    """Everything about one test."""
+    muted = "muted"
+    lines = [_headline(test, console), console.paint(muted, _figures(test))]
+    lines += ["", *_coverage(test, console)]
+    if test.replayed is not None:
+        lines += ["", *_trace(test, console)]
+    lines += ["", "rests on"]
+    lines += [console.paint(muted, f"  {text}") for text in test.assumptions]
+    return lines
+
+
+def _headline(test: TestResult, console: Console) -> str:
+    from soter.explore.results import BOUNDS  # noqa: PLC0415 - only then
+
+    name = console.paint("bold", test.name)
+    if test.verdict == "violated":
+        assert test.broken is not None
+        return f"{name}  {console.paint('red', 'VIOLATED')}  {test.broken.text}"
+    if test.verdict == "exhausted":
+        said = "every execution was covered, none violates a property"
+        return f"{name}  {console.paint('green', 'EXHAUSTED AND CLEAN')}  {said}"
+    assert test.bound is not None
+    what = "INTERRUPTED" if test.interrupted else "BOUND REACHED"
+    why = "not everything was covered" if test.interrupted else BOUNDS[test.bound]
+    return f"{name}  {console.paint('yellow', what)}  no violation was found; {why}"
+
+
+def _figures(test: TestResult) -> str:
+    options = test.options
+    parts = [f"{test.states:,} states"] if test.states else []
+    parts.append(f"{test.transitions:,} transitions")
+    if options.strategy in ("random", "pct", "coverage"):
+        parts.append(f"{test.runs:,} runs")
+    parts += [f"depth {test.depth}", f"{test.seconds:.2f} s"]
+    parts.append(f"{rounded(test.states_per_s)} {'states' if test.states else 'steps'}/s")
+    if test.states:
+        parts.append(f"{test.bits} bits a state, {size(test.table_bytes)}")
+    how = f"{options.strategy}, {options.storage} storage, reduction {options.reduction}"
+    return f"{', '.join(parts)}\n{how}, {options.threads} thread{'s'[: options.threads > 1]}"
+
+
+def _coverage(test: TestResult, console: Console) -> list[str]:
+    """How much was reached, and the names of what was not."""
+    from soter.report.sequence_words import visible  # noqa: PLC0415 - needs NumPy
+
+    parts = [(name, part) for name, part in test.coverage.parts() if part.total]
+    said = "  ".join(f"{name} {part.reached}/{part.total}" for name, part in parts)
+    lines = [f"reached  {said}"]
+    for name, part in parts:
+        for one in part.unreached[:UNREACHED_SHOWN]:
+            lines.append(console.paint("yellow", f"  never  {visible(one)}"))
+        rest = len(part.unreached) - UNREACHED_SHOWN
+        if rest > 0:
+            lines.append(console.paint("muted", f"         and {rest} more {name}"))
+    return lines
+
+
+def _trace(test: TestResult, console: Console) -> list[str]:
+    from soter import __version__  # noqa: PLC0415 - only then
+    from soter.explore.results import BOUNDS  # noqa: PLC0415 - the same
+    from soter.explore.to_report import view_of  # noqa: PLC0415 - the same
+    from soter.report.sequence_text import text  # noqa: PLC0415 - needs NumPy
+
+    assert test.replayed is not None
+    lines = text(view_of(test.replayed, __version__), color=console.color_out)
+    if test.minimal:
+        lines.append("no execution violates it in fewer steps; the interpreter has replayed it")
+    else:
+        why = BOUNDS.get(test.least_bound or "", "")
+        said = f"not shown to be the shortest: {why}; the interpreter has replayed it"
+        lines.append(console.paint("yellow", said))
+    files = (("trace", test.trace), ("page", test.page))
+    return lines + [f"{kind:<6} {path}" for kind, path in files if path is not None]
+
+
+def rounded(x: float) -> str:
+    """A rate: `1.4 M`, `23 k`, `840`."""
+    for unit, factor in (("G", 1e9), ("M", 1e6), ("k", 1e3)):
+        if x >= factor:
+            return f"{x / factor:.3g} {unit}"
+    return f"{x:.0f}"
+
+
+def size(count: int) -> str:
+    """A size: `9.6 MB`."""
+    for unit, factor in (("GB", 2**30), ("MB", 2**20), ("kB", 2**10)):
+        if count >= factor:
+            return f"{count / factor:.3g} {unit}"
+    return f"{count} bytes"
+
+
+# ---------------------------------------------------------------- as JSON
+
+
+def _fields(report: ExploreReport) -> dict[str, object]:
+    return {
+        "file": report.path,
+        "program_sha256": report.program_sha256,
+        "verdict": report.verdict,
+        "interrupted": report.interrupted,
+        "tests": [_test(t) for t in report.tests],
+    }
+
+
+def _test(t: TestResult) -> dict[str, object]:
+    o = t.options
+    return {
+        "name": t.name,
+        "system": t.system.name,
+        "verdict": t.verdict,
+        "bound": t.bound,
+        "violated": None if t.broken is None else t.broken.text,
+        "states": t.states,
+        "transitions": t.transitions,
+        "runs": t.runs,
+        "seconds": t.seconds,
+        "states_per_s": t.states_per_s,
+        "depth": t.depth,
+        "trace": None if t.trace is None else str(t.trace),
+        "page": None if t.page is None else str(t.page),
+        "steps": None if t.replayed is None else len(t.replayed.steps),
+        "minimal": t.minimal if t.broken is not None else None,
+        "strategy": o.strategy,
+        "storage": o.storage,
+        "reduction": o.reduction,
+        "threads": o.threads,
+        "seed": o.seed,
+        "memory": {
+            "table_bytes": t.table_bytes,
+            "frontier_bytes": t.frontier_bytes,
+            "bytes_per_state": t.bytes_per_state,
+            "packed_bits": t.bits,
+        },
+        "coverage": {
+            name: {"reached": p.reached, "total": p.total, "unreached": list(p.unreached)}
+            for name, p in t.coverage.parts()
+        },
+        "assumptions": list(t.assumptions),
+    }

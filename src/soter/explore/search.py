@@ -1,0 +1,197 @@
+"""The engine in the words of the program: names for what it counts.
+
+Purpose: searches of one test whose traces name actors and streams, and whose coverage names
+modes, branches and values.
+Non-goals: the engine (`build.py`), verdicts (`command.py`).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.explore.build import Engine, Settings
+from soter.explore.choices import ENDING
+from soter.explore.coverage import (
+    Coverage,
+    Leaf,
+    branches_part,
+    modules_parts,
+    part_of,
+    values_part,
+)
+from soter.explore.results import Looked
+from soter.explore.schedule import INPUT, plan_of
+from soter.explore.trace import STEP_KINDS, Choice, Step
+from soter.program.types import IntType, leaves
+from soter.semantics.random_draws import fnv, leaf_name
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.codegen.body import Branch
+    from soter.explore.build import Progress, RawStep, Searched
+    from soter.explore.results import Options
+    from soter.program.system import System
+
+
+@dataclass(frozen=True)
+class Found:
+    """What a search found: as `build.Searched`, steps with names."""
+
+    status: str
+    broken: tuple[int, int] | None
+    states: int
+    transitions: int
+    runs: int
+    table_bytes: int
+    frontier_bytes: int
+    depth: int
+    seconds: float
+    steps: tuple[Step, ...]
+
+
+class Search:
+    """Searches of one flattened test. A context: leaving it gives back what the engine holds."""
+
+    def __init__(
+        self, system: System, options: Options, progress: Callable[[Looked], None] | None = None
+    ) -> None:
+        self._system = system
+        self._settings = Settings(
+            options.strategy,
+            options.storage,
+            options.reduction,
+            options.threads,
+            options.memory,
+            options.max_states,
+            options.seed,
+            options.runs,
+            options.bug_depth,
+        )
+        self._progress = progress
+        self._engine = Engine(system)
+        self._streams = {fnv(name): name for name in _streams(system)}
+        self.bits = self._engine.bits
+        self.sampled = self._engine.plan.sampled
+
+    def __enter__(self) -> Search:  # noqa: PYI034 - typing.Self came with Python 3.11
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._engine.close()
+
+    # ------------------------------------------------------------ searching
+
+    def run(self) -> Found:
+        """The search that was asked for."""
+        return self._named(self._engine.explore(self._settings, self._look(minimising=False)))
+
+    def least(self, found: Found) -> Found:
+        """The least execution to the same violation; `status` is "violated" where it is one."""
+        assert found.broken is not None
+        look = self._look(minimising=True)
+        return self._named(self._engine.least(self._settings, found.broken, look))
+
+    def _look(self, *, minimising: bool) -> Callable[[Progress], None] | None:
+        progress = self._progress
+        if progress is None:
+            return None
+        name, began = plan_of(self._system).name, time.perf_counter()
+
+        def look(p: Progress) -> None:
+            stored = p.states * self._engine.words * 8
+            spent = time.perf_counter() - began
+            progress(Looked(name, p.states, p.transitions, p.depth, stored, spent, minimising))
+
+        return look
+
+    # ------------------------------------------------------------ names
+
+    def _named(self, s: Searched) -> Found:
+        return Found(
+            s.status,
+            s.broken,
+            s.states,
+            s.transitions,
+            s.runs,
+            s.table_bytes,
+            s.frontier_bytes,
+            s.depth,
+            s.seconds,
+            tuple([self._step(raw) for raw in s.steps]),
+        )
+
+    def _step(self, raw: RawStep) -> Step:
+        choices = tuple(
+            [Choice(self._streams[c.stream], c.pick, c.count) for c in raw.choices]
+        )
+        name = self._actor(raw.actor) if raw.actor >= 0 else ""
+        return Step(name, STEP_KINDS[raw.kind], raw.release_ns, raw.time_ns, choices)
+
+    def _actor(self, number: int) -> str:
+        actor = self._engine.actors[number]
+        if actor.input is None:
+            return actor.name
+        return INPUT + self._system.topics[self._system.inputs[actor.input].topic].name
+
+    # ------------------------------------------------------------ coverage
+
+    def coverage(self) -> Coverage:
+        """What all searches so far have reached."""
+        seen, system = self._engine.seen, self._system
+        modes, switches = modules_parts(
+            [(m.name, m.forced) for m in system.modules],
+            seen.modes.tolist(),
+            seen.switches.tolist(),
+        )
+        branches = self._engine.generated.unit.branches
+        return Coverage(
+            actors=part_of(
+                (self._actor(i), bool(fired)) for i, fired in enumerate(seen.fired.tolist())
+            ),
+            modes=modes,
+            switches=switches,
+            branches=branches_part([branch_name(b) for b in branches], seen.branches.tolist()),
+            values=values_part(list(self._leaves()), seen.classes.tolist()),
+        )
+
+    def _leaves(self) -> Iterator[Leaf]:
+        for index, path in self._engine.generated.leaves:
+            topic = self._system.topics[index]
+            found = list(leaves(topic.type))
+            at = next(i for i, (own, _) in enumerate(found) if own == tuple(path))
+            t, bound = found[at][1], topic.bounds[at]
+            low, high = (-math.inf, math.inf) if bound is None else (bound.low, bound.high)
+            if isinstance(t, IntType):
+                low, high = max(low, t.low), min(high, t.high)
+            yield Leaf(leaf_name(topic.name, path), t, low, high)
+
+
+def branch_name(b: Branch) -> str:
+    """`SafeMotion.Careful, cart.soter:41, the condition holds`."""
+    side = "where the condition holds" if b.taken else "where the condition does not hold"
+    return f"{b.component}, {Path(b.span.source.name).name}:{b.span.line}, {side}"
+
+
+def _streams(system: System) -> Iterator[str]:
+    """The names of all streams that a step may ask a choice from."""
+    for c in system.components:
+        yield c.name + ENDING
+        for d in c.disturbances:
+            yield from d.streams
+        for m in c.measured:
+            yield m.stream
+        for i, span in enumerate(c.initial_range):
+            if span is not None and c.plant is not None:
+                state = c.plant.states[i]
+                for path, _ in leaves(state.type):
+                    yield leaf_name(f"{c.name}.{state.name}.start", path)
+    for drive in system.inputs:
+        topic = system.topics[drive.topic]
+        yield INPUT + topic.name
+        for path, _ in leaves(topic.type):
+            yield leaf_name(INPUT + topic.name, path)

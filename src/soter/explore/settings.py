@@ -1,0 +1,76 @@
+"""What a person may say about a search, checked.
+
+Purpose: names and numbers become `Options`, or a diagnostic that says what would be right (U001).
+Non-goals: lengths of time and parameters, which others read as well.
+"""
+
+from __future__ import annotations
+
+import re
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.explore.results import Options
+
+STRATEGIES = ("bfs", "dfs", "deepening", "random", "pct", "coverage")
+STORAGES = ("exact", "fingerprint")
+REDUCTIONS = ("none", "sleep", "ample", "all")
+UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
+THREADS_MAX = 64
+MEMORY_MIN = 2**20
+_SIZE = re.compile(r"([0-9]{1,15}(?:\.[0-9]{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
+
+
+def options_of(  # noqa: PLR0913 - as many as the command line has
+    strategy: str,
+    storage: str,
+    reduction: str,
+    threads: int,
+    memory: int | str,
+    max_states: int,
+    runs: int,
+    seed: int,
+) -> Options:
+    """The options of a search; `SoterError` U001 with all mistakes at once."""
+    problems: list[Diagnostic] = []
+    for what, given, known in (
+        ("strategy", strategy, STRATEGIES),
+        ("storage", storage, STORAGES),
+        ("reduction", reduction, REDUCTIONS),
+    ):
+        if given not in known:
+            problems.append(_problem(f"there is no {what} `{given}`", f"there are {_list(known)}"))
+    for what, number, low, high in (
+        ("threads", threads, 1, THREADS_MAX),
+        ("max_states", max_states, 0, 2**63),
+        ("runs", runs, 1, 2**63),
+        ("seed", seed, 0, 2**64 - 1),
+    ):
+        if isinstance(number, bool) or not isinstance(number, int) or not low <= number <= high:
+            message = f"`{what}` cannot be `{str(number)[:40]}`"
+            problems.append(_problem(message, f"a whole number from {low} to {high}"))
+    size = bytes_of(memory)
+    if size is None or not MEMORY_MIN <= size < 2**63:
+        message = f"`memory` cannot be `{str(memory)[:40]}`"
+        problems.append(_problem(message, "write it as 512M or 2G; 1M at least"))
+    if problems:
+        raise SoterError(tuple(problems))
+    assert size is not None
+    return Options(strategy, storage, reduction, threads, size, max_states, runs, seed)
+
+
+def bytes_of(given: int | str) -> int | None:
+    """Bytes, from a number or a text such as `512M`; None where it is none."""
+    if isinstance(given, bool):
+        return None
+    if isinstance(given, int):
+        return given
+    match = _SIZE.fullmatch(given.strip()) if isinstance(given, str) else None
+    return None if match is None else int(float(match[1]) * UNITS[match[2].upper()])
+
+
+def _list(names: tuple[str, ...]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"
+
+
+def _problem(message: str, help_: str) -> Diagnostic:
+    return Diagnostic("U001", message, helps=(help_,))

@@ -1,0 +1,180 @@
+"""The explorer against the brute-force enumerator, on one small program.
+
+Purpose: the same verdict, the same shortest traces, the same configurations, or, under reductions
+that leave configurations out, the same observations. What differs is said in words.
+Non-goals: making programs (`small_programs.py`), deciding how many.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import count
+from typing import TYPE_CHECKING
+
+from generators.brute_force import BruteForce, TooLargeError
+from generators.explored import Decoder
+from generators.small_programs import small_program
+from soter.diagnostics.diagnostic import SoterError
+from soter.explore.build import Engine, Settings
+from soter.program.build import check_file, system_of_test
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from generators.brute_force import Broken, Canonical, Found
+    from soter.program.system import System
+
+WHAT = ("property", "contract", "fault", "timed")
+STRATEGIES = ("bfs", "dfs")
+REDUCTIONS = ("none", "sleep", "ample", "all")
+EVERYTHING = ("none", "sleep")
+"""Reductions that keep every configuration."""
+MOST = 6_000
+"""Transitions of a small program, at most."""
+
+
+@dataclass
+class Small:
+    """A small program and everything that it can do."""
+
+    seed: int
+    text: str
+    system: System
+    judge: BruteForce
+    found: Found
+
+
+@dataclass
+class Compared:
+    """What the comparison of one program found; `states` per reduction (breadth first)."""
+
+    seed: int
+    complaints: list[str] = field(default_factory=list)
+    states: dict[str, int] = field(default_factory=dict)
+
+
+def small(seed: int, most: int = MOST) -> Small | None:
+    """Program number `seed`, enumerated; None where it is refused, too large, or does nothing."""
+    text = small_program(seed)
+    try:
+        system = system_of_test(check_file(f"p{seed}.soter", text), "T")
+        judge = BruteForce(system)
+        return Small(seed, text, system, judge, judge.run(most))
+    except (SoterError, TooLargeError):
+        return None
+
+
+def small_ones(first: int = 0) -> Iterator[Small]:
+    """Small programs without end, in the order of their seeds."""
+    for seed in count(first):
+        made = small(seed)
+        if made is not None:
+            yield made
+
+
+def compared(s: Small, extra: tuple[str, ...] = ()) -> Compared:
+    """Everything that is compared on one program. `extra`: flags for the C compiler."""
+    told = Compared(s.seed)
+    engine = Engine(s.system, extra=extra)
+    try:
+        for strategy in STRATEGIES:
+            for reduction in REDUCTIONS:
+                _one(s, engine, Settings(strategy, reduction=reduction), told)
+        _one(s, engine, Settings("bfs", reduction="none", threads=2), told)
+        _one(s, engine, Settings("bfs", reduction="none", plainly=True), told)
+        _fingerprints(s, engine, told)
+        _least(s, engine, told)
+    finally:
+        engine.close()
+    return told
+
+
+def _one(s: Small, engine: Engine, how: Settings, told: Compared) -> None:
+    """One search that stores what it reaches, and one that stops at a violation."""
+    name = f"{how.strategy}/{how.reduction}"
+    name += f" on {how.threads} threads" if how.threads > 1 else ""
+    name += " plainly" if how.plainly else ""
+    stopping = engine.explore(how)
+    wanted = "violated" if s.found.least else "exhausted"
+    if stopping.status != wanted:
+        told.complaints.append(f"{name}: {stopping.status}, not {wanted}")
+    _check_broken(s, name, stopping.broken, told)
+    whole = {**vars(how), "keep": True, "go_on": True}
+    all_of_it = engine.explore(Settings(**whole))
+    if all_of_it.status != wanted:
+        told.complaints.append(f"{name}, going on: {all_of_it.status}, not {wanted}")
+    decoder = Decoder(s.judge, engine.plan)
+    worlds = [decoder.world(w.tobytes()) for w in engine.worlds()]
+    stored = [s.judge.canonical(w) for w in worlds]
+    if how.strategy == "bfs" and how.threads == 1 and not how.plainly:
+        told.states[how.reduction] = len(stored)
+    if len(stored) != all_of_it.states:
+        told.complaints.append(f"{name}: {all_of_it.states} states, {len(stored)} kept")
+    _check_set(s, name, set(stored), how.reduction, told)
+    seen = {s.judge.sees.projection(w) for w in worlds if s.judge.observable(w)}
+    if not seen <= s.found.observed or (not s.found.least and seen != s.found.observed):
+        told.complaints.append(
+            f"{name}: {_difference(s.found.observed, seen)} observations of {len(s.found.observed)}"
+        )
+    if how.reduction in EVERYTHING and len(set(stored)) != len(stored):
+        told.complaints.append(f"{name}: {len(stored) - len(set(stored))} stored twice")
+
+
+def _check_set(
+    s: Small, name: str, stored: set[Canonical], reduction: str, told: Compared
+) -> None:
+    wanted = s.found.configurations
+    right = stored == wanted if reduction in EVERYTHING else stored <= wanted
+    if not right:
+        told.complaints.append(
+            f"{name}: {_difference(wanted, stored)} configurations of {len(wanted)}"
+            f"{_example(wanted, stored)}"
+        )
+
+
+def _difference(wanted: set[Canonical], found: set[Canonical]) -> str:
+    return f"{len(wanted - found)} missing, {len(found - wanted)} too many"
+
+
+def _example(wanted: set[Canonical], found: set[Canonical]) -> str:
+    lines = []
+    for name, some in (("missing", wanted - found), ("too many", found - wanted)):
+        if some:
+            lines.append(f"\n  {name}: {min(some, key=lambda c: (c[0], repr(c)))}")
+    return "".join(lines)
+
+
+def _check_broken(s: Small, name: str, broken: tuple[int, int] | None, told: Compared) -> None:
+    if broken is not None and _named(broken) not in s.found.least:
+        told.complaints.append(f"{name}: {_named(broken)} is not violated, {s.found.least} are")
+
+
+def _named(broken: tuple[int, int]) -> Broken:
+    return WHAT[broken[0]], broken[1]
+
+
+def _fingerprints(s: Small, engine: Engine, told: Compared) -> None:
+    """64 bits tell as many configurations apart as whole ones do, here."""
+    how = {"reduction": "none", "go_on": True}
+    exact = engine.explore(Settings("bfs", "exact", **how))  # type: ignore[arg-type]
+    short = engine.explore(Settings("bfs", "fingerprint", **how))  # type: ignore[arg-type]
+    if exact.states != short.states:
+        told.complaints.append(f"fingerprints: {short.states} states, exact {exact.states}")
+
+
+def _least(s: Small, engine: Engine, told: Compared) -> None:
+    """The least trace to every violation is as long as the shortest that there is."""
+    for (what, index), moves in s.found.least.items():
+        broken = (WHAT.index(what), index)
+        least = engine.least(Settings(), broken)
+        if least.status != "violated":
+            told.complaints.append(f"least trace to {what} {index}: {least.status}")
+            continue
+        length = sum(step.actor >= 0 for step in least.steps)
+        if length != moves:
+            told.complaints.append(f"least trace to {what} {index}: {length} steps, not {moves}")
+        possible, seen, _worlds = engine.replay(least.steps)
+        if possible != len(least.steps) or seen != broken:
+            told.complaints.append(
+                f"least trace to {what} {index}: {possible} of {len(least.steps)} steps, {seen}"
+            )

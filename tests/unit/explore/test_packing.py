@@ -1,0 +1,171 @@
+"""Worlds packed into words and read back: nothing that decides the future is lost or mixed."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from soter.explore.build import Engine, RawStep, Settings
+from soter.lower.layout import NEVER
+from soter.program.build import check_file, system_of_test
+from unit.explore.some_worlds import WorldMaker
+
+if TYPE_CHECKING:
+    import numpy.typing as npt
+
+    from unit.explore.some_worlds import Field
+
+    World = npt.NDArray[np.uint8]
+
+PROGRAMS = Path(__file__).parent / "programs"
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+SUBJECTS = (
+    (PROGRAMS / "rich.soter", "Late"),
+    (EXAMPLES / "testing" / "two_modules.soter", "BothStayInside"),
+)
+BIRTH = RawStep(-1, 4, -1, -1, ())
+
+
+def engine_of(path: Path, test: str) -> Engine:
+    return Engine(system_of_test(check_file(str(path)), test))
+
+
+@pytest.fixture(scope="module", params=SUBJECTS, ids=[test for _, test in SUBJECTS])
+def engine(request: pytest.FixtureRequest) -> Engine:
+    path, test = request.param
+    return engine_of(path, test)
+
+
+@pytest.fixture(scope="module")
+def rich() -> Engine:
+    return engine_of(*SUBJECTS[0])
+
+
+def born(engine: Engine) -> World:
+    return engine.replay([BIRTH])[2][0]
+
+
+def made(engine: Engine, fields: list[Field]) -> World:
+    world = born(engine)
+    for f in fields:
+        f.put(world, f.value)
+    return world
+
+
+def test_a_world_comes_back_as_it_was(engine: Engine) -> None:
+    maker, scratch = WorldMaker(engine, 1), born(engine)
+    for _ in range(300):
+        fields = maker.fields(maker.time())
+        words = engine.packed(made(engine, fields))
+        engine.unpack(words, scratch)
+        for f in fields:
+            assert repr(f.get(scratch)) == repr(f.value), f.name
+        assert (engine.packed(scratch) == words).all()
+
+
+def test_worlds_that_differ_in_one_field_pack_differently(engine: Engine) -> None:
+    maker, differed = WorldMaker(engine, 2), set()
+    for _ in range(30):
+        fields = maker.fields(maker.time())
+        world = made(engine, fields)
+        words = engine.packed(world)
+        for f in fields:
+            value = f.others()
+            if repr(value) == repr(f.value):
+                continue
+            f.put(world, value)
+            assert (engine.packed(world) != words).any(), f.name
+            f.put(world, f.value)
+            differed.add(f.name)
+        assert (engine.packed(world) == words).all()
+    assert {f.name for f in fields} - {"now"} <= {*differed, *constant(fields)}
+
+
+def constant(fields: list[Field]) -> set[str]:
+    """Names of fields that always have the same value in these tests."""
+    return {f.name for f in fields if f.name.startswith("mask")}
+
+
+def test_equal_worlds_at_different_times_have_different_words(engine: Engine) -> None:
+    tick = engine.plan.tick_ns
+    world = born(engine)
+    at = WorldMaker(engine, 3).layout.size
+    seen = {engine.packed(world).tobytes()}
+    for k in range(engine.plan.horizon_ns // tick):
+        struct.pack_into("<q", world.data, at, k * tick)
+        seen.add(engine.packed(world).tobytes())
+    assert len(seen) == engine.plan.horizon_ns // tick + 1
+
+
+def test_the_world_before_the_first_step_comes_back(engine: Engine) -> None:
+    world = born(engine)
+    again = made(engine, WorldMaker(engine, 4).fields(engine.plan.tick_ns))
+    engine.unpack(engine.packed(world), again)
+    assert struct.unpack_from("<q", again.data, 0)[0] == -1
+    assert (engine.packed(again) == engine.packed(world)).all()
+
+
+def test_no_packed_world_is_all_zeros(engine: Engine) -> None:
+    assert int(engine.packed(np.zeros(engine.world_size, dtype=np.uint8))[0]) & 1 == 1
+
+
+def test_what_nobody_reads_is_left_out(rich: Engine) -> None:
+    world = born(rich)
+    words = rich.packed(world)
+    unread = next(t for t in rich.system.topics if t.name == "unread")
+    at = WorldMaker(rich, 5).layout.topic_offset(unread.index)
+    struct.pack_into("<d", world.data, at, 4.5)
+    assert (rich.packed(world) == words).all()
+
+
+def test_a_topic_that_is_too_old_is_like_one_that_never_was(rich: Engine) -> None:
+    topic = next(t for t in rich.system.topics if t.name == "at")
+    assert topic.max_age_ns == 25_000_000
+    maker = WorldMaker(rich, 6)
+    world = made(rich, maker.fields(50_000_000))
+    at = maker.layout.stamp_offset + 8 * topic.index
+    packed = {}
+    for age in (20_000_000, 25_000_000, 30_000_000, 45_000_000):
+        struct.pack_into("<q", world.data, at, 50_000_000 - age)
+        packed[age] = rich.packed(world).tobytes()
+    struct.pack_into("<q", world.data, at, NEVER)
+    never = rich.packed(world).tobytes()
+    assert packed[30_000_000] == packed[45_000_000] == never
+    assert len({packed[20_000_000], packed[25_000_000], never}) == 3
+
+
+def test_what_a_finished_step_once_held_does_not_matter(rich: Engine) -> None:
+    maker = WorldMaker(rich, 7)
+    world = made(rich, maker.fields(30_000_000))
+    number = next(i for i, a in enumerate(rich.actors) if a.overrun_ns)
+    at = int(rich.model.actor[number].held)
+    struct.pack_into("<q", world.data, at, -1)
+    words = rich.packed(world)
+    struct.pack_into("<Q", world.data, at + 8, 0)
+    world[at + 16] ^= 1
+    assert (rich.packed(world) == words).all()
+
+
+def test_an_invariant_is_judged_for_two_periods_of_its_module(rich: Engine) -> None:
+    kinds = {int(rich.model.timed[i].kind): rich.model.timed[i] for i in range(3)}
+    assert int(kinds[2].within_ns) == 40_000_000
+    assert int(kinds[1].within_ns) == 30_000_000
+
+
+def test_every_stored_world_comes_back(engine: Engine) -> None:
+    engine.explore(Settings(max_states=5_000, keep=True))
+    worlds = engine.worlds()
+    assert len(worlds) > 1_000
+    scratch = born(engine)
+    packed = set()
+    for world in worlds:
+        words = engine.packed(world)
+        engine.unpack(words, scratch)
+        assert (engine.packed(scratch) == words).all()
+        packed.add(words.tobytes())
+    assert len(packed) == len(worlds)
+    engine.close()
