@@ -36,7 +36,7 @@ def main() -> int:
     states: Counter[str] = Counter()
     kinds: Counter[str] = Counter()
     different: dict[int, list[str]] = {}
-    largest = violated = 0
+    largest = violated = finer = 0
     for s in islice(small_ones(arguments.first), arguments.programs):
         told = compared(s, tuple(arguments.flags))
         if told.complaints:
@@ -46,13 +46,14 @@ def main() -> int:
         if not s.found.least:  # elsewhere searches end where they find something
             states.update(told.states)
         kinds.update({what for what, _ in s.found.least})
+        finer += told.twice > 0
         largest = max(largest, len(s.found.configurations))
     rows = [(r, f"{states[r]:,}", f"{states[r] / states['none']:.2f}") for r in REDUCTIONS]
     print(table(("reduction", "configurations of the clean programs", "share"), rows))
     found = ", ".join(f"{what} {n}" for what, n in sorted(kinds.items()))
     print(
         f"{arguments.programs} programs, {violated} of them violated ({found}), at most "
-        f"{largest:,} configurations; {len(different)} differ (target: none); "
+        f"{largest:,} configurations; stored more finely than needed: {finer}; {len(different)} differ (target: none); "
         f"{time.perf_counter() - began:.0f} s"
     )
     if arguments.json:

@@ -37,6 +37,7 @@ exit codes: 0 exhausted and clean, 3 violated, 4 a bound was reached, 1 diagnost
 """
 EXITS = {"exhausted": FINE, "violated": VIOLATED, "bound": UNDECIDED}
 PAINTS = {"exhausted": "green", "violated": "red", "bound": "yellow"}
+SAMPLING = ("random", "pct", "coverage")
 UNREACHED_SHOWN = 6
 
 
@@ -175,13 +176,15 @@ def _figures(test: TestResult) -> str:
     options = test.options
     parts = [f"{test.states:,} states"] if test.states else []
     parts.append(f"{test.transitions:,} transitions")
-    if options.strategy in ("random", "pct", "coverage"):
+    if options.strategy in SAMPLING:
         parts.append(f"{test.runs:,} runs")
     parts += [f"depth {test.depth}", f"{test.seconds:.2f} s"]
     parts.append(f"{rounded(test.states_per_s)} {'states' if test.states else 'steps'}/s")
     if test.states:
         parts.append(f"{test.bits} bits a state, {size(test.table_bytes)}")
     how = f"{options.strategy}, {options.storage} storage, reduction {options.reduction}"
+    if options.strategy in SAMPLING:
+        how = f"{options.strategy}, seed {options.seed}"
     return f"{', '.join(parts)}\n{how}, {options.threads} thread{'s'[: options.threads > 1]}"
 
 

@@ -257,17 +257,19 @@ class Engine:
         room = np.zeros(ROOM * size, dtype=np.uint8)  # untouched pages cost nothing
         trace = self.ffi.cast("soter_trace_step *", room.ctypes.data)
         failures: list[BaseException] = []
+        done = threading.Event()
 
         def work() -> None:
             try:
                 search(options, progress, result, trace)
             except BaseException as error:  # noqa: BLE001 - raised again below
                 failures.append(error)
+            finally:
+                done.set()
 
         began = time.perf_counter()
-        worker = threading.Thread(target=work, name="soter explorer")
-        worker.start()
-        self._watch(worker, progress, began, look)
+        threading.Thread(target=work, name="soter explorer").start()
+        self._watch(done, progress, began, look)
         seconds = time.perf_counter() - began
         if failures:
             raise failures[0]
@@ -276,23 +278,27 @@ class Engine:
 
     def _watch(
         self,
-        worker: threading.Thread,
+        done: threading.Event,
         progress: Any,  # noqa: ANN401 - cdata
         began: float,
         look: Callable[[Progress], None] | None,
     ) -> None:
-        """Wait for the search; whatever interrupts the waiting ends it in order."""
+        """Wait for the search; whatever interrupts the waiting ends it in order.
+
+        Not with `Thread.join`: after an interruption Python 3.11 takes the thread for ended, and
+        what it writes to would be given back under its hands.
+        """
         failure: BaseException | None = None
-        while worker.is_alive():
+        while not done.is_set():
             try:
-                worker.join(LOOK_S)
-                if look is not None and worker.is_alive() and not progress.stop:
-                    seconds = time.perf_counter() - began
-                    states, made = int(progress.states), int(progress.transitions)
-                    look(Progress(states, made, int(progress.depth), seconds))
+                while not done.wait(LOOK_S):
+                    if look is not None and not progress.stop:
+                        seconds = time.perf_counter() - began
+                        states, made = int(progress.states), int(progress.transitions)
+                        look(Progress(states, made, int(progress.depth), seconds))
             except KeyboardInterrupt:
                 progress.stop = 1
-            except BaseException as error:  # noqa: BLE001 - raised again when the thread has ended
+            except BaseException as error:  # noqa: BLE001 - raised again when the search has ended
                 progress.stop = 1
                 failure = failure or error
         if failure is not None:

@@ -28,6 +28,7 @@ from soter.explore.schedule import INPUT, plan_of
 from soter.explore.trace import STEP_KINDS, Choice, Step
 from soter.program.types import IntType, leaves
 from soter.semantics.random_draws import fnv, leaf_name
+from soter.semantics.record import AC, SC
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -143,10 +144,11 @@ class Search:
     def coverage(self) -> Coverage:
         """What all searches so far have reached."""
         seen, system = self._engine.seen, self._system
+        modes_seen = seen.modes.tolist()
+        for m, row in zip(system.modules, modes_seen, strict=True):
+            row[AC if m.forced == "ac" else SC] = 1  # where it starts
         modes, switches = modules_parts(
-            [(m.name, m.forced) for m in system.modules],
-            seen.modes.tolist(),
-            seen.switches.tolist(),
+            [(m.name, m.forced) for m in system.modules], modes_seen, seen.switches.tolist()
         )
         branches = self._engine.generated.unit.branches
         return Coverage(

@@ -50,8 +50,7 @@ struct soter_memo {
   map* steps; /* [2 * actors]: 2a, and 2a + 1 for first releases */
   map when, seen;
   list effects, values, calendars, plans, bits, verdicts;
-  uint64_t* clear;  /* [actors * words]: schedule and writes */
-  uint64_t* seeing; /* [words]: schedule and what properties read */
+  uint64_t* clear; /* [actors * words]: schedule and writes */
   bool failed;
 };
 
@@ -167,11 +166,7 @@ struct soter_memo* soter_memo_open(soter_expander* e) {
   memo->actors = m->actors;
   memo->steps = calloc(2U * m->actors, sizeof *memo->steps);
   memo->clear = calloc((size_t)m->actors * m->words, sizeof *memo->clear);
-  memo->seeing = calloc(m->words, sizeof *memo->seeing);
-  bool fine = memo->steps != NULL && memo->clear != NULL && memo->seeing != NULL;
-  for (uint32_t k = 0; fine && k < m->words; k++) {
-    memo->seeing[k] = m->scheduled[k] | m->observed[k];
-  }
+  bool fine = memo->steps != NULL && memo->clear != NULL;
   for (uint32_t a = 0; fine && a < 2U * m->actors; a++) {
     fine = map_open(&memo->steps[a], m->words);
   }
@@ -207,7 +202,6 @@ void soter_memo_close(struct soter_memo* memo) {
   map_close(&memo->seen);
   free(memo->steps);
   free(memo->clear);
-  free(memo->seeing);
   free(memo->effects.item);
   free(memo->values.item);
   free(memo->calendars.item);
@@ -230,7 +224,9 @@ static bool is_first(const soter_model* m, const soter_move* move) {
 static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const uint64_t* packed) {
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
-  calendar c = {memo->plans.count, 0U, soter_ample(x, soter_enabled(x)), false};
+  const int64_t now = soter_schedule_of(x->p, x->here)->now;
+  const bool observable = now >= 0 && x->limit > now;
+  calendar c = {memo->plans.count, 0U, soter_ample(x, soter_enabled(x)), observable};
   for (uint32_t a = 0; a < m->actors; a++) {
     soter_move move;
     for (uint32_t n = 0; soter_move_of(x, a, n, &move); n++) {
@@ -338,23 +334,35 @@ static bool give_up(soter_expander* e) {
   return false;
 }
 
+/* Looked up, or computed; *unpacked says that `here` is this world then. */
+SOTER_INLINE const calendar* calendar_of(soter_expander* e, const uint64_t* packed,
+                                         const uint32_t words, bool* unpacked) {
+  struct soter_memo* const memo = e->memo;
+  soter_place* const x = &e->place;
+  uint32_t at = slot_of(&memo->when, packed, x->m->scheduled, words);
+  if (memo->when.number[at] == EMPTY) {
+    x->m->unpack(packed, x->here);
+    soter_look(x);
+    *unpacked = true;
+    if (!compute_calendar(e, memo, packed)) {
+      return NULL;
+    }
+    at = slot_of(&memo->when, packed, x->m->scheduled, words);
+  }
+  return (const calendar*)memo->calendars.item + memo->when.number[at];
+}
+
 SOTER_INLINE bool expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only,
                          const uint32_t words) {
   struct soter_memo* const memo = e->memo;
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
   bool unpacked = false;
-  uint32_t at = slot_of(&memo->when, packed, m->scheduled, words);
-  if (memo->when.number[at] == EMPTY) {
-    m->unpack(packed, x->here);
-    soter_look(x);
-    unpacked = true;
-    if (!compute_calendar(e, memo, packed)) {
-      return give_up(e);
-    }
-    at = slot_of(&memo->when, packed, m->scheduled, words);
+  const calendar* const known = calendar_of(e, packed, words, &unpacked);
+  if (known == NULL) {
+    return give_up(e);
   }
-  const calendar c = ((const calendar*)memo->calendars.item)[memo->when.number[at]];
+  const calendar c = *known;
   uint64_t wanted = only & ~sleep;
   if ((e->reduce & SOTER_REDUCE_AMPLE) != 0U) {
     wanted &= c.ample;
@@ -422,14 +430,19 @@ bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep
                               : expand(e, packed, sleep, only, e->memo->words);
 }
 
-/* What is observed depends on the schedule (whether anything is) and on the bits of `observed`. */
-bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken) {
+/* Whether anything is observed depends on the schedule, what is on the bits of `observed`. */
+SOTER_INLINE bool is_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken,
+                            const uint32_t words) {
   struct soter_memo* const memo = e->memo;
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
-  const uint64_t* const mask = memo->seeing;
-  const uint32_t at = slot_of(&memo->seen, packed, mask, m->words);
-  if (memo->seen.number[at] != EMPTY) {
+  bool unpacked = false;
+  const calendar* const c = calendar_of(e, packed, words, &unpacked);
+  if (c != NULL && !c->observable) {
+    return false;
+  }
+  const uint32_t at = slot_of(&memo->seen, packed, m->observed, words);
+  if (c != NULL && memo->seen.number[at] != EMPTY) {
     const effect* const known = (const effect*)memo->verdicts.item + memo->seen.number[at];
     *broken = known->broken;
     return known->broke;
@@ -437,13 +450,18 @@ bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* 
   effect found = {0U, 0U, false, {0U, 0U}};
   m->unpack(packed, x->there);
   found.broke = soter_violates(x, &found.broken);
-  effect* const to = push(&memo->verdicts, 1U);
+  effect* const to = c != NULL ? push(&memo->verdicts, 1U) : NULL;
   if (to != NULL) {
     *to = found;
-    if (!map_put(&memo->seen, packed, mask, m->words, memo->verdicts.count - 1U)) {
+    if (!map_put(&memo->seen, packed, m->observed, words, memo->verdicts.count - 1U)) {
       memo->verdicts.count--;
     }
   }
   *broken = found.broken;
   return found.broke;
+}
+
+bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken) {
+  return e->memo->words == 1U ? is_broken(e, packed, broken, 1U)
+                              : is_broken(e, packed, broken, e->memo->words);
 }

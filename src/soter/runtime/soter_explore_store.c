@@ -176,35 +176,65 @@ void soter_store_close(soter_store* s) {
   s->segment = NULL;
 }
 
+/* memcpy of an entry: a call costs more than most entries. */
+SOTER_INLINE void copy_entry(uint8_t* to, const uint8_t* from, uint32_t bytes) {
+  if (bytes >= 8U && bytes <= 16U) {
+    uint64_t a;
+    uint64_t b;
+    (void)memcpy(&a, from, 8U);
+    (void)memcpy(&b, from + (bytes - 8U), 8U);
+    (void)memcpy(to, &a, 8U);
+    (void)memcpy(to + (bytes - 8U), &b, 8U);
+  } else if (bytes >= 4U && bytes < 8U) {
+    uint32_t a;
+    uint32_t b;
+    (void)memcpy(&a, from, 4U);
+    (void)memcpy(&b, from + (bytes - 4U), 4U);
+    (void)memcpy(to, &a, 4U);
+    (void)memcpy(to + (bytes - 4U), &b, 4U);
+  } else {
+    (void)memcpy(to, from, bytes);
+  }
+}
+
+/* Moves all entries to a larger segment; `false` where its last buckets overflow. `filled` counts
+ * what each of its buckets has. */
+static bool move_all(const soter_store* s, const soter_segment* from, soter_segment* to,
+                     uint8_t* filled) {
+  const uint8_t* e = from->entry;
+  for (uint64_t i = 0; i < from->buckets * BUCKET; i++, e += s->bytes) {
+    if (is_empty(s, e)) {
+      continue;
+    }
+    uint64_t b = bucket_of(s, to, load(e, s->mask));
+    while (b < to->buckets && filled[b] == BUCKET) {
+      b++;
+    }
+    if (b == to->buckets) {
+      return false;
+    }
+    copy_entry(to->entry + (b * BUCKET + filled[b]) * s->bytes, e, s->bytes);
+    filled[b]++;
+  }
+  return true;
+}
+
 /* A larger segment with the same entries. */
 static bool grow(soter_store* s, soter_segment* g) {
   soter_segment larger;
   uint64_t more = g->buckets < 64U ? g->buckets : g->buckets / 8U;
   for (;;) {
-    if (more == 0U || (s->room + (g->buckets + more) * BUCKET) * s->bytes > s->memory ||
+    if ((s->room + (g->buckets + more) * BUCKET) * s->bytes > s->memory ||
         !segment_open(s, &larger, g->buckets + more)) {
       return false;
     }
-    bool fits = true;
-    for (uint64_t i = 0; fits && i < g->buckets * BUCKET; i++) {
-      const uint8_t* const e = g->entry + i * s->bytes;
-      if (is_empty(s, e)) {
-        continue;
-      }
-      uint64_t key[SOTER_WORDS];
-      bool found;
-      key[0] = load(e, s->mask);
-      (void)memcpy(key, e, s->key);
-      uint8_t* const to = place_of(s, &larger, key, &found);
-      fits = to != NULL;
-      if (fits) {
-        (void)memcpy(to, e, s->bytes);
-      }
-    }
+    uint8_t* const filled = calloc(larger.buckets, 1U);
+    const bool fits = filled != NULL && move_all(s, g, &larger, filled);
+    free(filled);
     if (fits) {
       break;
     }
-    free(larger.entry); /* the last buckets overflow: once more, with more */
+    free(larger.entry); /* once more, with more */
     more += g->buckets / 8U + 1U;
   }
   s->room += (larger.buckets - g->buckets) * BUCKET;
@@ -257,7 +287,7 @@ int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* 
     }
     /* at most seven eighths full, so that ways are short */
     if (e != NULL && (g->count + 1U) * 8U <= g->buckets * BUCKET * 7U) {
-      (void)memcpy(e, key, s->key);
+      copy_entry(e, (const uint8_t*)key, s->key);
       if (s->sleep > 0U) {
         (void)memcpy(e + s->key, sleep, s->sleep);
       }

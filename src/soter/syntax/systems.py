@@ -334,17 +334,27 @@ class SystemParser(NodeParser):
         start = self.starts[self.i]
         self.i += 1
         topic = self.path("the name of an input topic")
-        values: list[tree.Expr] = []
-        if self.accept("in"):
-            self.expect("{", "before the values of the input")
-            values.append(self.expr("a value"))
-            while self.accept(","):
-                values.append(self.expr("a value"))
-            self.expect("}", "after the values of the input")
+        values = self._values() if self.accept("in") else []
         self.expect_word("every", "after the input")
         every = self.time_value("`every`")
         item = tree.DriveInput(topic, tuple(values), every, self.span_from(start))
         parts.inputs.append(item)
+
+    def _values(self) -> list[tree.Expr]:
+        """`{ a, b }`: the values of an input."""
+        self.expect("{", "before the values of the input")
+        values = [self.expr("a value")]
+        while self.accept(","):
+            values.append(self.expr("a value"))
+        if not self.accept("}"):
+            message = f"expected `,` or `}}` after the value, found {self.found()}"
+            self.report("S005", message)
+            self.damaged = True
+            while self.kinds[self.i] not in ("}", ";", EOF):
+                self.i += 1
+            self.accept("}")
+            self.quiet = self.i
+        return values
 
     def _test(self) -> tree.Decl:
         start = self.starts[self.i]

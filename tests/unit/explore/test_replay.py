@@ -8,11 +8,11 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from small import FAULTS, STARTS, TESTED
+from explored_programs import FAULTS, STARTS, TESTED
 from soter.explore.replay import replay
 from soter.explore.trace import BEGIN, EFFECT, LOST, STEP, Broken, Choice, Step
 from soter.program.values import to_json
-from walks import Walk, system_of_text, walk
+from random_walks import Walk, system_of_text, walk
 
 if TYPE_CHECKING:
     from soter.program.system import System

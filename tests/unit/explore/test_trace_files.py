@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from small import TESTED
+from explored_programs import TESTED
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.trace import (
     BYTES_MAX,
@@ -17,7 +17,7 @@ from soter.explore.trace import (
     to_document,
     write_trace,
 )
-from walks import system_of_text, walk
+from random_walks import system_of_text, walk
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -266,8 +266,8 @@ rta R { ac N; sc M; verify { grid a.b in [0, 1] / 2; abstracts d by e: F = g(x);
 plant P period 1ms { drives a = 1; state x: float in [0, 1] = 2; der x = y; measured a.b within 1; }
 system S default { c: P { a = b }; module R; until 1s; force R ac; replace N by M; set K = 1; }
 test C { system S; a leadsto b within 1s; eventually c within 2s; }
-test D { late M.dm by 1ms; overrun a by 2ms; skip a; skip b at most 3; quantum 1us; always invariants;
-input t in { 1, a } every 1s; always invariant(M.a); replace N by M; skew 1ms; }
+test D { late M.dm by 1ms; overrun a by 2ms; skip a; skip b at most 3; quantum 1us;
+always invariants; input t in { 1, a } every 1s; always invariant(M.a); replace N by M; skew 1ms; }
 """
 
 

@@ -1,0 +1,276 @@
+"""`soter test`: verdicts, what was covered, traces, exit codes, and the JSON document."""
+
+from __future__ import annotations
+
+import json
+import re
+import threading
+import time
+from _thread import interrupt_main
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from json_documents import SCHEMAS, _check
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+    from typing import Any
+
+    Soter = Callable[..., Any]
+    Golden = Callable[[str, str], None]
+
+CORRIDOR = """soter 1;
+param END: int = 2 in [1, 9];
+type Move = int in [-1, 1];
+topic cell: int in [-9, 9];
+topic move: Move;
+plant Corridor period 10ms {
+  reads move; drives cell = at;
+  state at: int in [-9, 9] = 0;
+  next at = max(-9, min(at + move, 9));
+}
+node Bold period 10ms {
+  publishes move;
+  step { publish move = choose { 0, 1, -1 }; }
+}
+node Home period 20ms {
+  subscribes cell; publishes move;
+  step {
+    if cell > 8 { publish move = 0; }
+    else { publish move = cell > 0 ? -1 : cell < 0 ? 1 : 0; }
+  }
+}
+rta Keeper {
+  ac Bold; sc Home; period 30ms;
+  safe abs(cell) <= 9; ttf abs(cell) > 1; safer cell == 0;
+}
+system S { robot: Corridor; module Keeper; until 200ms; }
+test Far { system S; horizon 120ms; always abs(robot.truth.at) <= END; }
+test Near { system S; horizon 60ms; always abs(robot.truth.at) <= 9; }
+"""
+FLOATS = """soter 1;
+topic pos: float;
+plant Point period 10ms {
+  drives pos = x; state x: float = 0.0; disturbance wind: float in [-1.0, 1.0]; der x = wind;
+}
+system S { p: Point; until 100ms; }
+test Drifts { system S; horizon 30ms; always p.truth.x < 1.0; }
+"""
+
+
+@pytest.fixture
+def corridor(here: Path) -> str:
+    (here / "corridor.soter").write_text(CORRIDOR)
+    return "corridor.soter"
+
+
+def steady(text: str) -> str:
+    """Without what depends on the machine and the day."""
+    text = re.sub(r"[0-9.]+ s, [0-9.]+ [kMG]? ?(states|steps)/s", r"TIME, RATE \1/s", text)
+    text = re.sub(r", [0-9.]+ [kMG]B$", ", SIZE", text, flags=re.MULTILINE)
+    return re.sub(r"\b[0-9a-f]{12}\b", "HASH", text)
+
+
+# ---------------------------------------------------------------- verdicts and exits
+
+
+def test_a_violation_comes_with_its_trace(soter: Soter, corridor: str, golden: Golden) -> None:
+    done = soter("test", corridor, "--test", "Far")
+    assert done.exit == 3
+    assert "Far  VIOLATED  always abs(robot.truth.at) <= END" in done.out
+    assert "✕ violated" in done.out
+    golden("cli/test_violated.txt", steady(done.out))
+
+
+def test_a_clean_test_says_what_was_covered_and_what_was_not(
+    soter: Soter, corridor: str, golden: Golden
+) -> None:
+    done = soter("test", corridor, "--test", "Near")
+    assert done.exit == 0
+    assert "EXHAUSTED AND CLEAN" in done.out
+    assert "never  Keeper.Home, corridor.soter:18, where the condition holds" in done.out
+    golden("cli/test_clean.txt", steady(done.out))
+
+
+def test_the_worst_test_decides(soter: Soter, corridor: str) -> None:
+    done = soter("test", corridor, "--json")
+    assert done.exit == 3
+    far, near = done.document["tests"]
+    assert (far["name"], far["verdict"]) == ("Far", "violated")
+    assert (near["name"], near["verdict"]) == ("Near", "exhausted")
+    assert done.document["verdict"] == "violated"
+    assert near["trace"] is near["violated"] is near["minimal"] is None
+    assert near["coverage"]["modes"] == {"reached": 2, "total": 2, "unreached": []}
+    assert near["memory"]["packed_bits"] > 0
+    assert near["memory"]["bytes_per_state"] > 0
+
+
+def test_a_bound_is_no_verdict(soter: Soter, corridor: str) -> None:
+    done = soter("test", corridor, "--test", "Near", "--max-states", "20", "--json")
+    assert done.exit == 4
+    assert done.document["tests"][0]["bound"] == "states"
+    done = soter("test", corridor, "--test", "Near", "--strategy", "random", "--runs", "50")
+    assert done.exit == 4
+    assert "BOUND REACHED  no violation was found; random executions" in done.out
+
+
+def test_a_sampled_continuum_is_never_exhausted(soter: Soter, here: Path) -> None:
+    (here / "floats.soter").write_text(FLOATS)
+    done = soter("test", "floats.soter", "--json")
+    assert done.exit == 4
+    (test,) = done.document["tests"]
+    assert (test["verdict"], test["bound"]) == ("bound", "sampled")
+    assert any("p.wind" in text for text in test["assumptions"])
+
+
+def test_what_a_verdict_rests_on_follows_from_how_it_was_found(
+    soter: Soter, corridor: str
+) -> None:
+    plain = soter("test", corridor, "--test", "Near", "--json").document["tests"][0]
+    assert not any("fingerprint" in text for text in plain["assumptions"])
+    assert any("skew 0" in text for text in plain["assumptions"])
+    hashed = soter(
+        "test", corridor, "--test", "Near", "--storage", "fingerprint", "--skew", "2ms", "--json"
+    ).document["tests"][0]
+    assert any("fingerprint" in text for text in hashed["assumptions"])
+    assert any("within 2ms" in text for text in hashed["assumptions"])
+    assert hashed["states"] > plain["states"]
+
+
+@pytest.mark.parametrize("strategy", ["bfs", "dfs", "deepening", "random", "pct", "coverage"])
+def test_every_strategy_finds_it_and_the_trace_is_the_shortest(
+    soter: Soter, corridor: str, strategy: str
+) -> None:
+    done = soter("test", corridor, "--test", "Far", "--strategy", strategy, "--json")
+    assert done.exit == 3
+    (test,) = done.document["tests"]
+    assert test["minimal"] is True
+    shortest = soter("test", corridor, "--test", "Far", "--reduction", "none", "--json")
+    assert test["steps"] == shortest.document["tests"][0]["steps"]
+
+
+def test_parameters_and_times_may_be_set(soter: Soter, corridor: str) -> None:
+    assert soter("test", corridor, "--test", "Far", "--set", "END=9").exit == 0
+    assert soter("test", corridor, "--test", "Far", "--horizon", "20ms").exit == 0
+
+
+# ---------------------------------------------------------------- the trace
+
+
+def test_the_trace_is_a_file_that_keeps_to_its_schema(
+    soter: Soter, corridor: str, here: Path
+) -> None:
+    done = soter("test", corridor, "--test", "Far", "--set", "END=1", "--html", "-o", "out")
+    assert done.exit == 3
+    document = json.loads((here / "out" / "corridor-Far.trace.json").read_text("utf-8"))
+    assert list(_check(SCHEMAS["trace"], document, "")) == []
+    assert document["program"] == "../corridor.soter"
+    assert document["params"] == {"END": 1}
+    assert document["minimal"] is True
+    taken = [c["value"] for s in document["steps"] for c in s["choices"] if c["pick"]]
+    assert taken[0] in (1, -1)
+    assert "<html" in (here / "out" / "corridor-Far.html").read_text("utf-8")
+    assert soter("replay", "out/corridor-Far.trace.json").exit == 0
+
+
+def test_what_the_interpreter_does_not_see_is_a_defect_of_soter(
+    soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from soter.explore import search  # noqa: PLC0415 - to be damaged
+
+    honest = search.Search.least
+
+    def lies(self: Any, found: Any) -> Any:
+        least = honest(self, found)
+        return replace(least, steps=least.steps[:-1])
+
+    monkeypatch.setattr(search.Search, "least", lies)
+    done = soter("test", corridor, "--test", "Far", "--json")
+    assert done.exit == 70
+    assert done.codes == ["I001"]
+    assert "tests" not in done.document
+
+
+def test_a_trace_that_could_not_be_made_minimal_says_so(
+    soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from soter.explore import search  # noqa: PLC0415 - to be hindered
+
+    monkeypatch.setattr(
+        search.Search, "least", lambda _, found: replace(found, status="memory", steps=())
+    )
+    done = soter("test", corridor, "--test", "Far")
+    assert done.exit == 3
+    assert "not shown to be the shortest: the memory that was allowed is full" in done.out
+    assert soter("replay", ".soter/corridor-Far.trace.json").exit == 0
+
+
+# ---------------------------------------------------------------- mistakes and interruptions
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code"),
+    [
+        (("--test", "Nothing"), "U010"),
+        (("--strategy", "guess"), "U001"),
+        (("--storage", "none"), "U001"),
+        (("--reduction", "some"), "U001"),
+        (("--memory", "much"), "U001"),
+        (("--memory", "12"), "U001"),
+        (("--threads", "0"), "U001"),
+        (("--threads", "x"), "U003"),
+        (("--runs", "0"), "U001"),
+        (("--max-states", "-1"), "U001"),
+        (("--skew", "5"), "U001"),
+        (("--horizon", "0s"), "U001"),
+        (("--set", "NONE=1"), "U004"),
+        (("--seed", "-1"), "U003"),
+    ],
+)
+def test_mistakes_of_the_command_line(
+    soter: Soter, corridor: str, arguments: tuple[str, ...], code: str
+) -> None:
+    done = soter("test", corridor, *arguments, "--json")
+    assert done.exit == 2
+    assert done.codes == [code]
+
+
+def test_a_file_without_tests_has_nothing_to_explore(soter: Soter) -> None:
+    done = soter("test", "cart.soter", "--json")
+    assert done.exit == 2
+    assert done.codes == ["U010"]
+
+
+def test_a_wrong_program_has_diagnostics(soter: Soter, here: Path) -> None:
+    (here / "wrong.soter").write_text(CORRIDOR.replace("robot.truth.at", "robot.truth.nowhere"))
+    done = soter("test", "wrong.soter", "--json")
+    assert done.exit == 1
+    assert done.codes
+    assert soter("test", "missing.soter", "--json").exit == 1
+
+
+def test_a_folder_that_cannot_be_written(soter: Soter, corridor: str, here: Path) -> None:
+    (here / "file").write_text("")
+    done = soter("test", corridor, "--test", "Far", "-o", "file", "--json")
+    assert done.exit == 1
+    assert done.codes == ["D006"]
+
+
+def test_an_interruption_prints_what_was_covered(soter: Soter, corridor: str) -> None:
+    def press() -> None:
+        time.sleep(1.5)
+        interrupt_main()
+
+    arguments = ("--strategy", "random", "--runs", "4000000000", "--test", "Near", "--json")
+    soter("test", corridor, "--strategy", "random", "--runs", "1", "--test", "Near")  # compiles
+    threading.Thread(target=press).start()
+    done = soter("test", corridor, *arguments)
+    assert done.exit == 130
+    (test,) = done.document["tests"]
+    assert done.document["interrupted"] is True
+    assert (test["verdict"], test["bound"]) == ("bound", "interrupted")
+    assert test["transitions"] > 0
+    assert test["coverage"]["actors"]["reached"] == test["coverage"]["actors"]["total"]
