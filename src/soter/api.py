@@ -617,8 +617,8 @@ class Program:
         `max_states`: 0 for no bound of its own; `runs` and `seed` are of the random strategies.
         `skew` and `horizon`: seconds or text, in place of the test's own. A violation comes with
         its least trace, which the reference interpreter has replayed; it is written to the folder
-        `output` (None: not at all), with `html` also as a page. `progress` is told how far the search
-        is. Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was covered.
+        `output` (None: not at all), with `html` also as a page. `progress` is told how far the
+        search is. Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was covered.
         """
         from soter.explore.command import (  # noqa: PLC0415 - needs NumPy and a compiler
             Told,
@@ -631,9 +631,7 @@ class Program:
         from soter.explore.settings import options_of  # noqa: PLC0415 - the same
 
         program = self._require_sound()
-        options = options_of(
-            strategy, storage, reduction, threads, memory, max_states, runs, seed
-        )
+        options = options_of(strategy, storage, reduction, threads, memory, max_states, runs, seed)
         tests = chosen(self._checked.tests, self.path, test)
         systems = self._tests([t.name for t in tests], params, skew, horizon)
         told = _params_as_json(program, self._values(params))
@@ -817,6 +815,10 @@ def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayRep
         raise SoterError((Diagnostic("D011", str(error), helps=(hint,)),)) from error
     except ValueError as error:
         raise no_trace(file, str(error)) from error
+    except SoterError as error:
+        if any(d.code == "U002" for d in error.diagnostics):
+            raise no_trace(file, "its program has no such system") from error
+        raise
     outcome = "the run does not show what the file says"
     if run is not None:
         outcome = f"{document.get('module')}: {document.get('shows')} at {run.time_ns / 1e9:.9g} s"

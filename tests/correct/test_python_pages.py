@@ -28,7 +28,8 @@ def here(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 def test_the_python_page_runs_from_top_to_bottom(here: Path) -> None:
-    shutil.copy(ROOT / "examples" / "wall" / "cart.soter", here)
+    for example in ("wall/cart.soter", "testing/late_sc.soter"):
+        shutil.copy(ROOT / "examples" / example, here)
     assert main(["new", "robot"]) == 0
     for name in ("robot.soter", "policy.py"):
         shutil.copy(here / "robot" / name, here)
@@ -37,6 +38,13 @@ def test_the_python_page_runs_from_top_to_bottom(here: Path) -> None:
     assert len(found) > 6
     for number, text in enumerate(found):
         exec(compile(text, f"docs/python.md, block {number + 1}", "exec"), names)  # noqa: S102
+
+
+def test_every_argument_of_explore_is_on_the_page() -> None:
+    page = (DOCS / "python.md").read_text(encoding="utf-8")
+    code = soter.Program.explore.__code__
+    arguments = code.co_varnames[1 : code.co_argcount + code.co_kwonlyargcount]
+    assert [a for a in arguments if f"    {a}=" not in page.partition("## Test")[2]] == []
 
 
 @pytest.fixture

@@ -15,7 +15,8 @@ from soter.diagnostics.diagnostic import Diagnostic
 def run(name: str, about: str, rest: list[str]) -> Outcome:
     """Say that it is to come, and with what."""
     if {"-h", "--help"} & set(rest):
-        raise HelpWantedError(f"soter {name}: {about}\n\nNot in soter {__version__}: it is to come.")
+        text = f"soter {name}: {about}\n\nNot in soter {__version__}: it is to come."
+        raise HelpWantedError(text)
     note = f"{about}: it is to come"
     problem = Diagnostic("U006", f"`soter {name}` is not in soter {__version__}", notes=(note,))
     return Outcome(USAGE, (problem,))

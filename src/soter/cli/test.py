@@ -196,8 +196,8 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
     said = "  ".join(f"{name} {part.reached}/{part.total}" for name, part in parts)
     lines = [f"reached  {said}"]
     for name, part in parts:
-        for one in part.unreached[:UNREACHED_SHOWN]:
-            lines.append(console.paint("yellow", f"  never  {visible(one)}"))
+        shown = part.unreached[:UNREACHED_SHOWN]
+        lines += [console.paint("yellow", f"  never  {visible(one)}") for one in shown]
         rest = len(part.unreached) - UNREACHED_SHOWN
         if rest > 0:
             lines.append(console.paint("muted", f"         and {rest} more {name}"))

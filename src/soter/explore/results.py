@@ -117,8 +117,8 @@ class TestResult:
 
     @property
     def interrupted(self) -> bool:
-        """Whether somebody stopped it."""
-        return self.bound == INTERRUPTED
+        """Whether somebody stopped it, or the search for its least trace."""
+        return INTERRUPTED in (self.bound, self.least_bound)
 
     def __repr__(self) -> str:
         what = f" {self.broken.text}" if self.broken else f" {self.bound}" if self.bound else ""

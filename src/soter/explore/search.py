@@ -127,9 +127,7 @@ class Search:
         )
 
     def _step(self, raw: RawStep) -> Step:
-        choices = tuple(
-            [Choice(self._streams[c.stream], c.pick, c.count) for c in raw.choices]
-        )
+        choices = tuple([Choice(self._streams[c.stream], c.pick, c.count) for c in raw.choices])
         name = self._actor(raw.actor) if raw.actor >= 0 else ""
         return Step(name, STEP_KINDS[raw.kind], raw.release_ns, raw.time_ns, choices)
 

@@ -20,7 +20,7 @@ MEMORY_MIN = 2**20
 _SIZE = re.compile(r"([0-9]{1,15}(?:\.[0-9]{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
 
 
-def options_of(  # noqa: PLR0913 - as many as the command line has
+def options_of(
     strategy: str,
     storage: str,
     reduction: str,

@@ -284,7 +284,7 @@ def _trace(d: _Reader, path: Path) -> Trace:
         params=d.mapping("params"),
         seed=d.number("seed", 0, 2**64 - 1),
         skew_ns=d.number("skew_ns", 0, TIME_MAX),
-        horizon_ns=d.number("horizon_ns", 0, TIME_MAX),
+        horizon_ns=d.number("horizon_ns", 1, TIME_MAX),
         broken=Broken(
             broken.one_of("what", BROKEN_KINDS),
             broken.number("index", 0, COUNT_MAX),

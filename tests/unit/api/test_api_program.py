@@ -207,12 +207,6 @@ def test_build(tmp_path: Path) -> None:
     assert (tmp_path / "out" / "Makefile").exists()
 
 
-@pytest.mark.parametrize("method", ["explore"])
-def test_what_is_to_come_says_so(method: str) -> None:
-    with pytest.raises(soter.SoterError, match="U006"):
-        getattr(soter.load(CART), method)()
-
-
 def test_names_that_are_not_there() -> None:
     with pytest.raises(AttributeError):
         soter.nonsense  # noqa: B018

@@ -68,9 +68,8 @@ def corridor(here: Path) -> str:
 
 
 def steady(text: str) -> str:
-    """Without what depends on the machine and the day."""
-    text = re.sub(r"[0-9.]+ s, [0-9.]+ [kMG]? ?(states|steps)/s", r"TIME, RATE \1/s", text)
-    text = re.sub(r", [0-9.]+ [kMG]B$", ", SIZE", text, flags=re.MULTILINE)
+    """Without what depends on the machine, the day, and how the engine goes about it."""
+    text = re.sub(r"^[0-9,]+ states, .*", "FIGURES", text, flags=re.MULTILINE)
     return re.sub(r"\b[0-9a-f]{12}\b", "HASH", text)
 
 
@@ -126,17 +125,15 @@ def test_a_sampled_continuum_is_never_exhausted(soter: Soter, here: Path) -> Non
     assert any("p.wind" in text for text in test["assumptions"])
 
 
-def test_what_a_verdict_rests_on_follows_from_how_it_was_found(
-    soter: Soter, corridor: str
-) -> None:
+def test_what_a_verdict_rests_on_follows_from_how_it_was_found(soter: Soter, corridor: str) -> None:
     plain = soter("test", corridor, "--test", "Near", "--json").document["tests"][0]
     assert not any("fingerprint" in text for text in plain["assumptions"])
     assert any("skew 0" in text for text in plain["assumptions"])
     hashed = soter(
-        "test", corridor, "--test", "Near", "--storage", "fingerprint", "--skew", "2ms", "--json"
+        "test", corridor, "--test", "Near", "--storage", "fingerprint", "--skew", "10ms", "--json"
     ).document["tests"][0]
     assert any("fingerprint" in text for text in hashed["assumptions"])
-    assert any("within 2ms" in text for text in hashed["assumptions"])
+    assert any("within 10 ms" in text for text in hashed["assumptions"])
     assert hashed["states"] > plain["states"]
 
 
@@ -179,7 +176,7 @@ def test_the_trace_is_a_file_that_keeps_to_its_schema(
 def test_what_the_interpreter_does_not_see_is_a_defect_of_soter(
     soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from soter.explore import search  # noqa: PLC0415 - to be damaged
+    from soter.explore import search
 
     honest = search.Search.least
 
@@ -197,7 +194,7 @@ def test_what_the_interpreter_does_not_see_is_a_defect_of_soter(
 def test_a_trace_that_could_not_be_made_minimal_says_so(
     soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from soter.explore import search  # noqa: PLC0415 - to be hindered
+    from soter.explore import search
 
     monkeypatch.setattr(
         search.Search, "least", lambda _, found: replace(found, status="memory", steps=())

@@ -21,7 +21,11 @@ node Bold period 10ms {
 }
 node Home period 20ms {
   subscribes cell; publishes move;
-  step { if cell > 0 { publish move = -1; } elseif cell < 0 { publish move = 1; } else { publish move = 0; } }
+  step {
+    if cell > 0 { publish move = -1; }
+    elseif cell < 0 { publish move = 1; }
+    else { publish move = 0; }
+  }
 }
 node Watch period 20ms {
   subscribes alarm; publishes seen;
@@ -40,9 +44,17 @@ system S {
 }
 test Far { system S; horizon 120ms; always abs(robot.truth.at) <= 2; }
 test Skewed { system S; skew 5ms; horizon 100ms; never robot.truth.at > 3; }
-test Theorem { system S; skew 10ms; late Keeper.Home by 30ms; horizon 150ms; always invariant(Keeper); }
-test Skips { system S; skip Keeper.dm at most 2; skip watch; horizon 120ms; always abs(robot.truth.at) <= 3; }
-test Overruns { system S; overrun Keeper.Home by 25ms; overrun watch by 10ms; horizon 150ms; always robot.truth.at < 4; }
+test Theorem {
+  system S; skew 10ms; late Keeper.Home by 30ms; horizon 150ms; always invariant(Keeper);
+}
+test Skips {
+  system S; skip Keeper.dm at most 2; skip watch; horizon 120ms;
+  always abs(robot.truth.at) <= 3;
+}
+test Overruns {
+  system S; overrun Keeper.Home by 25ms; overrun watch by 10ms; horizon 150ms;
+  always robot.truth.at < 4;
+}
 test Answers { system S; skew 5ms; horizon 150ms; alarm leadsto seen > 0 within 10ms; }
 test Sometime { system S; horizon 100ms; eventually seen > 2 within 80ms; }
 """

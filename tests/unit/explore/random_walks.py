@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass, field
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from generators.brute_force import Answers, BruteForce
@@ -17,6 +16,7 @@ from soter.program.build import check_file, system_of_test
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
+    from pathlib import Path
 
     from soter.program.system import System
 
@@ -66,12 +66,12 @@ class Walk:
 
 def walk(system: System, seed: int, longest: int = 10_000) -> Walk:
     """A random execution up to the first violation, or to its end."""
-    rng = random.Random(seed)
+    rng = random.Random(seed)  # noqa: S311 - a test
     brute = BruteForce(system)
     answers = _Recording()
     brute.answers = answers
     brute.machine.draws = answers
-    world, asked = rng.choice([(w, list(answers.asked)) for w in brute._births()])  # noqa: SLF001
+    world, asked = rng.choice([(w, list(answers.asked)) for w in brute._births()])
     steps = [Step("", START, -1, -1, _choices(asked, ""))]
     topics = [world.c.Topics]
     broken: tuple[str, int] | None = None
@@ -97,7 +97,7 @@ def walk(system: System, seed: int, longest: int = 10_000) -> Walk:
         if after is not None:
             world = after
             topics.append(world.c.Topics)
-            broken = brute._judged(world, _Nothing())  # type: ignore[arg-type]  # noqa: SLF001
+            broken = brute._judged(world, _Nothing())  # type: ignore[arg-type]
     return Walk(_trace(system, broken, steps), broken, topics)
 
 
@@ -112,7 +112,7 @@ def _choices(asked: list[tuple[str, int, int]], prefix: str) -> tuple[Choice, ..
 
 
 def _trace(system: System, broken: tuple[str, int] | None, steps: list[Step]) -> Trace:
-    from soter.explore.replay import broken_of  # noqa: PLC0415 - what is named, not what is run
+    from soter.explore.replay import broken_of
 
     assert system.test is not None
     named = broken_of(system, *(broken or ("property", 0))) or broken_of(system, "timed", 0)

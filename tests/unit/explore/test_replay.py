@@ -7,18 +7,19 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import pytest
-
 from explored_programs import FAULTS, STARTS, TESTED
+from random_walks import Walk, system_of_text, walk
+
 from soter.explore.replay import replay
 from soter.explore.trace import BEGIN, EFFECT, LOST, STEP, Broken, Choice, Step
 from soter.program.values import to_json
-from random_walks import Walk, system_of_text, walk
 
 if TYPE_CHECKING:
     from soter.program.system import System
 
+NAMES = ("Far", "Skewed", "Theorem", "Skips", "Overruns", "Answers", "Sometime")
 CASES = [
-    *[(TESTED, t) for t in ("Far", "Skewed", "Theorem", "Skips", "Overruns", "Answers", "Sometime")],
+    *[(TESTED, t) for t in NAMES],
     (FAULTS, "Overflows"),
     (STARTS, "Drifts"),
 ]
@@ -47,17 +48,15 @@ def test_every_execution_is_allowed_and_ends_as_the_enumerator_says(text: str, t
         assert found.problem is None
         assert found.reproduced == (w.broken is not None)
         assert len(found.steps) == len(w.trace.steps)
-        topics = [
-            {t.name: to_json(t.type, c[t.index]) for t in tested.topics} for c in w.topics
-        ]
+        topics = [{t.name: to_json(t.type, c[t.index]) for t in tested.topics} for c in w.topics]
         assert [s.topics for s in found.steps][: len(topics)] == topics
         outcomes.add(w.broken)
     assert outcomes - {None}, "some of the walks have to go wrong"
 
 
-def test_only_the_end_is_violated(tested: str = "Far") -> None:
-    for w in walks(tested):
-        found = replay(w.trace, system(TESTED, tested))
+def test_only_the_end_is_violated() -> None:
+    for w in walks("Far"):
+        found = replay(w.trace, system(TESTED, "Far"))
         before, last = found.steps[:-1], found.steps[-1]
         assert all(not s.violated for s in before)
         assert bool(last.violated) == (w.broken is not None)
@@ -182,7 +181,8 @@ def test_picks_answer_what_is_asked() -> None:
 def test_nothing_comes_after_a_fault() -> None:
     w = violating("Overflows", FAULTS)
     last = w.trace.steps[-1]
-    after = replace(last, release_ns=last.release_ns + 10_000_000, time_ns=last.time_ns + 10_000_000)
+    later = last.time_ns + 10_000_000
+    after = replace(last, release_ns=later, time_ns=later)
     found = replay(replace(w.trace, steps=(*w.trace.steps, after)), system(FAULTS, "Overflows"))
     assert not found.reproduced
     assert "no execution goes on" in found.outcome

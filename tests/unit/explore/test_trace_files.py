@@ -7,8 +7,9 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-
 from explored_programs import TESTED
+from random_walks import system_of_text, walk
+
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.trace import (
     BYTES_MAX,
@@ -17,7 +18,6 @@ from soter.explore.trace import (
     to_document,
     write_trace,
 )
-from random_walks import system_of_text, walk
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -109,10 +109,11 @@ def test_what_is_no_file_is_told_so(tmp_path: Path) -> None:
     assert "larger" in reason(tmp_path / "large")
 
 
-WRONG: tuple[object, ...] = (None, True, -1.5, 10**40, -(10**40), "x", [], {}, [[]], {"a": 1}, 1e308)
+HUGE = 10**40
+WRONG: tuple[object, ...] = (None, True, -1.5, HUGE, -HUGE, "x", [], {}, [[]], {"a": 1}, 1e308)
 
 
-def _places(document: Any, path: tuple[Any, ...] = ()) -> Any:  # noqa: ANN401 - any JSON
+def _places(document: Any, path: tuple[Any, ...] = ()) -> Any:
     if isinstance(document, dict):
         for name, value in document.items():
             yield (*path, name)

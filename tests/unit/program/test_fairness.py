@@ -34,14 +34,14 @@ def test_every_alternative_comes_in_any_2n_executions(count: int, data: st.DataO
 def test_what_is_not_allowed_would_have_to_break_the_promise(count: int) -> None:
     """Every sequence that keeps all windows full is possible: the rule forbids nothing else."""
     length = {1: 6, 2: 9, 3: 9}[count]
-    possible: set[tuple[int, ...]] = {()}
-    ages = {(): (0,) * count}
+    ages: dict[tuple[int, ...], tuple[int, ...]] = {(): (0,) * count}
     for _ in range(length):
-        longer: dict[tuple[int, ...], tuple[int, ...]] = {}
-        for picks in possible:
-            for pick in allowed(ages[picks]):
-                longer[(*picks, pick)] = taken(ages[picks], pick)
-        possible, ages = set(longer), longer
+        ages = {
+            (*picks, pick): taken(before, pick)
+            for picks, before in ages.items()
+            for pick in allowed(before)
+        }
+    possible = set(ages)
     promised = {p for p in product(range(count), repeat=length) if windows_are_full(list(p), count)}
     assert possible <= promised
     unfinished = {p for p in promised - possible if not _can_go_on(p, count)}

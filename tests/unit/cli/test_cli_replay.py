@@ -1,0 +1,204 @@
+"""`soter replay`: what reproduces, what does not, and files that are damaged or mean harm."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+from test_cli_test import CORRIDOR
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    Soter = Callable[..., Any]
+    Golden = Callable[[str, str], None]
+
+ROOT = Path(__file__).resolve().parents[3]
+TRACE = ".soter/corridor-Far.trace.json"
+
+
+@pytest.fixture
+def trace(soter: Soter, here: Path) -> Path:
+    """A trace of the corridor, and the program beside it."""
+    (here / "corridor.soter").write_text(CORRIDOR)
+    assert soter("test", "corridor.soter", "--test", "Far").exit == 3
+    return here / TRACE
+
+
+def changed(trace: Path, **fields: object) -> None:
+    """The trace with other fields."""
+    document = json.loads(trace.read_text("utf-8"))
+    trace.write_text(json.dumps({**document, **fields}), "utf-8")
+
+
+def test_a_trace_reproduces_step_by_step(soter: Soter, trace: Path, golden: Golden) -> None:
+    assert trace.exists()
+    done = soter("replay", TRACE)
+    assert done.exit == 0
+    assert "REPRODUCED  always abs(robot.truth.at) <= END is violated at step" in done.out
+    golden("cli/replay.txt", "\n".join(done.out.splitlines()[1:]))
+
+
+def test_the_document_has_every_step(soter: Soter, trace: Path) -> None:
+    document = soter("replay", str(trace), "--json").document
+    assert document["reproduced"] is True
+    assert document["kind"] == "trace"
+    assert document["property"] == "always abs(robot.truth.at) <= END"
+    steps = document["steps"]
+    assert document["violated_at"] == steps[-1]["step"]
+    assert steps[-1]["violated"] == [document["property"]]
+    assert abs(steps[-1]["truth"]["robot"]["at"]) == 3
+    assert steps[0]["kind"] == "start"
+    assert any(s["choices"] and s["choices"][0]["value"] in (-1, 0, 1) for s in steps)
+
+
+def test_pages_and_logs_are_written(soter: Soter, trace: Path, here: Path) -> None:
+    done = soter("replay", str(trace), "--html", "far.html", "--mcap", "far.mcap", "--json")
+    assert done.exit == 0
+    assert (done.document["html"], done.document["mcap"]) == ("far.html", "far.mcap")
+    assert "corridor" in (here / "far.html").read_text("utf-8")
+    assert (here / "far.mcap").read_bytes().startswith(b"\x89MCAP")
+    (here / "file").write_text("")
+    done = soter("replay", str(trace), "--html", "file/far.html", "--json")
+    assert done.exit == 1
+    assert done.codes == ["D006"]
+    assert done.document["reproduced"] is True
+
+
+def test_it_is_found_from_another_folder(
+    soter: Soter, trace: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (here / "elsewhere").mkdir()
+    monkeypatch.chdir(here / "elsewhere")
+    assert soter("replay", str(trace)).exit == 0
+    assert soter("replay", f"../{TRACE}").exit == 0
+
+
+def test_a_trace_without_its_end_is_not_reproduced(soter: Soter, trace: Path) -> None:
+    steps = json.loads(trace.read_text("utf-8"))["steps"]
+    changed(trace, steps=steps[:-1])
+    done = soter("replay", str(trace))
+    assert done.exit == 3
+    assert "NOT REPRODUCED" in done.out
+    changed(trace, steps=[])
+    assert soter("replay", str(trace), "--json").document["reproduced"] is False
+
+
+def test_a_changed_order_is_not_reproduced(soter: Soter, trace: Path) -> None:
+    steps = json.loads(trace.read_text("utf-8"))["steps"]
+    changed(trace, steps=[*steps[:2], *steps[-1:], *steps[2:]])
+    done = soter("replay", str(trace), "--json")
+    assert done.exit == 3
+    assert done.document["violated_at"] is None
+
+
+def test_a_changed_program_is_another_one(soter: Soter, trace: Path, here: Path) -> None:
+    (here / "corridor.soter").write_text(CORRIDOR + "// repaired\n")
+    done = soter("replay", str(trace), "--json")
+    assert done.exit == 1
+    assert done.codes == ["D011"]
+    (here / "corridor.soter").unlink()
+    done = soter("replay", str(trace), "--json")
+    assert done.exit == 1
+    assert done.codes == ["D001"]
+
+
+@pytest.mark.parametrize(
+    ("fields", "exit_", "code"),
+    [
+        ({"test": "None"}, 1, "D010"),
+        ({"params": {"NONE": 1}}, 1, "D010"),
+        ({"params": {"END": "x"}}, 1, "D010"),
+        ({"params": {"END": 7000}}, 1, None),
+        ({"property": {"what": "timed", "index": 4, "text": "x"}}, 3, None),
+        ({"property": {"what": "property", "index": 0, "text": "\x1b[31m"}}, 3, None),
+        ({"skew_ns": 5_000_000}, 0, None),
+        ({"horizon_ns": 0}, 1, "D010"),
+        ({"horizon_ns": 10_000_000}, 3, None),
+        ({"program": "/dev/null"}, 1, None),
+        ({"program": "\0"}, 1, None),
+        ({"program": "."}, 1, None),
+        ({"seed": 2**64}, 1, "D010"),
+    ],
+)
+def test_what_does_not_fit_the_program(
+    soter: Soter, trace: Path, fields: dict[str, object], exit_: int, code: str | None
+) -> None:
+    changed(trace, **fields)
+    done = soter("replay", str(trace), "--json")
+    assert done.exit == exit_
+    assert code is None or done.codes == [code]
+    assert "\x1b" not in soter("replay", str(trace)).out
+
+
+def test_other_files_are_no_traces(soter: Soter, here: Path) -> None:
+    (here / "deep.json").write_text("[" * 200_000)
+    for name in ("cart.soter", "nothing.json", ".", "deep.json", "/dev/zero"):
+        done = soter("replay", name, "--json")
+        assert (done.exit, done.codes) == (1, ["D010"])
+    assert soter("replay", "--json").exit == 2
+
+
+# ---------------------------------------------------------------- counterexamples of `soter verify`
+
+
+@pytest.fixture
+def counterexample(soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.syspath_prepend(str(ROOT))
+    from bench.mutant_models import BASES
+
+    tank = {b.name: b for b in BASES}["tank"]
+    wrong = {**tank.defaults, **dict(tank.mutants)["ttf is constant false"]}
+    (here / "tank.soter").write_text(tank.text(wrong))
+    assert soter("verify", "tank.soter").exit == 3
+    return here / ".soter" / "tank-SafeTank.counterexample.json"
+
+
+def test_counterexamples_of_proofs_are_replayed_too(
+    soter: Soter, counterexample: Path, here: Path
+) -> None:
+    done = soter("replay", str(counterexample), "--json")
+    assert done.exit == 0
+    assert done.document["kind"] == "counterexample"
+    assert done.document["steps"]
+    assert "REPRODUCED" in soter("replay", str(counterexample)).out
+    assert soter("replay", str(counterexample), "--html", "x.html", "--json").codes == ["U001"]
+    text = counterexample.read_text("utf-8")
+    sooner = json.loads(text)["time_ns"] - 10_000_000
+    changed(counterexample, time_ns=sooner)
+    assert soter("replay", str(counterexample)).exit == 3
+    counterexample.write_text(text)
+    program = here / "tank.soter"
+    program.write_text(program.read_text() + "// changed\n")
+    assert soter("replay", str(counterexample), "--json").codes == ["D011"]
+
+
+def _places(document: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
+    if isinstance(document, dict):
+        for name, value in document.items():
+            yield (*path, name)
+            yield from _places(value, (*path, name))
+    elif isinstance(document, list) and document:
+        yield (*path, 0)
+        yield from _places(document[0], (*path, 0))
+
+
+def test_damaged_counterexamples_are_told_so(soter: Soter, counterexample: Path) -> None:
+    """Anything in any place: reproduced or not, or a diagnostic; never a defect."""
+    document = json.loads(counterexample.read_text("utf-8"))
+    document["steps"] = []
+    for place in list(_places(document)):
+        for wrong in (None, True, -1, 1.5, 10**30, "x", [], {}, "missing"):
+            damaged = json.loads(json.dumps(document))
+            inner = damaged
+            for part in place[:-1]:
+                inner = inner[part]
+            if wrong == "missing":
+                del inner[place[-1]]
+            else:
+                inner[place[-1]] = wrong
+            counterexample.write_text(json.dumps(damaged))
+            done = soter("replay", str(counterexample), "--json")
+            assert done.exit in (0, 1, 3), (place, wrong)

@@ -1,0 +1,188 @@
+"""The explorer as a library: what it finds, how it ends, what is kept of it."""
+
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.explore.build import Engine, Progress, Settings, sources
+from soter.lower.steps import lower
+from soter.native.build import RUNTIME
+from soter.program.build import check_file, system_of_test
+
+if TYPE_CHECKING:
+    from soter.explore.build import Searched
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "testing"
+PLAIN = """soter 1;
+type Colour = enum { Red, Green, Blue };
+topic out: int in [-2, 2];
+topic hue: Colour;
+topic sum: int in [-9, 9];
+topic place: int in [-2, 2];
+plant P period 10ms { reads out; drives place = x;
+  state x: int in [-2, 2] = 0; next x = max(-2, min(x + out, 2)); }
+node Free period 10ms { subscribes place; publishes out, hue; failsafe out = 0;
+  var last: int in [-2, 2] = 0; on takeover { last = 0; }
+  step {
+    let now: int = choose { last, 1, -1 };
+    if choose bool { publish out = now; publish hue = fair choose Colour; }
+    last = max(-2, min(now, 2));
+  }
+}
+node Home period 20ms { subscribes place; publishes out, hue; on takeover { n = 1; }
+  var n: int in [0, 3] = 0;
+  step { n = (n + 1) % 4; publish out = place > 0 ? -1 : place < 0 ? 1 : 0;
+    if n == 2 { publish hue = Colour.Blue; } }
+}
+rta M { ac Free; sc Home; period 20ms; safe abs(place) <= 2; ttf abs(place) > 1;
+  safer place == 0; clean 1; }
+node Add period 30ms { subscribes place queue 2, out queue 2 drop_newest, hue; publishes sum;
+  step { var s: int = 0; for x in place { s = s + x; } for x in out { s = s + x; }
+    if hue == Colour.Green { publish sum = s; } } }
+system S { p: P; module M; node Add; always sum < 9; }
+test T { system S; horizon 20ms; skip Add; }
+test Wide { system S; horizon 10ms; skew 5ms; late M.Home by 5ms; }
+"""
+
+
+def plain(test: str) -> Engine:
+    checked = check_file("plain.soter", PLAIN)
+    assert checked.ok, [(d.code, d.message) for d in checked.diagnostics.items]
+    return Engine(system_of_test(checked, test))
+
+
+@pytest.fixture(scope="module")
+def two() -> Engine:
+    return Engine(system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside"))
+
+
+@pytest.fixture(scope="module")
+def greedy() -> Engine:
+    path = EXAMPLES / "two_modules_greedy.soter"
+    return Engine(system_of_test(check_file(str(path)), "SomebodyLeaves"))
+
+
+def packed(engine: Engine, found: Searched) -> set[bytes]:
+    words = {engine.packed(w).tobytes() for w in engine.worlds()}
+    assert len(words) == found.states
+    return words
+
+
+@pytest.mark.parametrize("test", ["T", "Wide"])
+def test_remembered_steps_and_steps_that_are_run_reach_the_same_worlds(test: str) -> None:
+    engine = plain(test)
+    assert engine.model.plain
+    one = Settings(reduction="none", keep=True, max_states=200_000)
+    remembered = engine.explore(one)
+    there = packed(engine, remembered)
+    run = engine.explore(Settings(reduction="none", keep=True, max_states=200_000, plainly=True))
+    assert remembered.status == run.status == "exhausted"
+    assert there == packed(engine, run)
+    engine.close()
+
+
+def test_all_strategies_and_reductions_say_the_same(two: Engine) -> None:
+    assert two.explore(Settings()).status == "exhausted"
+    assert two.explore(Settings(strategy="dfs")).status == "exhausted"
+    assert two.explore(Settings(reduction="sleep")).status == "exhausted"
+    assert two.explore(Settings(storage="fingerprint", threads=2)).status == "exhausted"
+
+
+def test_a_violation_comes_with_a_trace_that_can_be_run_again(greedy: Engine) -> None:
+    found = greedy.explore(Settings(strategy="dfs"))
+    assert found.status == "violated"
+    possible, broken, worlds = greedy.replay(found.steps)
+    assert (possible, broken) == (len(found.steps), found.broken)
+    assert worlds.shape == (possible, greedy.world_size)
+    assert found.broken is not None
+    least = greedy.least(Settings(), found.broken)
+    assert least.status == "violated"
+    assert len(least.steps) <= len(found.steps)
+    assert greedy.replay(least.steps)[1] == found.broken
+
+
+def test_a_trace_that_is_no_execution_stops_where_it_leaves_the_test(greedy: Engine) -> None:
+    found = greedy.explore(Settings(strategy="dfs"))
+    wrong = [*found.steps[:3], found.steps[1], *found.steps[3:]]
+    possible, broken, _ = greedy.replay(wrong)
+    assert possible == 3
+    assert broken is None
+
+
+def test_interrupting_ends_a_search_in_order_with_what_it_found(two: Engine) -> None:
+    looks: list[Progress] = []
+
+    def interrupt(progress: Progress) -> None:
+        looks.append(progress)
+        raise KeyboardInterrupt
+
+    found = two.explore(Settings(strategy="random", runs=10**12), interrupt)
+    assert found.status == "stopped"
+    assert len(looks) == 1
+    assert found.runs > 0
+    assert threading.active_count() == 1
+
+
+def test_what_looking_raises_is_raised_after_the_search_has_ended(two: Engine) -> None:
+    def fail(_: Progress) -> None:
+        raise ValueError("no")
+
+    with pytest.raises(ValueError, match="no"):
+        two.explore(Settings(strategy="random", runs=10**12), fail)
+    assert threading.active_count() == 1
+
+
+def test_bounds_end_a_search(two: Engine) -> None:
+    assert two.explore(Settings(max_states=1_000)).status == "states"
+    assert two.explore(Settings(reduction="none", memory=300_000)).status == "memory"
+    assert two.explore(Settings(strategy="random", runs=10)).status == "runs"
+
+
+def test_worlds_are_kept_only_where_asked_for(two: Engine) -> None:
+    found = two.explore(Settings(max_states=1_000, keep=True))
+    assert len(two.worlds()) == found.states
+    two.explore(Settings(max_states=1_000))
+    assert len(two.worlds()) == 0
+
+
+def test_coverage_says_what_stepped_and_what_was_published(two: Engine) -> None:
+    two.explore(Settings())
+    assert two.seen.fired.all()
+    assert two.seen.modes.all()
+    assert two.seen.switches.all()
+    unit = two.generated.unit
+    assert len(unit.branches) == int(two.model.branches)
+
+
+def test_the_layout_is_the_one_of_the_header(two: Engine) -> None:
+    assert two.world_size == two.generated.world_size
+    assert two.bits == two.generated.bits
+    assert two.words == -(-two.bits // 64)
+
+
+def test_every_file_of_the_explorer_is_compiled() -> None:
+    there = {p.name for p in RUNTIME.iterdir() if p.name.startswith("soter_explore")}
+    assert set(sources()) == there
+
+
+def test_damaged_objects_of_the_runtime_are_built_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOTER_CACHE", str(tmp_path))
+    system = system_of_test(check_file("plain.soter", PLAIN), "T")
+    Engine(system)
+    kept = next(tmp_path.glob("objects-*"))
+    victim = kept / "soter_kernel.o"
+    whole = victim.read_bytes()
+    victim.write_bytes(whole[: len(whole) // 2])
+    for library in tmp_path.glob("*.so"):
+        library.unlink()
+    engine = Engine(system, lower(system), ("-DSOTER_OTHER",))
+    assert engine.explore(Settings(max_states=100)).states > 0
+    engine = Engine(system)
+    assert engine.explore(Settings(max_states=100)).states > 0
+    assert victim.read_bytes() == whole

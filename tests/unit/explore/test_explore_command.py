@@ -1,0 +1,118 @@
+"""From a flattened test to a result: the same search, seen from Python."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+from explored_programs import FAULTS, STARTS, TESTED
+from random_walks import system_of_text
+
+import soter
+from generators.brute_force import BruteForce
+from soter.explore.command import Told, UnreproducedError, explore_test, with_times
+from soter.explore.replay import replay
+from soter.explore.results import Looked, Options
+from soter.explore.settings import bytes_of, options_of
+from soter.explore.trace import read_trace
+
+if TYPE_CHECKING:
+    from soter.explore.results import TestResult
+
+TOLD = Told("small.soter", {})
+
+
+def explored(text: str, test: str, **options: object) -> TestResult:
+    return explore_test(
+        system_of_text(text, test),
+        replace(Options(), **options),  # type: ignore[arg-type]
+        TOLD,
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "test"),
+    [
+        (TESTED, "Far"),
+        (TESTED, "Skewed"),
+        (TESTED, "Theorem"),
+        (TESTED, "Answers"),
+        (FAULTS, "Overflows"),
+        (STARTS, "Drifts"),
+    ],
+)
+def test_every_violation_is_replayed_and_has_a_step_of_its_own(text: str, test: str) -> None:
+    found = explored(text, test)
+    assert found.verdict == "violated"
+    assert found.replayed is not None
+    assert found.replayed.reproduced
+    assert found.minimal
+    assert replay(found.replayed.trace, found.system).reproduced
+
+
+def test_the_trace_is_as_short_as_the_enumerator_says() -> None:
+    for text, test in ((FAULTS, "Overflows"), (STARTS, "Drifts")):
+        found = explored(text, test)
+        assert found.replayed is not None
+        moves = [s for s in found.replayed.trace.steps if s.kind != "start"]
+        assert len(moves) == BruteForce(found.system).run(2_000_000).shortest
+
+
+def test_what_the_interpreter_does_not_see_is_not_reported(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from soter.explore import search
+
+    honest = search.Search.least
+
+    def lies(self: search.Search, found: search.Found) -> search.Found:
+        least = honest(self, found)
+        return replace(least, steps=(*least.steps, least.steps[-1]))
+
+    monkeypatch.setattr(search.Search, "least", lies)
+    with pytest.raises(UnreproducedError, match="does not reproduce") as error:
+        explored(FAULTS, "Overflows")
+    assert error.value.trace.test == "Overflows"
+
+
+def test_other_times_make_another_test() -> None:
+    system = system_of_text(TESTED, "Far")
+    other = with_times(system, 5_000_000, 30_000_000)
+    assert other.test is not None
+    assert (other.test.skew_ns, other.test.horizon_ns) == (5_000_000, 30_000_000)
+    assert system.test is not None
+    assert system.test.skew_ns == 0
+    for skew, horizon in ((-1, None), (None, 0), (2**63, None)):
+        with pytest.raises(soter.SoterError, match="U001"):
+            with_times(system, skew, horizon)
+
+
+def test_sizes_are_read_as_people_write_them() -> None:
+    assert bytes_of("512M") == bytes_of("0.5G") == bytes_of("512 MB") == 2**29
+    assert bytes_of(12) == bytes_of("12") == 12
+    assert bytes_of("x") is bytes_of("-1") is bytes_of("1" * 400) is bytes_of(True) is None
+    with pytest.raises(soter.SoterError) as error:
+        options_of("x", "y", "z", 0, "1k", -1, 0, 2**64)
+    assert len(error.value.diagnostics) == 8
+
+
+def test_from_a_program_in_a_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    (tmp_path / "small.soter").write_text(TESTED)
+    monkeypatch.chdir(tmp_path)
+    looked: list[Looked] = []
+    report = soter.load("small.soter").explore("Far", progress=looked.append, html=True)
+    assert report.verdict == "violated"
+    assert repr(report) == "<soter.ExploreReport small.soter: Far violated>"
+    trace = report["Far"].trace
+    assert trace == Path(".soter/small-Far.trace.json")
+    assert read_trace(trace).steps
+    assert (tmp_path / ".soter" / "small-Far.html").is_file()
+    again = soter.replay(trace)
+    assert again.reproduced
+    with pytest.raises(KeyError):
+        report["None"]
+    nothing = soter.load("small.soter").explore("Far", output=None)
+    assert nothing["Far"].trace is None
+    assert nothing["Far"].replayed is not None
