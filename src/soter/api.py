@@ -618,7 +618,8 @@ class Program:
         `skew` and `horizon`: seconds or text, in place of the test's own. A violation comes with
         its least trace, which the reference interpreter has replayed; it is written to the folder
         `output` (None: not at all), with `html` also as a page. `progress` is told how far the
-        search is. Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was covered.
+        search is. Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was
+        covered.
         """
         from soter.explore.command import (  # noqa: PLC0415 - needs NumPy and a compiler
             Told,

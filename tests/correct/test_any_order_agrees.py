@@ -1,8 +1,8 @@
 """Random programs under a driver that chooses: the engines agree after every step.
 
-Components fire in a random order at random times, and what they ask (`choose`, inputs, disturbances,
-errors, starts) gets random answers: the C through `soter_answers`, the interpreter through
-`AnsweredDraws`. Contracts, queues and latches are part of the compared states.
+Components fire in a random order at random times, and what they ask (`choose`, inputs,
+disturbances, errors, starts) gets random answers: the C through `soter_answers`, the interpreter
+through `AnsweredDraws`. Contracts, queues and latches are part of the compared states.
 """
 
 from __future__ import annotations

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from cffi import FFI
 
+from generators.engines import first_difference
 from soter.semantics.answers import AnsweredDraws
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.random_draws import fnv
@@ -31,18 +32,21 @@ if TYPE_CHECKING:
     Bytes = npt.NDArray[np.uint8]
 
 ROOM = 48
+BRANCH_WORDS = 4
 DECLARATIONS = """
 typedef struct { uint64_t stream; uint32_t count; uint32_t pick; } soter_choice;
 typedef struct {
   soter_choice *choices; uint32_t room, given; uint32_t *taken; uint64_t *branches;
 } soter_answers;
-typedef struct { int64_t every_ns; void (*draw)(void *state, const void *answer); } soter_input_info;
+typedef struct {
+  int64_t every_ns; void (*draw)(void *state, const void *answer);
+} soter_input_info;
 typedef struct {
   const char *name; const char *hash; size_t state_size;
   uint32_t components, modules, properties, topics, inputs;
   const void *component; const void *module; const void *property; const void *topic;
   const soter_input_info *input;
-  ...;
+  void *init;
 } soter_program;
 void soter_start_with(const soter_program *p, void *state, uint64_t seed, const void *answer);
 uint32_t soter_fire(const soter_program *p, void *state, uint32_t component, const void *answer);
@@ -54,7 +58,7 @@ class Native:
 
     def __init__(self, library: Path, s: Subject, chance: random.Random) -> None:
         self.ffi = FFI()
-        self.ffi.cdef(DECLARATIONS.replace("  ...;\n", "  void *init;\n"))
+        self.ffi.cdef(DECLARATIONS)
         self.ffi.cdef(f"extern soter_program {s.name}_program;")
         self.lib = self.ffi.dlopen(str(library))
         self.program = self.ffi.addressof(self.lib, f"{s.name}_program")
@@ -63,6 +67,7 @@ class Native:
         self._choices = self.ffi.new("soter_choice[]", ROOM)
         self._taken = self.ffi.new("uint32_t *")
         self._answers = self.ffi.new("soter_answers *")
+        self._branches = self.ffi.new("uint64_t[]", BRANCH_WORDS)
 
     @property
     def _pointer(self) -> Any:
@@ -73,8 +78,14 @@ class Native:
         for i in range(ROOM):
             self._choices[i].pick = self.chance.choice((0, 0, 1, 1, 2, 3, 7))
         given = self.chance.choice((0, ROOM, ROOM))
-        self._answers[0] = (self._choices, ROOM, given, self._taken, self.ffi.NULL)
+        self._answers[0] = (self._choices, ROOM, given, self._taken, self._branches)
         return self._answers
+
+    @property
+    def branches(self) -> set[int]:
+        """Numbers of the branches that were taken so far."""
+        words = list(self._branches)
+        return {i for i in range(64 * BRANCH_WORDS) if words[i // 64] >> i % 64 & 1}
 
     def asked(self) -> list[tuple[int, int, int]]:
         """What the last step asked: stream, count, pick."""
@@ -120,8 +131,8 @@ class Replay:
 
 
 def first_disagreement(s: Subject, library: Path, steps: int) -> str | None:
-    """What first differs after some step, in words; and how often the engines asked: None."""
-    chance = random.Random(s.seed)
+    """What first differs after some step, in words; None where nothing does."""
+    chance = random.Random(s.seed)  # noqa: S311 - not for secrets
     native, replay = Native(library, s, chance), Replay()
     draws = AnsweredDraws(s.system, replay, s.seed)
     interpreter = Interpreter(s.system, s.seed, draws=draws)
@@ -169,8 +180,6 @@ def _may_fire(s: Subject, ct: int, chance: random.Random) -> int | None:
 
 def _difference(s: Subject, native: Bytes, other: Bytes) -> str:
     """Members that differ, but for those that belong to a calendar."""
-    from generators.engines import first_difference  # noqa: PLC0415 - they share the words
-
     states = []
     for raw in (native, other):
         own = raw.copy().reshape(1, -1)

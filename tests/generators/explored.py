@@ -23,7 +23,7 @@ from soter.semantics.configuration import Configuration
 
 if TYPE_CHECKING:
     from generators.brute_force import BruteForce, Canonical
-    from soter.codegen.exploring import Plan
+    from soter.lower.plan import Plan
     from soter.program.system import Component, System
     from soter.program.types import Value
 

@@ -665,7 +665,9 @@ class ProgramMaker:
         topic = next((t for t in self.topics if t.name == name.rpartition(".")[2]), None)
         if topic is None or not choose.chance(25):
             return ""
-        values = [self.expressions.fixed(topic.type, topic.values) for _ in range(choose.count(1, 4))]
+        values = [
+            self.expressions.fixed(topic.type, topic.values) for _ in range(choose.count(1, 4))
+        ]
         return f" in {{ {', '.join(values)} }}"
 
     def _setting(self, parameter: Seen) -> str:

@@ -475,9 +475,7 @@ class StepEmitter:
         index = c.Binary("/", CT, int_number(component.period_ns))
         for output, leaf, draw in step.noise:
             target = _leaf(self.body.out(output), step.outputs[output].type, leaf)
-            error = self._uniform(
-                draw.stream, index, draw.low, draw.high, chance=component.extern
-            )
+            error = self._uniform(draw.stream, index, draw.low, draw.high, chance=component.extern)
             found.append(c.Assign(target, c.Binary("+", target, error)))
         return found
 
@@ -598,7 +596,9 @@ class StepEmitter:
         """One of the declared values of an input."""
         t = self.system.topics[drive.topic].type
         last = len(drive.values) - 1
-        pick = c.CallExpr("soter_drawn_int", (*_whom(stream), index, int_number(0), int_number(last)))
+        pick = c.CallExpr(
+            "soter_drawn_int", (*_whom(stream), index, int_number(0), int_number(last))
+        )
         name = c.Name("drawn_pick")
         value = self.types.constant(t, drive.values[last], "value")
         for k in range(last - 1, -1, -1):

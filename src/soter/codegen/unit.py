@@ -118,6 +118,7 @@ class UnitBuilder:
         self.c_sources: list[str] = []
 
     def run(self) -> Unit:
+        """The header, the source and what a driver must know."""
         for topic in self.system.topics:
             self.types.stored(topic.type)  # declared names first: equal records share a struct
         functions = [self._function(f) for f in self.core.functions]

@@ -230,7 +230,7 @@ class WorldEmitter:
         for t in self.system.topics:
             p.label = ("stamp", t.index)
             stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(t.index)))
-            if t.policy == "fault":  # marks that a value was lost
+            if t.policy == "fault" and t.index not in self.plan.aged:  # the mark of a lost value
                 never = c.Binary("==", stamp, c.Name("SOTER_NEVER"))
                 got = p.field(c.Ternary(never, word(0), word(1)), 1)
                 back: c.CExpr = c.Ternary(

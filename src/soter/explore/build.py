@@ -362,7 +362,7 @@ class Engine:
     # ------------------------------------------------------------ traces and worlds
 
     def replay(
-        self, steps: Sequence[RawStep]
+        self, steps: Sequence[RawStep], seed: int = 0
     ) -> tuple[int, tuple[int, int] | None, npt.NDArray[np.uint8]]:
         """How many steps of a trace are possible, and what the last one breaks.
 
@@ -379,7 +379,7 @@ class Engine:
         violates = self.ffi.new("bool *")
         broken = self.ffi.new("soter_broken *")
         possible = self.lib.soter_explore_replay(
-            self.model, trace, len(steps), self._pointer(worlds), violates, broken
+            self.model, seed, trace, len(steps), self._pointer(worlds), violates, broken
         )
         found = (int(broken.what), int(broken.index)) if violates[0] else None
         return int(possible), found, worlds

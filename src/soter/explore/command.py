@@ -83,7 +83,7 @@ class Told:
 
 def chosen(tests: Mapping[str, TestSymbol], path: str, name: str | None) -> list[TestSymbol]:
     """The tests that are meant, in the program's order; `SoterError` U010 where there is none."""
-    if name in tests:
+    if name is not None and name in tests:
         return [tests[name]]
     if name is None and tests:
         return list(tests.values())

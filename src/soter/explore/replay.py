@@ -119,21 +119,30 @@ class Replayed:
 
 def replay(trace: Trace, system: System) -> Replayed:
     """Run a trace; `system` is that of its test, flattened with its parameters, skew, horizon."""
-    run = _Run(trace, system)
+    actors = actors_of(system)
     if broken_of(system, trace.broken.what, trace.broken.index) != trace.broken:
         problem = f"the test has no such property: {trace.broken.text}"
-        return Replayed(trace, system, actors_of(system), run.start, (), problem)
-    problem = None
+        return Replayed(trace, system, actors, {}, (), problem)
+    try:
+        run = _Run(trace, system)
+    except WrongPickError as error:
+        return Replayed(trace, system, actors, {}, (), f"the start: {error}")
+    return Replayed(trace, system, actors, run.start, *_followed(run, trace))
+
+
+def _followed(run: _Run, trace: Trace) -> tuple[tuple[Stepped, ...], str | None]:
+    """The steps as far as they are allowed, and why the next one is not."""
+    problem: str | None = None
     for number, step in enumerate(trace.steps, run.first_number):
         try:
             run.step(number, step)
         except (NotAllowedError, WrongPickError) as error:
-            problem = f"step {number} ({step.kind} of `{step.actor or system.name}`): {error}"
+            problem = f"step {number} ({step.kind} of `{step.actor}`): {error}"
             break
         if run.ended and number < run.first_number + len(trace.steps) - 1:
             problem = f"step {number}: no execution goes on after a fault or a broken contract"
             break
-    return Replayed(trace, system, actors_of(system), run.start, tuple(run.steps), problem)
+    return tuple(run.steps), problem
 
 
 @dataclass

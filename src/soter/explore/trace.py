@@ -252,7 +252,7 @@ class _Reader:
         found: bool = self._field(name, bool, "bool")
         return found
 
-    def object(self, name: str) -> _Reader:
+    def part(self, name: str) -> _Reader:
         return _Reader(self._field(name, dict, "object"), self._path(name))
 
     def mapping(self, name: str) -> dict[str, object]:
@@ -275,7 +275,7 @@ def _trace(d: _Reader, path: Path) -> Trace:
         raise DamagedError(f'`kind` is not "{KIND}"')
     if d.anything("schema") != SCHEMA:
         raise DamagedError(f"`schema` is not {SCHEMA}: another version of soter made it")
-    broken = d.object("property")
+    broken = d.part("property")
     return Trace(
         program=d.text("program"),
         sha256=d.text("sha256"),

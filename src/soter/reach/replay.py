@@ -279,6 +279,7 @@ def read_counterexample(path: Path) -> Counterexample:
     own = {"schema", "kind", "module", "shows", "controller", "seed", "time_ns", "cycle_ns"}
     facts = {k: v for k, v in d.items() if k not in own | {"choices", "steps"}}
     try:
+        _checked(facts.get("params", {}), dict)
         cycle = d["cycle_ns"]
         return Counterexample(
             _checked(d["module"], str),
@@ -289,7 +290,7 @@ def read_counterexample(path: Path) -> Counterexample:
             None if cycle is None else _time(cycle),
             {str(s): _chosen_values(chosen) for s, chosen in _checked(d["choices"], dict).items()},
             tuple(_checked(d["steps"], list)),
-            {**facts, "params": _checked(facts.get("params") or {}, dict)},
+            facts,
         )
     except (KeyError, TypeError, AttributeError) as error:
         raise ValueError(f"`{path}` is a damaged counterexample: {error}") from error

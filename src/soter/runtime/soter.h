@@ -149,9 +149,9 @@ typedef struct {
 } soter_module_info;
 
 typedef enum {
-  SOTER_AT_INSTANT = 0, /* always, never: at the end of every instant */
+  SOTER_AT_INSTANT = 0,  /* always, never: at the end of every instant */
   SOTER_BEFORE_STEP = 1, /* assumes: as `component` steps, on what it reads */
-  SOTER_AFTER_STEP = 2  /* guarantees: after a step with OE whose `assumes` all held */
+  SOTER_AFTER_STEP = 2   /* guarantees: after a step with OE whose `assumes` all held */
 } soter_when;
 
 typedef struct {

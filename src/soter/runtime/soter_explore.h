@@ -209,8 +209,8 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
 
 /* Runs a trace; after each step the world is written to `worlds` ([length] worlds) if not NULL.
  * Returns the number of steps that were possible; *broken is set if the last one violates. */
-uint32_t soter_explore_replay(const soter_model* m, const soter_trace_step* trace, uint32_t length,
-                              void* worlds, bool* violates, soter_broken* broken);
+uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_trace_step* trace,
+                              uint32_t length, void* worlds, bool* violates, soter_broken* broken);
 
 /* All worlds that a search with exact storage stored, written to `worlds` one after the other
  * (NULL: nothing is written); returns how many there are. */

@@ -32,12 +32,12 @@ static bool in_range(const soter_place* x, const soter_trace_step* step) {
   return step->choices == x->taken;
 }
 
-uint32_t soter_explore_replay(const soter_model* m, const soter_trace_step* trace, uint32_t length,
-                              void* worlds, bool* violates, soter_broken* broken) {
+uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_trace_step* trace,
+                              uint32_t length, void* worlds, bool* violates, soter_broken* broken) {
   soter_place x;
   uint32_t done = 0U;
   *violates = false;
-  if (!soter_place_open(&x, m, 0U, NULL)) {
+  if (!soter_place_open(&x, m, seed, NULL)) {
     return 0U;
   }
   while (done < length && !*violates) {

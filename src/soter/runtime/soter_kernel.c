@@ -214,8 +214,7 @@ static bool contracts_hold(const soter_program* p, void* state, uint32_t compone
   return hold;
 }
 
-static uint32_t run_step(const soter_program* p, void* state, uint32_t index,
-                         const void* answer) {
+static uint32_t run_step(const soter_program* p, void* state, uint32_t index, const void* answer) {
   uint32_t published = 0U;
   const bool assumed = contracts_hold(p, state, index, SOTER_BEFORE_STEP);
   const uint32_t flags = flags_of(p, state, index);

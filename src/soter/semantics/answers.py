@@ -57,7 +57,8 @@ class AnsweredDraws:
             return self._chance.uniform(stream, index, low, high)
         middle = 0.0 if low <= 0.0 <= high else low + (high - low) / 2.0
         values = (middle, low, high)
-        return self._ask(stream, 3 if low < high else 1, lambda pick: values[pick])
+        value: float = self._ask(stream, 3 if low < high else 1, lambda pick: values[pick])
+        return value
 
     def leaf(self, t: Type, bound: Bound | None, stream: str, index: int) -> Value:
         """A float as `uniform` has it; any bool, any enum member, any int of the bound."""

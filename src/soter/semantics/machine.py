@@ -166,7 +166,9 @@ class Machine:
         assert node is not None, component.name
         evaluator = self._evaluator(component.scope)
         if component.extern:
-            step = extern_node(self.system.topics, component, step_of(self._externs[component.name]))
+            step = extern_node(
+                self.system.topics, component, step_of(self._externs[component.name])
+            )
         else:
             step = evaluator.block(node.step)
         return NodeCode(

@@ -30,9 +30,7 @@ def violated(machine: Machine, c: Configuration) -> list[bool]:
     ]
 
 
-def judged(
-    machine: Machine, c: Configuration, component: Component, kind: str
-) -> dict[int, bool]:
+def judged(machine: Machine, c: Configuration, component: Component, kind: str) -> dict[int, bool]:
     """The contracts of a node of one kind, by property index: whether each is violated."""
     own = [i for k, i in machine.contracts.get(component.index, ()) if k == kind]
     if not own:

@@ -7,7 +7,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from test_cli_test import CORRIDOR
+
+from unit.cli.test_cli_test import CORRIDOR
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     Golden = Callable[[str, str], None]
 
 ROOT = Path(__file__).resolve().parents[3]
+WRONG: tuple[Any, ...] = (None, True, -1, 1.5, 10**30, "x", [], {}, "missing")
 TRACE = ".soter/corridor-Far.trace.json"
 
 
@@ -190,7 +192,7 @@ def test_damaged_counterexamples_are_told_so(soter: Soter, counterexample: Path)
     document = json.loads(counterexample.read_text("utf-8"))
     document["steps"] = []
     for place in list(_places(document)):
-        for wrong in (None, True, -1, 1.5, 10**30, "x", [], {}, "missing"):
+        for wrong in WRONG:
             damaged = json.loads(json.dumps(document))
             inner = damaged
             for part in place[:-1]:

@@ -71,7 +71,7 @@ class WorldMaker:
         self.system = engine.system
         self.plan = engine.plan
         self.layout = state_layout(self.system)
-        self.random = random.Random(seed)
+        self.random = random.Random(seed)  # noqa: S311 - no secrets
         assert self.system.test is not None
         self.test = self.system.test
         self.now = 0

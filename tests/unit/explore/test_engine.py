@@ -9,7 +9,6 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.explore.build import Engine, Progress, Settings, sources
-from soter.lower.steps import lower
 from soter.native.build import RUNTIME
 from soter.program.build import check_file, system_of_test
 
@@ -167,22 +166,3 @@ def test_the_layout_is_the_one_of_the_header(two: Engine) -> None:
 def test_every_file_of_the_explorer_is_compiled() -> None:
     there = {p.name for p in RUNTIME.iterdir() if p.name.startswith("soter_explore")}
     assert set(sources()) == there
-
-
-def test_damaged_objects_of_the_runtime_are_built_again(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setenv("SOTER_CACHE", str(tmp_path))
-    system = system_of_test(check_file("plain.soter", PLAIN), "T")
-    Engine(system)
-    kept = next(tmp_path.glob("objects-*"))
-    victim = kept / "soter_kernel.o"
-    whole = victim.read_bytes()
-    victim.write_bytes(whole[: len(whole) // 2])
-    for library in tmp_path.glob("*.so"):
-        library.unlink()
-    engine = Engine(system, lower(system), ("-DSOTER_OTHER",))
-    assert engine.explore(Settings(max_states=100)).states > 0
-    engine = Engine(system)
-    assert engine.explore(Settings(max_states=100)).states > 0
-    assert victim.read_bytes() == whole

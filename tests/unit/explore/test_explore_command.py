@@ -7,8 +7,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
-from explored_programs import FAULTS, STARTS, TESTED
-from random_walks import system_of_text
 
 import soter
 from generators.brute_force import BruteForce
@@ -17,6 +15,8 @@ from soter.explore.replay import replay
 from soter.explore.results import Looked, Options
 from soter.explore.settings import bytes_of, options_of
 from soter.explore.trace import read_trace
+from unit.explore.explored_programs import FAULTS, STARTS, TESTED
+from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
     from soter.explore.results import TestResult

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import random
 import struct
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -9,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.explore.build import Engine, RawStep, Settings
+from soter.explore.build import Engine, RawChoice, RawStep, Settings
 from soter.lower.layout import NEVER
 from soter.program.build import check_file, system_of_test
 from unit.explore.some_worlds import WorldMaker
@@ -46,7 +47,7 @@ def rich() -> Engine:
 
 
 def born(engine: Engine) -> World:
-    return engine.replay([BIRTH])[2][0]
+    return np.array(engine.replay([BIRTH])[2][0])
 
 
 def made(engine: Engine, fields: list[Field]) -> World:
@@ -169,3 +170,54 @@ def test_every_stored_world_comes_back(engine: Engine) -> None:
         packed.add(words.tobytes())
     assert len(packed) == len(worlds)
     engine.close()
+
+
+def candidates(engine: Engine, world: World, at: int) -> list[RawStep]:
+    """Steps that may come after a world, and many that may not; `at`: where its schedule is."""
+    tick = engine.plan.tick_ns
+    (now,) = struct.unpack_from("<q", world.data, at)
+    done_at = at + 8 + 8 * int(engine.model.timeds) + 8 * len(engine.system.modules)
+    done = struct.unpack_from(f"<{len(engine.actors)}I", world.data, done_at)
+    found = []
+    for i, a in enumerate(engine.actors):
+        release = a.phase_ns + done[i] * a.period_ns
+        kinds = [2 if a.overrun_ns else 0] + ([1] if a.skips else [])
+        for kind in kinds:
+            asked = kind == 0 and a.name in {"input.hue", "Keep.AnyMove"}
+            for pick in range(3 if asked else 1):
+                choices = (RawChoice(0, 3, pick),) if asked else ()
+                first = max(release, now)
+                found += [
+                    RawStep(i, kind, release, time, choices)
+                    for time in range(first, release + a.window_ns + 1, tick)
+                ]
+        if a.overrun_ns:
+            (since,) = struct.unpack_from("<q", world.data, int(engine.model.actor[i].held))
+            ends = range(max(since, now), since + a.overrun_ns + 1, tick) if since >= 0 else ()
+            found += [RawStep(i, 3, since, time, ()) for time in ends]
+    return found
+
+
+def test_every_world_of_an_execution_comes_back_with_skips_and_overruns(rich: Engine) -> None:
+    maker, draw, scratch = WorldMaker(rich, 8), random.Random(8), born(rich)  # noqa: S311
+    at, kinds = maker.layout.size, dict.fromkeys(range(4), 0)
+    for _ in range(12):
+        steps = [BIRTH]
+        for _ in range(25):
+            world = rich.replay(steps)[2][-1]
+            some = candidates(rich, world, at)
+            draw.shuffle(some)
+            step = next((s for s in some if rich.replay([*steps, s])[0] == len(steps) + 1), None)
+            if step is None:
+                break
+            kinds[step.kind] += 1
+            steps.append(step)
+            world = rich.replay(steps)[2][-1]
+            words = rich.packed(world)
+            rich.unpack(words, scratch)
+            (now,) = struct.unpack_from("<q", world.data, at)
+            for f in maker.fields(now):
+                if not f.name.startswith(("held", "mask", "stamp")):
+                    assert repr(f.get(scratch)) == repr(f.get(world)), (f.name, len(steps))
+            assert (rich.packed(scratch) == words).all()
+    assert all(n > 3 for n in kinds.values()), kinds

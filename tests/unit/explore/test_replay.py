@@ -7,12 +7,12 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 import pytest
-from explored_programs import FAULTS, STARTS, TESTED
-from random_walks import Walk, system_of_text, walk
 
 from soter.explore.replay import replay
 from soter.explore.trace import BEGIN, EFFECT, LOST, STEP, Broken, Choice, Step
 from soter.program.values import to_json
+from unit.explore.explored_programs import FAULTS, STARTS, TESTED
+from unit.explore.random_walks import Walk, system_of_text, walk
 
 if TYPE_CHECKING:
     from soter.program.system import System
@@ -176,6 +176,18 @@ def test_picks_answer_what_is_asked() -> None:
     assert "nothing asks" in refused("Far", [*steps[:i], twice])
     stranger = replace(steps[i], choices=(Choice("weather", 0, 2),))
     assert "nothing asks" in refused("Far", [*steps[:i], stranger])
+
+
+def test_picks_at_the_start_are_checked_too() -> None:
+    w = violating("Drifts", STARTS)
+    first = w.trace.steps[0]
+    (choice,) = first.choices
+    for wrong in ((replace(choice, of=2, pick=0),), (choice, choice)):
+        steps = (replace(first, choices=wrong), *w.trace.steps[1:])
+        found = replay(replace(w.trace, steps=steps), system(STARTS, "Drifts"))
+        assert not found.reproduced
+        assert found.problem is not None
+        assert "start" in found.problem
 
 
 def test_nothing_comes_after_a_fault() -> None:

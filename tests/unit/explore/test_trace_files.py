@@ -7,8 +7,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from explored_programs import TESTED
-from random_walks import system_of_text, walk
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.trace import (
@@ -18,6 +16,8 @@ from soter.explore.trace import (
     to_document,
     write_trace,
 )
+from unit.explore.explored_programs import TESTED
+from unit.explore.random_walks import system_of_text, walk
 
 if TYPE_CHECKING:
     from pathlib import Path
