@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from soter.program.build import check_file, system_of, system_of_test
+import soter
+from soter.program.build import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -41,8 +42,19 @@ def test_an_example_checks_clean_and_runs_alike_on_both_engines(
         interpreted = run_interpreted(system, DURATION_NS, 3)
         assert native.instants > 0
         assert native.trace_sha256 == interpreted.trace_sha256
-    for name in checked.tests:
-        assert system_of_test(checked, name).test is not None
+
+
+def test_the_tests_of_the_page_end_as_it_says(tmp_path: Path) -> None:
+    found: dict[str, str] = {}
+    for number, (_, text) in enumerate(BLOCKS):
+        path = tmp_path / f"example_{number}.soter"
+        path.write_text(text)
+        if check_file(str(path)).tests:
+            report = soter.load(path).explore(output=None)
+            found |= {t.name: t.verdict for t in report.tests}
+    assert found == {"InTime": "exhausted", "Delayed": "violated"}
+    for name, verdict in found.items():
+        assert re.search(rf"`{name}` is \*{verdict}", PAGE)
 
 
 def test_the_page_has_examples() -> None:

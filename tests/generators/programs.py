@@ -245,8 +245,8 @@ class ProgramMaker:
         topics = self._subscribed(outputs)
         modules = self._modes()
         risk = choose.pick((0, 0, 4, 15) if role == "ac" else (0, 0, 0, 0, 0, 2))
-        queues = {t.name: self._queue(role) for t in topics if not has_list(t.type)}
-        queues = {name: queue for name, queue in queues.items() if queue}
+        rolled = {t.name: self._queue(role) for t in topics if not has_list(t.type)}
+        queues = {name: queue for name, queue in rolled.items() if queue}
         seen = [
             Seen(t.name, ListType(t.type, queues[t.name][0])) if t.name in queues else t.seen
             for t in topics

@@ -185,7 +185,10 @@ def _figures(test: TestResult) -> str:
     how = f"{options.strategy}, {options.storage} storage, reduction {options.reduction}"
     if options.strategy in SAMPLING:
         how = f"{options.strategy}, seed {options.seed}"
-    return f"{', '.join(parts)}\n{how}, {options.threads} thread{'s'[: options.threads > 1]}"
+    how += f", {options.threads} thread{'s'[: options.threads > 1]}"
+    if test.parts > 1:
+        how += f"; {test.parts} parts that share nothing, explored apart"
+    return f"{', '.join(parts)}\n{how}"
 
 
 def _coverage(test: TestResult, console: Console) -> list[str]:
@@ -272,6 +275,7 @@ def _test(t: TestResult) -> dict[str, object]:
         "strategy": o.strategy,
         "storage": o.storage,
         "reduction": o.reduction,
+        "parts": t.parts,
         "threads": o.threads,
         "seed": o.seed,
         "memory": {

@@ -239,30 +239,38 @@ class Footprints:
 
     # ------------------------------------------------------------ properties
 
-    def _judged(self) -> list[core.Predicate]:
-        """The predicates that are evaluated on configurations, not with a step."""
-        found = [
-            predicate
-            for p, predicate in zip(self.system.properties, self.core.properties, strict=True)
-            if not is_contract(p)
-        ]
-        for t in self.core.timed:
-            found += [t.condition] if t.premise is None else [t.premise, t.condition]
-        return found
+    def read_by(self, index: int) -> set[Label]:
+        """What a system property reads; of a contract nothing: it is part of its node's step."""
+        if is_contract(self.system.properties[index]):
+            return set()
+        found = Effects()
+        self._read(self.core.properties[index].footprint, found)
+        return found.reads
+
+    def read_by_timed(self, index: int) -> set[Label]:
+        """What a timed property reads; of an invariant also what moves it on."""
+        assert self.system.test is not None
+        found = Effects()
+        timed = self.core.timed[index]
+        for predicate in (timed.premise, timed.condition):
+            if predicate is not None:
+                self._read(predicate.footprint, found)
+        module = self.system.test.timed[index].module
+        if module is not None:
+            found.reads |= {("mode", module), ("gate", module)}
+            for topic in self.outputs(self.system.modules[module].sc, None):
+                found.reads.add(("stamp", topic))
+        return found.reads
 
     def seen_by_properties(self) -> set[Label]:
-        """What a property of configurations may read; of an invariant also what moves it on."""
-        found = Effects()
-        for predicate in self._judged():
-            self._read(predicate.footprint, found)
+        """What any property of configurations reads."""
         assert self.system.test is not None
-        for t in self.system.test.timed:
-            if t.module is not None:
-                m = self.system.modules[t.module]
-                found.reads |= {("mode", m.index), ("gate", m.index)}
-                for t2 in self.outputs(m.sc, None):
-                    found.reads.add(("stamp", t2))
-        return found.reads
+        found: set[Label] = set()
+        for p in range(len(self.system.properties)):
+            found |= self.read_by(p)
+        for t in range(len(self.system.test.timed)):
+            found |= self.read_by_timed(t)
+        return found
 
     # ------------------------------------------------------------ time
 

@@ -19,6 +19,7 @@ import numpy as np
 
 from soter.codegen.exploring import generate_model
 from soter.explore.actors import plan_of
+from soter.explore.parts import Part, parts_of
 from soter.lower.steps import lower
 from soter.native.build import RUNTIME, library
 from soter.native.library import opened
@@ -128,6 +129,8 @@ class Settings:
     keep: bool = False
     plainly: bool = False
     go_on: bool = False
+    part: Part | None = None
+    """Only this part of the system; None: all of it."""
 
 
 @dataclass(frozen=True)
@@ -182,6 +185,7 @@ class Engine:
         lowered = lowered or lower(system)
         self.system = system
         self.plan = plan_of(system, lowered)
+        self.parts = parts_of(system, lowered, self.plan)
         self.generated = generate_model(system, lowered, self.plan)
         self.actors = self.plan.actors
         self.path = library(self.generated.unit, "-O2", (*FLAGS, *extra), sources())
@@ -317,6 +321,9 @@ class Engine:
                 "seed": s.seed & (2**64 - 1),
                 "runs": s.runs,
                 "bug_depth": s.bug_depth,
+                "actors": s.part.actors if s.part else 0,
+                "properties": s.part.properties if s.part else 0,
+                "timeds": s.part.timeds if s.part else 0,
                 "keep": s.keep,
                 "plainly": s.plainly,
                 "go_on": s.go_on,
@@ -368,13 +375,7 @@ class Engine:
 
         And the world after each of them, (steps, world_size).
         """
-        trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
-        for raw, s in zip(trace, steps, strict=False):
-            raw.actor = s.actor if s.actor >= 0 else 2**32 - 1
-            raw.kind, raw.release_ns, raw.time_ns = s.kind, s.release_ns, s.time_ns
-            raw.choices = len(s.choices)
-            for to, choice in zip(raw.choice, s.choices, strict=False):
-                to.stream, to.count, to.pick = choice.stream, choice.count, choice.pick
+        trace = self._raw(steps)
         worlds = np.zeros((len(steps), self.world_size), dtype=np.uint8)
         violates = self.ffi.new("bool *")
         broken = self.ffi.new("soter_broken *")
@@ -383,6 +384,32 @@ class Engine:
         )
         found = (int(broken.what), int(broken.index)) if violates[0] else None
         return int(possible), found, worlds
+
+    def complete(self, settings: Settings, steps: Sequence[RawStep]) -> Searched | None:
+        """An execution of the whole system from one of `settings.part`; None where it is none."""
+        size = self.ffi.sizeof("soter_trace_step")
+        room = np.zeros(ROOM * size, dtype=np.uint8)
+        whole = self.ffi.cast("soter_trace_step *", room.ctypes.data)
+        broken = self.ffi.new("soter_broken *")
+        options, part = self._options(settings), self._raw(steps)
+        length = self.lib.soter_explore_complete(
+            self.model, options, part, len(steps), whole, ROOM, broken
+        )
+        if length == 0:
+            return None
+        made = tuple(self._step(whole[i]) for i in range(length))
+        found = (int(broken.what), int(broken.index))
+        return Searched("violated", found, 0, 0, 0, 0, 0, length, 0.0, made)
+
+    def _raw(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
+        trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
+        for raw, s in zip(trace, steps, strict=False):
+            raw.actor = s.actor if s.actor >= 0 else 2**32 - 1
+            raw.kind, raw.release_ns, raw.time_ns = s.kind, s.release_ns, s.time_ns
+            raw.choices = len(s.choices)
+            for to, choice in zip(raw.choice, s.choices, strict=False):
+                to.stream, to.count, to.pick = choice.stream, choice.count, choice.pick
+        return trace
 
     def worlds(self) -> Bytes:
         """The worlds that the last search stored, (states, world_size), if it was to keep them."""

@@ -138,6 +138,7 @@ def explore_test(
             seconds=found.seconds,
             depth=found.depth,
             bits=search.bits,
+            parts=search.parts,
             table_bytes=found.table_bytes,
             frontier_bytes=found.frontier_bytes,
             coverage=search.coverage(),

@@ -163,7 +163,7 @@ class _Run:
     def __init__(self, trace: Trace, system: System) -> None:
         self.system = system
         self.schedule = Schedule(system)
-        self.draws = TraceDraws.of(system, trace.seed)
+        self.draws = TraceDraws(system, trace.seed)
         self.interpreter = Interpreter(system, trace.seed, draws=self.draws)
         self.machine = self.interpreter.machine
         self.judge = Judge(self.machine)
@@ -248,7 +248,7 @@ class _Run:
 
     def _broken(self, n: int, event: Outcome) -> list[Broken]:
         """The contracts that the step broke, and that a trusted component faulted."""
-        named = [broken_of(self.system, CONTRACT, i) for i in getattr(event, "broken", ())]
+        named = [broken_of(self.system, CONTRACT, i) for i in event.broken]
         if event.latched:
             named.append(broken_of(self.system, FAULT, n))
         return [b for b in named if b is not None]

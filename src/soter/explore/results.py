@@ -95,6 +95,8 @@ class TestResult:
     bits: int
     table_bytes: int
     frontier_bytes: int
+    parts: int = 1
+    """How many parts of the system, which share nothing, were explored apart."""
     coverage: Coverage = field(default_factory=Coverage)
     assumptions: tuple[str, ...] = ()
     broken: Broken | None = None

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -35,8 +35,12 @@ if TYPE_CHECKING:
 
     from soter.codegen.body import Branch
     from soter.explore.build import Progress, RawStep, Searched
+    from soter.explore.parts import Part
     from soter.explore.results import Options
     from soter.program.system import System
+
+
+EXHAUSTIVE = ("bfs", "dfs", "deepening")
 
 
 @dataclass(frozen=True)
@@ -78,6 +82,8 @@ class Search:
         self._streams = {fnv(name): name for name in _streams(system)}
         self.bits = self._engine.bits
         self.sampled = self._engine.plan.sampled
+        self.parts = 1
+        """How many parts of the system the last search explored apart."""
 
     def __enter__(self) -> Search:  # noqa: PYI034 - typing.Self came with Python 3.11
         return self
@@ -88,8 +94,26 @@ class Search:
     # ------------------------------------------------------------ searching
 
     def run(self) -> Found:
-        """The search that was asked for."""
-        return self._named(self._engine.explore(self._settings, self._look(minimising=False)))
+        """The search that was asked for; with all reductions, part by part."""
+        settings = self._settings
+        parts: tuple[Part | None, ...] = (None,)
+        if settings.reduction == "all" and settings.strategy in EXHAUSTIVE:
+            parts = self._engine.parts if len(self._engine.parts) > 1 else (None,)
+        self.parts = len(parts)
+        found: list[Searched] = []
+        for part in parts:
+            left = settings.max_states - sum(f.states for f in found)
+            once = replace(settings, part=part, max_states=left if settings.max_states else 0)
+            found.append(self._engine.explore(once, self._look(minimising=False)))
+            if found[-1].status == "violated" and part is not None:
+                whole = self._engine.complete(once, found[-1].steps)
+                if whole is not None:
+                    found[-1] = replace(found[-1], steps=whole.steps, broken=whole.broken)
+            if found[-1].status != "exhausted" or (
+                settings.max_states and found[-1].states >= left
+            ):
+                break
+        return self._named(_sum(found))
 
     def least(self, found: Found) -> Found:
         """The least execution to the same violation; `status` is "violated" where it is one."""
@@ -169,6 +193,19 @@ class Search:
             if isinstance(t, IntType):
                 low, high = max(low, t.low), min(high, t.high)
             yield Leaf(leaf_name(topic.name, path), t, low, high)
+
+
+def _sum(found: list[Searched]) -> Searched:
+    """Of the searches of parts, in order; status, violation and trace of the last one."""
+    return replace(
+        found[-1],
+        states=sum(f.states for f in found),
+        transitions=sum(f.transitions for f in found),
+        table_bytes=sum(f.table_bytes for f in found),
+        frontier_bytes=max(f.frontier_bytes for f in found),
+        depth=max(f.depth for f in found),
+        seconds=sum(f.seconds for f in found),
+    )
 
 
 def branch_name(b: Branch) -> str:

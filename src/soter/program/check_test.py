@@ -56,6 +56,7 @@ class TestChecker(SystemChecker):
     def test_body(self, test: typed.TestSymbol, decl: tree.TestDecl, scope: FileScope) -> None:
         """Properties, replacements, times, faults, inputs."""
         name = decl.name.text
+        mark = self.checker.mark()
         context = Context(scope, f"test `{name}`")
         instances = {i.name: i for i in test.system.instances}
         test.skew = self.time(decl.skew, context, "`skew`")
@@ -67,6 +68,8 @@ class TestChecker(SystemChecker):
         test.properties = tuple(p for p in found if p is not None)
         test.faults = tuple(self._fault(f, context) for f in decl.faults)
         test.inputs = tuple(self.inputs(decl.inputs, inside))
+        if self.checker.mark() != mark or name in scope.broken:
+            self.checker.damaged.add(test)
 
     def _fault(self, item: tree.TimingFault, context: Context) -> typed.FaultSymbol:
         by = self.time(item.by, context, "`by`")

@@ -270,6 +270,8 @@ def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.Expr]]:
 
 def _leaves_of(facts: Facts, index: int, kind: str) -> list[Input]:
     topic = facts.system.topics[index]
+    if topic.queue_of is not None:
+        raise NotRecheckedError(f"`{topic.name}` is a queue")
     found = []
     for k, ((path, of), bound) in enumerate(zip(leaves(topic.type), topic.bounds, strict=True)):
         name = ".".join((topic.name, *path))

@@ -137,11 +137,14 @@ typedef struct {
   uint64_t memory;     /* bytes that tables and frontiers may take */
   uint64_t max_states; /* 0: no bound */
   uint64_t seed;
-  uint64_t runs;      /* of the random strategies */
-  uint32_t bug_depth; /* PCT: d */
-  bool keep;          /* keep the stored worlds for soter_explore_kept */
-  bool plainly;       /* never remember steps: run every one (a check of the explorer itself) */
-  bool go_on;         /* do not stop at a violation: what violates is not expanded */
+  uint64_t runs;       /* of the random strategies */
+  uint32_t bug_depth;  /* PCT: d */
+  bool keep;           /* keep the stored worlds for soter_explore_kept */
+  uint64_t actors;     /* only these move, and only these properties and timed ones are judged: */
+  uint64_t properties; /* a part of the system that shares nothing with the rest; actors 0: all */
+  uint64_t timeds;
+  bool plainly; /* never remember steps: run every one (a check of the explorer itself) */
+  bool go_on;   /* do not stop at a violation: what violates is not expanded */
 } soter_explore_options;
 
 typedef enum {
@@ -211,6 +214,14 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
  * Returns the number of steps that were possible; *broken is set if the last one violates. */
 uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_trace_step* trace,
                               uint32_t length, void* worlds, bool* violates, soter_broken* broken);
+
+/* Makes an execution of the whole system out of one of a part of it (options.actors): the others'
+ * steps are put in where the order asks for them, with default choices, until something is
+ * violated. Returns the number of steps written to `whole`; 0: there was no room, or it is no
+ * execution. */
+uint32_t soter_explore_complete(const soter_model* m, const soter_explore_options* o,
+                                const soter_trace_step* part, uint32_t length,
+                                soter_trace_step* whole, uint32_t room, soter_broken* broken);
 
 /* All worlds that a search with exact storage stored, written to `worlds` one after the other
  * (NULL: nothing is written); returns how many there are. */

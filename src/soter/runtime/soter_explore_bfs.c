@@ -407,7 +407,7 @@ static void sum_up(layered* all, soter_explore_result* r) {
 static bool write_links(layered* all, soter_search* s, uint64_t last, const soter_broken* broken) {
   worker* const w = &all->w[0];
   soter_place x;
-  if (!soter_place_open(&x, s->m, s->o->seed, NULL)) {
+  if (!soter_place_open(&x, s->m, s->o, NULL)) {
     return false;
   }
   uint64_t* const way = malloc((s->room + 1U) * sizeof *way);

@@ -87,7 +87,7 @@ static void take_in(soter_stack* t, const uint64_t* packed, uint64_t sleep) {
 static bool write_way(soter_stack* t) {
   soter_search* const s = t->s;
   soter_place x;
-  if (s->trace == NULL || !soter_place_open(&x, s->m, s->o->seed, NULL)) {
+  if (s->trace == NULL || !soter_place_open(&x, s->m, s->o, NULL)) {
     return false;
   }
   const uint64_t* before = NULL;

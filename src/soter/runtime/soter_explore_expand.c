@@ -15,7 +15,7 @@ bool soter_expander_open(soter_expander* e, const soter_model* m, const soter_ex
   if (m->timely) {
     e->reduce &= ~SOTER_REDUCE_SLEEP; /* moving first changes at which times others may move */
   }
-  if (m->words > SOTER_WORDS || !soter_place_open(&e->place, m, o->seed, coverage)) {
+  if (m->words > SOTER_WORDS || !soter_place_open(&e->place, m, o, coverage)) {
     return false;
   }
   e->memo = m->plain && !m->timely && !o->plainly ? soter_memo_open(e) : NULL;

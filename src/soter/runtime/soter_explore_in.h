@@ -56,12 +56,22 @@ typedef struct {
   int64_t limit;                     /* no move of `here` is later: the least `high` */
   soter_explore_coverage* coverage;
   uint64_t seed;
-  bool too_many; /* a step asked for more choices than there is room for */
+  uint64_t actors, properties, timeds; /* the part of the system that is looked at */
+  bool too_many;                       /* a step asked for more choices than there is room for */
 } soter_place;
 
-bool soter_place_open(soter_place* x, const soter_model* m, uint64_t seed,
+/* `o` NULL: the whole system, seed 0. */
+bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_options* o,
                       soter_explore_coverage* coverage);
 void soter_place_close(soter_place* x);
+
+/* Those who are not looked at have always done what they must: their part of a world never changes.
+ */
+void soter_keep_others(const soter_place* x, void* world);
+
+SOTER_INLINE bool soter_is_part(const soter_place* x, uint32_t actor) {
+  return (x->actors >> actor & 1U) != 0U;
+}
 
 /* Looks at the world in `here`: windows and limit. */
 void soter_look(soter_place* x);

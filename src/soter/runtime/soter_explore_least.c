@@ -305,7 +305,7 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
   l.words = m->words;
   l.wanted = broken;
   result->status = SOTER_NO_MEMORY;
-  if (m->words <= SOTER_WORDS && soter_place_open(&l.x, m, o->seed, NULL)) {
+  if (m->words <= SOTER_WORDS && soter_place_open(&l.x, m, o, NULL)) {
     if (soter_store_open(&l.seen, m, SOTER_EXACT, false, o->memory) && more_slots(&l)) {
       (void)memcpy(l.x.here, l.x.started, l.x.size);
       result->status = search(&l);

@@ -234,6 +234,7 @@ static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const u
       /* the schedule after it, whatever the step does */
       (void)memcpy(x->there, x->here, x->size);
       soter_schedule_of(x->p, x->there)->now = move.time;
+      soter_keep_others(x, x->there);
       soter_done_of(m, x->there)[a]++;
       if (move.kind == SOTER_SKIPPED) {
         soter_lost_of(m, x->there)[a]++;

@@ -7,13 +7,17 @@
 
 /* ------------------------------------------------------------------ a place to work */
 
-bool soter_place_open(soter_place* x, const soter_model* m, uint64_t seed,
+bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_options* o,
                       soter_explore_coverage* coverage) {
   (void)memset(x, 0, sizeof *x);
   x->m = m;
   x->p = m->program;
   x->size = m->world_size;
-  x->seed = seed;
+  const bool whole = o == NULL || o->actors == 0U;
+  x->seed = o == NULL ? 0U : o->seed;
+  x->actors = whole ? UINT64_MAX : o->actors;
+  x->properties = whole ? UINT64_MAX : o->properties;
+  x->timeds = whole ? UINT64_MAX : o->timeds;
   x->coverage = coverage;
   x->started = calloc(3U, x->size);
   if (x->started == NULL) {
@@ -74,8 +78,34 @@ void soter_be_born(soter_place* x) {
 
 /* ------------------------------------------------------------------ windows */
 
-static soter_window window_of(const soter_model* m, uint32_t actor, void* world) {
+/* Whether number `i` is in a set of them: those beyond 64 are never left out. */
+static bool is_in(uint64_t set, uint32_t i) {
+  return i >= 64U || (set >> i & 1U) != 0U;
+}
+
+void soter_keep_others(const soter_place* x, void* world) {
+  const soter_model* const m = x->m;
+  const int64_t now = soter_schedule_of(x->p, world)->now;
+  for (uint32_t i = 0; x->actors != UINT64_MAX && i < m->actors; i++) {
+    const soter_actor* const a = &m->actor[i];
+    if (soter_is_part(x, i)) {
+      continue;
+    }
+    const int64_t all =
+        m->horizon_ns < a->phase_ns ? 0 : (m->horizon_ns - a->phase_ns) / a->period_ns + 1;
+    const int64_t past = now - a->window_ns - a->phase_ns; /* releases before it must be done */
+    const int64_t must = past <= 0 ? 0 : (past + a->period_ns - 1) / a->period_ns;
+    soter_done_of(m, world)[i] = (uint32_t)(must < all ? must : all);
+  }
+}
+
+static soter_window window_of(const soter_place* x, uint32_t actor, void* world) {
+  const soter_model* const m = x->m;
   const soter_actor* const a = &m->actor[actor];
+  if (!soter_is_part(x, actor)) {
+    const soter_window none = {SOTER_NO_DEADLINE, SOTER_NO_DEADLINE};
+    return none;
+  }
   if (a->overrun_ns > 0) {
     const int64_t since = held_of(a, world)->since;
     if (since >= 0) {
@@ -95,7 +125,7 @@ static soter_window window_of(const soter_model* m, uint32_t actor, void* world)
 void soter_look(soter_place* x) {
   x->limit = SOTER_NO_DEADLINE;
   for (uint32_t i = 0; i < x->m->actors; i++) {
-    x->window[i] = window_of(x->m, i, x->here);
+    x->window[i] = window_of(x, i, x->here);
     if (x->window[i].high < x->limit) {
       x->limit = x->window[i].high;
     }
@@ -244,7 +274,7 @@ static bool is_observable(soter_place* x) {
     return false; /* the start: nothing has happened */
   }
   for (uint32_t i = 0; i < x->m->actors; i++) {
-    if (window_of(x->m, i, x->there).high <= now) {
+    if (window_of(x, i, x->there).high <= now) {
       return false;
     }
   }
@@ -253,7 +283,7 @@ static bool is_observable(soter_place* x) {
 
 static bool at_the_end(soter_place* x) {
   for (uint32_t i = 0; i < x->m->actors; i++) {
-    if (window_of(x->m, i, x->there).low != SOTER_NO_DEADLINE) {
+    if (window_of(x, i, x->there).low != SOTER_NO_DEADLINE) {
       return false;
     }
   }
@@ -291,6 +321,7 @@ bool soter_make(soter_place* x, const soter_move* move, soter_broken* broken) {
   (void)memcpy(x->there, x->here, x->size);
   soter_header_of(x->there)->ct = move->time;
   soter_schedule_of(x->p, x->there)->now = move->time;
+  soter_keep_others(x, x->there);
   x->taken = 0U;
   bool fine = true;
   if (move->kind == SOTER_EFFECT) {
@@ -358,7 +389,7 @@ bool soter_violates(soter_place* x, soter_broken* broken) {
   if (observable) {
     for (uint32_t i = 0; i < x->p->properties; i++) {
       const soter_property_info* const q = &x->p->property[i];
-      if (q->when == SOTER_AT_INSTANT && q->violated(x->there)) {
+      if (q->when == SOTER_AT_INSTANT && is_in(x->properties, i) && q->violated(x->there)) {
         broken->what = 0U;
         broken->index = i;
         return true;
@@ -366,7 +397,7 @@ bool soter_violates(soter_place* x, soter_broken* broken) {
     }
   }
   for (uint32_t i = 0; i < x->m->timeds; i++) {
-    if (timed_fails(x, i, observable)) {
+    if (is_in(x->timeds, i) && timed_fails(x, i, observable)) {
       broken->what = 3U;
       broken->index = i;
       return true;

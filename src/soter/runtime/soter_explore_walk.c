@@ -13,7 +13,7 @@ bool soter_walk_open(soter_walk* w, soter_search* s) {
   w->s = s;
   w->random = soter_mix(s->o->seed + UINT64_C(0x5851f42d4c957f2d));
   w->counting = true;
-  return s->m->words <= SOTER_WORDS && soter_place_open(&w->x, s->m, s->o->seed, s->coverage) &&
+  return s->m->words <= SOTER_WORDS && soter_place_open(&w->x, s->m, s->o, s->coverage) &&
          soter_store_open(&w->seen, s->m, SOTER_FINGERPRINT, false, s->o->memory / SHARE);
 }
 

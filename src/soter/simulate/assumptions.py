@@ -60,14 +60,16 @@ def of_environment(system: System) -> list[str]:
         if x.plant is not None:
             found += _plant(x)
     driven = {d.topic for d in system.inputs}
-    still = [t.name for t in system.topics if t.driver == "input" and t.index not in driven]
+    inputs = [t for t in system.topics if t.driver == "input" and t.queue_of is None]
+    still = [t.name for t in inputs if t.index not in driven]
     if still:
         found.append(
             f"{', '.join(still)} {'keep' if len(still) > 1 else 'keeps'} the default value"
         )
     for d in system.inputs:
         name, every = system.topics[d.topic].name, show_ns(d.every_ns)
-        found.append(f"{name} changes every {every} to a value drawn evenly from its set")
+        which = f"its {len(d.values)} declared values" if d.values else "its set"
+        found.append(f"{name} changes every {every} to a value drawn evenly from {which}")
     return found
 
 

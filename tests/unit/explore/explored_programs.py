@@ -86,3 +86,30 @@ node Stay period 20ms { subscribes pos; publishes u; step { publish u = -clamp(p
 system S { p: Point; n: Stay; until 100ms; }
 test Drifts { system S; horizon 60ms; always p.truth.x < 2.01; }
 """
+
+CONTRACTS = """
+soter 1;
+topic x: int in [0, 9];
+topic y: int in [0, 20];
+node Source period 10ms { publishes x; step { publish x = choose [0, 4]; } }
+node Adder period 20ms {
+  subscribes x; publishes y;
+  assumes x <= 3; guarantees y <= 4;
+  step { publish y = x + choose [0, 2]; }
+}
+system S { source: Source; adder: Adder; until 100ms; }
+test Kept { system S; skew 5ms; horizon 60ms; always y <= 9; }
+"""
+
+QUEUED = """
+soter 1;
+topic x: int in [0, 9];
+topic sum: int in [0, 99];
+node Source period 10ms { publishes x; step { if choose bool { publish x = choose [1, 2]; } } }
+node Slow period 20ms {
+  subscribes x queue 2 fault; publishes sum;
+  step { var s = 0; for v in x { s = s + v; } publish sum = s; }
+}
+system S { source: Source; slow: Slow; until 100ms; }
+test Fits { system S; late slow by 20ms; horizon 80ms; always sum <= 3; }
+"""

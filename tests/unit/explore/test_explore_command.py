@@ -15,7 +15,7 @@ from soter.explore.replay import replay
 from soter.explore.results import Looked, Options
 from soter.explore.settings import bytes_of, options_of
 from soter.explore.trace import read_trace
-from unit.explore.explored_programs import FAULTS, STARTS, TESTED
+from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
@@ -41,6 +41,11 @@ def explored(text: str, test: str, **options: object) -> TestResult:
         (TESTED, "Answers"),
         (FAULTS, "Overflows"),
         (STARTS, "Drifts"),
+        (CONTRACTS, "Kept"),
+        (QUEUED, "Fits"),
+        (TESTED, "Skips"),
+        (TESTED, "Overruns"),
+        (TESTED, "Sometime"),
     ],
 )
 def test_every_violation_is_replayed_and_has_a_step_of_its_own(text: str, test: str) -> None:
@@ -53,7 +58,7 @@ def test_every_violation_is_replayed_and_has_a_step_of_its_own(text: str, test: 
 
 
 def test_the_trace_is_as_short_as_the_enumerator_says() -> None:
-    for text, test in ((FAULTS, "Overflows"), (STARTS, "Drifts")):
+    for text, test in ((FAULTS, "Overflows"), (CONTRACTS, "Kept"), (QUEUED, "Fits")):
         found = explored(text, test)
         assert found.replayed is not None
         moves = [s for s in found.replayed.trace.steps if s.kind != "start"]

@@ -11,7 +11,13 @@ import pytest
 from soter.explore.replay import replay
 from soter.explore.trace import BEGIN, EFFECT, LOST, STEP, Broken, Choice, Step
 from soter.program.values import to_json
-from unit.explore.explored_programs import FAULTS, STARTS, TESTED
+from unit.explore.explored_programs import (
+    CONTRACTS,
+    FAULTS,
+    QUEUED,
+    STARTS,
+    TESTED,
+)
 from unit.explore.random_walks import Walk, system_of_text, walk
 
 if TYPE_CHECKING:
@@ -21,6 +27,8 @@ NAMES = ("Far", "Skewed", "Theorem", "Skips", "Overruns", "Answers", "Sometime")
 CASES = [
     *[(TESTED, t) for t in NAMES],
     (FAULTS, "Overflows"),
+    (CONTRACTS, "Kept"),
+    (QUEUED, "Fits"),
     (STARTS, "Drifts"),
 ]
 SEEDS = range(25)
@@ -52,6 +60,13 @@ def test_every_execution_is_allowed_and_ends_as_the_enumerator_says(text: str, t
         assert [s.topics for s in found.steps][: len(topics)] == topics
         outcomes.add(w.broken)
     assert outcomes - {None}, "some of the walks have to go wrong"
+
+
+def test_walks_break_what_there_is_to_break() -> None:
+    broken = {w.broken for text, test in CASES for w in walks(test, text)} - {None}
+    assert {what for what, _ in filter(None, broken)} == {"property", "contract", "fault", "timed"}
+    contracts = {w.broken for w in walks("Kept", CONTRACTS)} - {None}
+    assert len(contracts) == 2, "what it assumes, and what it guarantees"
 
 
 def test_only_the_end_is_violated() -> None:

@@ -113,6 +113,18 @@ def test_a_module_of_a_part_is_meant_by_its_path() -> None:
     assert fault.by_ns == 2_000_000
 
 
+def test_the_invariants_are_one_of_each_module() -> None:
+    two = "system Two { a: Inner; b: Inner; }\n"
+    text = f"{two}test T {{ system Two; replace Learned by Any; horizon 1s; "
+    checked = check_file("test.soter", TEXT + text + "always invariants; }")
+    found = plan(system_of_test(checked, "T")).timed
+    about = [(p.module, p.text) for p in found]
+    assert about == [(0, "invariant(a.Keep)"), (1, "invariant(b.Keep)")]
+    checked = check_file("test.soter", TEXT + text + "always invariant(b.Keep); }")
+    found = plan(system_of_test(checked, "T")).timed
+    assert [(p.module, p.text) for p in found] == [(1, "invariant(b.Keep)")]
+
+
 def test_a_function_called_invariant_is_a_function() -> None:
     text = "fun invariant(n: int): bool { return n < 99; }\n"
     text += f"test T {{ {FLAT} always invariant(x); always invariants; }}"
@@ -195,6 +207,24 @@ def test_the_longest_horizon_is_the_one_that_is_said_to_be() -> None:
     text = "system Flat; replace Learned by Any; "
     assert checked_codes(f"test T {{ {text} horizon {horizon - 100}ms; }}") == []
     assert checked_codes(f"test T {{ {text} horizon {horizon + 100}ms; }}") == ["E008"]
+
+
+@pytest.mark.parametrize(
+    ("items", "found"),
+    [
+        ("system Flat; replace Learned by Anyy; horizon 1s; late Anyy by 1ms;", ["N001"]),
+        ("system Flat; replace Learnedd by Any; horizon 1s; skip Any;", ["M013"]),
+        ("system Flat; replace Learned by Any; horizon 1x;", ["L006"]),
+        ("system Flat; replace Learned by Any; horizon tt;", ["N001"]),
+        ("system Flat; replace Learned by Count; horizon 1s;", ["M014"]),
+        ("system Flat; replace Learned by ; horizon 1s;", ["S006"]),
+        ("system Flat; replace Learned by Any; horizon 1s; late Home by 1x;", ["L006"]),
+        ("system Flat; horizon 1s; always yy < 3;", ["N001"]),
+    ],
+)
+def test_one_mistake_in_a_test_is_one_error(items: str, found: list[str]) -> None:
+    codes = checked_codes(f"test T {{ {items} }}")
+    assert [c for c in codes if c[0] != "W"] == found
 
 
 def test_nothing_is_made_of_a_test_with_errors() -> None:

@@ -221,3 +221,35 @@ def test_python_flint_is_asked_for(monkeypatch: pytest.MonkeyPatch, proved: Path
         recheck(proved)
     assert error.value.diagnostics[0].code == "D007"
     assert proved.exists()
+
+
+CAREFUL = "step { publish accel = clamp(-2.0 * motion.x - 2.5 * motion.v, -A, A); }"
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "why"),
+    [
+        (
+            CAREFUL,
+            CAREFUL.replace("clamp", "choose { 0.0, clamp").replace(", A);", ", A) };"),
+            "Choose",
+        ),
+        (CAREFUL, CAREFUL.replace("= clamp", "= fair choose bool ? 0.0 : clamp"), "SC with locals"),
+        (
+            f"subscribes motion;\n  publishes accel;\n  {CAREFUL}",
+            f"subscribes motion queue 2;\n  publishes accel;\n  {CAREFUL}".replace(
+                "motion.", "motion[0]."
+            ),
+            "is a queue",
+        ),
+    ],
+)
+def test_an_sc_that_chooses_or_reads_a_queue_is_not_rechecked(
+    tmp_path: Path, sealed: Sealed, old: str, new: str, why: str
+) -> None:
+    changed = sealed.copy()
+    text = changed.cart.text()
+    assert old in text
+    changed.text = text.replace(old, new)
+    changed.write(tmp_path / "cert")
+    assert why in reason_of(tmp_path / "cert")

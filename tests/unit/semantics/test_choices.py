@@ -17,6 +17,8 @@ from soter.semantics.interpreter import Interpreter
 from soter.semantics.random_draws import SeededDraws, draw_bits
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from soter.program.system import System
 
 MS = 1_000_000
@@ -109,19 +111,15 @@ def test_an_answer_that_is_no_alternative_is_refused() -> None:
 
 def test_floats_are_answered_by_middle_low_high_and_the_rest_by_value() -> None:
     system = system_from(WORLD)
-    asked = []
-    it = Interpreter(
-        system,
-        seed=5,
-        draws=AnsweredDraws(system, lambda stream, n: asked.append((stream, n)) or n - 1, 5),
-    )
+    draws = AnsweredDraws(system, lambda _stream, n: n - 1, 5)
+    it = Interpreter(system, seed=5, draws=draws)
     c = it.initial()
     assert c.L[0] == (4.0,)
     c = it.instant(c)
     held = SeededDraws(5).uniform("P.held", 0, -1.0, 1.0)
     assert c.Topics == ((4.0 + 1.0 + 0.5, held), (True, 3), 7.5)
     error = system.components[0].measured[0].stream
-    assert asked == [
+    assert [(q.stream, q.count) for q in draws.asked] == [
         ("P.x.start", 3), ("input.goal.b", 2), ("input.goal.n", 3), ("input.speed", 2),
         ("P.d", 3), (error, 3),
     ]  # fmt: skip
@@ -142,15 +140,19 @@ def test_declared_values_of_an_input_are_drawn_by_one_choice() -> None:
 
 def test_every_alternative_of_a_fair_choice_comes_in_any_2n_executions() -> None:
     system = system_from(FAIR)
-    for last in (0, 1):  # always the first allowed, always the last
-        draws = AnsweredDraws(system, lambda _stream, n, last=last: (n - 1) * last)
+    always: list[tuple[int, Callable[[str, int], int]]] = [
+        (0, lambda _stream, _n: 0),  # the first that is allowed
+        (2, lambda _stream, n: n - 1),  # the last
+    ]
+    for first, answer in always:
+        draws = AnsweredDraws(system, answer)
         it, got = Interpreter(system, draws=draws), []
         c = it.initial()
         for _ in range(50):
             c = it.instant(c)
             got.append(c.Topics[0])
         assert all(set(got[i : i + 6]) == {0, 1, 2} for i in range(44))
-        assert got[:3] == [2 * last] * 3  # and not a turn before it has to
+        assert got[:3] == [first] * 3  # and not a turn before it has to
 
 
 @pytest.mark.parametrize("n", [1, 2, 3])
@@ -200,7 +202,6 @@ def test_choices_can_be_written_down_and_read_back() -> None:
 
 def test_an_int_leaf_without_bounds_has_no_more_than_32_bits_of_alternatives() -> None:
     system = system_from(TWO_A_STEP)
-    counts = []
-    draws = AnsweredDraws(system, lambda _stream, n: counts.append(n) or 1)
+    draws = AnsweredDraws(system, lambda _stream, _n: 1)
     assert draws.leaf(IntType(-(2**63), 2**63 - 1), None, "s", 0) == -(2**63) + 1
-    assert counts == [2**32 - 1]
+    assert [q.count for q in draws.asked] == [2**32 - 1]

@@ -1,0 +1,91 @@
+"""Bytes per stored configuration, against the packed size, exact and as fingerprints.
+
+    .venv/bin/python bench/testing_memory.py [--json FILE]
+
+The table of the explorer after an exhaustive search without reduction, divided by what it stores; the
+packed size is whole 64-bit words, as stored. Beside it the frontier (what is still to be expanded), at
+its largest. A table grows by doubling: the worst case is one that has just done so; where a search ended,
+not where it looks best, is what is measured, over several horizons.
+Purpose: the memory figure of issue 4. Non-goals: the memory of the process (Python, numpy, the cache).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.explore.build import Engine, Settings
+from soter.program.build import check_file, system_of_test
+from soter.report.summary import table
+
+if TYPE_CHECKING:
+    from soter.explore.build import Searched
+    from soter.program.system import System
+
+ROOT = Path(__file__).resolve().parents[1]
+EXAMPLES = ROOT / "examples/testing"
+HORIZONS = (6, 9, 12, 15, 18)
+"""Ticks of two_modules."""
+TICK_NS = 10_000_000
+TARGETS = {"exact": 1.3, "fingerprint": 16.0}
+
+
+def subjects() -> list[tuple[str, System]]:
+    """Name and test."""
+    system = system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside")
+    assert system.test is not None
+    return [
+        (
+            f"two_modules, {ticks} ticks",
+            replace(system, test=replace(system.test, horizon_ns=ticks * TICK_NS)),
+        )
+        for ticks in HORIZONS
+    ]
+
+
+def line(name: str, engine: Engine, storage: str, found: Searched) -> tuple[list[str], float]:
+    """A row, and bytes a configuration (fingerprints) or per packed byte (exact)."""
+    packed = 8 * engine.words
+    each = found.table_bytes / found.states
+    figure = each / packed if storage == "exact" else each
+    target = TARGETS[storage]
+    unit = "x packed" if storage == "exact" else "bytes"
+    return [
+        name,
+        storage,
+        f"{found.states:,}",
+        f"{engine.bits} bits in {packed} bytes",
+        f"{each:.2f}",
+        f"{found.frontier_bytes / found.states:.2f}",
+        f"{figure:.2f} {unit}",
+        f"<= {target:g}",
+        "yes" if figure <= target else "NO",
+    ], figure
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--json", type=Path)
+    arguments = parser.parse_args()
+    rows, figures = [], {}
+    for name, system in subjects():
+        engine = Engine(system)
+        for storage in TARGETS:
+            found = engine.explore(Settings("bfs", storage, reduction="none"))
+            assert found.status == "exhausted", found
+            row, figures[f"{name}, {storage}"] = line(name, engine, storage, found)
+            rows.append(row)
+    heads = ("test", "storage", "configurations", "packed", "table", "frontier", "figure")
+    print(table((*heads, "target", "met"), rows))
+    print("table, frontier: bytes per stored configuration")
+    if arguments.json:
+        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+    return 1 if any(row[-1] == "NO" for row in rows) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

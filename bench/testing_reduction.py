@@ -1,0 +1,92 @@
+"""What the reductions leave out: configurations with and without, for the same verdict.
+
+    .venv/bin/python bench/testing_reduction.py [--json FILE] [--most STATES]
+
+First the yardstick, examples/testing/two_modules.soter. Then programs of 2, 4, 6, 8 and 10 nodes that
+choose a bool every tick, keep it and publish it at the next, over three instants; a property reads the
+first two topics. *Independent* nodes read nothing but what they keep; in *pairs* they read each other; in a *ring* each reads the one before it, so that
+no node is independent of its neighbours: the case against reduction. Purpose: the figure and the curve
+of issue 4. Non-goals: speed against others (`testing_spin.py`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import sys
+from pathlib import Path
+
+from soter.explore.build import Engine, Searched, Settings
+from soter.program.build import check_file, system_of_test
+from soter.report.summary import table
+
+ROOT = Path(__file__).resolve().parents[1]
+YARDSTICK = ROOT / "examples/testing/two_modules.soter"
+REDUCTIONS = ("none", "sleep", "ample", "all")
+COUPLINGS = ("independent", "pairs", "ring")
+SIZES = (2, 4, 6, 8, 10)
+
+
+def program(nodes: int, coupling: str) -> str:
+    """The text of one of the generated programs."""
+    lines = ["soter 1;"]
+    for i in range(nodes):
+        other = {"independent": None, "pairs": i ^ 1, "ring": (i - 1) % nodes}[coupling]
+        reads = "" if other is None else f"  subscribes t{other};\n"
+        value = "kept || choose bool" if other is None else f"choose {{ t{other}, !t{other} }}"
+        lines.append(
+            f"topic t{i} : bool;\nnode N{i} period 10ms {{\n{reads}  publishes t{i};\n"
+            f"  var kept: bool;\n  step {{ publish t{i} = kept; kept = {value}; }}\n}}"
+        )
+    items = "".join(f"  node N{i};\n" for i in range(nodes))
+    lines.append(f"system S {{\n{items}}}")
+    lines.append("test T { system S; horizon 20ms; always t0 || !t0 || t1; }")
+    return "\n".join(lines)
+
+
+def searches(engine: Engine, most: int) -> dict[str, Searched]:
+    """One search per reduction."""
+    return {
+        r: engine.explore(Settings("bfs", reduction=r, memory=3 * 2**30, max_states=most))
+        for r in REDUCTIONS
+    }
+
+
+def cells(found: dict[str, Searched]) -> list[str]:
+    """Configurations per reduction, verdict, and by how much there are fewer."""
+    shown = [
+        f"{f.states:,}" if f.status == "exhausted" else f"> {f.states:,}" for f in found.values()
+    ]
+    share = found["all"].states / found["none"].states
+    at_most = "" if found["none"].status == "exhausted" else "< "
+    statuses = {f.status for f in found.values()}
+    return [*shown, f"{at_most}1/{1 / share:.1f}", "/".join(sorted(statuses))]
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
+    parser.add_argument("--json", type=Path)
+    parser.add_argument("--most", type=int, default=30_000_000)
+    arguments = parser.parse_args()
+    engine = Engine(system_of_test(check_file(str(YARDSTICK)), "BothStayInside"))
+    yardstick = searches(engine, arguments.most)
+    rows = [["two_modules", str(len(engine.actors)), *cells(yardstick)]]
+    figures = {"two_modules": {r: f.states for r, f in yardstick.items()}}
+    for coupling in COUPLINGS:
+        for nodes in SIZES:
+            text = program(nodes, coupling)
+            made = Engine(system_of_test(check_file(f"{coupling}{nodes}.soter", text), "T"))
+            found = searches(made, arguments.most)
+            rows.append([coupling, str(nodes), *cells(found)])
+            figures[f"{coupling} {nodes}"] = {r: f.states for r, f in found.items()}
+    heads = ("program", "actors", *REDUCTIONS, "all / none", "status")
+    print(table(heads, rows))
+    share = yardstick["all"].states / yardstick["none"].states
+    print(f"two_modules with reduction: {share:.3f} of the configurations (target: <= 0.2)")
+    if arguments.json:
+        arguments.json.write_text(json.dumps(figures, indent=2) + "\n")
+    return 0 if share <= 0.2 else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,87 @@
+"""Parts of a tested system that share nothing: each is explored alone.
+
+Purpose: actors that depend on each other, directly or through what one property reads, are one
+part. An execution of the system is one of every part, interleaved, and a property sees one
+part only: the system violates it iff that part does (docs/testing.md, "Parts").
+Non-goals: dependence itself (`actors.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.explore.actors import Footprints
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.lower.core import CoreSystem
+    from soter.lower.plan import Label, Plan
+    from soter.program.system import System
+
+WIDTH = 64
+"""Actors, properties and timed properties that a mask can name."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Bit masks: who moves, and which properties and timed properties are judged."""
+
+    actors: int
+    properties: int
+    timeds: int
+
+
+def parts_of(system: System, lowered: CoreSystem, plan: Plan) -> tuple[Part, ...]:
+    """The parts, in the order of their first actors; a single one where masks are too narrow."""
+    assert system.test is not None
+    footprints = Footprints(system, lowered)
+    properties = [footprints.read_by(p) for p in range(len(system.properties))]
+    timeds = [footprints.read_by_timed(t) for t in range(len(system.test.timed))]
+    if max(len(plan.actors), len(properties), len(timeds)) > WIDTH:
+        return (Part(0, 0, 0),)
+    groups = _Groups(len(plan.actors))
+    for i, actor in enumerate(plan.actors):
+        groups.join([i, *(j for j in range(len(plan.actors)) if actor.dependent >> j & 1)])
+    movers = [_movers(plan, reads) for reads in (*properties, *timeds)]
+    for some in movers:
+        groups.join(some)
+    homes = [groups.of(some[0]) if some else groups.of(0) for some in movers]
+    roots = dict.fromkeys(groups.of(i) for i in range(len(plan.actors)))
+    return tuple(
+        Part(
+            _mask(i for i in range(len(plan.actors)) if groups.of(i) == root),
+            _mask(p for p in range(len(properties)) if homes[p] == root),
+            _mask(t for t in range(len(timeds)) if homes[len(properties) + t] == root),
+        )
+        for root in roots
+    )
+
+
+def _movers(plan: Plan, reads: set[Label]) -> list[int]:
+    """Actors whose steps may change what is read."""
+    return [i for i, actor in enumerate(plan.actors) if actor.writes & reads]
+
+
+def _mask(bits: Iterable[int]) -> int:
+    return sum(1 << b for b in bits)
+
+
+class _Groups:
+    """Sets that are joined; a set is known by its least member."""
+
+    def __init__(self, count: int) -> None:
+        self._root = list(range(count))
+
+    def of(self, i: int) -> int:
+        """The least member of the set of i."""
+        while self._root[i] != i:
+            i = self._root[i]
+        return i
+
+    def join(self, members: list[int]) -> None:
+        """Make one set of the sets of all members."""
+        roots = sorted({self.of(i) for i in members})
+        for r in roots[1:]:
+            self._root[r] = roots[0]
