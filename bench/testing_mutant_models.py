@@ -69,8 +69,7 @@ STAYS = Subject("testing/takeover.soter", "StaysInside")
 RETURNS = Subject("testing/takeover.soter", "ComesBack")
 CART = Subject("wall/cart_test.soter", "AnyCommand", "wall/cart.soter")
 CART_TEST = Subject("wall/cart_test.soter", "AnyCommand")
-CAR = Subject("mountain_car/cliff_test.soter", "AnyThrottleForAWhile", "mountain_car/cliff.soter")
-CAR_TEST = Subject("mountain_car/cliff_test.soter", "AnyThrottleForAWhile")
+CAR = Subject("mountain_car/cliff_test.soter", "AnyThrottleForAWhile")
 DRONE = Subject(
     "drone/motion_primitive_test.soter",
     "AnyCorner",
@@ -243,13 +242,14 @@ CONTINUOUS: tuple[Mutant, ...] = tuple(
                     "test AnyCommand",
                 ),
             ),
-            CAR: (),
-            CAR_TEST: (
+            CAR: (
                 (
                     "lost mode: AC is never left",
                     "module cliff.SafeCar;",
                     "module cliff.SafeCar;\n  force SafeCar ac;",
                 ),
+                ("stronger than the model", "cliff.POWER * cliff.force", "2.0 * cliff.POWER * cliff.force"),
+                ("starts where nothing helps", "state v: float = -0.02", "state v: float = -0.05"),
             ),
             DRONE: (("ttf forgotten", "ttf TTF2D_MPr(tubeState);", "ttf false;"),),
         }

@@ -118,8 +118,9 @@ def measure(way: Way, folder: Path) -> None:
     else:
         if "errors: 0" not in said:
             sys.exit(said)
-        states, transitions = number(r"(\d+) states, stored", said), number(
-            r"(\d+) transitions", said
+        states, transitions = (
+            number(r"(\d+) states, stored", said),
+            number(r"(\d+) transitions", said),
         )
         wall = number(r"elapsed time ([\d.]+)", said)
         cpu = after.ru_utime - before.ru_utime + after.ru_stime - before.ru_stime

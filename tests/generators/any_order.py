@@ -53,14 +53,19 @@ uint32_t soter_fire(const soter_program *p, void *state, uint32_t component, con
 """
 
 
+def _ffi() -> Any:
+    """Whose types nobody knows."""
+    return FFI()
+
+
 class Native:
     """The C engine, one step at a time; every step is answered with random picks."""
 
     def __init__(self, library: Path, s: Subject, chance: random.Random) -> None:
-        self.ffi: Any = FFI()
+        self.ffi = _ffi()
         self.ffi.cdef(DECLARATIONS)
         self.ffi.cdef(f"extern soter_program {s.name}_program;")
-        self.lib: Any = self.ffi.dlopen(str(library))
+        self.lib = self.ffi.dlopen(str(library))
         self.program = self.ffi.addressof(self.lib, f"{s.name}_program")
         self.state = np.zeros(s.layout.size, dtype=np.uint8)
         self.chance = chance

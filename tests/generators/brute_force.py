@@ -170,7 +170,7 @@ class Found:
 
     @property
     def verdict(self) -> str:
-        """"clean" or "violated"."""
+        """ "clean" or "violated"."""
         return "violated" if self.least else "clean"
 
     @property
@@ -224,8 +224,11 @@ class BruteForce:
 
     # ------------------------------------------------------------ the search
 
-    def run(self, most: int = 100_000) -> Found:
-        """All reachable configurations, at most `most` transitions (`TooLargeError`)."""
+    def run(self, most: int = 100_000, *, first: bool = False) -> Found:
+        """All reachable configurations, at most `most` transitions (`TooLargeError`).
+
+        With `first`, no further than to the first violation.
+        """
         found = Found()
         seen: set[Canonical] = set()
         todo: deque[tuple[World, int]] = deque()
@@ -244,7 +247,7 @@ class BruteForce:
 
         for w in self._births():
             reach(w, 0)
-        while todo:
+        while todo and not (first and found.least):
             world, moves = todo.popleft()
             for move in self.moves(world):
                 for after, broken in self.made(world, move):
@@ -266,9 +269,7 @@ class BruteForce:
         )
         modules = len(self.system.modules)
         for c in self.answers.all_ways(self.interpreter.initial):
-            yield World(
-                c, none, none, (None,) * len(none), due, (0,) * modules, (False,) * modules
-            )
+            yield World(c, none, none, (None,) * len(none), due, (0,) * modules, (False,) * modules)
 
     # ------------------------------------------------------------ windows and order
 

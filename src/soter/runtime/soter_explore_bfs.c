@@ -12,7 +12,8 @@
 #include "soter_explore_in.h"
 
 #define THREADS 2U
-#define AHEAD 16U /* worlds that are looked for at once */
+#define AHEAD 32U  /* worlds that are expanded at once, */
+#define HEIRS 256U /* unless they have so many heirs */
 
 /* Worlds to be expanded: packed, what sleeps in them, which moves (all, or those to be made again).
  */
@@ -29,6 +30,8 @@ typedef struct worker {
   soter_explore_coverage coverage;
   queue here, next, out[THREADS];
   uint64_t count, moved;
+  uint64_t* key; /* of heirs that are about to be put */
+  uint32_t keys;
   bool broke, full;
   soter_broken broken;
   uint64_t culprit; /* links: the entry whose move breaks something */
@@ -68,6 +71,19 @@ static bool queue_put(queue* q, const uint64_t* packed, uint32_t words, uint64_t
     to[words + 1U] = only;
   }
   q->count++;
+  return true;
+}
+
+static bool more_keys(worker* w, uint32_t count) {
+  if (count > w->keys) {
+    uint64_t* const key = realloc(w->key, (size_t)count * 2U * w->all->words * sizeof *key);
+    if (key == NULL) {
+      w->full = true;
+      return false;
+    }
+    w->key = key;
+    w->keys = count * 2U;
+  }
   return true;
 }
 
@@ -138,34 +154,41 @@ static bool stops(const layered* all) {
   return all->s->progress->stop != 0;
 }
 
-static void expand_one(worker* w, const uint64_t* item, uint64_t from) {
+/* Expands worlds of the frontier, from number `first`: as many as are looked for at once, so that
+ * the machine can fetch the places of their heirs while others are computed. Returns how many. */
+static uint64_t expand_some(worker* w, uint64_t first) {
   layered* const all = w->all;
   const uint32_t words = all->words;
-  soter_expand(&w->expander, item, item[words], item[words + 1U]);
-  if (w->expander.broke) {
-    break_off(w, &w->expander.broken, from);
-  }
-  const soter_heirs* const h = &w->expander.heirs;
-  for (uint32_t begin = 0; begin < h->count && !w->full; begin += AHEAD) {
-    uint64_t key[AHEAD * SOTER_WORDS];
-    const uint32_t end = h->count - begin < AHEAD ? h->count : begin + AHEAD;
-    for (uint32_t k = begin; k < end; k++) {
-      const uint64_t* const packed = h->packed + (size_t)k * words;
-      uint64_t* const mine = key + (size_t)(k - begin) * words;
-      soter_store_key(&w->store, packed, mine);
-      soter_store_hint(&w->store, packed, mine);
+  const uint64_t most = all->link ? 1U : AHEAD;
+  soter_heirs* const h = &w->expander.heirs;
+  uint64_t i = first;
+  soter_forget(&w->expander);
+  for (; i < w->here.count && i - first < most && h->count < HEIRS; i++) {
+    const uint64_t* const item = w->here.item + i * w->here.width;
+    soter_expand(&w->expander, item, item[words], item[words + 1U]);
+    if (w->expander.broke) {
+      break_off(w, &w->expander.broken, w->moved + i);
     }
-    for (uint32_t k = begin; k < end && !w->full; k++) {
-      const uint64_t* const packed = h->packed + (size_t)k * words;
-      const uint32_t owner = owner_of(all, packed);
-      if (owner == w->id) {
-        take_in(w, packed, key + (size_t)(k - begin) * words, h->sleep[k], from);
-      } else if (!queue_put(&w->out[owner], packed, words, h->sleep[k], 0U)) {
-        w->full = true;
-      }
+  }
+  if (!more_keys(w, h->count)) {
+    return i - first;
+  }
+  for (uint32_t k = 0; k < h->count; k++) {
+    const uint64_t* const packed = h->packed + (size_t)k * words;
+    soter_store_key(&w->store, packed, w->key + (size_t)k * words);
+    soter_store_hint(&w->store, packed, w->key + (size_t)k * words);
+  }
+  for (uint32_t k = 0; k < h->count && !w->full; k++) {
+    const uint64_t* const packed = h->packed + (size_t)k * words;
+    const uint32_t owner = owner_of(all, packed);
+    if (owner == w->id) {
+      take_in(w, packed, w->key + (size_t)k * words, h->sleep[k], w->moved + first);
+    } else if (!queue_put(&w->out[owner], packed, words, h->sleep[k], 0U)) {
+      w->full = true;
     }
   }
   w->full = w->full || w->expander.no_memory;
+  return i - first;
 }
 
 static bool over(const worker* w) {
@@ -196,9 +219,12 @@ static void tell(worker* w) {
 /* ------------------------------------------------------------------ layers */
 
 static void expand_layer(worker* w) {
-  for (uint64_t i = 0; i < w->here.count && !over(w); i++) {
-    expand_one(w, w->here.item + i * w->here.width, w->moved + i);
-    if ((i & 4095U) == 4095U) {
+  uint64_t told = 0U;
+  uint64_t i = 0U;
+  while (i < w->here.count && !over(w)) {
+    i += expand_some(w, i);
+    if (i - told >= 4096U) {
+      told = i;
       tell(w);
     }
   }
@@ -321,6 +347,7 @@ static void close_worker(worker* w) {
   coverage_close(&w->coverage);
   soter_expander_close(&w->expander);
   soter_store_close(&w->store);
+  free(w->key);
   free(w->here.item);
   free(w->next.item);
   free(w->links.item);

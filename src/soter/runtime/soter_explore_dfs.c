@@ -149,6 +149,7 @@ void soter_stack_run(soter_stack* t, uint32_t bound) {
     top[t->words + 1U] = ON_THE_WAY;
     depth++;
     t->deepest = depth > t->deepest ? depth : t->deepest;
+    soter_forget(&t->expander);
     soter_expand(&t->expander, top, top[t->words], only);
     if (t->expander.broke && !t->broke) {
       t->broke = true;

@@ -76,7 +76,7 @@ static void make_one(soter_expander* e, const soter_move* move, uint64_t sleep) 
 
 void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only) {
   soter_place* const x = &e->place;
-  e->heirs.count = 0U;
+  e->begin = e->heirs.count;
   e->broke = false;
   if (e->memo != NULL && soter_memo_expand(e, packed, sleep, only)) {
     return;

@@ -202,7 +202,8 @@ typedef struct {
   uint32_t words;
   struct soter_memo* memo; /* NULL: not plain */
   uint64_t transitions;
-  bool broke; /* a move of the world last expanded violates `broken`: no world comes after it */
+  uint32_t begin; /* the first heir of the world last expanded */
+  bool broke;     /* a move of the world last expanded violates `broken`: no world comes after it */
   soter_broken broken;
   bool no_memory;
 } soter_expander;
@@ -214,6 +215,10 @@ void soter_expander_close(soter_expander* e);
 /* All moves of a world that the reduction asks for: `only` says which actors (a mask), `sleep`
  * which of them sleep. The heirs of the last call are overwritten. */
 void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
+
+SOTER_INLINE void soter_forget(soter_expander* e) {
+  e->heirs.count = 0U;
+}
 
 /* Whether a packed world violates a property. */
 bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);

@@ -330,7 +330,7 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
 static bool give_up(soter_expander* e) {
   soter_memo_close(e->memo);
   e->memo = NULL;
-  e->heirs.count = 0U;
+  e->heirs.count = e->begin;
   e->broke = false;
   return false;
 }

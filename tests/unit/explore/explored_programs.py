@@ -42,6 +42,11 @@ system S {
   input alarm in { false, true } every 30ms;
   until 200ms;
 }
+rta Keeps {
+  ac Bold; sc Home; period 30ms;
+  safe abs(cell) <= 9; ttf cell > 1; safer cell == 0;
+}
+system Wide { robot: Corridor; Keeper: Keeps; until 300ms; }
 test Far { system S; horizon 120ms; always abs(robot.truth.at) <= 2; }
 test Skewed { system S; skew 5ms; horizon 100ms; never robot.truth.at > 3; }
 test Theorem {
@@ -57,6 +62,11 @@ test Overruns {
 }
 test Answers { system S; skew 5ms; horizon 150ms; alarm leadsto seen > 0 within 10ms; }
 test Sometime { system S; horizon 100ms; eventually seen > 2 within 80ms; }
+test AtLast { system S; horizon 60ms; eventually seen > 1 within 60ms; }
+test BeyondTheEnd { system S; horizon 60ms; alarm leadsto seen > 90 within 40ms; }
+test Forgotten {
+  system Wide; late Keeper.Home by 80ms; horizon 240ms; always invariant(Keeper);
+}
 """
 
 FAULTS = """
@@ -112,4 +122,5 @@ node Slow period 20ms {
 }
 system S { source: Source; slow: Slow; until 100ms; }
 test Fits { system S; late slow by 20ms; horizon 80ms; always sum <= 3; }
+test Slowly { system S; overrun slow by 15ms; horizon 80ms; always sum <= 3; }
 """

@@ -68,6 +68,7 @@ def walk(system: System, seed: int, longest: int = 10_000) -> Walk:
     """A random execution up to the first violation, or to its end."""
     rng = random.Random(seed)  # noqa: S311 - a test
     brute = BruteForce(system)
+    eager = [rng.choice((1.0, 0.001)) for _ in brute.actors]  # some come as late as they may
     answers = _Recording()
     brute.answers = answers
     brute.machine.draws = answers
@@ -79,7 +80,7 @@ def walk(system: System, seed: int, longest: int = 10_000) -> Walk:
         moves = list(brute.moves(world))
         if not moves:
             break
-        move = rng.choice(moves)
+        (move,) = rng.choices(moves, [eager[m.actor] for m in moves])
         actor = brute.actors[move.actor]
         drive = actor.kind == "input"
         ways = [(w, b, list(answers.asked)) for w, b in brute.made(world, move)]

@@ -23,12 +23,24 @@ from unit.explore.random_walks import Walk, system_of_text, walk
 if TYPE_CHECKING:
     from soter.program.system import System
 
-NAMES = ("Far", "Skewed", "Theorem", "Skips", "Overruns", "Answers", "Sometime")
+NAMES = (
+    "Far",
+    "Skewed",
+    "Theorem",
+    "Skips",
+    "Overruns",
+    "Answers",
+    "Sometime",
+    "AtLast",
+    "BeyondTheEnd",
+    "Forgotten",
+)
 CASES = [
     *[(TESTED, t) for t in NAMES],
     (FAULTS, "Overflows"),
     (CONTRACTS, "Kept"),
     (QUEUED, "Fits"),
+    (QUEUED, "Slowly"),
     (STARTS, "Drifts"),
 ]
 SEEDS = range(25)
