@@ -2,11 +2,13 @@
 
     .venv/bin/python bench/testing_memory.py [--json FILE]
 
-The table of the explorer after an exhaustive search without reduction, divided by what it stores; the
-packed size is whole 64-bit words, as stored. Beside it the frontier (what is still to be expanded), at
-its largest. A table grows by doubling: the worst case is one that has just done so; where a search ended,
-not where it looks best, is what is measured, over several horizons.
-Purpose: the memory figure of issue 4. Non-goals: the memory of the process (Python, numpy, the cache).
+The table of the explorer after an exhaustive search without reduction, divided by what it
+stores; the packed size is whole 64-bit words, as stored. Beside it the frontier (what is still
+to be expanded), at its largest. A table grows in steps, so the figure depends on where a search
+ends: it is measured over several horizons.
+
+Purpose: the memory figure of issue 4. Non-goals: the memory of the process (Python, numpy, the
+cache).
 """
 
 from __future__ import annotations

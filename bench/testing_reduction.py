@@ -2,12 +2,14 @@
 
     .venv/bin/python bench/testing_reduction.py [--json FILE] [--most STATES]
 
-First the yardstick, examples/testing/two_modules.soter. Then programs of 2, 4, 6, 8 and 10 nodes that
-choose a bool every tick, over three instants; a property reads the first two topics. *Independent*
-nodes publish what they chose a tick ago and read nothing; in *pairs* they read each other; in a *ring*
-each reads the one before it, so that no node is independent of its neighbours: the case against
-reduction. Purpose: the figure and the curve
-of issue 4. Non-goals: speed against others (`testing_spin.py`).
+First the yardstick, examples/testing/two_modules.soter. Then programs of 2, 4, 6, 8 and 10
+nodes that choose a bool every tick, over three instants; a property reads the first two topics.
+*Independent* nodes publish what they chose a tick ago and read nothing; in *pairs* they read
+each other; in a *ring* each reads the one before it, so that no node is independent of its
+neighbours: the case against reduction.
+
+Purpose: the figure and the curve of issue 4. Non-goals: speed against others
+(`testing_spin.py`).
 """
 
 from __future__ import annotations

@@ -2,8 +2,9 @@
 
     .venv/bin/python bench/testing_soundness.py [--programs 500] [--first SEED] [--json FILE]
 
-Per program every strategy that is exhaustive and every reduction, two threads, fingerprints, and the
-least trace to every violation; see tests/generators/agreement.py for what has to be equal.
+Per program every exhaustive strategy and every reduction, two threads, fingerprints, and the
+least trace to every violation; tests/generators/agreement.py says what has to be equal.
+
 Purpose: the soundness figure of issue 4. Non-goals: speed.
 """
 
@@ -21,7 +22,6 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from generators.agreement import REDUCTIONS, compared, small_ones  # noqa: E402 - from tests/
-
 from soter.report.summary import table  # noqa: E402 - after the path
 
 
@@ -53,7 +53,8 @@ def main() -> int:
     found = ", ".join(f"{what} {n}" for what, n in sorted(kinds.items()))
     print(
         f"{arguments.programs} programs, {violated} of them violated ({found}), at most "
-        f"{largest:,} configurations; stored more finely than needed: {finer}; {len(different)} differ (target: none); "
+        f"{largest:,} configurations; {finer} stored more finely than needed; "
+        f"{len(different)} differ (target: none); "
         f"{time.perf_counter() - began:.0f} s"
     )
     if arguments.json:

@@ -2,15 +2,19 @@
 
     .venv/bin/python bench/testing_spin.py [--repeats 5] [--json FILE]
 
-The Promela models (bench/two_modules*.pml) have atomic steps, and a state of theirs at a step's end
-is a configuration of examples/testing/two_modules.soter: all of them store equally many without
-reduction. `two_modules.pml` is one process over what is due, the fastest we found; `_eight` has a
-process for every actor; `_local` one a module with everything in local variables, made for SPIN's
-partial order reduction. pan is compiled with `-DSAFETY -O2`; NOVSZ leaves the length out of its
-vectors. Turn by turn, each process on one core. CPU is user and system time: of the whole process for
-pan, of the search for the explorer (its start, a compiler's run or a look into the cache, is not
-counted; neither is SPIN's and gcc's). Purpose: the figure of issue 4. Non-goals: what the reduction gains
-(`testing_reduction.py`), SPIN's other strengths (LTL, nothing but C in a state).
+The Promela models (bench/two_modules*.pml) have atomic steps, and a state of theirs at a step's
+end is a configuration of examples/testing/two_modules.soter: all of them store equally many
+without reduction. `two_modules.pml` is one process over what is due, the fastest we found;
+`_eight` has a process for every actor; `_local` one a module with everything in local
+variables, made for SPIN's partial order reduction. pan is compiled with `-DSAFETY -O2`; NOVSZ
+leaves the length out of its vectors.
+
+Turn by turn, each process on one core. CPU is user and system time: of the whole process for
+pan, of the search for the explorer. Not counted: SPIN's generator and gcc; the explorer's
+generator and its compiler.
+
+Purpose: the speed figure of issue 4. Non-goals: what the reduction gains
+(`testing_reduction.py`), SPIN's other strengths (LTL, for one).
 """
 
 from __future__ import annotations

@@ -13,7 +13,7 @@ import os
 
 import pytest
 
-from generators.agreement import compared, small
+from generators.agreement import compared, enumerated, small
 from generators.brute_force import BruteForce, TooLargeError
 
 CHUNKS = 6
@@ -37,6 +37,55 @@ def test_explorer_and_enumerator_agree(chunk: int) -> None:
             continue
         told = compared(s, FAST)
         assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
+
+
+CLOCK = """
+topic z : bool;
+plant Clock period 10ms { drives z = s; state s: bool; next s = !s; }
+"""
+"""A part of the system that shares nothing with the others but time."""
+
+LATER = """soter 1;
+type Small = int in [0, 2];
+topic x : bool;
+topic y : Small;
+node A period 40ms phase 10ms { publishes x; step { publish x = true; } }
+node B period 40ms { subscribes x; publishes y; step { publish y = x ? 1 : 2; } }
+system S { node A; node B; q: Clock; }
+"""
+
+SHARING_TIME = {
+    "a moment that another part's step hides": LATER
+    + "test T { system S; horizon 30ms; late B by 20ms;"
+    " always z || !z; eventually (x && y == 0) || y == 2 within 30ms; }",
+    "a moment that another part's step hides, owed": LATER
+    + "test T { system S; horizon 30ms; late B by 20ms;"
+    " always z || !z; x leadsto (x && y == 0) || y == 2 within 10ms; }",
+    "a bound that passes while only another part moves": """soter 1;
+topic x : bool;
+topic go : bool = true;
+node A period 20ms { publishes x; step { publish x = true; } }
+node C period 20ms { publishes x; step { publish x = false; } }
+rta M { ac A; sc C; period 20ms; safe go || !go; ttf !go; safer go; }
+plant K period 20ms { drives go = s; state s: bool = true; next s = s; }
+system S { module M; k: K; q: Clock; always z || !z; }
+test T { system S; horizon 60ms; late M.dm by 35ms; always invariant(M); }
+""",
+    "a property that becomes false by time alone": """soter 1;
+topic x : bool;
+node A period 40ms { publishes x; step { publish x = true; } }
+system S { node A; q: Clock; always z || !z; }
+test T { system S; horizon 30ms; always !x || time < 0.015; }
+""",
+}
+
+
+@pytest.mark.parametrize("name", SHARING_TIME)
+def test_parts_of_a_system_share_time(name: str) -> None:
+    """Violated only because a plant that shares nothing else lets time pass, or holds it."""
+    s = enumerated(0, SHARING_TIME[name] + CLOCK)
+    assert s.found.verdict == "violated"
+    assert not compared(s, FAST).complaints
 
 
 def test_what_is_compared_determines_the_future() -> None:

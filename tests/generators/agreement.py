@@ -7,7 +7,7 @@ Non-goals: making programs (`small_programs.py`), deciding how many.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import TYPE_CHECKING
 
@@ -16,6 +16,8 @@ from generators.explored import Decoder
 from generators.small_programs import small_program
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.build import Engine, Settings
+from soter.explore.results import Options
+from soter.explore.search import Search
 from soter.program.build import check_file, system_of_test
 
 if TYPE_CHECKING:
@@ -58,13 +60,17 @@ class Compared:
 
 def small(seed: int, most: int = MOST) -> Small | None:
     """Program number `seed`, enumerated; None where it is refused, too large, or does nothing."""
-    text = small_program(seed)
     try:
-        system = system_of_test(check_file(f"p{seed}.soter", text), "T")
-        judge = BruteForce(system)
-        return Small(seed, text, system, judge, judge.run(most))
+        return enumerated(seed, small_program(seed), most)
     except (SoterError, TooLargeError):
         return None
+
+
+def enumerated(seed: int, text: str, most: int = MOST) -> Small:
+    """A program, its test `T` enumerated."""
+    system = system_of_test(check_file(f"p{seed}.soter", text), "T")
+    judge = BruteForce(system)
+    return Small(seed, text, system, judge, judge.run(most))
 
 
 def small_ones(first: int = 0) -> Iterator[Small]:
@@ -85,7 +91,8 @@ def compared(s: Small, extra: tuple[str, ...] = ()) -> Compared:
                 _one(s, engine, Settings(strategy, reduction=reduction), told)
         _one(s, engine, Settings("bfs", reduction="none", threads=2), told)
         _one(s, engine, Settings("bfs", reduction="none", plainly=True), told)
-        _fingerprints(s, engine, told)
+        _fingerprints(engine, told)
+        _as_a_user(s, told)
         _least(s, engine, told)
     finally:
         engine.close()
@@ -102,8 +109,7 @@ def _one(s: Small, engine: Engine, how: Settings, told: Compared) -> None:
     if stopping.status != wanted:
         told.complaints.append(f"{name}: {stopping.status}, not {wanted}")
     _check_broken(s, name, stopping.broken, told)
-    whole = {**vars(how), "keep": True, "go_on": True}
-    all_of_it = engine.explore(Settings(**whole))
+    all_of_it = engine.explore(replace(how, keep=True, go_on=True))
     if all_of_it.status != wanted:
         told.complaints.append(f"{name}, going on: {all_of_it.status}, not {wanted}")
     decoder = Decoder(s.judge, engine.plan)
@@ -123,9 +129,10 @@ def _one(s: Small, engine: Engine, how: Settings, told: Compared) -> None:
 
 
 def _check_set(s: Small, name: str, stored: set[Canonical], reduction: str, told: Compared) -> None:
-    """Equal where the reduction keeps everything. Sleep sets do as long as nothing is violated:
+    """Equal where the reduction keeps every configuration.
 
-    they count on another order of the same steps, and what violates is not continued.
+    Sleep sets do as long as nothing is violated: they count on the same steps in another order,
+    and what violates is not continued.
     """
     wanted = s.found.configurations
     whole = reduction == "none" or (reduction == "sleep" and not s.found.least)
@@ -158,11 +165,21 @@ def _named(broken: tuple[int, int]) -> Broken:
     return WHAT[broken[0]], broken[1]
 
 
-def _fingerprints(s: Small, engine: Engine, told: Compared) -> None:
+def _as_a_user(s: Small, told: Compared) -> None:
+    """What `soter test` runs by default: all reductions, parts of the system apart."""
+    with Search(s.system, Options()) as search:
+        found = search.run()
+    wanted = "violated" if s.found.least else "exhausted"
+    name = f"{search.parts} parts"
+    if found.status != wanted:
+        told.complaints.append(f"{name}: {found.status}, not {wanted}: {s.found.least}")
+    _check_broken(s, name, found.broken, told)
+
+
+def _fingerprints(engine: Engine, told: Compared) -> None:
     """64 bits tell as many configurations apart as whole ones do, here."""
-    how = {"reduction": "none", "go_on": True}
-    exact = engine.explore(Settings("bfs", "exact", **how))  # type: ignore[arg-type]
-    short = engine.explore(Settings("bfs", "fingerprint", **how))  # type: ignore[arg-type]
+    exact = engine.explore(Settings("bfs", "exact", reduction="none", go_on=True))
+    short = engine.explore(Settings("bfs", "fingerprint", reduction="none", go_on=True))
     if exact.states != short.states:
         told.complaints.append(f"fingerprints: {short.states} states, exact {exact.states}")
 

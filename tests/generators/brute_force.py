@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from soter.semantics.configuration import Configuration
 
 PASSED = "passed"
-"""In place of a deadline that was missed: by how much does not matter."""
+"""In place of a deadline or bound that is over: by how much does not matter."""
 
 Broken = tuple[str, int]
 """What is violated: "property", "contract" or "timed" and its index, or "fault" and a component."""
@@ -529,8 +529,13 @@ class BruteForce:
                 if a.overrun
             ),
             tuple(PASSED if d is not None and d < c.ct else d for d in w.due),
-            tuple((w.verdict[m], w.acted[m]) for m in invariant),
+            tuple((self._verdict(w, m), w.acted[m]) for m in invariant),
         )
+
+    def _verdict(self, w: World, m: int) -> int | str:
+        """When DM last said AC; how long its bound is over does not matter."""
+        over = w.c.ct > w.verdict[m] + 2 * self.system.modules[m].period_ns
+        return PASSED if over else w.verdict[m]
 
 
 def _put(values: tuple[Any, ...], index: int, value: object) -> tuple[Any, ...]:
@@ -650,9 +655,9 @@ def _everything(system: System) -> Iterator[tuple[Scope, list[object]]]:
         if n.node is not None:
             yield n.scope, [*n.node.step, *(n.node.takeover or ())]
         elif n.plant is not None:
-            p = n.plant
-            yield n.scope, [*(e for _, e in p.lets), *p.der.values(), *p.next.values()]
-            yield n.scope, [e for _, e in p.drives]
+            plant = n.plant
+            yield n.scope, [*(e for _, e in plant.lets), *plant.der.values(), *plant.next.values()]
+            yield n.scope, [e for _, e in plant.drives]
     for m in system.modules:
         yield m.scope, [e for e in (m.symbol.ttf, m.symbol.safer) if e is not None]
     for p in system.properties:

@@ -251,8 +251,8 @@ class Maker:
         if (role == "ac" and self.chance(0.3)) or (self.risky and self.chance(0.2)):
             lines.append(f'    assert {self._likely(sees)}, "not now";')
         if local:
-            t = local.split(":")[1].split("=")[0].strip()
-            lines.append(f"    kept = {self._value(t, sees, 1)};")
+            kind = local.split(":", maxsplit=1)[1].split("=", maxsplit=1)[0].strip()
+            lines.append(f"    kept = {self._value(kind, sees, 1)};")
         share = 0.75 if role == "ac" else 0.0 if role == "sc" else 0.35
         for t in outputs:
             e = self._choose(t.type, sees) if self.chance(share) else self._value(t.type, sees)

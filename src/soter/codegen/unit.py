@@ -519,7 +519,6 @@ class UnitBuilder:
                         ),
                     ),
                     ("size", c.CallExpr("sizeof", (c.Name(self.types.stored(t.type)),))),
-                    *((("pushed", c.Name(self.steps.pushed(t.index))),) if t.queues else ()),
                 )
             )
             for t in self.system.topics

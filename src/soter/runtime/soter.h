@@ -165,7 +165,6 @@ typedef struct {
   const char* name;
   size_t offset; /* of its value in the state */
   size_t size;
-  void (*pushed)(void* state); /* puts its value into the queues behind it; NULL without any */
 } soter_topic_info;
 
 typedef struct {

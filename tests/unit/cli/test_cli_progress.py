@@ -7,7 +7,9 @@ import io
 import pytest
 
 from soter.cli.console import Console, colorful
-from soter.cli.progress import CLEAR, Progress
+from soter.cli.progress import CLEAR, LineOfProgress, Progress
+from soter.cli.test import progress_text
+from soter.explore.results import Looked
 
 
 class Terminal(io.StringIO):
@@ -65,3 +67,18 @@ def test_colour_follows_the_conventions(monkeypatch: pytest.MonkeyPatch) -> None
     assert colorful(io.StringIO())
     monkeypatch.setenv("NO_COLOR", "1")
     assert not colorful(Terminal())
+
+
+def test_a_text_says_how_far_a_search_is(clock: list[float]) -> None:
+    looked = Looked("Late", 1_204_000, 3_000_000, 55, 9_632_000, 2.5)
+    terminal = Terminal()
+    with LineOfProgress(console(terminal)) as show:
+        assert show is not None
+        show(progress_text(looked))
+        assert terminal.getvalue() == ""
+        clock[0] = 2.5
+        show(progress_text(looked))
+        text = "Late  1,204,000 states, 482 k/s, depth 55, 9.19 MB"
+        assert terminal.getvalue() == CLEAR + text
+    sampled = Looked("Late", 0, 1000, 55, 0, 1.0, minimising=True)
+    assert progress_text(sampled).startswith("Late  looking for the shortest trace  1,000 steps")
