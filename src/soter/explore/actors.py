@@ -32,6 +32,10 @@ if TYPE_CHECKING:
     from soter.program.system import Component, InputDrive, Property, System, TestPlan
 
 
+TIME: Label = ("time", 0)
+"""The clock: no step writes it alone, and every step may move it."""
+
+
 @dataclass
 class Effects:
     """Resources that a step may read and write; `timed`: whether it reads the time.
@@ -110,7 +114,7 @@ def plan_of(system: System, lowered: core.CoreSystem) -> Plan:
 
 def _clock(actor: int, own: Effects) -> set[Label]:
     """What the time of a step follows from, where it reads the time."""
-    return {("time", 0), ("done", actor)} if own.timed else set()
+    return {TIME, ("done", actor)} if own.timed else set()
 
 
 # ---------------------------------------------------------------- calendars and the grid
@@ -244,8 +248,8 @@ class Footprints:
         if is_contract(self.system.properties[index]):
             return set()
         found = Effects()
-        self._read(self.core.properties[index].footprint, found)
-        return found.reads
+        self._predicate(self.core.properties[index], found)
+        return found.reads | ({TIME} if found.timed else set())
 
     def read_by_timed(self, index: int) -> set[Label]:
         """What a timed property reads; of an invariant also what moves it on."""
@@ -254,7 +258,9 @@ class Footprints:
         timed = self.core.timed[index]
         for predicate in (timed.premise, timed.condition):
             if predicate is not None:
-                self._read(predicate.footprint, found)
+                self._predicate(predicate, found)
+        if found.timed:
+            found.reads.add(TIME)
         module = self.system.test.timed[index].module
         if module is not None:
             found.reads |= {("mode", module), ("gate", module)}

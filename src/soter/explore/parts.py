@@ -2,7 +2,8 @@
 
 Purpose: actors that depend on each other, directly or through what one property reads, are one
 part. An execution of the system is one of every part, interleaved, and a property sees one
-part only: the system violates it iff that part does (docs/testing.md, "Parts").
+part only: the system violates it iff that part does (docs/testing.md, "Parts"). All parts share one
+thing: time. Where a property has a deadline or reads the time there is one part only.
 Non-goals: dependence itself (`actors.py`).
 """
 
@@ -11,7 +12,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.explore.actors import Footprints
+from soter.explore.actors import TIME, Footprints
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -37,14 +38,15 @@ def parts_of(system: System, lowered: CoreSystem, plan: Plan) -> tuple[Part, ...
     """The parts, in the order of their first actors; a single one where masks are too narrow."""
     assert system.test is not None
     footprints = Footprints(system, lowered)
+    if system.test.timed or TIME in footprints.seen_by_properties():
+        return (Part(0, 0, 0),)
     properties = [footprints.read_by(p) for p in range(len(system.properties))]
-    timeds = [footprints.read_by_timed(t) for t in range(len(system.test.timed))]
-    if max(len(plan.actors), len(properties), len(timeds)) > WIDTH:
+    if max(len(plan.actors), len(properties)) > WIDTH:
         return (Part(0, 0, 0),)
     groups = _Groups(len(plan.actors))
     for i, actor in enumerate(plan.actors):
         groups.join([i, *(j for j in range(len(plan.actors)) if actor.dependent >> j & 1)])
-    movers = [_movers(plan, reads) for reads in (*properties, *timeds)]
+    movers = [_movers(plan, reads) for reads in properties]
     for some in movers:
         groups.join(some)
     homes = [groups.of(some[0]) if some else groups.of(0) for some in movers]
@@ -53,7 +55,7 @@ def parts_of(system: System, lowered: CoreSystem, plan: Plan) -> tuple[Part, ...
         Part(
             _mask(i for i in range(len(plan.actors)) if groups.of(i) == root),
             _mask(p for p in range(len(properties)) if homes[p] == root),
-            _mask(t for t in range(len(timeds)) if homes[len(properties) + t] == root),
+            0,
         )
         for root in roots
     )

@@ -15,6 +15,11 @@ bool soter_expander_open(soter_expander* e, const soter_model* m, const soter_ex
   if (m->timely) {
     e->reduce &= ~SOTER_REDUCE_SLEEP; /* moving first changes at which times others may move */
   }
+  for (uint32_t i = 0; i < m->timeds; i++) {
+    if (m->timely && m->timed[i].kind != SOTER_INVARIANT) {
+      e->reduce &= ~SOTER_REDUCE_AMPLE; /* it may add observations, and these keep promises */
+    }
+  }
   if (m->words > SOTER_WORDS || !soter_place_open(&e->place, m, o, coverage)) {
     return false;
   }
