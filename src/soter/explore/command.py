@@ -29,6 +29,7 @@ from soter.explore.results import (
 )
 from soter.explore.schedule import plan_of
 from soter.explore.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
+from soter.program.tested import MAX_STEPS
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -111,6 +112,13 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
             raise SoterError((Diagnostic("U001", f"the {what} cannot be {given} ns"),))
     skew = plan.skew_ns if skew_ns is None else skew_ns
     horizon = plan.horizon_ns if horizon_ns is None else horizon_ns
+    calendars = [(c.phase_ns, c.period_ns) for c in system.components]
+    calendars += [(0, drive.every_ns) for drive in system.inputs]
+    steps = sum((horizon - phase) // period + 1 for phase, period in calendars if phase <= horizon)
+    if steps > MAX_STEPS:
+        message = f"a horizon of {horizon} ns can never be exhausted"
+        note = f"{steps} steps lie before it, in each execution; at most {MAX_STEPS} are possible"
+        raise SoterError((Diagnostic("E008", message, notes=(note,)),))
     return replace(system, test=replace(plan, skew_ns=skew, horizon_ns=horizon))
 
 
