@@ -45,8 +45,8 @@ if TYPE_CHECKING:
     from soter.program.system import System
 
 EXAMPLES = ROOT / "examples"
-BRUTE = 120_000
-"""Transitions of the enumerator: about 10 s."""
+BRUTE = 200_000
+"""Transitions of the enumerator: it takes about 15 s for them."""
 ENOUGH = 48
 CLEAN = {"bfs": ("exhausted",), "random": ("bound", "exhausted")}
 """Verdicts of the example as it is, by strategy."""
@@ -135,10 +135,8 @@ def examine(m: Mutant, most: int) -> Row:
             _tell(row, result)
         row.seconds = time.perf_counter() - began
         began = time.perf_counter()
-        if result.broken is not None and s.strategy == "bfs":
-            row.shortest = shortest(result.system)
         if s.strategy == "bfs":
-            row.brute = brute(result.system, most, found=result.broken is not None)
+            _check(row, result.system, most)
         row.check_seconds = time.perf_counter() - began
     return row
 
@@ -151,14 +149,16 @@ def _tell(row: Row, result: TestResult) -> None:
     row.claims_minimal = result.minimal
 
 
-def shortest(system: System) -> int | None:
-    """Steps to the first violation of anything, without reduction and without remembered steps."""
+def _check(row: Row, system: System, most: int) -> None:
+    """Breadth first without reduction and without remembered steps; then the enumerator."""
     engine = Engine(system)
     try:
         found = engine.explore(Settings("bfs", reduction="none", plainly=True))
-        return None if found.broken is None else moves(found)
     finally:
         engine.close()
+    row.shortest = moves(found) if found.broken is not None else None
+    if found.transitions <= most:
+        row.brute = brute(system, most)
 
 
 def moves(found: Searched) -> int:
@@ -166,18 +166,12 @@ def moves(found: Searched) -> int:
     return sum(step.actor >= 0 for step in found.steps)
 
 
-def brute(system: System, most: int, *, found: bool) -> int | None:
-    """Steps to the first violation by the enumerator; None where that is too large.
-
-    0 where it finds none, -1 where it contradicts: `found` says whether there is one.
-    """
+def brute(system: System, most: int) -> int | None:
+    """Steps to the first violation by the enumerator, 0 without one; None where too large."""
     try:
-        seen = BruteForce(system).run(most, first=True)
+        return BruteForce(system).run(most, first=True).shortest or 0
     except TooLargeError:
         return None
-    if found != bool(seen.least):
-        return -1
-    return seen.shortest or 0
 
 
 # ---------------------------------------------------------------- all of them
@@ -194,7 +188,7 @@ def show(rows: Iterable[Row]) -> list[Row]:
         seen.append(r)
         by_brute = "-" if r.brute is None else str(r.brute)
         replayed = _yes(r.replayed) if r.found else "-"
-        minimal = "-" if r.shortest is None else _yes(r.minimal)
+        minimal = _yes(r.minimal) if r.found and r.shortest is not None else "-"
         print(
             f"{r.file:27} {r.kind:41} {r.verdict:9} {r.steps:5} {r.states:9,} {r.seconds:5.1f} "
             f"{r.check_seconds:7.1f}  {minimal:7} {by_brute:>5} {replayed:8} {r.violated}",

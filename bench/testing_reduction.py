@@ -8,6 +8,9 @@ nodes that choose a bool every tick, over three instants; a property reads the f
 each other; in a *ring* each reads the one before it, so that no node is independent of its
 neighbours: the case against reduction.
 
+`all` is sleep and ample sets on the whole system; `soter test` besides explores parts of a system
+that share nothing one after the other: their number, and the sum of what is stored.
+
 Purpose: the figure and the curve of issue 4. Non-goals: speed against others
 (`testing_spin.py`).
 """
@@ -18,10 +21,16 @@ import argparse
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from soter.explore.build import Engine, Searched, Settings
+from soter.explore.results import Options
+from soter.explore.search import Search
 from soter.program.build import check_file, system_of_test
 from soter.report.summary import table
+
+if TYPE_CHECKING:
+    from soter.program.system import System
 
 ROOT = Path(__file__).resolve().parents[1]
 YARDSTICK = ROOT / "examples/testing/two_modules.soter"
@@ -57,7 +66,14 @@ def searches(engine: Engine, most: int) -> dict[str, Searched]:
     }
 
 
-def cells(found: dict[str, Searched]) -> list[str]:
+def apart(system: System) -> tuple[int, str]:
+    """Configurations that `soter test` stores, which explores parts apart, and how many parts."""
+    with Search(system, Options(memory=3 * 2**30)) as search:
+        found = search.run()
+        return found.states, f"{found.states:,} in {search.parts}"
+
+
+def cells(found: dict[str, Searched], parts: str) -> list[str]:
     """Configurations per reduction, verdict, and by how much there are fewer."""
     shown = [
         f"{f.states:,}" if f.status == "exhausted" else f"> {f.states:,}" for f in found.values()
@@ -65,7 +81,7 @@ def cells(found: dict[str, Searched]) -> list[str]:
     share = found["all"].states / found["none"].states
     at_most = "" if found["none"].status == "exhausted" else "< "
     statuses = {f.status for f in found.values()}
-    return [*shown, f"{at_most}1/{1 / share:.1f}", "/".join(sorted(statuses))]
+    return [*shown, f"{at_most}1/{1 / share:.1f}", parts, "/".join(sorted(statuses))]
 
 
 def main() -> int:
@@ -73,18 +89,22 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--most", type=int, default=30_000_000)
     arguments = parser.parse_args()
-    engine = Engine(system_of_test(check_file(str(YARDSTICK)), "BothStayInside"))
+    system = system_of_test(check_file(str(YARDSTICK)), "BothStayInside")
+    engine = Engine(system)
     yardstick = searches(engine, arguments.most)
-    rows = [["two_modules", str(len(engine.actors)), *cells(yardstick)]]
-    figures = {"two_modules": {r: f.states for r, f in yardstick.items()}}
+    states, parts = apart(system)
+    rows = [["two_modules", str(len(engine.actors)), *cells(yardstick, parts)]]
+    figures = {"two_modules": {r: f.states for r, f in yardstick.items()} | {"parts": states}}
     for coupling in COUPLINGS:
         for nodes in SIZES:
             text = program(nodes, coupling)
-            made = Engine(system_of_test(check_file(f"{coupling}{nodes}.soter", text), "T"))
-            found = searches(made, arguments.most)
-            rows.append([coupling, str(nodes), *cells(found)])
+            system = system_of_test(check_file(f"{coupling}{nodes}.soter", text), "T")
+            found = searches(Engine(system), arguments.most)
+            states, parts = apart(system)
+            rows.append([coupling, str(nodes), *cells(found, parts)])
             figures[f"{coupling} {nodes}"] = {r: f.states for r, f in found.items()}
-    heads = ("program", "actors", *REDUCTIONS, "all / none", "status")
+            figures[f"{coupling} {nodes}"]["parts"] = states
+    heads = ("program", "actors", *REDUCTIONS, "all / none", "soter test: parts", "status")
     print(table(heads, rows))
     share = yardstick["all"].states / yardstick["none"].states
     print(f"two_modules with reduction: {share:.3f} of the configurations (target: <= 0.2)")

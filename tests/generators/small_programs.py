@@ -86,6 +86,8 @@ class Maker:
             getattr(self, f"_{kind}")(topic)
         if not self.p.nodes:
             self._node(self._topic())
+        if self.p.actors < 5 and self.chance(0.2):
+            self._clock_apart()
         return self._assembled()
 
     # ------------------------------------------------------------ topics and who drives them
@@ -337,6 +339,15 @@ class Maker:
         self.p.truths.append(Seen(f"p{len(self.p.text)}.truth.s", topic.type))
         self.p.actors += 1
 
+    def _clock_apart(self) -> None:
+        """A plant that shares nothing with the others but time."""
+        self.p.text.append(
+            f"topic tick : bool;\nplant Clock period {TICK}ms {{\n  drives tick = s;\n"
+            "  state s: bool;\n  next s = !s;\n}"
+        )
+        self.p.items += ["clock: Clock;", "always tick || !tick;"]
+        self.p.actors += 1
+
     def _drawn(self, topic: Topic) -> None:
         values = ""
         if self.chance(0.6):
@@ -358,7 +369,7 @@ class Maker:
         busy = self.p.actors
         ticks = self.pick((1, 2, 3) if busy > 5 else (2, 3, 4) if busy > 3 else (3, 4, 6, 8))
         items = [*self.p.replaced, f"horizon {ticks * TICK}ms;"]
-        if self.chance(0.3):
+        if self.chance(0.35):
             items.append(f"skew {self.pick((0.5, 1, 1, 1.5, 2)) * TICK:g}ms;")
         if self.chance(0.35):
             items += self._faults()
@@ -391,7 +402,7 @@ class Maker:
             sees.append(Seen(f"(time < {TICK * 2.5 / 1000})", "bool"))
         items = []
         for _ in range(self.pick((1, 1, 2))):
-            way = self.pick(("always", "always", "never", "within", "leadsto", "invariant"))
+            way = self.pick(("always", "never", "within", "leadsto", "invariant"))
             if way == "invariant" and not self.p.modules:
                 way = "always"
             items.append(self._property(way, sees))
