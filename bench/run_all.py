@@ -151,6 +151,40 @@ BENCHMARKS = (
         "anew; what is accepted all the same is attacked by simulation: `accepted, true` is what "
         "no run breaks.",
     ),
+    Benchmark(
+        "soter test against SPIN",
+        ("bench/testing_spin.py",),
+        "The same configurations of examples/testing/two_modules.soter and the same verdict, one "
+        "core, exact storage, alternating runs; the best of SPIN's models, with and without its "
+        "reduction.",
+    ),
+    Benchmark(
+        "soter test: what the reductions leave out",
+        ("bench/testing_reduction.py",),
+        "Configurations stored for the same verdict, with and without reduction: the "
+        "yardstick, then 2 to 10 nodes that share nothing, read each other in pairs, or stand in a "
+        "ring.",
+    ),
+    Benchmark(
+        "soter test: memory",
+        ("bench/testing_memory.py",),
+        "Bytes of the table for each stored configuration, exact and as fingerprints.",
+    ),
+    Benchmark(
+        "soter test against the brute-force enumerator",
+        ("bench/testing_soundness.py",),
+        "Random small programs with every feature of docs/testing.md: verdicts, configurations or "
+        "observations, and lengths of least traces, with every strategy and reduction.",
+    ),
+    Benchmark(
+        "soter test: bugs seeded in the examples",
+        ("bench/testing_mutants.py",),
+        "Each shipped example is exhausted and clean; each changed one has to be violated, its "
+        "trace read back from the file and replayed by the reference interpreter. `minimal`: a "
+        "breadth-first search without reduction meets its first violation, of whatever property, "
+        "after equally many steps; `brute`: so does the enumerator over the interpreter, where it "
+        "can (200,000 transitions).",
+    ),
 )
 
 

@@ -175,7 +175,11 @@ MUTANTS: tuple[Mutant, ...] = tuple(
                 ("plan adopted at once", "duration = 30ms", "duration = 0ms"),
                 ("SC slower than designed", "HoverPlan period 10ms", "HoverPlan period 20ms"),
                 ("DM slower than designed", "period 20ms;", "period 30ms;"),
-                ("DM watches the plan in force", "ttf !PhiPlan(candidate)", "ttf !PhiPlan(inForce)"),
+                (
+                    "DM watches the plan in force",
+                    "ttf !PhiPlan(candidate)",
+                    "ttf !PhiPlan(inForce)",
+                ),
                 (
                     "lost mode: AC is never left",
                     "module SafePlanner;\n",
@@ -230,16 +234,17 @@ CONTINUOUS: tuple[Mutant, ...] = tuple(
                     "-2.0 * motion.x - 3.0 * motion.v",
                     "2.0 * motion.x + 3.0 * motion.v",
                 ),
-                ("one wall forgotten", "return min(WALL - m.x - Need(m.v, tau), ", "return max(0.0, "),
+                (
+                    "one wall forgotten",
+                    "return min(WALL - m.x - Need(m.v, tau), ",
+                    "return max(0.0, ",
+                ),
             ),
             CART_TEST: (
                 (
                     "lost mode: AC is never left",
-                    "module cart.SafeCart;\n  until 2s;\n  always cart.Clear(c.truth);\n"
-                    "  always CanStop(c.truth);\n}\n\ntest AnyCommand",
-                    "module cart.SafeCart;\n  force SafeCart ac;\n  until 2s;\n"
-                    "  always cart.Clear(c.truth);\n  always CanStop(c.truth);\n}\n\n"
-                    "test AnyCommand",
+                    "c: Rushing;\n  module cart.SafeCart;\n",
+                    "c: Rushing;\n  module cart.SafeCart;\n  force SafeCart ac;\n",
                 ),
             ),
             CAR: (
@@ -248,7 +253,7 @@ CONTINUOUS: tuple[Mutant, ...] = tuple(
                     "module cliff.SafeCar;",
                     "module cliff.SafeCar;\n  force SafeCar ac;",
                 ),
-                ("stronger than the model", "cliff.POWER * cliff.force", "2.0 * cliff.POWER * cliff.force"),
+                ("throttle reversed", "v + cliff.POWER", "v - cliff.POWER"),
                 ("starts where nothing helps", "state v: float = -0.02", "state v: float = -0.05"),
             ),
             DRONE: (("ttf forgotten", "ttf TTF2D_MPr(tubeState);", "ttf false;"),),

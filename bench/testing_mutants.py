@@ -6,8 +6,9 @@ Per mutant of `testing_mutant_models.py`: the example as it is is explored and c
 one is written beside copies of its imports, explored, and its trace is read back from the file and
 replayed by the reference interpreter. `minimal`: a breadth-first search without any reduction that
 runs every step (none is remembered) meets its first violation, of whatever property, after as many
-steps as the trace has: no execution with fewer steps violates anything. `brute`: so does the enumerator over the interpreter, which shares no code with
-the explorer; "-" where it would take more than `--brute` transitions.
+steps as the trace has: no execution with fewer steps violates anything. `brute`: the steps to the
+first violation by the enumerator over the interpreter, which shares no code with the explorer; "-"
+where it would take more than `--brute` transitions.
 Purpose: the figure of issue 4. Non-goals: mutants of Soter; plants over floats beyond a few, in a
 table of their own.
 """
@@ -22,7 +23,7 @@ import tempfile
 import time
 from collections import Counter
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -30,9 +31,9 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path[:0] = [str(p) for p in (ROOT, ROOT / "tests") if str(p) not in sys.path]
 
 from bench.testing_mutant_models import CONTINUOUS, HARMLESS, MUTANTS  # noqa: E402 - needs the path
-from generators.brute_force import BruteForce, TooLargeError  # noqa: E402 - the same
 
 import soter  # noqa: E402 - after the path
+from generators.brute_force import BruteForce, TooLargeError  # noqa: E402 - the same
 from soter.explore.build import Engine, Settings  # noqa: E402 - the same
 
 if TYPE_CHECKING:
@@ -113,7 +114,7 @@ def explored(subject: Subject, file: Path, output: Path | None = None) -> TestRe
     )[subject.test]
 
 
-@lru_cache(maxsize=None)
+@cache
 def is_clean(subject: Subject) -> bool:
     """Whether the example as it is passes its test."""
     return explored(subject, EXAMPLES / subject.file).verdict in CLEAN[subject.strategy]
@@ -180,8 +181,8 @@ def brute(system: System, most: int) -> int | None:
 def show(rows: Iterable[Row]) -> list[Row]:
     """Print as they come."""
     print(
-        f"{'file':27} {'kind':41} {'verdict':9} {'steps':>5} {'states':>9} {'s':>5} {'check s':>7}  "
-        f"{'minimal':7} {'brute':5} {'replayed':8} property"
+        f"{'file':27} {'kind':43} {'verdict':9} {'steps':>5} {'states':>9} {'s':>5} "
+        f"{'check s':>7}  {'minimal':7} {'brute':5} {'replayed':8} property"
     )
     seen = []
     for r in rows:
@@ -190,7 +191,7 @@ def show(rows: Iterable[Row]) -> list[Row]:
         replayed = _yes(r.replayed) if r.found else "-"
         minimal = _yes(r.minimal) if r.found and r.shortest is not None else "-"
         print(
-            f"{r.file:27} {r.kind:41} {r.verdict:9} {r.steps:5} {r.states:9,} {r.seconds:5.1f} "
+            f"{r.file:27} {r.kind:43} {r.verdict:9} {r.steps:5} {r.states:9,} {r.seconds:5.1f} "
             f"{r.check_seconds:7.1f}  {minimal:7} {by_brute:>5} {replayed:8} {r.violated}",
             flush=True,
         )
@@ -215,7 +216,8 @@ def main() -> int:
     arguments = parser.parse_args()
     most, only = arguments.brute, arguments.only
     began = time.perf_counter()
-    print("Mutants (steps, states, s: of `soter test`; check s: of the two other searches)")
+    print("Mutants. steps, states, s: of `soter test` and the replay (compiled systems are kept);")
+    print("check s: of the search without reduction and the enumerator")
     rows = show(examine(m, most) for m in chosen(MUTANTS, only))
     print("Mutants of plants over floats")
     floats = show(examine(m, most) for m in chosen(CONTINUOUS, only))

@@ -401,6 +401,14 @@ class Engine:
         found = (int(broken.what), int(broken.index))
         return Searched("violated", found, 0, 0, 0, 0, 0, length, 0.0, made)
 
+    def starts_broken(self) -> bool:
+        """Whether a start, before any step, violates a property, deadlines aside.
+
+        It is seen only where others step before the part that the property looks at: then parts
+        must not be explored alone.
+        """
+        return bool(self.lib.soter_explore_starts_broken(self.model))
+
     def _raw(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
         trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
         for raw, s in zip(trace, steps, strict=False):

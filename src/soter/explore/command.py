@@ -179,6 +179,9 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     if not result.minimal:
         result.least_bound = _BOUNDS.get(least.status, LIMIT)
     steps = least.steps if result.minimal else found.steps
+    if not steps:  # no room for the way to it: what was not replayed is not told
+        result.verdict, result.bound, result.broken = BOUND, result.least_bound, None
+        return
     trace = trace_of(result, told, steps)
     replayed = replay(trace, result.system)
     if not replayed.reproduced:

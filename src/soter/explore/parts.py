@@ -40,6 +40,9 @@ def parts_of(system: System, lowered: CoreSystem, plan: Plan) -> tuple[Part, ...
     footprints = Footprints(system, lowered)
     if system.test.timed or TIME in footprints.seen_by_properties():
         return (Part(0, 0, 0),)
+    times = [t for a in plan.actors for t in (a.period_ns, a.phase_ns)]
+    if plan.timely and any(t % plan.quantum_ns for t in times):
+        return (Part(0, 0, 0),)  # a step may happen when another part's did, off the grid
     properties = [footprints.read_by(p) for p in range(len(system.properties))]
     if max(len(plan.actors), len(properties)) > WIDTH:
         return (Part(0, 0, 0),)

@@ -98,7 +98,8 @@ class Search:
         settings = self._settings
         parts: tuple[Part | None, ...] = (None,)
         if settings.reduction == "all" and settings.strategy in EXHAUSTIVE:
-            parts = self._engine.parts if len(self._engine.parts) > 1 else (None,)
+            apart = len(self._engine.parts) > 1 and not self._engine.starts_broken()
+            parts = self._engine.parts if apart else (None,)
         self.parts = len(parts)
         found: list[Searched] = []
         for part in parts:
@@ -113,6 +114,8 @@ class Search:
                 settings.max_states and found[-1].states >= left
             ):
                 break
+        if len(found) < len(parts) and found[-1].status == "exhausted":
+            found[-1] = replace(found[-1], status="states")  # the other parts were not looked at
         return self._named(_sum(found))
 
     def least(self, found: Found) -> Found:

@@ -9,6 +9,23 @@ static soter_strategy_fn* const STRATEGY[] = {soter_search_bfs,       soter_sear
                                               soter_search_deepening, soter_search_random,
                                               soter_search_pct,       soter_search_coverage};
 
+bool soter_explore_starts_broken(const soter_model* m) {
+  soter_place x;
+  bool broken = !soter_place_open(&x, m, NULL, NULL);
+  if (!broken) {
+    x.given = 0U;
+    do {
+      soter_be_born(&x);
+      for (uint32_t i = 0; i < x.p->properties; i++) {
+        const soter_property_info* const q = &x.p->property[i];
+        broken = broken || (q->when == SOTER_AT_INSTANT && q->violated(x.there));
+      }
+    } while (!broken && soter_next_picks(&x));
+  }
+  soter_place_close(&x);
+  return broken;
+}
+
 void soter_explore(const soter_model* m, const soter_explore_options* o,
                    soter_explore_progress* progress, soter_explore_coverage* coverage,
                    soter_explore_result* result, soter_trace_step* trace, uint32_t room) {

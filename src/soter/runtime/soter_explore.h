@@ -215,6 +215,10 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
 uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_trace_step* trace,
                               uint32_t length, void* worlds, bool* violates, soter_broken* broken);
 
+/* Whether a world at the start, before any step, violates an always or never (or whether that is
+ * not known: no memory). */
+bool soter_explore_starts_broken(const soter_model* m);
+
 /* Makes an execution of the whole system out of one of a part of it (options.actors): the others'
  * steps are put in where the order asks for them, with default choices, until something is
  * violated. Returns the number of steps written to `whole`; 0: there was no room, or it is no

@@ -9,7 +9,7 @@
 #define _POSIX_C_SOURCE 200809L
 #include <pthread.h>
 
-#include "soter_explore_in.h"
+#include "soter_explore_dfs.h"
 
 #define THREADS 2U
 #define AHEAD 32U  /* worlds that are expanded at once, */
@@ -35,6 +35,7 @@ typedef struct worker {
   bool broke, full;
   soter_broken broken;
   uint64_t culprit; /* links: the entry whose move breaks something */
+  uint64_t last;    /* links: or the entry that is broken */
   queue links;      /* one thread: worlds as they came, each with the number of the one before */
 } worker;
 
@@ -106,6 +107,7 @@ static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
     w->broke = true;
     w->broken = *broken;
     w->culprit = culprit;
+    w->last = w->links.count - 1U; /* others may come after it */
   }
 }
 
@@ -193,7 +195,7 @@ static uint64_t expand_some(worker* w, uint64_t first) {
 
 static bool over(const worker* w) {
   const soter_search* const s = w->all->s;
-  return w->full || stops(w->all) || (w->broke && !s->o->go_on);
+  return w->full || w->expander.place.too_many || stops(w->all) || (w->broke && !s->o->go_on);
 }
 
 static void tell(worker* w) {
@@ -274,6 +276,9 @@ static void decide(layered* all) {
       const uint64_t states = all->s->progress->states;
       const bool many = all->s->o->max_states > 0U && states >= all->s->o->max_states;
       all->status = many ? SOTER_STATES : SOTER_MEMORY;
+      all->done = true;
+    } else if (w->expander.place.too_many && all->status == SOTER_EXHAUSTED) {
+      all->status = SOTER_LIMIT;
       all->done = true;
     }
   }
@@ -479,13 +484,36 @@ static void trace_back(soter_search* s) {
     if (w->broke) {
       s->result->broken = w->broken;
       const bool by_a_move = w->culprit != SOTER_NO_DEADLINE;
-      const uint64_t last = by_a_move ? w->culprit : w->links.count - 1U;
+      const uint64_t last = by_a_move ? w->culprit : w->last;
       again.result = s->result;
       (void)write_links(all, &again, last, by_a_move ? &w->broken : NULL);
     }
   }
   close_all(all);
   free(all);
+}
+
+/* Links may take more memory than the search that needed none: depth first then, no deeper than the
+ * violation lies; where overruns hide it there, to the end. */
+static void trace_depth_first(soter_search* s) {
+  const uint32_t bounds[] = {s->result->depth, UINT32_MAX};
+  soter_explore_options once = *s->o;
+  once.go_on = false;
+  for (uint32_t k = 0; s->result->length == 0U && k < 2U && s->progress->stop == 0; k++) {
+    soter_explore_result unused = {0};
+    soter_search again = *s;
+    soter_stack t;
+    again.o = &once;
+    again.result = &unused;
+    if (soter_stack_open(&t, &again)) {
+      soter_stack_run(&t, bounds[k]);
+      if (t.broke && unused.length > 0U) {
+        s->result->broken = t.broken;
+        s->result->length = unused.length;
+      }
+    }
+    soter_stack_close(&t);
+  }
 }
 
 void soter_search_bfs(soter_search* s) {
@@ -510,5 +538,6 @@ void soter_search_bfs(soter_search* s) {
   free(all);
   if (s->result->status == SOTER_VIOLATED && s->trace != NULL) {
     trace_back(s);
+    trace_depth_first(s);
   }
 }

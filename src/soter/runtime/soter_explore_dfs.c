@@ -176,6 +176,10 @@ void soter_stack_run(soter_stack* t, uint32_t bound) {
 }
 
 void soter_stack_sum_up(soter_stack* t, soter_explore_result* r) {
+  if (t->status == SOTER_EXHAUSTED) { /* what ends between two looks at the bounds */
+    const bool full = t->full || t->expander.no_memory;
+    t->status = full ? SOTER_MEMORY : t->expander.place.too_many ? SOTER_LIMIT : t->status;
+  }
   r->status = t->broke ? SOTER_VIOLATED : t->status;
   r->broken = t->broken;
   r->states += t->states;

@@ -12,6 +12,7 @@ bool soter_expander_open(soter_expander* e, const soter_model* m, const soter_ex
   (void)memset(e, 0, sizeof *e);
   e->reduce = o->reduce;
   e->words = m->words;
+  e->memory = o->memory;
   if (m->timely) {
     e->reduce &= ~SOTER_REDUCE_SLEEP; /* moving first changes at which times others may move */
   }
@@ -38,6 +39,10 @@ void soter_expander_close(soter_expander* e) {
 static bool more_heirs(soter_expander* e) {
   soter_heirs* const h = &e->heirs;
   const uint32_t room = h->room == 0U ? FIRST_HEIRS : h->room * 2U;
+  if (room > FIRST_HEIRS && 4U * (uint64_t)room * e->words * sizeof *h->packed > e->memory) {
+    e->no_memory = true; /* one world may have very many: the values of an input */
+    return false;
+  }
   uint64_t* const packed = realloc(h->packed, (size_t)room * e->words * sizeof *packed);
   h->packed = packed != NULL ? packed : h->packed;
   uint64_t* const sleep = realloc(h->sleep, room * sizeof *sleep);
@@ -105,7 +110,7 @@ void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uin
       x->given = 0U;
       do {
         make_one(e, &move, asleep);
-      } while (soter_next_picks(x));
+      } while (!e->no_memory && soter_next_picks(x));
     }
     before |= bit;
   }
@@ -133,5 +138,5 @@ void soter_expand_birth(soter_expander* e) {
     soter_be_born(x);
     x->m->pack(x->there, packed);
     (void)soter_add_heir(e, packed, SOTER_ACTORS, 0U);
-  } while (soter_next_picks(x));
+  } while (!e->no_memory && soter_next_picks(x));
 }

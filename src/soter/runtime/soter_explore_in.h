@@ -205,6 +205,7 @@ typedef struct {
   uint32_t begin; /* the first heir of the world last expanded */
   bool broke;     /* a move of the world last expanded violates `broken`: no world comes after it */
   soter_broken broken;
+  uint64_t memory; /* bytes that heirs, and what is remembered, may take each */
   bool no_memory;
 } soter_expander;
 

@@ -76,6 +76,9 @@ static bool more_slots(ways* l) {
 
 static bool more_ways(ways* l) {
   const uint32_t room = l->room == 0U ? 4096U : l->room + l->room / 2U;
+  if (bytes_of(l) > l->s->o->memory) {
+    return false;
+  }
   uint64_t* const packed = realloc(l->packed, (size_t)room * l->words * sizeof *packed);
   l->packed = packed != NULL ? packed : l->packed;
   way* const more = realloc(l->ways, room * sizeof *more);
@@ -168,7 +171,7 @@ static void expand(ways* l, uint32_t from) {
                        here.unusual + unusual(x, &move, n)};
         judge(l, fine, &found, &w);
         l->s->result->transitions++;
-      } while (soter_next_picks(x));
+      } while (!l->full && soter_next_picks(x));
     }
   }
 }
@@ -231,6 +234,9 @@ static soter_explore_status search(ways* l) {
     }
     l->s->result->depth++;
     begin = end;
+  }
+  if (l->x.too_many) {
+    return SOTER_LIMIT; /* what was not tried may be less */
   }
   return l->broke ? SOTER_VIOLATED : SOTER_EXHAUSTED;
 }

@@ -11,6 +11,8 @@
 #define FIRST_SLOTS 1024U
 #define MOST_SLOTS (UINT32_C(1) << 22)
 #define EMPTY UINT32_MAX
+#define MANY 1024U     /* outcomes of a step that are compared with each other, */
+#define TOO_MANY 65536U /* and that are remembered */
 
 /* One way that a step may end: it breaks something, or these bits of `writes` are the new ones. */
 typedef struct {
@@ -267,6 +269,9 @@ static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const u
 
 /* Whether the same was written with other picks. */
 static bool is_known(const struct soter_memo* memo, const effect* found, const uint64_t* value) {
+  if (found->count > MANY) {
+    return false; /* looking would take longer than taking it twice */
+  }
   const uint64_t* const all =
       (const uint64_t*)memo->values.item + (size_t)found->first * memo->words;
   for (uint32_t o = 0; o < found->count; o++) {
@@ -299,7 +304,7 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
     }
     soter_cover(x, p->actor);
     m->pack(x->there, after);
-    uint64_t* const value = push(&memo->values, 1U);
+    uint64_t* const value = found.count < TOO_MANY ? push(&memo->values, 1U) : NULL;
     if (value == NULL) {
       return false;
     }
