@@ -69,7 +69,9 @@ STAYS = Subject("testing/takeover.soter", "StaysInside")
 RETURNS = Subject("testing/takeover.soter", "ComesBack")
 CART = Subject("wall/cart_test.soter", "AnyCommand", "wall/cart.soter")
 CART_TEST = Subject("wall/cart_test.soter", "AnyCommand")
-CAR = Subject("mountain_car/cliff_test.soter", "AnyThrottleForAWhile")
+CAR = Subject("mountain_car/cliff_test.soter", "AnyThrottleForAWhile", horizon="8s")
+"""In the 6 s of the test as shipped five of its mutants have not reached the cliff yet."""
+CAR_HEAD = "  replace BangBang by AnyThrottle;\n  horizon 6s"
 DRONE = Subject(
     "drone/motion_primitive_test.soter",
     "AnyCorner",
@@ -254,6 +256,15 @@ CONTINUOUS: tuple[Mutant, ...] = tuple(
                     "module cliff.SafeCar;\n  force SafeCar ac;",
                 ),
                 ("throttle reversed", "v + cliff.POWER", "v - cliff.POWER"),
+                ("stronger than the model", "v + cliff.POWER", "v + 3.0 * cliff.POWER"),
+                ("slope flatter than the model", "- cliff.SLOPE", "- 0.2 * cliff.SLOPE"),
+                ("SC late", CAR_HEAD, f"  late SafeCar.SafeCarSC by 2s;\n{CAR_HEAD}"),
+                (
+                    "SC loses releases",
+                    CAR_HEAD,
+                    f"  skip SafeCar.SafeCarSC at most 4;\n{CAR_HEAD}",
+                ),
+                ("DM loses releases", CAR_HEAD, f"  skip SafeCar.dm at most 4;\n{CAR_HEAD}"),
                 ("starts where nothing helps", "state v: float = -0.02", "state v: float = -0.05"),
             ),
             DRONE: (("ttf forgotten", "ttf TTF2D_MPr(tubeState);", "ttf false;"),),

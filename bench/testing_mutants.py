@@ -21,7 +21,6 @@ import shutil
 import sys
 import tempfile
 import time
-from collections import Counter
 from dataclasses import asdict, dataclass
 from functools import cache
 from pathlib import Path
@@ -226,11 +225,9 @@ def main() -> int:
     harmless = show(examine(m, most) for m in harmless_ones)
     for m in harmless_ones:
         print(f"{m.kind}: {m.why}")
-    kinds = Counter(r.kind.split(":")[0] for r in rows)
     figures = {
         "mutants": len(rows),
         "... of how many programs": len({r.file for r in rows}),
-        "... of how many kinds": len(kinds),
         f"... found (all, >= {ENOUGH})": sum(r.found for r in rows),
         "... trace minimal, by exhaustive search without reduction (all)": sum(
             r.minimal for r in rows

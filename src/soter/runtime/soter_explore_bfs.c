@@ -302,6 +302,7 @@ static void* work(void* argument) {
       decide(all);
     }
     wait_for_others(all);
+    soter_store_settle(&w->store);
     w->moved += w->here.count;
     const queue swap = w->here;
     w->here = w->next;
@@ -343,9 +344,12 @@ static bool open_worker(layered* all, uint32_t id) {
     w->out[k].width = all->words + 1U;
   }
   const bool sleep = (s->o->reduce & SOTER_REDUCE_SLEEP) != 0U && !s->m->timely;
-  return coverage_open(&w->coverage, s->m) &&
-         soter_expander_open(&w->expander, s->m, s->o, &w->coverage) &&
-         soter_store_open(&w->store, s->m, s->o->storage, sleep, s->o->memory / all->threads);
+  const bool fine =
+      coverage_open(&w->coverage, s->m) &&
+      soter_expander_open(&w->expander, s->m, s->o, &w->coverage) &&
+      soter_store_open(&w->store, s->m, s->o->storage, sleep, s->o->memory / all->threads);
+  w->store.growth = 4U; /* settled when their time is over */
+  return fine;
 }
 
 static void close_worker(worker* w) {

@@ -124,6 +124,8 @@ uint64_t soter_enabled(const soter_place* x);
 typedef struct {
   uint8_t* entry;
   uint64_t buckets, count;
+  uint64_t before; /* count when last looked at; how often it was the same since */
+  uint32_t idle;
 } soter_segment;
 
 typedef struct {
@@ -139,6 +141,7 @@ typedef struct {
   uint64_t mask;   /* of a load of eight bytes: those of the key */
   uint64_t memory; /* most bytes that it may take */
   bool fingerprint;
+  uint32_t growth; /* a segment grows by this part of itself */
 } soter_store;
 
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
@@ -158,6 +161,9 @@ void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key
 int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
                         uint64_t* sleep, uint64_t* again);
 void soter_store_hint(const soter_store* s, const uint64_t* packed, const uint64_t* key);
+/* After a layer of a search: what has had no new entry for a while takes no more room than it
+ * needs. */
+void soter_store_settle(soter_store* s);
 /* All stored worlds, in no order; returns how many there are. */
 uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
                           void* to);

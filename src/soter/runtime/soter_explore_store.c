@@ -12,6 +12,7 @@
 #define SEGMENTS 256U
 #define BUCKET 8U        /* entries */
 #define FIRST_BUCKETS 4U /* of a segment */
+#define IDLE 3U          /* layers without a new entry: a segment is settled */
 #define TAIL 8U          /* bytes behind the last entry: loads take eight at a time */
 #define K1 UINT64_C(0x9e3779b97f4a7c15)
 #define K2 UINT64_C(0xd6e8feb86659fd93)
@@ -137,7 +138,8 @@ SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, con
 
 static bool segment_open(const soter_store* s, soter_segment* g, uint64_t buckets) {
   g->buckets = buckets;
-  g->count = 0U;
+  g->count = g->before = 0U;
+  g->idle = 0U;
   g->entry = calloc(buckets * BUCKET * s->bytes + TAIL, 1U);
   return g->entry != NULL;
 }
@@ -156,6 +158,7 @@ bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storag
   s->bytes = s->key + s->sleep;
   s->mask = s->key >= 8U ? UINT64_MAX : low_bits(8U * s->key);
   s->memory = memory;
+  s->growth = 8U;
   s->room = (uint64_t)SEGMENTS * FIRST_BUCKETS * BUCKET;
   if (s->room * s->bytes > memory) {
     return false;
@@ -219,29 +222,45 @@ static bool move_all(const soter_store* s, const soter_segment* from, soter_segm
   return true;
 }
 
-/* A larger segment with the same entries. */
-static bool grow(soter_store* s, soter_segment* g) {
-  soter_segment larger;
-  uint64_t more = g->buckets < 64U ? g->buckets : g->buckets / 8U;
+/* The same entries in another number of buckets, or in a few more where they do not fit. */
+static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
+  soter_segment other;
   for (;;) {
-    if ((s->room + (g->buckets + more) * BUCKET) * s->bytes > s->memory ||
-        !segment_open(s, &larger, g->buckets + more)) {
+    if ((s->room + buckets * BUCKET) * s->bytes > s->memory || !segment_open(s, &other, buckets)) {
       return false;
     }
-    uint8_t* const filled = calloc(larger.buckets, 1U);
-    const bool fits = filled != NULL && move_all(s, g, &larger, filled);
+    uint8_t* const filled = calloc(other.buckets, 1U);
+    const bool fits = filled != NULL && move_all(s, g, &other, filled);
     free(filled);
     if (fits) {
       break;
     }
-    free(larger.entry); /* once more, with more */
-    more += g->buckets / 8U + 1U;
+    free(other.entry); /* the last buckets overflow */
+    buckets += buckets / 128U + 4U;
   }
-  s->room += (larger.buckets - g->buckets) * BUCKET;
-  larger.count = g->count;
+  s->room = s->room - g->buckets * BUCKET + other.buckets * BUCKET;
+  other.count = other.before = g->count;
   free(g->entry);
-  *g = larger;
+  *g = other;
   return true;
+}
+
+static bool grow(soter_store* s, soter_segment* g) {
+  const uint64_t more = g->buckets < 64U ? g->buckets : g->buckets / s->growth;
+  return rebuild(s, g, g->buckets + more) || rebuild(s, g, g->buckets + g->buckets / 32U + 1U);
+}
+
+void soter_store_settle(soter_store* s) {
+  for (uint32_t i = 0; i < SEGMENTS; i++) {
+    soter_segment* const g = &s->segment[i];
+    g->idle = g->count == g->before ? g->idle + 1U : 0U;
+    g->before = g->count;
+    const uint64_t enough = g->count / 7U + 16U; /* seven eighths full */
+    if (g->idle == IDLE && enough + enough / 16U < g->buckets) {
+      (void)rebuild(s, g, enough);
+      g->idle = IDLE; /* until it changes */
+    }
+  }
 }
 
 /* ------------------------------------------------------------------ putting */
