@@ -124,6 +124,7 @@ uint64_t soter_enabled(const soter_place* x);
 typedef struct {
   uint8_t* entry;
   uint64_t buckets, count;
+  uint64_t homes; /* buckets that hashes say */
   uint64_t before; /* count when last looked at; how often it was the same since */
   uint32_t idle;
 } soter_segment;

@@ -87,7 +87,7 @@ SOTER_INLINE soter_segment* segment_of(const soter_store* s, const uint64_t* pac
 
 SOTER_INLINE uint64_t bucket_of(const soter_store* s, const soter_segment* g, uint64_t first) {
   const uint64_t next = first << (64U - s->first) >> 32;
-  return (next * g->buckets) >> 32;
+  return (next * g->homes) >> 32;
 }
 
 SOTER_INLINE bool is_empty(const soter_store* s, const uint8_t* e) {
@@ -138,6 +138,7 @@ SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, con
 
 static bool segment_open(const soter_store* s, soter_segment* g, uint64_t buckets) {
   g->buckets = buckets;
+  g->homes = buckets - 1U - (buckets < 2048U ? buckets / 64U : 32U); /* the rest takes what overflows */
   g->count = g->before = 0U;
   g->idle = 0U;
   g->entry = calloc(buckets * BUCKET * s->bytes + TAIL, 1U);
