@@ -151,7 +151,7 @@ class ReplayReport:
                 f"`{self.path}` is a run that refutes a proof: it has no sequence of steps",
                 "`soter verify --report` shows it; traces of `soter test` have a sequence",
             )
-        return view_of(self.trace, __version__, provenance={"trace": self.path})
+        return view_of(self.trace, __version__, {"trace": self.path}, self.program)
 
     def write_html(self, path: str | Path) -> Path:
         """Write the sequence page of a trace; `SoterError` D006, U001."""
@@ -607,6 +607,7 @@ class Program:
         params: Mapping[str, object] | None = None,
         output: str | Path | None = ".soter",
         html: bool = False,
+        minimise: float = 30.0,
         progress: Callable[[Looked], None] | None = None,
         partial: bool = False,
     ) -> ExploreReport:
@@ -616,9 +617,10 @@ class Program:
         `reduction`: none, sleep, ample or all. `memory`: bytes, or a text such as `"512M"`.
         `max_states`: 0 for no bound of its own; `runs` and `seed` are of the random strategies.
         `skew` and `horizon`: seconds or text, in place of the test's own. A violation comes with
-        its least trace, which the reference interpreter has replayed; it is written to the folder
-        `output` (None: not at all), with `html` also as a page. `progress` is told how far the
-        search is. Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was
+        a trace that the reference interpreter has replayed: the least one, where the search for it
+        takes no longer than `minimise` seconds (0: it is not looked for). It is written to the
+        folder `output` (None: not at all), with `html` also as a page. `progress` is told how far
+        the search is. Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was
         covered.
         """
         from soter.explore.command import (  # noqa: PLC0415 - needs NumPy and a compiler
@@ -632,7 +634,9 @@ class Program:
         from soter.explore.settings import options_of  # noqa: PLC0415 - the same
 
         program = self._require_sound()
-        options = options_of(strategy, storage, reduction, threads, memory, max_states, runs, seed)
+        options = options_of(
+            strategy, storage, reduction, threads, memory, max_states, runs, seed, minimise
+        )
         tests = chosen(self._checked.tests, self.path, test)
         systems = self._tests([t.name for t in tests], params, skew, horizon)
         told = _params_as_json(program, self._values(params))
@@ -646,7 +650,8 @@ class Program:
                 _write_page(result)
             if result.interrupted:
                 break
-        report = ExploreReport(self.path, program.sha256, tuple(results))
+        not_started = tuple([t.name for t in tests[len(results) :]])
+        report = ExploreReport(self.path, program.sha256, tuple(results), not_started)
         if report.interrupted and not partial:
             raise KeyboardInterrupt
         return report
@@ -783,10 +788,16 @@ def _complete(system: System, progress: Progress | None = None) -> list[str]:
 
 def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
     from soter.explore import trace as traces  # noqa: PLC0415 - see the docstring
-    from soter.explore.command import changed_program, with_times  # noqa: PLC0415 - the same
+    from soter.explore.command import (  # noqa: PLC0415 - the same
+        changed_program,
+        missing_program,
+        with_times,
+    )
     from soter.explore.replay import replay as run  # noqa: PLC0415 - the same
 
     path = traces.program_path(trace)
+    if not Path(path).exists():
+        raise missing_program(trace, path)
     checked = check_file(path)
     if not checked.ok or checked.program is None:
         raise SoterError(checked.diagnostics.items)
@@ -860,7 +871,7 @@ def _write_page(result: TestResult) -> Path:
     assert result.replayed is not None
     assert result.trace is not None
     provenance = {"trace": str(result.trace)}
-    view = view_of(result.replayed, __version__, result.assumptions, provenance)
+    view = view_of(result.replayed, __version__, provenance)
     path = result.trace.with_name(result.trace.name.removesuffix(".trace.json") + ".html")
     result.page = _write_sequence(view, path, "html")
     return result.page

@@ -368,6 +368,7 @@ class Maker:
     def _test(self) -> list[str]:
         busy = self.p.actors
         ticks = self.pick((1, 2, 3) if busy > 5 else (2, 3, 4) if busy > 3 else (3, 4, 6, 8))
+        self.horizon = ticks * TICK
         items = [*self.p.replaced, f"horizon {ticks * TICK}ms;"]
         if self.chance(0.35):
             items.append(f"skew {self.pick((0.5, 1, 1, 1.5, 2)) * TICK:g}ms;")
@@ -409,7 +410,8 @@ class Maker:
         return items
 
     def _property(self, way: str, sees: list[Seen]) -> str:
-        d = f"{self.pick((0.5, 1, 2, 3)) * TICK:g}ms"
+        latest = self.horizon - (TICK / 2 if way == "leadsto" else 0)  # else it is never judged
+        d = f"{min(self.pick((0.5, 1, 2, 3)) * TICK, latest):g}ms"
         if way == "always":
             return f"always {self._mostly(sees)};"
         if way == "never":

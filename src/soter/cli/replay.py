@@ -99,8 +99,11 @@ def _say(found: ReplayReport, console: Console) -> None:
 def _steps(found: ReplayReport, console: Console) -> list[str]:
     if found.trace is not None:
         from soter.report.sequence_text import text  # noqa: PLC0415 - needs NumPy
+        from soter.report.sequence_words import visible  # noqa: PLC0415 - the same
 
-        return text(found.view(), color=console.color_out)
+        view = found.view()
+        lines = text(view, color=console.color_out)
+        return [*lines, visible(view.remark)] if view.remark else lines
     if found.counterexample is None:
         return []
     steps = found.counterexample.steps
@@ -134,6 +137,8 @@ def _fields(found: ReplayReport) -> dict[str, object]:
             "test": trace.test,
             "property": trace.broken.text,
             "minimal": trace.minimal,
+            "not_shortest": trace.not_shortest or None,
+            "assumptions": list(trace.assumptions),
             "violated_at": found.trace.violated_at,
             "steps": [_step(s) for s in found.trace.steps],
         }
@@ -156,8 +161,10 @@ def _step(s: Stepped) -> dict[str, object]:
         "gated": s.gated,
         "decided": None if s.decided is None else dict(s.decided),
         "fault": s.fault,
+        "dropped": [{"queue": d.queue, "policy": d.policy} for d in s.dropped],
         "observable": s.observable,
         "violated": [b.text for b in s.violated],
+        "reasons": list(s.reasons),
         "modes": dict(s.modes),
         "topics": dict(s.topics),
         "truth": dict(s.truth),

@@ -69,6 +69,13 @@ def parser() -> Parser:
         "--runs", type=int, default=10_000, metavar="N", help="of the sampling strategies"
     )
     made.add_argument("--seed", type=seed, default=1, metavar="N", help="likewise; by default 1")
+    made.add_argument(
+        "--minimise",
+        type=float,
+        default=30.0,
+        metavar="SECONDS",
+        help="for the shortest trace of a violation; by default 30, 0: do not",
+    )
     made.add_argument("--skew", metavar="TIME", help="in place of the test's own, such as 2ms")
     made.add_argument("--horizon", metavar="TIME", help="likewise, such as 500ms")
     add_settings(made)
@@ -106,6 +113,7 @@ def run(args: Options, console: Console) -> Outcome:
                 params=dict(args.params),
                 output=args.output,
                 html=args.html,
+                minimise=args.minimise,
                 progress=None if line is None else lambda looked: line(progress_text(looked)),
                 partial=True,
             )
@@ -125,7 +133,8 @@ def progress_text(looked: object) -> str:
     count = looked.states or looked.transitions
     noun = "states" if looked.states else "steps"
     rate = count / looked.seconds if looked.seconds > 0 else 0.0
-    doing = "  looking for the shortest trace" if looked.minimising else ""
+    doing = "  violated: looking for a trace" if looked.tracing else ""
+    doing = "  violated: looking for the shortest trace" if looked.minimising else doing
     return (
         f"{looked.test}{doing}  {count:,} {noun}, {rounded(rate)}/s, depth {looked.depth}, "
         f"{size(looked.bytes)}"
@@ -142,6 +151,40 @@ def _say(report: ExploreReport, console: Console) -> None:
         console.say()
         for line in _lines(test, console):
             console.say(line)
+    if len(report.tests) + len(report.not_started) > 1:
+        console.say()
+        for line in _summary(report, console):
+            console.say(line)
+
+
+def _summary(report: ExploreReport, console: Console) -> list[str]:
+    """A line a test, for whoever has no time to scroll."""
+    names = [*(test.name for test in report.tests), *report.not_started]
+    width = max(map(len, names))
+    lines = ["all tests"]
+    for test in report.tests:
+        word, colour, more = _verdict(test)
+        lines.append(
+            f"  {test.name:<{width}}  {console.paint(colour, f'{word:<19}')}  {more}".rstrip()
+        )
+    lines += [
+        f"  {name:<{width}}  {console.paint('yellow', 'NOT STARTED')}"
+        for name in report.not_started
+    ]
+    return lines
+
+
+def _verdict(test: TestResult) -> tuple[str, str, str]:
+    """A word, its colour, and what else there is to say in a few words."""
+    if test.verdict == "violated":
+        assert test.broken is not None
+        return "VIOLATED", "red", test.broken.text
+    if test.verdict == "exhausted":
+        return "EXHAUSTED AND CLEAN", "green", ""
+    word = "INTERRUPTED" if test.interrupted else "BOUND REACHED"
+    if test.broken is not None:
+        return word, "yellow", f"violated, but no trace to show: {test.broken.text}"
+    return word, "yellow", "" if test.bound == "interrupted" else str(test.bound)
 
 
 def _lines(test: TestResult, console: Console) -> list[str]:
@@ -157,19 +200,19 @@ def _lines(test: TestResult, console: Console) -> list[str]:
 
 
 def _headline(test: TestResult, console: Console) -> str:
-    from soter.explore.results import BOUNDS  # noqa: PLC0415 - only then
+    from soter.explore.results import BOUNDS, UNSHOWN  # noqa: PLC0415 - only then
 
-    name = console.paint("bold", test.name)
-    if test.verdict == "violated":
-        assert test.broken is not None
-        return f"{name}  {console.paint('red', 'VIOLATED')}  {test.broken.text}"
+    word, colour, said = _verdict(test)
     if test.verdict == "exhausted":
         said = "every execution was covered, none violates a property"
-        return f"{name}  {console.paint('green', 'EXHAUSTED AND CLEAN')}  {said}"
-    assert test.bound is not None
-    what = "INTERRUPTED" if test.interrupted else "BOUND REACHED"
-    why = "not everything was covered" if test.interrupted else BOUNDS[test.bound]
-    return f"{name}  {console.paint('yellow', what)}  no violation was found; {why}"
+    elif test.bound == UNSHOWN:
+        assert test.broken is not None
+        said = f"{BOUNDS[UNSHOWN]}: {test.broken.text}"
+    elif test.verdict == "bound":
+        assert test.bound is not None
+        why = "not everything was covered" if test.interrupted else BOUNDS[test.bound]
+        said = f"no violation was found; {why}"
+    return f"{console.paint('bold', test.name)}  {console.paint(colour, word)}  {said}"
 
 
 def _figures(test: TestResult) -> str:
@@ -179,6 +222,9 @@ def _figures(test: TestResult) -> str:
     if options.strategy in SAMPLING:
         parts.append(f"{test.runs:,} runs")
     parts += [f"depth {test.depth}", f"{test.seconds:.2f} s"]
+    if test.minimise_s:
+        found = "" if test.minimal else "not found in "
+        parts.append(f"shortest trace {found}{test.minimise_s:.2f} s")
     parts.append(f"{rounded(test.states_per_s)} {'states' if test.states else 'steps'}/s")
     if test.states:
         parts.append(f"{test.bits} bits a state, {size(test.table_bytes)}")
@@ -209,18 +255,13 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
 
 def _trace(test: TestResult, console: Console) -> list[str]:
     from soter import __version__  # noqa: PLC0415 - only then
-    from soter.explore.results import BOUNDS  # noqa: PLC0415 - the same
     from soter.explore.to_report import view_of  # noqa: PLC0415 - the same
     from soter.report.sequence_text import text  # noqa: PLC0415 - needs NumPy
 
     assert test.replayed is not None
-    lines = text(view_of(test.replayed, __version__), color=console.color_out)
-    if test.minimal:
-        lines.append("no execution violates it in fewer steps; the interpreter has replayed it")
-    else:
-        why = BOUNDS.get(test.least_bound or "", "")
-        said = f"not shown to be the shortest: {why}; the interpreter has replayed it"
-        lines.append(console.paint("yellow", said))
+    view = view_of(test.replayed, __version__)
+    lines = text(view, color=console.color_out)
+    lines.append(view.remark if test.minimal else console.paint("yellow", view.remark))
     files = (("trace", test.trace), ("page", test.page))
     return lines + [f"{kind:<6} {path}" for kind, path in files if path is not None]
 
@@ -250,6 +291,7 @@ def _fields(report: ExploreReport) -> dict[str, object]:
         "program_sha256": report.program_sha256,
         "verdict": report.verdict,
         "interrupted": report.interrupted,
+        "not_started": list(report.not_started),
         "tests": [_test(t) for t in report.tests],
     }
 
@@ -271,7 +313,9 @@ def _test(t: TestResult) -> dict[str, object]:
         "trace": None if t.trace is None else str(t.trace),
         "page": None if t.page is None else str(t.page),
         "steps": None if t.replayed is None else len(t.replayed.steps),
-        "minimal": t.minimal if t.broken is not None else None,
+        "minimal": t.minimal if t.replayed is not None else None,
+        "not_shortest": t.not_shortest or None,
+        "minimise_s": t.minimise_s,
         "strategy": o.strategy,
         "storage": o.storage,
         "reduction": o.reduction,

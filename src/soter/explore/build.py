@@ -8,10 +8,11 @@ Non-goals: names of actors and streams, verdicts, reports (`search.py`, `command
 
 from __future__ import annotations
 
+import math
 import re
 import threading
 import time
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
@@ -147,16 +148,19 @@ class Searched:
     depth: int
     seconds: float
     steps: tuple[RawStep, ...]
+    stopped: str = ""
+    """What ended it before its end: "interrupted" (Ctrl-C), "patience" (its time was over)."""
 
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a search is."""
+    """How far a search is. `tracing`: something is violated, a way to it is looked for."""
 
     states: int
     transitions: int
     depth: int
     seconds: float
+    tracing: bool = False
 
 
 @dataclass(frozen=True)
@@ -236,8 +240,12 @@ class Engine:
         settings: Settings,
         broken: tuple[int, int],
         look: Callable[[Progress], None] | None = None,
+        patience_s: float = math.inf,
     ) -> Searched:
-        """The least trace to a violation of the same thing; its status is then `violated`."""
+        """The least trace to a violation of the same thing; its status is then `violated`.
+
+        After `patience_s` seconds the search ends.
+        """
         what = self.ffi.new("soter_broken *", {"what": broken[0], "index": broken[1]})
 
         def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
@@ -245,13 +253,14 @@ class Engine:
                 self.model, options, what[0], progress, result, trace, ROOM
             )
 
-        return self._run(settings, look, search)
+        return self._run(settings, look, search, patience_s)
 
     def _run(
         self,
         settings: Settings,
         look: Callable[[Progress], None] | None,
         search: Callable[[Any, Any, Any, Any], None],
+        patience_s: float = math.inf,
     ) -> Searched:
         self.close()
         options = self._options(settings)
@@ -273,40 +282,43 @@ class Engine:
 
         began = time.perf_counter()
         threading.Thread(target=work, name="soter explorer").start()
-        self._watch(done, progress, began, look)
+        stopped = self._watch(done, progress, look, patience_s)
         seconds = time.perf_counter() - began
         if failures:
             raise failures[0]
         self._kept = result.kept
-        return self._searched(result, trace, seconds)
+        return replace(self._searched(result, trace, seconds), stopped=stopped)
 
     def _watch(
         self,
         done: threading.Event,
         progress: Any,  # noqa: ANN401 - cdata
-        began: float,
         look: Callable[[Progress], None] | None,
-    ) -> None:
-        """Wait for the search; whatever interrupts the waiting ends it in order.
+        patience_s: float,
+    ) -> str:
+        """Wait for the search; whatever interrupts the waiting ends it in order. What ended it.
 
         Not with `Thread.join`: after an interruption Python 3.11 takes the thread for ended, and
         what it writes to would be given back under its hands.
         """
         failure: BaseException | None = None
+        stopped, began = "", time.perf_counter()
         while not done.is_set():
             try:
                 while not done.wait(LOOK_S):
+                    seconds = time.perf_counter() - began
+                    if seconds > patience_s and not progress.stop:
+                        progress.stop, stopped = 1, "patience"
                     if look is not None and not progress.stop:
-                        seconds = time.perf_counter() - began
-                        states, made = int(progress.states), int(progress.transitions)
-                        look(Progress(states, made, int(progress.depth), seconds))
+                        look(_progress(progress, seconds))
             except KeyboardInterrupt:
-                progress.stop = 1
+                progress.stop, stopped = 1, "interrupted"
             except BaseException as error:  # noqa: BLE001 - raised again when the search has ended
                 progress.stop = 1
                 failure = failure or error
         if failure is not None:
             raise failure
+        return stopped
 
     def _options(self, s: Settings) -> Any:  # noqa: ANN401 - cdata
         return self.ffi.new(
@@ -442,3 +454,8 @@ class Engine:
 
     def _pointer(self, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
         return self.ffi.cast("void *", array.ctypes.data)
+
+
+def _progress(p: Any, seconds: float) -> Progress:  # noqa: ANN401 - cdata
+    made = int(p.transitions)
+    return Progress(int(p.states), made, int(p.depth), seconds, tracing=bool(p.tracing))

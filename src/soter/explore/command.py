@@ -21,14 +21,19 @@ from soter.explore.results import (
     INTERRUPTED,
     LIMIT,
     MEMORY,
+    NOT_ASKED,
+    PATIENCE,
     RUNS,
     SAMPLED,
     STATES,
+    UNSHOWN,
     VIOLATED,
     TestResult,
+    why_not_shortest,
 )
 from soter.explore.schedule import plan_of
 from soter.explore.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
+from soter.program.durations import show_ns
 from soter.program.tested import MAX_STEPS
 
 if TYPE_CHECKING:
@@ -109,14 +114,14 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
     plan = plan_of(system)
     for what, given, least in (("skew", skew_ns, 0), ("horizon", horizon_ns, 1)):
         if given is not None and not least <= given <= TIME_MAX:
-            raise SoterError((Diagnostic("U001", f"the {what} cannot be {given} ns"),))
+            raise SoterError((Diagnostic("U001", f"the {what} cannot be {show_ns(given)}"),))
     skew = plan.skew_ns if skew_ns is None else skew_ns
     horizon = plan.horizon_ns if horizon_ns is None else horizon_ns
     calendars = [(c.phase_ns, c.period_ns) for c in system.components]
     calendars += [(0, drive.every_ns) for drive in system.inputs]
     steps = sum((horizon - phase) // period + 1 for phase, period in calendars if phase <= horizon)
     if steps > MAX_STEPS:
-        message = f"a horizon of {horizon} ns can never be exhausted"
+        message = f"a horizon of {show_ns(horizon)} can never be exhausted"
         note = f"{steps} steps lie before it, in each execution; at most {MAX_STEPS} are possible"
         raise SoterError((Diagnostic("E008", message, notes=(note,)),))
     return replace(system, test=replace(plan, skew_ns=skew, horizon_ns=horizon))
@@ -174,13 +179,9 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     what, index = found.broken
     result.broken = broken_of(result.system, BROKEN_KINDS[what], index)
     assert result.broken is not None, found.broken
-    least = search.least(found)
-    result.minimal = least.status == "violated"
-    if not result.minimal:
-        result.least_bound = _BOUNDS.get(least.status, LIMIT)
-    steps = least.steps if result.minimal else found.steps
-    if not steps:  # no room for the way to it: what was not replayed is not told
-        result.verdict, result.bound, result.broken = BOUND, result.least_bound, None
+    steps = _least(result, search, found) or found.steps
+    if not steps:  # what was not replayed is no verdict, but it is not kept silent either
+        result.verdict, result.bound = BOUND, UNSHOWN
         return
     trace = trace_of(result, told, steps)
     replayed = replay(trace, result.system)
@@ -189,10 +190,28 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     result.replayed = with_values(replayed)
 
 
+def _least(result: TestResult, search: Search, found: Found) -> tuple[Step, ...]:
+    """The least trace to the violation that was found; none where it was not had, and why."""
+    if found.stopped:
+        result.least_bound = INTERRUPTED
+        return ()
+    if result.options.minimise == 0:
+        result.least_bound = NOT_ASKED
+        return ()
+    least = search.least(found)
+    result.minimise_s = least.seconds
+    result.minimal = least.status == "violated" and bool(least.steps)
+    if not result.minimal:
+        patience = least.stopped == "patience"
+        result.least_bound = PATIENCE if patience else _BOUNDS.get(least.status, LIMIT)
+        return ()
+    return least.steps
+
+
 def trace_of(result: TestResult, told: Told, steps: Sequence[Step]) -> Trace:
     """The trace of a violated test."""
     assert result.broken is not None
-    plan, program = plan_of(result.system), result.system.program
+    plan, program, options = plan_of(result.system), result.system.program, result.options
     return Trace(
         program=told.program,
         sha256=program.sha256,
@@ -205,6 +224,10 @@ def trace_of(result: TestResult, told: Told, steps: Sequence[Step]) -> Trace:
         broken=result.broken,
         steps=tuple(steps),
         minimal=result.minimal,
+        not_shortest=(
+            "" if result.least_bound is None else why_not_shortest(result.least_bound, options)
+        ),
+        assumptions=result.assumptions,
     )
 
 
@@ -242,5 +265,16 @@ def changed_program(trace: Trace, path: str) -> SoterError:
         f"the trace belongs to another version of `{path}`",
         notes=(f"it was found in the program with the hash {trace.sha256[:12]}",),
         helps=("search again: `soter test`",),
+    )
+    return SoterError((problem,))
+
+
+def missing_program(trace: Trace, path: str) -> SoterError:
+    """D001: the program of a trace is not where the trace says."""
+    problem = Diagnostic(
+        "D001",
+        f"the program of the trace is not there: `{path}`",
+        notes=("a trace looks for its program relative to its own place",),
+        helps=(f"move them together: the trace says `{trace.program}`",),
     )
     return SoterError((problem,))

@@ -7,10 +7,11 @@ Non-goals: collecting (the engine does), judging: what is unreached may be unrea
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.program.types import BoolType, EnumType, IntType
+from soter.program.types import ArrayType, BoolType, EnumType, IntType, RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
 
 EACH_VALUE_MAX = 64
 """An int with at most so many values has a class for each of them."""
-CLASSES = ("low", "high", "negative", "zero", "positive")
 EACH = 8
 """The engine's number of the first value of a small set of ints."""
 
@@ -85,7 +85,8 @@ class Leaf:
 def classes_of(leaf: Leaf) -> list[tuple[int, str]]:
     """The classes that the values of a leaf fall into: the engine's number, and a name.
 
-    A value belongs to one class: an end of its set first, otherwise its sign.
+    A value belongs to one class: an end of its set first, otherwise what lies between the ends,
+    below, at and above zero.
     """
     if isinstance(leaf.type, BoolType):
         return [(0, f"{leaf.name} = false"), (1, f"{leaf.name} = true")]
@@ -98,24 +99,59 @@ def classes_of(leaf: Leaf) -> list[tuple[int, str]]:
     return [(i, _class_name(leaf, i)) for i in _possible(leaf)]
 
 
+def class_of(leaf: Leaf, value: float) -> int:
+    """The engine's number of the class of a value (`class_of` in soter_explore_step.c)."""
+    if isinstance(leaf.type, (BoolType, EnumType)):
+        return int(value) & 255
+    if isinstance(leaf.type, IntType) and leaf.high - leaf.low < EACH_VALUE_MAX:
+        return EACH + int(value - leaf.low)
+    if value in (leaf.low, leaf.high):
+        return 0 if value == leaf.low else 1
+    return 2 if value < 0 else 4 if value > 0 else 3
+
+
+def leaf_value(t: Type, value: object, path: Sequence[str]) -> object:
+    """The scalar at a path of `leaves(t)` in a value; None where it has none there."""
+    for part in path:
+        assert isinstance(value, tuple)
+        if isinstance(t, RecordType):
+            at = [name for name, _ in t.fields].index(part)
+            t, value = t.fields[at][1], value[at]
+        elif isinstance(t, ArrayType):
+            t, value = t.element, value[int(part[1:-1])]
+        else:
+            return None
+    return value
+
+
 def _possible(leaf: Leaf) -> list[int]:
-    """Classes that a value may be in: inside, a sign that the set has."""
+    """Classes that a value may be in."""
     low, high = leaf.low, leaf.high
     bounded_below, bounded_above = low > -float("inf"), high < float("inf")
     found = [0] if bounded_below else []
     found += [1] if bounded_above and low < high else []
-    found += [2] if low < 0.0 else []
+    gap = 1 if isinstance(leaf.type, IntType) else 0  # from an end to the next value
+    found += [2] if low < 0.0 and low + gap <= min(high - gap, -gap) else []
     found += [3] if low < 0.0 < high else []
-    found += [4] if high > 0.0 else []
+    found += [4] if high > 0.0 and max(low + gap, gap) <= high - gap else []
     return found if low < high else found[:1]
 
 
 def _class_name(leaf: Leaf, number: int) -> str:
-    if number == 0:
-        return f"{leaf.name} = {leaf.low:g}"
-    if number == 1:
-        return f"{leaf.name} = {leaf.high:g}"
-    return f"{leaf.name} {CLASSES[number]}"
+    if number in (0, 1, 3):
+        return f"{leaf.name} = {_shown(leaf, (leaf.low, leaf.high, 0, 0.0)[number])}"
+    low, high = (leaf.low, min(leaf.high, 0.0)) if number == 2 else (max(leaf.low, 0.0), leaf.high)
+    if isinstance(leaf.type, IntType):
+        return f"{leaf.name} in [{int(low) + 1}, {int(high) - 1}]"
+    if low == -math.inf:
+        return f"{leaf.name} < {_shown(leaf, high)}"
+    if high == math.inf:
+        return f"{leaf.name} > {_shown(leaf, low)}"
+    return f"{leaf.name} in ({_shown(leaf, low)}, {_shown(leaf, high)})"
+
+
+def _shown(leaf: Leaf, value: float) -> str:
+    return str(int(value)) if isinstance(leaf.type, IntType) else f"{value:.9g}"
 
 
 def values_part(leaves: Sequence[Leaf], seen: Sequence[Sequence[int]]) -> Part:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from soter.explore.schedule import plan_of
 from soter.explore.trace import PROPERTY, TIMED, Broken
 from soter.program.arith import StepFault
+from soter.program.durations import show_ns
 from soter.program.evaluate import Evaluator
 from soter.semantics.properties import violated
 from soter.semantics.record import AC, SC, Outcome, Verdict
@@ -30,6 +31,8 @@ class _Clock:
 
     verdict_ns: int = 0
     acted: bool = False
+    said: bool = False
+    """Whether it has said AC at all."""
 
 
 class Judge:
@@ -52,6 +55,8 @@ class Judge:
         self._due: dict[int, int] = {
             p.index: p.within_ns for p in plan.timed if p.kind == "eventually"
         }
+        self._since: dict[int, int] = {}
+        """When the premise held that a deadline waits for."""
         self._drop_beyond_horizon()
 
     def _code(self, prop: TimedProperty, expr: Expr | None) -> Compiled | None:
@@ -66,7 +71,7 @@ class Judge:
         """A step at `c.ct` that led to `c`."""
         if isinstance(event, Verdict):
             if event.after == AC:
-                self._clocks[event.module] = _Clock(c.ct)
+                self._clocks[event.module] = _Clock(c.ct, said=True)
         elif event.published:
             self.note_published(event.component, c)
 
@@ -111,6 +116,7 @@ class Judge:
                 self._due.pop(p.index, None)
             elif p.kind == "leadsto" and due is None and self._holds(self._premise[p.index], c):
                 self._due[p.index] = c.ct + p.within_ns
+                self._since[p.index] = c.ct
         self._drop_beyond_horizon()
 
     def _drop_beyond_horizon(self) -> None:
@@ -133,3 +139,40 @@ class Judge:
             return False
         acts = clock.acted and c.L[module.dm] == SC
         return acts or c.ct <= clock.verdict_ns + 2 * module.period_ns
+
+    # ------------------------------------------------------------ why
+
+    def reason(self, broken: Broken, c: Configuration) -> str:
+        """What failed where `at` found a violation in `c`, a clause; empty where it says itself."""
+        if broken.what != TIMED:
+            return ""
+        p = self._timed[broken.index]
+        if p.kind == "invariant":
+            return self._invariant_reason(p, c)
+        assert p.condition is not None
+        due_ns = self._due[p.index]
+        missed = f"`{_source(p.condition)}` did not hold in any observable configuration"
+        if p.premise is None:
+            return f"{missed} up to {_at(due_ns)}"
+        held = f"`{_source(p.premise)}` held at {_at(self._since[p.index])}"
+        return f"{held}, and {missed} from then on up to {_at(due_ns)}"
+
+    def _invariant_reason(self, p: TimedProperty, c: Configuration) -> str:
+        assert p.module is not None
+        module, clock = self._system.modules[p.module], self._clocks[p.module]
+        if not self._holds(self._safe[p.module], c):
+            return f"`{_source(module.symbol.safe)}`, `safe` of `{module.name}`, fails"
+        said = f"the DM last said AC at {_at(clock.verdict_ns)}"
+        if not clock.said:
+            said = "the DM has not said AC since the start"
+        period = _at(module.period_ns)
+        acted = "and SC has not acted" if c.L[module.dm] == SC else "and has not handed over to SC"
+        return f"{said}, {acted} by {_at(c.ct)}, more than two periods of {period} later"
+
+
+def _source(e: Expr) -> str:
+    return " ".join(e.span.text.split())
+
+
+def _at(time_ns: int) -> str:
+    return show_ns(time_ns) if time_ns else "0 ms"

@@ -9,6 +9,7 @@ Non-goals: speed; finding traces; files (`trace.py`), showing them (`to_report.p
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.explore.answers import TraceDraws, WrongPickError
@@ -27,6 +28,7 @@ from soter.explore.trace import (
     Broken,
     Step,
 )
+from soter.program.types import ListType
 from soter.program.values import to_json
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.record import Outcome, Verdict
@@ -37,11 +39,20 @@ if TYPE_CHECKING:
 
     from soter.explore.schedule import Actor
     from soter.explore.trace import Choice, Trace
+    from soter.program.arith import StepFault
     from soter.program.system import System
     from soter.program.types import Value
     from soter.semantics.configuration import Configuration
 
 MODES = ("SC", "AC")
+
+
+@dataclass(frozen=True)
+class Dropped:
+    """A full queue lost a value: the oldest or the new one, as its policy says."""
+
+    queue: str
+    policy: str
 
 
 @dataclass(frozen=True)
@@ -72,6 +83,10 @@ class Stepped:
     modes: Mapping[str, str]
     truth: Mapping[str, object]
     """The states of the plants, by full name."""
+    reasons: tuple[str, ...] = ()
+    """For each of `violated`, what failed, a clause; empty where it says itself."""
+    dropped: tuple[Dropped, ...] = ()
+    """What full queues lost as this step published."""
 
 
 @dataclass(frozen=True)
@@ -155,6 +170,8 @@ class _Event:
     switch: tuple[str, str, str] | None = None
     fault: str | None = None
     broken: list[Broken] = field(default_factory=list)
+    reasons: dict[Broken, str] = field(default_factory=dict)
+    dropped: list[Dropped] = field(default_factory=list)
 
 
 class _Run:
@@ -210,8 +227,9 @@ class _Run:
         value = self.interpreter.drawn_input(drive, self.c.ct)
         if drive.values:
             self.draws.tell(to_json(self.system.topics[drive.topic].type, value))
+        dropped = self._dropped(self.c, {drive.topic: value})
         self.c = environment_input(self.machine, self.c, drive.topic, value)
-        return _Event(published=self._named({drive.topic: value}))
+        return _Event(published=self._named({drive.topic: value}), dropped=dropped)
 
     def _fire(self, n: int, *, held_back: bool) -> _Event:
         before = self.c
@@ -223,14 +241,36 @@ class _Run:
         told = _Event(broken=self._broken(n, event))
         self.ended = bool(told.broken)
         if event.fault is not None:
-            told.fault = str(event.fault)
+            told.fault = self._fault(event.fault)
+            told.reasons = self._fault_reasons(n, told)
         told.gated = not before.OE[n]
         if held_back:
             self._hold_back(before, n, event)
         else:
             self.judge.note(event, after)
             told.published = self._named(event.published)
+            told.dropped = self._dropped(before, event.published)
         return told
+
+    def _dropped(self, c: Configuration, published: Mapping[int, Value]) -> list[Dropped]:
+        """What queues lose as values reach the topics of `c`; no node reads what it publishes."""
+        topics = self.system.topics
+        behind = [topics[q] for t in published for q in topics[t].queues]
+        return [
+            Dropped(q.name.removesuffix(".queue"), q.policy)
+            for q in behind
+            if isinstance(q.type, ListType) and len(c.Topics[q.index]) >= q.type.capacity
+        ]
+
+    def _fault(self, fault: StepFault) -> str:
+        """What went wrong, and where in the source."""
+        if fault.span is None:
+            return str(fault)
+        return f"{fault}, {Path(fault.span.source.name).name}:{fault.span.line}"
+
+    def _fault_reasons(self, n: int, told: _Event) -> dict[Broken, str]:
+        name = self.system.components[n].name
+        return {b: f"`{name}` faults ({told.fault})" for b in told.broken if b.what == FAULT}
 
     def _decided(self, verdict: Verdict) -> _Event:
         name = self.system.modules[verdict.module].name
@@ -271,11 +311,12 @@ class _Run:
         waiting = self._waiting.pop(n)
         if not self.c.OE[n]:
             return _Event(gated=bool(waiting))
+        dropped = self._dropped(self.c, waiting)
         for topic, value in waiting.items():
             self.c = environment_input(self.machine, self.c, topic, value)
         if waiting:
             self.judge.note_published(n, self.c)
-        return _Event(published=self._named(waiting))
+        return _Event(published=self._named(waiting), dropped=dropped)
 
     # ------------------------------------------------------------ telling
 
@@ -286,7 +327,9 @@ class _Run:
         broken = event.broken
         if not self.ended and step.kind != START:
             over = self.schedule.is_over
-            broken = [*broken, *self.judge.at(self.c, observable=observable, over=over)]
+            found = self.judge.at(self.c, observable=observable, over=over)
+            event.reasons |= {b: self.judge.reason(b, self.c) for b in found}
+            broken = [*broken, *found]
         self.steps.append(
             Stepped(
                 number,
@@ -306,6 +349,8 @@ class _Run:
                 self._topics(),
                 {m.name: MODES[self.c.L[m.dm]] for m in self.system.modules},
                 self._truth(),
+                tuple([event.reasons.get(b, "") for b in broken]),
+                tuple(event.dropped),
             )
         )
 

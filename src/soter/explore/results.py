@@ -21,14 +21,16 @@ if TYPE_CHECKING:
 
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
-MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED, LIMIT = (
+MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED, LIMIT, UNSHOWN = (
     "memory",
     "states",
     "runs",
     "sampled",
     "interrupted",
     "limit",
+    "unshown",
 )
+PATIENCE, NOT_ASKED = "patience", "not_asked"
 BOUNDS = {
     MEMORY: "the memory that was allowed is full (--memory)",
     STATES: "as many configurations as were allowed are stored (--max-states)",
@@ -36,8 +38,20 @@ BOUNDS = {
     SAMPLED: "a continuum is sampled at three values: what lies between was not looked at",
     INTERRUPTED: "interrupted",
     LIMIT: "a step has more choices, or an execution more steps, than the explorer has room for",
+    UNSHOWN: (
+        "a violation was found, but memory or patience ended before an execution that shows it"
+    ),
 }
-"""Why a search that found no violation did not cover everything."""
+"""Why a search that has no violation to show did not cover everything."""
+NOT_SHORTEST = {
+    PATIENCE: "the search for it took longer than {minimise:g} s (--minimise)",
+    NOT_ASKED: "it was not looked for (--minimise 0)",
+    MEMORY: "the search for it needs more memory than was allowed (--memory)",
+    STATES: "the search for it needs more configurations than were allowed (--max-states)",
+    INTERRUPTED: "the search for it was interrupted",
+    LIMIT: "the search for it needs more choices or steps than the explorer has room for",
+}
+"""Why the execution that shows a violation may not be the shortest one."""
 
 
 @dataclass(frozen=True)
@@ -57,11 +71,17 @@ class Options:
     runs: int = 10_000
     seed: int = 1
     bug_depth: int = 3
+    minimise: float = 30.0
+    """Seconds that the search for the shortest execution to a violation may take; 0: none."""
 
 
 @dataclass(frozen=True)
 class Looked:
-    """How far a search is: for a line of progress. `minimising`: it has found a violation."""
+    """How far a search is: for a line of progress.
+
+    It has found a violation: `tracing`, it looks for an execution that shows it; `minimising`, for
+    the shortest one.
+    """
 
     test: str
     states: int
@@ -70,6 +90,7 @@ class Looked:
     bytes: int
     seconds: float
     minimising: bool = False
+    tracing: bool = False
 
 
 @dataclass(eq=False)
@@ -78,6 +99,8 @@ class TestResult:
 
     `broken`, `replayed` and `trace` (the file) are there where it is violated; `minimal` says
     that no execution to that violation has fewer steps. `least_bound`: why that was not shown.
+    `minimise_s`: seconds that were spent on that. A violation that no execution shows (bound
+    "unshown") has `broken` alone.
     """
 
     __test__ = False  # not a test of pytest's
@@ -103,6 +126,7 @@ class TestResult:
     replayed: Replayed | None = None
     minimal: bool = False
     least_bound: str | None = None
+    minimise_s: float = 0.0
     trace: Path | None = None
     page: Path | None = None
 
@@ -118,6 +142,13 @@ class TestResult:
         return self.table_bytes / self.states if self.states else 0.0
 
     @property
+    def not_shortest(self) -> str:
+        """Why its trace may not be the shortest; empty where it is, and where there is none."""
+        if self.replayed is None or self.least_bound is None:
+            return ""
+        return why_not_shortest(self.least_bound, self.options)
+
+    @property
     def interrupted(self) -> bool:
         """Whether somebody stopped it, or the search for its least trace."""
         return INTERRUPTED in (self.bound, self.least_bound)
@@ -127,6 +158,13 @@ class TestResult:
         return f"<soter.TestResult {self.name} {self.verdict}{what}, {self.states:,} states>"
 
 
+def why_not_shortest(bound: str, options: Options) -> str:
+    """Why a trace may not be the shortest one, for people."""
+    why = NOT_SHORTEST[bound].format(minimise=options.minimise)
+    first = f"; {options.strategy} met this one first" if options.strategy != "bfs" else ""
+    return f"{why}{first}"
+
+
 @dataclass(eq=False)
 class ExploreReport:
     """What `Program.explore` gives: one result a test, in the program's order."""
@@ -134,6 +172,8 @@ class ExploreReport:
     path: str
     program_sha256: str
     tests: tuple[TestResult, ...]
+    not_started: tuple[str, ...] = ()
+    """Tests that would have come after one that was interrupted."""
 
     @property
     def verdict(self) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.explore.trace import BEGIN, EFFECT, LOST, START
+from soter.program.durations import show_ns
 
 if TYPE_CHECKING:
     from soter.explore.trace import Step
@@ -156,8 +157,8 @@ class Schedule:
         if runs:
             raise NotAllowedError(f"`{actor.name}` still runs")
         if step.release_ns != window[0]:
-            message = f"the next release of `{actor.name}` is at {window[0]} ns"
-            raise NotAllowedError(f"{message}, not {step.release_ns} ns")
+            message = f"the next release of `{actor.name}` is at {show_ns(window[0])}"
+            raise NotAllowedError(f"{message}, not {show_ns(step.release_ns)}")
         if step.kind == BEGIN and not actor.overrun_ns:
             raise NotAllowedError(f"the test does not let `{actor.name}` overrun")
         if step.kind == LOST and self._lost[i] >= actor.skips:
@@ -168,16 +169,18 @@ class Schedule:
         lo, hi = window
         early = max(lo, self.now)
         if not early <= step.time_ns <= hi:
-            message = f"it can happen from {early} to {hi} ns, not at {step.time_ns} ns"
+            message = f"it can happen from {show_ns(early)} to {show_ns(hi)}"
+            message += f", not at {show_ns(step.time_ns)}"
             raise NotAllowedError(message)
         if step.time_ns != early and step.time_ns % self.quantum_ns:
-            raise NotAllowedError(f"{step.time_ns} ns is not on the grid of {self.quantum_ns} ns")
+            message = f"{show_ns(step.time_ns)} is not on the grid of {show_ns(self.quantum_ns)}"
+            raise NotAllowedError(message)
         if step.kind == LOST and step.time_ns != early:
             raise NotAllowedError("a lost release has its place as early as possible")
         for j, actor in enumerate(self.actors):
             other = self.window(j)
             if other is not None and other[1] < step.time_ns:
-                raise NotAllowedError(f"`{actor.name}` has to step before, by {other[1]} ns")
+                raise NotAllowedError(f"`{actor.name}` has to step before, by {show_ns(other[1])}")
 
     def _move(self, step: Step, i: int) -> None:
         self.now = step.time_ns

@@ -19,6 +19,8 @@ from soter.explore.coverage import (
     Coverage,
     Leaf,
     branches_part,
+    class_of,
+    leaf_value,
     modules_parts,
     part_of,
     values_part,
@@ -57,6 +59,7 @@ class Found:
     depth: int
     seconds: float
     steps: tuple[Step, ...]
+    stopped: str = ""
 
 
 class Search:
@@ -77,6 +80,7 @@ class Search:
             options.runs,
             options.bug_depth,
         )
+        self._patience_s = options.minimise
         self._progress = progress
         self._engine = Engine(system)
         self._streams = {fnv(name): name for name in _streams(system)}
@@ -108,7 +112,9 @@ class Search:
             found.append(self._engine.explore(once, self._look(minimising=False)))
             if found[-1].status == "violated" and part is not None:
                 whole = self._engine.complete(once, found[-1].steps)
-                if whole is not None:
+                if whole is None:  # its steps alone are no execution of the system
+                    found[-1] = replace(found[-1], steps=())
+                else:
                     found[-1] = replace(found[-1], steps=whole.steps, broken=whole.broken)
             if found[-1].status != "exhausted" or (
                 settings.max_states and found[-1].states >= left
@@ -119,10 +125,14 @@ class Search:
         return self._named(_sum(found))
 
     def least(self, found: Found) -> Found:
-        """The least execution to the same violation; `status` is "violated" where it is one."""
+        """The least execution to the same violation; `status` is "violated" where it is one.
+
+        It takes at most as long as `Options.minimise` says.
+        """
         assert found.broken is not None
         look = self._look(minimising=True)
-        return self._named(self._engine.least(self._settings, found.broken, look))
+        settings, patience_s = self._settings, self._patience_s
+        return self._named(self._engine.least(settings, found.broken, look, patience_s))
 
     def _look(self, *, minimising: bool) -> Callable[[Progress], None] | None:
         progress = self._progress
@@ -133,7 +143,18 @@ class Search:
         def look(p: Progress) -> None:
             stored = p.states * self._engine.words * 8
             spent = time.perf_counter() - began
-            progress(Looked(name, p.states, p.transitions, p.depth, stored, spent, minimising))
+            progress(
+                Looked(
+                    name,
+                    p.states,
+                    p.transitions,
+                    p.depth,
+                    stored,
+                    spent,
+                    minimising=minimising,
+                    tracing=p.tracing,
+                )
+            )
 
         return look
 
@@ -151,6 +172,7 @@ class Search:
             s.depth,
             s.seconds,
             tuple([self._step(raw) for raw in s.steps]),
+            s.stopped,
         )
 
     def _step(self, raw: RawStep) -> Step:
@@ -183,8 +205,18 @@ class Search:
             modes=modes,
             switches=switches,
             branches=branches_part([branch_name(b) for b in branches], seen.branches.tolist()),
-            values=values_part(list(self._leaves()), seen.classes.tolist()),
+            values=values_part(list(self._leaves()), self._classes()),
         )
+
+    def _classes(self) -> list[list[int]]:
+        """Per leaf and class: whether a value of it was published, or is the topic's default."""
+        found = [list(row) for row in self._engine.seen.classes.tolist()]
+        given = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
+        for row, leaf, (topic, path) in zip(found, self._leaves(), given, strict=True):
+            value = leaf_value(topic.type, topic.default, path)
+            if isinstance(value, (bool, int, float)):
+                row[class_of(leaf, value)] = 1
+        return found
 
     def _leaves(self) -> Iterator[Leaf]:
         for index, path in self._engine.generated.leaves:

@@ -17,6 +17,7 @@ REDUCTIONS = ("none", "sleep", "ample", "all")
 UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 THREADS_MAX = 64
 MEMORY_MIN = 2**20
+SECONDS_MAX = 10**9
 _SIZE = re.compile(r"([0-9]{1,15}(?:\.[0-9]{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGNORECASE)
 
 
@@ -29,6 +30,7 @@ def options_of(
     max_states: int,
     runs: int,
     seed: int,
+    minimise: float = 30.0,
 ) -> Options:
     """The options of a search; `SoterError` U001 with all mistakes at once."""
     problems: list[Diagnostic] = []
@@ -48,6 +50,11 @@ def options_of(
         if isinstance(number, bool) or not isinstance(number, int) or not low <= number <= high:
             message = f"`{what}` cannot be `{str(number)[:40]}`"
             problems.append(_problem(message, f"a whole number from {low} to {high}"))
+    if isinstance(minimise, bool) or not (
+        isinstance(minimise, (int, float)) and 0 <= minimise <= SECONDS_MAX
+    ):
+        message = f"`minimise` cannot be `{str(minimise)[:40]}`"
+        problems.append(_problem(message, f"seconds from 0 (do not) to {SECONDS_MAX:,}"))
     size = bytes_of(memory)
     if size is None or not MEMORY_MIN <= size < 2**63:
         message = f"`memory` cannot be `{str(memory)[:40]}`"
@@ -55,7 +62,17 @@ def options_of(
     if problems:
         raise SoterError(tuple(problems))
     assert size is not None
-    return Options(strategy, storage, reduction, threads, size, max_states, runs, seed)
+    return Options(
+        strategy,
+        storage,
+        reduction,
+        threads,
+        size,
+        max_states,
+        runs,
+        seed,
+        minimise=float(minimise),
+    )
 
 
 def bytes_of(given: int | str) -> int | None:

@@ -20,6 +20,7 @@ from soter.report.sequence import (
     SequenceView,
     Switch,
     TopicFlow,
+    duration_text,
 )
 
 if TYPE_CHECKING:
@@ -33,31 +34,44 @@ if TYPE_CHECKING:
 
 KINDS = {BEGIN: "overrun"}
 """Kinds of steps that the view calls otherwise."""
+UNTOLD = "the file of the trace does not say; the output of `soter test` does"
+DROPS = {
+    "drop_oldest": "the oldest is dropped",
+    "drop_newest": "the new one is dropped",
+    "fault": "the new one is lost, a fault of its reader",
+}
+ORDER = ("dm", "sc", "ac")
+"""Of the lanes of a module."""
 
 
 def view_of(
     found: Replayed,
     tool_version: str,
-    assumptions: Iterable[str] = (),
     provenance: Mapping[str, str] | None = None,
+    program: str | None = None,
 ) -> SequenceView:
-    """The view of a replayed trace; the violating step is the last, where it reproduces."""
+    """The view of a replayed trace; the violating step is the last, where it reproduces.
+
+    `program`: its path as a reader would type it; by default as the trace has it.
+    """
     trace, system = found.trace, found.system
     words = ChoiceWords(system)
-    steps = [_step(s, found, words) for s in found.steps]
+    durations = _durations(found)
+    steps = [_step(s, found, words, durations) for s in found.steps]
     if not steps or steps[0].kind != "start":
         steps.insert(0, _start(found))
     return SequenceView(
-        program=trace.program,
+        program=program or trace.program,
         system=trace.system,
         test=trace.test,
         property_text=property_text(trace.broken.text),
         verdict=_sentence(found),
-        lanes=tuple([_lane(system, a) for a in found.actors]),
+        remark=_remark(found),
+        lanes=_lanes(system, found.actors),
         steps=tuple(steps),
         topics=tuple(_topics(system)),
         modes=tuple([_modes(found, i, steps[0].number) for i in range(len(system.modules))]),
-        assumptions=tuple(assumptions),
+        assumptions=trace.assumptions or (UNTOLD,),
         program_sha256=trace.sha256,
         seed=trace.seed,
         tool_version=tool_version,
@@ -72,25 +86,58 @@ def property_text(text: str) -> str:
 
 
 def _sentence(found: Replayed) -> str:
-    said = property_text(found.trace.broken.text)
     if not found.reproduced:
         return f"The trace does not reproduce: {found.outcome}."
     last = found.steps[-1]
     steps = len([s for s in found.steps if s.kind != START])
-    return f"Violated after {steps} steps, at {last.time_ns / 1e9:.9g} s: {said}."
+    return f"Violated after {_count(steps, 'step')}, at {duration_text(max(last.time_ns, 0))}."
+
+
+def _remark(found: Replayed) -> str:
+    """Whether the trace is the shortest one."""
+    if not found.reproduced:
+        return ""
+    if found.trace.minimal:
+        return "No execution violates it in fewer steps; the interpreter has replayed it."
+    why = found.trace.not_shortest or "the file of the trace does not say why"
+    return f"Perhaps not the shortest execution: {why}; the interpreter has replayed it."
+
+
+def _count(n: int, noun: str) -> str:
+    return f"{n} {noun}" if n == 1 else f"{n} {noun}s"
+
+
+def _durations(found: Replayed) -> dict[int, int]:
+    """Of steps that overrun and of their effects: number of the step, ns between the two."""
+    begun: dict[str, Stepped] = {}
+    durations: dict[int, int] = {}
+    for s in found.steps:
+        if s.kind == BEGIN:
+            begun[s.actor] = s
+        elif s.kind == EFFECT and s.actor in begun:
+            start = begun.pop(s.actor)
+            durations[start.number] = durations[s.number] = s.time_ns - start.time_ns
+    return durations
 
 
 def _start(found: Replayed) -> SequenceStep:
-    published = tuple([Published(n, shown(v)) for n, v in found.start.items()])
-    return SequenceStep(number=0, time_ns=0, kind="start", published=published)
+    return SequenceStep(number=0, time_ns=0, kind="start", published=_at_start(found))
 
 
-def _step(s: Stepped, found: Replayed, words: ChoiceWords) -> SequenceStep:
+def _at_start(found: Replayed) -> tuple[Published, ...]:
+    """The first values of topics; queues, which are empty, aside."""
+    queues = {t.name for t in found.system.topics if t.queue_of is not None}
+    return tuple([Published(n, shown(v)) for n, v in found.start.items() if n not in queues])
+
+
+def _step(
+    s: Stepped, found: Replayed, words: ChoiceWords, durations: Mapping[int, int]
+) -> SequenceStep:
     switch = None
     if s.switch is not None:
         module, before, after = s.switch
         switch = Switch(module, cast("Mode", before), cast("Mode", after))
-    published = found.start if s.kind == START else s.published
+    published = tuple([Published(n, shown(v)) for n, v in s.published.items()])
     return SequenceStep(
         number=s.number,
         time_ns=max(s.time_ns, 0),
@@ -98,10 +145,12 @@ def _step(s: Stepped, found: Replayed, words: ChoiceWords) -> SequenceStep:
         kind=cast("Kind", KINDS.get(s.kind, s.kind)),
         release_ns=None if s.kind in (START, EFFECT) else s.release_ns,
         choices=tuple([_pick(c, words) for c in s.choices]),
-        published=tuple([Published(n, shown(v)) for n, v in published.items()]),
+        published=_at_start(found) if s.kind == START else published,
         gated=s.gated,
         switch=switch,
         fault=s.fault,
+        dropped=tuple([f"queue `{d.queue}` is full: {DROPS[d.policy]}" for d in s.dropped]),
+        lasts_ns=durations.get(s.number),
         observable=s.observable,
         violates=found.names(s.violated),
         note=_note(s, found),
@@ -126,9 +175,14 @@ def shown(value: object) -> str:
 
 def _note(s: Stepped, found: Replayed) -> str:
     """What else is to be said of a step, one sentence."""
-    others = [b.text for b in s.violated if not found.names([b])]
+    clauses = [r for b, r in zip(s.violated, s.reasons, strict=False) if r and found.names([b])]
+    others = [f"`{b.text}`" for b in s.violated if not found.names([b])]
     if others:
-        return f"also violated: {', '.join(others)}"
+        clauses.append(
+            f"{', '.join(others)} {'is' if len(others) == 1 else 'are'} violated as well"
+        )
+    if clauses:
+        return "; ".join(clauses)
     if s.decided is not None and s.switch is None:
         seen = [n for n in ("ttf", "safer", "stale", "gate_fault") if s.decided[n]]
         mode = s.decided["mode"]
@@ -137,6 +191,19 @@ def _note(s: Stepped, found: Replayed) -> str:
 
 
 # ---------------------------------------------------------------- who is there
+
+
+def _lanes(system: System, actors: Iterable[Actor]) -> tuple[Lane, ...]:
+    """In the order of the actors, but those of a module together: DM, SC, AC."""
+    lanes = [_lane(system, a) for a in actors]
+    grouped: list[Lane] = []
+    for lane in lanes:
+        if lane.module is None:
+            grouped.append(lane)
+        elif lane not in grouped:
+            own = [other for other in lanes if other.module == lane.module]
+            grouped += sorted(own, key=lambda other: ORDER.index(other.role))
+    return tuple(grouped)
 
 
 def _lane(system: System, actor: Actor) -> Lane:
@@ -159,7 +226,11 @@ def _topics(system: System) -> Iterable[TopicFlow]:
     for drive in system.inputs:
         writers[drive.topic].append(f"input.{system.topics[drive.topic].name}")
     for topic in system.topics:
-        yield TopicFlow(topic.name, tuple(writers[topic.index]), tuple(readers[topic.index]))
+        for queue in topic.queues:
+            readers[topic.index] += [n for n in readers[queue] if n not in readers[topic.index]]
+        if topic.queue_of is None:
+            flows = tuple(writers[topic.index]), tuple(readers[topic.index])
+            yield TopicFlow(topic.name, *flows)
 
 
 def _flows(system: System, c: Component) -> tuple[list[int], list[int]]:

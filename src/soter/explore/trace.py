@@ -85,6 +85,10 @@ class Trace:
     broken: Broken
     steps: tuple[Step, ...]
     minimal: bool
+    not_shortest: str = ""
+    """Why it may not be the shortest one, for people; empty where it is, or nobody knows."""
+    assumptions: tuple[str, ...] = ()
+    """What the verdict rests on; for people."""
     path: Path | None = field(default=None, compare=False)
     """The file that it was read from."""
 
@@ -115,6 +119,8 @@ def to_document(trace: Trace, folder: Path | None = None) -> dict[str, object]:
             "text": trace.broken.text,
         },
         "minimal": trace.minimal,
+        "not_shortest": trace.not_shortest,
+        "assumptions": list(trace.assumptions),
         "steps": [_step_document(s) for s in trace.steps],
     }
 
@@ -236,6 +242,17 @@ class _Reader:
         found: str = self._field(name, str, "text")
         return found
 
+    def text_or_none(self, name: str) -> str:
+        """A text that may be missing."""
+        return self.text(name) if name in self._given else ""
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """A list of texts that may be missing."""
+        found = self._field(name, list, "list") if name in self._given else []
+        if not all(isinstance(text, str) for text in found):
+            raise DamagedError(f"{self._name(name)} is no list of texts")
+        return tuple(found)
+
     def one_of(self, name: str, allowed: Iterable[str]) -> str:
         found = self.text(name)
         if found not in allowed:
@@ -292,6 +309,8 @@ def _trace(d: _Reader, path: Path) -> Trace:
         ),
         steps=tuple([_step(s) for s in d.objects("steps")]),
         minimal=d.truth("minimal"),
+        not_shortest=d.text_or_none("not_shortest"),
+        assumptions=d.texts("assumptions"),
         path=path,
     )
 

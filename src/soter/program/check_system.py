@@ -300,6 +300,9 @@ class SystemChecker:
             read = self.checker.expressions.check(path_expr(item.topic), context)
             if is_error(read):
                 continue
+            if item.values == ():
+                self._no_values(item)
+                continue
             values = self._values(item, read, context)
             if not isinstance(read, typed.TopicRead) or not read.topic.input:
                 self._no_input(item, read)
@@ -327,7 +330,9 @@ class SystemChecker:
         place = Context(context.scope, "the value of an input")
         because = (item.topic.span, f"this is {a_type(read.type)}")
         number = self.checker.constants.number
-        found = [number(v, place, read.type, "the value of an input", because) for v in item.values]
+        found = [
+            number(v, place, read.type, "the value of an input", because) for v in item.values or ()
+        ]
         if len(found) > MAX_CHOICES:
             self.diagnostics.error(
                 "E004",
@@ -337,6 +342,16 @@ class SystemChecker:
                 notes=("every value is a branch of every execution",),
             )
         return tuple(v for v in found if not is_error(v))
+
+    def _no_values(self, item: tree.DriveInput) -> None:
+        self.diagnostics.error(
+            "E002",
+            f"there is nothing that `{item.topic.text}` could be",
+            item.span,
+            "an empty choice",
+            notes=("an input that changes has at least one value to change to",),
+            helps=("list its values, or leave `in { }` out: then they are those of the topic",),
+        )
 
     def _no_input(self, item: tree.DriveInput, read: typed.Expr) -> None:
         topic = read.topic if isinstance(read, typed.TopicRead) else None

@@ -356,14 +356,20 @@ class _TestElaborator(Elaborator):
 
     def _check_deadlines(self, plan: TestPlan) -> None:
         for p in plan.timed:
-            if p.kind == "invariant" or p.within_ns <= plan.horizon_ns:
+            only = p.kind == "leadsto" and p.within_ns == plan.horizon_ns
+            if p.kind == "invariant" or (p.within_ns <= plan.horizon_ns and not only):
                 continue
-            self.diagnostics.warning(
-                "W009",
-                f"the deadline of this property lies beyond the horizon of {_horizon_of(plan)}",
+            self.diagnostics.error(
+                "E013",
+                f"this property is {'hardly ever' if only else 'never'} judged: "
+                f"the horizon of the test is {show_ns(plan.horizon_ns)}",
                 p.span,
                 f"within {show_ns(p.within_ns)}",
-                notes=("a deadline beyond the horizon is not judged: this property says nothing",),
+                notes=(
+                    "only what holds at time 0 has its deadline before the end"
+                    if only
+                    else "a deadline beyond the horizon is not judged",
+                ),
                 helps=("raise the horizon, or shorten the deadline",),
             )
 
@@ -373,10 +379,6 @@ _VERBS = {"late": "be late", "skip": "skip a step", "overrun": "overrun"}
 
 def _short(name: str) -> str:
     return name.rpartition(".")[2]
-
-
-def _horizon_of(plan: TestPlan) -> str:
-    return show_ns(plan.horizon_ns)
 
 
 def _text(item: typed.PropertySymbol) -> str:

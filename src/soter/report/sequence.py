@@ -83,7 +83,9 @@ class SequenceStep:
     `number`: rising along the trace. `release_ns` is None where there was none: the start, and
     publications that take effect; it is at most `time_ns`. `gated`: computed, but its outputs
     were not enabled, so `published` reached nobody. What an overrunning step publishes stands at
-    the step where it takes effect. `fault`: what went wrong in the step.
+    the step where it takes effect; `lasts_ns` is the time from its start to there, at both of them,
+    where it is known. `fault`: what went wrong in the step. `dropped`: what was lost as it
+    published, a clause each.
     `observable`: time may pass after it, so properties are checked. `violates`: the property is
     violated here. `note`: one sentence for the reader, free.
     """
@@ -98,6 +100,8 @@ class SequenceStep:
     gated: bool = False
     switch: Switch | None = None
     fault: str | None = None
+    dropped: tuple[str, ...] = ()
+    lasts_ns: int | None = None
     observable: bool = False
     violates: bool = False
     note: str = ""
@@ -107,7 +111,8 @@ class SequenceStep:
 class SequenceView:
     """A trace to look at. `property_text` and `verdict` may hold code in backquotes.
 
-    `verdict`: one sentence. `lanes` stand in this order, `steps` in the order they happened.
+    `verdict`: one sentence; `remark`: another, whether the trace is the shortest. `lanes` stand in
+    this order, `steps` in the order they happened.
     `program_sha256`, `seed` and `tool_version` say what was replayed and by what; `provenance`
     adds names and values of one's own, such as the command.
     """
@@ -126,6 +131,7 @@ class SequenceView:
     seed: int = 0
     tool_version: str = ""
     provenance: Mapping[str, str] = field(default_factory=dict)
+    remark: str = ""
 
 
 def violating(view: SequenceView) -> SequenceStep | None:

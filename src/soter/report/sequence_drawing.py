@@ -36,6 +36,8 @@ BODY_PX = 1100 - GUTTER_PX
 LANE_MIN_PX, LANE_MAX_PX = 116, 260
 FIRST_PX, LINE_PX, BELOW_PX = 22, 26, 16
 """From the top of a row to its first line, from line to line, from the last line to the end."""
+DROPPED_PX = 12
+"""More, where a label says that a queue is full."""
 INSTANT_PX = 6
 """Between two instants."""
 STRIP_PX = 20
@@ -104,7 +106,7 @@ def plan(view: SequenceView) -> Plan:
         if rows and rows[-1].step.time_ns != step.time_ns:
             top += INSTANT_PX
         lines = max(len(step.published), 1) if step.lane in centres else 1
-        height = FIRST_PX + LINE_PX * (lines - 1) + BELOW_PX
+        height = FIRST_PX + LINE_PX * (lines - 1) + BELOW_PX + DROPPED_PX * bool(step.dropped)
         rows.append(Row(step, top, top + FIRST_PX, height))
         top += height
     return Plan(view, lane_px, centres, tuple(rows))
@@ -305,6 +307,11 @@ def _lane_step(p: Plan, row: Row, x: float) -> str:
         text = published_text(published)
         readers = _reader_places(p, step, published.topic, x)
         parts.append(_publication(p, text, role, x, y, edge, readers))
+    if step.dropped:
+        y = row.line + LINE_PX * max(len(step.published) - 1, 0) + 24
+        parts.append(
+            f'<text class="dropped" text-anchor="middle" x="{x:g}" y="{y:g}">queue full</text>'
+        )
     late = late_text(step)
     if late:
         # On the side where the first publication does not stand.
@@ -329,6 +336,15 @@ def _reader_places(p: Plan, step: SequenceStep, topic: str, x: float) -> list[fl
         return None
     names = {reader for flow in p.view.topics if flow.name == topic for reader in flow.readers}
     return sorted(place for name, place in p.centres.items() if name in names and place != x)
+
+
+def unread(view: SequenceView, step: SequenceStep) -> bool:
+    """Tell whether a step publishes a value that no other actor reads."""
+    if not step.lane:
+        return False
+    lanes = {lane.name for lane in view.lanes} - {step.lane}
+    readers = {flow.name: lanes.intersection(flow.readers) for flow in view.topics}
+    return any(not readers.get(published.topic) for published in reached(step))
 
 
 def _goes_right(p: Plan, x: float, readers: Sequence[float] | None) -> bool:

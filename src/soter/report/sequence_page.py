@@ -7,6 +7,7 @@ Non-goals: laying the drawing out (`sequence_drawing`), replaying.
 
 from __future__ import annotations
 
+import re
 from html import escape
 from typing import TYPE_CHECKING
 
@@ -19,6 +20,7 @@ from soter.report.sequence_drawing import (
     gutter_svg,
     head_groups,
     plan,
+    unread,
 )
 from soter.report.sequence_words import does, explanation, late_text, published_text, visible
 from soter.report.wording import prose
@@ -40,6 +42,7 @@ ROLES = {
 }
 PAPER_PX = 690
 """Width of the page in print, as in `assets/report.css`."""
+TIME = re.compile(r"(\d) (ns|us|µs|ms|s)\b")
 COLUMNS = ("step", "time", "actor", "does", "publishes", "")
 
 
@@ -61,17 +64,28 @@ def _header(view: SequenceView) -> str:
     says = f'<p class="subtitle">{prose(visible(view.property_text))}</p>'
     return (
         f'<header class="top"><p class="kicker">{kicker}</p>'
-        f"<h1><span>{prose(visible(view.verdict))}</span></h1>"
-        f"{says if view.property_text else ''}{_why(view)}</header>"
+        f"<h1><span>{_unbroken(prose(visible(view.verdict)))}</span></h1>"
+        f"{says if view.property_text else ''}{_why(view)}{_remark(view)}</header>"
     )
+
+
+def _remark(view: SequenceView) -> str:
+    text = _unbroken(prose(visible(view.remark)))
+    return f'<p class="note">{text}</p>' if view.remark else ""
+
+
+def _unbroken(html: str) -> str:
+    """Keep a number and its unit on one line."""
+    return TIME.sub(r"\1&nbsp;\2", html)
 
 
 def _why(view: SequenceView) -> str:
     step = violating(view)
     if step is None:
         return ""
+    said = _unbroken(prose(explanation(view)))
     return (
-        f'<p class="why-fails"><i class="mark cross"></i><span>{prose(explanation(view))} '
+        f'<p class="why-fails"><i class="mark cross"></i><span>{said} '
         f'<a href="#row-{step.number}">Show it</a></span></p>'
     )
 
@@ -154,6 +168,14 @@ def _marks(view: SequenceView) -> list[tuple[bool, tuple[str, str]]]:
             ('<i class="sample-arrow"></i>', "a value, from its writer to its readers"),
         ),
         (
+            any(unread(view, step) for step in steps),
+            ('<i class="sample-unread"></i>', "a value that no other actor reads"),
+        ),
+        (
+            any(step.dropped for step in steps),
+            ('<b class="dropped">queue full</b>', "a full queue lost a value"),
+        ),
+        (
             any(step.gated for step in steps),
             ('<i class="sample-gated"></i>', "computed, outputs not enabled"),
         ),
@@ -191,7 +213,7 @@ def _table(view: SequenceView) -> str:
 def _step(step: SequenceStep) -> str:
     late = late_text(step)
     time = escape(duration_text(step.time_ns))
-    deeds = [f"<li>{escape(phrase)}</li>" for phrase in does(step)]
+    deeds = [f"<li>{prose(phrase)}</li>" for phrase in does(step)]
     if step.note:
         deeds.append(f'<li class="detail">{prose(visible(step.note))}</li>')
     values = "".join(f"<li>{escape(published_text(value))}</li>" for value in step.published)

@@ -67,16 +67,28 @@ def late_text(step: SequenceStep) -> str:
 
 def does(step: SequenceStep) -> list[str]:
     """Return what a step does beside publishing, a phrase each."""
-    phrases = [KINDS[step.kind]]
+    phrases = [_kind(step)]
     if step.switch is not None:
         change = f"{step.switch.before} {ARROW} {step.switch.after}"
         phrases.append(f"{visible(step.switch.module)}: {change}")
+    phrases += [visible(text) for text in step.dropped]
     phrases += [pick_text(pick) for pick in step.choices]
     if step.fault is not None:
-        phrases.append(f"fault: {visible(step.fault)}")
+        phrases.append(f"fault in {visible(step.lane)}: {visible(step.fault)}")
     if step.gated:
         phrases.append("outputs not enabled")
     return [phrase for phrase in phrases if phrase]
+
+
+def _kind(step: SequenceStep) -> str:
+    """The kind, of a step that overruns with how long it took."""
+    if step.lasts_ns is None:
+        return KINDS[step.kind]
+    if step.lasts_ns == 0:
+        return "starts, takes effect at once" if step.kind == "overrun" else "takes effect at once"
+    if step.kind == "overrun":
+        return f"starts, takes effect {duration_text(step.lasts_ns)} later"
+    return f"{KINDS[step.kind]} {duration_text(step.lasts_ns)} after its start"
 
 
 def explanation(view: SequenceView) -> str:

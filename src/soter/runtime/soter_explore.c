@@ -9,13 +9,17 @@ static soter_strategy_fn* const STRATEGY[] = {soter_search_bfs,       soter_sear
                                               soter_search_deepening, soter_search_random,
                                               soter_search_pct,       soter_search_coverage};
 
+#define BIRTHS 65536U /* that are looked at; with more it is not known */
+
 bool soter_explore_starts_broken(const soter_model* m) {
   soter_place x;
   bool broken = !soter_place_open(&x, m, NULL, NULL);
   if (!broken) {
+    uint32_t births = 0U;
     x.given = 0U;
     do {
       soter_be_born(&x);
+      broken = broken || ++births > BIRTHS;
       for (uint32_t i = 0; i < x.p->properties; i++) {
         const soter_property_info* const q = &x.p->property[i];
         broken = broken || (q->when == SOTER_AT_INSTANT && q->violated(x.there));

@@ -187,6 +187,7 @@ typedef struct {
   volatile int stop; /* set by another thread: the search ends in order */
   volatile uint64_t states, transitions;
   volatile uint32_t depth;
+  volatile int tracing; /* something is violated: a way to it is looked for */
 } soter_explore_progress;
 
 typedef struct {
@@ -216,7 +217,7 @@ uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_t
                               uint32_t length, void* worlds, bool* violates, soter_broken* broken);
 
 /* Whether a world at the start, before any step, violates an always or never (or whether that is
- * not known: no memory). */
+ * not known: no memory, too many of them). */
 bool soter_explore_starts_broken(const soter_model* m);
 
 /* Makes an execution of the whole system out of one of a part of it (options.actors): the others'

@@ -475,6 +475,7 @@ static void trace_back(soter_search* s) {
   soter_explore_options once = *s->o;
   once.reduce &= ~SOTER_REDUCE_SLEEP; /* no world is expanded twice */
   once.go_on = false;
+  once.max_states = 0U; /* of what is looked at, which it was already */
   soter_search again = *s;
   again.o = &once;
   soter_explore_result unused = {0};
@@ -503,6 +504,7 @@ static void trace_depth_first(soter_search* s) {
   const uint32_t bounds[] = {s->result->depth, UINT32_MAX};
   soter_explore_options once = *s->o;
   once.go_on = false;
+  once.max_states = 0U;
   for (uint32_t k = 0; s->result->length == 0U && k < 2U && s->progress->stop == 0; k++) {
     soter_explore_result unused = {0};
     soter_search again = *s;
@@ -541,7 +543,9 @@ void soter_search_bfs(soter_search* s) {
   close_all(all);
   free(all);
   if (s->result->status == SOTER_VIOLATED && s->trace != NULL) {
+    s->progress->tracing = 1;
     trace_back(s);
     trace_depth_first(s);
+    s->progress->tracing = 0;
   }
 }

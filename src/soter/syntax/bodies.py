@@ -26,6 +26,9 @@ _Parts = TypeVar("_Parts")
 #: The words of every kind of body, for hints; filled by the modules that know them.
 HOMES: dict[str, frozenset[str]] = {}
 
+#: Items of a kind of body that no word leads, as lists of items name them.
+LEADERLESS: dict[str, tuple[str, ...]] = {}
+
 #: Words that only make sense inside a body.
 BODY_WORDS = ITEM_WORDS | {"period", "phase"}
 
@@ -152,15 +155,27 @@ class BodyParser(StatementParser):
             self.quiet = -1
             items[near](self, parts)
             return
+        if word in ("invariant", "invariants") and "always" in items:
+            raise self.failure("S010", message, helps=(self._asked_with_always(items),))
         if kind == NAME and self.kinds[self.i + 1] in PLACE_FOLLOWS:
             self._loose_statements(message, items)
             return
         homes = [home for home, words in HOMES.items() if word in words]
-        known = ", ".join(f"`{w}`" for w in items)
-        notes = (f"the items of {what.partition(' `')[0]} are {known}",)
+        sort = what.partition(" `")[0]
+        known = [*(f"`{w}`" for w in items), *LEADERLESS.get(sort, ())]
+        notes = (f"the items of {sort} are {', '.join(known)}",)
         if homes:
             notes = (f"`{word}` belongs in {' or '.join(homes)}",)
         raise self.failure("S010", message, notes=notes)
+
+    def _asked_with_always(self, items: Mapping[str, object]) -> str:
+        """What to write for `invariant(M);`: a property like others."""
+        at = self.i
+        while self.kinds[at] in (NAME, ".", "(", ")"):
+            at += 1
+        text = visible("".join(self.texts[self.i : at]))
+        where = "" if "eventually" in items else " in a `test` block"
+        return f"write `always {text};`{where}"
 
     def _loose_statements(self, message: str, items: Mapping[str, object]) -> None:
         """Statements without a `step {` around them: reported once, read, and left out."""

@@ -280,10 +280,10 @@ class Cursor:
             self.damaged = True
             self.skip_statement()
 
-    def missing_semicolon(self, after: str) -> None:
+    def missing_semicolon(self, after: str, helps: tuple[str, ...] = ()) -> None:
         """Report that `;` is missing behind the previous token."""
         message = f"expected `;` after {after}, found {self.found()}"
-        self.report("S004", message, self.after_previous(), "`;` is missing here")
+        self.report("S004", message, self.after_previous(), "`;` is missing here", helps=helps)
 
     def fresh_start(self) -> bool:
         """Whether what follows looks like the next statement, item or end: nothing to skip."""

@@ -121,7 +121,10 @@ class ExpressionParser(Cursor):
 
     def value(self, what: str) -> tree.Expr:
         """One expression and the `;` behind it."""
-        result = self.expr(what)
+        return self.ended(self.expr(what), what)
+
+    def ended(self, result: tree.Expr, what: str) -> tree.Expr:
+        """An expression that was read, once its `;` is; an ErrorExpr where more stands between."""
         if self.kinds[self.i] == ";":
             self.i += 1
             return result

@@ -12,13 +12,16 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.syntax import tree
-from soter.syntax.bodies import HOMES, OnceParts
+from soter.syntax.bodies import HOMES, LEADERLESS, OnceParts
 from soter.syntax.cursor import Panic
 from soter.syntax.nodes import NodeParser
 from soter.syntax.tokens import EOF, NAME, visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+
+_ONE_DRIVES = "write one `drives` for each topic"
 
 
 @dataclass(slots=True)
@@ -86,16 +89,26 @@ class SystemParser(NodeParser):
 
     def _drives(self, parts: _PlantParts) -> None:
         self.i += 1
+        while self._driven(parts):
+            self.i += 1
+
+    def _driven(self, parts: _PlantParts) -> bool:
+        """`topic = value;`; whether a comma stands for the `;`, and another topic behind it."""
         topic = self.ref("the name of a topic")
         value: tree.Expr | None = None
         if self.kinds[self.i] in ("=", ":=", "=="):
             self.assign("after the driven topic")
-            value = self.value("the driven value")
+            value = self.expr("the driven value")
+            if self.kinds[self.i] == "," and self.kinds[self.i + 1] == NAME:
+                self.missing_semicolon("the driven value", (_ONE_DRIVES,))
+                parts.drives.append((topic, value))
+                return True
+            value = self.ended(value, "the driven value")
         elif self.kinds[self.i] == ",":
             self.report(
                 "S005",
                 "expected `;` after the driven topic, found `,`",
-                helps=("write one `drives` for each topic",),
+                helps=(_ONE_DRIVES,),
             )
             self.damaged = True
             self.skip_statement()
@@ -110,6 +123,7 @@ class SystemParser(NodeParser):
             value = tree.ErrorExpr(topic.span)
             self.skip_statement()
         parts.drives.append((topic, value))
+        return False
 
     def _state(self, parts: _PlantParts) -> None:
         start = self.starts[self.i]
@@ -334,15 +348,17 @@ class SystemParser(NodeParser):
         start = self.starts[self.i]
         self.i += 1
         topic = self.path("the name of an input topic")
-        values = self._values() if self.accept("in") else []
+        values = tuple(self._values()) if self.accept("in") else None
         self.expect_word("every", "after the input")
         every = self.time_value("`every`")
-        item = tree.DriveInput(topic, tuple(values), every, self.span_from(start))
+        item = tree.DriveInput(topic, values, every, self.span_from(start))
         parts.inputs.append(item)
 
     def _values(self) -> list[tree.Expr]:
         """`{ a, b }`: the values of an input."""
         self.expect("{", "before the values of the input")
+        if self.accept("}"):
+            return []  # the checker says what it says of every empty choice
         values = [self.expr("a value")]
         while self.accept(","):
             values.append(self.expr("a value"))
@@ -492,6 +508,8 @@ _TEST_ITEMS: dict[str, Callable[[SystemParser, _SystemParts], None]] = {
     "skip": SystemParser._skip,
     "input": SystemParser._input,
 }
+LEADERLESS["test"] = ("`p leadsto q`",)
+LEADERLESS["system"] = ("`name: What`",)
 HOMES["a plant"] = frozenset(_PLANT_ITEMS)
 HOMES["a system"] = frozenset(_SYSTEM_ITEMS)
 HOMES["a test"] = frozenset(_TEST_ITEMS)

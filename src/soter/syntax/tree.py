@@ -660,10 +660,10 @@ class SetParam:
 
 @dataclass(frozen=True, slots=True)
 class DriveInput:
-    """`input goal [in { a, b }] every 1s;`: drawn from the values, else from the topic's set."""
+    """`input goal [in { a, b }] every 1s;`: drawn from the values, without any from its set."""
 
     topic: Path
-    values: tuple[Expr, ...]
+    values: tuple[Expr, ...] | None
     every: Expr
     span: Span
 

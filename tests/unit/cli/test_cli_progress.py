@@ -81,4 +81,8 @@ def test_a_text_says_how_far_a_search_is(clock: list[float]) -> None:
         text = "Late  1,204,000 states, 482 k/s, depth 55, 9.19 MB"
         assert terminal.getvalue() == CLEAR + text
     sampled = Looked("Late", 0, 1000, 55, 0, 1.0, minimising=True)
-    assert progress_text(sampled).startswith("Late  looking for the shortest trace  1,000 steps")
+    assert progress_text(sampled).startswith(
+        "Late  violated: looking for the shortest trace  1,000 steps"
+    )
+    tracing = Looked("Late", 7, 1000, 55, 0, 1.0, tracing=True)
+    assert progress_text(tracing).startswith("Late  violated: looking for a trace  7 states")

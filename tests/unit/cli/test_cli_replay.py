@@ -78,6 +78,44 @@ def test_it_is_found_from_another_folder(
     assert soter("replay", f"../{TRACE}").exit == 0
 
 
+def test_a_page_of_a_replay_keeps_what_the_verdict_rests_on(
+    soter: Soter, trace: Path, here: Path
+) -> None:
+    assert soter("replay", TRACE, "--html", "far.html").exit == 0
+    page = (here / "far.html").read_text("utf-8")
+    assert "nothing is said about times after the horizon, 120 ms" in page
+    assert '<p class="kicker">corridor.soter · ' in page
+    assert "No execution violates it in fewer steps" in page
+    assert "Violated after 12 steps, at 30&nbsp;ms." in page
+    document = json.loads(trace.read_text("utf-8"))
+    del document["assumptions"], document["not_shortest"]  # as older versions wrote it
+    trace.write_text(json.dumps(document), "utf-8")
+    assert soter("replay", TRACE, "--html", "far.html").exit == 0
+    page = (here / "far.html").read_text("utf-8")
+    assert "the output of <code>soter test</code> does" in page
+
+
+def test_a_trace_that_was_moved_says_where_programs_are_looked_for(
+    soter: Soter, trace: Path, here: Path
+) -> None:
+    (here / "elsewhere" / "deep").mkdir(parents=True)
+    moved = here / "elsewhere" / "deep" / "moved.trace.json"
+    trace.rename(moved)
+    done = soter("replay", "elsewhere/deep/moved.trace.json")
+    assert done.exit == 1
+    assert "elsewhere/corridor.soter" in done.err
+    assert "relative to its own place" in done.err
+    assert "did you mean" not in done.err
+
+
+def test_times_of_steps_that_are_not_allowed_have_readable_units(soter: Soter, trace: Path) -> None:
+    steps = json.loads(trace.read_text("utf-8"))["steps"]
+    steps[-1]["time_ns"] += 10_000_000
+    changed(trace, steps=steps)
+    said = soter("replay", TRACE).out
+    assert "it can happen from 30 ms to 30 ms, not at 40 ms" in said
+
+
 def test_a_trace_without_its_end_is_not_reproduced(soter: Soter, trace: Path) -> None:
     steps = json.loads(trace.read_text("utf-8"))["steps"]
     changed(trace, steps=steps[:-1])

@@ -192,17 +192,98 @@ def test_what_the_interpreter_does_not_see_is_a_defect_of_soter(
 
 
 def test_a_trace_that_could_not_be_made_minimal_says_so(
+    soter: Soter, corridor: str, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop_before_the_least(monkeypatch, status="memory")
+    done = soter("test", corridor, "--test", "Far", "--html")
+    assert done.exit == 3
+    said = (
+        "Perhaps not the shortest execution: the search for it needs more memory than was allowed"
+    )
+    assert said in done.out
+    replayed = soter("replay", ".soter/corridor-Far.trace.json")
+    assert replayed.exit == 0
+    assert said in replayed.out
+    page = (here / ".soter" / "corridor-Far.html").read_text("utf-8")
+    assert said in page
+
+
+def stop_before_the_least(monkeypatch: pytest.MonkeyPatch, **how: object) -> None:
+    """Searches for the least trace end like that."""
+    from soter.explore import search
+
+    monkeypatch.setattr(search.Search, "least", lambda _, found: replace(found, steps=(), **how))
+
+
+def test_ctrl_c_while_the_shortest_is_looked_for_keeps_the_trace(
+    soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    stop_before_the_least(monkeypatch, status="stopped", stopped="interrupted")
+    done = soter("test", corridor, "--json")
+    assert done.exit == 130
+    (test,) = done.document["tests"]
+    assert (test["verdict"], test["minimal"]) == ("violated", False)
+    assert test["not_shortest"] == "the search for it was interrupted"
+    assert done.document["not_started"] == ["Near"]
+    said = soter("test", corridor).out
+    assert re.search(r"^  Far   VIOLATED  +always abs", said, re.MULTILINE)
+    assert re.search(r"^  Near  NOT STARTED$", said, re.MULTILINE)
+
+
+def test_a_violation_without_a_trace_is_not_lost(
     soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     from soter.explore import search
 
-    monkeypatch.setattr(
-        search.Search, "least", lambda _, found: replace(found, status="memory", steps=())
-    )
-    done = soter("test", corridor, "--test", "Far")
+    honest = search.Search.run
+    monkeypatch.setattr(search.Search, "run", lambda self: replace(honest(self), steps=()))
+    stop_before_the_least(monkeypatch, status="memory")
+    done = soter("test", corridor, "--test", "Far", "--json")
+    assert done.exit == 4
+    (test,) = done.document["tests"]
+    assert (test["verdict"], test["bound"]) == ("bound", "unshown")
+    assert test["violated"] == "always abs(robot.truth.at) <= END"
+    assert test["trace"] is test["minimal"] is None
+    said = soter("test", corridor, "--test", "Far").out
+    assert "BOUND REACHED  a violation was found, but memory or patience ended before" in said
+    assert "no violation was found" not in said
+    assert "always abs(robot.truth.at) <= END" in said
+
+
+def test_who_does_not_want_the_shortest_trace_gets_the_one_that_was_found(
+    soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from soter.explore import search
+
+    monkeypatch.delattr(search.Search, "least")
+    command = ("test", corridor, "--test", "Far", "--minimise", "0", "--strategy", "dfs")
+    done = soter(*command)
     assert done.exit == 3
-    assert "not shown to be the shortest: the memory that was allowed is full" in done.out
-    assert soter("replay", ".soter/corridor-Far.trace.json").exit == 0
+    assert "it was not looked for (--minimise 0); dfs met this one first;" in done.out
+    assert "shortest trace" not in done.out
+    (test,) = soter(*command, "--json").document["tests"]
+    assert (test["minimal"], test["minimise_s"]) == (False, 0.0)
+
+
+def test_the_time_for_the_shortest_trace_is_told_apart(soter: Soter, corridor: str) -> None:
+    (test,) = soter("test", corridor, "--test", "Far", "--json").document["tests"]
+    assert test["minimise_s"] > 0.0
+    assert test["not_shortest"] is None
+    assert re.search(r"[0-9] s, shortest trace [0-9.]+ s,", soter("test", corridor).out)
+
+
+def test_many_tests_end_with_a_line_each(soter: Soter, corridor: str) -> None:
+    *_, head, far, near = soter("test", corridor).out.splitlines()
+    assert head == "all tests"
+    assert far.split()[:2] == ["Far", "VIOLATED"]
+    assert near == "  Near  EXHAUSTED AND CLEAN"
+    assert "all tests" not in soter("test", corridor, "--test", "Near").out
+
+
+def test_times_in_messages_have_readable_units(soter: Soter, corridor: str) -> None:
+    done = soter("test", corridor, "--test", "Near", "--horizon", "90000s")
+    assert done.exit == 1
+    assert "a horizon of 25 h can never be exhausted" in done.err
 
 
 # ---------------------------------------------------------------- mistakes and interruptions
@@ -225,6 +306,9 @@ def test_a_trace_that_could_not_be_made_minimal_says_so(
         (("--horizon", "0s"), "U001"),
         (("--set", "NONE=1"), "U004"),
         (("--seed", "-1"), "U003"),
+        (("--minimise", "-1"), "U001"),
+        (("--minimise", "nan"), "U001"),
+        (("--minimise", "long"), "U003"),
     ],
 )
 def test_mistakes_of_the_command_line(

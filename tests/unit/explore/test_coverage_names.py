@@ -11,11 +11,23 @@ from soter.explore.coverage import (
     Leaf,
     Part,
     branches_part,
+    class_of,
     classes_of,
+    leaf_value,
     modules_parts,
     values_part,
 )
-from soter.program.types import BOOL, FLOAT, EnumType, IntType
+from soter.program.types import (
+    BOOL,
+    FLOAT,
+    ArrayType,
+    EnumType,
+    IntType,
+    ListType,
+    RecordType,
+    Type,
+    leaves,
+)
 
 COLOUR = EnumType("Colour", ("RED", "GREEN"))
 
@@ -28,17 +40,60 @@ COLOUR = EnumType("Colour", ("RED", "GREEN"))
         (Leaf("t", IntType(-1, 1), -1, 1), ["t = -1", "t = 0", "t = 1"]),
         (
             Leaf("t", IntType(-100, 100), -100, 100),
-            ["t = -100", "t = 100", "t negative", "t zero", "t positive"],
+            ["t = -100", "t = 100", "t in [-99, -1]", "t = 0", "t in [1, 99]"],
         ),
-        (Leaf("t", IntType(0, 200), 0, 200), ["t = 0", "t = 200", "t positive"]),
-        (Leaf("t", FLOAT, -math.inf, math.inf), ["t negative", "t zero", "t positive"]),
-        (Leaf("t", FLOAT, 0.5, 2.0), ["t = 0.5", "t = 2", "t positive"]),
-        (Leaf("t", FLOAT, -2.0, 0.0), ["t = -2", "t = 0", "t negative"]),
+        (Leaf("t", IntType(0, 200), 0, 200), ["t = 0", "t = 200", "t in [1, 199]"]),
+        (Leaf("t", FLOAT, -math.inf, math.inf), ["t < 0", "t = 0", "t > 0"]),
+        (Leaf("t", FLOAT, 0.0, 3.0), ["t = 0", "t = 3", "t in (0, 3)"]),
+        (
+            Leaf("t", FLOAT, -3.5, 3.0),
+            ["t = -3.5", "t = 3", "t in (-3.5, 0)", "t = 0", "t in (0, 3)"],
+        ),
+        (Leaf("t", FLOAT, -math.inf, 3.0), ["t = 3", "t < 0", "t = 0", "t in (0, 3)"]),
+        (Leaf("t", FLOAT, -math.inf, -3.0), ["t = -3", "t < -3"]),
+        (Leaf("t", IntType(-1, 100), -1, 100), ["t = -1", "t = 100", "t = 0", "t in [1, 99]"]),
+        (Leaf("t", IntType(-100, 1), -100, 1), ["t = -100", "t = 1", "t in [-99, -1]", "t = 0"]),
+        (Leaf("t", FLOAT, 0.5, 2.0), ["t = 0.5", "t = 2", "t in (0.5, 2)"]),
+        (Leaf("t", FLOAT, -2.0, 0.0), ["t = -2", "t = 0", "t in (-2, 0)"]),
         (Leaf("t", FLOAT, 1.0, 1.0), ["t = 1"]),
     ],
 )
 def test_classes_of_values(leaf: Leaf, names: list[str]) -> None:
     assert [name for _, name in classes_of(leaf)] == names
+
+
+@pytest.mark.parametrize(
+    ("t", "low", "high"),
+    [
+        (FLOAT, -3.5, 3.0),
+        (FLOAT, 0.0, 2.0),
+        (FLOAT, -math.inf, math.inf),
+        (FLOAT, -math.inf, 0.0),
+        (IntType(-1, 100), -1, 100),
+        (IntType(-100, 100), -100, 100),
+        (IntType(-2, 3), -2, 3),
+        (BOOL, -math.inf, math.inf),
+        (COLOUR, -math.inf, math.inf),
+    ],
+)
+def test_every_value_has_a_class_that_is_counted_and_none_is_empty(
+    t: Type, low: float, high: float
+) -> None:
+    leaf = Leaf("t", t, low, high)
+    inside = [max(low, -5.0), min(high, 5.0), 0.0, low / 2, high / 2, -1.0, 1.0, low, high]
+    values = [v for v in inside if low <= v <= high and math.isfinite(v)]
+    if t in (BOOL, COLOUR):
+        values = [0, 1]
+    if isinstance(t, IntType):
+        values = list(range(int(low), int(high) + 1))
+    assert {class_of(leaf, v) for v in values} == {number for number, _ in classes_of(leaf)}
+
+
+def test_the_scalar_at_a_path() -> None:
+    t = RecordType((("a", FLOAT), ("b", ArrayType(FLOAT, 2)), ("c", ListType(FLOAT, 2))))
+    value = (1.0, (2.0, 3.0), (4.0,))
+    found = [leaf_value(t, value, path) for path, _ in leaves(t)]
+    assert found == [1.0, 2.0, 3.0, None]
 
 
 def test_small_sets_are_numbered_from_their_least_value() -> None:

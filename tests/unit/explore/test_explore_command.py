@@ -22,6 +22,15 @@ if TYPE_CHECKING:
     from soter.explore.results import TestResult
 
 TOLD = Told("small.soter", {})
+WIDE = "soter 1;\n" + "".join(
+    f"topic x{i}: int in [0, 3];\n"
+    f"node N{i} period 10ms {{ publishes x{i}; step {{ publish x{i} = choose [0, 3]; }} }}\n"
+    for i in range(8)
+)
+WIDE += f"system S {{ {' '.join(f'n{i}: N{i};' for i in range(8))} until 10ms; }}\n"
+WIDE += (
+    f"test Sum {{ system S; horizon 10ms; always {' + '.join(f'x{i}' for i in range(8))} < 24; }}"
+)
 
 
 def explored(text: str, test: str, **options: object) -> TestResult:
@@ -80,6 +89,50 @@ def test_what_the_interpreter_does_not_see_is_not_reported(
     with pytest.raises(UnreproducedError, match="does not reproduce") as error:
         explored(FAULTS, "Overflows")
     assert error.value.trace.test == "Overflows"
+
+
+def test_a_trace_is_kept_when_the_shortest_one_takes_too_long() -> None:
+    found = explored(WIDE, "Sum", minimise=0.15)
+    assert found.verdict == "violated"
+    assert not found.minimal
+    assert found.least_bound == "patience"
+    assert found.not_shortest == "the search for it took longer than 0.15 s (--minimise)"
+    assert 0.15 < found.minimise_s < 5.0
+    assert found.replayed is not None
+    assert found.replayed.reproduced
+    assert not found.interrupted
+
+
+def test_the_way_to_a_violation_is_not_cut_by_the_bound_on_states() -> None:
+    free = explored(WIDE, "Sum", minimise=0.0)
+    for more in (0, 1, 100):
+        found = explored(WIDE, "Sum", minimise=0.0, max_states=free.states + more)
+        assert found.verdict == "violated"
+        assert found.replayed is not None
+
+
+def test_ctrl_c_while_a_trace_is_looked_for_does_not_go_on_minimising(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    from soter.explore import search
+
+    honest = search.Search.run
+    stopped = {"stopped": "interrupted", "steps": ()}
+    monkeypatch.setattr(search.Search, "run", lambda self: replace(honest(self), **stopped))
+    monkeypatch.delattr(search.Search, "least")
+    found = explored(FAULTS, "Overflows")
+    assert (found.verdict, found.bound) == ("bound", "unshown")
+    assert found.broken is not None
+    assert found.interrupted
+
+
+def test_values_count_as_reached_where_they_are_the_default() -> None:
+    text = FAULTS.replace("topic x: int in [0, 5];", "topic x: int in [0, 5] = 4;")
+    never = explored(text.replace("choose [0, 2]", "1"), "Overflows").coverage.values.unreached
+    assert never == ("x = 0",)
+    only = explored(text.replace("choose [0, 2]", "5"), "Overflows").coverage.values.unreached
+    assert "x = 4" not in only
+    assert "x = 3" in only
 
 
 def test_other_times_make_another_test() -> None:

@@ -103,6 +103,24 @@ def test_what_only_a_test_asks_stands_in_its_plan() -> None:
     assert plan(system).timed[2].scope is system.modules[0].scope
 
 
+def test_a_deadline_that_is_never_judged_is_refused_by_parameters_too() -> None:
+    eventually = "eventually x == 3 within _LATE;"
+    leads = "x > 9 leadsto u == 0 within _LATE;"
+    for ask, late, codes in (
+        (eventually, 200_000_000, []),
+        (eventually, 200_000_001, ["E013"]),
+        (leads, 199_999_999, []),
+        (leads, 200_000_000, ["E013"]),
+    ):
+        checked = check_file("test.soter", TEXT + f"test T {{ {FLAT} {ask} }}")
+        try:
+            system_of_test(checked, "T", {"_LATE": late})
+            found = []
+        except SoterError as error:
+            found = [d.code for d in error.diagnostics]
+        assert found == codes, (ask, late)
+
+
 def test_a_module_of_a_part_is_meant_by_its_path() -> None:
     text = "system Outer; replace inner.Keep.Learned by Any; horizon 1s; "
     system = system_for(text + "always invariant(inner.Keep); late inner.Keep.dm by _LATE;")

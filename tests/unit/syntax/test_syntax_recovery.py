@@ -118,6 +118,13 @@ SLIPS = [
     ("skew 5ms;", "input goal in [0, 1] every 1s;", "S005"),
     ("skew 5ms;", "input goal in { 0 1 } every 1s;", "S005"),
     ("skew 5ms;", "until 5ms;", "S010"),
+    ("skew 5ms;", "invariant(SafeCart);", "S010"),
+    ("skew 5ms;", "invariant(a.SafeCart);", "S010"),
+    ("skew 5ms;", "invariants;", "S010"),
+    ("skew 5ms;", "whatever (3);", "S010"),
+    ("until 30s;", "invariant(SafeCart);", "S010"),
+    ("  drives motion = { x: x, v: v };", "  drives motion = { x: x, v: v }, a = x;", "S004"),
+    ("  drives motion = { x: x, v: v };", "  drives motion = { x: x, v: v }, 3;", "S004"),
     ("until 30s;", "eventually Clear(c.truth) within 1s;", "S010"),
     ("until 30s;", "c.truth.x > 1.0 leadsto c.truth.x < 1.0 within 1s;", "S010"),
     # units

@@ -1,0 +1,174 @@
+"""What is told of a trace: why it fails, what queues lose, who reads, where lanes stand."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.explore.command import Told, explore_test
+from soter.explore.results import Options
+from soter.explore.to_report import view_of
+from soter.report.sequence_page import page
+from soter.report.sequence_text import text as lines_of
+from soter.report.sequence_words import does, explanation
+from unit.explore.explored_programs import FAULTS, QUEUED, TESTED
+from unit.explore.random_walks import system_of_text
+
+if TYPE_CHECKING:
+    from soter.explore.replay import Replayed
+    from soter.report.sequence import SequenceView
+
+DROPPING = QUEUED.replace("queue 2 fault", "queue 2")
+REPLACED = """soter 1;
+topic x: int in [0, 9];
+topic u: int in [0, 9];
+topic log: int in [0, 9];
+plant P period 10ms { reads u; drives x = at; state at: int in [0, 9] = 0; next at = u; }
+extern node Clever period 10ms { subscribes x; publishes u; }
+node Stay period 10ms { publishes u; step { publish u = 0; } }
+node Wild period 10ms { publishes u; step { publish u = choose [0, 9]; } }
+node Log period 10ms { subscribes x; publishes log; step { publish log = x; } }
+rta M { ac Clever; sc Stay; period 10ms; safe x <= 9; ttf x > 8; safer true; }
+rta Other { ac Clever; sc Stay; period 10ms; safe x <= 9; ttf x > 8; safer true; }
+system S { p: P; node Log; module M; until 1s; }
+test T { system S; replace Clever by Wild; horizon 50ms; always p.truth.at < 5; }
+"""
+
+
+def found(source: str, test: str) -> Replayed:
+    result = explore_test(system_of_text(source, test), Options(), Told("small.soter", {}))
+    assert result.replayed is not None
+    return result.replayed
+
+
+def view(source: str, test: str) -> SequenceView:
+    return view_of(found(source, test), "0")
+
+
+def why(source: str, test: str) -> str:
+    return explanation(view(source, test))
+
+
+# ---------------------------------------------------------------- why
+
+
+def test_a_missed_deadline_says_when_the_premise_held() -> None:
+    said = why(TESTED, "Answers")
+    assert "`alarm` held at 0 ms, and `seen > 0` did not hold in any observable" in said
+    assert said.endswith("configuration from then on up to 10 ms.")
+
+
+def test_what_never_came_says_until_when_it_was_waited_for() -> None:
+    said = why(TESTED, "Sometime")
+    assert said.endswith("`seen > 2` did not hold in any observable configuration up to 80 ms.")
+
+
+def test_a_broken_invariant_says_which_half_fails() -> None:
+    said = why(TESTED, "Theorem")
+    late = "the DM last said AC at" in said and "SC has not acted by" in said
+    assert late or "`abs(cell) <= 3`, `safe` of `Keeper`, fails" in said
+    forgotten = why(TESTED, "Forgotten")
+    assert "the DM last said AC at" in forgotten
+    assert "and SC has not acted by" in forgotten
+    unsafe = TESTED.replace("safe abs(cell) <= 3;", "safe abs(cell) <= 1;")
+    unsafe = unsafe.replace("ttf abs(cell) > 1;", "ttf abs(cell) > 0;")
+    assert "`abs(cell) <= 1`, `safe` of `Keeper`, fails" in why(unsafe, "Theorem")
+
+
+def test_a_fault_says_whose_it_is_and_where() -> None:
+    seen = view(FAULTS.replace("int in [0, 100] = 0", "int = 9223372036854775806"), "Overflows")
+    step = next(s for s in seen.steps if s.violates)
+    assert "fault in c: overflow, <memory>:7" in does(step) or any(
+        phrase.startswith("fault in c: ") and phrase.endswith(":7") for phrase in does(step)
+    )
+    assert "`c` faults (overflow" in explanation(seen)
+
+
+def test_what_else_fails_stands_after_one_colon() -> None:
+    both = TESTED.replace(
+        "always abs(robot.truth.at) <= 2;",
+        "always abs(robot.truth.at) <= 2; never abs(robot.truth.at) == 3;",
+    )
+    said = why(both, "Far")
+    assert "is violated as well" in said
+    assert said.count(":") == 1
+
+
+# ---------------------------------------------------------------- queues
+
+
+@pytest.mark.parametrize("policy", ["drop_oldest", "drop_newest", "fault"])
+@pytest.mark.parametrize("test", ["Fits", "Slowly"])
+def test_a_loss_is_told_at_the_step_that_filled_the_queue(policy: str, test: str) -> None:
+    source = QUEUED.replace("queue 2 fault", f"queue 2 {policy}").replace(
+        "if choose bool", "if true"
+    )
+    source = source.replace("always sum <= 3", "eventually sum > 90 within 70ms")
+    steps = found(source, test).steps
+    lost = 0
+    for before, step in pairwise(steps):
+        waiting = before.topics["slow.x.queue"]
+        assert isinstance(waiting, list)
+        full = "x" in step.published and len(waiting) == 2
+        assert [(d.queue, d.policy) for d in step.dropped] == [("slow.x", policy)] * full
+        lost += full
+    assert lost
+
+
+def test_a_loss_is_seen_in_the_table_and_on_the_page() -> None:
+    source = DROPPING.replace("if choose bool { publish x = choose [1, 2]; }", "publish x = 1;")
+    source = source.replace("always sum <= 3", "eventually sum > 2 within 70ms")
+    seen = view(source, "Fits")
+    said = "queue `slow.x` is full: the oldest is dropped"
+    assert any(said in line for line in lines_of(seen))
+    html = page(seen)
+    assert "queue <code>slow.x</code> is full: the oldest is dropped" in html
+    assert html.count(">queue full</text>") == sum(bool(s.dropped) for s in seen.steps) > 0
+
+
+def test_who_reads_through_a_queue_is_a_reader() -> None:
+    seen = view(DROPPING, "Slowly")
+    (flow,) = [t for t in seen.topics if t.name == "x"]
+    assert flow.readers == ("slow",)
+    assert [t.name for t in seen.topics] == ["x", "sum"]
+    assert [p.topic for p in seen.steps[0].published] == ["x", "sum"]
+    assert "a value that no other actor reads" in page(seen), "nobody reads `sum`"
+
+
+# ---------------------------------------------------------------- lanes, times
+
+
+def test_the_lanes_of_a_module_stand_together() -> None:
+    seen = view(REPLACED, "T")
+    names = [(lane.name, lane.role) for lane in seen.lanes if lane.module == "M"]
+    assert names == [("M.dm", "dm"), ("M.Stay", "sc"), ("M.Wild", "ac")]
+    assert page(seen).count('class="module"') == 1
+
+
+def test_an_overrun_says_how_long_it_took() -> None:
+    seen = view(TESTED, "Overruns")
+    begun = {s.lane: s for s in seen.steps if s.kind == "overrun"}
+    lasting = {s.lasts_ns for s in seen.steps if s.kind == "effect"}
+    assert lasting
+    assert None not in lasting
+    assert begun
+    last: dict[str, int] = {}
+    for s in seen.steps:
+        if s.kind == "overrun":
+            last[s.lane] = s.time_ns
+        if s.kind == "effect":
+            assert s.lasts_ns == s.time_ns - last[s.lane]
+            said = f"takes effect {s.lasts_ns // 10**6} ms after its start"
+            assert does(s)[0] == (said if s.lasts_ns else "takes effect at once")
+
+
+def test_the_heading_is_short_and_does_not_repeat_the_property() -> None:
+    seen = view(TESTED, "Far")
+    assert "always" not in seen.verdict
+    assert "ms." in seen.verdict
+    html = page(replace(seen, verdict="Violated after 3 steps, at 80 ms."))
+    assert "at 80&nbsp;ms." in html
+    assert html.split("</header>")[0].count("abs(robot.truth.at)") == 1
