@@ -24,7 +24,7 @@ bool soter_expander_open(soter_expander* e, const soter_model* m, const soter_ex
   if (m->words > SOTER_WORDS || !soter_place_open(&e->place, m, o, coverage)) {
     return false;
   }
-  e->memo = m->plain && !m->timely && !o->plainly ? soter_memo_open(e) : NULL;
+  e->memo = m->plain && !m->timely && !o->plainly ? soter_memo_open(e, o->memory / 4U) : NULL;
   return true;
 }
 

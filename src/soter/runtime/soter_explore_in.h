@@ -124,7 +124,7 @@ uint64_t soter_enabled(const soter_place* x);
 typedef struct {
   uint8_t* entry;
   uint64_t buckets, count;
-  uint64_t homes; /* buckets that hashes say */
+  uint64_t homes;  /* buckets that hashes say */
   uint64_t before; /* count when last looked at; how often it was the same since */
   uint32_t idle;
 } soter_segment;
@@ -237,7 +237,8 @@ void soter_expand_birth(soter_expander* e);
 /* Adds one heir. */
 bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint32_t actor, uint64_t sleep);
 
-struct soter_memo* soter_memo_open(soter_expander* e);
+/* At most `memory` bytes, more or less. */
+struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory);
 void soter_memo_close(struct soter_memo* memo);
 bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
 bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);

@@ -11,7 +11,7 @@
 #define FIRST_SLOTS 1024U
 #define MOST_SLOTS (UINT32_C(1) << 22)
 #define EMPTY UINT32_MAX
-#define MANY 1024U     /* outcomes of a step that are compared with each other, */
+#define MANY 1024U      /* outcomes of a step that are compared with each other, */
 #define TOO_MANY 65536U /* and that are remembered */
 
 /* One way that a step may end: it breaks something, or these bits of `writes` are the new ones. */
@@ -53,6 +53,7 @@ struct soter_memo {
   map when, seen;
   list effects, values, calendars, plans, bits, verdicts;
   uint64_t* clear; /* [actors * words]: schedule and writes */
+  uint64_t memory; /* most bytes of all this: beyond it, it is given up */
   bool failed;
 };
 
@@ -158,7 +159,7 @@ static bool map_put(map* m, const uint64_t* packed, const uint64_t* mask, uint32
 
 /* ------------------------------------------------------------------ opening */
 
-struct soter_memo* soter_memo_open(soter_expander* e) {
+struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory) {
   const soter_model* const m = e->place.m;
   struct soter_memo* const memo = calloc(1U, sizeof *memo);
   if (memo == NULL) {
@@ -166,6 +167,7 @@ struct soter_memo* soter_memo_open(soter_expander* e) {
   }
   memo->words = m->words;
   memo->actors = m->actors;
+  memo->memory = memory;
   memo->steps = calloc(2U * m->actors, sizeof *memo->steps);
   memo->clear = calloc((size_t)m->actors * m->words, sizeof *memo->clear);
   bool fine = memo->steps != NULL && memo->clear != NULL;
@@ -214,6 +216,23 @@ void soter_memo_close(struct soter_memo* memo) {
 }
 
 /* ------------------------------------------------------------------ computing */
+
+static uint64_t map_bytes(const struct soter_memo* memo, const map* m) {
+  return (uint64_t)m->slots * (memo->words * sizeof *m->key + sizeof *m->number);
+}
+
+static bool is_too_large(const struct soter_memo* memo) {
+  const list* const lists[] = {&memo->effects, &memo->values, &memo->calendars,
+                               &memo->plans,   &memo->bits,   &memo->verdicts};
+  uint64_t bytes = map_bytes(memo, &memo->when) + map_bytes(memo, &memo->seen);
+  for (uint32_t i = 0; i < sizeof lists / sizeof lists[0]; i++) {
+    bytes += lists[i]->room * lists[i]->size;
+  }
+  for (uint32_t a = 0; a < 2U * memo->actors; a++) {
+    bytes += map_bytes(memo, &memo->steps[a]);
+  }
+  return bytes > memo->memory;
+}
 
 static bool is_first(const soter_model* m, const soter_move* move) {
   const soter_actor* const a = &m->actor[move->actor];
@@ -290,7 +309,7 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
   const uint64_t* const writes = m->actor[p->actor].writes;
   effect found = {memo->values.count, 0U, false, {0U, 0U}};
   soter_move move;
-  if (!soter_move_of(x, p->actor, 0U, &move)) {
+  if (is_too_large(memo) || !soter_move_of(x, p->actor, 0U, &move)) {
     return false;
   }
   x->given = 0U;

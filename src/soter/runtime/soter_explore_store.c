@@ -138,7 +138,8 @@ SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, con
 
 static bool segment_open(const soter_store* s, soter_segment* g, uint64_t buckets) {
   g->buckets = buckets;
-  g->homes = buckets - 1U - (buckets < 2048U ? buckets / 64U : 32U); /* the rest takes what overflows */
+  g->homes =
+      buckets - 1U - (buckets < 2048U ? buckets / 64U : 32U); /* the rest takes what overflows */
   g->count = g->before = 0U;
   g->idle = 0U;
   g->entry = calloc(buckets * BUCKET * s->bytes + TAIL, 1U);
