@@ -418,7 +418,10 @@ def _word(step: SequenceStep) -> tuple[str, str]:
     other = any(not pick.default for pick in step.choices)
     values = ", ".join(visible(pick.value) for pick in step.choices)
     picked = f"{MARKS['other' if other else 'default']} {values}" if step.choices else ""
-    return f"{KINDS[step.kind]} {picked}".strip(), "chosen" if other else "plain"
+    word = KINDS[step.kind]
+    if step.kind == "effect" and step.lasts_ns:
+        word = f"effect +{duration_text(step.lasts_ns)}"
+    return f"{word} {picked}".strip(), "chosen" if other else "plain"
 
 
 def _ring(step: SequenceStep, x: float, y: float, half: float, high: float) -> str:

@@ -117,8 +117,11 @@ def test_ctrl_c_while_a_trace_is_looked_for_does_not_go_on_minimising(
     from soter.explore import search
 
     honest = search.Search.run
-    stopped = {"stopped": "interrupted", "steps": ()}
-    monkeypatch.setattr(search.Search, "run", lambda self: replace(honest(self), **stopped))
+
+    def cut(self: search.Search) -> search.Found:
+        return replace(honest(self), stopped="interrupted", steps=())
+
+    monkeypatch.setattr(search.Search, "run", cut)
     monkeypatch.delattr(search.Search, "least")
     found = explored(FAULTS, "Overflows")
     assert (found.verdict, found.bound) == ("bound", "unshown")
