@@ -124,6 +124,12 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
         message = f"a horizon of {show_ns(horizon)} can never be exhausted"
         note = f"{steps} steps lie before it, in each execution; at most {MAX_STEPS} are possible"
         raise SoterError((Diagnostic("E008", message, notes=(note,)),))
+    for t in plan.timed:
+        reach = t.within_ns + (1 if t.kind == "leadsto" else 0)
+        if t.kind != "invariant" and reach > horizon:
+            message = f"with a horizon of {show_ns(horizon)} `{t.text}` is not judged"
+            note = f"its deadline of {show_ns(t.within_ns)} has to lie before the end"
+            raise SoterError((Diagnostic("E013", message, notes=(note,)),))
     return replace(system, test=replace(plan, skew_ns=skew, horizon_ns=horizon))
 
 

@@ -155,7 +155,7 @@ def _followed(run: _Run, trace: Trace) -> tuple[tuple[Stepped, ...], str | None]
             problem = f"step {number} ({step.kind} of `{step.actor}`): {error}"
             break
         if run.ended and number < run.first_number + len(trace.steps) - 1:
-            problem = f"step {number}: no execution goes on after a fault or a broken contract"
+            problem = f"step {number}: no execution goes on after a violation"
             break
     return tuple(run.steps), problem
 
@@ -192,7 +192,7 @@ class _Run:
         self.draws.begin(first.choices if first is not None and born else ())
         self.c: Configuration = self.interpreter.initial()
         self.ended = False
-        """A step faulted or broke a contract: no execution goes on from there."""
+        """Something is violated: no execution goes on from there."""
         self.steps: list[Stepped] = []
         self.start = self._topics()
         self._waiting: dict[int, dict[int, Value]] = {}
@@ -330,6 +330,7 @@ class _Run:
             found = self.judge.at(self.c, observable=observable, over=over)
             event.reasons |= {b: self.judge.reason(b, self.c) for b in found}
             broken = [*broken, *found]
+            self.ended = bool(broken)
         self.steps.append(
             Stepped(
                 number,

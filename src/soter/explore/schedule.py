@@ -94,6 +94,7 @@ class Schedule:
         self.horizon_ns = plan_of(system).horizon_ns
         self.quantum_ns = quantum_of(system, self.actors)
         self.now = -1
+        self._born = False
         self.done = [0] * len(self.actors)
         self._lost = [0] * len(self.actors)
         self._running: dict[int, int] = {}
@@ -134,8 +135,9 @@ class Schedule:
     def take(self, step: Step) -> int | None:
         """Check a step and move on; the actor's number, None for the start of the world."""
         if step.kind == START:
-            if self.now != -1 or any(self.done):
-                raise NotAllowedError("the start of the world comes first")
+            if self._born or self.now != -1 or any(self.done):
+                raise NotAllowedError("the start of the world comes first, and once")
+            self._born = True
             return None
         i = self.number.get(step.actor)
         if i is None:

@@ -263,3 +263,23 @@ def test_a_switch_and_what_the_dm_saw_are_told() -> None:
     assert step.decided is not None
     assert step.decided["safer"] is True
     assert found.steps[step.number].modes == {"Keeper": "AC"}
+
+
+def test_a_trace_that_goes_on_after_the_violation_is_no_execution() -> None:
+    found = violating("Far")
+    last = found.trace.steps[-1]
+    more = replace(found.trace, steps=(*found.trace.steps, last))
+    refused = replay(more, system(TESTED, "Far"))
+    assert not refused.reproduced
+    assert refused.problem is not None
+    assert "goes on after a violation" in refused.problem
+
+
+def test_a_world_starts_once() -> None:
+    found = violating("Drifts", STARTS)
+    assert found.trace.steps[0].kind == "start"
+    twice = replace(found.trace, steps=(found.trace.steps[0], *found.trace.steps))
+    refused = replay(twice, system(STARTS, "Drifts"))
+    assert not refused.reproduced
+    assert refused.problem is not None
+    assert "and once" in refused.problem

@@ -284,7 +284,7 @@ def test_a_test_has_faults_and_inputs(parsed: Parsed) -> None:
         ("overrun", "late", False, True),
     ]
     assert test.quantum is not None
-    assert [len(i.values) for i in test.inputs] == [2]
+    assert [len(i.values or ()) for i in test.inputs] == [2]
 
 
 def test_int_range_of_a_disturbance_belongs_to_the_disturbance(parsed: Parsed) -> None:
