@@ -259,8 +259,16 @@ class UnitBuilder:
             )
         return c.FunctionDef(result, name, parameters, body, doc, inline=True)
 
+    def _given_topics(self) -> set[int]:
+        """Topics that something gives a value while the system runs."""
+        steps = (*self.core.nodes.values(), *self.core.plants.values())
+        found = {o.topic for step in steps for o in step.outputs}
+        return found | {d.topic for d in self.system.inputs}
+
     def _steps(self) -> list[c.CTop]:
-        found: list[c.CTop] = [self.steps.push(t) for t in self.system.topics if t.queues]
+        given = self._given_topics()
+        queued = [t for t in self.system.topics if t.queues and t.index in given]
+        found: list[c.CTop] = [self.steps.push(t) for t in queued]
         for x in self.system.components:
             name = self.names[x.index]
             if x.index in self.core.plants:
