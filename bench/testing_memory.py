@@ -3,7 +3,7 @@
     .venv/bin/python bench/testing_memory.py [--json FILE]
 
 The table of the explorer after an exhaustive search without reduction, divided by what it
-stores; the packed size is whole 64-bit words, as stored. Beside it the frontier (what is still
+stores; the packed size is the bits of a configuration in whole bytes. Beside it the frontier (what is still
 to be expanded), at its largest. A table grows in steps, so the figure depends on where a search
 ends: it is measured over several horizons.
 
@@ -33,6 +33,11 @@ EXAMPLES = ROOT / "examples/testing"
 HORIZONS = (6, 9, 12, 15, 18)
 """Ticks of two_modules."""
 TICK_NS = 10_000_000
+OTHERS = (
+    ("stale_topic.soter", "MissedBeats"),
+    ("late_sc_repaired.soter", "Late"),
+    ("../wall/cart_test.soter", "AnyCommand"),
+)
 TARGETS = {"exact": 1.3, "fingerprint": 16.0}
 
 
@@ -40,18 +45,22 @@ def subjects() -> list[tuple[str, System]]:
     """Name and test."""
     system = system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside")
     assert system.test is not None
-    return [
+    found = [
         (
             f"two_modules, {ticks} ticks",
             replace(system, test=replace(system.test, horizon_ns=ticks * TICK_NS)),
         )
         for ticks in HORIZONS
     ]
+    for file, test in OTHERS:
+        name = f"{Path(file).stem}, {test}"
+        found.append((name, system_of_test(check_file(str(EXAMPLES / file)), test)))
+    return found
 
 
 def line(name: str, engine: Engine, storage: str, found: Searched) -> tuple[list[str], float]:
     """A row, and bytes a configuration (fingerprints) or per packed byte (exact)."""
-    packed = 8 * engine.words
+    packed = -(-engine.bits // 8)
     each = found.table_bytes / found.states
     figure = each / packed if storage == "exact" else each
     target = TARGETS[storage]
