@@ -3,9 +3,9 @@
     .venv/bin/python bench/testing_memory.py [--json FILE]
 
 The table of the explorer after an exhaustive search without reduction, divided by what it
-stores; the packed size is the bits of a configuration in whole bytes. Beside it the frontier (what is still
-to be expanded), at its largest. A table grows in steps, so the figure depends on where a search
-ends: it is measured over several horizons.
+stores; the packed size is the bits of a configuration in whole bytes. Beside it the frontier (what
+is still to be expanded), at its largest. A table grows in steps, so the figure depends on where a
+search ends: it is measured over several horizons.
 
 Purpose: the memory figure of issue 4. Non-goals: the memory of the process (Python, numpy, the
 cache).
