@@ -261,8 +261,8 @@ class UnitBuilder:
 
     def _given_topics(self) -> set[int]:
         """Topics that something gives a value while the system runs."""
-        steps = (*self.core.nodes.values(), *self.core.plants.values())
-        found = {o.topic for step in steps for o in step.outputs}
+        found = {o.topic for step in self.core.nodes.values() for o in step.outputs}
+        found |= {o.topic for step in self.core.plants.values() for o in step.outputs}
         return found | {d.topic for d in self.system.inputs}
 
     def _steps(self) -> list[c.CTop]:

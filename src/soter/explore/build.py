@@ -14,7 +14,7 @@ import threading
 import time
 from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
@@ -56,6 +56,9 @@ CHOICES = 64
 FLAGS = ("-pthread",)
 LOOK_S = 0.1
 """Seconds between two looks at how far a search is."""
+
+S = TypeVar("S")
+"""A step of a trace."""
 
 
 def sources() -> tuple[str, ...]:
@@ -135,8 +138,11 @@ class Settings:
 
 
 @dataclass(frozen=True)
-class Searched:
-    """What a search found: `status` is one of STATUSES, `broken` (what, index) of soter_broken."""
+class SearchResult(Generic[S]):
+    """What a search found: `status` is one of STATUSES, `broken` (what, index) of soter_broken.
+
+    `steps` of one kind: as the engine counts (`Searched`), or with names (`search.Found`).
+    """
 
     status: str
     broken: tuple[int, int] | None
@@ -147,9 +153,12 @@ class Searched:
     frontier_bytes: int
     depth: int
     seconds: float
-    steps: tuple[RawStep, ...]
+    steps: tuple[S, ...]
     stopped: str = ""
     """What ended it before its end: "interrupted" (Ctrl-C), "patience" (its time was over)."""
+
+
+Searched = SearchResult[RawStep]
 
 
 @dataclass(frozen=True)

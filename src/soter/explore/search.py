@@ -9,11 +9,11 @@ from __future__ import annotations
 
 import math
 import time
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.explore.build import Engine, Settings
+from soter.explore.build import Engine, SearchResult, Settings
 from soter.explore.choices import ENDING
 from soter.explore.coverage import (
     Coverage,
@@ -45,21 +45,8 @@ if TYPE_CHECKING:
 EXHAUSTIVE = ("bfs", "dfs", "deepening")
 
 
-@dataclass(frozen=True)
-class Found:
-    """What a search found: as `build.Searched`, steps with names."""
-
-    status: str
-    broken: tuple[int, int] | None
-    states: int
-    transitions: int
-    runs: int
-    table_bytes: int
-    frontier_bytes: int
-    depth: int
-    seconds: float
-    steps: tuple[Step, ...]
-    stopped: str = ""
+Found = SearchResult[Step]
+"""What a search found, steps with names."""
 
 
 class Search:

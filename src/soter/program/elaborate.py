@@ -294,18 +294,31 @@ class Elaborator(Topics):
                 continue
             topic = self.topics[scope.topics[symbol]]
             found[topic.index] = value
-            outside = first_outside(topic.type, value, topic.bounds)
-            if outside is not None and topic.symbol not in self.program.damaged:
-                leaf, number, bound = outside
-                where = f" (`{leaf}`)" if leaf else ""
-                self.diagnostics.error(
-                    "V005",
-                    f"the fail-safe value of `{symbol.name}`{where} is {beyond(number, bound)}",
-                    expr.span,
-                    also=((topic.symbol.span, "the topic"),),
-                    notes=("what is published after a step fault must be allowed too",),
-                )
+            self._in_set(
+                topic,
+                value,
+                expr,
+                f"the fail-safe value of `{symbol.name}`",
+                ("what is published after a step fault must be allowed too",),
+            )
         return found
+
+    def _in_set(
+        self, topic: Topic, value: Value, expr: typed.Expr, what: str, notes: tuple[str, ...] = ()
+    ) -> None:
+        """V005 where a value lies outside the topic's set; `what` opens the message."""
+        outside = first_outside(topic.type, value, topic.bounds)
+        if outside is None or topic.symbol in self.program.damaged:
+            return
+        leaf, number, bound = outside
+        where = f" (`{leaf}`)" if leaf else ""
+        self.diagnostics.error(
+            "V005",
+            f"{what}{where} is {beyond(number, bound)}",
+            expr.span,
+            also=((topic.symbol.span, "the topic"),),
+            notes=notes,
+        )
 
     # ------------------------------------------------------------ modules
 
@@ -578,16 +591,7 @@ class Elaborator(Topics):
             if value is None:
                 continue
             found.append(value)
-            outside = first_outside(topic.type, value, topic.bounds)
-            if outside is not None and topic.symbol not in self.program.damaged:
-                leaf, number, bound = outside
-                where = f" (`{leaf}`)" if leaf else ""
-                self.diagnostics.error(
-                    "V005",
-                    f"this value of `{topic.symbol.name}`{where} is {beyond(number, bound)}",
-                    expr.span,
-                    also=((topic.symbol.span, "the topic"),),
-                )
+            self._in_set(topic, value, expr, f"this value of `{topic.symbol.name}`")
         return tuple(found)
 
 

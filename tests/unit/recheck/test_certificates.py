@@ -216,7 +216,7 @@ def test_bits_behind_the_last_cell_are_rejected(copied: Path) -> None:
 
 
 def test_python_flint_is_asked_for(monkeypatch: pytest.MonkeyPatch, proved: Path) -> None:
-    monkeypatch.setattr("soter.api.find_spec", lambda _: None)
+    monkeypatch.setattr("soter.api.rechecking.find_spec", lambda _: None)
     with pytest.raises(SoterError) as error:
         recheck(proved)
     assert error.value.diagnostics[0].code == "D007"

@@ -1,87 +1,53 @@
-"""The only door: what `import soter` gives, and what the command line is made of.
+"""A program, and everything that can be done with it: each command of `soter` is one method.
 
-Purpose: `load` a program, then check, bind, simulate, build and format it; each command of
-`soter` is one method here. A user's mistake is a `SoterError` with diagnostics, never anything
-else. Rooms below are imported when they are needed: `check` loads neither NumPy nor cffi.
-Non-goals: printing, exit codes (`cli/`).
+Purpose: `load`, `Program`. Rooms below are imported when they are needed: `check` loads neither
+NumPy nor cffi.
+Non-goals: the work itself (the rooms below), printing and exit codes (`cli/`).
 """
 
 from __future__ import annotations
 
 import os
-from dataclasses import dataclass
 from functools import partial as partial_
-from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter import __version__
+from soter.api.files import (
+    age,
+    format_text,
+    read_text,
+    require_writers,
+    write_advice,
+    write_test_page,
+)
+from soter.api.given import (
+    chosen_modules,
+    complete,
+    end_of,
+    mistake,
+    params_as_json,
+    require_engine,
+    time_ns,
+)
+from soter.api.reports import CheckReport, system_report
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.build import Checked, check_file, system_of, system_of_test
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.explore.replay import Replayed
-    from soter.explore.results import ExploreReport, Looked, TestResult
-    from soter.explore.trace import Trace
-    from soter.program.system import Module, System
+    from soter.api.given import Progress
+    from soter.explore.results import ExploreReport, Looked
+    from soter.program.system import System
     from soter.program.typed import Program as TypedProgram
     from soter.program.types import Value
     from soter.reach.advise import Advice
     from soter.reach.monitor import Judgement
-    from soter.reach.replay import Replay as CounterexampleRun
     from soter.reach.results import VerifyReport
-    from soter.recheck.rechecker import Report as RecheckReport
-    from soter.report.sequence import SequenceView
     from soter.simulate.bindings import Bindings
     from soter.simulate.run import NativeProgram, Run
     from soter.targets.package import Package
-
-    Progress = Callable[[float], None]
-
-ENGINES = ("native", "interp")
-
-
-@dataclass(frozen=True)
-class ModuleReport:
-    """A module as checked: `verdicts` maps P1a ... P3 to `proved` or `assumed`."""
-
-    name: str
-    period_s: float
-    ac: str
-    sc: str
-    forced: str | None
-    verdicts: dict[str, str]
-
-
-@dataclass(frozen=True)
-class SystemReport:
-    """A system as checked."""
-
-    name: str
-    default: bool
-    until_s: float | None
-    hyperperiod_s: float
-    components: int
-    topics: int
-    properties: tuple[str, ...]
-    externs: tuple[str, ...]
-    modules: tuple[ModuleReport, ...]
-    unproved: tuple[str, ...]
-    """What is taken for granted about the modules, in words."""
-    assumptions: tuple[str, ...]
-    """Everything a run of the system rests on, in words."""
-
-
-@dataclass(frozen=True)
-class CheckReport:
-    """What a successful check found: every system, the hash, and the warnings."""
-
-    path: str
-    program_sha256: str
-    systems: tuple[SystemReport, ...]
-    warnings: tuple[Diagnostic, ...]
 
 
 def load(path: str | Path) -> Program:
@@ -91,90 +57,6 @@ def load(path: str | Path) -> Program:
     program then raises `SoterError`.
     """
     return Program(str(path))
-
-
-def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckReport:
-    """Check the certificate in a folder, independently of what wrote it.
-
-    A certificate that is wrong, or uses what the re-checker does not know, is a report that is not
-    `accepted`, with the reason. `SoterError` D009 where there is no certificate, D007 where
-    python-flint is not installed.
-    """
-    if find_spec("flint") is None:
-        raise SoterError(
-            (
-                Diagnostic(
-                    "D007",
-                    "certificates are checked with `python-flint`, which is not installed",
-                    helps=("install it: pip install 'soter[recheck]'",),
-                ),
-            )
-        )
-    from soter.recheck.folder import NotACertificateError  # noqa: PLC0415 - an extra
-    from soter.recheck.rechecker import recheck as check  # noqa: PLC0415 - an extra
-
-    try:
-        return check(Path(folder), progress)
-    except NotACertificateError as error:
-        hint = "`soter verify --cert DIR` makes one"
-        problem = Diagnostic("D009", f"this is no certificate: {error}", helps=(hint,))
-        raise SoterError((problem,)) from None
-
-
-@dataclass(frozen=True, eq=False)
-class ReplayReport:
-    """What `soter.replay` found in a file.
-
-    `kind`: "trace" (of `soter test`, then `trace` has every step) or "counterexample" (of `soter
-    verify`, then `counterexample` is the run). `outcome`: one sentence.
-    """
-
-    path: str
-    kind: str
-    program: str
-    program_sha256: str
-    reproduced: bool
-    outcome: str
-    trace: Replayed | None = None
-    counterexample: CounterexampleRun | None = None
-
-    def view(self) -> SequenceView:
-        """The trace as the records that pages, logs and tables are made of.
-
-        `SoterError` U001 for a counterexample of `soter verify`: a proof has no schedule.
-        """
-        from soter.explore.to_report import view_of  # noqa: PLC0415 - see the docstring
-
-        if self.trace is None:
-            raise _mistake(
-                "U001",
-                f"`{self.path}` is a run that refutes a proof: it has no sequence of steps",
-                "`soter verify --report` shows it; traces of `soter test` have a sequence",
-            )
-        return view_of(self.trace, __version__, {"trace": self.path}, self.program)
-
-    def write_html(self, path: str | Path) -> Path:
-        """Write the sequence page of a trace; `SoterError` D006, U001."""
-        return _write_sequence(self.view(), Path(path), "html")
-
-    def write_mcap(self, path: str | Path) -> Path:
-        """Write the MCAP log of a trace; `SoterError` D006, D007, U001."""
-        return _write_sequence(self.view(), Path(path), "mcap")
-
-
-def replay(path: str | Path) -> ReplayReport:
-    """Run a trace of `soter test`, or a counterexample of `soter verify`, in the interpreter.
-
-    `SoterError` D010 where the file is neither, D011 where its program has changed, and whatever is
-    wrong with the program.
-    """
-    from soter.explore.trace import read_document, trace_of  # noqa: PLC0415 - see the docstring
-
-    file = Path(path)
-    document = read_document(file)
-    if document.get("kind") == "counterexample":
-        return _replay_counterexample(file, document)
-    return _replay_trace(trace_of(document, file), file)
 
 
 class Program:
@@ -223,7 +105,7 @@ class Program:
 
             bind_somewhere(list(flat.values()), self._bound)
         reports = tuple(
-            _system_report(flat[name], default=symbol.default)
+            system_report(flat[name], default=symbol.default)
             for name, symbol in self._checked.systems.items()
         )
         from soter.simulate.extern_files import warnings_of  # noqa: PLC0415 - see the docstring
@@ -280,7 +162,7 @@ class Program:
         """Undo `bind(name, ...)`: the program's own `from` counts again, if there is one."""
         if name not in self._bound:
             known = ", ".join(f"`{n}`" for n in self._bound) or "nothing"
-            raise _mistake("U005", f"nothing was bound as `{name}`", f"bound is {known}")
+            raise mistake("U005", f"nothing was bound as `{name}`", f"bound is {known}")
         del self._bound[name]
         return self
 
@@ -315,10 +197,10 @@ class Program:
         from soter.simulate.pace import Pacer  # noqa: PLC0415
         from soter.simulate.settings import seed_value  # noqa: PLC0415
 
-        _require_engine(engine)
+        require_engine(engine)
         seed = seed_value(seed)
         flat, computed = self._completed(system, params, progress)
-        end_ns = _end_ns(flat, until)
+        end_ns = end_of(flat, until)
         require_writers(log, report)
         bindings = self._bindings(flat)
         stop = StopRequest()
@@ -383,7 +265,7 @@ class Program:
         from soter.simulate.run import NativeProgram  # noqa: PLC0415 - see the docstring
 
         system = bindings.system
-        linked = tuple((n, t, _age(t)) for n, t in bindings.texts().items() if t.startswith("c:"))
+        linked = tuple((n, t, age(t)) for n, t in bindings.texts().items() if t.startswith("c:"))
         key = (system.name, tuple(system.params.items()), linked)
         if key not in self._native:
             self._native[key] = NativeProgram(system, core=bindings.core)
@@ -440,7 +322,7 @@ class Program:
         else:
             flat, _ = self._completed(system, params, None)
             record = read_log(Path(log), flat)
-        chosen = _chosen_modules(flat, module)
+        chosen = chosen_modules(flat, module)
         return [judge(flat, m, extract(flat, m), record, estimates=estimates) for m in chosen]
 
     def emit_monitor(
@@ -463,7 +345,7 @@ class Program:
 
         self._require_sound()
         flat, _ = self._completed(system, params, None)
-        (first, *_) = _chosen_modules(flat, module)
+        (first, *_) = chosen_modules(flat, module)
         problem = extract(flat, first)
         names = {
             i: n if "." in n else f"watched.{n}"
@@ -587,7 +469,7 @@ class Program:
 
             found.append(advise(problem, factors, levels, tell))
         if report is not None and found:
-            _write_advice(found, Path(report))
+            write_advice(found, Path(report))
         return tuple(found)
 
     def explore(
@@ -639,7 +521,7 @@ class Program:
         )
         tests = chosen(self._checked.tests, self.path, test)
         systems = self._tests([t.name for t in tests], params, skew, horizon)
-        told = _params_as_json(program, self._values(params))
+        told = params_as_json(program, self._values(params))
         results = []
         for symbol, system in zip(tests, systems, strict=True):
             result = explore_test(
@@ -647,7 +529,7 @@ class Program:
             )
             results.append(result)
             if output is not None and save(result, Path(output)) is not None and html:
-                _write_page(result)
+                write_test_page(result)
             if result.interrupted:
                 break
         not_started = tuple([t.name for t in tests[len(results) :]])
@@ -667,7 +549,7 @@ class Program:
         from soter.explore.command import with_times  # noqa: PLC0415 - see the docstring
 
         values, found = self._values(params), Diagnostics()
-        skew_ns, horizon_ns = _time_ns("skew", skew), _time_ns("horizon", horizon)
+        skew_ns, horizon_ns = time_ns("skew", skew), time_ns("horizon", horizon)
         systems = []
         for name in names:
             try:
@@ -680,7 +562,7 @@ class Program:
         if found.has_errors:
             raise SoterError(found.items)
         for system in systems:
-            _complete(system)
+            complete(system)
         return systems
 
     # ------------------------------------------------------------ shared
@@ -720,308 +602,9 @@ class Program:
     ) -> tuple[System, list[str]]:
         """A flat system whose modules all have `ttf` and `safer`, and a note on each computed."""
         system = self._system(name, params)
-        return system, _complete(system, progress)
+        return system, complete(system, progress)
 
     def _bindings(self, system: System) -> Bindings:
         from soter.simulate.bindings import bind  # noqa: PLC0415 - see the docstring
 
         return bind(system, self._bound)
-
-
-# ---------------------------------------------------------------- texts
-
-
-def read_text(path: str) -> str:
-    """The text of a source file; `SoterError` D001, D005 where there is none."""
-    from soter.program.loader import read_text as read  # noqa: PLC0415 - shadows this one
-
-    diagnostics = Diagnostics()
-    text = read(Path(path), path, diagnostics)
-    if text is None:
-        raise SoterError(diagnostics.items)
-    return text
-
-
-def format_text(name: str, text: str) -> str:
-    """A program's text, well laid out; `SoterError` where it does not parse."""
-    from soter.diagnostics.source import Source  # noqa: PLC0415 - see the docstring
-    from soter.syntax.printer import format_source  # noqa: PLC0415 - see the docstring
-
-    diagnostics = Diagnostics()
-    formatted = format_source(Source(name, text), diagnostics)
-    if formatted is None:
-        raise SoterError(diagnostics.items)
-    return formatted
-
-
-# ---------------------------------------------------------------- helpers
-
-
-def _mistake(code: str, message: str, help_: str) -> SoterError:
-    return SoterError((Diagnostic(code, message, helps=(help_,)),))
-
-
-def _write_advice(found: Sequence[Advice], path: Path) -> None:
-    """The figure of every module; `SoterError` D006 where it cannot be written."""
-    from soter.report.advice_page import advice_main  # noqa: PLC0415 - only then
-    from soter.report.errors import ReportError  # noqa: PLC0415 - the same
-    from soter.report.html import write_document  # noqa: PLC0415 - the same
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        write_document("soter advise", advice_main([a.page() for a in found]), path)
-    except (OSError, ReportError) as error:
-        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
-
-
-def _complete(system: System, progress: Progress | None = None) -> list[str]:
-    """Compute `ttf` and `safer` for modules that have neither; a note on each."""
-    if all(m.symbol.ttf is not None for m in system.modules):
-        return []
-    from soter.reach.complete import complete  # noqa: PLC0415 - needs NumPy and a compiler
-
-    return complete(system, progress)
-
-
-# ---------------------------------------------------------------- traces
-
-
-def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
-    from soter.explore import trace as traces  # noqa: PLC0415 - see the docstring
-    from soter.explore.command import (  # noqa: PLC0415 - the same
-        changed_program,
-        missing_program,
-        with_times,
-    )
-    from soter.explore.replay import replay as run  # noqa: PLC0415 - the same
-
-    path = traces.program_path(trace)
-    if not Path(path).exists():
-        raise missing_program(trace, path)
-    checked = check_file(path)
-    if not checked.ok or checked.program is None:
-        raise SoterError(checked.diagnostics.items)
-    if checked.program.sha256 != trace.sha256:
-        raise changed_program(trace, path)
-    if trace.test not in checked.tests:
-        raise traces.no_trace(file, "its program has no such test")
-    params = _params_from_json(checked.program, trace.params, file)
-    system = system_of_test(checked, trace.test, params)
-    system = with_times(system, trace.skew_ns, trace.horizon_ns)
-    _complete(system)
-    found = run(trace, system)
-    return ReplayReport(
-        str(file), "trace", path, trace.sha256, found.reproduced, found.outcome, trace=found
-    )
-
-
-def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayReport:
-    from soter.explore.trace import no_trace  # noqa: PLC0415 - see the docstring
-    from soter.reach.runs import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
-
-    program, sha256 = str(document.get("program", "")), str(document.get("program_sha256", ""))
-    try:
-        run = replay_file(file)
-    except AnotherVersionError as error:
-        hint = "verify again: `soter verify`"
-        raise SoterError((Diagnostic("D011", str(error), helps=(hint,)),)) from error
-    except ValueError as error:
-        raise no_trace(file, str(error)) from error
-    except SoterError as error:
-        if any(d.code == "U002" for d in error.diagnostics):
-            raise no_trace(file, "its program has no such system") from error
-        raise
-    outcome = "the run does not show what the file says"
-    if run is not None:
-        outcome = f"{document.get('module')}: {document.get('shows')} at {run.time_ns / 1e9:.9g} s"
-    return ReplayReport(
-        str(file), "counterexample", program, sha256, run is not None, outcome, counterexample=run
-    )
-
-
-def _params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[str, object]:
-    """Parameters for a trace: durations in ns."""
-    from soter.program.values import to_json  # noqa: PLC0415 - see the docstring
-
-    return {n: to_json(program.params[n].type, v) for n, v in values.items()}
-
-
-def _params_from_json(
-    program: TypedProgram, given: Mapping[str, object], file: Path
-) -> dict[str, Value]:
-    """The parameters of a trace; `SoterError` D010."""
-    from soter.explore.trace import no_trace  # noqa: PLC0415 - see the docstring
-    from soter.program.values import ValueShapeError, from_json  # noqa: PLC0415 - the same
-
-    found: dict[str, Value] = {}
-    for name, value in given.items():
-        if name not in program.params:
-            raise no_trace(file, f"its program has no parameter `{name}`")
-        try:
-            found[name] = from_json(program.params[name].type, value, name)
-        except ValueShapeError as error:
-            raise no_trace(file, f"a parameter: {error}") from error
-    return found
-
-
-def _write_page(result: TestResult) -> Path:
-    """The sequence page of a violated test, beside its trace."""
-    from soter.explore.to_report import view_of  # noqa: PLC0415 - see the docstring
-
-    assert result.replayed is not None
-    assert result.trace is not None
-    provenance = {"trace": str(result.trace)}
-    view = view_of(result.replayed, __version__, provenance)
-    path = result.trace.with_name(result.trace.name.removesuffix(".trace.json") + ".html")
-    result.page = _write_sequence(view, path, "html")
-    return result.page
-
-
-def _write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
-    """`SoterError` D006 where it cannot be written, D007 where a package is missing."""
-    from soter.report.errors import LogError, LogUnavailableError, ReportError  # noqa: PLC0415 - as above
-
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if kind == "html":
-            from soter.report.sequence_page import write_page  # noqa: PLC0415 - only then
-
-            return write_page(view, path)
-        from soter.report.sequence_log import write_log  # noqa: PLC0415 - an extra
-
-        return write_log(view, path)
-    except LogUnavailableError as error:
-        raise SoterError((Diagnostic("D007", str(error)),)) from error
-    except (OSError, ReportError, LogError) as error:
-        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
-
-
-def _time_ns(what: str, given: float | str | None) -> int | None:
-    """A length of time from outside in ns; `SoterError` U001."""
-    if given is None:
-        return None
-    from soter.simulate.settings import WrongTextError, duration_ns  # noqa: PLC0415 - as above
-
-    try:
-        return duration_ns(given)
-    except WrongTextError as error:
-        message = f"`{what}` cannot be `{str(given)[:40]}`: {error}"
-        raise SoterError((Diagnostic("U001", message),)) from error
-
-
-def _require_engine(engine: str) -> None:
-    if engine not in ENGINES:
-        raise _mistake("U001", f"there is no engine `{engine}`", "there are native and interp")
-
-
-def require_writers(log: str | Path | None, report: str | Path | None) -> None:
-    """Say before a run, not after it, that its log cannot be written."""
-    if log is not None:
-        from soter.simulate.to_log import require_log_package  # noqa: PLC0415 - an extra
-
-        require_log_package()
-    if report is not None:
-        from soter.simulate.to_report import require_report_package  # noqa: PLC0415 - an extra
-
-        require_report_package()
-    for path in (log, report):
-        if path is not None:
-            _require_writable(Path(path))
-
-
-def _require_writable(path: Path) -> None:
-    reason = ""
-    if path.is_dir():
-        reason = "it is a folder"
-    else:
-        folder = path.absolute().parent
-        while not folder.exists():
-            folder = folder.parent
-        if not folder.is_dir():
-            reason = f"`{folder}` is no folder"
-        elif not os.access(path if path.exists() else folder, os.W_OK):
-            reason = "permission denied"
-        elif path.is_file() and not _made_by_a_run(path):
-            reason = "it holds something else, which would be lost"
-    if reason:
-        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {reason}"),))
-
-
-def _made_by_a_run(path: Path) -> bool:
-    """Whether a file is a log or a report, so that a new one may take its place."""
-    with path.open("rb") as stream:
-        start = stream.read(64).lstrip().lower()
-    return not start or start.startswith((b"\x89mcap", b"<!doctype html"))
-
-
-def _end_ns(system: System, until: float | str | None) -> int:
-    from soter.simulate.settings import until_ns  # noqa: PLC0415 - see the docstring
-
-    if until is not None:
-        return until_ns(until)
-    if system.until_ns is None:
-        raise _mistake(
-            "U001",
-            f"system `{system.name}` does not say how long it runs",
-            "say it: --until 30s, or `until 30s;` in the system",
-        )
-    return system.until_ns
-
-
-def _age(binding: str) -> tuple[int, ...]:
-    """When the C file of a binding, and what it includes, was last changed.
-
-    Empty where it cannot be read: X003 follows.
-    """
-    from soter.native.includes import included  # noqa: PLC0415 - see the docstring
-
-    try:
-        return tuple(p.stat().st_mtime_ns for p in included(binding.split(":")[1]))
-    except (OSError, SoterError):
-        return ()
-
-
-def _system_report(system: System, *, default: bool) -> SystemReport:
-    from soter.simulate import assumptions  # noqa: PLC0415 - see the docstring
-
-    return SystemReport(
-        system.name,
-        default,
-        None if system.until_ns is None else system.until_ns / 1e9,
-        system.hyperperiod_ns / 1e9,
-        len(system.components),
-        len(system.topics),
-        tuple(f"{p.kind} {p.text}" for p in system.properties),
-        tuple(x.name for x in system.components if x.extern),
-        tuple(
-            ModuleReport(
-                m.name,
-                m.period_ns / 1e9,
-                system.components[m.ac].name,
-                system.components[m.sc].name,
-                m.forced,
-                assumptions.verdicts(m),
-            )
-            for m in system.modules
-        ),
-        tuple(assumptions.unproved(system)),
-        tuple(assumptions.of_run(system)),
-    )
-
-
-def __getattr__(name: str) -> object:
-    if name == "Run":
-        from soter.simulate.run import Run  # noqa: PLC0415 - needs NumPy
-
-        return Run
-    raise AttributeError(f"module `soter.api` has no attribute `{name}`")
-
-
-def _chosen_modules(flat: System, module: str | None) -> list[Module]:
-    found = [m for m in flat.modules if module is None or module in (m.name, m.symbol.name)]
-    if not found:
-        there = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"
-        what = f"no module `{module}`" if module else "no module"
-        message = f"system `{flat.name}` has {what}"
-        raise SoterError((Diagnostic("U001", message, notes=(f"there are: {there}",)),))
-    return found

@@ -1,0 +1,41 @@
+"""The only door: what `import soter` gives, and what the command line is made of.
+
+Purpose: `load` a program, then check, bind, simulate, build and format it; each command of
+`soter` is one method of `Program`. A user's mistake is a `SoterError` with diagnostics, never
+anything else. Rooms below are imported when they are needed: `check` loads neither NumPy nor cffi.
+Non-goals: printing, exit codes (`cli/`).
+"""
+
+from __future__ import annotations
+
+from soter.api.files import format_text, read_text, require_writers
+from soter.api.given import ENGINES
+from soter.api.program import Program, load
+from soter.api.rechecking import recheck
+from soter.api.replaying import ReplayReport, replay
+from soter.api.reports import CheckReport, ModuleReport, SystemReport
+from soter.diagnostics.diagnostic import SoterError
+
+__all__ = [
+    "ENGINES",
+    "CheckReport",
+    "ModuleReport",
+    "Program",
+    "ReplayReport",
+    "SoterError",
+    "SystemReport",
+    "format_text",
+    "load",
+    "read_text",
+    "recheck",
+    "replay",
+    "require_writers",
+]
+
+
+def __getattr__(name: str) -> object:
+    if name == "Run":
+        from soter.simulate.run import Run  # noqa: PLC0415 - needs NumPy
+
+        return Run
+    raise AttributeError(f"module `soter.api` has no attribute `{name}`")

@@ -1,0 +1,143 @@
+"""The files that callers name: programs as text, logs, reports and pages.
+
+Purpose: read and lay out a source file; say before a run what could not be written after it; write
+sequences and advice, with every failure as a diagnostic.
+Non-goals: what stands in a log or on a page (`report/`).
+"""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter import __version__
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.explore.results import TestResult
+    from soter.reach.advise import Advice
+    from soter.report.sequence import SequenceView
+
+
+def read_text(path: str) -> str:
+    """The text of a source file; `SoterError` D001, D005 where there is none."""
+    from soter.program.loader import read_text as read  # noqa: PLC0415 - shadows this one
+
+    diagnostics = Diagnostics()
+    text = read(Path(path), path, diagnostics)
+    if text is None:
+        raise SoterError(diagnostics.items)
+    return text
+
+
+def format_text(name: str, text: str) -> str:
+    """A program's text, well laid out; `SoterError` where it does not parse."""
+    from soter.diagnostics.source import Source  # noqa: PLC0415 - see `soter.api`
+    from soter.syntax.printer import format_source  # noqa: PLC0415 - see `soter.api`
+
+    diagnostics = Diagnostics()
+    formatted = format_source(Source(name, text), diagnostics)
+    if formatted is None:
+        raise SoterError(diagnostics.items)
+    return formatted
+
+
+def require_writers(log: str | Path | None, report: str | Path | None) -> None:
+    """Say before a run, not after it, that its log cannot be written."""
+    if log is not None:
+        from soter.simulate.to_log import require_log_package  # noqa: PLC0415 - an extra
+
+        require_log_package()
+    if report is not None:
+        from soter.simulate.to_report import require_report_package  # noqa: PLC0415 - an extra
+
+        require_report_package()
+    for path in (log, report):
+        if path is not None:
+            _require_writable(Path(path))
+
+
+def _require_writable(path: Path) -> None:
+    reason = ""
+    if path.is_dir():
+        reason = "it is a folder"
+    else:
+        folder = path.absolute().parent
+        while not folder.exists():
+            folder = folder.parent
+        if not folder.is_dir():
+            reason = f"`{folder}` is no folder"
+        elif not os.access(path if path.exists() else folder, os.W_OK):
+            reason = "permission denied"
+        elif path.is_file() and not _made_by_a_run(path):
+            reason = "it holds something else, which would be lost"
+    if reason:
+        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {reason}"),))
+
+
+def _made_by_a_run(path: Path) -> bool:
+    """Whether a file is a log or a report, so that a new one may take its place."""
+    with path.open("rb") as stream:
+        start = stream.read(64).lstrip().lower()
+    return not start or start.startswith((b"\x89mcap", b"<!doctype html"))
+
+
+def write_advice(found: Sequence[Advice], path: Path) -> None:
+    """The figure of every module; `SoterError` D006 where it cannot be written."""
+    from soter.report.advice_page import advice_main  # noqa: PLC0415 - only then
+    from soter.report.errors import ReportError  # noqa: PLC0415 - the same
+    from soter.report.html import write_document  # noqa: PLC0415 - the same
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_document("soter advise", advice_main([a.page() for a in found]), path)
+    except (OSError, ReportError) as error:
+        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
+
+
+def write_test_page(result: TestResult) -> Path:
+    """The sequence page of a violated test, beside its trace."""
+    from soter.explore.to_report import view_of  # noqa: PLC0415 - see `soter.api`
+
+    assert result.replayed is not None
+    assert result.trace is not None
+    provenance = {"trace": str(result.trace)}
+    view = view_of(result.replayed, __version__, provenance)
+    path = result.trace.with_name(result.trace.name.removesuffix(".trace.json") + ".html")
+    result.page = write_sequence(view, path, "html")
+    return result.page
+
+
+def write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
+    """`SoterError` D006 where it cannot be written, D007 where a package is missing."""
+    from soter.report.errors import LogError, LogUnavailableError, ReportError  # noqa: PLC0415 - see `soter.api`
+
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        if kind == "html":
+            from soter.report.sequence_page import write_page  # noqa: PLC0415 - only then
+
+            return write_page(view, path)
+        from soter.report.sequence_log import write_log  # noqa: PLC0415 - an extra
+
+        return write_log(view, path)
+    except LogUnavailableError as error:
+        raise SoterError((Diagnostic("D007", str(error)),)) from error
+    except (OSError, ReportError, LogError) as error:
+        raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
+
+
+def age(binding: str) -> tuple[int, ...]:
+    """When the C file of a binding, and what it includes, was last changed.
+
+    Empty where it cannot be read: X003 follows.
+    """
+    from soter.native.includes import included  # noqa: PLC0415 - see `soter.api`
+
+    try:
+        return tuple(p.stat().st_mtime_ns for p in included(binding.split(":")[1]))
+    except (OSError, SoterError):
+        return ()

@@ -1,0 +1,108 @@
+"""What callers give, as the rooms below want it, and what a program leaves to be computed.
+
+Purpose: engines, times, parameters of traces and chosen modules, each refused in words where it
+is wrong; `ttf` and `safer` of modules that have neither.
+Non-goals: bindings and `params` of runs (`simulate/`), options of searches (`explore/settings.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from pathlib import Path
+
+    from soter.program.system import Module, System
+    from soter.program.typed import Program as TypedProgram
+    from soter.program.types import Value
+
+    Progress = Callable[[float], None]
+
+ENGINES = ("native", "interp")
+
+
+def mistake(code: str, message: str, help_: str) -> SoterError:
+    """An error of one diagnostic, with what helps."""
+    return SoterError((Diagnostic(code, message, helps=(help_,)),))
+
+
+def require_engine(engine: str) -> None:
+    """`SoterError` U001 for an engine that does not exist."""
+    if engine not in ENGINES:
+        raise mistake("U001", f"there is no engine `{engine}`", "there are native and interp")
+
+
+def time_ns(what: str, given: float | str | None) -> int | None:
+    """A length of time from outside in ns; `SoterError` U001."""
+    if given is None:
+        return None
+    from soter.simulate.settings import WrongTextError, duration_ns  # noqa: PLC0415 - see `soter.api`
+
+    try:
+        return duration_ns(given)
+    except WrongTextError as error:
+        message = f"`{what}` cannot be `{str(given)[:40]}`: {error}"
+        raise SoterError((Diagnostic("U001", message),)) from error
+
+
+def end_of(system: System, until: float | str | None) -> int:
+    """When a run ends, in ns; `SoterError` U001 where nobody says."""
+    from soter.simulate.settings import until_ns  # noqa: PLC0415 - see `soter.api`
+
+    if until is not None:
+        return until_ns(until)
+    if system.until_ns is None:
+        raise mistake(
+            "U001",
+            f"system `{system.name}` does not say how long it runs",
+            "say it: --until 30s, or `until 30s;` in the system",
+        )
+    return system.until_ns
+
+
+def chosen_modules(flat: System, module: str | None) -> list[Module]:
+    """The modules of a full or declared name, all by default; `SoterError` U001 for none."""
+    found = [m for m in flat.modules if module is None or module in (m.name, m.symbol.name)]
+    if not found:
+        there = ", ".join(f"`{m.name}`" for m in flat.modules) or "none"
+        what = f"no module `{module}`" if module else "no module"
+        message = f"system `{flat.name}` has {what}"
+        raise SoterError((Diagnostic("U001", message, notes=(f"there are: {there}",)),))
+    return found
+
+
+def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[str, object]:
+    """Parameters for a trace: durations in ns."""
+    from soter.program.values import to_json  # noqa: PLC0415 - see `soter.api`
+
+    return {n: to_json(program.params[n].type, v) for n, v in values.items()}
+
+
+def params_from_json(
+    program: TypedProgram, given: Mapping[str, object], file: Path
+) -> dict[str, Value]:
+    """The parameters of a trace; `SoterError` D010."""
+    from soter.explore.trace import no_trace  # noqa: PLC0415 - see `soter.api`
+    from soter.program.values import ValueShapeError, from_json  # noqa: PLC0415 - the same
+
+    found: dict[str, Value] = {}
+    for name, value in given.items():
+        if name not in program.params:
+            raise no_trace(file, f"its program has no parameter `{name}`")
+        try:
+            found[name] = from_json(program.params[name].type, value, name)
+        except ValueShapeError as error:
+            raise no_trace(file, f"a parameter: {error}") from error
+    return found
+
+
+def complete(system: System, progress: Progress | None = None) -> list[str]:
+    """Compute `ttf` and `safer` for modules that have neither; a note on each."""
+    if all(m.symbol.ttf is not None for m in system.modules):
+        return []
+    from soter.reach.complete import complete as compute  # noqa: PLC0415 - needs NumPy
+
+    return compute(system, progress)

@@ -1,0 +1,46 @@
+"""Certificates of `soter verify --cert`, checked again.
+
+Purpose: `recheck`: a report, or a diagnostic where there is nothing to check, or nothing to check
+it with.
+Non-goals: the checker (`soter.recheck`).
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
+if TYPE_CHECKING:
+    from soter.api.given import Progress
+    from soter.recheck.rechecker import Report as RecheckReport
+
+
+def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckReport:
+    """Check the certificate in a folder, independently of what wrote it.
+
+    A certificate that is wrong, or uses what the re-checker does not know, is a report that is not
+    `accepted`, with the reason. `SoterError` D009 where there is no certificate, D007 where
+    python-flint is not installed.
+    """
+    if find_spec("flint") is None:
+        raise SoterError(
+            (
+                Diagnostic(
+                    "D007",
+                    "certificates are checked with `python-flint`, which is not installed",
+                    helps=("install it: pip install 'soter[recheck]'",),
+                ),
+            )
+        )
+    from soter.recheck.folder import NotACertificateError  # noqa: PLC0415 - an extra
+    from soter.recheck.rechecker import recheck as check  # noqa: PLC0415 - an extra
+
+    try:
+        return check(Path(folder), progress)
+    except NotACertificateError as error:
+        hint = "`soter verify --cert DIR` makes one"
+        problem = Diagnostic("D009", f"this is no certificate: {error}", helps=(hint,))
+        raise SoterError((problem,)) from None
