@@ -66,7 +66,7 @@ static bool queue_put(queue* q, const uint64_t* packed, uint32_t words, uint64_t
     q->room = room;
   }
   uint64_t* const to = q->item + q->count * q->width;
-  (void)memcpy(to, packed, words * sizeof *packed);
+  soter_copy_words(to, packed, words);
   to[words] = sleep;
   if (q->width > words + 1U) {
     to[words + 1U] = only;

@@ -62,7 +62,7 @@ bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint32_t actor, u
   if (h->count == h->room && !more_heirs(e)) {
     return false;
   }
-  (void)memcpy(h->packed + (size_t)h->count * e->words, packed, e->words * sizeof *packed);
+  soter_copy_words(h->packed + (size_t)h->count * e->words, packed, e->words);
   h->sleep[h->count] = sleep;
   h->actor[h->count] = (uint8_t)actor;
   h->count++;

@@ -122,7 +122,8 @@ uint64_t soter_enabled(const soter_place* x);
 /* ------------------------------------------------------------------ the table */
 
 typedef struct {
-  uint8_t* entry;
+  uint8_t* base;  /* as allocated */
+  uint8_t* entry; /* at the beginning of a line */
   uint64_t buckets, count;
   uint64_t homes;  /* buckets that hashes say */
   uint64_t before; /* count when last looked at; how often it was the same since */
@@ -175,6 +176,13 @@ SOTER_INLINE uint64_t soter_scramble(uint64_t x) {
   x ^= x >> 32;
   x *= UINT64_C(0xd6e8feb86659fd93);
   return x ^ (x >> 32);
+}
+
+/* memcpy of a few words: a call costs more. */
+SOTER_INLINE void soter_copy_words(uint64_t* to, const uint64_t* from, uint32_t words) {
+  for (uint32_t k = 0; k < words; k++) {
+    to[k] = from[k];
+  }
 }
 
 /* 64 bits of a packed world; never 0. */

@@ -13,6 +13,7 @@
 #define BUCKET 8U        /* entries */
 #define FIRST_BUCKETS 4U /* of a segment */
 #define IDLE 3U          /* layers without a new entry: a segment is settled */
+#define LINE 64U         /* bytes that the machine fetches at once */
 #define TAIL 8U          /* bytes behind the last entry: loads take eight at a time */
 #define K1 UINT64_C(0x9e3779b97f4a7c15)
 #define K2 UINT64_C(0xd6e8feb86659fd93)
@@ -142,8 +143,13 @@ static bool segment_open(const soter_store* s, soter_segment* g, uint64_t bucket
       buckets - 1U - (buckets < 2048U ? buckets / 64U : 32U); /* the rest takes what overflows */
   g->count = g->before = 0U;
   g->idle = 0U;
-  g->entry = calloc(buckets * BUCKET * s->bytes + TAIL, 1U);
-  return g->entry != NULL;
+  g->base = calloc(buckets * BUCKET * s->bytes + TAIL + LINE, 1U);
+  if (g->base == NULL) {
+    return false;
+  }
+  /* a bucket of eight-byte entries is then one line of the cache */
+  g->entry = g->base + (LINE - (uintptr_t)g->base % LINE) % LINE;
+  return true;
 }
 
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
@@ -175,7 +181,7 @@ bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storag
 
 void soter_store_close(soter_store* s) {
   for (uint32_t i = 0; s->segment != NULL && i < SEGMENTS; i++) {
-    free(s->segment[i].entry);
+    free(s->segment[i].base);
   }
   free(s->segment);
   s->segment = NULL;
@@ -237,18 +243,26 @@ static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
     if (fits) {
       break;
     }
-    free(other.entry); /* the last buckets overflow */
+    free(other.base); /* the last buckets overflow */
     buckets += buckets / 128U + 4U;
   }
   s->room = s->room - g->buckets * BUCKET + other.buckets * BUCKET;
   other.count = other.before = g->count;
-  free(g->entry);
+  free(g->base);
   *g = other;
   return true;
 }
 
+/* The time before this one needed as much, most likely: fewer steps to the same size. */
+static uint64_t expected(const soter_store* s, const soter_segment* g) {
+  const uint64_t before = g > s->segment ? (g - 1)->buckets : 0U;
+  return before > g->buckets * 2U ? g->buckets * 2U : before > g->buckets ? before : 0U;
+}
+
 static bool grow(soter_store* s, soter_segment* g) {
-  const uint64_t more = g->buckets < 64U ? g->buckets : g->buckets / s->growth;
+  const uint64_t least = g->buckets < 64U ? g->buckets : g->buckets / s->growth;
+  const uint64_t hoped = s->growth < 8U ? expected(s, g) : 0U;
+  const uint64_t more = hoped > g->buckets + least ? hoped - g->buckets : least;
   return rebuild(s, g, g->buckets + more) || rebuild(s, g, g->buckets + g->buckets / 32U + 1U);
 }
 
@@ -268,9 +282,7 @@ void soter_store_settle(soter_store* s) {
 /* ------------------------------------------------------------------ putting */
 
 static uint64_t sleep_of(const soter_store* s, const uint8_t* e) {
-  uint64_t x = 0U;
-  (void)memcpy(&x, e + s->key, s->sleep);
-  return x;
+  return load(e + s->key, low_bits(8U * s->sleep));
 }
 
 void soter_store_hint(const soter_store* s, const uint64_t* packed, const uint64_t* key) {
@@ -302,7 +314,9 @@ int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* 
         const uint64_t both = before & *sleep;
         *again = before & ~*sleep;
         *sleep = both;
-        (void)memcpy(e + s->key, &both, s->sleep);
+        if (both != before) {
+          (void)memcpy(e + s->key, &both, s->sleep);
+        }
       }
       return 0;
     }
