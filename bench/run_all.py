@@ -177,6 +177,12 @@ BENCHMARKS = (
         "observations, and lengths of least traces, with every strategy and reduction.",
     ),
     Benchmark(
+        "soter test and parts that share only time",
+        ("bench/testing_soundness.py", "--apart", "--programs", "400"),
+        "The same comparison on programs made to depend on which moments are observed: late and "
+        "skewed nodes beside clocks that let time pass, under deadlines and invariants.",
+    ),
+    Benchmark(
         "soter test: bugs seeded in the examples",
         ("bench/testing_mutants.py",),
         "Each shipped example is exhausted and clean; each changed one has to be violated, its "

@@ -22,6 +22,8 @@ ROOT = Path(__file__).resolve().parents[1]
 sys.path.insert(0, str(ROOT / "tests"))
 
 from generators.agreement import REDUCTIONS, compared, small_ones  # noqa: E402 - from tests/
+from generators.programs_apart import program_apart  # noqa: E402 - from tests/
+from generators.small_programs import small_program  # noqa: E402 - from tests/
 from soter.report.summary import table  # noqa: E402 - after the path
 
 
@@ -29,6 +31,7 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=(__doc__ or "").splitlines()[0])
     parser.add_argument("--programs", type=int, default=500)
     parser.add_argument("--first", type=int, default=0)
+    parser.add_argument("--apart", action="store_true", help="parts that share nothing but time")
     parser.add_argument("--flags", nargs="*", default=("-O1",), help="for the C compiler")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
@@ -37,7 +40,8 @@ def main() -> int:
     kinds: Counter[str] = Counter()
     different: dict[int, list[str]] = {}
     largest = violated = finer = 0
-    for s in islice(small_ones(arguments.first), arguments.programs):
+    make = program_apart if arguments.apart else small_program
+    for s in islice(small_ones(arguments.first, make), arguments.programs):
         told = compared(s, tuple(arguments.flags))
         if told.complaints:
             different[s.seed] = told.complaints

@@ -21,7 +21,7 @@ from soter.explore.search import Search
 from soter.program.build import check_file, system_of_test
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     from generators.brute_force import Broken, Canonical, Found
     from soter.program.system import System
@@ -58,10 +58,10 @@ class Compared:
     twice: int = 0
 
 
-def small(seed: int, most: int = MOST) -> Small | None:
+def small(seed: int, most: int = MOST, make: Callable[[int], str] = small_program) -> Small | None:
     """Program number `seed`, enumerated; None where it is refused, too large, or does nothing."""
     try:
-        return enumerated(seed, small_program(seed), most)
+        return enumerated(seed, make(seed), most)
     except (SoterError, TooLargeError):
         return None
 
@@ -73,10 +73,10 @@ def enumerated(seed: int, text: str, most: int = MOST) -> Small:
     return Small(seed, text, system, judge, judge.run(most))
 
 
-def small_ones(first: int = 0) -> Iterator[Small]:
+def small_ones(first: int = 0, make: Callable[[int], str] = small_program) -> Iterator[Small]:
     """Small programs without end, in the order of their seeds."""
     for seed in count(first):
-        made = small(seed)
+        made = small(seed, make=make)
         if made is not None:
             yield made
 
