@@ -21,6 +21,7 @@ import numpy as np
 from soter.codegen.exploring import generate_model
 from soter.explore.actors import plan_of
 from soter.explore.parts import Part, parts_of
+from soter.explore.results import Options
 from soter.lower.steps import lower
 from soter.native.build import RUNTIME, library
 from soter.native.library import opened
@@ -114,22 +115,13 @@ class RawStep:
 
 
 @dataclass(frozen=True)
-class Settings:
-    """How to search; as `soter_explore_options`, with names for the first three.
+class Settings(Options):
+    """How the engine searches: what a person may say, and what only tests and `Search` do.
 
     `plainly`: run every step, remember none. `go_on`: do not stop at a violation. `keep`: keep
     the stored worlds for `Engine.worlds`.
     """
 
-    strategy: str = "bfs"
-    storage: str = "exact"
-    reduction: str = "all"
-    threads: int = 1
-    memory: int = 2 * 2**30
-    max_states: int = 0
-    seed: int = 1
-    runs: int = 10_000
-    bug_depth: int = 3
     keep: bool = False
     plainly: bool = False
     go_on: bool = False

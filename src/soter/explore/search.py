@@ -56,17 +56,7 @@ class Search:
         self, system: System, options: Options, progress: Callable[[Looked], None] | None = None
     ) -> None:
         self._system = system
-        self._settings = Settings(
-            options.strategy,
-            options.storage,
-            options.reduction,
-            options.threads,
-            options.memory,
-            options.max_states,
-            options.seed,
-            options.runs,
-            options.bug_depth,
-        )
+        self._settings = Settings(**vars(options))
         self._patience_s = options.minimise
         self._progress = progress
         self._engine = Engine(system)

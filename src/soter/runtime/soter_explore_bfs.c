@@ -15,20 +15,13 @@
 #define AHEAD 32U  /* worlds that are expanded at once, */
 #define HEIRS 256U /* unless they have so many heirs */
 
-/* Worlds to be expanded: packed, what sleeps in them, which moves (all, or those to be made again).
- */
-typedef struct {
-  uint64_t* item;
-  uint64_t count, room, width;
-} queue;
-
 typedef struct worker {
   struct layered* all;
   uint32_t id;
   soter_expander expander;
   soter_store store;
   soter_explore_coverage coverage;
-  queue here, next, out[THREADS];
+  soter_row here, next, out[THREADS];
   uint64_t count, moved;
   uint64_t* key; /* of heirs that are about to be put */
   uint32_t keys;
@@ -36,7 +29,7 @@ typedef struct worker {
   soter_broken broken;
   uint64_t culprit; /* links: the entry whose move breaks something */
   uint64_t last;    /* links: or the entry that is broken */
-  queue links;      /* one thread: worlds as they came, each with the number of the one before */
+  soter_row links;  /* one thread: worlds as they came, each with the number of the one before */
 } worker;
 
 typedef struct layered {
@@ -52,28 +45,7 @@ typedef struct layered {
   uint32_t depth;
 } layered;
 
-/* ------------------------------------------------------------------ queues */
-
-static bool queue_put(queue* q, const uint64_t* packed, uint32_t words, uint64_t sleep,
-                      uint64_t only) {
-  if (q->count == q->room) {
-    const uint64_t room = q->room == 0U ? 1024U : q->room + q->room / 2U;
-    uint64_t* const item = realloc(q->item, room * q->width * sizeof *item);
-    if (item == NULL) {
-      return false;
-    }
-    q->item = item;
-    q->room = room;
-  }
-  uint64_t* const to = q->item + q->count * q->width;
-  soter_copy_words(to, packed, words);
-  to[words] = sleep;
-  if (q->width > words + 1U) {
-    to[words + 1U] = only;
-  }
-  q->count++;
-  return true;
-}
+/* ------------------------------------------------------------------ room */
 
 static bool more_keys(worker* w, uint32_t count) {
   if (count > w->keys) {
@@ -88,14 +60,11 @@ static bool more_keys(worker* w, uint32_t count) {
   return true;
 }
 
-static uint64_t bytes_of(const queue* q) {
-  return q->room * q->width * sizeof *q->item;
-}
-
 static uint64_t frontier_of(const worker* w) {
-  uint64_t bytes = bytes_of(&w->here) + bytes_of(&w->next) + bytes_of(&w->links);
+  uint64_t bytes =
+      soter_row_bytes(&w->here) + soter_row_bytes(&w->next) + soter_row_bytes(&w->links);
   for (uint32_t k = 0; k < THREADS; k++) {
-    bytes += bytes_of(&w->out[k]);
+    bytes += soter_row_bytes(&w->out[k]);
   }
   return bytes;
 }
@@ -115,28 +84,27 @@ static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
 static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint64_t sleep,
                     uint64_t from) {
   uint64_t again = 0U;
-  const uint32_t words = w->all->words;
   const int fresh = soter_store_put_key(&w->store, packed, key, &sleep, &again);
   if (fresh < 0) {
     w->full = true;
     return;
   }
   if (fresh == 0) {
-    if (again != 0U && !queue_put(&w->next, packed, words, sleep, again)) {
+    if (again != 0U && !soter_row_put(&w->next, packed, sleep, again)) {
       w->full = true;
     }
     return;
   }
   soter_broken broken;
   w->count++;
-  if (w->all->link && !queue_put(&w->links, packed, words, from, 0U)) {
+  if (w->all->link && !soter_row_put(&w->links, packed, from, 0U)) {
     w->full = true;
   }
   if (soter_is_broken(&w->expander, packed, &broken)) {
     break_off(w, &broken, SOTER_NO_DEADLINE);
     return;
   }
-  if (!queue_put(&w->next, packed, words, sleep, UINT64_MAX)) {
+  if (!soter_row_put(&w->next, packed, sleep, UINT64_MAX)) {
     w->full = true;
   }
 }
@@ -166,7 +134,7 @@ static uint64_t expand_some(worker* w, uint64_t first) {
   uint64_t i = first;
   soter_forget(&w->expander);
   for (; i < w->here.count && i - first < most && h->count < HEIRS; i++) {
-    const uint64_t* const item = w->here.item + i * w->here.width;
+    const uint64_t* const item = soter_row_at(&w->here, i);
     soter_expand(&w->expander, item, item[words], item[words + 1U]);
     if (w->expander.broke) {
       break_off(w, &w->expander.broken, w->moved + i);
@@ -185,7 +153,7 @@ static uint64_t expand_some(worker* w, uint64_t first) {
     const uint32_t owner = owner_of(all, packed);
     if (owner == w->id) {
       take_in(w, packed, w->key + (size_t)k * words, h->sleep[k], w->moved + first);
-    } else if (!queue_put(&w->out[owner], packed, words, h->sleep[k], 0U)) {
+    } else if (!soter_row_put(&w->out[owner], packed, h->sleep[k], 0U)) {
       w->full = true;
     }
   }
@@ -252,9 +220,9 @@ static void wait_for_others(layered* all) {
 static void receive(worker* w) {
   layered* const all = w->all;
   for (uint32_t k = 0; k < all->threads; k++) {
-    queue* const q = &all->w[k].out[w->id];
+    soter_row* const q = &all->w[k].out[w->id];
     for (uint64_t i = 0; i < q->count && !w->full; i++) {
-      const uint64_t* const item = q->item + i * q->width;
+      const uint64_t* const item = soter_row_at(q, i);
       uint64_t key[SOTER_WORDS];
       soter_store_key(&w->store, item, key);
       take_in(w, item, key, item[all->words], 0U);
@@ -304,7 +272,7 @@ static void* work(void* argument) {
     wait_for_others(all);
     soter_store_settle(&w->store);
     w->moved += w->here.count;
-    const queue swap = w->here;
+    const soter_row swap = w->here;
     w->here = w->next;
     w->next = swap;
     w->next.count = 0U;
@@ -337,17 +305,18 @@ static bool open_worker(layered* all, uint32_t id) {
   worker* const w = &all->w[id];
   w->all = all;
   w->id = id;
-  const uint64_t width = all->words + 2U;
-  w->here.width = w->next.width = width;
+  w->here.words = w->next.words = w->links.words = all->words;
+  w->here.width = w->next.width = all->words + 2U;
   w->links.width = all->words + 1U;
   for (uint32_t k = 0; k < THREADS; k++) {
+    w->out[k].words = all->words;
     w->out[k].width = all->words + 1U;
   }
-  const bool sleep = (s->o->reduce & SOTER_REDUCE_SLEEP) != 0U && !s->m->timely;
-  const bool fine =
-      coverage_open(&w->coverage, s->m) &&
-      soter_expander_open(&w->expander, s->m, s->o, &w->coverage) &&
-      soter_store_open(&w->store, s->m, s->o->storage, sleep, s->o->memory / all->threads);
+  const bool fine = coverage_open(&w->coverage, s->m) &&
+                    soter_expander_open(&w->expander, s->m, s->o, &w->coverage) &&
+                    soter_store_open(&w->store, s->m, s->o->storage,
+                                     (w->expander.reduce & SOTER_REDUCE_SLEEP) != 0U,
+                                     s->o->memory / all->threads);
   w->store.growth = 4U; /* settled when their time is over */
   return fine;
 }
@@ -396,7 +365,7 @@ static void be_born(layered* all) {
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
   }
   for (uint32_t k = 0; k < all->threads; k++) {
-    const queue swap = all->w[k].here;
+    const soter_row swap = all->w[k].here;
     all->w[k].here = all->w[k].next;
     all->w[k].next = swap;
   }
@@ -449,14 +418,14 @@ static bool write_links(layered* all, soter_search* s, uint64_t last, const sote
   uint64_t* const way = malloc((s->room + 1U) * sizeof *way);
   uint32_t length = 0U;
   for (uint64_t i = last; way != NULL && i != SOTER_NO_DEADLINE && length < s->room;
-       i = w->links.item[i * w->links.width + all->words]) {
+       i = soter_row_at(&w->links, i)[all->words]) {
     way[length++] = i;
   }
   bool fine = way != NULL && length < s->room;
   const uint64_t* before = NULL;
   uint32_t written = 0U;
   for (uint32_t k = length; fine && k > 0U; k--) {
-    const uint64_t* const here = w->links.item + way[k - 1U] * w->links.width;
+    const uint64_t* const here = soter_row_at(&w->links, way[k - 1U]);
     fine = soter_find_move(&x, before, here, NULL, &s->trace[written++]);
     before = here;
   }

@@ -6,43 +6,25 @@
  */
 #include "soter_explore_dfs.h"
 
-static bool push(soter_stack* t, const uint64_t* packed, uint64_t sleep, uint64_t only) {
-  if (t->count == t->room) {
-    const uint64_t room = t->room == 0U ? 1024U : t->room + t->room / 2U;
-    uint64_t* const item = realloc(t->item, room * t->width * sizeof *item);
-    if (item == NULL) {
-      return false;
-    }
-    t->item = item;
-    t->room = room;
-  }
-  uint64_t* const to = t->item + t->count * t->width;
-  (void)memcpy(to, packed, t->words * sizeof *packed);
-  to[t->words] = sleep;
-  to[t->words + 1U] = only;
-  t->count++;
-  return true;
-}
-
 bool soter_stack_open(soter_stack* t, soter_search* s) {
   (void)memset(t, 0, sizeof *t);
   t->s = s;
-  t->words = s->m->words;
-  t->width = t->words + 2U;
-  const bool sleep = (s->o->reduce & SOTER_REDUCE_SLEEP) != 0U && !s->m->timely;
+  t->words = t->row.words = s->m->words;
+  t->row.width = t->words + 2U;
   return soter_expander_open(&t->expander, s->m, s->o, s->coverage) &&
-         soter_store_open(&t->store, s->m, s->o->storage, sleep, s->o->memory);
+         soter_store_open(&t->store, s->m, s->o->storage,
+                          (t->expander.reduce & SOTER_REDUCE_SLEEP) != 0U, s->o->memory);
 }
 
 void soter_stack_close(soter_stack* t) {
   soter_expander_close(&t->expander);
   soter_store_close(&t->store);
-  free(t->item);
+  free(t->row.item);
 }
 
 static bool out_of_bounds(soter_stack* t) {
   soter_search* const s = t->s;
-  const uint64_t bytes = t->store.room * t->store.bytes + t->room * t->width * sizeof *t->item;
+  const uint64_t bytes = t->store.room * t->store.bytes + soter_row_bytes(&t->row);
   if (s->progress->stop != 0) {
     t->status = SOTER_STOPPED;
   } else if (t->full || t->expander.no_memory || bytes > s->o->memory) {
@@ -53,7 +35,7 @@ static bool out_of_bounds(soter_stack* t) {
   return t->status != SOTER_EXHAUSTED;
 }
 
-/* Takes a world in; `true` if it has to be expanded: it lies on top of the stack then. */
+/* Takes a world in: what has to be expanded lies on top of the stack then. */
 static void take_in(soter_stack* t, const uint64_t* packed, uint64_t sleep) {
   uint64_t again = 0U;
   const int fresh = soter_store_put(&t->store, packed, &sleep, &again);
@@ -77,7 +59,7 @@ static void take_in(soter_stack* t, const uint64_t* packed, uint64_t sleep) {
       return;
     }
   }
-  t->full = t->full || !push(t, packed, sleep, fresh == 1 ? UINT64_MAX : again);
+  t->full = t->full || !soter_row_put(&t->row, packed, sleep, fresh == 1 ? UINT64_MAX : again);
 }
 
 /* The way: those entries of the stack that were expanded and have not been left. They are marked.
@@ -93,8 +75,8 @@ static bool write_way(soter_stack* t) {
   const uint64_t* before = NULL;
   uint32_t written = 0U;
   bool fine = true;
-  for (uint64_t i = 0; fine && i < t->count; i++) {
-    const uint64_t* const here = t->item + i * t->width;
+  for (uint64_t i = 0; fine && i < t->row.count; i++) {
+    const uint64_t* const here = soter_row_at(&t->row, i);
     if (here[t->words + 1U] != ON_THE_WAY) {
       continue;
     }
@@ -125,10 +107,10 @@ void soter_stack_run(soter_stack* t, uint32_t bound) {
   for (uint32_t k = 0; k < t->expander.heirs.count; k++) {
     take_in(t, t->expander.heirs.packed + (size_t)k * t->words, 0U);
   }
-  while (t->count > 0U && !found(t)) {
-    uint64_t* const top = t->item + (t->count - 1U) * t->width;
+  while (t->row.count > 0U && !found(t)) {
+    uint64_t* const top = soter_row_at(&t->row, t->row.count - 1U);
     if (top[t->words + 1U] == ON_THE_WAY) {
-      t->count--;
+      t->row.count--;
       depth--;
       continue;
     }
@@ -142,7 +124,7 @@ void soter_stack_run(soter_stack* t, uint32_t bound) {
     }
     if (depth >= bound) {
       t->cut = true;
-      t->count--;
+      t->row.count--;
       continue;
     }
     const uint64_t only = top[t->words + 1U];
@@ -186,7 +168,7 @@ void soter_stack_sum_up(soter_stack* t, soter_explore_result* r) {
   r->transitions += t->expander.transitions;
   r->depth = t->deepest;
   r->table_bytes = t->store.room * t->store.bytes;
-  r->frontier_bytes = t->room * t->width * sizeof *t->item;
+  r->frontier_bytes = soter_row_bytes(&t->row);
 }
 
 void soter_search_dfs(soter_search* s) {

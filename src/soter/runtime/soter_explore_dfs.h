@@ -8,9 +8,8 @@ typedef struct {
   soter_search* s;
   soter_expander expander;
   soter_store store;
-  uint64_t* item; /* packed world, what sleeps, which moves: none left for those on the way */
-  uint64_t count, room;
-  uint32_t words, width;
+  soter_row row; /* which moves: none left for those on the way */
+  uint32_t words;
   uint64_t states;
   uint32_t deepest;
   bool full, broke, by_a_move;

@@ -33,7 +33,6 @@ void soter_expander_close(soter_expander* e) {
   soter_place_close(&e->place);
   free(e->heirs.packed);
   free(e->heirs.sleep);
-  free(e->heirs.actor);
 }
 
 static bool more_heirs(soter_expander* e) {
@@ -47,9 +46,7 @@ static bool more_heirs(soter_expander* e) {
   h->packed = packed != NULL ? packed : h->packed;
   uint64_t* const sleep = realloc(h->sleep, room * sizeof *sleep);
   h->sleep = sleep != NULL ? sleep : h->sleep;
-  uint8_t* const actor = realloc(h->actor, room);
-  h->actor = actor != NULL ? actor : h->actor;
-  if (packed == NULL || sleep == NULL || actor == NULL) {
+  if (packed == NULL || sleep == NULL) {
     e->no_memory = true;
     return false;
   }
@@ -57,14 +54,13 @@ static bool more_heirs(soter_expander* e) {
   return true;
 }
 
-bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint32_t actor, uint64_t sleep) {
+bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint64_t sleep) {
   soter_heirs* const h = &e->heirs;
   if (h->count == h->room && !more_heirs(e)) {
     return false;
   }
   soter_copy_words(h->packed + (size_t)h->count * e->words, packed, e->words);
   h->sleep[h->count] = sleep;
-  h->actor[h->count] = (uint8_t)actor;
   h->count++;
   return true;
 }
@@ -81,7 +77,7 @@ static void make_one(soter_expander* e, const soter_move* move, uint64_t sleep) 
   }
   soter_cover(x, move->actor);
   x->m->pack(x->there, packed);
-  (void)soter_add_heir(e, packed, move->actor, sleep);
+  (void)soter_add_heir(e, packed, sleep);
 }
 
 void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only) {
@@ -137,6 +133,26 @@ void soter_expand_birth(soter_expander* e) {
   do {
     soter_be_born(x);
     x->m->pack(x->there, packed);
-    (void)soter_add_heir(e, packed, SOTER_ACTORS, 0U);
+    (void)soter_add_heir(e, packed, 0U);
   } while (!e->no_memory && soter_next_picks(x));
+}
+
+bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only) {
+  if (r->count == r->room) {
+    const uint64_t room = r->room == 0U ? 1024U : r->room + r->room / 2U;
+    uint64_t* const item = realloc(r->item, room * r->width * sizeof *item);
+    if (item == NULL) {
+      return false;
+    }
+    r->item = item;
+    r->room = room;
+  }
+  uint64_t* const to = soter_row_at(r, r->count);
+  soter_copy_words(to, packed, r->words);
+  to[r->words] = first;
+  if (r->width > r->words + 1U) {
+    to[r->words + 1U] = only;
+  }
+  r->count++;
+  return true;
 }

@@ -185,6 +185,10 @@ SOTER_INLINE void soter_copy_words(uint64_t* to, const uint64_t* from, uint32_t 
   }
 }
 
+SOTER_INLINE int64_t soter_later(int64_t a, int64_t b) {
+  return a > b ? a : b;
+}
+
 /* 64 bits of a packed world; never 0. */
 SOTER_INLINE uint64_t soter_fingerprint(const uint64_t* packed, uint32_t words) {
   uint64_t a = UINT64_C(0x243f6a8885a308d3);
@@ -197,11 +201,10 @@ SOTER_INLINE uint64_t soter_fingerprint(const uint64_t* packed, uint32_t words) 
 
 /* ------------------------------------------------------------------ successors */
 
-/* What one expansion found: packed worlds one after the other, who moved, what then sleeps. */
+/* What one expansion found: packed worlds one after the other, and what then sleeps. */
 typedef struct {
   uint64_t* packed;
   uint64_t* sleep;
-  uint8_t* actor;
   uint32_t count, room;
 } soter_heirs;
 
@@ -243,7 +246,7 @@ bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* br
 void soter_expand_birth(soter_expander* e);
 
 /* Adds one heir. */
-bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint32_t actor, uint64_t sleep);
+bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint64_t sleep);
 
 /* At most `memory` bytes, more or less. */
 struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory);
@@ -255,6 +258,26 @@ bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* 
 SOTER_INLINE uint64_t soter_still_asleep(const soter_model* m, uint32_t actor, uint64_t sleep,
                                          uint64_t before) {
   return (sleep | before) & ~m->actor[actor].dependent;
+}
+
+/* Packed worlds that wait, in a row: each with what sleeps in it and which moves are still to be
+ * made
+ * (`width` words + 2), or with one number (words + 1). */
+typedef struct {
+  uint64_t* item;
+  uint64_t count, room;
+  uint32_t words, width;
+} soter_row;
+
+/* Appends; false: there is no memory. `only` is left out where the row has no place for it. */
+bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only);
+
+SOTER_INLINE uint64_t* soter_row_at(const soter_row* r, uint64_t i) {
+  return r->item + i * r->width;
+}
+
+SOTER_INLINE uint64_t soter_row_bytes(const soter_row* r) {
+  return r->room * r->width * sizeof *r->item;
 }
 
 /* ------------------------------------------------------------------ strategies */

@@ -25,7 +25,6 @@ typedef struct {
 typedef struct {
   uint32_t actor;
   bool lost, first; /* first release of a plant: reads more than its bits */
-  bool waking;      /* the first of its actor's moves */
 } plan;
 
 typedef struct {
@@ -54,7 +53,6 @@ struct soter_memo {
   list effects, values, calendars, plans, bits, verdicts;
   uint64_t* clear; /* [actors * words]: schedule and writes */
   uint64_t memory; /* most bytes of all this: beyond it, it is given up */
-  bool failed;
 };
 
 /* ------------------------------------------------------------------ lists and maps */
@@ -271,7 +269,6 @@ static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const u
       p->actor = a;
       p->lost = move.kind == SOTER_SKIPPED;
       p->first = is_first(m, &move);
-      p->waking = n == 0U;
       for (uint32_t k = 0; k < m->words; k++) {
         bits[k] = after[k] & m->scheduled[k];
       }
@@ -330,8 +327,7 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
     for (uint32_t k = 0; k < m->words; k++) {
       const uint64_t may = m->scheduled[k] | writes[k];
       if (((after[k] ^ packed[k]) & ~may) != 0U) {
-        memo->failed = true; /* the model's footprint is wrong: do without the memory */
-        return false;
+        return false; /* the model's footprint is wrong: do without the memory */
       }
       value[k] = after[k] & writes[k];
     }
@@ -410,7 +406,7 @@ SOTER_INLINE bool expand(soter_expander* e, const uint64_t* packed, uint64_t sle
         heir[k] = (packed[k] & ~m->scheduled[k]) | bits[k];
       }
       e->transitions++;
-      if (!soter_add_heir(e, heir, p.actor, asleep)) {
+      if (!soter_add_heir(e, heir, asleep)) {
         return true;
       }
       continue;
@@ -442,7 +438,7 @@ SOTER_INLINE bool expand(soter_expander* e, const uint64_t* packed, uint64_t sle
       }
       value += words;
       e->transitions++;
-      if (!soter_add_heir(e, heir, p.actor, asleep)) {
+      if (!soter_add_heir(e, heir, asleep)) {
         return true;
       }
     }

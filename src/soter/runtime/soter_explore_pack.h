@@ -48,7 +48,7 @@ SOTER_INLINE uint64_t soter_get(const uint64_t* words, uint64_t at, uint32_t wid
   return width < 64U ? value & ((UINT64_C(1) << width) - 1U) : value;
 }
 
-/* Releases phase + k * period up to the last one whose window ended before `now`; all in ticks,
+/* Releases phase + k * period up to the last one whose window ended before `now`; all in one unit,
  * `now` -1 before the first step. */
 SOTER_INLINE int64_t soter_must(int64_t now, int64_t window, int64_t phase, int64_t period,
                                 int64_t last) {

@@ -20,17 +20,13 @@ uint64_t soter_enabled(const soter_place* x) {
   return enabled;
 }
 
-static int64_t later(int64_t a, int64_t b) {
-  return a > b ? a : b;
-}
-
 /* The clock after the first move, whichever it is. */
 static int64_t next_time(const soter_place* x, uint64_t enabled) {
   const int64_t now = soter_schedule_of(x->p, x->here)->now;
   int64_t first = SOTER_NO_DEADLINE;
   for (uint32_t i = 0; i < x->m->actors; i++) {
-    if ((enabled >> i & 1U) != 0U && later(now, x->window[i].low) < first) {
-      first = later(now, x->window[i].low);
+    if ((enabled >> i & 1U) != 0U && soter_later(now, x->window[i].low) < first) {
+      first = soter_later(now, x->window[i].low);
     }
   }
   return first;

@@ -4,6 +4,7 @@
  * Non-goals: which moves are made (strategies), which are left out (soter_explore_reduce.c).
  */
 #include "soter_explore_in.h"
+#include "soter_explore_pack.h"
 
 /* ------------------------------------------------------------------ a place to work */
 
@@ -91,11 +92,8 @@ void soter_keep_others(const soter_place* x, void* world) {
     if (soter_is_part(x, i)) {
       continue;
     }
-    const int64_t all =
-        m->horizon_ns < a->phase_ns ? 0 : (m->horizon_ns - a->phase_ns) / a->period_ns + 1;
-    const int64_t past = now - a->window_ns - a->phase_ns; /* releases before it must be done */
-    const int64_t must = past <= 0 ? 0 : (past + a->period_ns - 1) / a->period_ns;
-    soter_done_of(m, world)[i] = (uint32_t)(must < all ? must : all);
+    soter_done_of(m, world)[i] =
+        (uint32_t)soter_must(now, a->window_ns, a->phase_ns, a->period_ns, m->horizon_ns);
   }
 }
 
@@ -135,14 +133,10 @@ void soter_look(soter_place* x) {
   }
 }
 
-static int64_t later(int64_t a, int64_t b) {
-  return a > b ? a : b;
-}
-
 /* Time number `number` at which something due within the actor's window may happen. */
 static bool time_of(const soter_place* x, uint32_t actor, uint32_t number, int64_t* time) {
   const int64_t now = soter_schedule_of(x->p, x->here)->now;
-  const int64_t first = later(now, x->window[actor].low);
+  const int64_t first = soter_later(now, x->window[actor].low);
   *time = first;
   if (number == 0U) {
     return true;

@@ -8,16 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from generators.damage import MISSING, damaged
 from unit.cli.test_cli_test import CORRIDOR
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     Soter = Callable[..., Any]
     Golden = Callable[[str, str], None]
 
 ROOT = Path(__file__).resolve().parents[3]
-WRONG: tuple[Any, ...] = (None, True, -1, 1.5, 10**30, "x", [], {}, "missing")
+WRONG: tuple[Any, ...] = (None, True, -1, 1.5, 10**30, "x", [], {}, MISSING)
 TRACE = ".soter/corridor-Far.trace.json"
 
 
@@ -215,30 +216,11 @@ def test_counterexamples_of_proofs_are_replayed_too(
     assert soter("replay", str(counterexample), "--json").codes == ["D011"]
 
 
-def _places(document: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
-    if isinstance(document, dict):
-        for name, value in document.items():
-            yield (*path, name)
-            yield from _places(value, (*path, name))
-    elif isinstance(document, list) and document:
-        yield (*path, 0)
-        yield from _places(document[0], (*path, 0))
-
-
 def test_damaged_counterexamples_are_told_so(soter: Soter, counterexample: Path) -> None:
     """Anything in any place: reproduced or not, or a diagnostic; never a defect."""
     document = json.loads(counterexample.read_text("utf-8"))
     document["steps"] = []
-    for place in list(_places(document)):
-        for wrong in WRONG:
-            damaged = json.loads(json.dumps(document))
-            inner = damaged
-            for part in place[:-1]:
-                inner = inner[part]
-            if wrong == "missing":
-                del inner[place[-1]]
-            else:
-                inner[place[-1]] = wrong
-            counterexample.write_text(json.dumps(damaged))
-            done = soter("replay", str(counterexample), "--json")
-            assert done.exit in (0, 1, 3), (place, wrong)
+    for place, wrong, changed_one in damaged(document, WRONG):
+        counterexample.write_text(json.dumps(changed_one))
+        done = soter("replay", str(counterexample), "--json")
+        assert done.exit in (0, 1, 3), (place, wrong)

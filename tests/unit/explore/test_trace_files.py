@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from generators.damage import MISSING, damaged
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.trace import (
     BYTES_MAX,
@@ -113,40 +114,21 @@ HUGE = 10**40
 WRONG: tuple[object, ...] = (None, True, -1.5, HUGE, -HUGE, "x", [], {}, [[]], {"a": 1}, 1e308)
 
 
-def _places(document: Any, path: tuple[Any, ...] = ()) -> Any:
-    if isinstance(document, dict):
-        for name, value in document.items():
-            yield (*path, name)
-            yield from _places(value, (*path, name))
-    elif isinstance(document, list) and document:
-        yield (*path, 0)
-        yield from _places(document[0], (*path, 0))
-
-
 def test_no_field_of_a_wrong_kind_gets_past(trace: Trace, tmp_path: Path) -> None:
     """Anything in any place: a trace, or D010; never something else."""
     with_choices = [s for s in trace.steps if s.choices]
     document = to_document(replace(trace, steps=tuple(with_choices[:1])))
     path, refused = tmp_path / "a.json", 0
-    for place in list(_places(document)):
-        for wrong in (*WRONG, "missing"):
-            changed = json.loads(json.dumps(document))
-            inner = changed
-            for part in place[:-1]:
-                inner = inner[part]
-            if wrong == "missing":
-                del inner[place[-1]]
-            else:
-                inner[place[-1]] = wrong
-            path.write_text(json.dumps(changed))
-            try:
-                found = read_trace(path)
-            except SoterError as error:
-                refused += 1
-                assert [d.code for d in error.diagnostics] == ["D010"]  # noqa: PT017
-            else:
-                assert all(isinstance(s.time_ns, int) for s in found.steps)
-                assert all(0 <= c.pick < c.of for s in found.steps for c in s.choices)
+    for _, _, changed in damaged(document, (*WRONG, MISSING)):
+        path.write_text(json.dumps(changed))
+        try:
+            found = read_trace(path)
+        except SoterError as error:
+            refused += 1
+            assert [d.code for d in error.diagnostics] == ["D010"]  # noqa: PT017
+        else:
+            assert all(isinstance(s.time_ns, int) for s in found.steps)
+            assert all(0 <= c.pick < c.of for s in found.steps for c in s.choices)
     assert refused > 150
 
 
