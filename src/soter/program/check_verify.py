@@ -61,15 +61,30 @@ class VerifyChecker:
         block.horizon = time(verify.horizon, "`horizon`")
         block.acts = time(verify.acts, "`acts within`")
         block.recover = time(verify.recover, "`recover within`")
-        if verify.late is not None:
-            block.late_dm = time(verify.late.dm, "`late dm`")
-            block.late_sc = time(verify.late.sc, "`late sc`")
-        if verify.response is not None:
-            block.response_dm = time(verify.response.dm, "`response dm`")
-            block.response_sc = time(verify.response.sc, "`response sc`")
+        block.dropout = time(verify.dropout, "`dropout`")
+
+        def times(word: str, delays: tree.Delays | None) -> list[typed.Expr | None]:
+            nodes = {} if delays is None else self._by_node(word, delays)
+            found = {n: time(e, f"`{word} {n}`") for n, e in nodes.items()}
+            setattr(block, f"{word}_of", {n: e for n, e in found.items() if e is not None})
+            roles = (None, None) if delays is None else (delays.dm, delays.sc)
+            return [time(e, f"`{word} {r}`") for r, e in zip(("dm", "sc"), roles, strict=True)]
+
+        block.late_dm, block.late_sc = times("late", verify.late)
+        block.response_dm, block.response_sc = times("response", verify.response)
         if verify.levels is not None:
             number = self.checker.constants.number
             block.levels = sound(number(verify.levels, context, INT, "`levels`"))
+
+    def _by_node(self, word: str, delays: tree.Delays) -> dict[str, tree.Expr]:
+        """Node -> its time; whether a system has such a node is seen where it is verified."""
+        found: dict[str, tree.Expr] = {}
+        for path, expr in delays.nodes:
+            if path.text in found:
+                message = f"`{word}` says the time of `{path.text}` twice"
+                self.diagnostics.error("N002", message, path.span, "again")
+            found.setdefault(path.text, expr)
+        return found
 
     # ------------------------------------------------------------ axes
 

@@ -405,6 +405,9 @@ class Elaborator(Topics):
             "`response dm`": verify.response_dm,
             "`response sc`": verify.response_sc,
             "`acts within`": verify.acts,
+            "`dropout`": verify.dropout,
+            **{f"`late {n}`": e for n, e in verify.late_of.items()},
+            **{f"`response {n}`": e for n, e in verify.response_of.items()},
         }
         for what, expr in delays.items():
             self.delay(expr, what)

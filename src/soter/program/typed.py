@@ -481,6 +481,11 @@ class VerifyBlock:
     response_sc: Expr | None = None
     acts: Expr | None = None
     recover: Expr | None = None
+    late_of: dict[str, Expr] = field(default_factory=dict)
+    """Nodes between plant and module, by name in the flying system: how late they start."""
+    response_of: dict[str, Expr] = field(default_factory=dict)
+    dropout: Expr | None = None
+    """For how long a sensor may be silent beyond its period."""
     span: Span | None = None
 
 

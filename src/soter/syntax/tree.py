@@ -501,10 +501,11 @@ class CommandSet:
 
 @dataclass(frozen=True, slots=True)
 class Delays:
-    """`late dm D, sc D;` or `response dm D, sc D;`: a time of the DM and one of SC."""
+    """`late dm D, sc D, Node D;` or the same of `response`: times of the DM, of SC, of nodes."""
 
     dm: Expr | None
     sc: Expr | None
+    nodes: tuple[tuple[Path, Expr], ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -530,6 +531,7 @@ class VerifyBlock:
     response: Delays | None
     acts: Expr | None
     recover: Expr | None
+    dropout: Expr | None
     span: Span
 
 

@@ -47,6 +47,7 @@ class VerifyParser(BodyParser):
             once("response"),
             once("acts"),
             once("recover"),
+            once("dropout"),
             self.span_from(self.starts[at]),
         )
         self.keep_once(parts, "verify", block, at)
@@ -121,17 +122,28 @@ class VerifyParser(BodyParser):
         word = "response" if self.texts[at] == "response" else "late"
         self.i += 1
         found: dict[str, tree.Expr] = {}
+        nodes: list[tuple[tree.Path, tree.Expr]] = []
         while True:
             role = self.texts[self.i]
-            if role not in ("dm", "sc") or role in found:
-                message = f"expected `dm` or `sc` and a time, found {self.found()}"
+            if not (role[:1].isalpha() or role[:1] == "_") or role in found:
+                message = f"expected `dm`, `sc` or a node and a time, found {self.found()}"
                 raise self.failure("S005", message, helps=(f"write `{word} dm 1ms, sc 1ms;`",))
-            self.i += 1
-            found[role] = self.time(f"`{role}`")
+            if role in ("dm", "sc"):
+                self.i += 1
+                found[role] = self.time(f"`{role}`")
+            else:
+                path = self.path("a node between plant and module")
+                nodes.append((path, self.time(f"`{path.text}`")))
             if not self.accept(","):
                 break
         self.semicolon(f"the times of `{word}`")
-        self.keep_once(parts, word, tree.Delays(found.get("dm"), found.get("sc")), at)
+        delays = tree.Delays(found.get("dm"), found.get("sc"), tuple(nodes))
+        self.keep_once(parts, word, delays, at)
+
+    def _dropout(self, parts: _VerifyParts) -> None:
+        at = self.i
+        self.i += 1
+        self.keep_once(parts, "dropout", self.time_value("`dropout`"), at)
 
     def _within_time(self, parts: _VerifyParts) -> None:
         at = self.i
@@ -153,5 +165,6 @@ _VERIFY_ITEMS: dict[str, Callable[[VerifyParser, _VerifyParts], None]] = {
     "response": VerifyParser._delays,
     "acts": VerifyParser._within_time,
     "recover": VerifyParser._within_time,
+    "dropout": VerifyParser._dropout,
 }
 HOMES["a `verify` block"] = frozenset(_VERIFY_ITEMS)
