@@ -338,7 +338,7 @@ def closed_loop(result: ModuleResult, allowed: Polytope, safer: Polytope, second
     n = len(x)
     e, g = (m.mid for m in exponential(group.state, MS))
     age_max = max(times.age_dm, times.age_sc) // MS
-    late = (times.late_sc + times.response_sc + times.acts) // MS
+    late = times.jitter_sc // MS
     delta_sc, delta_dm = times.delta_sc // MS, times.delta_dm // MS
     past = [x] * (age_max + 1)
     mode = np.ones(n, dtype=bool)
