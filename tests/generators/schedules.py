@@ -25,6 +25,9 @@ PERIODS_SC = (4, 6, 8, 9, 10, 12)
 MOST = 120
 """The largest common multiple of all periods of a system."""
 
+NEAR = 2
+"""Slack that may be a matter of the grid alone."""
+
 
 @dataclass
 class Compared:
@@ -81,25 +84,26 @@ def multiple(s: Schedule) -> int:
 def _drawn(draw: random.Random) -> Schedule:
     family = draw.choice(FAMILIES)
     mix = draw.choice((1, 1, 2, 3, 5))
-    sc = _releases(draw, (draw.choice([p for p in PERIODS_SC if lcm(p, *family) <= MOST] or family),))
+    sc = _releases(draw, tuple(p for p in PERIODS_SC if lcm(p, *family) <= MOST))
     dm_periods = [k * sc.period for k in (1, 1, 2, 3) if k * sc.period <= 24]
     dm_periods += [p for p in family if p > sc.period]
     dm = _releases(draw, tuple(dm_periods))
     in_use = tuple(dict.fromkeys(draw.choice(family) for _ in range(mix)))
-    lengths = [0, 0, 1, 1, 2, 3, 4]
+    between = draw.choice(((0,), (0,), (0, 0, 1, 2)))
+    lengths = draw.choice(((0,), (0, 1), (1, 2), (0, 1, 2, 3, 4)))
     return Schedule(
         dm=dm,
         sc=sc,
         read_by_dm=tuple(
-            _path(draw, in_use, draw.choice(lengths), draw.random() < 0.3)
+            _path(draw, in_use, draw.choice(lengths), enforced=draw.random() < 0.3)
             for _ in range(draw.choice((1, 1, 1, 2)))
         ),
         read_by_sc=tuple(
-            _path(draw, in_use, draw.choice(lengths), False)
+            _path(draw, in_use, draw.choice(lengths), enforced=False)
             for _ in range(draw.choice((1, 1, 1, 2)))
         ),
-        outputs=tuple(_output(draw, in_use) for _ in range(draw.choice((1, 1, 2, 3)))),
-        dropout=draw.choice((0, 0, 0, draw.randrange(1, 13))),
+        outputs=tuple(_output(draw, in_use, between) for _ in range(draw.choice((1, 1, 2, 3)))),
+        dropout=draw.choice((0, 0, 0, draw.randrange(1, 13), draw.choice(in_use))),
     )
 
 
@@ -112,16 +116,16 @@ def _releases(draw: random.Random, periods: tuple[int, ...]) -> Releases:
     return Releases(period, phase, late, min(response, period - late, 4))
 
 
-def _path(draw: random.Random, periods: tuple[int, ...], nodes: int, enforced: bool) -> Path:
+def _path(draw: random.Random, periods: tuple[int, ...], nodes: int, *, enforced: bool) -> Path:
     period = draw.choice(periods)
     sensor = Releases(period, draw.choice((0, draw.randrange(period))))
     path = tuple(_releases(draw, periods) for _ in range(nodes))
     return Path(sensor, path, draw.randrange(1, 25) if enforced else None)
 
 
-def _output(draw: random.Random, periods: tuple[int, ...]) -> Output:
+def _output(draw: random.Random, periods: tuple[int, ...], between: tuple[int, ...]) -> Output:
     least = draw.choice((0, 0, 1, draw.randrange(4)))
-    nodes = tuple(_releases(draw, periods) for _ in range(draw.choice((0, 0, 0, 1, 2))))
+    nodes = tuple(_releases(draw, periods) for _ in range(draw.choice(between)))
     return Output(least, least + draw.choice((0, 1, draw.randrange(4))), nodes)
 
 
@@ -157,3 +161,40 @@ def compare(s: Schedule, told: dict[str, int | None] | None = None) -> list[Comp
     reached = every.enumerate()
     told = told if told is not None else {q: said(s, q) for q in QUANTITIES}
     return [Compared(q, told[q], reached[q], every.worst[q].why) for q in QUANTITIES]
+
+
+def scaled(s: Schedule, by: int) -> Schedule:
+    """The same system on a grid that is finer by a whole factor."""
+
+    def node(x: Releases) -> Releases:
+        return Releases(by * x.period, by * x.phase, by * x.late, by * x.response)
+
+    def path(x: Path) -> Path:
+        age = None if x.max_age is None else by * x.max_age
+        return Path(node(x.sensor), tuple(map(node, x.nodes)), age)
+
+    def output(x: Output) -> Output:
+        return Output(by * x.least, by * x.most, tuple(map(node, x.nodes)))
+
+    return Schedule(
+        dm=node(s.dm),
+        sc=node(s.sc),
+        read_by_dm=tuple(map(path, s.read_by_dm)),
+        read_by_sc=tuple(map(path, s.read_by_sc)),
+        outputs=tuple(map(output, s.outputs)),
+        dropout=by * s.dropout,
+    )
+
+
+def in_the_limit(s: Schedule, found: list[Compared]) -> set[str]:
+    """The quantities that are reached but for one step of the grid, however fine the grid is.
+
+    "Just before the next publication" is one unit before it on the grid; where twice as fine a
+    grid leaves as many units (half as much time), no smaller figure would be sound.
+    """
+    near = {c.quantity for c in found if c.slack is not None and 0 < c.slack <= NEAR}
+    if not near:
+        return set()
+    slack = {c.quantity: c.slack for c in found}
+    finer = compare(scaled(s, 2))
+    return {c.quantity for c in finer if c.quantity in near and c.slack == slack[c.quantity]}
