@@ -53,6 +53,8 @@ SYMBOLS = {
     "start": "h_0",
     "decision": "T_dec",
     "look": "look ahead",
+    "published_age": "P",
+    "available": "F",
 }
 Told = dict[str, int | None]
 
@@ -157,7 +159,7 @@ BLIND: dict[str, tuple[Callable[[Schedule], Told], tuple[str, ...]]] = {
         told_of(_every(_at_once)),
         ("age_dm", "age_sc", "start_of_sc", "h_star", "delay", "jitter", "start", "decision"),
     ),
-    "phases": (told_of(_every(_from_zero)), ("start_of_sc", "jitter", "start", "h_star")),
+    "phases": (told_of(_every(_from_zero)), ("age_dm", "delay", "jitter", "start", "h_star")),
     "latency": (
         told_of(lambda s: replace(s, outputs=tuple(replace(o, most=o.least) for o in s.outputs))),
         ("h_star", "delay", "jitter", "start"),
@@ -174,7 +176,10 @@ BLIND: dict[str, tuple[Callable[[Schedule], Told], tuple[str, ...]]] = {
         told_of(lambda s: replace(s, read_by_dm=s.read_by_dm[:1], read_by_sc=s.read_by_sc[:1])),
         ("age_dm", "age_sc", "stamp_age_sc", "delay", "start", "h_star"),
     ),
-    "silence": (told_of(lambda s: replace(s, dropout=0)), ("age_dm", "delay", "start")),
+    "silence": (
+        told_of(lambda s: replace(s, dropout=0)),
+        ("age_dm", "age_sc", "delay", "start"),
+    ),
     "next verdict in H*": (without("h_star", lambda s: s.dm.period), ("h_star",)),
     "start of SC in H*": (without("h_star", lambda s: s.start_of_sc), ("h_star",)),
     "one unit": (

@@ -27,7 +27,7 @@ Readings of what the definitions leave open (always the one with more schedules)
   next one may be dropped at the gate, so the first start at or after the publication finds it;
 - what acts first counts: a node that publishes the same value again changes nothing;
 - a sensor that is silent skips releases; publications that follow each other are at most
-  period + silence apart. Ages of SC and stamps are asked for without silence, all else with it;
+  period + silence apart. Only stamps of SC are asked for without silence;
 - with an enforced age a read of DM may be any age from the least to (greatest age of a
   publication) + (enforced age): the publications after the one that is read were lost.
 """
@@ -54,7 +54,10 @@ QUANTITIES = (
     "start",
     "decision",
     "look",
+    "published_age",
+    "available",
 )
+"""The names of `Schedule`; of `Path` the last two (P, F) and `stamp_age_sc`: the greatest of all."""
 
 
 class Event(NamedTuple):

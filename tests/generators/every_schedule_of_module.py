@@ -12,7 +12,7 @@ from itertools import product
 from math import lcm
 from typing import TYPE_CHECKING
 
-from generators.every_schedule import QUANTITIES, Event, Reads, Step, Worst, releases, steps
+from generators.every_schedule import QUANTITIES, Event, Reads, Seen, Step, Worst, releases, steps
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -119,6 +119,7 @@ class EverySchedule:
         self.windows_and_delays()
         self.switch_to_sc()
         self.first_act()
+        self.publications()
         self.decisions()
         return {q: w.value for q, w in self.worst.items()}
 
@@ -129,7 +130,8 @@ class EverySchedule:
         for reads in self.dm_reads:
             if reads.path.max_age is not None:
                 oldest = reads.age_of_publication() + reads.path.max_age
-                self.worst["age_dm"].below(oldest)
+                if self.worst["age_dm"].below(oldest):
+                    self.worst["age_dm"].keep([(0, "DM reads the oldest stamp that is enforced")])
                 continue
             for release in releases(self.dm, 0, lcm(self.dm.period, reads.multiple) - 1):
                 for start in range(release, release + self.dm.late + 1):
@@ -168,16 +170,24 @@ class EverySchedule:
                     self.worst["start_of_sc"].keep([*lines, (start, "SC starts")])
 
     def ages_of_sc(self) -> None:
-        """A_sc and the age of the stamps that SC reads."""
+        """A_sc, sensors silent at times, and the age of the stamps that SC reads, never silent."""
+        for reads in self.sc_reads:
+            for start, lines, seen in self.reads_of_sc(reads):
+                if self.worst["age_sc"].below(seen.age):
+                    why = [*lines, (start, "SC starts"), *timeline(start, seen.why)]
+                    self.worst["age_sc"].keep(why)
         for reads in self.sc_reads_prompt:
-            for due in releases(self.sc, 0, lcm(self.thread, reads.multiple) - 1):
-                for start, lines in self.starts(due):
-                    for seen in reads.at(start):
-                        for name, value in (("age_sc", seen.age), ("stamp_age_sc", seen.stamp)):
-                            if self.worst[name].below(value):
-                                run = (start, f"SC starts, reads age {seen.age}")
-                                why = [*lines, run, *timeline(start, seen.why)]
-                                self.worst[name].keep(why)
+            for start, lines, seen in self.reads_of_sc(reads):
+                if self.worst["stamp_age_sc"].below(seen.stamp):
+                    why = [*lines, (start, "SC starts"), *timeline(start, seen.why)]
+                    self.worst["stamp_age_sc"].keep(why)
+
+    def reads_of_sc(self, reads: Reads) -> Iterator[tuple[int, tuple[Line, ...], Seen]]:
+        """When SC can start, and what it can read there."""
+        for due in releases(self.sc, 0, lcm(self.thread, reads.multiple) - 1):
+            for start, lines in self.starts(due):
+                for seen in reads.at(start):
+                    yield start, lines, seen
 
     # what SC does
 
@@ -320,6 +330,14 @@ class EverySchedule:
                 acted, acts = self.last_act(published)
                 if self.worst["start"].below(acted):
                     self.worst["start"].keep([*lines, *more, *acts])
+
+    def publications(self) -> None:
+        """P and F: how old a state is when it is published, and when the first one is."""
+        for reads in (*self.dm_reads, *self.sc_reads):
+            self.worst["published_age"].below(reads.age_of_publication())
+            for at, lines in available(reads).items():
+                if self.worst["available"].below(at - bool(reads.path.nodes)):
+                    self.worst["available"].keep(list(lines))
 
     # DM's decisions
 

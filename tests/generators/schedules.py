@@ -12,7 +12,7 @@ no step of SC still runs, waiting for a verdict included, when its next one is d
 from __future__ import annotations
 
 import random
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from math import lcm
 
 from generators.every_schedule import QUANTITIES
@@ -118,7 +118,7 @@ def _releases(draw: random.Random, periods: tuple[int, ...]) -> Releases:
 
 def _path(draw: random.Random, periods: tuple[int, ...], nodes: int, *, enforced: bool) -> Path:
     period = draw.choice(periods)
-    sensor = Releases(period, draw.choice((0, draw.randrange(period))))
+    sensor = Releases(period, draw.choice((0, draw.randrange(period), draw.randrange(2 * period))))
     path = tuple(_releases(draw, periods) for _ in range(nodes))
     return Path(sensor, path, draw.randrange(1, 25) if enforced else None)
 
@@ -151,6 +151,9 @@ def said(s: Schedule, quantity: str) -> int | None:
     """What the model of time says."""
     if quantity == "stamp_age_sc":
         return max(s.stamp_age_sc(p) for p in s.read_by_sc)
+    if quantity in {"published_age", "available"}:
+        paths = [replace(p, dropout=s.dropout) for p in s.read_by_dm + s.read_by_sc]
+        return max(getattr(p, quantity) for p in paths)
     value: int = getattr(s, quantity)
     return value
 
