@@ -23,6 +23,7 @@ import time
 from collections.abc import Callable  # noqa: TC003 - a table is declared with it
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 ROOT = Path(__file__).resolve().parents[1]
 for folder in (ROOT, ROOT / "tests"):
@@ -39,8 +40,9 @@ from generators.schedules import (  # noqa: E402 - needs the path
     system,
 )
 
-from soter.reach.schedule import Output, Releases, Schedule  # noqa: E402 - needs the path
-from soter.reach.schedule import Path as Way  # noqa: E402 - needs the path
+if TYPE_CHECKING:
+    from soter.reach.schedule import Output, Releases, Schedule
+    from soter.reach.schedule import Path as Way
 
 SYMBOLS = {
     "age_dm": "A",
@@ -70,6 +72,7 @@ class Row:
     slacks: list[int] = field(default_factory=list)
 
     def add(self, found: Compared, *, in_the_limit: bool) -> None:
+        """Count one system; what nothing can ever read or do there is left out."""
         if found.slack is None:
             return
         self.systems += 1
@@ -79,6 +82,7 @@ class Row:
         self.slacks.append(found.slack)
 
     def summary(self) -> dict[str, float]:
+        """The row as figures."""
         return {
             "systems": self.systems,
             "exceeded": self.exceeded,
@@ -192,10 +196,10 @@ BLIND: dict[str, tuple[Callable[[Schedule], Told], tuple[str, ...]]] = {
 
 def timeline(found: Compared, drawn: System) -> str:
     """A counterexample: the system, the figures, and the schedule."""
+    name = f"{SYMBOLS[found.quantity]} ({found.quantity})"
     lines = [
         f"system {drawn.number}: {drawn.schedule}",
-        f"{SYMBOLS[found.quantity]} ({found.quantity}): the model says {found.says}, "
-        f"this schedule reaches {found.reached}:",
+        f"{name}: the model says {found.says}, this schedule reaches {found.reached}:",
     ]
     lines += [f"    {at:5}  {what}" for at, what in dict.fromkeys(found.why)]
     return "\n".join(lines)

@@ -39,9 +39,9 @@ from math import lcm
 from typing import TYPE_CHECKING, NamedTuple
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Iterator
 
-    from soter.reach.schedule import Output, Path, Releases, Schedule
+    from soter.reach.schedule import Path, Releases
 
 QUANTITIES = (
     "age_dm",
@@ -57,7 +57,7 @@ QUANTITIES = (
     "published_age",
     "available",
 )
-"""The names of `Schedule`; of `Path` the last two (P, F) and `stamp_age_sc`: the greatest of all."""
+"""The names of `Schedule`; of `Path` the last two (P and F): the greatest of all paths."""
 
 
 class Event(NamedTuple):
@@ -250,9 +250,7 @@ class Reads:
                 yield at - first + age, newer
 
     @staticmethod
-    def _two_steps(
-        node: Releases, at: int, then: int, *, by_module: bool
-    ) -> set[tuple[int, int]]:
+    def _two_steps(node: Releases, at: int, then: int, *, by_module: bool) -> set[tuple[int, int]]:
         found = set()
         for first in steps_seen(node, at, by_module=by_module):
             for second in steps_seen(node, then, by_module=by_module):

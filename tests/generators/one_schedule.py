@@ -165,7 +165,7 @@ class OneSchedule:
             self.note("switch", max(a for a in acted if a is not None) - ac.start)
 
     def acts(self, output: Output) -> list[tuple[int | None, int | None]]:
-        """When each publication of SC acts (None: never, a later one did), and it or a later one."""
+        """When each publication of SC acts (None: a later one did), and when it or a later one."""
         held = [Value(s.published, k, "perhaps") for k, s in enumerate(self.sc)]
         for node in output.nodes:
             following = []

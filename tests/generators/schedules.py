@@ -19,7 +19,16 @@ from generators.every_schedule import QUANTITIES
 from generators.every_schedule_of_module import EverySchedule
 from soter.reach.schedule import Output, Path, Releases, Schedule
 
-FAMILIES = ((2, 4, 8, 12), (3, 6, 9, 12), (4, 6, 12), (5, 10), (2, 5, 10), (3, 4, 6), (3, 5), (4, 7))
+FAMILIES = (
+    (2, 4, 8, 12),
+    (3, 6, 9, 12),
+    (4, 6, 12),
+    (5, 10),
+    (2, 5, 10),
+    (3, 4, 6),
+    (3, 5),
+    (4, 7),
+)
 """Periods that one system is made of: their common multiple is small."""
 PERIODS_SC = (4, 6, 8, 9, 10, 12)
 MOST = 120
@@ -57,7 +66,7 @@ class System:
 
 def system(number: int) -> System:
     """The system of that number: the same one for ever."""
-    draw = random.Random(f"schedule {number}")
+    draw = random.Random(f"schedule {number}")  # noqa: S311 - systems, not secrets
     while True:
         drawn = _drawn(draw)
         if _allowed(drawn):
@@ -77,7 +86,8 @@ def _allowed(s: Schedule) -> bool:
 def multiple(s: Schedule) -> int:
     """After so many units all phases are the same again."""
     paths = s.read_by_dm + s.read_by_sc
-    nodes = [n.period for x in (*paths, *s.outputs) for n in x.nodes]
+    nodes = [n.period for x in paths for n in x.nodes]
+    nodes += [n.period for x in s.outputs for n in x.nodes]
     return lcm(s.dm.period, s.sc.period, *(p.sensor.period for p in paths), *nodes)
 
 
@@ -153,7 +163,8 @@ def said(s: Schedule, quantity: str) -> int | None:
         return max(s.stamp_age_sc(p) for p in s.read_by_sc)
     if quantity in {"published_age", "available"}:
         paths = [replace(p, dropout=s.dropout) for p in s.read_by_dm + s.read_by_sc]
-        return max(getattr(p, quantity) for p in paths)
+        age: int = max(getattr(p, quantity) for p in paths)
+        return age
     value: int = getattr(s, quantity)
     return value
 
