@@ -159,6 +159,9 @@ def _saved(report: VerifyReport) -> Runs:
 
 def _headline(module: ModuleResult, console: Console) -> str:
     verdict = console.paint(PAINTS[module.verdict], module.verdict.upper())
+    if module.headline != module.verdict:  # proved, but of next to nothing
+        assert module.vacuity is not None
+        verdict = f"{console.paint('yellow', module.verdict.upper())}, but {module.vacuity.text},"
     count = len(module.problem.assumptions)
     under = f" under {count} assumption{'' if count == 1 else 's'}"
     assumed = [n for n, f in module.findings.items() if f.verdict == "assumed"]
@@ -183,14 +186,17 @@ def _table(module: ModuleResult, console: Console) -> str:
 
 def _details(module: ModuleResult, console: Console) -> list[str]:
     """Shares, and where and why something is not proved."""
+    from soter.reach.results import NO_CORE  # noqa: PLC0415 - needs nothing heavy, but a room below
+
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]
     size = f", {module.cells:,} cells" if module.cells else ""
     lines = ["", f"{' · '.join(shares)} of the grid's volume{size}"]
+    lines += [module.at_the_start] if module.at_the_start else []
     told: list[str] = []
     for name in ("P2a", "ttf", "safer", *module.findings):
         finding = module.findings[name]
-        if not finding.holds and finding.text not in told:
+        if not finding.holds and finding.text not in (NO_CORE, *told):
             told.append(finding.text)  # P3 fails like one of `ttf` and `safer`
             lines += _failure(name, finding, console)
     return lines
@@ -202,6 +208,9 @@ def _failure(name: str, finding: Finding, console: Console) -> list[str]:
     rest = len(finding.regions) - REGIONS_SHOWN
     if rest > 0:
         lines.append(f"         and {rest} more")
+    lines += [f"  why    {c.text}" for c in finding.causes]
+    if finding.leaving is not None:
+        lines.append(f"  leaves {finding.leaving}")
     if finding.hint:
         lines.append(f"  help   {finding.hint}")
     if finding.counterexample is not None:

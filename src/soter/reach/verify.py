@@ -27,6 +27,7 @@ from soter.reach.recovery import in_time, recover
 from soter.reach.refine import refined
 from soter.reach.results import (
     ASSUMED,
+    NO_CORE,
     PROPERTIES,
     PROVED,
     UNDECIDED,
@@ -35,6 +36,7 @@ from soter.reach.results import (
     ModuleResult,
 )
 from soter.reach.timing import DELAYS, in_words
+from soter.reach.vacuity import at_the_start, vacuity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,9 +69,16 @@ CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
 
 
 def verify_module(
-    problem: Problem, *, refute: bool = True, progress: Progress | None = None
+    problem: Problem,
+    *,
+    refute: bool = True,
+    explain: bool | None = None,
+    progress: Progress | None = None,
 ) -> ModuleResult:
-    """Everything about one module. `SoterError` R... where a program cannot be enclosed."""
+    """Everything about one module. `SoterError` R... where a program cannot be enclosed.
+
+    `explain`: measure why something stays undecided; None: where `refute` is.
+    """
     began = time.perf_counter()
     library, prelude = library_of(problem)
     _assume(problem, prelude)
@@ -84,8 +93,11 @@ def verify_module(
     result.findings = {p: result.findings[p] for p in PROPERTIES}
     result.recover_s = _recover_s(done, result)
     result.shares = _shares(done)
+    result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
     if refute:
         _refute(problem, result)
+    if refute if explain is None else explain:
+        _diagnose(done, result)
     result.seconds = time.perf_counter() - began
     return result
 
@@ -164,7 +176,7 @@ def _claims(case: Case) -> None:
         found = claims.constraint(case) and claims.core(case)
     if not found:
         for claim in CLAIMS[1:]:
-            case.fail(claim, "there is no K")
+            case.fail(claim, NO_CORE)
         return
     _after_core(case)
     if case.problem.computed:
@@ -384,3 +396,11 @@ def _refute(problem: Problem, result: ModuleResult) -> None:
     from soter.reach.verdicts import refuted  # noqa: PLC0415 - compiles the whole system
 
     refuted(problem, result)
+
+
+def _diagnose(done: list[Case], result: ModuleResult) -> None:
+    """Where something stays undecided: why, as far as a few seconds can tell."""
+    if any(f.verdict == UNDECIDED for f in result.findings.values()):
+        from soter.reach.diagnose import diagnose  # noqa: PLC0415 - only then
+
+        diagnose(done, result)
