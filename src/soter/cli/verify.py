@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.cli.console import Console
-    from soter.reach.results import Finding, ModuleResult, VerifyReport
+    from soter.reach.results import Finding, LeavingRun, ModuleResult, VerifyReport
 
     Runs = Mapping[str, Mapping[str, Path]]
 
@@ -246,6 +246,9 @@ def _module(module: ModuleResult, runs: Mapping[str, Path]) -> dict[str, object]
         "cells": module.cells,
         "core_share": module.core_share,
         "shares": module.shares,
+        "headline": module.headline,
+        "vacuous": _vacuous(module),
+        "at_the_start": module.at_the_start,
         "horizon_s": times.horizon_ns / 1e9,
         "horizon_needed_s": times.h_star / 1e9,
         "recover_s": module.recover_s,
@@ -269,4 +272,37 @@ def _finding(finding: Finding, run: Path | None) -> dict[str, object]:
             for region in finding.regions
         ],
         "counterexample": None if run is None else str(run),
+        "causes": [
+            {"kind": c.kind, "text": c.text, "hint": c.hint, "numbers": dict(c.numbers)}
+            for c in finding.causes
+        ],
+        "leaving": _leaving(finding.leaving),
+    }
+
+
+def _vacuous(module: ModuleResult) -> dict[str, object] | None:
+    found = module.vacuity
+    if found is None:
+        return None
+    return {
+        "how_often": found.how_often,
+        "what": found.what,
+        "share": found.share,
+        "text": found.text,
+        "parameters": dict(found.parameters),
+    }
+
+
+def _leaving(run: LeavingRun | None) -> dict[str, object] | None:
+    """A run of the model: what it starts from, and every state that was computed."""
+    if run is None:
+        return None
+    return {
+        "text": str(run),
+        "axis": run.axis,
+        "side": run.side,
+        "safe": run.safe,
+        "chosen": list(run.chosen),
+        "time_s": run.time_s.tolist(),
+        "states": {n: run.states[:, i].tolist() for i, n in enumerate(run.names)},
     }

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 BUDGET_S = 8.0
-RUNS_S = 2.0
+RUNS_S = 3.0
 PRECISION = 32
 """Parts in which the strength of what stands against SC is told."""
 SAME = 1e-9
@@ -43,12 +43,16 @@ NAMES = {
     "constraint": "there is no C",
     "wrap_around": "an axis that should wrap around",
     "one_sided": "an end of the grid acts as a wall",
-    "drift": "the flow leaves the grid",
+    "drift_of_all": "the flow leaves C whatever SC does",
+    "drift": "the flow leaves the grid under SC",
     "cells": "the cells are too coarse",
-    "strength": "SC fails with what stands against it",
-    "weak": "SC fails even with nothing against it",
+    "strength": "too much stands against SC",
+    "no_run": "but no run of the model was seen to leave C",
+    "weak": "with nothing against SC, too",
 }
 """Causes, the first of which that was found is named in the table."""
+HOPELESS = ("wrap_around", "drift_of_all")
+"""Causes beside which cells and strength are not looked at."""
 EMPTY = "K is empty"
 
 
@@ -103,13 +107,14 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: Budget) -
         search = _runs(case, model, budget.part(RUNS_S))
         finding.leaving = search.soonest
         causes = list(_faces(case, model, failure, search, budget))
-        if failure.group is not None:
+        if failure.group is not None and not any(c.kind in HOPELESS for c in causes):
             finer = list(_finer(case, failure.group, budget))
             causes += finer
             if not any(c.kind == "cells" for c in finer):
                 causes += _strength(case, failure.group, budget)
-        finding.causes = sorted(causes, key=lambda c: [*NAMES, c.kind].index(c.kind))
-        finding.causes += _simulated(search)
+        causes += _simulated(search)
+        order = [*NAMES, "not_cells", "undisturbed"]
+        finding.causes = sorted(causes, key=lambda c: order.index(c.kind))
     main = next((c for c in finding.causes if c.kind in NAMES), None)
     if main is not None:
         finding.text = f"{EMPTY}: {NAMES[main.kind]}"
@@ -297,9 +302,9 @@ def _drift(case: Case, model: Model) -> Iterator[Cause]:
             name, end = model.problem.quantities.states[i].name, float(box[i, int(low > 0.0)])
             least = low if low > 0.0 else high
             yield Cause(
-                "drift",
-                f"the flow leaves at {name} = {end:.6g} whatever SC does: all over C {name} moves "
-                f"by {least:.4g} {per} at least",
+                "drift_of_all",
+                f"the flow leaves at {name} = {end:.6g} whatever SC does: all over C {name} "
+                f"{'rises' if low > 0.0 else 'falls'} by {abs(least):.4g} {per} at least",
                 f"a state that only grows has no set that is kept: leave {name} out, or let it wrap",
                 (("end", end), ("rate", least)),
             )
@@ -391,7 +396,7 @@ def _strength(case: Case, index: int, budget: Budget) -> Iterator[Cause]:
         return
     if not none.share:
         text = f"even without {listed} SC keeps nothing ({none.cells})"
-        yield Cause("weak", text, "another SC: it fails by itself; or a finer grid")
+        yield Cause("weak", text, "another SC, or a finer grid")
         return
     low, high = 0, PRECISION
     best = none

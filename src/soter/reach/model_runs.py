@@ -34,8 +34,8 @@ NS = 1e-9
 CORNERS_MAX = 6
 """So many signs are tried in all combinations; of more, `DRAWN` combinations."""
 DRAWN = 48
-LENGTHS = (400, 6000)
-"""Holds of a run: all patterns for the first, then all again for the second."""
+LENGTHS = (200, 1000, 6000)
+"""Holds of a run: all patterns for the first length, then all again for the next."""
 STEPS_A_HOLD = 4
 FALSE, TRUE = 1, 2
 """Truths that are certain."""
@@ -103,6 +103,15 @@ class Model:
         except StepFaultError:
             return FALSE | TRUE
         return int(self._truths[0])
+
+    def safer(self, x: Floats) -> bool:
+        """Whether `safer` surely holds on the exact estimate of a state."""
+        self._point[self.states], self._point[self.errors] = x, 0.0
+        try:
+            self._call("safer")
+        except StepFaultError:
+            return False
+        return int(self._truths[0]) == TRUE
 
     def step(self, x: Floats, u: Floats, w: Floats, t: float) -> Floats:
         """One step of RK4."""
