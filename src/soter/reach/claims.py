@@ -49,6 +49,8 @@ class Failure:
     """Where that is."""
     stuck: bool = False
     """P2b: the cells are those of K from which no way back was found."""
+    cut: bool = False
+    """It was not looked at to the end, as something else fails."""
 
 
 @dataclass(eq=False)
@@ -80,10 +82,12 @@ class Case:
         hint: str = "",
         *,
         stuck: bool = False,
+        cut: bool = False,
         part: PolytopePart | None = None,
     ) -> None:
         """Enter a failure."""
-        self.failures.append(Failure(claim, text, group, cells, hint, stuck=stuck, part=part))
+        made = Failure(claim, text, group, cells, hint, stuck=stuck, cut=cut, part=part)
+        self.failures.append(made)
 
     def again(self, group: int) -> None:
         """A group keeps nothing of an earlier attempt."""

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.reach.experiments import Budget, Change, against, kept
+from soter.reach.experiments import COARSE, Budget, Change, Kept, against, kept
 from soter.reach.model_runs import FALSE, TRUE, Model, Search, StepFaultError, soonest
 from soter.reach.results import UNDECIDED, Cause
 
@@ -30,9 +30,11 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 BUDGET_S = 8.0
-RUNS_S = 3.0
+RUNS_S = 3.5
+FINER_S = 2.5
 PRECISION = 32
 """Parts in which the strength of what stands against SC is told."""
+DECLARED = "the declared start"
 SAME = 1e-9
 """Relative difference up to which two points of an axis count as the same to the plant."""
 POINTS = 12
@@ -86,7 +88,7 @@ def _named(done: Sequence[Case], case: Case, finding: Finding) -> None:
 
 def _say_cut(result: ModuleResult) -> None:
     """Where measuring ended early, that is said with what was found."""
-    text = f"measuring was cut off after {BUDGET_S:g} s of CPU time: there may be more to be said"
+    text = f"measuring was cut off ({BUDGET_S:g} s of CPU time in all): more could be said"
     for name in ("P2a", "ttf", "safer", "start", "P2b"):
         finding = result.findings[name]
         if finding.verdict == UNDECIDED and (finding.causes or name == "P2a"):
@@ -108,10 +110,7 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: Budget) -
         finding.leaving = search.soonest
         causes = list(_faces(case, model, failure, search, budget))
         if failure.group is not None and not any(c.kind in HOPELESS for c in causes):
-            finer = list(_finer(case, failure.group, budget))
-            causes += finer
-            if not any(c.kind == "cells" for c in finer):
-                causes += _strength(case, failure.group, budget)
+            causes += _cells_and_strength(case, failure.group, budget)
         causes += _simulated(search)
         order = [*NAMES, "not_cells", "undisturbed"]
         finding.causes = sorted(causes, key=lambda c: order.index(c.kind))
@@ -142,18 +141,33 @@ def _declared_start(model: Model) -> Floats:
 
 
 def _runs(case: Case, model: Model, budget: Budget) -> Search:
-    """The soonest run from the declared start, else from the middle of C."""
-    starts = [(_declared_start(model), "the declared start"), (_middle(case, model), "the middle of C")]
+    """The soonest run from the declared start, else from another state of C."""
     found = Search()
-    for start, whose in starts:
+    for start, whose in _starts(case, model):
         inside = (start >= model.low).all() and (start <= model.high).all()
         if not inside or not model.safe(start) & TRUE:
             continue
-        search = soonest(model, start, whose, budget.goes_on)
-        if search.soonest is not None:
-            return search
-        found = search if found.runs == 0 else found
+        allowance = budget.part(RUNS_S * 0.7 if whose == DECLARED else RUNS_S * 0.15)
+        search = soonest(model, start, whose, allowance.goes_on)
+        search.runs += found.runs
+        search.longest_s = max(search.longest_s, found.longest_s)
+        search.cut |= found.cut
+        found = search
+        if search.soonest is not None or not budget.goes_on():
+            break
     return found
+
+
+def _starts(case: Case, model: Model) -> Iterator[tuple[Floats, str]]:
+    """The declared start, the middle of C, and half way from there to either end of each axis."""
+    yield _declared_start(model), DECLARED
+    middle = _middle(case, model)
+    yield middle, "the middle of C"
+    for axis in range(len(middle)):
+        for end in (model.high, model.low):
+            x = middle.copy()
+            x[axis] = (middle[axis] + end[axis]) / 2
+            yield x, "inside C"
 
 
 def _middle(case: Case, model: Model) -> Floats:
@@ -272,7 +286,7 @@ def _wider(
         return ""
     low, high = float(model.low[axis]), float(model.high[axis])
     ends = (low, high + (high - low)) if side > 0 else (low - (high - low), high)
-    found = kept(case, index, Change(coarse=True, wider={axis: ends}), budget)
+    found = kept(case, index, Change(most=COARSE[1], wider={axis: ends}), budget)
     if found is None:
         return ""
     much = f"K is {found.share:.1%} of C" if found.share else "K is empty as well"
@@ -365,70 +379,77 @@ def _more_cells(case: Case, index: int, times: int = 2) -> str:
     return "more cells: " + ", ".join(f"{a.name} / {times * (len(a.edges) - 1)}" for a in axes)
 
 
-def _finer(case: Case, index: int, budget: Budget) -> Iterator[Cause]:
-    """What cells of half the size change, and where they change nothing those of a quarter."""
-    last, tried = None, ""
+def _cells_and_strength(case: Case, index: int, budget: Budget) -> Iterator[Cause]:
+    """Cells of half the size, then less against SC, then cells of a quarter of the size."""
+    last: Cause | None = None
     for split, size in SIZES:
-        found = kept(case, index, Change(split=split), budget)
-        if found is None:
-            break
-        last, tried = found, size
-        if found.share:
-            text = f"with cells of {size} the size K is {found.share:.1%} of C ({found.cells})"
-            numbers = (("share_of_C", found.share), ("split", float(2**split)))
-            yield Cause("cells", text, _more_cells(case, index, 2**split), numbers)
+        found = kept(case, index, Change(split=split), budget.part(FINER_S))
+        if found is not None:
+            last = _finer(case, index, split, size, found)
+        if last is not None and last.kind == "cells":
+            yield last
             return
+        if split == 1:
+            yield from _strength(case, index, budget)
     if last is not None:
-        text = f"with cells of {tried} the size K is empty as well ({last.cells})"
-        yield Cause("not_cells", text, "", (("share_of_C", 0.0),))
+        yield last
+
+
+def _finer(case: Case, index: int, split: int, size: str, found: Kept) -> Cause:
+    """What smaller cells change."""
+    numbers = (("share_of_C", found.share), ("split", float(2**split)))
+    if not found.share:
+        text = f"with cells of {size} the size K is empty as well ({found.cells})"
+        return Cause("not_cells", text, "", numbers)
+    text = f"with cells of {size} the size K is {found.share:.1%} of C ({found.cells})"
+    return Cause("cells", text, _more_cells(case, index, 2**split), numbers)
 
 
 def _strength(case: Case, index: int, budget: Budget) -> Iterator[Cause]:
     """With which part of what stands against SC there would be a K."""
     there = against(case)
     if not there:
-        yield Cause("weak", "SC has no disturbance, error or delay against it, and keeps nothing")
+        yield Cause("weak", "nothing stands against SC: no disturbance, error or delay")
         return
     listed = _and(there)
-    change = Change(coarse=True, scale=dict.fromkeys(there, 0.0))
-    none = kept(case, index, change, budget)
-    if none is None:
+
+    def part(share: float, most: int, names: tuple[str, ...] = there) -> Kept | None:
+        return kept(case, index, Change(most=most, scale=dict.fromkeys(names, share)), budget)
+
+    most, best = COARSE[0], part(0.0, COARSE[0])
+    if best is not None and not best.share and case.sets.groups[index].core.size > most:
+        most = COARSE[1]
+        best = part(0.0, most)
+    if best is None:
         return
-    if not none.share:
-        text = f"even without {listed} SC keeps nothing ({none.cells})"
+    if not best.share:
+        text = f"even without {listed} SC keeps nothing ({best.cells})"
         yield Cause("weak", text, "another SC, or a finer grid")
         return
     low, high = 0, PRECISION
-    best = none
     while high - low > 1:
         middle = (low + high) // 2
-        scale = dict.fromkeys(there, middle / PRECISION)
-        found = kept(case, index, Change(coarse=True, scale=scale), budget)
+        found = part(middle / PRECISION, most)
         if found is None:
             break
         if found.share:
             low, best = middle, found
         else:
             high = middle
-    alone = _alone(case, index, there, budget) if len(there) > 1 else ""
+    alone = []
+    for name in there if len(there) > 1 else ():
+        found = part(0.0, most, (name,))
+        if found is not None and found.share:
+            alone.append(f"without {name} {found.share:.1%}")
     at = f"{low / PRECISION:.0%} of the declared {listed}" if low else f"no {_and(there, 'or')}"
-    fails = f"at {high / PRECISION:.0%} none was found"
+    fails = f"at {high / PRECISION:.0%} " + ("none was found" if high < PRECISION else "nothing")
     yield Cause(
         "strength",
-        f"with {at} SC keeps {best.share:.1%} of C, {fails} ({best.cells}){alone}",
+        f"with {at} SC keeps {best.share:.1%} of C, {fails} ({best.cells})"
+        + (f"; {', '.join(alone)}" if alone else ""),
         f"a stronger SC, or smaller {listed}",
         (("part", low / PRECISION), ("fails_at", high / PRECISION), ("share_of_C", best.share)),
     )
-
-
-def _alone(case: Case, index: int, there: tuple[str, ...], budget: Budget) -> str:
-    """Which of them it would be enough to be rid of."""
-    enough = []
-    for name in there:
-        found = kept(case, index, Change(coarse=True, scale={name: 0.0}), budget)
-        if found is not None and found.share:
-            enough.append(f"without {name} {found.share:.1%}")
-    return f"; {', '.join(enough)}" if enough else ""
 
 
 def _and(words: tuple[str, ...], word: str = "and") -> str:

@@ -29,8 +29,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 PARTS = ("disturbances", "errors", "delays")
-COARSE = 40_000
-"""Cells of a group in an experiment that is repeated."""
+COARSE = (8_000, 40_000)
+"""Cells of a group in experiments that are repeated; the second where the first show nothing."""
 MOST = 1_500_000
 """Cells of any experiment."""
 
@@ -38,26 +38,33 @@ MOST = 1_500_000
 class Budget:
     """CPU seconds that a diagnosis may take; `cut` says that something was left out."""
 
-    def __init__(self, seconds: float) -> None:
+    def __init__(self, seconds: float, whole: Budget | None = None) -> None:
         self._until = time.process_time() + seconds
+        self._whole = whole
         self.cut = False
 
     def goes_on(self) -> bool:
         """Whether there is time left."""
         return time.process_time() < self._until
 
+    def leave_out(self) -> None:
+        """Note that something was not measured, or not to its end."""
+        self.cut = True
+        if self._whole is not None:
+            self._whole.leave_out()
+
     def part(self, seconds: float) -> Budget:
-        """A share of what is left."""
-        return Budget(min(seconds, self._until - time.process_time()))
+        """So much of what is left, at most."""
+        return Budget(min(seconds, self._until - time.process_time()), self)
 
 
 @dataclass(frozen=True)
 class Change:
-    """How a problem differs: cells split in 2 ** `split` along each axis (or merged: `coarse`),
+    """How a problem differs: cells split in 2 ** `split` along each axis, or merged to `most`,
     parts of what stands against SC, axis -> (low, high) of a wider grid."""
 
     split: int = 0
-    coarse: bool = False
+    most: int = MOST
     scale: Mapping[str, float] = field(default_factory=dict)
     wider: Mapping[int, tuple[float, float]] = field(default_factory=dict)
 
@@ -79,13 +86,13 @@ def kept(case: Case, index: int, change: Change, budget: Budget) -> Kept | None:
     """K of group `index` of a case under a change; None where time or cells do not suffice."""
     engine = _engine(case, index, change, budget)
     if engine is None or not budget.goes_on():
-        budget.cut = True
+        budget.leave_out()
         return None
     try:
         allowed = allowed_on(case, engine)
         core = engine.core(allowed).cells
     except CancelledError:
-        budget.cut = True
+        budget.leave_out()
         return None
     except (UnboundedError, AssertionError):
         return None
@@ -119,8 +126,8 @@ def _engine(case: Case, index: int, change: Change, budget: Budget) -> GridGroup
         for _ in range(change.split):
             e = np.sort(np.concatenate([e, e[:-1] / 2 + e[1:] / 2]))  # noqa: PLW2901
         edges.append(e)
-    if change.coarse:
-        edges = _merged(edges)
+    if change.most < MOST:
+        edges = _merged(edges, change.most)
     if np.prod([len(e) - 1 for e in edges], dtype=np.int64) > MOST:
         return None
     inputs = replace(inputs, states=tuple(states))
@@ -139,10 +146,10 @@ def _extended(edges: Floats, low: float, high: float) -> Floats:
     return np.concatenate([below, edges, above])
 
 
-def _merged(edges: list[Floats]) -> list[Floats]:
-    """As many cells a step are merged along every axis as leave `COARSE` at most."""
+def _merged(edges: list[Floats], most: int) -> list[Floats]:
+    """As many cells a step are merged along every axis as leave `most` of them."""
     size = float(np.prod([len(e) - 1 for e in edges], dtype=np.int64))
-    step = max(1, int(np.ceil((size / COARSE) ** (1 / len(edges)))))
+    step = max(1, int(np.ceil((size / most) ** (1 / len(edges)))))
     return [np.unique(np.append(e[::step], e[-1])) for e in edges]
 
 

@@ -54,7 +54,7 @@ def margins(done: Sequence[Case], result: ModuleResult, budget: Budget) -> None:
             with _stopping(engine, budget):
                 finding.causes += _of_claim(case, failure, engine)
         except CancelledError:
-            budget.cut = True
+            budget.leave_out()
         except (UnboundedError, StepFaultError):
             continue
     p3, ttf, safer = (result.findings[n] for n in ("P3", "ttf", "safer"))

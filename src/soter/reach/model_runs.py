@@ -34,9 +34,12 @@ NS = 1e-9
 CORNERS_MAX = 6
 """So many signs are tried in all combinations; of more, `DRAWN` combinations."""
 DRAWN = 48
-LENGTHS = (200, 1000, 6000)
-"""Holds of a run: all patterns for the first length, then all again for the next."""
-STEPS_A_HOLD = 4
+LENGTHS = (100, 800, 5000)
+"""Holds of a run: all patterns for the first length, those that got furthest for the next ones."""
+FURTHEST = 5
+STEPS_A_HOLD = 2
+SHOWN = 600
+"""So many states of a run are kept to be shown, the first and the last among them."""
 FALSE, TRUE = 1, 2
 """Truths that are certain."""
 
@@ -50,7 +53,7 @@ class Model:
 
     def __init__(self, case: Case) -> None:
         self.problem, self.inputs = case.problem, of_problem(case.problem, case.parameter)
-        self.forms = case.forms
+        self.forms, self.parameter = case.forms, case.parameter
         self.low, self.high = np.array([(i.low, i.high) for i in case.problem.states]).T
         sizes = [len(v) for v in (self.problem.states, self.problem.controls)]
         sizes += [len(v) for v in (self.problem.disturbances, self.problem.errors)]
@@ -136,6 +139,11 @@ class Pattern:
     late: bool = False
     follows: int | None = None
 
+    @property
+    def any(self) -> bool:
+        """Whether there is an adversary at all."""
+        return bool(self.late or self.disturbances.any() or self.errors.any() or self.others.any())
+
 
 def patterns(model: Model) -> Iterator[Pattern]:
     """No adversary at all first; then corners."""
@@ -149,7 +157,8 @@ def patterns(model: Model) -> Iterator[Pattern]:
     else:
         signs = list(np.random.default_rng(0).choice((-1.0, 1.0), (DRAWN, total)))
     follows = [None, *(range(len(model.low)) if sizes[0] else ())]
-    for is_late, followed in product((True, False) if late else (False,), follows):
+    habits = [(late, followed) for followed in follows] + ([(False, None)] if late else [])
+    for is_late, followed in habits:
         for s in signs:
             yield Pattern(*np.split(s, cuts), is_late, followed)
 
@@ -281,27 +290,37 @@ class Search:
 
 def soonest(model: Model, start: Floats, whose: str, going: Callable[[], bool]) -> Search:
     """Of all patterns the run from `start` that leaves C first; `going` says when to stop."""
-    found = Search()
-    period = model.inputs.period_ns * NS
+    found, period = Search(), model.inputs.period_ns * NS
+    todo = list(patterns(model))
     for holds in LENGTHS:
         best = holds * period
-        for k, pattern in enumerate(patterns(model)):
+        reaches = []
+        for pattern in todo:
             if not going():
                 found.cut = True
                 return found
             trace = run(model, start, pattern, best, going)
             found.runs += 1
+            found.longest_s = max(found.longest_s, trace.times[-1])
+            reaches.append(_reach(model, trace))
             if not trace.left:
                 continue
-            if k == 0:
+            if not pattern.any:
                 found.undisturbed_s = trace.times[-1]
             if found.trace is None or trace.times[-1] < found.trace.times[-1]:
                 best, found.trace = trace.times[-1], trace
                 found.soonest = told(model, trace, pattern, whose)
-        found.longest_s = holds * period
         if found.soonest is not None:
             break
+        todo = [todo[i] for i in np.argsort(-np.array(reaches))[:FURTHEST]]
     return found
+
+
+def _reach(model: Model, trace: Trace) -> float:
+    """How far a run gets from where it began, in halves of the grid."""
+    states = np.array(trace.states)
+    half = np.maximum(model.high - model.low, 1e-300) / 2
+    return float(np.nan_to_num(np.abs((states - states[0]) / half), nan=0.0).max())
 
 
 def told(model: Model, trace: Trace, pattern: Pattern, whose: str) -> LeavingRun:
@@ -323,13 +342,16 @@ def told(model: Model, trace: Trace, pattern: Pattern, whose: str) -> LeavingRun
                 chosen.append(f"{what}{leaf.name} = {value:.4g}{with_}")
     if pattern.late:
         chosen.append("commands as late as declared")
+    last = len(trace.times) - 1
+    shown = np.unique(np.linspace(0, last, min(last + 1, SHOWN)).astype(int))
     return LeavingRun(
         names,
-        np.array(trace.times),
-        np.array(trace.states),
+        np.array(trace.times)[shown],
+        np.array(trace.states)[shown],
         names[trace.axis],
         trace.side,
         trace.safe,
         whose,
         tuple(chosen),
+        model.parameter,
     )

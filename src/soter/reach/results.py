@@ -84,9 +84,11 @@ class LeavingRun:
     side: int
     safe: bool
     start: str
-    """Whose start it is: `the declared start`, `the middle of C`."""
+    """Whose start it is: `the declared start`, `the middle of C`, `inside C`."""
     chosen: tuple[str, ...]
     """What the adversary did, for people."""
+    parameter: tuple[int, ...] = ()
+    """Of the case."""
 
     def __str__(self) -> str:
         """One line."""

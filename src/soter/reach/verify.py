@@ -24,6 +24,7 @@ from soter.reach.grids import UnboundedError
 from soter.reach.levels import deploy, levels
 from soter.reach.polytope_claims import add_shares
 from soter.reach.recovery import in_time, recover
+from soter.reach.patience import recover_at_last
 from soter.reach.refine import refined
 from soter.reach.results import (
     ASSUMED,
@@ -182,7 +183,7 @@ def _claims(case: Case) -> None:
     if case.problem.computed:
         return  # P2b waits for the sets of all cases
     with Clock(case, "P2b"):
-        recover(case)
+        recover_at_last(case)
     if _shrunk(case):
         _after_core(case)
         in_time(case)
