@@ -68,6 +68,8 @@ class Case:
     counts: dict[str, int] = field(default_factory=dict)
     fresh: list[bool] = field(default_factory=list)
     """Groups whose sets are still to be computed; the others are those of an earlier attempt."""
+    first: Case | None = None
+    """The attempt on the declared grid, where this one is on a finer one."""
 
     def failed(self, claim: str) -> list[Failure]:
         """What stands against a claim."""

@@ -2,7 +2,8 @@
 
 Purpose: numbers beside the cells: for which H an inclusion would hold, how much sooner a predicate
 would have to hold, when SC would have to act, what SC keeps instead of `safer`, and where SC is when
-the way back is not found. Each is measured on the grid that was verified.
+the way back is not found. Those of predicates are measured on the declared grid: on finer ones, which
+were tried, they would be less, but a program that is changed by so much is proved on the first.
 Non-goals: verdicts; an empty K (`diagnose.py`); polytopes, whose claims say more themselves.
 """
 
@@ -35,6 +36,8 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 HALVINGS = 7
+SLACK = 1e-6
+"""Of an axis: numbers that people write down are rounded outward by so much."""
 WALK_HOLDS = 2000
 """How long a run is followed to see where SC brings it."""
 ORDER = ("ttf", "safer", "start", "P2b")
@@ -44,7 +47,7 @@ def margins(done: Sequence[Case], result: ModuleResult, budget: Budget) -> None:
     """Enter margins for the first failure of every claim that is undecided."""
     for claim in ORDER:
         finding = result.findings[claim]
-        found = next(((c, f) for c in done for f in c.failed(claim) if f.group is not None), None)
+        found = _failure(done, claim)
         if finding.verdict != UNDECIDED or found is None:
             continue
         case, failure = found
@@ -60,6 +63,18 @@ def margins(done: Sequence[Case], result: ModuleResult, budget: Budget) -> None:
     p3, ttf, safer = (result.findings[n] for n in ("P3", "ttf", "safer"))
     if p3.verdict == UNDECIDED:
         p3.causes = list(ttf.causes or safer.causes)
+
+
+def _failure(done: Sequence[Case], claim: str) -> tuple[Case, Failure] | None:
+    """The first failure of a claim in a grid group, predicates on the declared grid."""
+    for last in done:
+        if last.failed(claim):
+            declared = last.first if claim in ("ttf", "safer") else None
+            for case in filter(None, (declared, last)):
+                for failure in case.failed(claim):
+                    if failure.group is not None:
+                        return case, failure
+    return None
 
 
 def _of_claim(case: Case, failure: Failure, engine: GridGroup) -> Iterator[Cause]:
@@ -167,19 +182,20 @@ def _where_it_must(
 ) -> Cause:
     """On one axis: the estimates on which the predicate must exclude AC, as numbers."""
     (edges,), name = engine.edges, _names(case, engine)[0]
-    error = errors_of(case.problem).get(engine.axes[0], 0.0)
+    # cells are closed and `<` is not: what must hold at an edge must hold a little beyond it
+    error = errors_of(case.problem).get(engine.axes[0], 0.0) + SLACK * float(edges[-1] - edges[0])
     ends = np.flatnonzero(np.diff(np.concatenate(([0], wrong.astype(np.int8), [0]))))
     said, numbers = [], []
     for a, b in zip(ends[::2], ends[1::2], strict=True):
         low, high = float(edges[a]) - error, float(edges[b]) + error
         if not free[:a].any():
-            said.append(f"below {high:.6g}")
+            said.append(f"below {high:.7g}")
             numbers.append(("below", high))
         elif not free[b:].any():
-            said.append(f"above {low:.6g}")
+            said.append(f"above {low:.7g}")
             numbers.append(("above", low))
         else:
-            said.append(f"in [{low:.6g}, {high:.6g}]")
+            said.append(f"in [{low:.7g}, {high:.7g}]")
     what = "hold" if claim == "ttf" else "be false"
     text = f"`{claim}` would have to {what} on estimates of {name} {' and '.join(said[:4])}"
     return Cause("border", text, "", tuple(numbers))

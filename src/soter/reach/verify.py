@@ -142,7 +142,7 @@ def _settled(
     problem: Problem, library: ReachLibrary, parameter: tuple[int, ...], tell: Tell
 ) -> Case:
     """One case, on finer grids where borders fail. Computed predicates keep the declared grid."""
-    case = _case(problem, library, problem.groups, parameter, tell, None)
+    first = case = _case(problem, library, problem.groups, parameter, tell, None)
     for _ in range(0 if problem.computed else REFINEMENTS_MAX):
         groups = tuple(part.group for part in case.sets.groups)
         finer = refined([case], groups) if groups else None
@@ -150,6 +150,7 @@ def _settled(
             break
         polytopes = tuple(part.group for part in case.sets.polytopes)
         case = _case(problem, library, finer + polytopes, parameter, tell, case)
+        case.first = first
     return case
 
 
