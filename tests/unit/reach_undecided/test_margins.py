@@ -108,8 +108,13 @@ def test_a_predicate_of_two_states_has_a_distance_along_one_axis() -> None:
     found = explained(bold)
     assert found.findings["ttf"].verdict == "undecided"
     numbers = dict(cause(found, "ttf", "sooner").numbers)
-    assert numbers["axis"] == 0.0
-    shift = "Room({{ x: motion.x + {0}, v: motion.v }}, 0.06) < 0.0"
-    more = " || ".join(shift.format(s * numbers["margin"]) for s in (-1, 1))
+    leaves = ["motion.x", "motion.v"]
+    axis = leaves[round(numbers["axis"])]
+
+    def moved(by: float) -> str:
+        x, v = (f"{leaf} + {by!r}" if leaf == axis else leaf for leaf in leaves)
+        return f"Room({{ x: {x}, v: {v} }}, 0.06) < 0.0 || abs({v}) > FAST"
+
+    more = " || ".join(moved(s * numbers["margin"] * 1.000001) for s in (-1, 1))
     good = changed(("ttf Room", f"ttf {more} || Room"), text=bold)
     assert explained(good).findings["ttf"].verdict == "proved"
