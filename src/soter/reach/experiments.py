@@ -60,8 +60,11 @@ class Budget:
 
 @dataclass(frozen=True)
 class Change:
-    """How a problem differs: cells split in 2 ** `split` along each axis, or merged to `most`,
-    parts of what stands against SC, axis -> (low, high) of a wider grid."""
+    """How a problem differs.
+
+    Cells are split in 2 ** `split` along each axis, or merged to `most`; `scale`: which part of
+    what stands against SC is left; `wider`: axis -> (low, high) of a wider grid.
+    """
 
     split: int = 0
     most: int = MOST

@@ -1,7 +1,7 @@
 """The run of the model that leaves C soonest, as figures of a report.
 
-Purpose: the axis by which it leaves over time, and where its group has two axes or more the plane of
-two of them; C as of the cells in which the run starts.
+Purpose: the axis by which it leaves over time, and where its group has two axes or more the plane
+of two of them; C as of the cells in which the run starts.
 Non-goals: finding the run (`model_runs.py`).
 """
 
@@ -30,7 +30,10 @@ ROOM = 0.06
 def leaving_figures(m: ModuleResult, run: LeavingRun) -> Iterator[RegionFigure]:
     """One figure over time; a second one, in the plane of two states, where there is one."""
     axis = run.names.index(run.axis)
-    sets = next((g for c in m.cases if c.parameter == run.parameter for g in c.groups if _has(g, axis)), None)
+    sets = next(
+        (g for c in m.cases if c.parameter == run.parameter for g in c.groups if _has(g, axis)),
+        None,
+    )
     if sets is None:
         extent = m.problem.states[axis]
         edges, inside = np.array([extent.low, extent.high]), np.array([R2], dtype=np.uint8)
@@ -38,7 +41,7 @@ def leaving_figures(m: ModuleResult, run: LeavingRun) -> Iterator[RegionFigure]:
         k = [a.state for a in sets.group.axes].index(axis)
         edges = np.asarray(sets.group.axes[k].edges)
         inside = np.moveaxis(regions(sets), k, 0)
-        inside = inside[(slice(None), *_at_start(sets, run, (k,)))]
+        inside = _cut(inside, 1, _at_start(sets, run, (k,)))
     edges, inside = _padded(edges, inside)
     end = float(run.time_s[-1])
     time = np.array([0.0, end * (1 + ROOM)])
@@ -66,6 +69,13 @@ def _at_start(sets: GroupSets, run: LeavingRun, without: tuple[int, ...]) -> tup
     return tuple(found)
 
 
+def _cut(cells: NDArray[np.uint8], axis: int, at: tuple[int, ...]) -> NDArray[np.uint8]:
+    """The slice through these cells of the axes from `axis` on."""
+    for i in at:
+        cells = np.take(cells, i, axis=axis)
+    return cells
+
+
 def _padded(edges: Floats, cells: NDArray[np.uint8]) -> tuple[Floats, NDArray[np.uint8]]:
     """A margin outside the grid, along the first axis of the cells."""
     room = ROOM * (edges[-1] - edges[0])
@@ -81,7 +91,7 @@ def _plane(sets: GroupSets, run: LeavingRun, axis: int) -> RegionFigure:
     other = 0 if k else 1
     first, second = sorted((k, other))
     cells = np.moveaxis(regions(sets), (first, second), (0, 1))
-    cells = cells[(slice(None), slice(None), *_at_start(sets, run, (first, second)))]
+    cells = _cut(cells, 2, _at_start(sets, run, (first, second)))
     x, cells = _padded(np.asarray(axes[first].edges), cells)
     y, turned = _padded(np.asarray(axes[second].edges), cells.T)
     xs = np.clip(run.states[:, axes[first].state], x[0], x[-1])

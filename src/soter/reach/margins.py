@@ -1,9 +1,10 @@
 """By how much `ttf`, `safer`, the start or the way back fail.
 
 Purpose: numbers beside the cells: for which H an inclusion would hold, how much sooner a predicate
-would have to hold, when SC would have to act, what SC keeps instead of `safer`, and where SC is when
-the way back is not found. Those of predicates are measured on the declared grid: on finer ones, which
-were tried, they would be less, but a program that is changed by so much is proved on the first.
+would have to hold, when SC would have to act, what SC keeps instead of `safer`, and where SC is
+when the way back is not found. Those of predicates are measured on the declared grid: on finer
+ones, which were tried, they would be less, but a program that is changed by so much is proved on
+the first.
 Non-goals: verdicts; an empty K (`diagnose.py`); polytopes, whose claims say more themselves.
 """
 
@@ -135,9 +136,7 @@ def _inclusion(case: Case, claim: str, engine: GridGroup, part: GroupSets) -> It
         yield Cause("no_free", text, "less delay, or a smaller period of the DM", ())
 
 
-def _longest(
-    case: Case, engine: GridGroup, core: Bools, holds: Callable[[Bools], bool]
-) -> int:
+def _longest(case: Case, engine: GridGroup, core: Bools, holds: Callable[[Bools], bool]) -> int:
     """The longest time in ns, up to H, for which something holds of R (it holds of K)."""
     step = case.problem.plant_period_ns if case.problem.kind == "map" else 1
     good, bad = 0, -(-in_horizon(case.problem, case.problem.times.horizon_ns) // step)
@@ -177,9 +176,7 @@ def _sooner(
     yield Cause("sooner", text, "", (("margin", best[2]), ("axis", float(best[1]))))
 
 
-def _where_it_must(
-    case: Case, claim: str, engine: GridGroup, wrong: Bools, free: Bools
-) -> Cause:
+def _where_it_must(case: Case, claim: str, engine: GridGroup, wrong: Bools, free: Bools) -> Cause:
     """On one axis: the estimates on which the predicate must exclude AC, as numbers."""
     (edges,), name = engine.edges, _names(case, engine)[0]
     # cells are closed and `<` is not: what must hold at an edge must hold a little beyond it
@@ -374,8 +371,9 @@ def _followed(case: Case, model: Model, start: Floats, whose: str) -> Iterator[C
     elif inside[-1]:
         last = max((i for i, held in enumerate(inside) if not held), default=-1)
         when = trace.times[last + 1]
-        text = f"{head} is in `safer` from {when:.4g} s on: disturbed it may not be, or the cells hide it"
+        text = f"{head} is in `safer` from {when:.4g} s on: disturbances or the cells hide it"
         yield Cause("comes_back", text, "a finer grid", (("back_s", when),))
     else:
-        text = f"{head} is at {told(trace.states[-1])} after {time_s:.4g} s: `safer` does not hold there"
+        at = f"{told(trace.states[-1])} after {time_s:.4g} s"
+        text = f"{head} is at {at}: `safer` does not hold there"
         yield Cause("stays_away", text, "let SC come to rest where `safer` holds", ())

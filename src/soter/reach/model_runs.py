@@ -1,7 +1,7 @@
 """Runs of the model under SC: what a proof speaks about, at points instead of boxes.
 
-Purpose: the verification system with disturbances and errors at their corners, constant or following
-a rate, and commands as late as the declared times allow; the run that leaves C soonest.
+Purpose: the verification system with disturbances and errors at their corners, constant or
+following a rate, and commands as late as the declared times allow; the run that leaves C soonest.
 Non-goals: refuting: these are runs of the plant's equations, integrated by RK4, not of the program
 (`refute.py`); finding the worst adversary.
 
@@ -149,7 +149,7 @@ def patterns(model: Model) -> Iterator[Pattern]:
     """No adversary at all first; then corners."""
     sizes = [len(model.problem.disturbances), len(model.problem.errors)]
     sizes.append(len(model.problem.others))
-    yield Pattern(*(np.zeros(n) for n in sizes))
+    yield Pattern(np.zeros(sizes[0]), np.zeros(sizes[1]), np.zeros(sizes[2]))
     total, cuts = sum(sizes), np.cumsum(sizes)[:-1]
     late = bool(model.inputs.delay_ns or model.inputs.jitter_ns)
     if total <= CORNERS_MAX:
@@ -160,7 +160,8 @@ def patterns(model: Model) -> Iterator[Pattern]:
     habits = [(late, followed) for followed in follows] + ([(False, None)] if late else [])
     for is_late, followed in habits:
         for s in signs:
-            yield Pattern(*np.split(s, cuts), is_late, followed)
+            w, e, o = np.split(s, cuts)
+            yield Pattern(w, e, o, is_late, followed)
 
 
 @dataclass(eq=False)

@@ -15,7 +15,10 @@ import numpy as np
 
 from soter.native.compiler import find
 from soter.program.durations import show_ns
+from soter.reach.leaving_figures import leaving_figures
 from soter.reach.polytope_claims import inner_point
+from soter.reach.regions import regions
+from soter.reach.results import NO_CORE
 from soter.report.proof import (
     R1,
     R2,
@@ -28,14 +31,9 @@ from soter.report.proof import (
     RegionFigure,
 )
 from soter.report.proof_page import write_proof
-from soter.reach.leaving_figures import leaving_figures
-from soter.reach.regions import regions
-from soter.reach.results import NO_CORE
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from numpy.typing import NDArray
 
     from soter.reach.results import (
         CaseSets,
@@ -111,7 +109,9 @@ def _but(found: VerifyReport) -> str:
     if found.verdict not in ("proved", "assumed") or not little:
         return ""
     several = len(found.modules) > 1
-    said = [f"{m.name}: {m.vacuity.text}" if several else m.vacuity.text for m in little if m.vacuity]
+    said = [
+        f"{m.name}: {m.vacuity.text}" if several else m.vacuity.text for m in little if m.vacuity
+    ]
     return f", but {'; '.join(said)}"
 
 

@@ -113,7 +113,9 @@ def _hardly(predicate: str, found: float) -> str:
 
 
 def _least_free(case: Case) -> float:
-    return min((float(np.mean(p.free)) for p in case.sets.groups if p.free is not None), default=1.0)
+    return min(
+        (float(np.mean(p.free)) for p in case.sets.groups if p.free is not None), default=1.0
+    )
 
 
 # ---------------------------------------------------------------- never
@@ -128,8 +130,8 @@ def _excluded(case: Case, predicate: str) -> bool:
     if case.problem.computed:
         return False  # an empty set is a failure of its own
     box = case.forms.whole.copy()
-    for part in case.sets.polytopes:
-        for axis, ends in zip(part.group.axes, part.limits, strict=True):
+    for polytope in case.sets.polytopes:
+        for axis, ends in zip(polytope.group.axes, polytope.limits, strict=True):
             box[axis.state] = ends
     return not case.forms.truth(predicate, box) & LETS[predicate]
 
@@ -254,8 +256,10 @@ def at_the_start(done: Sequence[Case]) -> str:
             ends = [case.problem.initial[s] for s in engine.axes]
             box = [holding(e, i.low, i.high) for e, i in zip(engine.edges, ends, strict=True)]
             at = tuple(b for b in box if b is not None)
-            if len(at) == len(box) and part.gives_back is not None and not part.gives_back[at].any():
-                return (
-                    "at the start `safer` does not hold: SC has control until the state is there"
-                )
+            if (
+                len(at) == len(box)
+                and part.gives_back is not None
+                and not part.gives_back[at].any()
+            ):
+                return "at the start `safer` does not hold: SC has control until the state is there"
     return ""

@@ -22,9 +22,9 @@ from soter.reach.extract import cases
 from soter.reach.forms import Forms, library_of
 from soter.reach.grids import UnboundedError
 from soter.reach.levels import deploy, levels
+from soter.reach.patience import recover_at_last
 from soter.reach.polytope_claims import add_shares
 from soter.reach.recovery import in_time, recover
-from soter.reach.patience import recover_at_last
 from soter.reach.refine import refined
 from soter.reach.results import (
     ASSUMED,

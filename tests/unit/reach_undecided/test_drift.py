@@ -1,12 +1,21 @@
-"""A state that only goes one way, whatever SC does: said with the end and the rate, both enclosed."""
+"""A state that only goes one way, whatever SC does: said with its end and its rate."""
 
 from __future__ import annotations
 
 import numpy as np
 import pytest
 
-from soter.reach.results import ModuleResult
-from unit.reach_undecided.tanks import HIGH, LOW, cause, changed, check_run, explained, kinds, soonest
+from soter.reach.results import ModuleResult  # noqa: TC001 - pytest reads annotations
+from unit.reach_undecided.tanks import (
+    HIGH,
+    LOW,
+    cause,
+    changed,
+    check_run,
+    explained,
+    kinds,
+    soonest,
+)
 
 
 @pytest.fixture(scope="module")
@@ -34,7 +43,9 @@ def test_cells_and_strength_are_not_looked_at(draining: ModuleResult) -> None:
     assert not {"cells", "not_cells", "strength", "weak"} & set(kinds(draining, "P2a"))
 
 
-def test_the_run_is_one_of_the_tank_and_as_soon_as_brute_force_finds(draining: ModuleResult) -> None:
+def test_the_run_is_one_of_the_tank_and_as_soon_as_brute_force_finds(
+    draining: ModuleResult,
+) -> None:
     run = draining.findings["P2a"].leaving
     assert run is not None
     assert run.safe

@@ -40,7 +40,8 @@ def test_the_axis_over_time_begins_inside_c_and_ends_outside() -> None:
 
 
 def test_a_plane_is_drawn_where_the_group_has_two_axes() -> None:
-    from unit.reach.test_verify import changed as cart, result_of  # noqa: PLC0415
+    from unit.reach.test_verify import changed as cart
+    from unit.reach.test_verify import result_of
 
     found = result_of(cart())
     states = np.array([[0.0, 0.0], [5.0, 6.0], [10.2, 7.0]])

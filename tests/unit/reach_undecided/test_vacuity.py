@@ -13,7 +13,7 @@ import soter
 from soter.cli.main import main
 from soter.program.build import check_file
 from soter.reach.command import modules_of, problems_of
-from soter.reach.results import ModuleResult
+from soter.reach.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from soter.reach.vacuity import HARDLY
 from soter.reach.verify import verify_module
 from unit.reach_undecided.tanks import TANK, changed
@@ -59,7 +59,7 @@ def test_a_predicate_that_only_enclosures_cannot_decide_is_seen_through() -> Non
 
 
 @pytest.mark.parametrize(("width", "little"), [(0.002, True), (0.1, False)])
-def test_a_sliver_is_hardly_ever_and_more_is_not(width: float, little: bool) -> None:  # noqa: FBT001
+def test_a_sliver_is_hardly_ever_and_more_is_not(width: float, little: bool) -> None:
     ttf = f"ttf level < 1.0 || level > {1.0 + width};"
     found = proved(changed((TTF, ttf)))
     assert (found.vacuity is not None) == little

@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from soter.reach.results import ModuleResult
+from soter.reach.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from unit.reach_undecided.tanks import cause, changed, explained, kinds
 
 ARM = """soter 1;
@@ -47,7 +47,9 @@ def test_an_angle_that_turns_over_is_told_as_such(arm: ModuleResult) -> None:
     assert dict(arm.findings["P2a"].causes[0].numbers)["end"] == pytest.approx(math.pi)
 
 
-def test_the_run_does_leave_at_that_end_where_plant_and_safe_are_the_same(arm: ModuleResult) -> None:
+def test_the_run_does_leave_at_that_end_where_plant_and_safe_are_the_same(
+    arm: ModuleResult,
+) -> None:
     run = arm.findings["P2a"].leaving
     assert run is not None
     assert (run.side, run.safe) == (1, False)
