@@ -1,5 +1,6 @@
 """The paper's regions R1 to R5 of a group's cells.
 
+Purpose: from the sets of a group to one number a cell, for figures.
 Non-goals: drawing (`report/regions.py`).
 """
 

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
 import numpy as np
 import pytest
 
-from soter.reach import patience
+from soter.reach import patience, recovery
 from soter.reach import verify as verifying
+from soter.reach.grids import CancelledError
+from unit.reach import test_verify_groups as plane
 from unit.reach.test_verify import changed, result_of
+
+if TYPE_CHECKING:
+    from soter.reach.claims import Case
 
 
 @pytest.fixture
@@ -43,3 +50,31 @@ def test_what_was_cut_is_looked_at_on_the_finer_grid(monkeypatch: pytest.MonkeyP
     (part,) = found.cases[0].groups
     assert part.rank is not None
     assert np.array_equal(part.rank > 0, part.core > 0)
+
+
+def test_a_group_that_is_kept_is_not_taken_for_done(monkeypatch: pytest.MonkeyPatch) -> None:
+    """x is refined, y is not: what was cut of y is still to be done."""
+    cut: list[Case] = []
+
+    def once(case: Case) -> None:
+        recovery.recover(case)
+        if not cut:
+            cut.append(case)
+            for part in case.sets.groups:
+                part.rank = part.rank_holds = None  # as if it had not come so far
+            raise CancelledError
+
+    coarse = (("/ 200", "/ 80"), ("state loaded: bool;", ""), ("(loaded ? 0.5 : 1.0) * ", ""))
+    monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 0)
+    assert plane.result_of(*coarse).findings["ttf"].verdict == "undecided"
+    monkeypatch.setattr(patience, "recover", once)
+    monkeypatch.setattr(verifying, "REFINEMENTS_MAX", 2)
+    found = plane.result_of(*coarse)
+    assert cut
+    assert found.findings["P2b"].verdict == "proved"
+    x, y = found.cases[0].groups
+    assert len(x.edges[0]) > 81
+    assert len(y.edges[0]) == 241
+    for part in (x, y):
+        assert part.rank is not None
+        assert np.array_equal(part.rank > 0, part.core > 0)
