@@ -10,11 +10,12 @@ from soter.reach.leaving_figures import leaving_figures
 from soter.reach.results import LeavingRun
 from soter.report.proof import R1, R2
 from soter.report.regions import region_svg
+from unit.reach_undecided.test_one_sided import HALF
 from unit.reach_undecided.tanks import changed, explained
 
 
 def test_the_axis_over_time_begins_inside_c_and_ends_outside() -> None:
-    found = explained(changed(("[0.0, 0.02]", "[0.15, 0.2]")))
+    found = explained(changed(*HALF))  # C reaches to the end of the grid by which it leaves
     run = found.findings["P2a"].leaving
     assert isinstance(run, LeavingRun)
     (figure,) = leaving_figures(found, run)
@@ -36,7 +37,7 @@ def test_the_axis_over_time_begins_inside_c_and_ends_outside() -> None:
     assert begin is not None
     assert left is not None
     assert float(left[1]) > float(begin[1])  # later
-    assert float(left[2]) > float(begin[2])  # lower
+    assert float(left[2]) < float(begin[2])  # higher
 
 
 def test_a_plane_is_drawn_where_the_group_has_two_axes() -> None:

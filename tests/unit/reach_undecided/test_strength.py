@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from soter.reach.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from unit.reach_undecided.tanks import cause, changed, explained, soonest
+from unit.reach_undecided.tanks import cause, changed, check_run, explained, soonest
 
 LEAK = 0.104
 
@@ -44,6 +44,13 @@ def test_the_tank_itself_agrees_about_which_is_too_much(weak: ModuleResult) -> N
     assert kept < 0.1 < LEAK  # the pump gives 0.1
     assert soonest(1.0, LEAK, 0.01) < 300.0
     assert lost > kept
+
+
+def test_the_run_that_is_shown_is_one_of_the_tank(weak: ModuleResult) -> None:
+    run = weak.findings["P2a"].leaving
+    assert run is not None
+    check_run(run, (0.0, LEAK), 0.01, 1.0)
+    assert run.states[-1][0] < 0.2 <= run.states[-2][0]
 
 
 def test_what_alone_would_be_enough_is_told(weak: ModuleResult) -> None:

@@ -52,10 +52,16 @@ def test_ttf_true_leaves_ac_nothing() -> None:
 
 
 def test_a_predicate_that_only_enclosures_cannot_decide_is_seen_through() -> None:
-    """Over a cell level - level is not known to be 0; at a point it is."""
-    found = proved(changed((TTF, "ttf level < 0.25 || level > 1.75 || level * level >= 0.0;")))
+    """Over a cell nothing is known of the sum of the squares; at a point it is 1."""
+    wave = "10000.0 * level"
+    one = f"sin({wave}) * sin({wave}) + cos({wave}) * cos({wave}) > 0.5"
+    found = proved(changed((TTF, f"ttf level < 0.25 || level > 1.75 || {one};")))
+    (part,) = found.cases[0].groups
+    assert part.lets_ac is not None
+    assert part.lets_ac.mean() > 0.9  # as far as the cells know
     assert found.vacuity is not None
-    assert found.vacuity.how_often in ("never", "hardly ever")
+    assert found.vacuity.how_often == "hardly ever"
+    assert "none of the states drawn" in found.vacuity.text
 
 
 @pytest.mark.parametrize(("width", "little"), [(0.002, True), (0.1, False)])
@@ -82,6 +88,10 @@ def test_the_worst_parameter_value_is_named() -> None:
     assert found.vacuity is not None
     assert found.vacuity.parameters == (("t.kind", 2),)
     assert found.vacuity.text.startswith("with t.kind = 2 AC never keeps control")
+    sliver = f"{ttf[:-1]} || (kind == 3 && (level < 1.0 || level > 1.002));"
+    two = proved(changed(*WITH_MODE, (TTF, sliver)))
+    assert two.vacuity is not None
+    assert two.vacuity.text.startswith("with t.kind = 2 and 1 more of 4 AC never keeps control")
     every = proved(changed(*WITH_MODE, (TTF, "ttf true || kind == 2;")))
     assert every.vacuity is not None
     assert every.vacuity.text.startswith("with every parameter value AC never")
