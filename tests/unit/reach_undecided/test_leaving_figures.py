@@ -10,8 +10,8 @@ from soter.reach.leaving_figures import leaving_figures
 from soter.reach.results import LeavingRun
 from soter.report.proof import R1, R2
 from soter.report.regions import region_svg
-from unit.reach_undecided.test_one_sided import HALF
 from unit.reach_undecided.tanks import changed, explained
+from unit.reach_undecided.test_one_sided import HALF
 
 
 def test_the_axis_over_time_begins_inside_c_and_ends_outside() -> None:
