@@ -308,7 +308,7 @@ def soonest(model: Model, start: Floats, whose: str, going: Callable[[], bool]) 
                 continue
             if not pattern.any:
                 found.undisturbed_s = trace.times[-1]
-            if found.trace is None or trace.times[-1] < found.trace.times[-1]:
+            if found.trace is None or trace.times[-1] < found.trace.times[-1] - period / 1000:
                 best, found.trace = trace.times[-1], trace
                 found.soonest = told(model, trace, pattern, whose)
         if found.soonest is not None:
@@ -335,12 +335,14 @@ def told(model: Model, trace: Trace, pattern: Pattern, whose: str) -> LeavingRun
         ("", q.others, model.others, pattern.others),
     )
     for what, leaves, part, signs in parts:
-        values = _scaled(model, part, signs)
-        turning = what == "" and part is model.disturbances and pattern.follows is not None
-        with_ = f" as the rate of {names[pattern.follows or 0]} has its sign" if turning else ""
-        for leaf, value, sign in zip(leaves, values, signs, strict=True):
-            if sign != 0.0:
-                chosen.append(f"{what}{leaf.name} = {value:.4g}{with_}")
+        ends = _scaled(model, part, signs), _scaled(model, part, -signs)
+        for leaf, up, down, sign in zip(leaves, *ends, signs, strict=True):
+            if sign == 0.0:
+                continue
+            said = f"{what}{leaf.name} = {up:.4g}"
+            if part is model.disturbances and pattern.follows is not None:
+                said += f" while {names[pattern.follows]} rises, {down:.4g} while it falls"
+            chosen.append(said)
     if pattern.late:
         chosen.append("commands as late as declared")
     last = len(trace.times) - 1
