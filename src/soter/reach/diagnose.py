@@ -39,8 +39,8 @@ SIZES = ((1, "half"), (2, "a quarter of"))
 NAMES = {
     "constraint": "there is no C",
     "wrap_around": "an axis that should wrap around",
-    "one_sided": "an end of the grid acts as a wall",
     "drift_of_all": "the flow leaves C whatever SC does",
+    "one_sided": "an end of the grid acts as a wall",
     "drift": "the flow leaves the grid under SC",
     "cells": "the cells are too coarse",
     "strength": "too much stands against SC",
@@ -84,11 +84,11 @@ def _named(done: Sequence[Case], case: Case, finding: Finding) -> None:
 def _say_cut(result: ModuleResult) -> None:
     """Where measuring ended early, that is said with what was found."""
     text = f"measuring was cut off ({BUDGET_S:g} s of CPU time in all): more could be said"
-    for name in ("P2a", "ttf", "safer", "start", "P2b"):
-        finding = result.findings[name]
-        if finding.verdict == UNDECIDED and (finding.causes or name == "P2a"):
-            finding.causes.append(Cause("cut", text))
-            return
+    names = ("P2a", "ttf", "safer", "start", "P2b")
+    open_ = [f for f in (result.findings[n] for n in names) if f.verdict == UNDECIDED]
+    finding = next((f for f in open_ if f.causes), open_[0] if open_ else None)
+    if finding is not None:
+        finding.causes.append(Cause("cut", text))
 
 
 # ---------------------------------------------------------------- K
@@ -115,6 +115,8 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: Budget) -
         finding.causes.remove(main)
         finding.causes.insert(0, main)
         finding.hint = main.hint or finding.hint
+        if finding.counts.get("runs") and finding.verdict == UNDECIDED:
+            finding.hint += f" ({finding.counts['runs']:,} runs under attack found nothing)"
 
 
 def _no_constraint(case: Case, model: Model, index: int) -> Iterator[Cause]:

@@ -182,9 +182,11 @@ def run(
     """A run under SC until it leaves C, at most for `until_s`."""
     found = Trace([0.0], [np.array(start)])
     try:
-        for _ in _steps(model, found, pattern, until_s):
-            if _left(model, found) or not going():
-                break
+        with np.errstate(all="ignore"):  # what is no number ends the run
+            for _ in _steps(model, found, pattern, until_s):
+                x = found.states[-1]
+                if not np.isfinite(x).all() or _left(model, found) or not going():
+                    break
     except StepFaultError:
         found.left = False
     return found
@@ -252,8 +254,6 @@ def _against(model: Model, p: Pattern, x: Floats, u: Floats) -> Floats:
 def _left(model: Model, found: Trace) -> bool:
     """Whether the last state is outside C; enters by which end."""
     x = found.states[-1]
-    if not np.isfinite(x).all():
-        return False
     beyond = (x < model.low) | (x > model.high)
     false = model.safe(x) == FALSE
     if not false and not beyond.any():

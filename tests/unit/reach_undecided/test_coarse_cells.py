@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import pytest
 
+from soter.reach import diagnose
 from unit.reach_undecided.tanks import cause, changed, explained, kinds
 
 
@@ -36,3 +37,12 @@ def test_a_k_that_no_run_leaves_is_told_so() -> None:
     found = explained(changed(("/ 320", "/ 4")))
     assert found.findings["P2a"].leaving is None
     assert dict(cause(found, "P2a", "no_run").numbers)["runs"] > 10
+
+
+def test_what_was_cut_short_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(diagnose, "BUDGET_S", 0.0)
+    found = explained(changed(("/ 320", "/ 4")))
+    assert kinds(found, "P2a")[-1] == "cut"
+    assert "cells" not in kinds(found, "P2a")
+    bold = explained(changed(("level < 0.25 || level > 1.75", "level < 0.232 || level > 1.768")))
+    assert bold.findings["ttf"].verdict == "undecided"
