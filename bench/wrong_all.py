@@ -7,5 +7,8 @@ Non-goals: what they are (`wrong_timing.py` and its neighbours).
 from __future__ import annotations
 
 from bench.wrong_controllers import CONTROLLERS
+from bench.wrong_paths import PATHS
+from bench.wrong_systems import SYSTEMS
+from bench.wrong_timing import TIMING
 
-WRONG = (*CONTROLLERS,)
+WRONG = (*TIMING, *CONTROLLERS, *PATHS, *SYSTEMS)

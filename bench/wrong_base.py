@@ -272,4 +272,54 @@ system World default { c: Cart; module Keep; until 20s; always abs(c.truth.x) < 
 """,
 )
 
-BASES = (LINE, SIGHT, MAP, CART)
+
+RING = Base(
+    "ring",
+    """soter 1;
+
+type Y = { a: float, b: float };
+topic y: Y max_age 1ms;
+topic push: float in [-1.0, 1.0] = 0.0;
+
+plant Ring period 1ms {
+  reads push;
+  drives y = { a: a, b: b };
+  state a: float = 0.0;
+  state b: float = 0.0;
+  der a = 30.0 * b;
+  der b = -30.0 * a + push;
+}
+node Fast period 50ms {
+  subscribes y;
+  publishes push;
+  step { publish push = y.b >= 0.0 ? 1.0 : -1.0; }
+}
+node Careful period 50ms {
+  subscribes y;
+  publishes push;
+  step { publish push = clamp(-1.03 * y.a - 2.82 * y.b, -1.0, 1.0); }
+}
+rta Keep {
+  ac Fast;
+  sc Careful;
+  period 100ms;
+  safe abs(y.a) < 0.72 && abs(y.b) < 0.72;
+  ttf y.a * y.a + y.b * y.b > 0.0015;
+  safer y.a * y.a + y.b * y.b < 0.0008;
+  verify {
+    grid y.a in [-0.72, 0.72] / 100, y.b in [-0.72, 0.72] / 100;
+    late dm 0ms, sc 0ms;
+    response dm 0ms, sc 0ms;
+    acts within 0ms;
+  }
+}
+system World default {
+  r: Ring;
+  module Keep;
+  until 10s;
+  always abs(r.truth.a) < 0.72 && abs(r.truth.b) < 0.72;
+}
+""",
+)
+
+BASES = (LINE, SIGHT, MAP, CART, RING)
