@@ -48,7 +48,7 @@ PROVED, NAMED, REFUSED, UNDECIDED, REFUTED, BROKEN = (
     "broken",
 )
 ANSWERS = {0: PROVED, 3: REFUTED, 4: UNDECIDED}
-CODE = re.compile(r"\berror\[?\s*\[?([A-Z]\d{3})")
+CODE = re.compile(r"\berror\[(\w+)\]")
 NOTHING_SHOWN, SHOWN, NOT_SHOWN = "argued", "shown", "NOT SHOWN"
 
 
@@ -91,9 +91,9 @@ def call(text: str, words: Sequence[str], name: str = "wrong") -> Said:
 
 def judged(wrong: Wrong) -> tuple[str, str, str]:
     """The answer of `soter verify`, what it rests on, and all that was printed."""
-    said = call(wrong.text, ("verify",))
+    said = call(wrong.text, ("verify", *wrong.options))
     if said.exit not in ANSWERS:
-        fine = said.codes and all(c[0] == "R" or c in wrong.codes for c in said.codes)
+        fine = said.codes and all(c[0] in "RP" or c in wrong.codes for c in said.codes)
         return (REFUSED if fine else BROKEN), " ".join(said.codes), said.text
     answer = ANSWERS[said.exit]
     if answer == PROVED:

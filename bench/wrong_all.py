@@ -10,5 +10,6 @@ from bench.wrong_controllers import CONTROLLERS
 from bench.wrong_paths import PATHS
 from bench.wrong_systems import SYSTEMS
 from bench.wrong_timing import TIMING
+from bench.wrong_ways import WAYS
 
-WRONG = (*TIMING, *CONTROLLERS, *PATHS, *SYSTEMS)
+WRONG = (*TIMING, *CONTROLLERS, *PATHS, *WAYS, *SYSTEMS)

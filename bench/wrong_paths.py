@@ -47,10 +47,10 @@ def servo(body: str, *more: str, period: str = "10ms") -> tuple[Edit, ...]:
 
 def seen(
     kind: str, name: str, why: str, *edits: Edit, shown: Shown | None = RUN,
-    named: tuple[str, ...] = NAMES_SCOPE, base: Base = SIGHT,
+    named: tuple[str, ...] = NAMES_SCOPE, base: Base = SIGHT, options: tuple[str, ...] = (),
 ) -> Wrong:
     """An entry about SIGHT."""
-    return one(kind, name, why, edits, shown, base, named=named)
+    return one(kind, name, why, edits, shown, base, named=named, options=options)
 
 
 def start(x: str) -> tuple[Edit, ...]:
@@ -131,8 +131,8 @@ ORDER = (
          ("  node Scope;\n", "  node First;\n  node Last;\n"),
          named=(r"\bLast\b", r"\bFirst\b")),
     seen("order", "the actuator's node steps before SC in the instant",
-         "the command waits for the actuator's next step, 300 ms later",
-         *servo("publish force = push;", period="300ms"), named=NAMES_SERVO),
+         "the command waits for the actuator's next step, up to 700 ms later",
+         *servo("publish force = push;", period="700ms"), named=NAMES_SERVO),
     seen("order", "SC before the estimator, and the DM too: a `ttf` of the default",
          "the default looks fine: SC pushes right from 0.9 on",
          *start("0.9"), default("-1.0"), *SLOW_SC, named=NAMES_FIRST),
@@ -266,8 +266,8 @@ ESTIMATORS = (
 # ---------------------------------------------------------------- actuators
 
 ACTUATORS = (
-    seen("actuators", "a filter of 2 s before the plant", "commands act late and little by little",
-         *servo("f = f + 0.005 * (push - f); publish force = f;", "var f: float = 0.0;"),
+    seen("actuators", "a filter of 5 s before the plant", "commands act late and little by little",
+         *servo("f = f + 0.002 * (push - f); publish force = f;", "var f: float = 0.0;"),
          named=NAMES_SERVO),
     seen("actuators", "a rate limiter before the plant", "a second from left to right",
          *servo("f = f + clamp(push - f, -0.02, 0.02); publish force = clamp(f, -1.0, 1.0);",
@@ -311,7 +311,7 @@ ACTUATORS = (
           "topic push: float in [-1.0, 1.0] = 0.0;\ntopic force: float in [-1.0, 1.0] = 0.0;"),
          ("  reads push;", "  reads force;"), ("der x = push;", "der x = force;"),
          declared("node Servo period 10ms { subscribes push; publishes force; var f: float = 0.0;"
-                  " step { f = f + 0.005 * (push - f); publish force = clamp(f, -1.0, 1.0); } }"),
+                  " step { f = f + 0.002 * (push - f); publish force = clamp(f, -1.0, 1.0); } }"),
          ("{ p: Line; module Keep;", "{ p: Line; node Servo; module Keep;"),
          base=LINE, named=NAMES_SERVO),
 )
@@ -354,7 +354,7 @@ STALE = (
     Wrong("stale", "a plant that publishes every 400 ms, and a `max_age` of 400 ms", LINE,
           (("plant Line period 10ms", "plant Line period 400ms"),
            ("max_age 20ms", "max_age 400ms")),
-          "`ttf` looks ahead 0.3 s, and needs 0.45", RUN),
+          "`ttf` looks ahead 0.3 s, and needs 0.45", None),
     Wrong("stale", "a second sensor, slower than the first", LINE,
           (("topic pos: float max_age 20ms;",
             "topic pos: float max_age 20ms;\ntopic far: float max_age 20ms;"),

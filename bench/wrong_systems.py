@@ -53,7 +53,7 @@ SEVERAL = (
     also("another plant: it starts outside", ELSEWHERE,
          plant("Far", "state x: float = 1.2; der x = push;") + other("p: Far; module Keep;")),
     also("another plant: publishes every three seconds", ELSEWHERE,
-         "plant Slow period 3s { reads push; drives pos = x; state x: float = 0.0; der x = push; }\n"
+         "plant Slow period 3s { reads push; drives pos = x; state x: float = 0.6; der x = push; }\n"
          + other("p: Slow; module Keep;")),
     also("another plant: its gauge is off by 0.5", ELSEWHERE,
          "plant Off period 10ms { reads push; drives pos = x - 0.5; state x: float = 0.6;"
@@ -164,7 +164,8 @@ PARAMETERS = (
           ("safe abs(pos) < 1.0", "safe abs(pos) < WALL"),
           ("always abs(p.truth.x) < 1.0", "always abs(p.truth.x) < WALL")),
     param("the period of the sensor", VALUES, "param TICK: duration = 10ms;", "TICK=3s",
-          ("plant Line period 10ms", "plant Line period TICK")),
+          ("plant Line period 10ms", "plant Line period TICK"),
+          ("state x: float = 0.0;", "state x: float = 0.6;")),
     one("parameters", "a plant's parameter that somebody may change while it matters",
         "a load of 3 makes the plant four times as fast; nothing keeps it from changing at 0.69",
         (("  state x: float = 0.0;", "  state x: float = 0.0;\n  state load: int in [0, 3] = 0;"),
