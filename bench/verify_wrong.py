@@ -1,12 +1,13 @@
 """Wrong modules of many kinds: none may be called proved without a word about what is wrong.
 
-    .venv/bin/python bench/verify_wrong.py [--kind K] [--only NAME] [--demos] [--json FILE]
+    .venv/bin/python bench/verify_wrong.py [--kind K] [--only NAME] [--demos] [--refute] [--json FILE]
 
-Purpose: run `soter verify FILE`, without options, on every module of `wrong_*.py`, and count: it
+Purpose: run `soter verify FILE` on every module of `wrong_*.py`, and count: it
 is *refused* with a code, *undecided*, *refuted*, proved with the reason *named* in what is printed
 (what is not covered, or assumed), or *proved*, which must not happen. The right modules that the
 wrong ones are made from must be proved (control arms). With `--demos` every demonstration is run,
 too: a violation in the interpreter's own run, in `soter test`, or in a simulation of its own.
+Without `--refute` no counterexample is looked for, which turns *undecided* into *refuted* at best.
 Non-goals: mutants of laws and predicates (`verify_mutants.py`), of certificates.
 """
 
@@ -89,9 +90,9 @@ def call(text: str, words: Sequence[str], name: str = "wrong") -> Said:
     return Said(code, out.getvalue(), printed, tuple(dict.fromkeys(CODE.findall(printed))))
 
 
-def judged(wrong: Wrong) -> tuple[str, str, str]:
+def judged(wrong: Wrong, *, refute: bool = False) -> tuple[str, str, str]:
     """The answer of `soter verify`, what it rests on, and all that was printed."""
-    said = call(wrong.text, ("verify", *wrong.options))
+    said = call(wrong.text, ("verify", *wrong.options, *(() if refute else ("--no-refute",))))
     if said.exit not in ANSWERS:
         fine = said.codes and all(c[0] in "RP" or c in wrong.codes for c in said.codes)
         return (REFUSED if fine else BROKEN), " ".join(said.codes), said.text
@@ -114,10 +115,10 @@ def demonstrated(shown: Shown | None, text: str) -> str:
     return SHOWN if said.exit == 3 else NOT_SHOWN
 
 
-def examine(wrong: Wrong, *, demos: bool) -> tuple[Row, str]:
+def examine(wrong: Wrong, *, demos: bool, refute: bool = False) -> tuple[Row, str]:
     """Judge, and demonstrate."""
     began = time.process_time()
-    answer, detail, printed = judged(wrong)
+    answer, detail, printed = judged(wrong, refute=refute)
     demonstration = demonstrated(wrong.shown, wrong.text) if demos else ""
     if demos and answer == REFUTED and demonstration == NOTHING_SHOWN:
         demonstration = SHOWN  # the run that refutes was replayed by the reference interpreter
@@ -131,6 +132,7 @@ def main() -> int:
     parser.add_argument("--kind", help="only this kind")
     parser.add_argument("--only", help="only modules with this in their name")
     parser.add_argument("--demos", action="store_true", help="run the demonstrations, too")
+    parser.add_argument("--refute", action="store_true", help="look for refutations, too: slow")
     parser.add_argument("--verbose", action="store_true", help="print what was printed")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
@@ -143,7 +145,7 @@ def main() -> int:
     arms = {} if arguments.kind or arguments.only else _control_arms()
     rows = []
     for wrong in chosen:
-        row, printed = examine(wrong, demos=arguments.demos)
+        row, printed = examine(wrong, demos=arguments.demos, refute=arguments.refute)
         rows.append(row)
         bad = "  <== PROVED" if row.answer == PROVED else ""
         print(

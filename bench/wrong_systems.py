@@ -13,7 +13,8 @@ from bench.wrong_controllers import FAST, careful, declared, one
 WORLD = "system World default"
 ALWAYS = "until 10s; always abs(p.truth.x) < 1.0; }"
 OTHER = Shown(("run", "--system", "Other"))
-NAMES_OTHER = (r"\bOther\b",)
+NAMES_OTHER = (r"in system Other: .*",)
+"""With a reason: a system that is listed as *the same problem* is no answer."""
 
 
 def also(name: str, why: str, other: str, *edits: Edit, base: Base = LINE,
@@ -117,6 +118,36 @@ SEVERAL = (
          "node S2 period 50ms { publishes pull; step { publish pull = 1.0; } }\n"
          "rta Two { ac A2; sc S2; period 50ms; safe true; ttf true; safer false; }\n"
          + other("p: Shared; module Keep; module Two;")),
+    also("another estimator of the same name", "`replace` puts a wrong sign there",
+         "node Turned period 10ms { subscribes raw; publishes pos; step { publish pos = -raw; } }\n"
+         "system Other { b: Body; node Scope; replace Scope by Turned; module Keep; until 10s;"
+         " always abs(b.truth.x) < 1.0; }", base=SIGHT,
+         shown=Shown(("run", "--system", "Other"), (
+             ("publish push = pos >= 0.0 ? 1.0 : -1.0;", "publish push = 1.0;"),))),
+    also("another plant behind the same abstraction, that starts outside", ELSEWHERE,
+         "plant Far period 10ms { reads push; drives raw = x; state x: float = 1.2;"
+         " der x = push; }\n"
+         "system Other { b: Far; node Scope; module Keep; until 10s;"
+         " always abs(b.truth.x) < 1.0; }", base=SIGHT),
+    also("a threshold of `ttf` set there", "AC flies on until 1.2",
+         other("p: Line; module Keep; set FAR = 1.2;"),
+         declared("param FAR: float = 0.7 in [0.0, 2.0];"),
+         ("ttf abs(pos) > 0.7", "ttf abs(pos) > FAR")),
+    also("the output's set is larger there", "AC publishes 30",
+         other("p: Line; module Keep; set MAX = 30.0;"),
+         declared("param MAX: float = 1.0 in [0.0, 90.0];"),
+         ("topic push: float in [-1.0, 1.0]", "topic push: float in [-MAX, MAX]"),
+         ("publish push = pos >= 0.0 ? 1.0 : -1.0;", "publish push = MAX;")),
+    also("the wind is a parameter there", ELSEWHERE,
+         other("p: Line; module Keep; set GUST = 4.0;"),
+         declared("param GUST: float = 0.1 in [0.0, 5.0];"),
+         ("der x = push;", "der x = push + GUST;")),
+    also("the flying plant's wind is a parameter there", ELSEWHERE,
+         "system Other { b: Body; node Scope; module Keep; set GUST = 4.0; until 10s;"
+         " always abs(b.truth.x) < 1.0; }",
+         declared("param GUST: float = 0.0 in [0.0, 5.0];"),
+         ("drives raw = x;\n  state x: float = 0.0;\n  der x = push;",
+          "drives raw = x;\n  state x: float = 0.0;\n  der x = push + GUST;"), base=SIGHT),
     one("systems", "forced to AC in the only system", "the DM never switches",
         (("module Keep; until", "module Keep; force Keep ac; until"),), RUN, named=(r"forced",)),
     one("systems", "two instances of the module in one system, one plant of them too fast",
@@ -137,7 +168,7 @@ def param(name: str, why: str, said: str, setting: str, *edits: Edit,
     """A parameter whose default is right."""
     word = setting.partition("=")[0]
     return one("parameters", name, why, (declared(said), *edits),
-               Shown(("run", "--set", setting), edits_of_run), base, named=(rf"\b{word}\b",))
+               Shown(("run", "--set", setting), edits_of_run), base, named=(rf"(?m)^(?!.*warning).*\b{word}\b",))
 
 
 PARAMETERS = (
@@ -280,6 +311,30 @@ RANGES = (
             *careful("publish push = clamp(bias - 0.5 * pos, -1.0, 1.0);", reads="pos, bias"))),
 )
 
+SCHEMES = (
+    one("ranges", "a stiff plant, and Euler's scheme",
+        "the equation is stable, what runs is not: each step of 10 ms turns the sign and doubles",
+        (("der x = push;", "der x = push - 300.0 * x;\n  integrate euler;"),
+         ("state x: float = 0.0;", "state x: float = 0.01;")), RUN,
+        named=(r"not the simulator's scheme",)),
+    one("ranges", "a stiff plant, and the scheme of Runge and Kutta",
+        "the equation is stable, what runs is not",
+        (("der x = push;", "der x = push - 320.0 * x;"),
+         ("state x: float = 0.0;", "state x: float = 0.01;")), RUN,
+        named=(r"not the simulator's scheme",)),
+    one("ranges", "a plant that stops beyond the topic's set",
+        "beyond 0.6 it publishes nothing and stands still for ever", (
+            ("topic pos: float max_age", "topic pos: float in [-0.6, 0.6] max_age"),), RUN,
+        named=(r"declared sets",)),
+    one("ranges", "`ttf` believes an input topic", "where the input says so nobody hands over", (
+        declared("input topic knob: float in [-1.0, 1.0] = -1.0;"),
+        ("module Keep; until", "module Keep; input knob in { -1.0 } every 3s; until"),
+        ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.7 && knob > 0.0"))),
+    one("ranges", "a promise to give control back within 100 ms",
+        "from 0.7 to 0.5 it takes 200 ms at least",
+        (("    acts within 0ms;", "    acts within 0ms;\n    recover within 100ms;"),), None),
+)
+
 IDLE = "AC never has control: nothing is assured, because nothing is allowed"
 SAYS_IDLE = (r"(?i)\bAC\b[^\n]*\b(never|hardly|no control|cannot|nowhere)", r"(?i)vacuous")
 
@@ -311,4 +366,4 @@ VACUOUS = (
           ("    acts within 0ms;", "    acts within 0ms;\n    horizon 5s;")),
 )
 
-SYSTEMS = (*SEVERAL, *PARAMETERS, *GATES, *RANGES, *VACUOUS)
+SYSTEMS = (*SEVERAL, *PARAMETERS, *GATES, *RANGES, *SCHEMES, *VACUOUS)

@@ -11,6 +11,7 @@ from bench.wrong_controllers import FAST, GOES, careful, declared, one
 from bench.wrong_base import LINE as LIN
 from bench.wrong_paths import CMD, QUICK, SCOPE, scope, seen, servo, start
 
+PUSH = under((GOES, "publish push = 1.0;"))
 SCOPE_LINE = "  node Scope;\n"
 INNER = (
     "node Draft period {p} {{ subscribes push; publishes force; step {{ publish force = push; }} }}"
@@ -99,7 +100,8 @@ INWARD = (
     seen("ways", "an estimator that publishes when it likes to", SOMETIMES,
          scope("if choose { false, false, false, false, false, false, false, false, false, false,"
                " false, false, false, false, false, false, false, false, false, true }"
-               " { publish pos = raw; }"), *QUICK, named=()),
+               " { publish pos = raw; }"), *QUICK, shown=Shown(("run", "--until", "300s")),
+         named=()),
     seen("ways", "a second estimator takes over from the first, later",
          "Late publishes what Scope read 600 ms ago, on the same path",
          ("topic push: float", "topic mid: float max_age 20ms;\ntopic push: float"),
@@ -169,4 +171,21 @@ DROPOUTS = (
                  ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.9")), None, LIN),
 )
 
-WAYS = (*MODULES, *OUTWARD, *INWARD, *SKEW, *DROPOUTS)
+TIMES_OF_NODES = (
+    seen("ways", "a declared lateness of the estimator's, longer than its period",
+         "an estimator that is 200 ms late, every 10 ms, is never done",
+         ("late dm 0ms, sc 0ms", "late dm 0ms, sc 0ms, Scope 200ms"), shown=None, named=()),
+    seen("ways", "a declared lateness of the estimator's, and a bold `ttf`",
+         "9 ms late: what is read is 9 ms older, and the wall is nearer than that", (
+             "late dm 0ms, sc 0ms", "late dm 0ms, sc 0ms, Scope 9ms"),
+         ("response dm 0ms, sc 0ms", "response dm 0ms, sc 0ms, Scope 1ms"),
+         ("max_age 20ms;\ntopic push", "max_age 40ms;\ntopic push"),
+         ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.93"), shown=None, named=()),
+    seen("ways", "an estimator every 40 ms, and a bold `ttf`",
+         "stamp 40 ms old, state 40 ms older still",
+         scope("publish pos = raw;", period="40ms"),
+         ("max_age 20ms;\ntopic push", "max_age 60ms;\ntopic push"),
+         ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.9"), shown=PUSH, named=()),
+)
+
+WAYS = (*TIMES_OF_NODES, *MODULES, *OUTWARD, *INWARD, *SKEW, *DROPOUTS)
