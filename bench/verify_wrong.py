@@ -1,6 +1,7 @@
 """Wrong modules of many kinds: none may be called proved without a word about what is wrong.
 
-    .venv/bin/python bench/verify_wrong.py [--kind K] [--only NAME] [--demos] [--refute] [--json FILE]
+    .venv/bin/python bench/verify_wrong.py [--kind K] [--only NAME] [--demos] [--refute] [--json
+FILE]
 
 Purpose: run `soter verify FILE` on every module of `wrong_*.py`, and count: it
 is *refused* with a code, *undecided*, *refuted*, proved with the reason *named* in what is printed
@@ -17,6 +18,7 @@ import argparse
 import contextlib
 import io
 import json
+import os
 import re
 import sys
 import tempfile
@@ -36,7 +38,7 @@ from bench.wrong_base import BASES, edited  # noqa: E402
 from soter.cli.main import main as soter  # noqa: E402
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from bench.wrong_base import Shown, Wrong
 
@@ -80,7 +82,7 @@ class Said:
 
 def call(text: str, words: Sequence[str], name: str = "wrong") -> Said:
     """`soter WORDS[0] FILE WORDS[1:]` in this process, on a file with this text."""
-    with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
+    with tempfile.TemporaryDirectory() as folder, _inside(folder):
         file = Path(f"{name}.soter")
         file.write_text(text, encoding="utf-8")
         out, err = io.StringIO(), io.StringIO()
@@ -88,6 +90,17 @@ def call(text: str, words: Sequence[str], name: str = "wrong") -> Said:
             code = soter([words[0], str(file), *words[1:]])
     printed = out.getvalue() + err.getvalue()
     return Said(code, out.getvalue(), printed, tuple(dict.fromkeys(CODE.findall(printed))))
+
+
+@contextlib.contextmanager
+def _inside(folder: str) -> Iterator[None]:
+    """`folder` is the current one: programs have short names, and runs leave their files there."""
+    before = Path.cwd()
+    os.chdir(folder)
+    try:
+        yield
+    finally:
+        os.chdir(before)
 
 
 def judged(wrong: Wrong, *, refute: bool = False) -> tuple[str, str, str]:
@@ -139,8 +152,7 @@ def main() -> int:
     chosen = [
         w
         for w in WRONG
-        if arguments.kind in (None, w.kind)
-        and (arguments.only is None or arguments.only in w.name)
+        if arguments.kind in (None, w.kind) and (arguments.only is None or arguments.only in w.name)
     ]
     arms = {} if arguments.kind or arguments.only else _control_arms()
     rows = []
@@ -168,9 +180,7 @@ def main() -> int:
         figures |= {
             "demonstrated": sum(r.demonstration == SHOWN for r in rows),
             "argued": sum(r.demonstration == NOTHING_SHOWN for r in rows),
-            "demonstration that shows nothing (0)": sum(
-                r.demonstration == NOT_SHOWN for r in rows
-            ),
+            "demonstration that shows nothing (0)": sum(r.demonstration == NOT_SHOWN for r in rows),
         }
     for name, value in figures.items():
         print(f"{name:40} {value}")

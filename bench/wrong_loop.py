@@ -143,7 +143,7 @@ def variants(
 
 
 def line(x: State, u: float) -> State:
-    """x' = u."""
+    """X' = u."""
     return (x[0] + 0.001 * u,)
 
 

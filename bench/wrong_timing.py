@@ -16,8 +16,6 @@ from bench.wrong_loop import Loop, line, mode, variants
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from bench.wrong_base import Base
-
 
 @dataclass(frozen=True)
 class Times:
@@ -40,6 +38,7 @@ class Times:
     start: float | None = None
     """Where it starts; None: anywhere where `safer` may hold."""
     first: float = 0.0
+    gain: float = 2.0
 
     @property
     def edits(self) -> tuple[Edit, ...]:
@@ -48,19 +47,25 @@ class Times:
         begin = 0.0 if self.start is None else self.start
         found = (
             ("float max_age 20ms", f"float max_age {self.max_age}ms"),
-            ("= 0.0;\n\nplant Line period 10ms",
-             f"= {self.first};\n\nplant Line period {self.sensor}ms"),
+            (
+                "= 0.0;\n\nplant Line period 10ms",
+                f"= {self.first};\n\nplant Line period {self.sensor}ms",
+            ),
             ("state x: float = 0.0;", f"state x: float = {begin};"),
             ("node Careful period 50ms", f"node Careful period {self.sc}ms phase {self.phase}ms"),
-            ("clamp(-4.0 * pos", "clamp(-2.0 * pos"),
-            ("  period 50ms;\n  safe abs(pos) < 1.0;",
-             f"  period {self.dm}ms;\n  safe abs(pos) < {self.wall};"),
+            ("clamp(-4.0 * pos", f"clamp(-{self.gain} * pos"),
+            (
+                "  period 50ms;\n  safe abs(pos) < 1.0;",
+                f"  period {self.dm}ms;\n  safe abs(pos) < {self.wall};",
+            ),
             ("ttf abs(pos) > 0.7", f"ttf abs(pos) > {self.far}"),
             ("safer abs(pos) < 0.5", f"safer abs(pos) < {self.near}"),
             ("[-1.0, 1.0] / 80", f"[{-self.wall}, {self.wall}] / {int(100 * self.wall)}"),
             ("late dm 0ms, sc 0ms", f"late dm {self.late_dm}ms, sc {self.late_sc}ms"),
-            ("response dm 0ms, sc 0ms",
-             f"response dm {self.response_dm}ms, sc {self.response_sc}ms"),
+            (
+                "response dm 0ms, sc 0ms",
+                f"response dm {self.response_dm}ms, sc {self.response_sc}ms",
+            ),
             ("acts within 0ms;", f"acts within {self.acts}ms;{horizon}"),
             ("always abs(p.truth.x) < 1.0", f"always abs(p.truth.x) < {self.wall}"),
         )
@@ -72,7 +77,7 @@ class Times:
             loop = Loop(
                 line,
                 lambda x: abs(x[0]) < self.wall,
-                lambda x: min(1.0, max(-1.0, -2.0 * x[0])),
+                lambda x: min(1.0, max(-1.0, -self.gain * x[0])),
                 lambda x: abs(x[0]) > self.far,
                 lambda x: abs(x[0]) < self.near,
                 lambda _x, _t: 1.0,
@@ -110,8 +115,9 @@ def _first(loop: Loop, *times: int) -> float | None:
 
 def timed(name: str, why: str, times: Times, *more: Edit, codes: tuple[str, ...] = ()) -> Wrong:
     """An entry about LINE."""
-    return Wrong("timing", name, LINE, (*times.edits, *more), why, Shown(loop=times.leaves),
-                 codes=codes)
+    return Wrong(
+        "timing", name, LINE, (*times.edits, *more), why, Shown(loop=times.leaves), codes=codes
+    )
 
 
 BOLD = "`ttf` looks ahead a little less than it takes from the read to SC's first command"
@@ -125,21 +131,49 @@ AHEAD = (
     timed("commands act 25 ms later", BOLD, Times(0.955, acts=25)),
     timed("SC has a phase of 30 ms", BOLD, Times(0.95, phase=30)),
     timed("SC has a phase of one ms less than its period", BOLD, Times(0.93, phase=49)),
-    timed("periods of 100 and 70 ms: SC's next release is up to 60 ms away", BOLD,
-          Times(0.87, dm=100, sc=70)),
+    timed(
+        "periods of 100 and 70 ms: SC's next release is up to 60 ms away",
+        BOLD,
+        Times(0.87, dm=100, sc=70),
+    ),
     timed("periods of 100 and 30 ms", BOLD, Times(0.91, dm=100, sc=30)),
     timed("periods of 90 and 60 ms, a phase of 20", BOLD, Times(0.89, dm=90, sc=60, phase=20)),
-    timed("periods of 100 and 100 ms, a phase of 60", BOLD,
-          Times(0.87, dm=100, sc=100, phase=60)),
+    timed("periods of 100 and 100 ms, a phase of 60", BOLD, Times(0.87, dm=100, sc=100, phase=60)),
     timed("periods of 70 and 50 ms, a phase of 10", BOLD, Times(0.92, dm=70, sc=50, phase=10)),
     timed("periods of 60 and 40 ms, a late DM", BOLD, Times(0.925, dm=60, sc=40, late_dm=45)),
+    timed(
+        "the DM starts 40 ms late, both every 100 ms", BOLD, Times(0.89, dm=100, sc=100, late_dm=40)
+    ),
+    timed(
+        "the DM takes 45 ms, both every 100 ms", BOLD, Times(0.885, dm=100, sc=100, response_dm=45)
+    ),
+    timed(
+        "the DM is late and SC takes its time, both every 200 ms",
+        BOLD,
+        Times(0.73, dm=200, sc=200, late_dm=70, response_sc=25),
+    ),
     timed("a DM every 300 ms", BOLD, Times(0.73, dm=300)),
-    timed("a little of everything", BOLD,
-          Times(0.89, dm=100, sc=50, phase=20, late_dm=10, response_dm=15, late_sc=5,
-                response_sc=5, acts=10)),
+    timed(
+        "a little of everything",
+        BOLD,
+        Times(
+            0.89,
+            dm=100,
+            sc=50,
+            phase=20,
+            late_dm=10,
+            response_dm=15,
+            late_sc=5,
+            response_sc=5,
+            acts=10,
+        ),
+    ),
     timed("a sensor every 40 ms", BOLD, Times(0.95, sensor=40, max_age=40)),
-    timed("`safer` gives control back too near to the wall",
-          "one period later AC is through it", Times(0.99, near=0.97)),
+    timed(
+        "`safer` gives control back too near to the wall",
+        "one period later AC is through it",
+        Times(0.99, near=0.97),
+    ),
 )
 
 SHORT = "the horizon is shorter than H*: AC acts for longer than the sets look ahead"
@@ -160,21 +194,42 @@ OVERLOAD = (
     timed("the DM takes 400 ms, every 50 ms", BUSY, Times(0.5, response_dm=400)),
     timed("the DM takes 100 ms, every 50 ms", BUSY, Times(0.82, response_dm=100)),
     timed("the DM takes 150 ms, every 50 ms", BUSY, Times(0.74, response_dm=150)),
-    timed("the DM starts 30 ms late and takes 120", BUSY,
-          Times(0.79, late_dm=30, response_dm=120)),
-    Wrong("timing", "SC is slower than the DM", LINE,
-          (("node Careful period 50ms", "node Careful period 500ms"),
-           ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.9")),
-          "P1a: SC comes half a second after the decision", None),
-    Wrong("timing", "SC takes longer than its period", LINE,
-          (("response dm 0ms, sc 0ms", "response dm 0ms, sc 200ms"),),
-          "SC is never done before its next release", None),
-    Wrong("timing", "a map: the DM is later than a step of the plant", MAP,
-          (("verify { grid", "verify { late dm 60ms, sc 0ms; grid"),),
-          "its verdict belongs to the step before: AC has a step more", None),
-    Wrong("timing", "a map: commands act after the next step", MAP,
-          (("verify { grid", "verify { acts within 70ms; grid"),),
-          "SC's command acts a step later than the sets say", None),
+    timed("the DM starts 30 ms late and takes 120", BUSY, Times(0.79, late_dm=30, response_dm=120)),
+    Wrong(
+        "timing",
+        "SC is slower than the DM",
+        LINE,
+        (
+            ("node Careful period 50ms", "node Careful period 500ms"),
+            ("ttf abs(pos) > 0.7", "ttf abs(pos) > 0.9"),
+        ),
+        "P1a: SC comes half a second after the decision",
+        None,
+    ),
+    Wrong(
+        "timing",
+        "SC takes longer than its period",
+        LINE,
+        (("response dm 0ms, sc 0ms", "response dm 0ms, sc 200ms"),),
+        "SC is never done before its next release",
+        None,
+    ),
+    Wrong(
+        "timing",
+        "a map: the DM is later than a step of the plant",
+        MAP,
+        (("verify { grid", "verify { late dm 60ms, sc 0ms; grid"),),
+        "its verdict belongs to the step before: AC has a step more",
+        None,
+    ),
+    Wrong(
+        "timing",
+        "a map: commands act after the next step",
+        MAP,
+        (("verify { grid", "verify { acts within 70ms; grid"),),
+        "SC's command acts a step later than the sets say",
+        None,
+    ),
 )
 
 WAIT = (
@@ -192,14 +247,62 @@ def begun(name: str, **given: object) -> Wrong:
 STARTS = (
     begun("start: the DM is 300 ms late", dm=400, late_dm=300, start=1.75),
     begun("start: the DM takes 300 ms", dm=400, response_dm=300, start=1.75),
-    begun("start: the DM is 150 ms late and takes 150 ms", dm=400, late_dm=150, response_dm=150,
-          start=1.75),
+    begun(
+        "start: the DM is 150 ms late and takes 150 ms",
+        dm=400,
+        late_dm=150,
+        response_dm=150,
+        start=1.75,
+    ),
     begun("start: the DM is late, SC has a phase", dm=400, late_dm=300, phase=40, start=1.75),
-    begun("start: the DM is late, SC responds late, too", dm=400, late_dm=250, response_sc=20,
-          start=1.75),
+    begun(
+        "start: the DM is late, SC responds late, too",
+        dm=400,
+        late_dm=250,
+        response_sc=20,
+        start=1.75,
+    ),
     begun("start: the DM is late, commands act late", dm=400, late_dm=250, acts=20, start=1.75),
-    begun("start: both every 400 ms, the DM 350 ms late", dm=400, sc=400, late_dm=350, start=1.7,
-          far=0.5, near=0.3),
+    begun(
+        "start: both every 400 ms, the DM 350 ms late",
+        dm=400,
+        sc=400,
+        late_dm=350,
+        start=1.7,
+        far=0.5,
+        near=0.3,
+    ),
+    begun(
+        "start: both every 800 ms, the DM 300 ms late",
+        dm=800,
+        sc=800,
+        late_dm=300,
+        far=0.7,
+        near=0.4,
+        start=1.75,
+        gain=1.0,
+    ),
+    begun(
+        "start: both every 800 ms, the DM takes 300 ms",
+        dm=800,
+        sc=800,
+        response_dm=300,
+        far=0.7,
+        near=0.4,
+        start=1.75,
+        gain=1.0,
+    ),
+    begun(
+        "start: both every 800 ms, the DM late, SC slow",
+        dm=800,
+        sc=800,
+        late_dm=200,
+        response_sc=100,
+        far=0.7,
+        near=0.4,
+        start=1.75,
+        gain=1.0,
+    ),
     begun("start: SC itself is late", sc=100, dm=100, late_sc=45, acts=5, start=1.96),
 )
 
