@@ -30,7 +30,7 @@ CMD: tuple[Edit, ...] = (
 )
 """SIGHT with a node `Servo` between module and plant."""
 PUSHING = under((GOES, "publish push = 1.0;"))
-NAMES_SERVO = (r"Servo[^\n]*what they do with[^\n]* belongs to the plants",)
+NAMES_SERVO = (r"Servo[^\n]*what they (do with|make of)[^\n]* belongs? to the plants",)
 
 
 def scope(body: str, *more: str, period: str = "10ms") -> Edit:

@@ -210,6 +210,30 @@ INWARD = (
     ),
 )
 
+INNER_SERVO = (
+    "node Servo period 50ms {{ subscribes push, raw; publishes mid;"
+    " step {{ publish mid = raw > 9.0 ? 0.0 : push; }} }}\n"
+    "node Relay period {p} {{ subscribes mid; publishes force; step {{ publish force = mid; }} }}"
+)
+INNER_WAYS = (
+    seen(
+        "ways",
+        "a node behind SC that also reads the sensor, and a slow one behind it",
+        HELD,
+        *TWO,
+        declared(INNER_SERVO.format(p="700ms")),
+        named=(),
+    ),
+    seen(
+        "ways",
+        "the flying plant shows itself every 600 ms, the estimator every 10 ms",
+        "the stamp is fresh, the state up to 610 ms old",
+        ("plant Body period 10ms", "plant Body period 600ms"),
+        shown=PUSH,
+        named=(),
+    ),
+)
+
 # one output goes through a node, the other one does not: they do not switch together
 SKEWED = (
     (
@@ -396,4 +420,4 @@ TIMES_OF_NODES = (
     ),
 )
 
-WAYS = (*MIXED, *TIMES_OF_NODES, *MODULES, *OUTWARD, *INWARD, *SKEW, *DROPOUTS)
+WAYS = (*INNER_WAYS, *MIXED, *TIMES_OF_NODES, *MODULES, *OUTWARD, *INWARD, *SKEW, *DROPOUTS)
