@@ -11,7 +11,7 @@ import re
 import pytest
 from bench.verify_wrong import NAMED, PROVED, REFUSED, SHOWN, UNDECIDED, call, demonstrated, judged
 from bench.wrong_all import WRONG
-from bench.wrong_base import BASES, Base, edited
+from bench.wrong_base import BASES, RING, Base, edited
 from bench.wrong_ranges import SAYS_IDLE
 from bench.wrong_systems import NAMES_OTHER
 
@@ -60,7 +60,9 @@ def test_a_wrong_module_is_not_proved_without_a_word(name: str) -> None:
 def test_the_right_modules_that_they_are_made_from_are_proved(base: Base) -> None:
     said = call(base.text, ("verify", "--no-refute"))
     assert said.exit == 0, said.text
-    assert not any(re.search(p, said.report) for p in (*SAYS_IDLE, *NAMES_OTHER)), said.report
+    # on `ring` AC has control on a third of a percent: rightly said
+    patterns = (*NAMES_OTHER, *(() if base is RING else SAYS_IDLE))
+    assert not any(re.search(p, said.report) for p in patterns), said.report
     assert call(base.text, ("run",)).exit == 0
 
 
