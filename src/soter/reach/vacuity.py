@@ -81,6 +81,26 @@ def _of_case(case: Case) -> Iterator[Vacuity]:
         found = min(_shares(case, predicate), default=1.0)
         if found < HARDLY:
             yield Vacuity(HARDLY_EVER, predicate, found, _hardly(predicate, found))
+    yield from _apart(case)
+
+
+def _apart(case: Case) -> Iterator[Vacuity]:
+    """Where `safer` gives control `ttf` takes it: each may hold often, and both hardly anywhere.
+
+    By cells on which `safer` may be true and `ttf` may be false: none of them is none at all.
+    """
+    for part in case.sets.groups:
+        if part.lets_ac is None or part.gives_back is None:
+            continue
+        edges = [np.asarray(e) for e in part.edges]
+        whole = share(part.core > 0, edges)
+        both = part.lets_ac & part.gives_back
+        found = share(both & (part.core > 0), edges) / whole if whole else 1.0
+        if found < HARDLY:
+            how = HARDLY_EVER if both.any() else NEVER
+            span = show_ns(case.problem.times.delta_dm)
+            text = f"AC {how} keeps control longer than {span} (where `safer` holds, so does `ttf`)"
+            yield Vacuity(how, "safer", found, text)
 
 
 def _core(case: Case) -> Iterator[Vacuity]:
