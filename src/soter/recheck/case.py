@@ -120,8 +120,8 @@ class Case:
         """K: SC keeps `safe` from it, and leads back to it."""
         safe = self.model.facts.symbol.safe
         allowed = certain_beside(self.model, self.groups, self.polytopes, safe, errors=False)
-        for check in self.half_spaces:
-            self._prove("K", check.show_core)
+        for polytope in self.half_spaces:
+            self._prove("K", polytope.show_core)
         for k, (group, core, within) in enumerate(
             zip(self.groups, self.cores, allowed, strict=True)
         ):

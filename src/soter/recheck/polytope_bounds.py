@@ -4,7 +4,8 @@ Purpose: for lambda >= 0 and every x of {low <= x <= high, F x <= f}
 
     r x  <=  lambda f + max over the box of (r - lambda F) x,
 
-in balls. Multipliers are hints of the certificate: wrong ones give a useless bound, never a false one.
+in balls. Multipliers are hints of the certificate: wrong ones give a useless bound, never a false
+one.
 Non-goals: finding multipliers.
 """
 

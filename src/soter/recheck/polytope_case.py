@@ -1,11 +1,11 @@
 """The claims about one polytope group, each shown again from its half-spaces and multipliers.
 
-Purpose: `PolytopeCheck`: K, R(H), the levels of computed predicates, the start, Q and the way to it.
+Purpose: `PolytopeCheck`: K, R(H), the levels of computed predicates, the start, Q, the way to it.
 Non-goals: predicates of the user (`polytope_predicates.py`), the DM (`polytope_deployed.py`).
 
-K is a core (docs/proof.md, "Polytopes"): from every state of K at a nominal time C holds for a period
-and K when it ends, whatever is outstanding from the period before and whatever of the next output acts
-early. Its state is in K at a_0, which is the first nominal time.
+K is a core (docs/proof.md, "Polytopes"): from every state of K at a nominal time C holds for a
+period and K when it ends, whatever is outstanding from the period before and whatever of the next
+output acts early. The state is in K at a_0, which is the first nominal time.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 def errors_of(model: Model, tables: PolytopeTables) -> list[arb]:
-    """By how much the estimates of the group's states may be off, the rounding of their sum in it."""
+    """By how much estimates of the group's states may be off, with the rounding of their sum."""
     found = []
     for state in tables.states:
         error = exact(error_of(model.facts, state))
@@ -101,7 +101,12 @@ class PolytopeCheck:
     # ------------------------------------------------------------ SC
 
     def _kept(
-        self, what: str, hold: Hold, own: HalfSpaces, within_faces: HalfSpaces, given: Iterator[Triples]
+        self,
+        what: str,
+        hold: Hold,
+        own: HalfSpaces,
+        within_faces: HalfSpaces,
+        given: Iterator[Triples],
     ) -> None:
         """SC keeps a set and, on the way, C and some half-spaces."""
         self._boxed_in(f"{what} in C", own, self.tables.constraint)

@@ -5,8 +5,8 @@ from which real half-spaces on it surely gives control back, which is what P2b m
 Non-goals: the sets themselves (`polytope_case.py`), tables of grids (`deployed.py`).
 
 The DM compares the estimate with a box and then, for every half-space, the computed r x with a
-threshold. A sum of n products, in any order, is off by at most n u / (1 - n u) sum |r_i| |x_i| and what
-underflows (u = 2^-53): so r x <= threshold + err wherever it passes, and it passes wherever
+threshold. A sum of n products, in any order, is off by at most n u / (1 - n u) sum |r_i| |x_i| and
+what underflows (u = 2^-53): so r x <= threshold + err wherever it passes, and it passes wherever
 r x <= threshold - err, err taken over the box.
 """
 
@@ -51,7 +51,7 @@ def compare_half_spaces(
                 raise RejectedError("the cases have other polytopes, and the DM has one for all")
             _only(outer, group.levels[0], [outer])
             _only(inner, group.levels[-1], [outer, inner])
-            group.gives_back = list(_surely([outer, inner]))
+            group.gives_back = _surely([outer, inner])
 
 
 def _error(row: Sequence[float], box: HalfSpaces) -> arb:
@@ -87,14 +87,16 @@ def _only(box: HalfSpaces, claimed: HalfSpaces, held: Sequence[HalfSpaces]) -> N
             raise RejectedError("the DM does not hold the half-spaces of its sets")
 
 
-def _surely(held: Sequence[HalfSpaces]) -> Iterable[tuple[tuple[float, ...], arb]]:
+def _surely(held: Sequence[HalfSpaces]) -> list[tuple[tuple[float, ...], arb]]:
     """Half-spaces of real estimates in all of which the DM gives control back."""
+    found = []
     for p in held:
         count = len(p.rows)
         faces, limits = p.faces
         for k, (row, limit) in enumerate(zip(faces, limits, strict=True)):
             # the box is compared as it is; what is outside it is not let through
-            yield row, exact(limit) - (_error(row, p) if k < count else ZERO)
+            found.append((row, exact(limit) - (_error(row, p) if k < count else ZERO)))
+    return found
 
 
 def returned(tables: PolytopeTables, errors: Sequence[arb]) -> None:

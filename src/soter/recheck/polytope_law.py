@@ -4,10 +4,10 @@ Purpose: `linear_law`: from SC's terms and the z and limits that a certificate n
 everything that z does not say about u as spread; what must hold for SC not to fault is shown, too.
 Non-goals: whether z keeps within the limits (`polytope_case.py`).
 
-The terms are swept once. Each atom becomes a linear form over the inputs with a radius that holds for
-all inputs in their ranges *with every z in its limits*: bounds of a form F are those of F - alpha z
-over the box, plus alpha times the limits, for any alpha; the alpha that removes the input which moves
-z most is tried. So a clamp at the limits is seen not to act.
+The terms are swept once. Each atom becomes a linear form over the inputs with a radius that holds
+for all inputs in their ranges *with every z in its limits*: bounds of a form F are those of
+F - alpha z over the box, plus alpha times the limits, for any alpha; the alpha that removes the
+input which moves z most is tried. So a clamp at the limits is seen not to act.
 """
 
 from __future__ import annotations
@@ -33,9 +33,10 @@ FALSE, TRUE, UNKNOWN = 1, 2, 3
 
 @dataclass(frozen=True, eq=False)
 class Law:
-    """SC commands gain x + offset up to `spread` (errors and other inputs are in it), x being the
-    group's states that it read, while z lies in [low, high]: which it does where
-    gain x + offset +- spread does.
+    """SC commands gain x + offset up to `spread`, x being the group's states that it read.
+
+    Errors and all other inputs are in `spread`. It holds while z lies in [low, high], and z does
+    where gain x + offset +- spread does.
     """
 
     controls: tuple[int, ...]
@@ -70,7 +71,9 @@ def linear_law(model: Model, members: Sequence[int], claimed: ClaimedLaw) -> Law
     """The law of a group; `RejectedError` where it is not linear within the limits."""
     facts = model.facts
     names = [c.name for c in facts.controls]
-    if len(set(claimed.controls)) < len(claimed.controls) or not set(claimed.controls) <= set(names):
+    if len(set(claimed.controls)) < len(claimed.controls) or not set(claimed.controls) <= set(
+        names
+    ):
         raise RejectedError("the law of a polytope group is of unknown controls")
     controls = tuple(names.index(c) for c in claimed.controls)
     terms, states = model.new_terms()
@@ -112,9 +115,7 @@ def _places(model: Model, terms: Terms, states: Sequence[Linear]) -> list[int | 
     return found + [boxes.get(e.name) for e in (*facts.errors, *facts.others)]
 
 
-def _ranges(
-    model: Model, terms: Terms, states: Sequence[Linear]
-) -> dict[int, tuple[arb, arb]]:
+def _ranges(model: Model, terms: Terms, states: Sequence[Linear]) -> dict[int, tuple[arb, arb]]:
     """Every input over everything it may be: states within C or their grids."""
     found = {i: (a.low, a.high) for i, a in enumerate(terms.atoms) if a.kind == "box"}
     for x, (low, high) in zip(states, model.extents, strict=True):
@@ -232,7 +233,7 @@ class _Sweep:
         raise NotRecheckedError(f"`{atom.kind}` in the law of a polytope group")
 
     def _product(self, a: Form, b: Form) -> Form:
-        """a b = a_c b + b_c a - a_c b_c + (a - a_c) (b - b_c)."""
+        """Of centres: a b = a_c b + b_c a - a_c b_c + (a - a_c) (b - b_c)."""
         centres, radii = [], []
         for low, high in (self.bounds(a), self.bounds(b)):
             centres.append((low + high) * HALF)

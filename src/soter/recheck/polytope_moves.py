@@ -3,29 +3,33 @@
 Purpose: for rows c and times t, `Hold` and `Free` give (row, loss) with c x(t) <= row x(0) + loss.
 Non-goals: reading programs (`polytope_law.py`, `flows.py`); sets (`polytope_case.py`).
 
-x' = A x + B u + b + W w with |w| <= 1 measurable, u in U, x in the box of C: D bounds |A x + B u + b|
-there. For one row c:
+x' = A x + B u + b + W w with |w| <= 1 measurable, u in U, x in the box of C: D bounds
+|A x + B u + b| there. For one row c:
 
-- *noise*: int |c e^{As} W| ds. On [m - r, m + r], f(s) = c e^{As} W = f(m) + f'(m) (s - m) + rest, the
-  rest at most (s - m)^2/2 |c e^{Am} A^2| e^{|A| r} |W|; |f(m) + f'(m) s| is integrated exactly.
-- *sag*: between instants h apart phi(t) = c x(t) of one held u (without w) exceeds the greater of its
-  ends by at most h^2/8 sup |phi''|, phi'' = c A e^{At} (A x + B u + b).
-- *a hold*. n_k = a_0 + k delta, a_0 the instant at which SC's first output acts with all components.
-  Outputs k act in [t_0 + k delta, t_0 + k delta + j], and a_0 does for k = 0: so at n_k - p + [0, j] with
-  one p in [0, j] for all of a run. Until then component i is still that of k - 1, and from
-  t_0 + (k + 1) delta on it may be that of k + 1: at most j - p and p, in all j; 2 j <= delta keeps others out.
-  With |u_i - u_k,i| <= other_i that moves c x by at most j sup over [0, delta] of |c e^{As} B| other.
+- *noise*: int |c e^{As} W| ds. On [m - r, m + r] f(s) = c e^{As} W is f(m) + f'(m) (s - m) up to
+  (s - m)^2/2 |c e^{Am} A^2| e^{|A| r} |W|; |f(m) + f'(m) s| is integrated exactly.
+- *sag*: between instants h apart phi(t) = c x(t) of one held u (without w) exceeds the greater of
+  its ends by at most h^2/8 sup |phi''|, phi'' = c A e^{At} (A x + B u + b).
+- *a hold*. n_k = a_0 + k delta, a_0 the instant at which SC's first output acts with all
+  components. Outputs k act in [t_0 + k delta, t_0 + k delta + j], and a_0 does for k = 0: so at
+  n_k - p + [0, j] with one p in [0, j] for all of a run. Before, component i is still that of
+  k - 1, and from n_(k+1) - p on it may be that of k + 1: for at most j - p and p, in all j;
+  2 j <= delta keeps others out. |u_i - u_k,i| <= other_i moves c x by at most
+  j sup over [0, delta] of |c e^{As} B| other.
 - *its read* is of n_k + s, s in [-d - p, j - p]. From x = x(n_k) on, backwards too, K x' is
-  K (A x + b + B u_c) (on the set at most `rate`) up to |K B| u_r + |K W| + |K A| |x(n_k + s) - x|, and
-  |x(n_k + s) - x| <= |s| e^{|A| |s|} (D + |W| 1). Integrated, with s = -d/2 up to d/2 + j, that is the spread.
-- *other*: reads of neighbours lie in t_0 + k delta + [-d, j] and a period later: within
-  delta + d + j of each other and of n_k.
+  K (A x + b + B u_c) (on the set at most `rate`) up to |K B| u_r + |K W| and
+  |K A| |x(n_k + s) - x|, and |x(n_k + s) - x| <= |s| e^{|A| |s|} (D + |W| 1). Integrated, with s
+  within d/2 + j of -d/2, that is the spread of a read.
+- *other*: reads of neighbours lie in t_0 + k delta + [-d, j] and the same a period off: within
+  delta + d + j of each other and of n_k. That u_(k+1) is linear although n_(k+1) is not reached: if
+  no component of it acted before n_(k+1) the state would be in K there, and its read is older.
 """
 
 from __future__ import annotations
 
 from fractions import Fraction
 from functools import cached_property
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 from flint import arb, arb_mat
@@ -136,7 +140,7 @@ class Flow:
         """At every time the integral of |c e^{As} columns| 1 from 0 on."""
         total = [ZERO] * rows.nrows()
         found = [total]
-        for start, end in zip(times, times[1:], strict=False):
+        for start, end in pairwise(times):
             for r, exact_r, at in self._pieces(rows, start, end, PIECES):
                 lines = self._lines(at, exact_r, columns)
                 total = [t + _area(*line, r) for t, line in zip(total, lines, strict=True)]
@@ -152,9 +156,7 @@ class Flow:
                 found[k] = [x.max(y) for x, y in zip(found[k], here, strict=True)]
         return found
 
-    def sag(
-        self, rows: arb_mat, speed: arb_mat, start: Fraction, end: Fraction
-    ) -> list[arb]:
+    def sag(self, rows: arb_mat, speed: arb_mat, start: Fraction, end: Fraction) -> list[arb]:
         """h^2/8 sup |phi''| between two instants; `speed` bounds |A x + B u + b|."""
         found = [ZERO] * rows.nrows()
         h = exact(end - start)
@@ -165,7 +167,7 @@ class Flow:
 
     def sags(self, rows: arb_mat, speed: arb_mat, times: Sequence[Fraction]) -> list[list[arb]]:
         """At every instant the larger one of the two beside it."""
-        steps = [self.sag(rows, speed, a, b) for a, b in zip(times, times[1:], strict=False)]
+        steps = [self.sag(rows, speed, a, b) for a, b in pairwise(times)]
         sides = zip([steps[0], *steps], [*steps, steps[-1]], strict=True)
         return [[x.max(y) for x, y in zip(a, b, strict=True)] for a, b in sides]
 
@@ -186,7 +188,8 @@ class Free:
         self.flow = flow
         self.times = [t * NS for t in instants_ns]
         push = [
-            [x * r for x, r in zip(row, flow.control_radius, strict=True)] for row in flow.b.tolist()
+            [x * r for x, r in zip(row, flow.control_radius, strict=True)]
+            for row in flow.b.tolist()
         ]
         self.columns = arb_mat([a + b for a, b in zip(push, flow.w.tolist(), strict=True)])
 

@@ -1,7 +1,8 @@
 """Predicates of the user over polytope groups.
 
-Purpose: that a predicate holds on the product of boxes and cells; that `ttf` and `safer` let AC have
-control only in R(H), box by box: a box lies in R(H) where its worst corner does, of every half-space.
+Purpose: that a predicate holds on the product of boxes and cells; that `ttf` and `safer` let AC
+have control only in R(H), box by box: a box lies in R(H) where the worst corner of every half-space
+does.
 Non-goals: computed predicates (`polytope_case.py`, `polytope_deployed.py`).
 """
 
@@ -113,7 +114,7 @@ def show_admitted(
 
 
 def _excess(faces: Floats, limits: Floats, box: Floats) -> Floats:
-    """By how much the worst corners of a box exceed half-spaces; not above 0: they certainly do not."""
+    """By how much the worst corners of a box exceed half-spaces; up to 0 they surely do not."""
     reach = np.abs(faces) @ np.abs(box).max(axis=0) + np.abs(limits)
     corners = np.where(faces > 0, box[1], box[0])
     values = (faces * corners).sum(axis=1)

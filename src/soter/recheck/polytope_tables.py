@@ -20,6 +20,7 @@ from soter.recheck.tables import Grid
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from flint import arb
     from numpy.typing import NDArray
 
     from soter.recheck.folder import Certificate
@@ -98,7 +99,7 @@ class PolytopeTables:
     periods: int
     instants: dict[str, tuple[int, ...]]
     multipliers: dict[str, list[Triples]] = field(default_factory=dict)
-    gives_back: list[tuple[tuple[float, ...], float]] | None = None
+    gives_back: list[tuple[tuple[float, ...], arb]] | None = None
     """Half-spaces that make the DM give control back, of real numbers (`polytope_deployed.py`)."""
 
     def as_cell(self, box: HalfSpaces) -> GroupTables:
@@ -223,7 +224,9 @@ class _Reader:
         if rows.ndim != BOX or rows.shape[1] != self.n + 1:
             raise RejectedError("the faces of a polytope are not over the states of its group")
         faces = rows.tolist()
-        return HalfSpaces(low, high, tuple(tuple(f[:-1]) for f in faces), tuple(f[-1] for f in faces))
+        return HalfSpaces(
+            low, high, tuple(tuple(f[:-1]) for f in faces), tuple(f[-1] for f in faces)
+        )
 
     def triples(self, entry: Any) -> Triples:  # noqa: ANN401
         """Multipliers: none is negative, and each belongs to a row and a half-space."""
