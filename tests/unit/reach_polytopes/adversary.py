@@ -1,16 +1,16 @@
 """Linear modules at random, and an adversary who times everything against them.
 
-Purpose: `random_group`, and `attack`: SC-runs as docs/proof.md defines them, from border points of K,
+Purpose: `random_group`, and `Attack`: SC-runs as docs/proof.md has them, from the border of K,
 in which each component of a command switches when it hurts most inside its window, reads are as old
 or as fresh as hurts most, errors and disturbances stand at their bounds.
-Non-goals: anything that shares code with the sets: flows are integrated by matrix exponentials of
-SciPy-free series here, 1 ms at a time, exact for inputs that are constant in between.
+Non-goals: sharing anything with what bounds the flows: here they are stepped by series, 1 ms at a
+time, exact for inputs that are constant in between.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -33,6 +33,8 @@ class Excess:
 
     constraint: float
     core: float
+    nominal: list[Array] = field(default_factory=list)
+    """States at nominal times."""
 
 
 def series(a: Array, t: float) -> tuple[Array, Array]:
@@ -202,6 +204,7 @@ class Attack:
             if t and t % self.period == 0:
                 worst.core = max(worst.core, float((self.x @ rows.T - limits).max()))
             if t % self.period == 0:
+                worst.nominal.append(self.x)
                 self._aim(t // self.period)
             since = (t + self.lead) % self.period
             if since == 0 and t + self.lead >= self.period:

@@ -12,6 +12,7 @@ import pytest
 
 import soter
 from soter.program.build import check_file
+from soter.reach import certificate, polytope_extract, polytope_model
 from soter.recheck.rechecker import Report, recheck
 from unit.recheck import small_proofs
 
@@ -274,18 +275,14 @@ EDITS: dict[str, Edit] = {
     "the DM lets more through": lambda c: c.matrix(
         c.entry["tables"][0]["outer"]["faces"], out(1e-3)
     ),
-    "the DM gives more back": lambda c: c.matrix(
-        c.entry["tables"][0]["inner"]["faces"], out(1e-3)
-    ),
+    "the DM gives more back": lambda c: c.matrix(c.entry["tables"][0]["inner"]["faces"], out(1e-3)),
     "the DM's thresholds are not lowered": lambda c: c.matrix(
         c.entry["tables"][0]["outer"]["faces"], out(1e-15)
     ),
     "the DM gives less back": lambda c: c.matrix(
         c.entry["tables"][0]["inner"]["faces"], out(-1e-3)
     ),
-    "the DM's box is larger": lambda c: c.matrix(
-        c.entry["tables"][0]["outer"]["box"], scaled(1.2)
-    ),
+    "the DM's box is larger": lambda c: c.matrix(c.entry["tables"][0]["outer"]["box"], scaled(1.2)),
     "the DM knows fewer half-spaces": lambda c: c.matrix(
         c.entry["tables"][0]["outer"]["faces"], lambda m: m[1:]
     ),
@@ -314,7 +311,7 @@ EDITS: dict[str, Edit] = {
         "der v = accel + wind;", "der v = accel + wind + 0.1 * x * x;"
     ),
     "a nearer wall": lambda c: c.program("WALL: float = 1.5", "WALL: float = 1.4"),
-    "a start elsewhere": lambda c: c.program("state x: float = 0.0", "state x: float = 1.45"),
+    "a start elsewhere": lambda c: c.program("state v: float = 0.0", "state v: float = 5.9"),
 }
 
 
@@ -327,7 +324,9 @@ EDITS_OF_USERS: dict[str, Edit] = {
     "a bolder ttf": lambda c: c.program("abs(motion.x) > 0.7", "abs(motion.x) > 1.4"),
     "a ttf that forgets speed": lambda c: c.program(" || abs(motion.v) > 0.8", ""),
     "a bolder safer": lambda c: c.program("safer abs(motion.x) < 0.6", "safer abs(motion.x) < 1.4"),
-    "a smaller safer": lambda c: c.program("safer abs(motion.x) < 0.6", "safer abs(motion.x) < 0.4"),
+    "a smaller safer": lambda c: c.program(
+        "safer abs(motion.x) < 0.6", "safer abs(motion.x) < 0.4"
+    ),
     "R is larger": lambda c: c.matrix(c.group["R"]["faces"], out(1e-3)),
     "no R": lambda c: c.matrix(c.group["R"]["faces"], lambda m: m[:0]),
     "the target is larger": lambda c: c.matrix(c.group["target"]["box"], scaled(1.1)),
@@ -356,9 +355,7 @@ def parts_of(group: dict[str, Any]) -> list[tuple[str, int]]:
 
 
 @pytest.mark.parametrize("factor", [-1.0, 0.0, 0.9, 1.1])
-def test_every_claim_rests_on_its_multipliers(
-    factor: float, right: Path, tmp_path: Path
-) -> None:
+def test_every_claim_rests_on_its_multipliers(factor: float, right: Path, tmp_path: Path) -> None:
     """Claims with room to spare survive a worse bound; none survives a negative multiplier."""
     total, held = 0, []
     for number, (name, k) in enumerate(parts_of(Opened(right).group)):
@@ -390,3 +387,42 @@ def test_a_half_space_of_k_that_is_moved_out_is_rejected(right: Path, tmp_path: 
 
         at.matrix(at.group["K"]["faces"], change)
         assert not checked(at.seal()).accepted, face
+
+
+# ---------------------------------------------------------------- a prover that is wrong
+
+
+def _nothing(_: object, rows: Any, *__: object) -> Any:
+    return np.zeros(rows.mid.shape[0])
+
+
+HOLES: dict[str, tuple[object, str, object]] = {
+    "outputs are never late": (polytope_model.Hold, "_exchanged", _nothing),
+    "reads are fresh": (
+        polytope_model.Hold,
+        "_read",
+        lambda self: np.abs(self.group.gain) @ self.group.error,
+    ),
+    "reads are exact": (polytope_model.Hold, "_read", lambda self: np.zeros(len(self.rate))),
+    "nothing disturbs": (
+        polytope_model.Grid,
+        "noise",
+        lambda self, rows, _: np.zeros((len(self.times_ns), rows.mid.shape[0])),
+    ),
+    "nothing happens between instants": (polytope_model.LinearGroup, "sagging", _nothing),
+    "estimates are exact": (polytope_extract, "errors_of", lambda _: {}),
+    "thresholds are not lowered": (certificate, "thresholds", lambda p: p.bounds),
+}
+
+
+@pytest.mark.parametrize("name", HOLES)
+def test_a_prover_with_a_hole_is_caught(
+    name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(*HOLES[name])
+    path = tmp_path / "cart.soter"
+    path.write_text(program())
+    soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    report = checked(tmp_path / "cert")
+    assert not report.accepted
+    assert report.reason
