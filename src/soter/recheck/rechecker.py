@@ -74,6 +74,8 @@ class ModuleReport:
     name: str
     claims: dict[str, str]
     cells: int = 0
+    half_spaces: int = 0
+    """Of K, of all polytope groups."""
     confirmed: list[str] = field(default_factory=list)
 
     @property
@@ -226,6 +228,7 @@ def _module(
     for k, (values, groups, others) in enumerate(zip(cases, tables, polytopes, strict=True)):
         model = Model(facts, values, narrowed(extents, others))
         report.cells += sum(int(np.prod(g.grid.shape)) for g in groups)
+        report.half_spaces += sum(len(p.core.bounds) for p in others)
         share = partial(_share, progress, k, len(cases))
         Case(model, groups, others, claims, entry, share, workers).check()
     report.confirmed = [c for c in CLAIMS if c in claims]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 import shutil
 from typing import TYPE_CHECKING, Any
 
@@ -148,6 +149,27 @@ def test_what_the_prover_writes_is_accepted(name: str, tmp_path: Path) -> None:
     assert report.accepted, report.reason
     assert report.safe
     assert report.returns
+
+
+def numbers_of(source: str, name: str) -> list[float]:
+    """The elements of a constant array in C."""
+    found = re.search(rf"{name} = \{{\s*\.at = \{{([^}}]*)\}}", source)
+    assert found, name
+    return [float(x) for x in found.group(1).split(",") if x.strip()]
+
+
+def test_build_deploys_the_half_spaces_of_the_certificate(right: Path, tmp_path: Path) -> None:
+    soter.load(right / "program" / "cart.soter").build("c", tmp_path, "Protected")
+    source = (tmp_path / "cart.c").read_text()
+    (table,) = json.loads((right / "manifest.json").read_text())["modules"][0]["tables"]
+    for part in ("outer", "inner"):
+        given = table[part]["faces"]
+        faces = np.fromfile(right / given["file"], dtype="<f8").reshape(given["shape"])
+        rows = numbers_of(source, f"SafeCart_level_{part}_ROWS")
+        assert rows == faces[:, :-1].ravel().tolist()
+        assert numbers_of(source, f"SafeCart_level_{part}_LIMITS") == faces[:, -1].tolist()
+        box = np.fromfile(right / table[part]["box"]["file"], dtype="<f8")
+        assert all(x.hex() in source or repr(x) in source for x in box.tolist())
 
 
 # ---------------------------------------------------------------- what is wrong
