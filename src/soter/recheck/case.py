@@ -62,12 +62,12 @@ class Case:
 
     model: Model
     groups: list[GroupTables]
-    """Grids; `polytopes`: the other groups, whose C are the extents of their states."""
-    polytopes: list[PolytopeTables]
     claims: set[str]
     entry: dict[str, Any]
     progress: Callable[[float], None]
     workers: int
+    polytopes: list[PolytopeTables] = field(default_factory=list)
+    """Groups that are no grids; their C are the extents of their states."""
     tasks: list[tuple[str, Grid, Callable[[Block], Iterator[Block]], Block]] = field(
         default_factory=list
     )

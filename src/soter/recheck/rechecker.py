@@ -230,7 +230,7 @@ def _module(
         report.cells += sum(int(np.prod(g.grid.shape)) for g in groups)
         report.half_spaces += sum(len(p.core.bounds) for p in others)
         share = partial(_share, progress, k, len(cases))
-        Case(model, groups, others, claims, entry, share, workers).check()
+        Case(model, groups, claims, entry, share, workers, others).check()
     report.confirmed = [c for c in CLAIMS if c in claims]
     return report
 

@@ -191,7 +191,8 @@ class Attack:
         found = np.where((self.style == 2)[:, None], anywhere, found)
         # one read serves all: it lies in [latest - d, earliest]
         spread = found.max(axis=1, keepdims=True) - found
-        return found.max(axis=1, keepdims=True) - np.minimum(spread, self.d)
+        last = found.max(axis=1, keepdims=True)
+        return np.asarray(last - np.minimum(spread, self.d))
 
     def run(self, periods: int) -> Excess:
         """The runs go on for so many periods."""

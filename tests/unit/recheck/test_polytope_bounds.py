@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
 import pytest
 
 from soter.reach import polytope_model
 from soter.reach.polytope_balls import exact as ball
+from soter.reach.polytope_balls import exponential
 from soter.reach.polytope_model import LinearGroup, free_instants, hold_instants
 from soter.reach.polytopes import Windows, claims_of, find_core, prove_core
 from soter.recheck.balls import ZERO, exact
@@ -28,7 +30,7 @@ TIMES = ((0, 0), (10, 4), (1, 7))
 CLOSE = 1e-9
 
 
-def numbers(values: object) -> list[list[object]]:
+def numbers(values: object) -> list[list[Any]]:
     return [[exact(float(x)) for x in row] for row in np.asarray(values)]
 
 
@@ -63,13 +65,13 @@ def hold_of(group: LinearGroup, rate: object) -> Hold:
     return Hold(flow_of(group), law_of(group), np.asarray(rate).tolist(), instants, delays)
 
 
-def rows_of(group: LinearGroup, seed: int) -> np.ndarray:
+def rows_of(group: LinearGroup, seed: int) -> Any:
     n = len(group.low)
     chance = np.random.default_rng(seed)
     return np.concatenate([np.eye(n), -np.eye(n), chance.normal(size=(10, n))])
 
 
-def floats(moved: tuple[list[list[object]], list[object]]) -> tuple[np.ndarray, np.ndarray]:
+def floats(moved: Any) -> tuple[Any, Any]:
     rows, losses = moved
     return np.array([[float(x) for x in r] for r in rows]), np.array([float(x) for x in losses])
 
@@ -122,11 +124,11 @@ def test_no_command_leaves_the_bounds_of_a_free_phase(seed: int) -> None:
     moved = [floats(m) for m in Free(flow, free_instants(40 * MS)).everywhere(numbers(rows))]
     x0 = chance.uniform(group.low / 4, group.high / 4, (50, len(group.low)))
     bound = np.max([x0 @ r.T + loss for r, loss in moved], axis=0)
-    e, g = polytope_model.exponential(group.state, MS)
+    e, g = exponential(group.state, MS)
     for k in range(len(rows)):
         x = x0
         for t in range(40):
-            left = polytope_model.exponential(group.state, (39 - t) * MS)[0].mid
+            left = exponential(group.state, (39 - t) * MS)[0].mid
             aim = rows[k] @ left
             u = np.sign(aim @ group.control) * group.control_high
             x = x @ e.mid.T + (group.control @ u + np.sign(aim) * group.drift_high) @ g.mid.T

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
+    from soter.reach.results import VerifyReport
+
     Edit = Callable[["Opened"], None]
 
 pytest.importorskip("highspy")
@@ -111,7 +113,7 @@ def program(*changes: tuple[str, str]) -> str:
     return text.replace("PREDICATES", "").replace("MORE", "")
 
 
-def written(folder: Path, text: str) -> tuple[Path, soter.VerifyReport]:
+def written(folder: Path, text: str) -> tuple[Path, VerifyReport]:
     path = folder / "cart.soter"
     path.write_text(text)
     report = soter.load(path).verify(cert=folder / "cert", refute=False)
@@ -192,7 +194,9 @@ class Opened:
         of["shape"] = list(found.shape)
         path.write_bytes(found.tobytes())
 
-    def program(self, old: str, new: str) -> None:
+    def program(self, old: str, new: str, **entry: Any) -> None:
+        """Change the program, and the entry of its module."""
+        self.entry.update(entry)
         path = self.folder / "program" / "cart.soter"
         text = path.read_text()
         assert text.count(old) == 1, old
@@ -354,10 +358,7 @@ EDITS_OF_USERS: dict[str, Edit] = {
     "the target is larger": lambda c: c.matrix(c.group["target"]["box"], scaled(1.1)),
     "no target": lambda c: c.group.pop("target"),
     "no Q": lambda c: c.group.pop("Q"),
-    "the time is shorter": lambda c: (
-        c.program("within 30s", "within 1s"),
-        c.entry.update(recover_ns=10**9),
-    )[0],
+    "the time is shorter": lambda c: c.program("within 30s", "within 1s", recover_ns=10**9),
     "fewer holds": lambda c: c.group.update(periods=c.group["periods"] // 2),
 }
 
