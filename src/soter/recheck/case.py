@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -77,8 +77,6 @@ class Case:
         """Collect what is to be shown, then show it."""
         self.cores = [Cells(g.grid, g.core > 0) for g in self.groups]
         self.kept = [points_inwards(self.model, g) for g in self.groups]
-        late = delays(self.model)
-        self.half_spaces = [PolytopeCheck(self.model, p, late) for p in self.polytopes]
         if any(c.size == 0 for c in self.cores):
             raise RejectedError("K is empty")
         if self.claims & {"P2a", "P2b", "P3", "ttf", "safer", "start"}:
@@ -94,6 +92,12 @@ class Case:
         if "start" in self.claims:
             self._start()
         self._run()
+
+    @cached_property
+    def half_spaces(self) -> list[PolytopeCheck]:
+        """What shows the claims about groups that are no grids."""
+        late = delays(self.model)
+        return [PolytopeCheck(self.model, p, late) for p in self.polytopes]
 
     def _never_left(self, index: int, *sets: Cells) -> bool:
         """Whether the sets are the whole grid of a group that no run leaves."""

@@ -47,7 +47,7 @@ def errors_of(model: Model, tables: PolytopeTables) -> list[arb]:
 class PolytopeCheck:
     """One group in one case; `model.extents` of its states are the box of C.
 
-    `times`: name -> ns: horizon, window, start, d and j, as `case.py` has them for grids.
+    `delays_ns`: d and j, as `chains.py` has them for grids.
     """
 
     def __init__(self, model: Model, tables: PolytopeTables, delays_ns: tuple[int, int]) -> None:
