@@ -81,7 +81,9 @@ def _say(report: Report, folder: str, console: Console) -> None:
         return
     console.say(f"{_headline(report, folder, console)}  {hash_}  {report.seconds:.1f} s")
     for module in report.modules:
-        console.say(f"  {module.name}: {' '.join(module.confirmed)}, {module.cells:,} cells")
+        sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
+        sizes += [f"{module.half_spaces:,} half-spaces"] if module.half_spaces else []
+        console.say(f"  {module.name}: {' '.join(module.confirmed)}, {', '.join(sizes)}")
         for name in module.other:
             console.say(console.paint("muted", f"    not confirmed: {name}"))
     console.say("\nunder these assumptions")

@@ -17,6 +17,9 @@ import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.loader import load
+from soter.reach.facets import Facets, thresholds
+from soter.reach.polytope_model import free_instants, hold_instants
+from soter.reach.polytope_sets import Polytope
 from soter.reach.results import PROVED
 from soter.reach.tables import Table, pairs_of, tables
 from soter.syntax import tree
@@ -29,7 +32,6 @@ if TYPE_CHECKING:
     from soter.codegen.enclosures import Leaf
     from soter.program.typed import Program
     from soter.program.types import Value
-    from soter.reach.polytope_sets import Polytope
     from soter.reach.problem import Group, Interval, Problem, Times
     from soter.reach.results import CaseSets, GroupSets, ModuleResult, PolytopePart
 
@@ -151,6 +153,7 @@ def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[di
     found: list[dict[str, object]] = []
     for k, table in enumerate(tables(result.problem, cases)):
         if not isinstance(table, Table):
+            found.append(_facets(table, names, f"{stem}_dm{k}", files))
             continue
         files[f"{stem}_dm{k}.bin"] = bytes(table.packed)
         axes = []
@@ -159,6 +162,32 @@ def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[di
             axes.append({"state": names[state], "edges": f"{stem}_dm{k}_axis{i}.bin"})
         found.append({"axes": axes, "levels": f"{stem}_dm{k}.bin"})
     return found
+
+
+def _facets(
+    facets: Facets, names: Sequence[str], stem: str, files: dict[str, bytes]
+) -> dict[str, object]:
+    """Half-spaces of levels 1 and 2, with the thresholds that products are compared with in C."""
+    entry: dict[str, object] = {"states": [names[s] for s in facets.states]}
+    for name, p in (("outer", facets.outer), ("inner", facets.inner)):
+        held = Polytope(p.low, p.high, p.rows, thresholds(p))
+        entry[name] = _half_spaces(f"{stem}_{name}", held, files)
+    return entry
+
+
+def _matrix(path: str, values: NDArray[Any], files: dict[str, bytes]) -> dict[str, object]:
+    files[path] = np.ascontiguousarray(values, dtype="<f8").tobytes()
+    return {"file": path, "shape": list(values.shape)}
+
+
+def _half_spaces(stem: str, p: Polytope, files: dict[str, bytes]) -> dict[str, object]:
+    """A box, and half-spaces with their thresholds last."""
+    faces = np.concatenate([p.rows, p.bounds[:, None]], axis=1)
+    box = np.stack([p.low, p.high])
+    return {
+        "box": _matrix(f"{stem}_box.bin", box, files),
+        "faces": _matrix(f"{stem}_faces.bin", faces, files),
+    }
 
 
 def _inputs(
@@ -233,33 +262,40 @@ def _polytope(
     """Boxes (2, n), half-spaces (N, n + 1) with their thresholds last, and multipliers.
 
     Multipliers are triples (row, half-space, value) of a matrix of shape `of`: few are not zero.
+    `law` and `instants` are what the multipliers presuppose.
     """
     entry = _axes(problem, part.group, stem, files)
 
     def matrix(name: str, values: NDArray[Any]) -> dict[str, object]:
-        path = f"{stem}_{name}.bin"
-        files[path] = np.ascontiguousarray(values, dtype="<f8").tobytes()
-        return {"file": path, "shape": list(values.shape)}
-
-    def polytope(name: str, p: Polytope) -> dict[str, object]:
-        faces = np.concatenate([p.rows, p.bounds[:, None]], axis=1)
-        box = np.stack([p.low, p.high])
-        return {"box": matrix(f"{name}_box", box), "faces": matrix(f"{name}_faces", faces)}
+        return _matrix(f"{stem}_{name}.bin", values, files)
 
     def sparse(name: str, values: NDArray[Any]) -> dict[str, object]:
         at = np.nonzero(values)
         return {"of": list(values.shape), **matrix(name, np.stack([*at, values[at]], axis=1))}
 
     sets = part.sets
-    if sets is None:
+    if sets is None or part.model is None:
         return entry
+    law, times = part.model.law, problem.times
     entry["C"] = matrix("C", np.array(part.limits).T)
+    entry["law"] = {
+        "controls": [problem.quantities.controls[a].name for a in part.model.commands],
+        "gain": matrix("law_gain", law.gain),
+        "offset": matrix("law_offset", law.offset),
+        "limits": matrix("law_limits", np.stack([law.low, law.high])),
+    }
     found = {"K": sets.core, "R": sets.free, "Q": sets.kept, "target": sets.target}
-    entry.update({k: polytope(k, p) for k, p in found.items() if p is not None})
-    entry["S"] = [polytope(f"S{j}", p) for j, p in enumerate(sets.allowed)]
-    entry["G"] = [polytope(f"G{j + 1}", p) for j, p in enumerate(sets.carried)]
+    entry.update({k: _half_spaces(f"{stem}_{k}", p, files) for k, p in found.items() if p})
+    entry["S"] = [_half_spaces(f"{stem}_S{j}", p, files) for j, p in enumerate(sets.allowed)]
+    entry["G"] = [_half_spaces(f"{stem}_G{j + 1}", p, files) for j, p in enumerate(sets.carried)]
     entry["rates"] = {"K": matrix("K_rate", sets.rate), "Q": matrix("Q_rate", sets.kept_rate)}
     entry["periods"] = sets.periods
+    entry["instants"] = {
+        "hold": list(hold_instants(times.delta_sc)),
+        "R": list(free_instants(times.horizon_ns)),
+        "window": list(free_instants(times.decision)),
+        "start": list(free_instants(times.start)),
+    }
     entry["multipliers"] = {
         name: [sparse(f"{name}_m{i}", m) for i, m in enumerate(record)]
         for name, record in part.multipliers.items()

@@ -58,14 +58,19 @@ class NotLinearError(Exception):
 
 @dataclass(frozen=True, eq=False)
 class Model:
-    """The group, and whether one step of the simulator's scheme is a solution of it."""
+    """The group, and whether one step of the simulator's scheme is a solution of it.
+
+    `law` with the controls that move the group: what a certificate says of SC.
+    """
 
     group: LinearGroup
     covers_scheme: bool
+    law: Law
+    commands: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
-class _Law:
+class Law:
     """u = gain xi + offset up to `remainder` where that lies in [low, high]; xi: all inputs."""
 
     gain: Floats
@@ -127,6 +132,8 @@ def linear_group(problem: Problem, forms: Forms, group: Group, limits: Ranges) -
             times.delay_sc,
         ),
         extra is not None,
+        law,
+        tuple(commands),
     )
 
 
@@ -245,7 +252,7 @@ def _scheme(problem: Problem, rates: Floats, domain: Floats) -> Floats | None:
 # ---------------------------------------------------------------- the law
 
 
-def _law(problem: Problem, forms: Forms, domain: Floats, commands: Sequence[int]) -> _Law:
+def _law(problem: Problem, forms: Forms, domain: Floats, commands: Sequence[int]) -> Law:
     """The linear part of SC's law, with the limits between which it is that."""
     every = len(problem.controls)
     chosen = list(range(len(domain)))
@@ -294,18 +301,18 @@ def _limited(
     rest: Floats,
     bounds: Floats,
     commands: Sequence[int],
-) -> _Law | None:
+) -> Law | None:
     """The widest limits, as a share of U around `rest`, for which the remainder is small."""
     width = bounds[:, 1] - bounds[:, 0]
 
-    def tried(share: float) -> _Law | None:
+    def tried(share: float) -> Law | None:
         low = rest - share * (rest - bounds[:, 0])
         high = rest + share * (bounds[:, 1] - rest)
         if not np.all(low < high):
             return None
         rem = remainder_of(forms, domain, gain, offset, low, high, commands)
         fine = rem is not None and np.all(rem <= SMALL * width)
-        return _Law(gain, offset, rem, low, high) if fine and rem is not None else None
+        return Law(gain, offset, rem, low, high) if fine and rem is not None else None
 
     best = tried(1.0) or tried(1.0 - 2.0**-20)
     if best is not None:
@@ -417,7 +424,7 @@ def _inverse(matrix: list[list[Fraction]]) -> list[list[Fraction]]:
 
 
 def _seen(
-    problem: Problem, law: _Law, domain: Floats, own: Sequence[int], error: Floats
+    problem: Problem, law: Law, domain: Floats, own: Sequence[int], error: Floats
 ) -> tuple[Floats, Floats]:
     """(offset, remainder) as a function of the group's own estimates, all else at its worst."""
     middle, radius = _centred(domain)

@@ -12,14 +12,21 @@ Where the bounds come from, for one row c and drift = b + w, w symmetric after c
 - between two grid times the deterministic part phi exceeds its ends by at most h^2/8 sup |phi''|,
   and phi'' = c A e^{At} (A x0 + B u + b), which |c A| e^{|A| t} D bounds, where D is the greatest
   |A x + B u + b| over the extent and U.
-- Hold k lies at the nominal times [k delta, (k + 1) delta] after the first; its read is
-  y = x(k delta + s) + e, -d - j <= s <= j, and x(a + s) = x(a) + int x' with
-  |x(a + s) - x(a)| <= |s| e^{|A||s|} (D + w). So K y is K (x - d/2 (A x + b + B u_c)) up to
+- Hold k lies at the nominal times [n_k, n_(k+1)], n_k = a_0 + k delta: counted from the instant at
+  which the first output of SC acts with all its components, at which the state is in K; nothing
+  lies between a_0 and n_0. Every a_k^i is in t_0 + k delta + [0, j] and so is a_0 for k = 0, hence
+  a_k^i = n_k - p + [0, j] with one 0 <= p = a_0 - t_0 <= j for all k and i (docs/proof.md).
+- The read of hold k is y = x(n_k + s) + e, -d - j <= s <= j, and x(n + s) = x(n) + int x' with
+  |x(n + s) - x(n)| <= |s| e^{|A||s|} (D + w). So K y is K (x - d/2 (A x + b + B u_c)) up to
   (d/2 + j) |K (A x + b + B u_c)| + (d + j) (|K B| u_r + |K| w)
   + (d + j)^2/2 |K A| e^{|A|(d + j)} (D + w) + |K| e; `rate` bounds the first factor at nominal
-  times and is one of the set's half-spaces.
-- Within j of its ends a neighbour's command may act: an input u_(k+-1) - u_k for at most 2 j in
-  all; the reads of the two are at most delta + d + 2 j apart.
+  times and is one of the set's half-spaces. Commands are anything in U there.
+- Component i of hold k is that of u_(k-1) before a_k^i and that of u_(k+1) from a_(k+1)^i on: for
+  at most j - p and p, in all j; 2 j <= delta keeps all others out. So an input of
+  |u_(k+-1) - u_k|_i acts for j beside the command. The two reads lie in
+  t_0 + k delta + [-d, j] and in the same a period off: at most delta + d + j apart.
+- u_(k+1) is linear although x(n_(k+1)) in K is only shown with it: had no component of it acted
+  before n_(k+1), the state would be in K there, and the read came before the first of them acted.
 """
 
 from __future__ import annotations
@@ -47,6 +54,17 @@ Pairs: TypeAlias = list[tuple[Ball, Array]]
 
 HOLD_STEPS = 2
 FREE_STEP_NS = 10_000_000
+
+
+def hold_instants(delta_ns: int) -> tuple[int, ...]:
+    """Where a hold is looked at; what lies between is bounded."""
+    return tuple(delta_ns * k // HOLD_STEPS for k in range(HOLD_STEPS + 1))
+
+
+def free_instants(until_ns: int) -> tuple[int, ...]:
+    """The same of a free phase."""
+    steps = max(1, -(-until_ns // FREE_STEP_NS))
+    return tuple(until_ns * k // steps for k in range(steps + 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -176,8 +194,7 @@ class FreePhase:
 
     def __init__(self, group: LinearGroup, until_ns: int) -> None:
         self.group = group
-        steps = max(1, -(-until_ns // FREE_STEP_NS))
-        self.grid = Grid(group, tuple(until_ns * k // steps for k in range(steps + 1)))
+        self.grid = Grid(group, free_instants(until_ns))
 
     def everywhere(self, rows: Ball) -> Pairs:
         """Pairs (row, loss): c x(t) <= max of row x0 + loss for t in the whole [0, until]."""
@@ -202,8 +219,7 @@ class Hold:
         self.group = group
         self.rate = rate
         self.timed = group.delay_ns + group.jitter_ns > 0
-        steps = range(HOLD_STEPS + 1)
-        self.grid = Grid(group, tuple(group.delta_ns * k // HOLD_STEPS for k in steps))
+        self.grid = Grid(group, hold_instants(group.delta_ns))
         gain = exact(group.gain)
         half = exact(group.delay_ns / 1e9 / 2)
         self.rate_rows = gain @ exact(group.state)
@@ -239,18 +255,18 @@ class Hold:
         return up_sum(error, up_times(self.rate, off), up_times(self._push(), far), bend)
 
     def _other(self) -> Array:
-        """|u_(k+-1) - u_k|: what acts instead of this hold's command within j of its ends."""
+        """|u_(k+-1) - u_k|: what may act instead of this hold's command near its ends."""
         group = self.group
         if group.jitter_ns == 0:
             return np.zeros(len(self.rate))
-        apart_ns = group.delta_ns + group.delay_ns + 2 * group.jitter_ns
+        apart_ns = group.delta_ns + group.delay_ns + group.jitter_ns
         apart = float(seconds(apart_ns).upper())
         speed = up_sum(self.rate, self._push(), up_times(self._bend(apart_ns), apart))
         error = up_sum(group.remainder, up_product(np.abs(group.gain), group.error))
         return up_sum(up_times(speed, apart), up_times(error, 2.0))
 
     def _exchanged(self, rows: Ball) -> Array:
-        """What the neighbours' commands add to c x during or after the hold."""
+        """What the neighbours' commands, j long in all, add to c x during or after the hold."""
         group = self.group
         total = np.zeros(rows.mid.shape[0])
         if group.jitter_ns == 0:
@@ -263,9 +279,7 @@ class Hold:
         bend = up_product(up_product(bend, group.growth(group.delta_ns)), np.abs(group.control))
         h = float(seconds(self.grid.step_ns).upper())
         steer = up_sum(steer, up_times(bend, h, h, 0.125))
-        return up_times(
-            up_product(steer, self.other), 2.0 * float(seconds(group.jitter_ns).upper())
-        )
+        return up_times(up_product(steer, self.other), float(seconds(group.jitter_ns).upper()))
 
     def _mapped(self, rows: Ball, maps: tuple[Ball, Ball]) -> tuple[Ball, Array]:
         e, g = maps

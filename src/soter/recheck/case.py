@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import multiprocessing
 from dataclasses import dataclass, field
-from functools import partial
+from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -27,10 +27,12 @@ from soter.recheck.inclusion import (
     witnessed,
 )
 from soter.recheck.inward import points_inwards
+from soter.recheck.polytope_case import PolytopeCheck
+from soter.recheck.polytope_deployed import returned
+from soter.recheck.polytope_predicates import certain_beside, show_admitted
 from soter.recheck.predicates import (
     AdmitCheck,
     admitted,
-    certain,
     drifts,
     eroded,
     levels_hold,
@@ -44,6 +46,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.recheck.model import Model
+    from soter.recheck.polytope_tables import PolytopeTables
     from soter.recheck.problem import Facts
     from soter.recheck.tables import Block
 
@@ -63,6 +66,8 @@ class Case:
     entry: dict[str, Any]
     progress: Callable[[float], None]
     workers: int
+    polytopes: list[PolytopeTables] = field(default_factory=list)
+    """Groups that are no grids; their C are the extents of their states."""
     tasks: list[tuple[str, Grid, Callable[[Block], Iterator[Block]], Block]] = field(
         default_factory=list
     )
@@ -88,6 +93,12 @@ class Case:
             self._start()
         self._run()
 
+    @cached_property
+    def half_spaces(self) -> list[PolytopeCheck]:
+        """What shows the claims about groups that are no grids."""
+        late = delays(self.model)
+        return [PolytopeCheck(self.model, p, late) for p in self.polytopes]
+
     def _never_left(self, index: int, *sets: Cells) -> bool:
         """Whether the sets are the whole grid of a group that no run leaves."""
         return self.kept[index] and all(s.members.all() for s in sets)
@@ -104,9 +115,17 @@ class Case:
         for block in parts(grid.whole, BLOCKS if cells > SMALL else 1):
             self.tasks.append((what, grid, show, block))
 
+    def _prove(self, what: str, show: Callable[[], None]) -> None:
+        """A claim about a polytope group: shown as a whole, or `RejectedError`."""
+        point = Grid(((0.0, 1.0),))
+        self.tasks.append((what, point, partial(_shown, show), point.whole))
+
     def _kernel(self) -> None:
         """K: SC keeps `safe` from it, and leads back to it."""
-        allowed = certain(self.model, self.groups, self.model.facts.symbol.safe, errors=False)
+        safe = self.model.facts.symbol.safe
+        allowed = certain_beside(self.model, self.groups, self.polytopes, safe, errors=False)
+        for polytope in self.half_spaces:
+            self._prove("K", polytope.show_core)
         for k, (group, core, within) in enumerate(
             zip(self.groups, self.cores, allowed, strict=True)
         ):
@@ -121,6 +140,8 @@ class Case:
     def _free(self) -> None:
         """R(H): nothing leads out of K within H."""
         horizon = self.model.facts.times["H_ns"]
+        for polytope in self.half_spaces:
+            self._prove("R(H)", partial(polytope.show_free, horizon))
         for k, (group, core) in enumerate(zip(self.groups, self.cores, strict=True)):
             if group.free is None:
                 raise RejectedError("a claim needs R, which is not there")
@@ -142,6 +163,9 @@ class Case:
         for name, expr, admits in wanted:
             if expr is None:
                 raise NotRecheckedError("computed predicates are not rechecked yet")
+            for p in self.polytopes:
+                shown = partial(show_admitted, self.model, p, name, expr, admits=admits)
+                self._prove(f"`{name}`", shown)
             for group in self.groups:
                 assert group.free is not None
                 if group.free.all():
@@ -174,8 +198,12 @@ class Case:
     def _calm(self) -> list[Cells]:
         """States on all of whose estimates `safer` certainly holds."""
         safer = self.model.facts.symbol.safer
+        for check in self.half_spaces:
+            self._prove("Q", check.show_home)
+            if safer is None:
+                self._prove("Q", partial(returned, check.tables, check.errors))
         if safer is not None:
-            return certain(self.model, self.groups, safer, errors=True)
+            return certain_beside(self.model, self.groups, self.polytopes, safer, errors=True)
         found = []
         for group in self.groups:
             if group.given_back is None:
@@ -194,6 +222,8 @@ class Case:
         """Computed predicates: ttf is not S_0, safer is S_(m-2)."""
         times = self.model.facts.times
         between = times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"]
+        for polytope in self.half_spaces:
+            self._prove("S", partial(polytope.show_levels, between))
         for i, group in enumerate(self.groups):
             assert group.free is not None
             if len(group.levels) != self.model.facts.levels - 1:
@@ -225,7 +255,7 @@ class Case:
         if wanted != number_of(self.model.facts, declared):
             raise RejectedError("the time to return is another one in the program")
         times = self.model.facts.times
-        longest = 0
+        longest = max((p.periods for p in self.polytopes), default=0)
         for group in self.groups:
             assert group.rank is not None
             assert group.rank_holds is not None
@@ -246,6 +276,10 @@ class Case:
             return
         times = facts.times
         before = facts.sc.phase_ns + times["J_sc_ns"] + times["R_sc_ns"] + times["L_ns"]
+        for polytope in self.half_spaces:
+            own = [facts.states[i] for i in polytope.tables.states]
+            low, high = [s.low for s in own], [s.high for s in own]
+            self._prove("start", partial(polytope.show_start, low, high, before))
         for k, (group, core) in enumerate(zip(self.groups, self.cores, strict=True)):
             box = Grid(tuple((facts.states[i].low, facts.states[i].high) for i in group.states))
             inside = group.grid.cells([end for edges in box.edges for end in edges]) is not None
@@ -295,6 +329,12 @@ def _show(k: int) -> str:
     what, grid, show, block = _TASKS[k]
     failed = next(show(block), None)
     return "" if failed is None else f"{what} {grid.text(failed)}"
+
+
+def _shown(show: Callable[[], None], _: Block) -> Iterator[Block]:
+    """A claim that is shown as a whole leaves no cell."""
+    show()
+    return iter(())
 
 
 def _leaves(topic: Any) -> list[float]:  # noqa: ANN401

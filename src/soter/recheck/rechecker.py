@@ -24,6 +24,9 @@ from soter.recheck.deployed import compare_tables
 from soter.recheck.folder import Certificate, read_certificate
 from soter.recheck.inclusion import GroupTables, RejectedError
 from soter.recheck.model import Model
+from soter.recheck.polytope_deployed import compare_half_spaces
+from soter.recheck.polytope_predicates import narrowed
+from soter.recheck.polytope_tables import PolytopeTables, read_polytope
 from soter.recheck.problem import DiffersError, Facts, read_facts
 from soter.recheck.source import hexadecimal, program_of
 from soter.recheck.tables import Grid
@@ -71,6 +74,8 @@ class ModuleReport:
     name: str
     claims: dict[str, str]
     cells: int = 0
+    half_spaces: int = 0
+    """Of K, of all polytope groups."""
     confirmed: list[str] = field(default_factory=list)
 
     @property
@@ -206,21 +211,26 @@ def _module(
     cases = list(facts.cases())
     if given != [list(c) for c in cases]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
-    tables = []
+    tables, polytopes = [], []
     for case in entry["cases"]:
         _keys(case, ("parameter", "groups"), "a case")
         with _understood("a group"):
-            tables.append(_groups(certificate, facts, extents, case["groups"]))
+            grids, others = _groups(certificate, facts, extents, case["groups"])
+        tables.append(grids)
+        polytopes.append(others)
     if given_tables != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
     if facts.computed:
         with _understood("a table of the DM"):
-            compare_tables(certificate, facts, tables, entry["tables"])
-    for k, (values, groups) in enumerate(zip(cases, tables, strict=True)):
-        model = Model(facts, values, extents)
+            count = len(tables[0])
+            compare_tables(certificate, facts, tables, entry["tables"][:count])
+            compare_half_spaces(certificate, facts, polytopes, entry["tables"][count:])
+    for k, (values, groups, others) in enumerate(zip(cases, tables, polytopes, strict=True)):
+        model = Model(facts, values, narrowed(extents, others))
         report.cells += sum(int(np.prod(g.grid.shape)) for g in groups)
+        report.half_spaces += sum(len(p.core.bounds) for p in others)
         share = partial(_share, progress, k, len(cases))
-        Case(model, groups, claims, entry, share, workers).check()
+        Case(model, groups, claims, entry, share, workers, others).check()
     report.confirmed = [c for c in CLAIMS if c in claims]
     return report
 
@@ -264,13 +274,16 @@ def _groups(
     facts: Facts,
     extents: tuple[tuple[float, float], ...],
     entries: list[dict[str, Any]],
-) -> list[GroupTables]:
+) -> tuple[list[GroupTables], list[PolytopeTables]]:
     names = {s.name: i for i, s in enumerate(facts.states)}
-    found, seen = [], []
+    found, polytopes, seen = [], [], []
+    inputs = [facts.controls, facts.disturbances, facts.errors, facts.others]
     for entry in entries:
-        if entry.get("kind") != "grid":
+        if entry.get("kind") not in ("grid", "polytope"):
             raise NotRecheckedError(f"`{entry.get('kind')}` groups are not rechecked yet")
-        _keys(entry, (*REQUIRED, *(k for k in OPTIONAL if k in entry)), "a group")
+        grid = entry["kind"] == "grid"
+        if grid:
+            _keys(entry, (*REQUIRED, *(k for k in OPTIONAL if k in entry)), "a group")
         states, edges = [], []
         for axis in entry["axes"]:
             _keys(axis, ("state", "edges"), "an axis")
@@ -282,10 +295,14 @@ def _groups(
             if (edges[-1][0], edges[-1][-1]) != extents[state]:
                 raise RejectedError(f"the edges of {axis['state']} do not span its range")
         seen += states
-        found.append(_tables(certificate, entry, tuple(states), Grid(tuple(edges))))
+        if grid:
+            found.append(_tables(certificate, entry, tuple(states), Grid(tuple(edges))))
+            continue
+        own, count = [extents[s] for s in states], len(extents) + sum(len(x) for x in inputs)
+        polytopes.append(read_polytope(certificate, entry, tuple(states), own, count))
     if sorted(seen) != list(range(len(facts.states))):
         raise RejectedError("the groups do not hold every state exactly once")
-    return found
+    return found, polytopes
 
 
 REQUIRED = ("kind", "axes", "K")
