@@ -20,10 +20,11 @@ static range sum(range a, range b) {
 }
 
 static range times(range a, range b) {
-  const double p = a.lo * b.lo, q = a.lo * b.hi, s = a.hi * b.lo, t = a.hi * b.hi;
-  range r = {soter_down(fmin(fmin(p, q), fmin(s, t))), soter_up(fmax(fmax(p, q), fmax(s, t)))};
-  if ((a.lo == 0 && a.hi == 0) || (b.lo == 0 && b.hi == 0)) {
-    r.lo = r.hi = 0;
+  range r = {0, 0};
+  if ((a.lo != 0 || a.hi != 0) && (b.lo != 0 || b.hi != 0)) {
+    const double p = a.lo * b.lo, q = a.lo * b.hi, s = a.hi * b.lo, t = a.hi * b.hi;
+    r.lo = soter_down(soter_least(soter_least(p, q), soter_least(s, t)));
+    r.hi = soter_up(soter_most(soter_most(p, q), soter_most(s, t)));
   }
   return r;
 }
@@ -93,9 +94,21 @@ static square unit(int n) {
 
 enum { TERMS = 16 };
 
+/* So many terms that the rest is below 2^-64. It is below theta^(k+1) / (k+1)! / (1 - theta), at
+ * most 2 theta^(k+1) / (k+1)! for theta <= 1/2; with 16 terms that is 2^-64 at theta = 1/2. */
+static int terms_for(double theta, double* rest) {
+  int k = 0;
+  *rest = 2;
+  while (k < 2 || (k <= TERMS && *rest > 0x1p-64)) {
+    k++;
+    *rest = soter_up(*rest * theta / k);
+  }
+  return k - 1;
+}
+
 /* e^(A s) and its integral over [0, s], for s in `h` (h >= 0); false: too large to bound. */
 static int exponential(int n, const double* a, range h, square* phi, square* integral) {
-  double norm = 0;
+  double norm = 0, rest;
   square power = unit(n), am;
   int doublings = 0;
   double theta;
@@ -125,7 +138,8 @@ static int exponential(int n, const double* a, range h, square* phi, square* int
     integral->e[i][i] = s;
   }
   int nilpotent = 0;
-  for (int k = 1; k <= TERMS && !nilpotent; k++) { /* power = (A s)^k / k! */
+  const int terms = terms_for(theta, &rest);
+  for (int k = 1; k <= terms && !nilpotent; k++) { /* power = (A s)^k / k! */
     square next = product(n, &power, &am), part = next;
     nilpotent = 1;
     for (int i = 0; i < n; i++) {
@@ -139,11 +153,7 @@ static int exponential(int n, const double* a, range h, square* phi, square* int
     plus(n, phi, &next);
     plus(n, integral, &part);
   }
-  if (!nilpotent) { /* the rest is below theta^17/17! / (1 - theta), at most 2 * 0.5^17 / 17! */
-    double rest = 2;
-    for (int k = 1; k <= TERMS + 1; k++) {
-      rest = soter_up(rest * theta / k);
-    }
+  if (!nilpotent) {
     widen(n, phi, rest);
     widen(n, integral, soter_up(rest * s.hi));
   }
@@ -289,7 +299,7 @@ int soter_reach_make_step(const soter_reach_group* g, const soter_reach_model* m
     range hull[AXES][COMMANDS];
     const double from = fmax(0.0, soter_down(time.lo - early));
     if (!absolute(n, &m->a[0][0], from, exactly(soter_up(time.hi - from)), g->commands, &m->b[0][0],
-                  PIECES, total, hull)) {
+                  g->is_local ? 1 : PIECES, total, hull)) {
       return 0;
     }
     for (int i = 0; i < n; i++) {
