@@ -28,8 +28,11 @@ if TYPE_CHECKING:
 
     Bools = NDArray[np.bool_]
 
-LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
-"""Lengths of chain: the first that serve nearly every cell are enough."""
+LENGTHS = ((2, 4, 8), (16, 32), (8, 24, 64, 150), HOLDS)
+"""Lengths of chain: the first that serve nearly every cell are enough. Short ones first, for a cell
+far from Q costs as many holds as the longest, and most cells reach W soon, which grows meanwhile."""
+LONG = 96
+"""Where K needs chains so long, short ones are not tried."""
 STRAGGLERS_MAX = 2000
 """So many cells may be looked at after every hold."""
 
@@ -85,7 +88,7 @@ def _way(engine: GridGroup, part: GroupSets, home: Bools) -> Way:
     """W: a few lengths of chain for all cells, then every length for those that are left."""
     core = part.core > 0
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
-    first = 1 if part.core.max() > 3 * max(LENGTHS[0]) else 0
+    first = 2 if part.core.max() > LONG else 0
     found: Way | None = None
     for lengths in LENGTHS[first:]:
         found = way(engine, core, part.allowed, home, holds=lengths, before=found)

@@ -139,18 +139,21 @@ static int exponential(int n, const double* a, range h, square* phi, square* int
   }
   int nilpotent = 0;
   const int terms = terms_for(theta, &rest);
+  range by = s; /* s / k */
   for (int k = 1; k <= terms && !nilpotent; k++) { /* power = (A s)^k / k! */
-    square next = product(n, &power, &am), part = next;
+    square part;
+    const range then = over(s, k + 1);
+    power = product(n, &power, &am);
     nilpotent = 1;
     for (int i = 0; i < n; i++) {
       for (int j = 0; j < n; j++) {
-        next.e[i][j] = over(times(next.e[i][j], s), k);
-        part.e[i][j] = over(times(next.e[i][j], s), k + 1);
-        nilpotent = nilpotent && next.e[i][j].lo == 0 && next.e[i][j].hi == 0;
+        power.e[i][j] = times(power.e[i][j], by);
+        part.e[i][j] = times(power.e[i][j], then);
+        nilpotent = nilpotent && power.e[i][j].lo == 0 && power.e[i][j].hi == 0;
       }
     }
-    power = next;
-    plus(n, phi, &next);
+    by = then;
+    plus(n, phi, &power);
     plus(n, integral, &part);
   }
   if (!nilpotent) {
