@@ -176,8 +176,8 @@ void soter_reach_way_begin(const soter_reach_group* g, soter_reach_way* w);
 int soter_reach_way_continue(const soter_reach_group* g, soter_reach_way* w, double seconds,
                              int32_t threads);
 int64_t soter_reach_safe(const soter_reach_group* g, const soter_reach_tube* tube, int32_t steps,
-                         const uint64_t* target, uint8_t* out, int64_t first_tile, double seconds,
-                         int32_t threads);
+                         const uint64_t* target, const uint64_t* known, uint8_t* out,
+                         int64_t first_tile, double seconds, int32_t threads);
 int64_t soter_reach_truth(const soter_reach_group* g, const double* low, const double* high,
                           const void* test, uint8_t* out, int64_t first_tile, double seconds,
                           int32_t threads);
