@@ -4,9 +4,9 @@
 
 Every program of `examples/generality` is verified cold: a process of its own, imports included, and
 an empty cache folder, so that the engine, the enclosures and the decision module are compiled as
-well. CPU is user and system time of the process and all its children; the target is 30 s on two idle
-cores, so half of it is what an idle machine may take at best. With `--recheck` a certificate is
-written and checked, also timed.
+well. CPU is user and system time of the process and all its children; the target is 30 s on two
+idle cores, so half of it is what an idle machine may take at best. With `--recheck` a certificate
+is written and checked, also timed.
 Purpose: that a person's own module is proved, soon, and that P2b takes no longer than the rest.
 Non-goals: the shipped modules (`verify_time.py`), wrong programs (`verify_mutants.py`).
 """

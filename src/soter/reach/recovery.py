@@ -31,8 +31,8 @@ if TYPE_CHECKING:
 LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
 """Lengths of chain: the first that serve nearly every cell are enough."""
 SHORT = ((2, 4, 8), (16, 32), *LENGTHS[1:])
-"""The same where a hold costs much, the flow not being linear: a cell far from Q takes as many holds
-as the longest, and most reach W soon, for it grows meanwhile. T may be longer."""
+"""The same where a hold costs much, the flow not being linear: a cell far from Q takes as many
+holds as the longest, and most reach W soon, for it grows meanwhile. T may be longer."""
 LONG = 96
 """Where K needs chains so long, the shortest are not tried."""
 STRAGGLERS_MAX = 2000

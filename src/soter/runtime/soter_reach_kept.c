@@ -5,8 +5,8 @@
  * Ends. g->kept_low[i] says that x_i' >= 0 wherever x_i lies in a strip below the lowest edge e,
  * everything else in its range. A run that is at e or above then never gets below: were x_i(t) < e,
  * let s be the last instant before t with x_i(s) = e; just after s the run is in the strip, so that
- * x_i cannot fall. No uniqueness of solutions is needed. Hence an enclosure of such a run may be cut
- * at e. (Runs followed backwards, for what was read, are not cut.)
+ * x_i cannot fall. No uniqueness of solutions is needed. Hence an enclosure of such a run may be
+ * cut at e. (Runs followed backwards, for what was read, are not cut.)
  *
  * Standing. Let a box hold all states of a run over some time. If x_i' is exactly 0 for every state
  * of the box and every command that may act meanwhile, x_i does not change: what was in a closed

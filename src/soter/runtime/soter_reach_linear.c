@@ -139,7 +139,7 @@ static int exponential(int n, const double* a, range h, square* phi, square* int
   }
   int nilpotent = 0;
   const int terms = terms_for(theta, &rest);
-  range by = s; /* s / k */
+  range by = s;                                    /* s / k */
   for (int k = 1; k <= terms && !nilpotent; k++) { /* power = (A s)^k / k! */
     square part;
     const range then = over(s, k + 1);

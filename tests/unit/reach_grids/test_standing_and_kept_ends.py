@@ -112,7 +112,7 @@ def test_a_command_that_is_nearly_zero_does_not_stand() -> None:
     assert not table(-2.0, 1e-9).core(np.ones(200, dtype=bool)).cells.any()
 
 
-def rate(x: Floats, u: Floats, w: Floats) -> Floats:
+def rate(_: Floats, u: Floats, w: Floats) -> Floats:
     return np.stack([u + w])
 
 
@@ -154,16 +154,14 @@ def test_no_run_leaves_a_core_of_what_stands_below_an_edge(
 
 
 @pytest.mark.parametrize(
-    "forgotten", [{"delay": 0}, {"error": 0.0}, {"wind": (0.0, 0.0)}], ids=lambda f: next(iter(f))
+    ("delay", "error", "wind"), [(12, 0.0, 0.0), (0, 0.02, 0.0), (0, 0.0, -1e-4)]
 )
-def test_the_runs_would_show_what_a_standing_core_forgot(forgotten: dict[str, object]) -> None:
-    true = {"delay": 0, "error": 0.0, "wind": (0.0, 0.0)}
-    given = {"delay": 12, "error": 0.02, "wind": (-1e-4, 0.0)}
-    kind = next(iter(forgotten))
-    true[kind] = given[kind]
+def test_the_runs_would_show_what_a_standing_core_forgot(
+    delay: int, error: float, wind: float
+) -> None:
     system = Sampled(
         rate, lambda y: np.maximum(-3.0 * np.maximum(y[0] + 0.9899, 0.0), -1.0),
-        (-1.0, 1.0), true["wind"], 20, true["delay"], 0, true["error"],
+        (-1.0, 1.0), (wind, 0.0), 20, delay, 0, error,
     )  # fmt: skip
     witness = table(-0.9899, 3.0).core(np.ones(200, dtype=bool)).witness
     assert witness[0]
@@ -198,7 +196,7 @@ def test_one_state_stands_beside_another_that_moves() -> None:
 
 
 def test_what_stands_soon_still_moves_under_the_command_before() -> None:
-    """-1 acts from 0 on, and as late as 24 ms, for the next command is 4 ms late: then it stands."""
+    """-1 acts from 0 until as late as 24 ms, the next command being 4 ms late: then it stands."""
     engine = table(0.0, 1e4, jitter=4)
     images, _ = engine.enclosures((0.005,), (0.006,), 3)
     for image in images:
@@ -256,9 +254,9 @@ def test_a_tank_may_be_empty(times: tuple[int, int], is_linear: bool) -> None:
     free = engine.safe_for(100 * MS, target)
     assert free[:70].all()
     assert not free[79:].any()
-    flow_out = (lambda x: x) if is_linear else (lambda x: x * np.abs(x))
     system = Sampled(
-        lambda x, u, w: np.stack([u + w - flow_out(x[0])]), lambda y: np.zeros(y.shape[1]),
+        lambda x, u, w: np.stack([u + w - (x[0] if is_linear else x[0] * np.abs(x[0]))]),
+        lambda y: np.zeros(y.shape[1]),
         (0.0, 0.5), (0.0, 0.05), 50, times[0], times[1],
     )  # fmt: skip
     assert escaped(engine, core.witness, system, 5) == 0
