@@ -265,6 +265,44 @@ static range moment(double h, double period) {
   return r;
 }
 
+/* The same over [0, h] in one piece, where e^(As) over all of it and its integral are at hand. */
+static void dev_in_one(int n, double h, const square* over_all, const square* integral,
+                       double dev[AXES][AXES]) {
+  for (int i = 0; i < n; i++) {
+    for (int j = 0; j < n; j++) {
+      const range r = over_all->e[i][j];
+      dev[i][j] = soter_up(h * greatest(r));
+      if (r.lo >= -1e-290 || r.hi <= 1e-290) { /* one sign: the integral's value */
+        dev[i][j] = fmin(dev[i][j], soter_up(greatest(integral->e[i][j]) + 2e-290 * h));
+      }
+    }
+  }
+}
+
+/* The hull of e^(As) b over [from, to], for every command's column b, in one piece. */
+static int hull_in_one(int n, int commands, const soter_reach_model* m, double from, double to,
+                       range hull[AXES][COMMANDS]) {
+  square start, part, ignored;
+  const range span = {0, soter_up(to - from)};
+  if (!exponential(n, &m->a[0][0], exactly(from), &start, &ignored) ||
+      !exponential(n, &m->a[0][0], span, &part, &ignored)) {
+    return 0;
+  }
+  part = product(n, &start, &part);
+  for (int i = 0; i < n; i++) {
+    for (int c = 0; c < commands; c++) {
+      range r = exactly(0);
+      for (int k = 0; k < n; k++) {
+        if (m->b[k][c] != 0) {
+          r = sum(r, times(part.e[i][k], exactly(m->b[k][c])));
+        }
+      }
+      hull[i][c] = r;
+    }
+  }
+  return 1;
+}
+
 /* One step of length h; `early`: the previous command may act over that long at its beginning. */
 int soter_reach_make_step(const soter_reach_group* g, const soter_reach_model* m, double h,
                           double early, soter_reach_step* out) {
@@ -273,8 +311,17 @@ int soter_reach_make_step(const soter_reach_group* g, const soter_reach_model* m
   const range time = moment(h, fmax(h, g->period));
   memset(out, 0, sizeof *out);
   out->h = time.hi;
-  if (!exponential(n, &m->a[0][0], time, &phi, &integral) ||
-      !soter_reach_dev(g, m, time.hi, 0, out->dev)) {
+  if (!exponential(n, &m->a[0][0], time, &phi, &integral)) {
+    return 0;
+  }
+  if (g->is_local) {
+    square all, ignored;
+    const range span = {0, time.hi};
+    if (!exponential(n, &m->a[0][0], span, &all, &ignored)) {
+      return 0;
+    }
+    dev_in_one(n, time.hi, &all, &integral, out->dev);
+  } else if (!soter_reach_dev(g, m, time.hi, 0, out->dev)) {
     return 0;
   }
   for (int i = 0; i < n; i++) {
@@ -301,8 +348,10 @@ int soter_reach_make_step(const soter_reach_group* g, const soter_reach_model* m
     double total[AXES][COMMANDS];
     range hull[AXES][COMMANDS];
     const double from = fmax(0.0, soter_down(time.lo - early));
-    if (!absolute(n, &m->a[0][0], from, exactly(soter_up(time.hi - from)), g->commands, &m->b[0][0],
-                  g->is_local ? 1 : PIECES, total, hull)) {
+    const range length = exactly(soter_up(time.hi - from));
+    if (g->is_local ? !hull_in_one(n, g->commands, m, from, time.hi, hull)
+                    : !absolute(n, &m->a[0][0], from, length, g->commands, &m->b[0][0], PIECES,
+                                total, hull)) {
       return 0;
     }
     for (int i = 0; i < n; i++) {
