@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.reach.linear import largest_rates, scheme_error
+from soter.reach.borders import keep_borders
+from soter.reach.linear import NS, largest_rates, scheme_error
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -32,7 +33,6 @@ OUTSET = 2.0**-20
 leaves the grid is still inside it, so no claim inside rests on what happens outside."""
 LINEAR = 2.0**-40
 """Remainders of this share of a rate are rounding: the flow is linear for the simulator, too."""
-NS = 1e-9
 
 
 class CancelledError(Exception):
@@ -158,6 +158,8 @@ class GridModel:
                 raise UnboundedError("the dynamics have no finite enclosure over the grid")
         if g.is_local and not lib.soter_reach_linearize(g, *ends):
             raise UnboundedError("the dynamics have no finite enclosure over the grid")
+        if self.inputs.kind == "flow":
+            keep_borders(self)
         if self.inputs.kind == "flow" and not g.commands:
             g.delay = g.jitter = 0.0  # no command moves this group: when one acts is all the same
             g.past = 1
@@ -210,6 +212,14 @@ class GridModel:
         forms[:given, 0], forms[:given, 1], forms[:given, 2] = low, high, mid
         forms[range(given), range(4, 4 + given)] = rad
         return forms, out
+
+    def rates_within(self, low: Floats, high: Floats) -> Floats | None:
+        """Bounds (states, 2) of the rates over ranges of all inputs; None: a possible fault."""
+        forms, out = self._forms(low, high)
+        ends = [self.library.ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
+        if self.library.lib.soter_derivative(ends[0], self.c.param, ends[1]):
+            return None
+        return np.asarray(out[: len(self.inputs.states), :2])
 
     def _remainder(self) -> float:
         """How much W grows from a small box to the whole domain, relative to the rates."""

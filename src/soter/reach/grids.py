@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.reach.grid_inputs import GridInputs, of_problem
-from soter.reach.grid_model import NS, CancelledError, GridModel, UnboundedError
+from soter.reach.grid_model import CancelledError, GridModel, UnboundedError
+from soter.reach.linear import NS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -40,6 +41,13 @@ LONGEST = 250
 """The largest N a witness (uint8) may have, with room for a mark."""
 POOL_BYTES = 2**28
 SEGMENTS = 2
+SEGMENTS_MAX = 64
+"""As `SOTER_REACH_SEGMENTS`."""
+WORTH_IT = 0.005
+"""Share of the target that twice as many segments must add, for as many again to be tried."""
+STEPS_MAX = 8
+WORTH_A_STEP = 0.02
+"""The same where the flow is not linear: each segment is a step of its own for every box."""
 
 
 @dataclass(frozen=True)
@@ -210,34 +218,49 @@ class GridGroup(GridModel):
 
         Every run over [0, t] under any measurable command stays in the target. A map's t is a
         whole number of periods.
-        `segments`: into how many pieces a flow's tube is cut; more is tighter and slower.
+        `segments`: into how many pieces a flow's tube is cut; None: twice as many as long as that
+        adds cells. What is shown of a cell with few pieces need not be shown with more.
         """
         assert t_ns >= 0
-        ffi, lib = self.library.ffi, self.library.lib
         period = self.inputs.map_step_ns or self.inputs.period_ns
-        out = np.empty(self.shape, dtype=np.uint8)
-        bits = self.bits(target)
-        tube, steps, group = ffi.NULL, 0, self.c
         if t_ns == 0 or self.still or (target.all() and self.stays):
             return np.array(target, dtype=np.bool_)
+        if self.inputs.kind == "map":
+            assert t_ns % period == 0, "a map is defined at multiples of its period"
+            return self._safe_in(t_ns, target, np.zeros_like(target), t_ns // period)
+        pieces = segments or (SEGMENTS if self.is_linear else max(1, -(-t_ns // period)))
+        most = SEGMENTS_MAX if self.is_linear else STEPS_MAX
+        found = self._safe_in(t_ns, target, np.zeros_like(target), pieces)
+        while segments is None and 2 * pieces <= most and not found.all():
+            pieces *= 2
+            more = self._safe_in(t_ns, target, found, pieces)
+            gained = int(more.sum()) - int(found.sum())
+            found = more
+            if gained < (WORTH_IT if self.is_linear else WORTH_A_STEP) * int(target.sum()):
+                break
+        return found
+
+    def _safe_in(self, t_ns: int, target: Bools, known: Bools, pieces: int) -> Bools:
+        """The same with one number of pieces (of a map: of periods); `known` cells are taken."""
+        ffi, lib = self.library.ffi, self.library.lib
+        out = np.empty(self.shape, dtype=np.uint8)
+        bits, done = self.bits(target), self.bits(known)
+        tube, group = ffi.NULL, self.c
         if self.is_linear:
             tube = ffi.new("soter_reach_tube *")
-            if not lib.soter_reach_tube_prepare(group, t_ns * NS, segments or SEGMENTS, tube):
+            if not lib.soter_reach_tube_prepare(group, t_ns * NS, pieces, tube):
                 raise UnboundedError("the flow is too stiff for so long a tube")
-        elif self.inputs.kind == "map":
-            assert t_ns % period == 0, "a map is defined at multiples of its period"
-            steps = t_ns // period
-        else:
-            steps = segments or max(1, -(-t_ns // period))
+        elif self.inputs.kind == "flow":
             group = ffi.new("soter_reach_group *", group[0])
-            group.period = float(np.nextafter(t_ns * NS / steps, np.inf))
+            group.period = float(np.nextafter(t_ns * NS / pieces, np.inf))
         at = 0
         while at < self.tiles:
             at = lib.soter_reach_safe(
                 group,
                 tube,
-                steps,
+                pieces,
                 self.pointer(bits, "uint64_t *"),
+                self.pointer(done, "uint64_t *"),
                 self.pointer(out, "uint8_t *"),
                 at,
                 SLICE_S,

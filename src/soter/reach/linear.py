@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
     Floats = npt.NDArray[np.float64]
 
+NS = 1e-9
 ORDER = 4
 UP = 1.0 + 1e-12
 """Makes up for every rounding of the few sums of nonnegative numbers here."""

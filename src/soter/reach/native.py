@@ -23,7 +23,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.build import OWN_SYMBOLS, RUNTIME, TIMEOUT_S, cache_dir
 from soter.native.compiler import STRICT, find
 
-PARTS = ("", "_hold", "_linear", "_grid", "_pool", "_rounds", "_safe", "_choice", "_way")
+PARTS = ("", "_hold", "_kept", "_linear", "_grid", "_pool", "_rounds", "_safe", "_choice", "_way")
 ENGINE = tuple(f"soter_reach{part}.c" for part in PARTS)
 NUMBERS = ("law", "derivative", "next", "drives", *(f"law_{k}" for k in range(CONTROLS_MAX)))
 TRUTHS = (

@@ -22,8 +22,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.reach.estimates import errors_of
-from soter.reach.grid_model import LINEAR, NS, OUTSET
-from soter.reach.linear import scheme_error
+from soter.reach.grid_model import LINEAR, OUTSET
+from soter.reach.linear import NS, scheme_error
 from soter.reach.place import sc_reads
 from soter.reach.polytope_model import LinearGroup
 

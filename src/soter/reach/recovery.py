@@ -30,6 +30,11 @@ if TYPE_CHECKING:
 
 LENGTHS = ((2, 4, 8, 16, 32), (8, 24, 64, 150), HOLDS)
 """Lengths of chain: the first that serve nearly every cell are enough."""
+SHORT = ((2, 4, 8), (16, 32), *LENGTHS[1:])
+"""The same where a hold costs much, the flow not being linear: a cell far from Q takes as many
+holds as the longest, and most reach W soon, for it grows meanwhile. T may be longer."""
+LONG = 96
+"""Where K needs chains so long, the shortest are not tried."""
 STRAGGLERS_MAX = 2000
 """So many cells may be looked at after every hold."""
 
@@ -85,9 +90,10 @@ def _way(engine: GridGroup, part: GroupSets, home: Bools) -> Way:
     """W: a few lengths of chain for all cells, then every length for those that are left."""
     core = part.core > 0
     few = min(STRAGGLERS_MAX, int(core.sum()) // 20)
-    first = 1 if part.core.max() > 3 * max(LENGTHS[0]) else 0
+    every_length = SHORT if engine.c.is_local else LENGTHS
+    first = len(every_length) - 2 if part.core.max() > LONG else 0
     found: Way | None = None
-    for lengths in LENGTHS[first:]:
+    for lengths in every_length[first:]:
         found = way(engine, core, part.allowed, home, holds=lengths, before=found)
         if int((core & ~found.cells).sum()) <= few:
             break

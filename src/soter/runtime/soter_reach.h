@@ -68,6 +68,12 @@ typedef struct {
   double period, delay, jitter; /* seconds: delta, d, j */
   int32_t past;                 /* how many commands back a read may lie under */
   double extra_w[SOTER_REACH_AXES];
+  double dust[SOTER_REACH_AXES]; /* rates this wide may be 0 but for rounding */
+  double scheme;                 /* seconds that the simulator's stages look ahead */
+  /* Ends of the axes. 0: what lies beyond is unsafe; 1: no run passes (soter_reach_kept.c). Other
+   * values are free, for axes that wrap around or go on: soter_reach_cells is where boxes meet
+   * ends. */
+  int32_t kept_low[SOTER_REACH_AXES], kept_high[SOTER_REACH_AXES];
   soter_reach_model model;
   soter_reach_step first, later;                        /* hold 0 (period - jitter), the others */
   double reach_fwd[SOTER_REACH_AXES][SOTER_REACH_AXES]; /* dev over 2 j */
@@ -173,8 +179,8 @@ void soter_reach_way_begin(const soter_reach_group* g, soter_reach_way* w);
 int soter_reach_way_continue(const soter_reach_group* g, soter_reach_way* w, double seconds,
                              int32_t threads);
 int64_t soter_reach_safe(const soter_reach_group* g, const soter_reach_tube* tube, int32_t steps,
-                         const uint64_t* target, uint8_t* out, int64_t first_tile, double seconds,
-                         int32_t threads);
+                         const uint64_t* target, const uint64_t* known, uint8_t* out,
+                         int64_t first_tile, double seconds, int32_t threads);
 int64_t soter_reach_truth(const soter_reach_group* g, const double* low, const double* high,
                           const void* test, uint8_t* out, int64_t first_tile, double seconds,
                           int32_t threads);

@@ -10,6 +10,12 @@ int soter_reach_cells(const soter_reach_group* g, int axis, double lo, double hi
   const int n = g->cells[axis], buckets = g->guesses[axis];
   const double scale = buckets / (e[n] - e[0]);
   int i, j, b;
+  if (g->kept_low[axis] && lo < e[0] && hi >= e[0]) {
+    lo = e[0]; /* see soter_reach_kept.c */
+  }
+  if (g->kept_high[axis] && hi > e[n] && lo <= e[n]) {
+    hi = e[n];
+  }
   if (!(lo >= e[0] && hi <= e[n] && lo <= hi)) {
     return 0;
   }

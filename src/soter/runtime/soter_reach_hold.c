@@ -131,12 +131,21 @@ static int picard(const soter_reach_group* g, soter_scratch* s, const double* lo
       }
       const double down = soter_up(soter_most(soter_most(0.0, -to * flo[i]), -from * fhi[i]));
       const double up = soter_up(soter_most(soter_most(0.0, to * fhi[i]), from * flo[i]));
-      const double low = soter_down(lo[i] - down), high = soter_up(hi[i] + up);
+      double low = soter_down(lo[i] - down), high = soter_up(hi[i] + up);
+      if (from >= 0 && g->kept_low[i]) {
+        low = soter_most(low, soter_least(lo[i], g->edges[i][0]));
+      }
+      if (from >= 0 && g->kept_high[i]) {
+        high = soter_least(high, soter_most(hi[i], g->edges[i][g->cells[i]]));
+      }
       if (low < blo[i] || high > bhi[i]) {
         inside = 0;
         blo[i] = soter_least(blo[i], soter_down(lo[i] - 1.25 * down));
         bhi[i] = soter_most(bhi[i], soter_up(hi[i] + 1.25 * up));
       }
+    }
+    if (from >= 0) {
+      soter_reach_keep(g, blo, bhi);
     }
     if (inside && round > 0) {
       return 1;
@@ -435,6 +444,59 @@ static void handover(const soter_reach_group* g, const soter_reach_step* step, s
   }
 }
 
+/* The next command may come any time within 2 j from y: the image grows by that much. */
+ALWAYS int lingering(int n, int m, const soter_reach_group* g, soter_scratch* s,
+                     const soter_reach_model* model, const line* u, const soter_reach_chain* y,
+                     soter_hold* out) {
+  const double late = 2 * g->jitter;
+  double ulo[COMMANDS], uhi[COMMANDS], flo[AXES], fhi[AXES];
+  for (int a = 0; a < m; a++) {
+    ulo[a] = u[a].lo;
+    uhi[a] = u[a].hi;
+  }
+  if (g->is_local) {
+    if (!picard(g, s, y->lo, y->hi, ulo, uhi, 0, late, flo, fhi)) {
+      return 0;
+    }
+  } else {
+    rates_around(n, m, model, &g->reach_fwd[0][0], y->lo, y->hi, ulo, uhi, flo, fhi);
+  }
+  for (int i = 0; i < n; i++) {
+    out->image_lo[i] = soter_down(y->lo[i] - soter_up(late * soter_most(0.0, -flo[i])));
+    out->image_hi[i] = soter_up(y->hi[i] + soter_up(late * soter_most(0.0, fhi[i])));
+  }
+  soter_reach_keep(g, out->image_lo, out->image_hi);
+  return 1;
+}
+
+/* Puts back the axes of x that did not move at all on the way to y. Rates that are not 0 over more
+ * than rounding are not looked at again: most holds end here. */
+ALWAYS void standing(int n, const soter_reach_group* g, soter_scratch* s,
+                     const soter_reach_chain* x, const double* flo, const double* fhi,
+                     const double* ulo, const double* uhi, soter_reach_chain* y, soter_hold* out) {
+  double lo[AXES], hi[AXES], rate[AXES];
+  unsigned may = 0, stands;
+  for (int i = 0; i < n; i++) {
+    lo[i] = soter_least(out->tube_lo[i], out->image_lo[i]);
+    hi[i] = soter_most(out->tube_hi[i], out->image_hi[i]);
+    rate[i] = size_of(flo[i], fhi[i]);
+    may |= rate[i] <= g->dust[i] ? 1U << i : 0U;
+  }
+  if (may == 0 || g->is_map) {
+    return;
+  }
+  stands = may & soter_reach_stands(g, s, lo, hi, rate, ulo, uhi);
+  for (int i = 0; i < n; i++) {
+    if (stands >> i & 1U) {
+      y->m[i] = x->m[i];
+      y->box[i] = x->box[i];
+      memcpy(y->g[i], x->g[i], sizeof x->g[i]);
+      y->lo[i] = out->image_lo[i] = out->tube_lo[i] = x->lo[i];
+      y->hi[i] = out->image_hi[i] = out->tube_hi[i] = x->hi[i];
+    }
+  }
+}
+
 ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
                      soter_reach_chain* x, soter_hold* out) {
   double dlo[AXES] = {0, 0, 0, 0}, dhi[AXES] = {0, 0, 0, 0}, ulo[COMMANDS], uhi[COMMANDS];
@@ -535,6 +597,7 @@ ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
   if (!advance(n, &y, M, size, from, to, noise)) {
     return 0;
   }
+  soter_reach_keep(g, y.lo, y.hi);
   rates_around(n, m, model, &step->dev[0][0], x->lo, x->hi, ulo, uhi, flo, fhi);
   for (int i = 0; i < n; i++) {
     if (!(flo[i] > -1e300 && fhi[i] < 1e300)) {
@@ -542,6 +605,12 @@ ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
     }
   }
   between(n, step->h, x, y.lo, y.hi, flo, fhi, out);
+  memcpy(out->image_lo, y.lo, sizeof y.lo);
+  memcpy(out->image_hi, y.hi, sizeof y.hi);
+  if (g->jitter > 0 && !lingering(n, m, g, s, model, u, &y, out)) {
+    return 0;
+  }
+  standing(n, g, s, x, flo, fhi, ulo, uhi, &y, out);
   copy_state(x, &y);
   x->holds++;
   if (g->delay > 0 || g->jitter > 0) {
@@ -549,26 +618,6 @@ ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
     memcpy(x->uc, uc, sizeof uc);
     memcpy(x->ug, ug, sizeof ug);
     memcpy(x->ur, ur, sizeof ur);
-  }
-  memcpy(out->image_lo, y.lo, sizeof y.lo);
-  memcpy(out->image_hi, y.hi, sizeof y.hi);
-  if (g->jitter > 0) { /* the next command may come any time within 2 j from here */
-    const double late = 2 * g->jitter;
-    for (int a = 0; a < m; a++) {
-      ulo[a] = u[a].lo;
-      uhi[a] = u[a].hi;
-    }
-    if (g->is_local) {
-      if (!picard(g, s, y.lo, y.hi, ulo, uhi, 0, late, flo, fhi)) {
-        return 0;
-      }
-    } else {
-      rates_around(n, m, model, &g->reach_fwd[0][0], y.lo, y.hi, ulo, uhi, flo, fhi);
-    }
-    for (int i = 0; i < n; i++) {
-      out->image_lo[i] = soter_down(y.lo[i] - soter_up(late * soter_most(0.0, -flo[i])));
-      out->image_hi[i] = soter_up(y.hi[i] + soter_up(late * soter_most(0.0, fhi[i])));
-    }
   }
   return 1;
 }

@@ -20,10 +20,11 @@ static range sum(range a, range b) {
 }
 
 static range times(range a, range b) {
-  const double p = a.lo * b.lo, q = a.lo * b.hi, s = a.hi * b.lo, t = a.hi * b.hi;
-  range r = {soter_down(fmin(fmin(p, q), fmin(s, t))), soter_up(fmax(fmax(p, q), fmax(s, t)))};
-  if ((a.lo == 0 && a.hi == 0) || (b.lo == 0 && b.hi == 0)) {
-    r.lo = r.hi = 0;
+  range r = {0, 0};
+  if ((a.lo != 0 || a.hi != 0) && (b.lo != 0 || b.hi != 0)) {
+    const double p = a.lo * b.lo, q = a.lo * b.hi, s = a.hi * b.lo, t = a.hi * b.hi;
+    r.lo = soter_down(soter_least(soter_least(p, q), soter_least(s, t)));
+    r.hi = soter_up(soter_most(soter_most(p, q), soter_most(s, t)));
   }
   return r;
 }
@@ -93,9 +94,21 @@ static square unit(int n) {
 
 enum { TERMS = 16 };
 
+/* So many terms that the rest is below 2^-64. It is below theta^(k+1) / (k+1)! / (1 - theta), at
+ * most 2 theta^(k+1) / (k+1)! for theta <= 1/2; with 16 terms that is 2^-64 at theta = 1/2. */
+static int terms_for(double theta, double* rest) {
+  int k = 0;
+  *rest = 2;
+  while (k < 2 || (k <= TERMS && *rest > 0x1p-64)) {
+    k++;
+    *rest = soter_up(*rest * theta / k);
+  }
+  return k - 1;
+}
+
 /* e^(A s) and its integral over [0, s], for s in `h` (h >= 0); false: too large to bound. */
 static int exponential(int n, const double* a, range h, square* phi, square* integral) {
-  double norm = 0;
+  double norm = 0, rest;
   square power = unit(n), am;
   int doublings = 0;
   double theta;
@@ -125,25 +138,25 @@ static int exponential(int n, const double* a, range h, square* phi, square* int
     integral->e[i][i] = s;
   }
   int nilpotent = 0;
-  for (int k = 1; k <= TERMS && !nilpotent; k++) { /* power = (A s)^k / k! */
-    square next = product(n, &power, &am), part = next;
+  const int terms = terms_for(theta, &rest);
+  range by = s;                                    /* s / k */
+  for (int k = 1; k <= terms && !nilpotent; k++) { /* power = (A s)^k / k! */
+    square part;
+    const range then = over(s, k + 1);
+    power = product(n, &power, &am);
     nilpotent = 1;
     for (int i = 0; i < n; i++) {
       for (int j = 0; j < n; j++) {
-        next.e[i][j] = over(times(next.e[i][j], s), k);
-        part.e[i][j] = over(times(next.e[i][j], s), k + 1);
-        nilpotent = nilpotent && next.e[i][j].lo == 0 && next.e[i][j].hi == 0;
+        power.e[i][j] = times(power.e[i][j], by);
+        part.e[i][j] = times(power.e[i][j], then);
+        nilpotent = nilpotent && power.e[i][j].lo == 0 && power.e[i][j].hi == 0;
       }
     }
-    power = next;
-    plus(n, phi, &next);
+    by = then;
+    plus(n, phi, &power);
     plus(n, integral, &part);
   }
-  if (!nilpotent) { /* the rest is below theta^17/17! / (1 - theta), at most 2 * 0.5^17 / 17! */
-    double rest = 2;
-    for (int k = 1; k <= TERMS + 1; k++) {
-      rest = soter_up(rest * theta / k);
-    }
+  if (!nilpotent) {
     widen(n, phi, rest);
     widen(n, integral, soter_up(rest * s.hi));
   }
@@ -252,6 +265,44 @@ static range moment(double h, double period) {
   return r;
 }
 
+/* The same over [0, h] in one piece, where e^(As) over all of it and its integral are at hand. */
+static void dev_in_one(int n, double h, const square* over_all, const square* integral,
+                       double dev[AXES][AXES]) {
+  for (int i = 0; i < n; i++) {
+    for (int j = 0; j < n; j++) {
+      const range r = over_all->e[i][j];
+      dev[i][j] = soter_up(h * greatest(r));
+      if (r.lo >= -1e-290 || r.hi <= 1e-290) { /* one sign: the integral's value */
+        dev[i][j] = fmin(dev[i][j], soter_up(greatest(integral->e[i][j]) + 2e-290 * h));
+      }
+    }
+  }
+}
+
+/* The hull of e^(As) b over [from, to], for every command's column b, in one piece. */
+static int hull_in_one(int n, int commands, const soter_reach_model* m, double from, double to,
+                       range hull[AXES][COMMANDS]) {
+  square start, part, ignored;
+  const range span = {0, soter_up(to - from)};
+  if (!exponential(n, &m->a[0][0], exactly(from), &start, &ignored) ||
+      !exponential(n, &m->a[0][0], span, &part, &ignored)) {
+    return 0;
+  }
+  part = product(n, &start, &part);
+  for (int i = 0; i < n; i++) {
+    for (int c = 0; c < commands; c++) {
+      range r = exactly(0);
+      for (int k = 0; k < n; k++) {
+        if (m->b[k][c] != 0) {
+          r = sum(r, times(part.e[i][k], exactly(m->b[k][c])));
+        }
+      }
+      hull[i][c] = r;
+    }
+  }
+  return 1;
+}
+
 /* One step of length h; `early`: the previous command may act over that long at its beginning. */
 int soter_reach_make_step(const soter_reach_group* g, const soter_reach_model* m, double h,
                           double early, soter_reach_step* out) {
@@ -260,8 +311,17 @@ int soter_reach_make_step(const soter_reach_group* g, const soter_reach_model* m
   const range time = moment(h, fmax(h, g->period));
   memset(out, 0, sizeof *out);
   out->h = time.hi;
-  if (!exponential(n, &m->a[0][0], time, &phi, &integral) ||
-      !soter_reach_dev(g, m, time.hi, 0, out->dev)) {
+  if (!exponential(n, &m->a[0][0], time, &phi, &integral)) {
+    return 0;
+  }
+  if (g->is_local) {
+    square all, ignored;
+    const range span = {0, time.hi};
+    if (!exponential(n, &m->a[0][0], span, &all, &ignored)) {
+      return 0;
+    }
+    dev_in_one(n, time.hi, &all, &integral, out->dev);
+  } else if (!soter_reach_dev(g, m, time.hi, 0, out->dev)) {
     return 0;
   }
   for (int i = 0; i < n; i++) {
@@ -288,8 +348,10 @@ int soter_reach_make_step(const soter_reach_group* g, const soter_reach_model* m
     double total[AXES][COMMANDS];
     range hull[AXES][COMMANDS];
     const double from = fmax(0.0, soter_down(time.lo - early));
-    if (!absolute(n, &m->a[0][0], from, exactly(soter_up(time.hi - from)), g->commands, &m->b[0][0],
-                  PIECES, total, hull)) {
+    const range length = exactly(soter_up(time.hi - from));
+    if (g->is_local ? !hull_in_one(n, g->commands, m, from, time.hi, hull)
+                    : !absolute(n, &m->a[0][0], from, length, g->commands, &m->b[0][0], PIECES,
+                                total, hull)) {
       return 0;
     }
     for (int i = 0; i < n; i++) {

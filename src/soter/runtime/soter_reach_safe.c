@@ -10,6 +10,7 @@ typedef struct {
   const soter_reach_group* g;
   const soter_reach_tube* tube;
   const uint64_t* target;
+  const uint64_t* known; /* cells of which it is known already */
   soter_reach_test test;
   uint8_t* out;
   int32_t steps;
@@ -147,6 +148,9 @@ static int safe_box(cell_job* job, int who, const int* first, const int* last) {
   if (!soter_reach_inside(g, job->target, box, 0)) {
     return soter_reach_inside(g, job->target, box, 1) ? 8 : 0;
   }
+  if (soter_reach_inside(g, job->known, box, 0)) {
+    return 1;
+  }
   edges_of(g, first, last, lo, hi);
   if (job->tube != 0 ? tube_inside(job, lo, hi) : walk_inside(job, who, lo, hi)) {
     return 1;
@@ -189,12 +193,13 @@ static int64_t over_tiles(cell_job* job, int64_t first_tile, double seconds, int
 }
 
 /* out[cell] = 1: every run from the cell under U stays in the target. `tube` for globally linear
- * flows; else `steps` steps of the period. From `first_tile` on; returns the first tile not done.
- */
+ * flows; else `steps` steps of the period. Cells of `known` are 1 without a look. From `first_tile`
+ * on; returns the first tile not done. */
 int64_t soter_reach_safe(const soter_reach_group* g, const soter_reach_tube* tube, int32_t steps,
-                         const uint64_t* target, uint8_t* out, int64_t first_tile, double seconds,
-                         int32_t threads) {
-  cell_job job = {.g = g, .tube = tube, .target = target, .out = out, .steps = steps};
+                         const uint64_t* target, const uint64_t* known, uint8_t* out,
+                         int64_t first_tile, double seconds, int32_t threads) {
+  cell_job job = {
+      .g = g, .tube = tube, .target = target, .known = known, .out = out, .steps = steps};
   soter_reach_inputs(g, &job.scratch[0]);
   soter_reach_inputs(g, &job.scratch[1]);
   return over_tiles(&job, first_tile, seconds, threads);

@@ -131,6 +131,19 @@ def test_what_is_safe_under_u_is(name: str, axes: list[int]) -> None:
         assert np.abs(x).max() <= limit + 1e-9
 
 
+@pytest.mark.parametrize("name", ["lagged cart", "oscillator"])
+def test_a_tube_is_cut_as_often_as_pays_off(name: str) -> None:
+    engine = engine_of(name, list(range(len(system(name)[0]))), (-0.5, 2.0))
+    target = np.zeros(engine.shape, dtype=bool)
+    target[(slice(1, -1),) * target.ndim] = True
+    few, many = (engine.safe_for(40 * MS, target, segments=s) for s in (2, 32))
+    found = engine.safe_for(40 * MS, target)
+    assert not np.any(few & ~found)
+    assert not np.any(found & ~target)
+    assert found.sum() > 1.05 * few.sum()
+    assert found.sum() > 0.95 * many.sum()
+
+
 def test_a_core_on_four_axes_is_the_product_of_its_parts() -> None:
     a, b, gains = system("two carts")
     a[3, 1] = 0.0
