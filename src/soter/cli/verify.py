@@ -192,6 +192,8 @@ def _headline(module: ModuleResult, console: Console) -> str:
     if module.verdict not in ("proved", "assumed"):
         worst = [n for n, f in module.findings.items() if f.verdict == module.verdict]
         under = f": {', '.join(worst)}"
+        if worst == ["P2b"]:
+            under += " alone: safe as proved, but nothing says that SC gives control back"
     return f"{console.paint('bold', module.name)}  {verdict}{under}  {seconds(module.seconds)}"
 
 
