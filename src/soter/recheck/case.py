@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.program.types import leaves
-from soter.recheck.chains import delays
 from soter.recheck.inclusion import (
     FREE_PIECES,
     PIECES,
@@ -192,8 +191,7 @@ class Case:
 
     def _levels(self) -> None:
         """Computed predicates: ttf is not S_0, safer is S_(m-2)."""
-        times = self.model.facts.times
-        between = times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"]
+        between = self.model.facts.between_ns
         for i, group in enumerate(self.groups):
             assert group.free is not None
             if len(group.levels) != self.model.facts.levels - 1:
@@ -224,7 +222,7 @@ class Case:
             return
         if wanted != number_of(self.model.facts, declared):
             raise RejectedError("the time to return is another one in the program")
-        times = self.model.facts.times
+        facts = self.model.facts
         longest = 0
         for group in self.groups:
             assert group.rank is not None
@@ -234,8 +232,8 @@ class Case:
                 holds = group.rank_holds[group.rank == rank]
                 total += int(holds.max()) if holds.size else 0
             longest = max(longest, total)
-        bound = longest * times["delta_ns"] + delays(self.model)[1]  # a_N is late by j at most
-        bound += times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"] + times["R_dm_ns"]
+        bound = longest * facts.times["delta_ns"] + facts.jitter_ns  # a_N is late by j at most
+        bound += facts.decide_ns
         if bound > wanted:
             raise RejectedError("SC may take longer to return than the program allows")
 
@@ -244,14 +242,12 @@ class Case:
         facts = self.model.facts
         if not _is_initial(facts, self.model.parameter):
             return
-        times = facts.times
-        before = facts.sc.phase_ns + times["J_sc_ns"] + times["R_sc_ns"] + times["L_ns"]
         for k, (group, core) in enumerate(zip(self.groups, self.cores, strict=True)):
             box = Grid(tuple((facts.states[i].low, facts.states[i].high) for i in group.states))
             inside = group.grid.cells([end for edges in box.edges for end in edges]) is not None
             if inside and self._never_left(k, core):
                 continue
-            check = FreeCheck(self.model, group, before)
+            check = FreeCheck(self.model, group, facts.start_ns)
             if not check.stays(box.box(box.whole), core, FREE_PIECES[1]):
                 raise RejectedError("an initial state may leave K before SC acts")
         for topic in {c.owner for c in facts.controls}:

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.program.build import check_file, system_of
+from soter.recheck.assumptions import p1c_of
 from soter.recheck.balls import above, below
 from soter.recheck.claims import CLAIMS
 from soter.recheck.compile_terms import form_of_box
@@ -135,7 +136,7 @@ def prove(facts: Facts, shape: tuple[tuple[int, ...], ...], holds_max: int = 40)
                 ]
             )
         ],
-        "claims": dict.fromkeys(CLAIMS, "proved"),
+        "claims": dict.fromkeys(CLAIMS, "proved") | {"P1c": p1c_of(facts)},
         "assumptions": [],
         "recover_ns": None,
         "cases": [],
