@@ -242,6 +242,8 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
         if value > own + BEYOND_NS:
             raise RejectedError(f"{key} is {value} in the manifest, which no program needs")
         facts.times[key] = value
+    if "d_ns" not in given:  # then it is what the age that was claimed makes of it
+        facts.times["d_ns"] += facts.times["A_sc_ns"] - facts.own.age_sc
 
 
 def _groups(
