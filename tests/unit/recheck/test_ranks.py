@@ -2,31 +2,37 @@
 
 from __future__ import annotations
 
-import json
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
+from bench.recheck_models import Cart
 
-from soter.api import recheck
+from soter.recheck.inclusion import ChainCheck, GroupTables, ranked
+from soter.recheck.model import Model
+from soter.recheck.tables import Cells, Grid
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
     from pathlib import Path
 
+MIDDLE = (18, 16)
+"""A cell that moves, far from the borders of the grid."""
 
-def test_a_rank_that_leads_out_of_w_is_rejected(copied: Path) -> None:
-    """Cells outside K get a rank and one hold: hardly any of them is nearer to Q then."""
-    manifest: dict[str, Any] = json.loads((copied / "manifest.json").read_text())
-    group = manifest["modules"][0]["cases"][0]["groups"][0]
-    core = np.frombuffer((copied / group["K"]).read_bytes(), dtype="<u1")
-    rank = np.frombuffer((copied / group["W"]).read_bytes(), dtype="<u2").copy()
-    holds = np.frombuffer((copied / group["W_N"]).read_bytes(), dtype="<u1").copy()
-    outside = np.flatnonzero((core == 0) & (rank == 0))
-    chosen = outside[:: max(1, len(outside) // 20)]
-    rank[chosen], holds[chosen] = 1, 1
-    (copied / group["W"]).write_bytes(rank.tobytes())
-    (copied / group["W_N"]).write_bytes(holds.tobytes())
-    small_proofs.reseal(copied, manifest)
-    report = recheck(copied)
-    assert not report.accepted
-    assert "nearer to Q" in report.reason
+
+def test_a_rank_that_leads_to_cells_without_one_is_not_shown(tmp_path: Path) -> None:
+    (tmp_path / "cart.soter").write_text(Cart().text())
+    facts = small_proofs.facts_of(tmp_path / "cart.soter", "Track", "SafeCart")
+    extents = (facts.axes[0], facts.axes[1])
+    grid = Grid(
+        tuple(small_proofs.even_edges(*e, n) for e, n in zip(extents, (36, 24), strict=True))
+    )
+    none = np.zeros(grid.shape, dtype=np.uint8)
+    rank, holds = none.astype(np.uint16), none.copy()
+    rank[MIDDLE], holds[MIDDLE] = 1, 4
+    group = GroupTables((0, 1), grid, none + 1, rank=rank, rank_holds=holds)
+    check = ChainCheck(Model(facts, (), extents), group)
+    home = np.zeros(grid.shape, dtype=np.bool_)
+    assert list(ranked(check, Cells(grid, home), grid.whole))
+    home[...] = True
+    home[MIDDLE] = False
+    assert not list(ranked(check, Cells(grid, home), grid.whole))
