@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.program.durations import show_ns
 from soter.program.walk import topic_reads
 from soter.recheck.facts import DiffersError, Facts, driven_topics, number_of, read_by_sc
 from soter.recheck.paths import Ways, setting_of
@@ -54,10 +55,11 @@ def read_times(facts: Facts) -> None:
         raise NotRecheckedError("nodes between a map and its module")
     own = derive(setting)
     for read in setting.by_sc:
-        if own.stamps.get(read.name, 0) > read.max_age:
+        oldest = own.stamps.get(read.name, 0)
+        if oldest > read.max_age:
             raise DiffersError(
-                f"R011: what SC reads of `{read.name}` may be {own.stamps[read.name]} ns old, and "
-                f"`max_age` says {read.max_age} ns"
+                f"R011: what SC reads of `{read.name}` may be {show_ns(oldest)} old, "
+                f"and `max_age` says {show_ns(read.max_age)}"
             )
     found |= {"A_ns": own.age, "A_sc_ns": own.age_sc, "d_ns": own.delay, "j_ns": own.jitter}
     found |= {"h0_ns": own.h_0, "H_star_ns": own.h_star, "H_ns": own.h_star}
