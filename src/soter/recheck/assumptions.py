@@ -113,6 +113,8 @@ def _way(facts: Facts) -> Iterator[Said]:
     texts = {
         "shows": "what {} publishes shows the state that it has just read, within the errors",
         "passes": "{} passes on what the module publishes, or is part of what is abstracted",
+        "in step": "{} runs in the thread of the module, behind SC in the same instant, and passes "
+        "on at once what it publishes",
         "vehicle": "{} is part of the vehicle that is abstracted: its last value is its state, and "
         "what stands behind it, delays included, belongs to the abstraction",
         "extern": "{} publishes in every step",

@@ -126,14 +126,36 @@ class Ways:
             assert c.node is not None
             for topic in c.node.publishes:
                 after = c.scope.topics[topic]
-                ends = list(self._from(after, (*nodes, self._clock(c)), (*behind, c.index)))
+                step = self._in_step(c, nodes, behind)
+                on = nodes if step else (*nodes, self._clock(c))
+                ends = list(self._from(after, on, (*behind, c.index)))
                 if ends:
                     self._steps(c, after)
-                    self.notes["passes", c.name] = None
+                    self.notes["in step" if step else "passes", c.name] = None
                 found += ends
         return found
 
+    def _in_step(self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]) -> bool:
+        """Whether a node is released whenever SC is, behind all before it, and says no times.
+
+        Then it is taken to run in the module's thread, behind SC (an assumption, printed): it passes
+        an output on in the instant in which it is published.
+        """
+        sc = self.system.components[self.module.sc]
+        verify = self.module.symbol.verify
+        if nodes or any(n in {**verify.late_of, **verify.response_of} for n in self._names(c)):
+            return False
+        if behind and behind[-1] > c.index:
+            return False
+        meets = sc.period_ns % c.period_ns == 0 and (sc.phase_ns - c.phase_ns) % c.period_ns == 0
+        return meets and c.phase_ns <= sc.phase_ns
+
     # ------------------------------------------------------------ parts
+
+    def _names(self, c: Component) -> list[str]:
+        """How the `verify` block may call a node."""
+        home = self.module.name.rpartition(".")[0]
+        return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
     def _writers(self, index: int) -> list[Component]:
         """Plants and nodes outside modules that publish a topic."""
@@ -163,10 +185,8 @@ class Ways:
 
     def _clock(self, c: Component) -> Clock:
         verify = self.module.symbol.verify
-        home = self.module.name.rpartition(".")[0]
-        names = [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
         late, response = (
-            next((of[n] for n in names if n in of), None)
+            next((of[n] for n in self._names(c) if n in of), None)
             for of in (verify.late_of, verify.response_of)
         )
         if late is None or response is None:

@@ -205,10 +205,13 @@ class Setting:
         return self.last_effect(release, self.starts_by(release))
 
     def last_effect(self, release: int, start: int) -> int:
-        """The same for a start. What starts and is published in one instant is seen in it."""
+        """The same for a start.
+
+        In the instant of its release SC comes before other nodes. Late, it is taken to be in no
+        order with them: what it publishes in an instant may be missed by a step of that instant.
+        """
         published = start + self.sc.response
-        at_once = published == release or self.sc.response == 0
-        return max(e.last(published, at_once=at_once) for e in self.effects)
+        return max(e.last(published, at_once=published == release) for e in self.effects)
 
     def steady(self) -> Iterator[int]:
         """Releases of SC over a hyperperiod, after everything has started."""
