@@ -71,18 +71,19 @@ class Ways:
         assert c.node is not None
         read = _subscribed(self.system, c)
         before = [p for i in read for p in self._to(i, behind)]
-        own = self._clock(c)
         if before:
             self._steps(c, index)
+            self._noted(c)
             self.notes["shows", c.name] = None
             for i in read:
                 if not self._to(i, behind) and self._commanded(i, behind):
                     self.notes["vehicle", self.system.topics[i].name] = None
-            return [Path(p.sensor, (*p.nodes, own)) for p in before]
+            return [Path(p.sensor, (*p.nodes, self._clock(c))) for p in before]
         if len(behind) == 1 and any(self._commanded(i, behind) for i in read):
             self._steps(c, index)
+            self._noted(c)
             self.notes["vehicle", self.system.topics[index].name] = None
-            return [Path(NOW, (own,))]
+            return [Path(NOW, (self._clock(c),))]
         return []
 
     def _commanded(self, index: int, behind: tuple[int, ...]) -> bool:
@@ -131,6 +132,8 @@ class Ways:
                 ends = list(self._from(after, on, (*behind, c.index)))
                 if ends:
                     self._steps(c, after)
+                    if not step:
+                        self._noted(c)
                     self.notes["in step" if step else "passes", c.name] = None
                 found += ends
         return found
@@ -138,8 +141,8 @@ class Ways:
     def _in_step(self, c: Component, nodes: tuple[Clock, ...], behind: tuple[int, ...]) -> bool:
         """Whether a node is released whenever SC is, behind all before it, and says no times.
 
-        Then it is taken to run in the module's thread, behind SC (an assumption, printed): it passes
-        an output on in the instant in which it is published.
+        Then it is taken to run in the module's thread, behind SC (an assumption, printed): it
+        passes an output on in the instant in which it is published.
         """
         sc = self.system.components[self.module.sc]
         verify = self.module.symbol.verify
@@ -179,25 +182,25 @@ class Ways:
         elif not any(_always(c.node.step, t) for t, i in c.scope.topics.items() if i == index):
             name = self.system.topics[index].name
             raise NotRecheckedError(f"`{c.name}` may not publish `{name}` in every step")
-        clock = self._clock(c)
-        if clock.slow > clock.period:
-            raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
 
     def _clock(self, c: Component) -> Clock:
-        verify = self.module.symbol.verify
-        late, response = (
-            next((of[n] for n in self._names(c) if n in of), None)
-            for of in (verify.late_of, verify.response_of)
-        )
-        if late is None or response is None:
+        """When a node steps; its times are zero where they are not declared."""
+        late, response = (self._declared(c, of) for of in ("late_of", "response_of"))
+        clock = Clock(c.name, c.period_ns, c.phase_ns, late or 0, response or 0)
+        if clock.slow > clock.period:
+            raise NotRecheckedError(f"a run of `{c.name}` may not be over when the next one is due")
+        return clock
+
+    def _noted(self, c: Component) -> None:
+        """That the times of a node on a path are assumed where they are not declared."""
+        if None in (self._declared(c, "late_of"), self._declared(c, "response_of")):
             self.undeclared[c.name] = None
-        return Clock(
-            c.name,
-            c.period_ns,
-            c.phase_ns,
-            0 if late is None else self.number(late),
-            0 if response is None else self.number(response),
-        )
+
+    def _declared(self, c: Component, of: str) -> int | None:
+        """A time of a node, where the `verify` block has one."""
+        times: dict[str, typed.Expr] = getattr(self.module.symbol.verify, of)
+        found = next((times[n] for n in self._names(c) if n in times), None)
+        return None if found is None else self.number(found)
 
 
 def _subscribed(system: System, c: Component) -> list[int]:
