@@ -242,7 +242,12 @@ _BASES: dict[str, Base] = {}
 
 def _judge(job: tuple[str, int]) -> Outcome:
     base = _BASES[job[0]]
-    return judge(base, list(edits_of(base))[job[1]])
+    edit = list(edits_of(base))[job[1]]
+    try:
+        return judge(base, edit)
+    except Exception as error:  # noqa: BLE001 - a crash is a finding
+        crash = f"crash: {type(error).__name__}: {error}"
+        return Outcome(base.name, edit.kind, edit.name, accepted=False, reason="", wrong=crash)
 
 
 def run(share: float, seed: int, jobs: int) -> list[Outcome]:
@@ -252,6 +257,8 @@ def run(share: float, seed: int, jobs: int) -> list[Outcome]:
         _BASES[name] = base_of(name)
     todo = [(n, k) for n, b in _BASES.items() for k in range(len(list(edits_of(b))))]
     todo = [job for job in todo if dice.random() < share]
+    if jobs == 1:
+        return [_judge(job) for job in todo]
     with multiprocessing.get_context("fork").Pool(jobs) as pool:
         return list(pool.imap(_judge, todo, chunksize=8))
 

@@ -323,6 +323,7 @@ def _moved_edge(axis: int, at: int) -> Callable[[dict[str, bytes], dict[str, Any
 
 FACTORS = (0.0, 0.5, 0.8, 0.95, 1.05, 1.25, 2.0, 5.0, -1.0)
 NUMBER = re.compile(r"(?<![\w.])(\d+\.\d+|\d+)(ms|s)?(?![\w.])")
+BAD = "node Bad period 50ms { subscribes x; publishes u; step { publish u = 1.0; } }\n"
 STRUCTURES: dict[str, tuple[str, str]] = {
     "takeover": ("node Slow(.*?)  step", r"node Slow\1  on takeover { assert false; }\n  step"),
     "takeover that does nothing": ("node Slow(.*?)  step", r"node Slow\1  on takeover { }\n  step"),
@@ -352,8 +353,7 @@ STRUCTURES: dict[str, tuple[str, str]] = {
     "forced to sc": ("module M;", "module M; force M sc;"),
     "another SC": (
         "module M;(.*)$",
-        r"module M; replace Slow by Bad;\1node Bad period 50ms { subscribes x; publishes u; "
-        + "step { publish u = 1.0; } }\n",
+        rf"module M; replace Slow by Bad;\1{BAD}",
     ),
     "extern SC": ("node Slow(.*?)step {.*?}\n", r"extern node Slow\1"),
     "extern plant": ("reads u;(.*?)der p = u \\+ w;", r"reads u;\1der p = 3.0 * u + w;"),

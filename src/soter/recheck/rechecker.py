@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
+from soter.program.arith import StepFault
 from soter.program.build import system_of
 from soter.recheck.assumptions import assumptions_of
 from soter.recheck.case import Case
@@ -84,6 +85,10 @@ def recheck(
         report.reason = f"not rechecked: {error}"
     except SoterError as error:
         report.reason = f"the program of the certificate: {error}"
+    except StepFault as error:
+        report.reason = f"not rechecked: a step that faults whatever it reads ({error})"
+    except (ArithmeticError, RecursionError, ValueError) as error:
+        report.reason = f"not rechecked: {type(error).__name__.lower()}: {error}"
     report.seconds = time.perf_counter() - started
     return report
 
