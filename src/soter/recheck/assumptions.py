@@ -137,6 +137,10 @@ def _timing(facts: Facts) -> Iterator[Said]:
             "one instant",
             "plant, DM and SC run in the same instant, in this order, and commands act in it",
         )
+    if facts.jitter_ns and len(facts.controls) > 1:
+        names = ", ".join(c.name for c in facts.controls)
+        text = f"what SC publishes begins to act in all of these at one instant: {names}"
+        yield Said(f"together {names}", text)
     verify = facts.symbol.verify
     for key, (words, name) in DELAYS.items():
         if getattr(verify, name) is not None:
