@@ -51,8 +51,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 MAIN = "small.soter"
-KINDS = ("assumptions", "times", "claims", "inputs", "names", "parameters", "tables", "numbers")
-KINDS = (*KINDS, "structure")
+KINDS = (
+    *("assumptions", "times", "claims", "inputs", "names", "parameters"),
+    *("tables", "numbers", "structure"),
+)
 
 
 @dataclass(frozen=True)

@@ -149,21 +149,41 @@ class Edit:
     values: dict[str, str] = field(default_factory=dict)
 
 
-def _entry(how: Callable[[dict[str, Any]], None]) -> Callable[[dict[str, Any]], None]:
-    return lambda manifest: how(manifest["modules"][0])
+def _put(value: object, *path: str | int) -> Callable[[dict[str, Any]], None]:
+    """Another value somewhere in the first module of a manifest."""
+
+    def change(manifest: dict[str, Any]) -> None:
+        at: Any = manifest["modules"][0]
+        for key in path[:-1]:
+            at = at[key]
+        at[path[-1]] = value
+
+    return change
+
+
+def _drop(*path: str | int, module: bool = True) -> Callable[[dict[str, Any]], None]:
+    """Something left out, of the first module or of the manifest itself."""
+
+    def change(manifest: dict[str, Any]) -> None:
+        at: Any = manifest["modules"][0] if module else manifest
+        for key in path[:-1]:
+            at = at[key]
+        at.pop(path[-1])
+
+    return change
+
+
+def _params(value: object) -> Callable[[dict[str, Any]], None]:
+    return lambda manifest: manifest.update(params=value)
 
 
 def manifest_edits(manifest: dict[str, Any]) -> Iterator[Edit]:
     """Everything that can be said differently in a manifest."""
     entry = manifest["modules"][0]
     for k in range(len(entry["assumptions"])):
-        yield Edit(
-            "assumptions", f"without {k}", False, _entry(lambda e, k=k: e["assumptions"].pop(k))
-        )
+        yield Edit("assumptions", f"without {k}", False, _drop("assumptions", k))
     for said in ([], ["none: holds for every robot"], ["P1c"]):
-        yield Edit(
-            "assumptions", f"{said}", False, _entry(lambda e, s=said: e.update(assumptions=s))
-        )
+        yield Edit("assumptions", f"{said}", False, _put(said, "assumptions"))
     yield from _times(entry)
     for claim, verdict in entry["claims"].items():
         for other in ("proved", "assumed", "undecided", "refuted", "certain"):
@@ -173,7 +193,7 @@ def manifest_edits(manifest: dict[str, Any]) -> Iterator[Edit]:
                     "claims",
                     f"{claim} {other}",
                     wrong,
-                    _entry(lambda e, c=claim, o=other: e["claims"].update({c: o})),
+                    _put(other, "claims", claim),
                 )
     for i, item in enumerate(entry["inputs"]):
         for side, factor in (("low", 0.5), ("high", 0.5), ("low", 0.99), ("high", 0.99)):
@@ -182,16 +202,16 @@ def manifest_edits(manifest: dict[str, Any]) -> Iterator[Edit]:
                 "inputs",
                 f"{item['name']} {side} {factor}",
                 True,
-                _entry(lambda e, i=i, s=side, v=value: e["inputs"][i].update({s: v})),
+                _put(value, "inputs", i, side),
             )
         for key in ("name", "kind"):
             yield Edit(
                 "inputs",
                 f"{item['name']} {key}",
                 True,
-                _entry(lambda e, i=i, k=key: e["inputs"][i].update({k: "other"})),
+                _put("other", "inputs", i, key),
             )
-        yield Edit("inputs", f"no {item['name']}", True, _entry(lambda e, i=i: e["inputs"].pop(i)))
+        yield Edit("inputs", f"no {item['name']}", True, _drop("inputs", i))
     yield from _names(manifest)
 
 
@@ -207,21 +227,19 @@ def _times(entry: dict[str, Any]) -> Iterator[Edit]:
                     "times",
                     f"{key} {by:+d}",
                     wrong,
-                    _entry(lambda e, k=key, v=value + by: e["times"].update({k: v})),
+                    _put(value + by, "times", key),
                 )
         for odd in (True, None, float(value), str(value), 1 << 70):
             yield Edit(
                 "times",
                 f"{key} = {odd!r}",
                 True,
-                _entry(lambda e, k=key, v=odd: e["times"].update({k: v})),
+                _put(odd, "times", key),
             )
     for added in ("j_ns", "d_ns", "h0_ns"):
         if added not in entry["times"]:
             late = entry["times"]["J_dm_ns"] > 0
-            yield Edit(
-                "times", f"{added} = 0", late, _entry(lambda e, k=added: e["times"].update({k: 0}))
-            )
+            yield Edit("times", f"{added} = 0", late, _put(0, "times", added))
 
 
 def _names(manifest: dict[str, Any]) -> Iterator[Edit]:
@@ -232,38 +250,38 @@ def _names(manifest: dict[str, Any]) -> Iterator[Edit]:
                 "names",
                 f"{key} {name}",
                 True,
-                _entry(lambda e, k=key, n=name: e.update({k: n})),
+                _put(name, key),
             )
     yield Edit("names", "twice", True, lambda m: m.update(modules=2 * m["modules"]))
     yield Edit("names", "none", True, lambda m: m.update(modules=[]))
-    yield Edit("names", "plants", True, _entry(lambda e: e.update(plants=["q"])))
-    yield Edit("names", "no plants", True, _entry(lambda e: e.update(plants=[])))
+    yield Edit("names", "plants", True, _put(["q"], "plants"))
+    yield Edit("names", "no plants", True, _put([], "plants"))
     extra = [{"name": "p.k", "values": [0]}]
-    yield Edit("names", "parameters", True, _entry(lambda e: e.update(parameters=extra)))
+    yield Edit("names", "parameters", True, _put(extra, "parameters"))
     recover = entry["recover_ns"]
-    for value in (0, 1, 10**9, 10**12, None, True):
-        if value != recover:
+    for time in (0, 1, 10**9, 10**12, None, True):
+        if time != recover:
             yield Edit(
                 "names",
-                f"recover {value}",
+                f"recover {time}",
                 True,
-                _entry(lambda e, v=value: e.update(recover_ns=v)),
+                _put(time, "recover_ns"),
             )
     for key in list(entry):
-        yield Edit("names", f"no {key}", True, _entry(lambda e, k=key: e.pop(k)))
+        yield Edit("names", f"no {key}", True, _drop(key))
     for key in list(manifest):
         if key != "files":
-            yield Edit("names", f"no {key} at all", True, lambda m, k=key: m.pop(k))
+            yield Edit("names", f"no {key} at all", True, _drop(key, module=False))
     for value in (0.5, 0.6, 1.0, 1.5, 1.9, 2.5, 3.0, 5.0, 9.0, -1.0, 100.0):
         yield Edit(
             "parameters",
             f"GAIN {value}",
             None,
-            lambda m, v=value: m.update(params={"GAIN": v.hex()}),
+            _params({"GAIN": value.hex()}),
             values={"GAIN": repr(value)},
         )
-    yield Edit("parameters", "left out", None, lambda m: m.update(params={}))
-    yield Edit("parameters", "unknown", True, lambda m: m.update(params={"B": (1.0).hex()}))
+    yield Edit("parameters", "left out", None, _params({}))
+    yield Edit("parameters", "unknown", True, _params({"B": (1.0).hex()}))
 
 
 def table_edits(manifest: dict[str, Any]) -> Iterator[Edit]:
