@@ -176,7 +176,6 @@ def _module(
     said = static_claims(facts, entry["claims"])
     report = ModuleReport(entry["module"], said, system=entry["system"])
     report.parameters = parameters_of(facts.flying)
-    report.times = {**facts.times, "start_ns": facts.start_ns}
     report.assumptions = assumptions_of(facts)
     cases = list(facts.cases())
     if given != [list(c) for c in cases]:
@@ -191,13 +190,34 @@ def _module(
     if facts.computed:
         with _understood("a table of the DM"):
             compare_tables(certificate, facts, tables, entry["tables"])
-    for k, (values, groups) in enumerate(zip(cases, tables, strict=True)):
-        model = Model(facts, values, extents)
-        report.cells += sum(int(np.prod(g.grid.shape)) for g in groups)
-        share = partial(_share, progress, k, len(cases))
-        Case(model, groups, claims, entry, share, workers).check()
+    try:
+        _cases(facts, tables, extents, entry, claims, progress, workers)
+    except RejectedError:
+        if facts.times["d_ns"] == facts.own.delay:
+            raise
+        # older reads than there are may be too much for our bounds: those that there are count
+        facts.times["d_ns"] = facts.own.delay
+        _cases(facts, tables, extents, entry, claims, progress, workers)
+    report.cells = sum(int(np.prod(g.grid.shape)) for groups in tables for g in groups)
+    report.times = {**facts.times, "start_ns": facts.start_ns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == "proved"]
     return report
+
+
+def _cases(
+    facts: Facts,
+    tables: list[list[GroupTables]],
+    extents: tuple[tuple[float, float], ...],
+    entry: dict[str, Any],
+    claims: set[str],
+    progress: Callable[[float], None],
+    workers: int,
+) -> None:
+    """Every claim, for every combination of parameter values."""
+    cases = list(facts.cases())
+    for k, (values, groups) in enumerate(zip(cases, tables, strict=True)):
+        share = partial(_share, progress, k, len(cases))
+        Case(Model(facts, values, extents), groups, claims, entry, share, workers).check()
 
 
 def _compare(facts: Facts, entry: dict[str, Any]) -> tuple[tuple[float, float], ...]:
