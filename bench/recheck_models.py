@@ -94,6 +94,12 @@ class Cart:
         return TEXT.format(**vars(self))
 
     @property
+    def read_age(self) -> int:
+        """How old a read of SC may be, in ms: up to `late` after its release; the plant has 10."""
+        starts = (k * self.delta + late for k in range(10) for late in range(self.late + 1))
+        return max(s % 10 for s in starts)
+
+    @property
     def horizon(self) -> int:
         """H* in ms, SC waiting for the DM: both start at 0, so the gap is delta - gcd."""
         common = int(np.gcd(self.period, self.delta))
@@ -162,7 +168,7 @@ class Attack:
         `watch`: "safe" (the wall), "safer" (an estimate on which it is false), "" (nothing).
         """
         c, count = self.cart, len(x)
-        d, j = c.age, c.late
+        d, j = c.read_age, c.late
         most = int(holds.max())
         length = most * c.delta + j + 1
         xs, vs = np.empty((length + d + 1, count)), np.empty((length + d + 1, count))

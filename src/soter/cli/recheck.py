@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import argparse
 
     from soter.cli.console import Console
-    from soter.recheck.rechecker import Report
+    from soter.recheck.report import ModuleReport, Report
 
 EXAMPLES = """\
   soter verify cart.soter --cert proof/
@@ -27,6 +27,8 @@ EXAMPLES = """\
 
 Every byte of the folder counts: a changed, missing or additional file is rejected. Then the problem
 is read off the program once more, by other code, and every claim is recomputed in ball arithmetic.
+Times and assumptions are derived from the program, never read from the certificate. What is not
+understood of a program is not rechecked, and that is a rejection.
 
 exit codes: 0 accepted: safety and the return of AC (P2b) are established, 3 rejected,
             4 accepted in part: what is claimed holds, and it is not all of that,
@@ -83,12 +85,19 @@ def _say(report: Report, folder: str, console: Console) -> None:
     for module in report.modules:
         sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
         sizes += [f"{module.half_spaces:,} half-spaces"] if module.half_spaces else []
-        console.say(f"  {module.name}: {' '.join(module.confirmed)}, {', '.join(sizes)}")
+        where = f"{module.name} of system {module.system} in {report.program}"
+        console.say(f"  {where}: {' '.join(module.confirmed)}, {', '.join(sizes)}")
+        values = ", ".join(f"{n} = {v}" for n, v in module.parameters.items())
+        if values:
+            console.say(console.paint("muted", f"    with {values}"))
         for name in module.other:
             console.say(console.paint("muted", f"    not confirmed: {name}"))
-    console.say("\nunder these assumptions")
+    console.say("\nunder these assumptions, derived from the program")
     for text in report.assumptions:
         console.say(console.paint("muted", f"  {text}"))
+    console.say("\nnot covered")
+    for said in report.not_covered:
+        console.say(console.paint("muted", f"  {said.text}"))
 
 
 def _fields(report: Report, folder: str) -> dict[str, object]:
@@ -100,8 +109,12 @@ def _fields(report: Report, folder: str) -> dict[str, object]:
         "reason": report.reason,
         "program_sha256": report.program_sha256,
         "seconds": report.seconds,
+        "program": report.program,
         "modules": {
-            m.name: {
+            _name(m, report): {
+                "system": m.system,
+                "parameters": m.parameters,
+                "times_ns": m.times,
                 "confirmed": m.confirmed,
                 "not_confirmed": m.other,
                 "missing": m.missing,
@@ -110,4 +123,12 @@ def _fields(report: Report, folder: str) -> dict[str, object]:
             for m in report.modules
         },
         "assumptions": report.assumptions,
+        "assumption_keys": [a.key for a in report.said],
+        "not_covered": [{"key": s.key, "text": s.text} for s in report.not_covered],
     }
+
+
+def _name(module: ModuleReport, report: Report) -> str:
+    """The name of a module; with its system where several have one of that name."""
+    several = sum(m.name == module.name for m in report.modules) > 1
+    return f"{module.system}.{module.name}" if several else module.name

@@ -211,6 +211,9 @@ def _times(times: Times) -> dict[str, int]:
         "L_ns": times.acts,
         "H_ns": times.horizon_ns,
         "H_star_ns": times.h_star,
+        "d_ns": times.delay_sc,
+        "j_ns": times.jitter_sc,
+        "h0_ns": times.start,
     }
 
 

@@ -96,8 +96,7 @@ class Case:
     @cached_property
     def half_spaces(self) -> list[PolytopeCheck]:
         """What shows the claims about groups that are no grids."""
-        late = delays(self.model)
-        return [PolytopeCheck(self.model, p, late) for p in self.polytopes]
+        return [PolytopeCheck(self.model, p, delays(self.model)) for p in self.polytopes]
 
     def _never_left(self, index: int, *sets: Cells) -> bool:
         """Whether the sets are the whole grid of a group that no run leaves."""
@@ -220,8 +219,7 @@ class Case:
 
     def _levels(self) -> None:
         """Computed predicates: ttf is not S_0, safer is S_(m-2)."""
-        times = self.model.facts.times
-        between = times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"]
+        between = self.model.facts.between_ns
         for polytope in self.half_spaces:
             self._prove("S", partial(polytope.show_levels, between))
         for i, group in enumerate(self.groups):
@@ -254,7 +252,7 @@ class Case:
             return
         if wanted != number_of(self.model.facts, declared):
             raise RejectedError("the time to return is another one in the program")
-        times = self.model.facts.times
+        facts = self.model.facts
         longest = max((p.periods for p in self.polytopes), default=0)
         for group in self.groups:
             assert group.rank is not None
@@ -264,8 +262,8 @@ class Case:
                 holds = group.rank_holds[group.rank == rank]
                 total += int(holds.max()) if holds.size else 0
             longest = max(longest, total)
-        bound = longest * times["delta_ns"] + delays(self.model)[1]  # a_N is late by j at most
-        bound += times["Delta_ns"] + times["A_ns"] + times["J_dm_ns"] + times["R_dm_ns"]
+        bound = longest * facts.times["delta_ns"] + facts.jitter_ns  # a_N is late by j at most
+        bound += facts.decide_ns
         if bound > wanted:
             raise RejectedError("SC may take longer to return than the program allows")
 
@@ -274,18 +272,16 @@ class Case:
         facts = self.model.facts
         if not _is_initial(facts, self.model.parameter):
             return
-        times = facts.times
-        before = facts.sc.phase_ns + times["J_sc_ns"] + times["R_sc_ns"] + times["L_ns"]
         for polytope in self.half_spaces:
             own = [facts.states[i] for i in polytope.tables.states]
             low, high = [s.low for s in own], [s.high for s in own]
-            self._prove("start", partial(polytope.show_start, low, high, before))
+            self._prove("start", partial(polytope.show_start, low, high, facts.start_ns))
         for k, (group, core) in enumerate(zip(self.groups, self.cores, strict=True)):
             box = Grid(tuple((facts.states[i].low, facts.states[i].high) for i in group.states))
             inside = group.grid.cells([end for edges in box.edges for end in edges]) is not None
             if inside and self._never_left(k, core):
                 continue
-            check = FreeCheck(self.model, group, before)
+            check = FreeCheck(self.model, group, facts.start_ns)
             if not check.stays(box.box(box.whole), core, FREE_PIECES[1]):
                 raise RejectedError("an initial state may leave K before SC acts")
         for topic in {c.owner for c in facts.controls}:

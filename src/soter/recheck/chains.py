@@ -61,11 +61,7 @@ class FreePhase:
 
 def delays(model: Model) -> tuple[int, int]:
     """D and j in ns: how old the sample behind a command is, how late a command may act."""
-    t = model.facts.times
-    if model.facts.kind == "map":
-        return 0, 0
-    late = t["R_sc_ns"] + t["L_ns"]
-    return t["A_sc_ns"] + late, t["J_sc_ns"] + late
+    return model.facts.delay_ns, model.facts.jitter_ns
 
 
 def sc_chain(model: Model, members: Sequence[int], pieces: int) -> Chain:

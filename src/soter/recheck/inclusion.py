@@ -288,7 +288,9 @@ def ranked(check: ChainCheck, home: Cells, block: Block) -> Iterator[Block]:
     assert group.rank is not None
     assert group.rank_holds is not None
     grid, every_holds = group.grid, group.rank_holds
-    order = np.where(home.members, 0, np.where(group.rank > 0, group.rank, UNRANKED))
+    order = group.rank.astype(np.int64)  # wider than a table: UNRANKED has no place in 16 bits
+    order[order == 0] = UNRANKED
+    order[home.members] = 0
     everywhere = Cells(grid, np.ones(grid.shape, dtype=np.bool_))
 
     def highest(box: Sequence[float]) -> int:

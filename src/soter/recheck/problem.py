@@ -8,93 +8,40 @@ has no certificate: `NotRecheckedError` or `DiffersError`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
-from itertools import product
-from math import gcd
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.program import typed
-from soter.program.elaborate import Elaborator
-from soter.program.evaluate import Evaluator
 from soter.program.types import BoolType, EnumType, FloatType, IntType, leaves
 from soter.program.walk import topic_reads
+from soter.recheck.facts import (
+    DiffersError,
+    Facts,
+    Input,
+    Parameter,
+    driven_topics,
+    number_of,
+    read_by_sc,
+)
+from soter.recheck.home import as_it_runs, home_of
+from soter.recheck.module_times import read_times
 from soter.recheck.symbolic import flat
 from soter.recheck.terms import NotRecheckedError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from soter.program.system import Component, Module, System
+    from soter.program.system import Component, System
     from soter.program.types import Type
 
+__all__ = [
+    "DiffersError",
+    "Facts",
+    "Input",
+    "Parameter",
+    "driven_topics",
+    "error_of",
+    "number_of",
+    "read_facts",
+]
 PARAMETER_VALUES_MAX = 4096
-
-
-class DiffersError(Exception):
-    """The certificate says something else than the program."""
-
-
-@dataclass(frozen=True)
-class Input:
-    """One scalar input: `owner` is a component for states and disturbances, else a topic."""
-
-    kind: str
-    name: str
-    owner: int
-    variable: str
-    leaf: int
-    low: float
-    high: float
-    moves: bool = True
-
-
-@dataclass(frozen=True)
-class Parameter:
-    """A discrete plant state without dynamics."""
-
-    name: str
-    owner: int
-    variable: str
-    leaf: int
-    values: tuple[int, ...]
-
-
-@dataclass(eq=False)
-class Facts:
-    """What the program says about one module. States have the range of their initial values."""
-
-    system: System
-    module: Module
-    sc: Component
-    plants: tuple[Component, ...]
-    kind: str
-    states: list[Input] = field(default_factory=list)
-    controls: list[Input] = field(default_factory=list)
-    disturbances: list[Input] = field(default_factory=list)
-    errors: list[Input] = field(default_factory=list)
-    others: list[Input] = field(default_factory=list)
-    parameters: list[Parameter] = field(default_factory=list)
-    axes: dict[int, tuple[float, float]] = field(default_factory=dict)
-    """State -> its declared extent."""
-    leaves: dict[int, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
-    """State -> the topic leaf that is declared as its axis."""
-    times: dict[str, int] = field(default_factory=dict)
-    levels: int = 3
-
-    @property
-    def symbol(self) -> typed.ModuleSymbol:
-        """The declaration of the module."""
-        return self.module.symbol
-
-    @property
-    def computed(self) -> bool:
-        """Whether `ttf` and `safer` are left to the prover."""
-        return self.symbol.ttf is None and self.symbol.safer is None
-
-    def cases(self) -> Iterator[tuple[int, ...]]:
-        """Every combination of parameter values."""
-        return product(*(p.values for p in self.parameters))
 
 
 def read_facts(flat_system: System, name: str) -> Facts:
@@ -102,80 +49,22 @@ def read_facts(flat_system: System, name: str) -> Facts:
     modules = [m for m in flat_system.modules if m.name == name]
     if len(modules) != 1:
         raise DiffersError(f"system `{flat_system.name}` has no module `{name}`")
-    system, module, plants = _home(flat_system, modules[0])
+    system, module, plants = home_of(flat_system, modules[0])
     sc = system.components[module.sc]
     if not plants:
         raise NotRecheckedError("no verification plant drives what the module reads")
     kinds = {_kind(c) for c in plants}
     if len(kinds) != 1:
         raise NotRecheckedError("flows and maps in one module")
-    facts = Facts(system, module, sc, plants, kinds.pop())
+    facts = Facts(system, module, sc, plants, kinds.pop(), flat_system, modules[0])
+    as_it_runs(facts)
     _read_states(facts)
     _read_axes(facts)
     _read_topics(facts)
-    facts.times = _times(facts)
+    read_times(facts)
     levels = module.symbol.verify.levels
     facts.levels = 3 if levels is None else number_of(facts, levels)
     return facts
-
-
-def _home(system: System, module: Module) -> tuple[System, Module, tuple[Component, ...]]:
-    """The system to prove in, and its verification plants."""
-    symbol = module.symbol
-    sc = system.components[module.sc]
-    links = symbol.verify.abstracts
-    if links:
-        ac = system.components[module.ac].node
-        assert ac is not None
-        assert sc.node is not None
-        span = symbol.span
-        parts: list[tuple[str, Any]] = [(link.name, link.plant) for link in links]
-        own = _with_controllers(symbol, ac, sc.node)
-        instances = tuple(
-            typed.InstanceSymbol(n, what, {}, {}, span) for n, what in [*parts, (symbol.name, own)]
-        )
-        made = typed.SystemSymbol("recheck", span, False, instances, None, (), (), (), (), ())
-        found = Diagnostics()
-        elaborator = Elaborator(system.program, made, dict(system.params), found)
-        elaborator.partial = True
-        flattened = elaborator.run()
-        if flattened is None or found.has_errors:
-            raise SoterError(found.items)
-        plants = tuple(c for c in flattened.components if c.role == "plant")
-        return flattened, flattened.modules[0], plants
-    wanted = {sc.scope.topics[t] for t in _read_by_sc(sc)}
-    wanted |= {module.scope.topics[t] for t in topic_reads(*symbol.predicates)}
-    named = {a.instance for g in symbol.verify.groups for a in g.axes if a.instance}
-    for group in symbol.verify.groups:
-        for axis in group.axes:
-            scopes = (module.scope.topics, sc.scope.topics)
-            wanted |= {s[axis.topic] for s in scopes if axis.topic is not None and axis.topic in s}
-    home = module.name.rpartition(".")[0]
-    names = {f"{home}.{n}" if home else n for n in named}
-    plants = tuple(
-        c
-        for c in system.components
-        if c.plant is not None
-        and (c.name in names or any(c.scope.topics[t] in wanted for t, _ in c.plant.drives))
-    )
-    return system, module, plants
-
-
-def _with_controllers(
-    symbol: typed.ModuleSymbol, ac: typed.NodeSymbol, sc: typed.NodeSymbol
-) -> typed.ModuleSymbol:
-    if symbol.ac is ac and symbol.sc is sc:
-        return symbol
-    values = {**vars(symbol), "ac": ac, "sc": sc}
-    return typed.ModuleSymbol(**values)
-
-
-def _read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
-    if sc.node is None or sc.node.extern:
-        raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
-    if sc.node.locals:
-        raise NotRecheckedError("an SC with locals is not rechecked yet")
-    return list(topic_reads(*sc.node.step))
 
 
 def _kind(c: Component) -> str:
@@ -235,7 +124,7 @@ def _values_of(of: Type, name: str) -> tuple[int, ...]:
 
 def _read_topics(facts: Facts) -> None:
     module, sc = facts.module, facts.sc
-    read = [sc.scope.topics[t] for t in _read_by_sc(sc)]
+    read = [sc.scope.topics[t] for t in read_by_sc(sc)]
     predicates = [p for p in (module.symbol.ttf, module.symbol.safer) if p is not None]
     read += [module.scope.topics[t] for t in topic_reads(*predicates)]
     read = list(dict.fromkeys(read))
@@ -256,16 +145,6 @@ def _read_topics(facts: Facts) -> None:
     for index in read:
         if index not in driven:
             facts.others += _leaves_of(facts, index, "other")
-
-
-def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.Expr]]:
-    """Topic -> the plant that drives it, and how."""
-    return {
-        c.scope.topics[topic]: (c, expr)
-        for c in facts.plants
-        if c.plant is not None
-        for topic, expr in c.plant.drives
-    }
 
 
 def _leaves_of(facts: Facts, index: int, kind: str) -> list[Input]:
@@ -361,74 +240,3 @@ def _followed(facts: Facts, c: Component, expr: typed.Expr, path: tuple[str, ...
         order = expr.order if expr.order is not None else tuple(range(len(expr.elements)))
         return _followed(facts, c, expr.elements[order.index(at)], path[1:])
     return None
-
-
-# ---------------------------------------------------------------- times
-
-
-def number_of(facts: Facts, expr: typed.Expr | None) -> Any:  # noqa: ANN401  a Soter value
-    """The value of a constant expression of the module; 0 where there is none."""
-    return 0 if expr is None else Evaluator(facts.module.scope.params).value(expr)
-
-
-def _times(facts: Facts) -> dict[str, int]:
-    """Every time in ns, by its name in the manifest."""
-    verify = facts.symbol.verify
-    dm = facts.system.components[facts.module.dm]
-    found = {
-        "Delta_ns": facts.module.period_ns,
-        "delta_ns": facts.sc.period_ns,
-        "J_dm_ns": number_of(facts, verify.late_dm),
-        "J_sc_ns": number_of(facts, verify.late_sc),
-        "R_dm_ns": number_of(facts, verify.response_dm),
-        "R_sc_ns": number_of(facts, verify.response_sc),
-        "L_ns": number_of(facts, verify.acts),
-    }
-    driven = driven_topics(facts)
-    predicates = [p for p in (facts.symbol.ttf, facts.symbol.safer) if p is not None]
-    by_dm = {facts.module.scope.topics[t] for t in topic_reads(*predicates)} & set(driven)
-    by_sc = {facts.sc.scope.topics[t] for t in _read_by_sc(facts.sc)} & set(driven)
-    if not predicates:  # computed predicates read what carries the axes
-        by_dm = {topic for topic, _ in facts.leaves.values()} or set(driven)
-    if facts.kind == "map":
-        _check_map(facts, found, by_dm | by_sc)
-        found["A_ns"] = found["A_sc_ns"] = 0
-    else:
-        found["A_ns"] = _oldest(facts, by_dm)
-        found["A_sc_ns"] = _oldest(facts, by_sc)
-    if not facts.symbol.verify.abstracts:
-        for together in (by_dm, by_sc):
-            if len({(driven[t][0].period_ns, driven[t][0].phase_ns) for t in together}) > 1:
-                raise DiffersError("what is read together is published at different times")
-    period, delta = found["Delta_ns"], found["delta_ns"]
-    common = gcd(period, delta)
-    behind = (facts.sc.phase_ns - dm.phase_ns) % common
-    gap = delta - common + behind
-    wait = max(found["J_dm_ns"] + found["R_dm_ns"], gap + found["J_sc_ns"])
-    star = found["A_ns"] + period + wait + found["R_sc_ns"] + found["L_ns"]
-    found["H_star_ns"] = star
-    found["H_ns"] = star if verify.horizon is None else int(number_of(facts, verify.horizon))
-    if found["H_ns"] < star:
-        raise DiffersError("P1c: the horizon is shorter than H*")
-    return found
-
-
-def _oldest(facts: Facts, topics: set[int]) -> int:
-    ages = [facts.system.topics[i].max_age_ns for i in topics]
-    if any(a is None for a in ages):
-        raise NotRecheckedError("a topic that the module reads has no `max_age`")
-    return max((a for a in ages if a is not None), default=0)
-
-
-def _check_map(facts: Facts, times: dict[str, int], topics: set[int]) -> None:
-    step = facts.plants[0].period_ns
-    if any(c.period_ns != step for c in facts.plants):
-        raise NotRecheckedError("maps with different periods")
-    if times["Delta_ns"] % step or times["delta_ns"] % step or facts.sc.phase_ns % step:
-        raise NotRecheckedError("a module that does not step together with its map")
-    if any(times[k] for k in ("J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")):
-        raise NotRecheckedError("delays beside a map")
-    for index in topics:
-        age = facts.system.topics[index].max_age_ns
-        if age is None or age >= step:
-            raise NotRecheckedError("beside a map `max_age` must be shorter than its period")

@@ -10,17 +10,20 @@ from __future__ import annotations
 import os
 import time
 from contextlib import contextmanager
-from dataclasses import dataclass, field
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
+from soter.program.arith import StepFault
 from soter.program.build import system_of
+from soter.recheck.assumptions import assumptions_of
 from soter.recheck.case import Case
-from soter.recheck.claims import CLAIMS, claimed_of, missing_of
+from soter.recheck.claims import CLAIMS, claimed_of, static_claims
+from soter.recheck.coverage import parameters_of, uncovered
 from soter.recheck.deployed import compare_tables
+from soter.recheck.first_reads import survives_the_start
 from soter.recheck.folder import Certificate, read_certificate
 from soter.recheck.inclusion import GroupTables, RejectedError
 from soter.recheck.model import Model
@@ -28,9 +31,11 @@ from soter.recheck.polytope_deployed import compare_half_spaces
 from soter.recheck.polytope_predicates import narrowed
 from soter.recheck.polytope_tables import PolytopeTables, read_polytope
 from soter.recheck.problem import DiffersError, Facts, read_facts
+from soter.recheck.report import ModuleReport, Report
 from soter.recheck.source import hexadecimal, program_of
 from soter.recheck.tables import Grid
 from soter.recheck.terms import NotRecheckedError
+from soter.recheck.understood import understood
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -38,20 +43,13 @@ if TYPE_CHECKING:
 
     from soter.program.build import Checked
 
-TIME_KEYS = (
-    "Delta_ns",
-    "delta_ns",
-    "A_ns",
-    "A_sc_ns",
-    "J_dm_ns",
-    "J_sc_ns",
-    "R_dm_ns",
-    "R_sc_ns",
-    "L_ns",
-    "H_ns",
-    "H_star_ns",
-)
-
+DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
+"""Times that stand in the program, and in the manifest as they are there."""
+DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
+"""Times that follow: a manifest may claim more schedules than there are, never fewer."""
+TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
+BEYOND_NS = 3_600_000_000_000
+"""So much more than there is: no claim, but a way to keep this busy."""
 
 MODULE_KEYS = (
     "system",
@@ -66,57 +64,7 @@ MODULE_KEYS = (
     "recover_ns",
 )
 
-
-@dataclass
-class ModuleReport:
-    """What was confirmed about a module."""
-
-    name: str
-    claims: dict[str, str]
-    cells: int = 0
-    half_spaces: int = 0
-    """Of K, of all polytope groups."""
-    confirmed: list[str] = field(default_factory=list)
-
-    @property
-    def other(self) -> list[str]:
-        """Properties that are not confirmed here, with what the certificate says."""
-        return [f"{n} ({v})" for n, v in self.claims.items() if n not in self.confirmed]
-
-    @property
-    def missing(self) -> list[str]:
-        """What safety needs and is not established; empty: the module is safe."""
-        return missing_of(self.claims, self.confirmed)
-
-    @property
-    def returns(self) -> bool:
-        """Whether P2b is confirmed: SC gives control back."""
-        return "P2b" in self.confirmed
-
-
-@dataclass
-class Report:
-    """`accepted`, or why not; `seconds` and cells for people.
-
-    Accepted says that what is claimed holds: whether that is safety, see `safe`.
-    """
-
-    accepted: bool
-    reason: str = ""
-    modules: list[ModuleReport] = field(default_factory=list)
-    assumptions: list[str] = field(default_factory=list)
-    program_sha256: str = ""
-    seconds: float = 0.0
-
-    @property
-    def safe(self) -> bool:
-        """Whether safety is established, for every module."""
-        return self.accepted and all(not m.missing for m in self.modules)
-
-    @property
-    def returns(self) -> bool:
-        """Whether P2b is, too."""
-        return self.accepted and all(m.returns for m in self.modules)
+__all__ = ["TIME_KEYS", "ModuleReport", "Report", "recheck"]
 
 
 def recheck(
@@ -139,6 +87,10 @@ def recheck(
         report.reason = f"not rechecked: {error}"
     except SoterError as error:
         report.reason = f"the program of the certificate: {error}"
+    except StepFault as error:
+        report.reason = f"not rechecked: a step that faults whatever it reads ({error})"
+    except (ArithmeticError, RecursionError, ValueError) as error:
+        report.reason = f"not rechecked: {type(error).__name__.lower()}: {error}"
     report.seconds = time.perf_counter() - started
     return report
 
@@ -155,13 +107,22 @@ def _check(
     checked, overrides = program_of(certificate)
     assert checked.program is not None
     report.program_sha256 = checked.program.sha256
+    report.program = str(manifest["main"])
     modules = manifest["modules"]
     if not isinstance(modules, list) or not modules:
         raise RejectedError("the manifest has no modules")
+    covered: list[Facts] = []
     for k, entry in enumerate(modules):
         share = partial(_share, progress, k, len(modules))
-        report.modules.append(_module(certificate, checked, overrides, entry, share, workers))
-        report.assumptions += [a for a in entry["assumptions"] if a not in report.assumptions]
+        facts = _facts(checked, overrides, entry)
+        if any(
+            (f.flying.name, f.module.name) == (facts.flying.name, facts.module.name)
+            for f in covered
+        ):
+            raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
+        covered.append(facts)
+        report.modules.append(_module(certificate, facts, entry, share, workers))
+    report.not_covered = uncovered(checked, overrides, covered)
     unused = {n for n in certificate.contents if n.startswith("sets/")} - certificate.used
     for name in sorted(unused):
         raise RejectedError(f"no claim rests on `{name}`")
@@ -190,24 +151,34 @@ def _keys(entry: object, names: tuple[str, ...], what: str) -> None:
 # ---------------------------------------------------------------- a module
 
 
-def _module(
-    certificate: Certificate,
-    checked: Checked,
-    overrides: dict[str, Any],
-    entry: dict[str, Any],
-    progress: Callable[[float], None],
-    workers: int,
-) -> ModuleReport:
+def _facts(checked: Checked, overrides: dict[str, Any], entry: dict[str, Any]) -> Facts:
+    """The problem of a module, which is the whole of what is understood of it."""
     given_tables = isinstance(entry, dict) and "tables" in entry
     _keys(entry, (*MODULE_KEYS, *(("tables",) if given_tables else ())), "a module")
-    claims = claimed_of(entry["claims"])
     with _understood("a module"):
         if entry["system"] not in checked.systems:
             raise RejectedError(f"the program has no system `{entry['system']}`")
         facts = read_facts(system_of(checked, entry["system"], overrides), entry["module"])
+    understood(facts)
+    survives_the_start(facts)
+    return facts
+
+
+def _module(
+    certificate: Certificate,
+    facts: Facts,
+    entry: dict[str, Any],
+    progress: Callable[[float], None],
+    workers: int,
+) -> ModuleReport:
+    claims = claimed_of(entry["claims"])
+    with _understood("a module"):
         extents = _compare(facts, entry)
         given = [c["parameter"] for c in entry["cases"]]
-    report = ModuleReport(entry["module"], entry["claims"])
+    said = static_claims(facts, entry["claims"])
+    report = ModuleReport(entry["module"], said, system=entry["system"])
+    report.parameters = parameters_of(facts.flying)
+    report.assumptions = assumptions_of(facts)
     cases = list(facts.cases())
     if given != [list(c) for c in cases]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
@@ -218,21 +189,44 @@ def _module(
             grids, others = _groups(certificate, facts, extents, case["groups"])
         tables.append(grids)
         polytopes.append(others)
-    if given_tables != facts.computed:
+    if ("tables" in entry) != facts.computed:
         raise RejectedError("a module has tables of its DM where its predicates are computed")
     if facts.computed:
         with _understood("a table of the DM"):
             count = len(tables[0])
             compare_tables(certificate, facts, tables, entry["tables"][:count])
             compare_half_spaces(certificate, facts, polytopes, entry["tables"][count:])
-    for k, (values, groups, others) in enumerate(zip(cases, tables, polytopes, strict=True)):
+    groups = list(zip(tables, polytopes, strict=True))
+    try:
+        _cases(facts, groups, extents, entry, claims, progress, workers)
+    except RejectedError:
+        if facts.times["d_ns"] == facts.own.delay:
+            raise
+        # older reads than there are may be too much for our bounds: those that there are count
+        facts.times["d_ns"] = facts.own.delay
+        _cases(facts, groups, extents, entry, claims, progress, workers)
+    report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)
+    report.half_spaces = sum(len(p.core.bounds) for others in polytopes for p in others)
+    report.times = {**facts.times, "start_ns": facts.start_ns}
+    report.confirmed = [c for c in CLAIMS if said.get(c) == "proved"]
+    return report
+
+
+def _cases(
+    facts: Facts,
+    tables: list[tuple[list[GroupTables], list[PolytopeTables]]],
+    extents: tuple[tuple[float, float], ...],
+    entry: dict[str, Any],
+    claims: set[str],
+    progress: Callable[[float], None],
+    workers: int,
+) -> None:
+    """Every claim, for every combination of parameter values."""
+    cases = list(facts.cases())
+    for k, (values, (groups, others)) in enumerate(zip(cases, tables, strict=True)):
         model = Model(facts, values, narrowed(extents, others))
-        report.cells += sum(int(np.prod(g.grid.shape)) for g in groups)
-        report.half_spaces += sum(len(p.core.bounds) for p in others)
         share = partial(_share, progress, k, len(cases))
         Case(model, groups, claims, entry, share, workers, others).check()
-    report.confirmed = [c for c in CLAIMS if c in claims]
-    return report
 
 
 def _compare(facts: Facts, entry: dict[str, Any]) -> tuple[tuple[float, float], ...]:
@@ -242,12 +236,7 @@ def _compare(facts: Facts, entry: dict[str, Any]) -> tuple[tuple[float, float], 
     parameters = [{"name": p.name, "values": list(p.values)} for p in facts.parameters]
     if entry["parameters"] != parameters:
         raise RejectedError("the parameters are others in the program")
-    _keys(entry["times"], TIME_KEYS, "`times`")
-    for key in TIME_KEYS:
-        if entry["times"][key] != facts.times[key] or isinstance(entry["times"][key], bool):
-            raise RejectedError(
-                f"{key} is {entry['times'][key]} in the manifest, {facts.times[key]} by the program"
-            )
+    _compare_times(facts, entry["times"])
     inputs = entry["inputs"]
     if not isinstance(inputs, list):
         raise RejectedError("`inputs` is not as it should be")
@@ -267,6 +256,25 @@ def _compare(facts: Facts, entry: dict[str, Any]) -> tuple[tuple[float, float], 
         elif (low, high) != (known.low, known.high):
             raise RejectedError(f"the range of {known.name} is another one in the program")
     return tuple(extents)
+
+
+def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
+    """Declared times are those of the program, derived ones no shorter; the longer ones count.
+
+    A claim about reads that are older, windows that are wider, a horizon that is longer is one
+    about more schedules: it implies ours.
+    """
+    _keys(given, TIME_KEYS, "`times`")
+    for key in TIME_KEYS:
+        value, own = given[key], facts.times[key]
+        if not isinstance(value, int) or isinstance(value, bool):
+            raise RejectedError(f"{key} is no time in the manifest")
+        fixed = key in DECLARED_KEYS or (key == "H_ns" and facts.symbol.verify.horizon is not None)
+        if value < own or (fixed and value != own):
+            raise RejectedError(f"{key} is {value} in the manifest, {own} by the program")
+        if value > own + BEYOND_NS:
+            raise RejectedError(f"{key} is {value} in the manifest, which no program needs")
+        facts.times[key] = value
 
 
 def _groups(

@@ -64,7 +64,7 @@ def claiming(changed: Callable[[Callable[[dict[str, object]], None]], Path], **c
 @pytest.mark.parametrize("name", ["P1a", "P1c", "P2a", "P3", "ttf", "safer", "start"])
 def test_what_safety_needs_and_is_not_claimed_is_accepted_in_part(name: str) -> None:
     claims = dict.fromkeys(CLAIMS, "proved") | {name: "undecided"}
-    module = ModuleReport("M", claims, 0, [n for n in CLAIMS if n != name])
+    module = ModuleReport("M", claims, confirmed=[n for n in CLAIMS if n != name])
     report = Report(accepted=True, modules=[module])
     assert module.missing == [name]
     assert not report.safe
@@ -73,12 +73,12 @@ def test_what_safety_needs_and_is_not_claimed_is_accepted_in_part(name: str) -> 
 def test_p1c_may_be_assumed() -> None:
     claims = dict.fromkeys(CLAIMS, "proved") | {"P1c": "assumed"}
     confirmed = [n for n in CLAIMS if n != "P1c"]
-    assert Report(accepted=True, modules=[ModuleReport("M", claims, 0, confirmed)]).safe
+    assert Report(accepted=True, modules=[ModuleReport("M", claims, confirmed=confirmed)]).safe
 
 
 def test_nothing_else_may_be_assumed() -> None:
     claims = dict.fromkeys(CLAIMS, "assumed")
-    assert ModuleReport("M", claims, 0, []).missing == ["P1a", "P1b", *SAFETY[3:]]
+    assert ModuleReport("M", claims, confirmed=[]).missing == ["P1a", "P1b", *SAFETY[3:]]
 
 
 def test_without_the_start_it_is_accepted_in_part(

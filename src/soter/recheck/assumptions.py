@@ -1,0 +1,186 @@
+"""What a verdict rests on and what it is not about, derived from the program.
+
+Purpose: `assumptions_of`, `uncovered_by`: keys for programs, and texts for people.
+Non-goals: what a manifest says about them: nothing is read there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.prelude.bounds import BOUNDS
+from soter.program.durations import show_ns
+from soter.program.types import FloatType, leaves
+from soter.program.walk import calls_in
+from soter.recheck.module_times import DELAYS, read_by
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.program import typed
+    from soter.recheck.facts import Facts, Input
+
+WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
+"""Functions of the prelude that compute what they say."""
+
+
+@dataclass(frozen=True)
+class Said:
+    """`key`: what it is about, the same for the same thing in every verdict."""
+
+    key: str
+    text: str
+
+
+def p1c_of(facts: Facts) -> str:
+    """P1c rests on declared times or on assumed ones; H >= H* itself is checked elsewhere."""
+    verify = facts.symbol.verify
+    declared = all(getattr(verify, name) is not None for _, name in DELAYS.values())
+    return "proved" if declared and not facts.ways.undeclared else "assumed"
+
+
+def assumptions_of(facts: Facts) -> list[Said]:
+    """Everything that is taken for granted about one module."""
+    return [*_world(facts), *_inputs(facts), *_way(facts), *_timing(facts), *_machine(facts)]
+
+
+# ---------------------------------------------------------------- the world
+
+
+def _world(facts: Facts) -> Iterator[Said]:
+    links = facts.symbol.verify.abstracts
+    for link in links:
+        yield Said(
+            f"conforms {link.instance} {link.name}",
+            f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
+            f"within its bounds, from the initial states of {link.name} on",
+        )
+    if not links:
+        names = ", ".join(c.name for c in facts.plants)
+        yield Said(
+            f"world {names}",
+            f"the world behaves like {names} for some disturbance within its bounds",
+        )
+    if facts.kind == "flow":
+        yield Said(
+            "scheme",
+            "the plant is the one solution of its differential equation, whose right-hand side is "
+            "Lipschitz in the state; not the simulator's scheme",
+        )
+    for p in facts.parameters:
+        yield Said(
+            f"changes {p.name}",
+            f"{p.name} changes only while the estimate lies in S_0 of the new value, whichever "
+            "mode; DM and SC read the new value from that instant on",
+        )
+
+
+def _range(x: Input) -> str:
+    return f"{x.name} in [{x.low:g}, {x.high:g}]"
+
+
+def _inputs(facts: Facts) -> Iterator[Said]:
+    for d in facts.disturbances:
+        yield Said(
+            f"disturbance {_range(d)}", f"disturbances stay within their bounds: {_range(d)}"
+        )
+    for e in facts.errors:
+        text = f"measurement errors stay within their bounds: {e.name} within {e.high:g}"
+        yield Said(f"error {e.name} {e.high:g}", text)
+    measured = {(e.owner, e.leaf) for e in facts.errors}
+    by_dm, by_sc = read_by(facts)
+    for index in dict.fromkeys([*by_dm, *by_sc]):
+        topic = facts.system.topics[index]
+        for k, (path, of) in enumerate(leaves(topic.type)):
+            name = ".".join((topic.name, *path))
+            if isinstance(of, FloatType) and (index, k) not in measured:
+                yield Said(f"exact {name}", f"estimates are exact: {name}")
+        if topic.set_declared:
+            text = f"what plants publish lies in the declared sets: {topic.name} (else they stop)"
+            yield Said(f"set {topic.name}", text)
+    for who, topics in (("the DM", by_dm), ("SC", by_sc)):
+        if len(topics) > 1 and facts.kind == "flow":
+            names = ", ".join(facts.system.topics[i].name for i in topics)
+            text = f"what {who} reads together shows the plants at one instant: {names}"
+            yield Said(f"one instant {who}: {names}", text)
+    for name in dict.fromkeys(o.name for o in facts.others):
+        yield Said(f"other {name}", f"{name}: any value of the declared set, at any time")
+
+
+def _way(facts: Facts) -> Iterator[Said]:
+    """Nodes between the plants and the module."""
+    texts = {
+        "shows": "what {} publishes shows the state that it has just read, within the errors",
+        "passes": "{} passes on what the module publishes, or is part of what is abstracted",
+        "in step": "{} runs in the thread of the module, behind SC in the same instant, and passes "
+        "on at once what it publishes",
+        "vehicle": "{} is part of the vehicle that is abstracted: its last value is its state, and "
+        "what stands behind it, delays included, belongs to the abstraction",
+        "extern": "{} publishes in every step",
+    }
+    for kind, name in facts.ways.notes:
+        yield Said(f"{kind} {name}", texts[kind].format(name))
+    if facts.ways.notes:
+        yield Said("nodes run", "no node between plants and module faults or skips a step")
+    for name in facts.ways.undeclared:
+        text = f"undeclared times are zero: lateness or response of {name}"
+        yield Said(f"undeclared {name}", text)
+
+
+# ---------------------------------------------------------------- time
+
+
+def _timing(facts: Facts) -> Iterator[Said]:
+    if facts.kind == "map":
+        yield Said(
+            "one instant",
+            "plant, DM and SC run in the same instant, in this order, and commands act in it",
+        )
+    if facts.jitter_ns and len(facts.controls) > 1:
+        names = ", ".join(c.name for c in facts.controls)
+        text = f"what SC publishes begins to act in all of these at one instant: {names}"
+        yield Said(f"together {names}", text)
+    verify = facts.symbol.verify
+    for key, (words, name) in DELAYS.items():
+        if getattr(verify, name) is not None:
+            text = f"{words} {show_ns(facts.times[key])}"
+            yield Said(f"declared {text}", f"times as declared: {text}")
+        elif facts.kind == "flow":
+            yield Said(f"undeclared {words}", f"undeclared times are zero: {words}")
+    yield Said("wait", "SC waits for the DM, in one thread, and no release is skipped")
+    yield Said("order", "commands of AC and SC act in the order in which they were published")
+    if verify.dropout is None:
+        yield Said("no dropout", "sensors never drop out: for SC no runtime enforces an age")
+    else:
+        silent = show_ns(facts.setting.silent)
+        text = f"sensors are silent for {silent} longer than their periods at most"
+        yield Said(f"dropout {silent}", text)
+    yield Said("fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+
+
+def _machine(facts: Facts) -> Iterator[Said]:
+    inexact = sorted(n for n in _prelude(facts) & set(BOUNDS) if n not in WITHOUT_ERROR)
+    for name in inexact:
+        yield Said(f"bound of {name}", f"the error bound of {name}: tested, not proved")
+    yield Said("binary64", "the compiler and the hardware compute binary64 as IEEE 754 says")
+
+
+def _prelude(facts: Facts) -> set[str]:
+    """Prelude functions that SC, a predicate or a plant calls, directly or through others."""
+    assert facts.sc.node is not None
+    todo: list[object] = [*facts.sc.node.step, *facts.symbol.predicates]
+    for c in facts.plants:
+        assert c.plant is not None
+        todo += [e for _, e in (*c.plant.lets, *c.plant.drives)]
+        todo += [*c.plant.der.values(), *c.plant.next.values()]
+    found: set[str] = set()
+    seen: set[typed.FunSymbol] = set()
+    while todo:
+        for call in calls_in(todo.pop()):
+            if call.fun not in seen:
+                seen.add(call.fun)
+                if call.fun.prelude:
+                    found.add(call.fun.name)
+                todo += call.fun.body or ()
+    return found

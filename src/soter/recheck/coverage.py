@@ -1,0 +1,88 @@
+"""What a certificate is not about.
+
+Purpose: `parameters_of`, `uncovered`: the values that were checked; other systems that hold a
+module, other modules, other values, and what nothing here looks at.
+Non-goals: assumptions (`assumptions.py`), which are about what is covered.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.program.build import system_of
+from soter.program.durations import show_ns
+from soter.program.types import DurationType
+from soter.recheck.assumptions import Said
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from soter.program.build import Checked
+    from soter.program.system import System
+    from soter.recheck.facts import Facts
+
+
+def parameters_of(system: System) -> dict[str, str]:
+    """Every parameter of the program with the value that it has in a system."""
+    found = {}
+    for name, value in system.params.items():
+        of = system.program.params[name].type
+        plain = show_ns(value) if isinstance(of, DurationType) else str(value).lower()
+        found[name] = plain if isinstance(value, (bool, int)) else repr(value)
+    return found
+
+
+def uncovered(
+    checked: Checked, overrides: Mapping[str, Any], covered: Sequence[Facts]
+) -> list[Said]:
+    """Everything that a reader might think is covered, and is not."""
+    found = [*_modules(checked, overrides, covered)]
+    values = {n: v for f in covered for n, v in parameters_of(f.flying).items()}
+    if values:
+        shown = ", ".join(f"{n} = {v}" for n, v in values.items())
+        found.append(Said("parameters", f"values of parameters other than {shown}"))
+    for facts in covered:
+        found += _of(facts)
+    found.append(Said("compiled", "the code that a decision module is compiled to"))
+    return list(dict.fromkeys(found))
+
+
+def _modules(
+    checked: Checked, overrides: Mapping[str, Any], covered: Sequence[Facts]
+) -> Iterator[Said]:
+    """Modules of any system of the program that the certificate is not about."""
+    known = {(f.flying.name, f.flying_module.name) for f in covered}
+    for name in checked.systems:
+        try:
+            system = system_of(checked, name, overrides)
+        except SoterError:
+            yield Said(f"system {name}", f"system {name}, which has errors with these parameters")
+            continue
+        for module in system.modules:
+            if (name, module.name) not in known:
+                forced = f" (forced to {module.forced})" if module.forced else ""
+                yield Said(
+                    f"module {name} {module.name}", f"module {module.name} of system {name}{forced}"
+                )
+
+
+def _of(facts: Facts) -> Iterator[Said]:
+    """What is left open about a module that is covered."""
+    name, system = facts.flying_module.name, facts.flying
+    for link in facts.symbol.verify.abstracts:
+        yield Said(
+            f"conformance {system.name} {link.instance}",
+            f"whether {link.instance} of system {system.name} conforms to {link.plant.name}",
+        )
+    if facts.symbol.verify.dropout is None:
+        yield Said(f"dropout {name}", f"runs of {name} in which a sensor drops out")
+    sc = facts.sc.node
+    if sc is not None and (sc.assumes or sc.guarantees):
+        yield Said(f"contracts {sc.name}", f"the contracts of {sc.name}: assumes, guarantees")
+    if any(p.component is None for p in system.properties):
+        yield Said(
+            f"properties {system.name}",
+            f"what system {system.name} says under `always` and `never`: "
+            f"only `safe` of {name} is covered",
+        )
