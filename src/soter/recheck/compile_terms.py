@@ -96,7 +96,7 @@ def compile_step(
     other input ranges over `boxes`, or its domain where nothing is said there. `memories`: how
     many of the states, and of the outputs, are memories: the last ones.
     """
-    writer = _Writer(terms, states, symbols, boxes or {}, memories[0])
+    writer = Writer(terms, states, symbols, boxes or {}, memories[0])
     return writer.step(outputs, ranges, must, memories[1])
 
 
@@ -107,7 +107,7 @@ def compile_truths(
     boxes: Mapping[int, tuple[arb, arb]],
 ) -> Callable[[tuple[arb, ...]], tuple[int, ...]]:
     """`form of a box -> truths`: bit 0: may be false, bit 1: may be true."""
-    return _Writer(terms, states, 0, boxes).truths(truths)
+    return Writer(terms, states, 0, boxes).truths(truths)
 
 
 def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, ...]:
@@ -129,7 +129,7 @@ WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 PLAIN = {"abs", "if", "else", "return", "None"}
 
 
-class _Writer:
+class Writer:
     """Writes one function; what needs no input is computed once, what is written twice, too."""
 
     def __init__(
@@ -185,10 +185,7 @@ class _Writer:
     ) -> Step:
         linear = [y for x in ranges for y in (x.parts if isinstance(x, Sweep) else (x,))]
         self._atoms([*outputs, *linear, *must])
-        for truth in must:
-            found_truth = self._truth(truth)
-            if self.names.get(found_truth) != 2:
-                self.lines.append(f"if {found_truth} != 2: return None")
+        self._demand(must)
         forms = [self._form(x) for x in outputs]
         radii = [self._sum([*self._betas(f[2]), f[3]]) or "ZERO" for f in forms]
         found = [
@@ -211,6 +208,13 @@ class _Writer:
         self.lines.append(f"return ({_tuple(flat)}, {_tuple(ends)})")
         found_step: Step = self._function()
         return found_step
+
+    def _demand(self, must: Sequence[Truth]) -> None:
+        """Give back None where something is not certain."""
+        for truth in must:
+            found = self._truth(truth)
+            if self.names.get(found) != 2:
+                self.lines.append(f"if {found} != 2: return None")
 
     def truths(self, truths: Sequence[Truth]) -> Callable[[tuple[arb, ...]], tuple[int, ...]]:
         self._atoms(truths)
@@ -689,11 +693,11 @@ class _Writer:
         return self._new(f"(({a} | {b}) & 2) | ({a} & {b} & 1)")
 
 
-_ATOMS: dict[str, Callable[[_Writer, int, Atom], None]] = {
-    "product": _Writer._product,  # noqa: SLF001  a table of its own methods
-    "choice": _Writer._choice,  # noqa: SLF001
-    "spread": _Writer._spread,  # noqa: SLF001
-    "table": _Writer._table,  # noqa: SLF001
+_ATOMS: dict[str, Callable[[Writer, int, Atom], None]] = {
+    "product": Writer._product,  # noqa: SLF001  a table of its own methods
+    "choice": Writer._choice,  # noqa: SLF001
+    "spread": Writer._spread,  # noqa: SLF001
+    "table": Writer._table,  # noqa: SLF001
 }
 
 
