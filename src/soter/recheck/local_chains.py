@@ -38,7 +38,7 @@ from soter.recheck.balls import (
     smaller,
 )
 from soter.recheck.lines import TAIL, compile_lines
-from soter.recheck.local_flow import LocalFlow, integral_of, magnitude_of_row, solved
+from soter.recheck.local_flow import LocalFlow, integral_of, magnitude_of_row, outwards, solved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -52,7 +52,7 @@ if TYPE_CHECKING:
     Found = tuple[Form, Boxes] | None
 
 NANOSECOND = Fraction(1, 10**9)
-STIFF = arb("0.6")
+STIFF = arb("1.2")
 """A step is at most this long, times the rates."""
 STEPS_MAX = 64
 
@@ -204,7 +204,7 @@ class LocalChain:
         z = arb_mat(count + q + 1, width)
         z[count + q, 0] = ONE
         given = n if before is not None else count
-        ranges = [(form[2 * i], form[2 * i + 1]) for i in range(given)]
+        ranges = [outwards(form[2 * i], form[2 * i + 1]) for i in range(given)]
         centre, symbols = 2 * given, 3 * given
         rest = symbols + given * n
         for i in range(given):
@@ -438,7 +438,9 @@ class LocalChain:
                 after.append(way.box[i])
                 continue
             radius = _size(values, i, 1) + rest[i]
-            after.append((larger(values[i, 0] - radius, low), smaller(values[i, 0] + radius, high)))
+            after.append(
+                outwards(larger(values[i, 0] - radius, low), smaller(values[i, 0] + radius, high))
+            )
         after = self.flow.clipped(after)
         return Way(rows, rest, after), _between(way.box, after, local.rates, span)
 
@@ -517,7 +519,7 @@ class LocalChain:
             for i, (low, high) in enumerate(box):
                 radius = _size(values, i, 1) + rest[i]
                 after.append(
-                    (larger(values[i, 0] - radius, low), smaller(values[i, 0] + radius, high))
+                    outwards(larger(values[i, 0] - radius, low), smaller(values[i, 0] + radius, high))
                 )
             after = self.flow.clipped(after)
             boxes += _between(way.box, after, local.rates, span)

@@ -155,7 +155,7 @@ class LocalFlow:
             if start < 0:
                 down = down.min(start * most)
                 up = up.max(start * least)
-            found.append((low + down, high + up))
+            found.append(outwards(low + down, high + up))
         return self.clipped(found)
 
     # ------------------------------------------------------------ solutions
@@ -265,6 +265,11 @@ def _identity(n: int) -> arb_mat:
 def _atom(x: Linear) -> int:
     (found,) = x.terms
     return found
+
+
+def outwards(low: arb, high: arb) -> Interval:
+    """Ends without radius: equal ends are seen to be equal."""
+    return arb(low.lower()), arb(high.upper())
 
 
 def _within(box: Sequence[Interval], other: Sequence[Interval]) -> bool:
