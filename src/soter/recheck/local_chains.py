@@ -12,7 +12,7 @@ of the new ones: ranges are sums of absolute values of `rows z`.
 The sample that a command answers was taken at s in [-d, 2j] from k delta - j, while commands acted that
 are known: x(s) = x + s r + rest, with r = A x + B u_1 + c the rate now, and, as |x(t) - x| <= |t| F,
 |rest| <= |A| F s^2/2 + w |s| + |B| (what other commands than u_1 differ from it, for as long as they
-may have acted). The k-th command before acts on [-k delta + 2j, -(k - 1) delta] at least, the (k + 1)th
+may have acted). What is linear in s lies between its values at the two ends of the window. The k-th command before acts on [-k delta + 2j, -(k - 1) delta] at least, the (k + 1)th
 beside it for 2j, so that in [-(k + 1) delta + 2j, -k delta + 2j] one of the two acted.
 """
 
@@ -360,27 +360,47 @@ class LocalChain:
             rate = rate + local.b * _rows(start, n, q)
         for i in range(n):
             rate[i, last] += local.constant[i, 0]
-        sizes = _sizes(rate * start.z)
-        far = self.d.max(ahead)
+        values = rate * start.z
         other = self._others(start, fresh=fresh)
-        rest = []
+        rows, rest = _rows(start, 0, n) + rate * middle, []
         for i in range(n):
-            total = radius * sizes[i] + far * local.noise[i, 0]
-            for k, (low, high) in enumerate(local.rates):
-                total += magnitude(local.a[i, k]) * abs(low).max(abs(high)) * far * far * HALF
-            for k in range(q):
-                total += magnitude(local.b[i, k]) * other[k]
-            rest.append(total)
-        return Way(_rows(start, 0, n) + rate * middle, rest, box)
+            size = _size(values, i, 1)
+            now = values[i, 0] - size, values[i, 0] + size
+            low, high = ZERO, ZERO
+            for far, side in ((self.d, -radius), (ahead, radius)):
+                off = far * self._noise_until(local, i, far)
+                if fresh:  # any command all the time: none at the end of the window that is now
+                    for k in range(q):
+                        off += far * magnitude(local.b[i, k]) * other[k]
+                ends = side * now[0], side * now[1]
+                low = low.min(ends[0].min(ends[1]) - off)
+                high = high.max(ends[0].max(ends[1]) + off)
+            spread = (high - low) * HALF
+            if not fresh:
+                for k in range(q):
+                    spread += magnitude(local.b[i, k]) * other[k]
+            rows[i, last] += (low + high) * HALF
+            rest.append(spread)
+        return Way(rows, rest, box)
+
+    def _noise_until(self, local: Local, i: int, far: arb) -> arb:
+        """How far the mean rate up to `far` is from that now: noise, and |A| F s/2."""
+        total = local.noise[i, 0]
+        for k, (low, high) in enumerate(local.rates):
+            total += magnitude(local.a[i, k]) * abs(low).max(abs(high)) * far * HALF
+        return total
 
     def _others(self, start: Start, *, fresh: bool) -> list[arb]:
-        """The integral of what other commands than the latest differ from it, back to the sample."""
+        """The integral of what other commands than the latest differ from it, back to the sample.
+
+        In the first hold the most that any command differs from the middle of its set.
+        """
         n, q = self.n, self.q
         found = []
         for k in range(q):
             if fresh:  # anything all the time
                 low, high = self.flow.ranges[k]
-                found.append((high - low) * HALF * self.d)
+                found.append((high - low) * HALF)
                 continue
             gaps = [ZERO]
             for at in range(1, self.depth):
@@ -544,10 +564,6 @@ def _size(values: arb_mat, i: int, first: int) -> arb:
     for g in range(first, values.ncols()):
         total += abs(values[i, g])
     return total
-
-
-def _sizes(values: arb_mat) -> list[arb]:
-    return [_size(values, i, 0) for i in range(values.nrows())]
 
 
 def _propagated(state: arb_mat, rest: Sequence[arb], noise: Sequence[arb]) -> list[arb]:
