@@ -34,6 +34,7 @@ from soter.recheck.balls import (
     above,
     below,
     exact,
+    key_of,
     larger,
     line_noisy_max0,
     range_max0,
@@ -171,7 +172,7 @@ class Writer:
         self.keep: list[object] = []
         self.written: dict[str, list[str]] = {}
         """Code -> the names of its values."""
-        self.numbers: dict[object, str] = {_exactly(ZERO): "ZERO", _exactly(HALF): "HALF"}
+        self.numbers: dict[object, str] = {key_of(ZERO): "ZERO", key_of(HALF): "HALF"}
         """Constant -> its name."""
 
     # ------------------------------------------------------------ functions
@@ -261,7 +262,7 @@ class Writer:
 
     def _constant(self, x: Any) -> str:  # noqa: ANN401  a ball, a truth, a pair of balls
         """The name of a number; equal ones have one name."""
-        key: object = _exactly(x) if isinstance(x, arb) else (type(x), id(x))
+        key: object = key_of(x) if isinstance(x, arb) else (type(x), id(x))
         if key not in self.numbers:
             self.count += 1
             name = f"K{self.count}"
@@ -650,6 +651,26 @@ class Writer:
         self.tails[index] = ("ZERO", size)
         self.bounds[index] = (f"(-{size})", size)
 
+    def _any(self, index: int, atom: Atom) -> None:
+        """The first alternative, and what the others are off it."""
+        count = (len(atom.arguments) + 1) // 2
+        row, constant, spread = self._row(atom.arguments[0])
+        gaps = [self._range(x) for x in atom.arguments[count:]]
+        low = self._new("ZERO" + "".join(f".min({low})" for low, _ in gaps))
+        high = self._new("ZERO" + "".join(f".max({high})" for _, high in gaps))
+        self.rows[index] = {j: self._new(self._code(c)) for j, c in row.items()}
+        middle = self._new(f"({low} + {high})*HALF")
+        half = self._new(f"({high} - {low})*HALF")
+        self.tails[index] = (
+            self._new(f"{constant} + {middle}") if constant else middle,
+            self._new(f"{spread} + {half}") if spread else half,
+        )
+        first, *others = (self._range(x) for x in atom.arguments[:count])
+        self.bounds[index] = (
+            self._new(first[0] + "".join(f".min({low})" for low, _ in others)),
+            self._new(first[1] + "".join(f".max({high})" for _, high in others)),
+        )
+
     def _table(self, index: int, atom: Atom) -> None:
         values = f"T{index}"
         self.names[values] = np.array(atom.values).reshape(atom.shape)
@@ -697,6 +718,7 @@ _ATOMS: dict[str, Callable[[Writer, int, Atom], None]] = {
     "product": Writer._product,  # noqa: SLF001  a table of its own methods
     "choice": Writer._choice,  # noqa: SLF001
     "spread": Writer._spread,  # noqa: SLF001
+    "any": Writer._any,  # noqa: SLF001
     "table": Writer._table,  # noqa: SLF001
 }
 
@@ -706,13 +728,6 @@ _ATOMS: dict[str, Callable[[Writer, int, Atom], None]] = {
 
 def _tuple(parts: Sequence[str]) -> str:
     return f"({', '.join(parts)},)" if parts else "()"
-
-
-def _exactly(x: arb) -> object:
-    """Equal for equal balls only."""
-    if not x.is_finite():
-        return (arb, id(x))
-    return (arb, *map(str, (*x.mid().man_exp(), *x.rad().man_exp())))
 
 
 def _used(lines: Sequence[str]) -> list[str]:

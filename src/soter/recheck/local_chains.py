@@ -539,7 +539,9 @@ class LocalChain:
             for i, (low, high) in enumerate(box):
                 radius = _size(values, i, 1) + rest[i]
                 after.append(
-                    outwards(larger(values[i, 0] - radius, low), smaller(values[i, 0] + radius, high))
+                    outwards(
+                        larger(values[i, 0] - radius, low), smaller(values[i, 0] + radius, high)
+                    )
                 )
             after = self.flow.clipped(after)
             boxes += _between(way.box, after, local.rates, span)

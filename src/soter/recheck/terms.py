@@ -65,7 +65,8 @@ class Atom:
     kind: "state", "box" (an input with fixed range), a function of `UNIVARIATE`, "product",
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
     "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
-    numbers that are the arguments). `values`: the table, in C order over `shape`.
+    numbers that are the arguments), "any" (one of several alternatives, behind which stand the gaps
+    between the first and each of the others). `values`: the table, in C order over `shape`.
     """
 
     kind: str
@@ -167,6 +168,10 @@ class Terms:
     def input(self, kind: str, name: str, low: arb, high: arb) -> Linear:
         """A new input."""
         return self._atom(Atom(kind, low=low, high=high, name=name))
+
+    def made(self, atom: Atom) -> Linear:
+        """A new atom of any other kind."""
+        return self._atom(atom)
 
     def _atom(self, atom: Atom, *, nonnegative: bool = False) -> Linear:
         if len(self.atoms) >= self.limit:
