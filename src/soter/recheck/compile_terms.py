@@ -611,6 +611,30 @@ class Writer:
         ends = self._new(f"corners({al}, {ah}, {bl}, {bh})")
         self.bounds[index] = (f"{ends}[0]", f"{ends}[1]")
 
+    def _extreme(self, index: int, atom: Atom) -> None:
+        """min(a, b) = b - rest or max(a, b) = b + rest, no further than a and b are."""
+        b, rest, a = atom.arguments
+        sign = "-" if atom.kind == "min" else "+"
+        columns: dict[int, str] = {}
+        (row, c, r), (row_rest, c_rest, r_rest) = self._row(b), self._row(rest)
+        for j in row.keys() | row_rest.keys():
+            parts = [self._code(row[j])] if j in row else ["ZERO"]
+            parts += [f"{sign} {self._code(row_rest[j])}"] if j in row_rest else []
+            columns[j] = self._new(" ".join(parts))
+        self.rows[index] = columns
+        self.tails[index] = (
+            self._new(f"{c or 'ZERO'} {sign} {c_rest or 'ZERO'}"),
+            self._sum([r, r_rest]) or "ZERO",
+        )
+        (al, ah), (bl, bh), (least, most) = (self._range(x) for x in (a, b, rest))
+        if sign == "-":
+            least, most = most, least
+        low, high = self._new(f"{bl} {sign} {least}"), self._new(f"{bh} {sign} {most}")
+        self.bounds[index] = (
+            self._new(f"larger({al}.{atom.kind}({bl}), {low})"),
+            self._new(f"smaller({ah}.{atom.kind}({bh}), {high})"),
+        )
+
     def _choice(self, index: int, atom: Atom) -> None:
         a, b, difference = atom.arguments
         assert atom.condition is not None
@@ -718,6 +742,8 @@ _ATOMS: dict[str, Callable[[Writer, int, Atom], None]] = {
     "product": Writer._product,  # noqa: SLF001  a table of its own methods
     "choice": Writer._choice,  # noqa: SLF001
     "spread": Writer._spread,  # noqa: SLF001
+    "min": Writer._extreme,  # noqa: SLF001
+    "max": Writer._extreme,  # noqa: SLF001
     "any": Writer._any,  # noqa: SLF001
     "table": Writer._table,  # noqa: SLF001
 }

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     Side = list[tuple[float, float]]
     Test = Callable[[Side, int, int], bool]
 
-SPLITS = 4
+SPLITS = 8
 """How often a side of the grid is halved along each axis where the flow is not linear."""
 
 
@@ -83,14 +83,17 @@ def _local(model: Model, members: Sequence[int]) -> Test:
     flow = LocalFlow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
-        def holds(box: list[tuple[arb, arb]]) -> bool:
-            lines = flow.lines(box, flow.ranges)
+        fixed = tuple(exact(x) for x in side[i])
+
+        def holds(others: list[tuple[arb, arb]]) -> bool:
+            lines = flow.lines([*others[:i], fixed, *others[i:]], flow.ranges)
             if lines is None:
                 return False
             low, high = flow.rates(lines)[i]
             return bool(low >= 0 if sign > 0 else high <= 0)
 
-        return finer([(exact(a), exact(b)) for a, b in side], holds, SPLITS * len(side))
+        others = [(exact(a), exact(b)) for k, (a, b) in enumerate(side) if k != i]
+        return finer(others, holds, SPLITS * len(others)) if others else holds([])
 
     return inwards
 

@@ -462,7 +462,8 @@ class LocalChain:
                 outwards(larger(values[i, 0] - radius, low), smaller(values[i, 0] + radius, high))
             )
         after = self.flow.clipped(after)
-        return Way(rows, rest, after), _between(way.box, after, local.rates, span)
+        tube = self.flow.clipped(_between(way.box, after, local.rates, span))
+        return Way(rows, rest, after), _flat(tube)
 
     def _handed_over(
         self,
@@ -544,7 +545,7 @@ class LocalChain:
                     )
                 )
             after = self.flow.clipped(after)
-            boxes += _between(way.box, after, local.rates, span)
+            boxes += _flat(self.flow.clipped(_between(way.box, after, local.rates, span)))
             way = Way(rows, rest, after)
         return (), tuple(boxes)
 
@@ -589,15 +590,19 @@ def _hull(intervals: Sequence[Interval]) -> Interval:
 
 def _between(
     before: Sequence[Interval], after: Sequence[Interval], rates: Sequence[Interval], span: arb
-) -> list[float]:
+) -> list[Interval]:
     """The box of the states between two instants: x(t) <= x(0) + t max x', <= x(h) - (h - t) min x'."""
-    found: list[float] = []
+    found: list[Interval] = []
     for (low, high), (a, b), (least, most) in zip(before, after, rates, strict=True):
         if least >= 0:
-            found += (below(low), above(b))
+            found.append((low, b))
         elif most <= 0:
-            found += (below(a), above(high))
+            found.append((a, high))
         else:
             up, down = span * most.max(ZERO), span * (-least).max(ZERO)
-            found += (below((low - down).max(a - up)), above((high + up).min(b + down)))
+            found.append(((low - down).max(a - up), (high + up).min(b + down)))
     return found
+
+
+def _flat(box: Sequence[Interval]) -> list[float]:
+    return [end for low, high in box for end in (below(low), above(high))]

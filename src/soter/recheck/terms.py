@@ -65,7 +65,8 @@ class Atom:
     kind: "state", "box" (an input with fixed range), a function of `UNIVARIATE`, "product",
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
     "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
-    numbers that are the arguments), "any" (one of several alternatives, behind which stand the gaps
+    numbers that are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ
+    by arguments[1] where that is chosen), "any" (one of several alternatives, behind which stand the gaps
     between the first and each of the others). `values`: the table, in C order over `shape`.
     """
 
@@ -265,15 +266,22 @@ class Terms:
         """min(a, b) = b - max(b - a, 0): exact, as the machine's is, and never above a number b."""
         if a.is_constant:
             a, b = b, a
-        return self.combine(((ONE, b), (-ONE, self.function("max0", self.subtract(b, a)))))
+        rest = self.function("max0", self.subtract(b, a))
+        found = self.combine(((ONE, b), (-ONE, rest)))
+        low = larger(a.low.min(b.low), found.low)
+        high = smaller(a.high.min(b.high), found.high)
+        return self._atom(Atom("min", (b, rest, a), low=low, high=high))
 
     def maximum(self, a: Linear, b: Linear) -> Linear:
         """max(a, b) = b + max(a - b, 0)."""
         if a.is_constant:
             a, b = b, a
-        found = self.combine(((ONE, b), (ONE, self.function("max0", self.subtract(a, b)))))
-        found.nonnegative = a.nonnegative or b.nonnegative
-        return found
+        rest = self.function("max0", self.subtract(a, b))
+        found = self.combine(((ONE, b), (ONE, rest)))
+        low = larger(a.low.max(b.low), found.low)
+        high = smaller(a.high.max(b.high), found.high)
+        atom = Atom("max", (b, rest, a), low=low, high=high)
+        return self._atom(atom, nonnegative=a.nonnegative or b.nonnegative)
 
     def choose(self, c: Truth, a: Linear, b: Linear) -> Linear:
         """C ? a : b."""
