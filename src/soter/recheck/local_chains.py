@@ -38,7 +38,7 @@ from soter.recheck.balls import (
     smaller,
 )
 from soter.recheck.lines import TAIL, compile_lines
-from soter.recheck.local_flow import LocalFlow, integral_of, magnitude_of_row, outwards, solved
+from soter.recheck.local_flow import LocalFlow, integral_of, outwards, size_of, solved
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -130,11 +130,7 @@ class LocalChain:
         lines = self.flow.lines(self.flow.grid, self.flow.ranges)
         if lines is None:
             return 2
-        local = self.flow.local(lines)
-        size = ZERO
-        for i in range(self.n):
-            size = size.max(magnitude_of_row(local.a, i))
-        wanted = float(size * self.delta / STIFF)
+        wanted = float(size_of(self.flow.local(lines).a) * self.delta / STIFF)
         return max(1, math.ceil(min(wanted, STEPS_MAX)))
 
     # ------------------------------------------------------------ steps of a chain
@@ -563,8 +559,8 @@ def _rows(start: Start, first: int, count: int) -> arb_mat:
 
 def _size(values: arb_mat, i: int, first: int) -> arb:
     """The sum of the absolute values of a row from a column on."""
-    total = ZERO
-    for g in range(first, values.ncols()):
+    total = abs(values[i, first])
+    for g in range(first + 1, values.ncols()):
         total += abs(values[i, g])
     return total
 

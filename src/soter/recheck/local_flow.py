@@ -43,7 +43,7 @@ LOOSE = arb("1.1")
 """How much further than it must a box is enlarged."""
 HAIR = arb(2) ** -40
 TERMS_MAX = 24
-REST = arb(2) ** -60
+REST = arb(2) ** -40
 """Where a series may end, relative to its first term."""
 
 
@@ -101,11 +101,14 @@ class LocalFlow:
         ]
         self.hairs = [(high - low) * HAIR for low, high in self.grid]
         self.kept = list(kept) or [(False, False)] * self.n
+        self._clips = any(end for ends in self.kept for end in ends)
 
     # ------------------------------------------------------------ boxes
 
     def clipped(self, box: Sequence[Interval]) -> list[Interval]:
         """A box without what lies beyond ends that the flow keeps."""
+        if not self._clips:
+            return list(box)
         found = []
         for (low, high), (first, last), ends in zip(box, self.kept, self.grid, strict=True):
             found.append((low.max(ends[0]) if first else low, high.min(ends[1]) if last else high))
@@ -198,8 +201,8 @@ def solved(local: Local, time: arb) -> Solved:
     integral = integral_of(local.a, time)
     major = arb_mat(
         [
-            [local.a[i, j] if i == j else magnitude(local.a[i, j]) for j in range(n)]
-            for i in range(n)
+            [x if i == j else magnitude(x) for j, x in enumerate(row)]
+            for i, row in enumerate(local.a.tolist())
         ]
     )
     return Solved(
@@ -219,7 +222,7 @@ def integral_of(a: arb_mat, time: arb) -> arb_mat:
     """
     n = a.nrows()
     scaled = a * time
-    rows = [magnitude_of_row(scaled, i) for i in range(n)]
+    rows = _row_sizes(scaled)
     theta = ZERO
     for row in rows:
         theta = theta.max(row)
@@ -242,12 +245,23 @@ def integral_of(a: arb_mat, time: arb) -> arb_mat:
     return found
 
 
-def magnitude_of_row(a: arb_mat, i: int) -> arb:
-    """The sum of the largest absolute values of a row, without radius."""
-    total = ZERO
-    for j in range(a.ncols()):
-        total += magnitude(a[i, j])
-    return arb(total.upper())
+def _row_sizes(a: arb_mat) -> list[arb]:
+    """The sums of the largest absolute values of each row, without radius."""
+    found = []
+    for row in a.tolist():
+        total = ZERO
+        for x in row:
+            total += abs(x)
+        found.append(arb(total.upper()))
+    return found
+
+
+def size_of(a: arb_mat) -> arb:
+    """The largest of them."""
+    found = ZERO
+    for x in _row_sizes(a):
+        found = found.max(x)
+    return found
 
 
 _IDENTITIES: dict[int, arb_mat] = {}

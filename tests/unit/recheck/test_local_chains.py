@@ -16,7 +16,7 @@ from soter.recheck.flows import is_linear
 from soter.recheck.inclusion import ChainCheck, FreeCheck, GroupTables
 from soter.recheck.inward import kept_ends
 from soter.recheck.local_chains import LocalChain
-from soter.recheck.local_flow import Local, integral_of, solved
+from soter.recheck.local_flow import Local, LocalFlow, integral_of, solved
 from soter.recheck.model import Model
 from soter.recheck.tables import Grid
 from unit.recheck import small_proofs
@@ -389,3 +389,95 @@ def test_what_stands_is_where_it_was(tmp_path: Path) -> None:
         assert list(boxes) == ends * (len(boxes) // 4)
     assert list(chain.last(form)[1]) == ends
     assert arb(form[0]) == ends[0]
+
+
+def crafted(local: LocalChain, state: Floats, old: Floats) -> tuple[arb, ...]:
+    """A small cell, its symbols, and commands before that are independent of it."""
+    middle = [*state, *old]
+    half = [0.01, 0.01] + [0.05] * local.depth
+    form = [exact(float(m + s * h)) for m, h in zip(middle, half, strict=True) for s in (-1, 1)]
+    form += [exact(float(m)) for m in middle]
+    form += [exact(0.01 if i == k else 0.0) for i in range(len(middle)) for k in range(2)]
+    form += [ZERO, ZERO] + [exact(0.05)] * local.depth + [ZERO] * (2 * local.depth)
+    return tuple(form)
+
+
+@pytest.mark.parametrize("pieces", [1, 3])
+@pytest.mark.parametrize("times", [(15, 20, 3), (50, 20, 2), (75, 20, 4)])
+@pytest.mark.parametrize("name", ["drag", "product"])
+def test_a_hold_after_commands_that_differ_much(
+    tmp_path: Path, name: str, times: tuple[int, int, int], pieces: int
+) -> None:
+    """Each acted for as long as it may have: samples, the state after, and what a form remembers."""
+    thing = THINGS[name]
+    model = model_of(tmp_path, thing, *times)
+    delta, d, j = (t // 10**6 for t in (model.facts.times["delta_ns"], *delays(model)))
+    local = LocalChain(model, (0, 1), (), (delta * 10**6, d * 10**6, j * 10**6))
+    draw = np.random.default_rng(5)
+    reached = {"sample": 0.0, "state": 0.0, "command": 0.0}
+    for seed in range(8):
+        state, old = draw.uniform(-0.4, 0.4, 2), draw.choice([-0.9, 0.9], local.depth)
+        form = crafted(local, state, old)
+        start = local._opened(form, None)
+        sample = local._sampled(start, fresh=False)
+        assert sample is not None
+        centre = sample.rows * start.z
+        found = local.later(pieces, form)
+        assert found is not None
+        after = [float(x) for x in found[0]]
+        runs = Runs(thing, model, [0.0] * 4, seed)
+        eps = np.array([runs.extreme(1.0) for _ in range(2)])
+        runs.x, runs.v = (state[i] + 0.01 * eps[i] for i in range(2))
+        commands = [u + runs.extreme(0.05) for u in old]
+        w, switch = runs.extreme(thing.wind), runs.draw.choice([0, 2 * j], runs.count)
+        past, late = [(runs.x, runs.v)], runs.draw.choice([0, 2 * j])
+        for tick in range(d):  # the k-th command before acted from -k delta (+ 2j) on
+            k = min((tick + late) // delta, local.depth - 1)
+            past.append(runs.step(*past[-1], commands[k], w, -1e-3))
+        past, command = past[::-1], commands[0]
+        ages = runs.draw.choice([0, d, d // 2], runs.count)
+        for tick in range(delta):
+            due = switch == tick
+            at = [
+                np.array([s[i] for s in past])[d + tick - ages, range(runs.count)] for i in (0, 1)
+            ]
+            for i in range(2):  # reads that never act are reads within the window, too
+                if tick > 2 * j:
+                    continue
+                low, high = (float(end) for end in sample.box[i])
+                assert ((at[i] >= low - 1e-9) & (at[i] <= high + 1e-9))[switch >= tick].all()
+                most = float(sample.rest[i])
+                most += sum(abs(float(centre[i, g])) for g in range(1, centre.ncols()))
+                off = (np.abs(at[i] - float(centre[i, 0])) / most)[switch >= tick]
+                assert (off <= 1 + 1e-9).all()
+                reached["sample"] = max(reached["sample"], float(off.max(initial=0.0)))
+            command = np.where(due, runs.law(*at), command)
+            past.append(runs.step(*past[-1], command, w, 1e-3))
+        n, count = 2, 2 + local.depth
+        m, g = np.array(after[2 * count : 3 * count]), np.array(after[3 * count : 5 * count])
+        rest, common = np.array(after[5 * count : 6 * count]), np.array(after[6 * count :])
+        values = m[:, None] + g.reshape(count, n) @ eps
+        off = np.array(past[-1]) - values[:n]
+        share = np.abs(off) / rest[:n, None]
+        assert (share <= 1 + 1e-9).all()
+        reached["state"] = max(reached["state"], float(share.max()))
+        remembered = [command, *commands][: local.depth]
+        for k, u in enumerate(remembered):
+            left = u - values[n + k] - common.reshape(-1, n)[k] @ off
+            share = np.abs(left) / max(rest[n + k], 1e-9)
+            assert (share <= 1 + 1e-3).all()
+            reached["command"] = max(reached["command"], float(share.max()))
+    assert min(reached.values()) > 0.5, reached
+
+
+def test_a_box_that_does_not_hold_its_image_is_none(tmp_path: Path) -> None:
+    """x' = x^2 from 1.1: x(t) = 1.1/(1 - 1.1 t), for which one enlargement is not enough."""
+    model = model_of(tmp_path, Thing("x * abs(x) + 0.0 * push", "w", lambda *_: (0, 0)), 5, 20, 0)
+    flow = LocalFlow(model, (0, 1))
+    still = (exact(0.0), exact(0.0))
+    known = 0
+    for time in np.linspace(0.05, 0.8, 40):
+        found = flow.around([(exact(1.0), exact(1.1)), still], [], ZERO, exact(float(time)))
+        known += found is not None
+        assert found is None or float(found[0][0][1]) >= 1.1 / (1 - 1.1 * time)
+    assert known > 10
