@@ -346,22 +346,23 @@ def _as_stepped(
 ) -> Row:
     """The row with the extra rate of the scheme: r_i = sum E_v v + sum E_x x, x in the grid.
 
-    v is held with the command, so that E_v v goes with B, c and W; the x of E_x x is that of the
-    beginning of the step, and counts as anything in the grid.
+    What v_i itself adds goes with B, c and W, v being held with the command: a state that no command
+    and nothing else moves stands still for the scheme, too. The rest counts as a disturbance.
     """
     of_x, of_v = scheme
     first = rows[i]
     assert first is not None
-    b, noise, constant = list(first.b), list(first.noise), first.constant
+    own = ONE + of_v[i][i]
     error = ZERO
     for j, row in enumerate(rows):
         assert row is not None
-        factor = of_v[i][j]
         low, high = (exact(end) for end in model.extents[j])
         error += magnitude(of_x[i][j]) * magnitude(low).max(magnitude(high))
-        if factor.is_zero():
-            continue
-        b = [x + factor * y for x, y in zip(b, row.b, strict=True)]
-        noise = [x + factor * y for x, y in zip(noise, row.noise, strict=True)]
-        constant += factor * row.constant
-    return Row(first.a, b, constant, noise, arb(error.upper()))
+        if j != i and not of_v[i][j].is_zero():
+            rate = abs(row.constant) + sum((abs(x) for x in row.noise), ZERO)
+            for x, c in zip(row.b, model.facts.controls, strict=True):
+                rate += abs(x) * magnitude(exact(c.low)).max(magnitude(exact(c.high)))
+            error += magnitude(of_v[i][j]) * rate
+    b = [own * x for x in first.b]
+    noise = [own * x for x in first.noise]
+    return Row(first.a, b, own * first.constant, noise, arb(error.upper()))

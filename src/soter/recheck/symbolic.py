@@ -396,7 +396,8 @@ class Reader:
         if not isinstance(a, Linear) and not isinstance(b, Linear):
             return arith.minimum(a, b) if name == "min" else arith.maximum(a, b)
         x, y = self._linear(a), self._linear(b)
-        found = self.terms.minimum(x, y) if name == "min" else self.terms.maximum(x, y)
+        choose = self.terms.minimum if name == "min" else self.terms.maximum
+        found = choose(x, y, tight=not self.is_rounded)  # plants: their limits keep ends of grids
         return self._whole(found) if isinstance(a, (int, _Whole)) else found
 
     def _root(self, x: Value) -> Value:

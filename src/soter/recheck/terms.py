@@ -262,26 +262,34 @@ class Terms:
         self.oblige(either(self.below(b), self.below(self.combine(((-ONE, b),)))))
         return self.multiply(a, self.function("inverse", b))
 
-    def minimum(self, a: Linear, b: Linear) -> Linear:
-        """min(a, b) = b - max(b - a, 0): exact, as the machine's is, and never above a number b."""
+    def minimum(self, a: Linear, b: Linear, *, tight: bool = False) -> Linear:
+        """min(a, b) = b - max(b - a, 0): exact, as the machine's is, and never above a number b.
+
+        `tight`: also never above a. What is read costs more then.
+        """
         if a.is_constant:
             a, b = b, a
         rest = self.function("max0", self.subtract(b, a))
         found = self.combine(((ONE, b), (-ONE, rest)))
+        if not tight:
+            return found
         low = larger(a.low.min(b.low), found.low)
         high = smaller(a.high.min(b.high), found.high)
         return self._atom(Atom("min", (b, rest, a), low=low, high=high))
 
-    def maximum(self, a: Linear, b: Linear) -> Linear:
-        """max(a, b) = b + max(a - b, 0)."""
+    def maximum(self, a: Linear, b: Linear, *, tight: bool = False) -> Linear:
+        """max(a, b) = b + max(a - b, 0); `tight`: never below a, either."""
         if a.is_constant:
             a, b = b, a
         rest = self.function("max0", self.subtract(a, b))
         found = self.combine(((ONE, b), (ONE, rest)))
+        found.nonnegative = a.nonnegative or b.nonnegative
+        if not tight:
+            return found
         low = larger(a.low.max(b.low), found.low)
         high = smaller(a.high.max(b.high), found.high)
         atom = Atom("max", (b, rest, a), low=low, high=high)
-        return self._atom(atom, nonnegative=a.nonnegative or b.nonnegative)
+        return self._atom(atom, nonnegative=found.nonnegative)
 
     def choose(self, c: Truth, a: Linear, b: Linear) -> Linear:
         """C ? a : b."""
