@@ -475,17 +475,21 @@ class LocalChain:
         """The old command acts until some t <= early: it adds E(t) (old - new).
 
         E(t) is the integral of e^{A(h - s)} B over [0, t] = e^{Ah} (integral of e^{-As} over [0, t]) B.
-        That integral is t to within t (e^{|A| t} - 1), |A| the largest sum of a row, and exactly t
-        in the rows of states whose rate does not depend on any of them.
+        That integral is t - A t^2/2 to within |A|^2 t^3/6 e^{|A| t}, |A| the largest sum of a row, and
+        exactly t in the rows of states whose rate depends on none of them.
         """
         n = self.n
         inner = arb_mat(n, n)
         some = early * arb(0.5, 0.5)
-        off = early * ((size_of(local.a) * early).exp() - 1) * UNIT
+        square = some * early * HALF
+        theta = size_of(local.a) * early
+        rest = early * theta * theta / 6 * theta.exp() * UNIT
         for i, row in enumerate(local.a.tolist()):
             still = all(x.is_zero() for x in row)
-            for j in range(n):
-                inner[i, j] = (some if i == j else ZERO) + (ZERO if still else off)
+            for j, x in enumerate(row):
+                inner[i, j] = some if i == j else ZERO
+                if not still:
+                    inner[i, j] += rest - x * square
         reach = law.state * inner * local.b
         gap = old.rows - new.rows
         values = gap * start.z

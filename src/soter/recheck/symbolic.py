@@ -397,7 +397,7 @@ class Reader:
             return arith.minimum(a, b) if name == "min" else arith.maximum(a, b)
         x, y = self._linear(a), self._linear(b)
         choose = self.terms.minimum if name == "min" else self.terms.maximum
-        found = choose(x, y, tight=not self.is_rounded)  # plants: their limits keep ends of grids
+        found = choose(x, y, tight=not self.is_rounded)  # plants: limits keep ends of grids
         return self._whole(found) if isinstance(a, (int, _Whole)) else found
 
     def _root(self, x: Value) -> Value:
