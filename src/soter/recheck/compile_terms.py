@@ -318,7 +318,6 @@ class Writer:
             first, *others = (self._ball(u) for u in alternatives)
             acting.append(self._new(first + "".join(f".union({v})" for v in others)))
         found = []
-        span = self._constant(x.span)
         for i, (row, constant) in enumerate(zip(x.rate, x.rate_constant, strict=True)):
             low, high = self._range(x.starts[i])
             own = row[i]
@@ -328,7 +327,8 @@ class Writer:
                 found.append(f"below({low}), above({high})")
                 continue
             after = ", ".join(self._range(x.ends[i]))
-            law = f"{between[i]}, {rest or 'ZERO'}, {self._constant(own)}, {span}"
+            grown = self._constant(_grown(own, x.span))
+            law = f"{between[i]}, {rest or 'ZERO'}, {self._constant(own)}, {grown}"
             found.append(f"*swept({low}, {high}, {after}, {law})")
         return ", ".join(found)
 
@@ -785,13 +785,14 @@ def _swept(
     between: arb,
     rest: arb,
     own: arb,
-    span: arb,
+    grown: arb,
 ) -> tuple[float, float]:
     """The ends of a state x between two instants with these ranges, x' = own x + rest.
 
     Where x' has one sign over the box `between`, x runs from one range to the other. Elsewhere a
     comparison: x stays below the solution of y' = own y + max rest from `high`, which is monotone:
-    it only rises where own high + max rest > 0, and then at most by that times e^(own span) span.
+    it only rises where own high + max rest > 0, and then by that times `grown`, the integral of
+    e^{own s} over the time.
     """
     rate = own * between + rest
     if rate >= 0:
@@ -799,12 +800,17 @@ def _swept(
     if rate <= 0:
         return below(low_after), above(high)
     down, up = arb((own * low + rest).lower()), arb((own * high + rest).upper())
-    if down < 0 or up > 0:
-        span = span if own <= 0 else span * (own * span).exp()
     return (
-        below(low if down >= 0 else low + down * span),
-        above(high if up <= 0 else high + up * span),
+        below(low if down >= 0 else low + down * grown),
+        above(high if up <= 0 else high + up * grown),
     )
+
+
+def _grown(own: arb, span: arb) -> arb:
+    """The integral of e^{own s} over [0, span], from above."""
+    if own > 0 or own < 0:
+        return arb((((own * span).exp() - 1) / own).upper())
+    return span if own <= 0 else span * (own * span).exp()
 
 
 def _pick(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:
