@@ -21,7 +21,8 @@ from soter.recheck.balls import HALF, ONE, UNIT, ZERO, exact, magnitude
 from soter.recheck.compile_terms import Sweep, compile_step
 from soter.recheck.flows import LinearFlow, exponential, integrals, is_linear, linear_flow
 from soter.recheck.inward import clipping, kept_ends
-from soter.recheck.local_chains import LocalChain
+from soter.recheck.local_chains import DEPTH_MAX, NANOSECOND, LocalChain
+from soter.recheck.maps import atom_of, boxes_of, map_free, map_step
 from soter.recheck.model import control_inputs
 from soter.recheck.terms import Linear, NotRecheckedError, Terms, half_sum
 
@@ -33,10 +34,6 @@ if TYPE_CHECKING:
     from soter.recheck.compile_terms import Step
     from soter.recheck.flows import Motion
     from soter.recheck.model import Model
-
-NANOSECOND = Fraction(1, 10**9)
-DEPTH_MAX = 16
-"""Commands that a form carries along at most."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,7 +73,7 @@ def delays(model: Model) -> tuple[int, int]:
 def sc_chain(model: Model, members: Sequence[int], pieces: int) -> Chain:
     """The chain of a group, tubes cut into `pieces` a period."""
     if model.facts.kind == "map":
-        step = _map_step(model, members)
+        step = map_step(model, members)
         return Chain(len(members), step, step, None, (step, step))
     if not is_linear(model, members):
         return _local_chain(model, members, pieces)
@@ -101,12 +98,12 @@ def _local_chain(model: Model, members: Sequence[int], pieces: int) -> Chain:
 def free_phase(model: Model, members: Sequence[int], time_ns: int, pieces: int) -> FreePhase:
     """Everything over [0, time] under any commands; for a map the instants within."""
     if model.facts.kind == "map":
-        return _free_map(model, members, time_ns)
+        return FreePhase(len(members), map_free(model, members, time_ns))
     kept = kept_ends(model, members)
     if not is_linear(model, members):
         local = LocalChain(model, members, kept, (model.facts.times["delta_ns"], 0, 0))
-        step = partial(local.free, exact(time_ns * NANOSECOND), pieces)
-        return FreePhase(len(members), (step,))
+        time = exact(time_ns * NANOSECOND)
+        return FreePhase(len(members), (partial(local.free, time, pieces),))
     flow = linear_flow(model, members).free()
     terms, states = model.new_terms()
     own = [states[i] for i in members]
@@ -114,64 +111,6 @@ def free_phase(model: Model, members: Sequence[int], time_ns: int, pieces: int) 
     step = _compiled(model, terms, members, own, [], sweeps)
     clip = clipping(model, members, kept)
     return FreePhase(len(members), (step if clip is None else clip(step),))
-
-
-# ---------------------------------------------------------------- maps
-
-
-def _boxes(
-    model: Model, states: Sequence[Linear], members: Sequence[int]
-) -> dict[int, tuple[arb, arb]]:
-    """States of other groups range over their grids."""
-    found = {}
-    for i, x in enumerate(states):
-        if i not in members:
-            (atom,) = x.terms
-            low, high = model.extents[i]
-            found[atom] = (exact(low), exact(high))
-    return found
-
-
-def _atom(x: Linear) -> int:
-    (found,) = x.terms
-    return found
-
-
-def _map_step(model: Model, members: Sequence[int]) -> Step:
-    """One period of SC: so many steps of the map under one command."""
-    terms, states = model.new_terms()
-    commands = model.commands(terms, states)
-    count = model.facts.times["delta_ns"] // model.facts.plants[0].period_ns
-    current, between = states, []
-    for _ in range(count):
-        current = model.next_states(terms, current, commands)
-        between += [current[i] for i in members]
-    return compile_step(
-        terms,
-        [_atom(states[i]) for i in members],
-        len(members),
-        [current[i] for i in members],
-        ranges=between,
-        must=terms.obligations,
-        boxes=_boxes(model, states, members),
-    )
-
-
-def _free_map(model: Model, members: Sequence[int], time_ns: int) -> FreePhase:
-    period = model.facts.plants[0].period_ns
-    terms, states = model.new_terms()
-    commands = control_inputs(model.facts, terms)
-    after = model.next_states(terms, states, commands)
-    step = compile_step(
-        terms,
-        [_atom(states[i]) for i in members],
-        len(members),
-        [after[i] for i in members],
-        ranges=[after[i] for i in members],
-        must=terms.obligations,
-        boxes=_boxes(model, states, members),
-    )
-    return FreePhase(len(members), (step,) * -(-time_ns // period))
 
 
 # ---------------------------------------------------------------- flows
@@ -255,10 +194,10 @@ def _compiled(
     others: Sequence[Linear] = (),
 ) -> Step:
     """`others`: all states, where those of other groups occur. Beyond the group's: commands."""
-    boxes = _boxes(model, others, members) if others else {}
+    boxes = boxes_of(model, others, members) if others else {}
     return compile_step(
         terms,
-        [_atom(x) for x in states],
+        [atom_of(x) for x in states],
         len(members),
         outputs,
         ranges=ranges,
@@ -348,10 +287,10 @@ class _FlowChain:
     ) -> list[Linear]:
         """The states at the sample: from d before to 2j after k delta - j.
 
-        Relative to that instant the i-th command before (1: the latest) acts at least over [-i delta
-        + 2j, -(i - 1) delta], so that in [-(i + 1) delta, -i delta] it is the (i + 1)th, or the ith for
-        2j before -i delta + 2j. What these differ from the latest counts for as long as they may
-        have acted within the window.
+        Relative to that instant the i-th command before (1: the latest) acts at least over
+        [-i delta + 2j, -(i - 1) delta]: in [-(i + 1) delta + 2j, -i delta + 2j] it is the
+        (i + 1)th, or, in the latest 2j of that, the ith. What these differ from the latest counts
+        for as long as they may have acted within the window.
         """
         if not self.depth:
             return list(own)
@@ -394,7 +333,7 @@ class _FlowChain:
     ) -> list[Linear]:
         """The states at any time from d before to `ahead` after, under one command.
 
-        x(s) = x + (integral of e^{At} over [0, s]) (A x + B u + c) +- noise: what depends on s is the rate.
+        x(s) = x + (integral of e^{At} over [0, s]) (A x + B u + c) +- noise.
         """
         rates = []
         for a, b, c in zip(flow.a, flow.b, flow.constant, strict=True):

@@ -220,8 +220,8 @@ def is_linear(model: Model, members: Sequence[int]) -> bool:
 def linear_flow(model: Model, members: Sequence[int]) -> LinearFlow:
     """The flow of a group; what other groups do to it counts as a disturbance.
 
-    Where every state of the plants has a linear flow, one step of the simulator's scheme is a solution,
-    too (`_scheme`); otherwise that it is one is a printed assumption.
+    Where every state of the plants has a linear flow, one step of the simulator's scheme is a
+    solution, too (`_scheme`); otherwise that it is one is a printed assumption.
     """
     rows = _whole(model)
     own = [rows[i] for i in members]
@@ -301,9 +301,10 @@ def _whole(model: Model) -> list[Row | None]:
 def _scheme(model: Model, a: Matrix) -> tuple[Matrix, Matrix]:
     """E_x and E_v: the extra rate E_x x + E_v v turns the exact solution into the scheme's step.
 
-    One step of the scheme is P x + Q v, the solution Phi x + Gamma v, with the state x at its beginning
-    and v = B u + c + W w held. The rate r, constant over the step, solves Gamma r = (P - Phi) x + (Q -
-    Gamma) v. All are series in A: E_x has entries only along paths of A, E_v these and the diagonal.
+    One step of the scheme is P x + Q v, the solution Phi x + Gamma v, with the state x at its
+    beginning and v = B u + c + W w held. The rate r, constant over the step, solves Gamma r =
+    (P - Phi) x + (Q - Gamma) v. All are series in A: E_x has entries only along paths of A, E_v
+    these and the diagonal.
     """
     n = len(a)
     schemes = {
@@ -346,8 +347,9 @@ def _as_stepped(
 ) -> Row:
     """The row with the extra rate of the scheme: r_i = sum E_v v + sum E_x x, x in the grid.
 
-    What v_i itself adds goes with B, c and W, v being held with the command: a state that no command
-    and nothing else moves stands still for the scheme, too. The rest counts as a disturbance.
+    What v_i itself adds goes with B, c and W, v being held with the command: a state that no
+    command and nothing else moves stands still for the scheme, too. The rest counts as a
+    disturbance.
     """
     of_x, of_v = scheme
     first = rows[i]

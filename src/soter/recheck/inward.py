@@ -4,15 +4,16 @@ Purpose: which ends of the axes of a group no run crosses (`kept_ends`), what th
 (`clipping`), and groups that no command moves and no run leaves (`points_inwards`).
 Non-goals: ends that only SC keeps: chains show those (`chains.py`).
 
-Let x_i' >= 0 wherever x_i is at the lower end of its axis, all other states in their grids, for every
-command, disturbance and influence of other groups (at the upper end: x_i' <= 0). Replace x in f by its
-projection p(x) onto the grid in the axes with such ends. A solution of x' = f(p(x), u, w) that begins in the
-grid stays above that end for as long as its other states are in their grids: before it were below at
-some t, it was at the end at some t_0 < t and below from then on, where x_i' = f_i(p(x), u, w) >= 0, so that
-x_i(t) >= x_i(t_0). There p does nothing: it solves x' = f(x, u, w), too, and solutions are unique (a
-linear flow is Lipschitz; for others a printed assumption). So a box that encloses the states of one
-step may be cut off at such an end, if what is left of it lies in a set of cells: whoever uses such a box
-checks that. Where all ends are of this kind the same holds of the whole grid, with no condition.
+Let x_i' >= 0 wherever x_i is at the lower end of its axis, all other states in their grids, for
+every command, disturbance and influence of other groups (at the upper end: x_i' <= 0). Replace x in
+f by its projection p(x) onto the grid in the axes with such ends. A solution of x' = f(p(x), u, w)
+that begins in the grid stays above that end for as long as its other states are in their grids:
+before it were below at some t, it was at the end at some t_0 < t and below from then on, where x_i'
+= f_i(p(x), u, w) >= 0, so that x_i(t) >= x_i(t_0). There p does nothing: it solves x' = f(x, u, w),
+too, and solutions are unique (a linear flow is Lipschitz; for others a printed assumption). So a
+box that encloses the states of one step may be cut off at such an end, if what is left of it lies
+in a set of cells: whoever uses such a box checks that. Where all ends are of this kind the same
+holds of the whole grid, with no condition.
 """
 
 from __future__ import annotations
@@ -63,7 +64,7 @@ def kept_ends(model: Model, members: Sequence[int]) -> Kept:
 
 
 def _linear(model: Model, members: Sequence[int]) -> Test:
-    """A linear form over a box is least at a corner; other groups and the scheme are in the noise."""
+    """A linear form over a box is least at a corner; what else acts on it is noise."""
     flow = linear_flow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
@@ -83,7 +84,7 @@ def _local(model: Model, members: Sequence[int]) -> Test:
     flow = LocalFlow(model, members)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
-        fixed = tuple(exact(x) for x in side[i])
+        fixed = exact(side[i][0]), exact(side[i][1])
 
         def holds(others: list[tuple[arb, arb]]) -> bool:
             lines = flow.lines([*others[:i], fixed, *others[i:]], flow.ranges)

@@ -1,25 +1,26 @@
 """Chains and free phases of flows that are not linear: forms carried over short steps.
 
-Purpose: the functions of `chains.Chain` and `chains.FreePhase` for a group whose flow is enclosed step
-by step (`local_flow.py`); forms are those of `compile_terms.py`.
-Non-goals: linear flows (`chains.py`), sets (`inclusion.py`).
+Purpose: the functions of `chains.Chain` and `chains.FreePhase` for a group whose flow is enclosed
+step by step (`local_flow.py`); forms are those of `compile_terms.py`.
+Non-goals: linear flows
+(`chains.py`), sets (`inclusion.py`).
 
 Everything is kept as rows over z: the states at the beginning of the hold, the commands that acted
-before, one unknown in [-1, 1] times `rho` for each new command, and 1. `Start.z` has the generators of z
-as rows over 1, the symbols of the cell, the betas of the states, those of the old commands, and those
-of the new ones: ranges are sums of absolute values of `rows z`.
+before, one unknown in [-1, 1] times `rho` for each new command, and 1. `Start.z` has the generators
+of z as rows over 1, the symbols of the cell, the betas of the states, those of the old commands,
+and those of the new ones: ranges are sums of absolute values of `rows z`.
 
-The sample that a command answers was taken at s in [-d, 2j] from k delta - j, while commands acted that
-are known: x(s) = x + s r + rest, with r = A x + B u_1 + c the rate now, and, as |x(t) - x| <= |t| F,
-|rest| <= |A| F s^2/2 + w |s| + |B| (what other commands than u_1 differ from it, for as long as they
-may have acted). What is linear in s lies between its values at the two ends of the window. The k-th command before acts on [-k delta + 2j, -(k - 1) delta] at least, the (k + 1)th
-beside it for 2j, so that in [-(k + 1) delta + 2j, -k delta + 2j] one of the two acted.
+The sample that a command answers was taken at s in [-d, 2j] from k delta - j, while commands acted
+that are known: x(s) = x + s r + rest, with r = A x + B u_1 + c the rate now, and, as |x(t) - x| <=
+|t| F, |rest| <= |A| F s^2/2 + w |s| + |B| (what other commands than u_1 differ from it, for as long
+as they may have acted). What is linear in s lies between its values at the two ends of the window.
+The k-th command before acts on [-k delta + 2j, -(k - 1) delta] at least, the (k + 1)th beside it
+for 2j, so that in [-(k + 1) delta + 2j, -k delta + 2j] one of the two acted.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
@@ -30,8 +31,6 @@ from soter.recheck.balls import (
     ONE,
     UNIT,
     ZERO,
-    above,
-    below,
     exact,
     larger,
     magnitude,
@@ -39,12 +38,25 @@ from soter.recheck.balls import (
 )
 from soter.recheck.lines import TAIL, compile_lines
 from soter.recheck.local_flow import LocalFlow, outwards, size_of, solved
+from soter.recheck.local_forms import (
+    Command,
+    Layout,
+    Start,
+    Way,
+    between,
+    flat_box,
+    hull_of,
+    propagated,
+    rows_of,
+    size_from,
+)
+from soter.recheck.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.recheck.lines import Lines
-    from soter.recheck.local_flow import Interval, Local, Solved
+    from soter.recheck.local_flow import Local, Solved
     from soter.recheck.model import Model
 
     Form = tuple[arb, ...]
@@ -52,37 +64,11 @@ if TYPE_CHECKING:
     Found = tuple[Form, Boxes] | None
 
 NANOSECOND = Fraction(1, 10**9)
+DEPTH_MAX = 16
+"""Commands that a form carries along at most."""
 STIFF = arb("1.2")
 """A step is at most this long, times the rates."""
 STEPS_MAX = 64
-
-
-@dataclass(eq=False)
-class Start:
-    """A form, taken apart. `ranges`: of states, then of old commands, the latest first."""
-
-    n: int
-    ranges: list[Interval]
-    z: arb_mat
-    memories: list[list[arb]]
-    """Per old command its coefficients on the betas of the states."""
-
-
-@dataclass(eq=False)
-class Way:
-    """The states somewhere in a hold: rows over z, a rest each, and ranges."""
-
-    rows: arb_mat
-    rest: list[arb]
-    box: list[Interval]
-
-
-@dataclass(eq=False)
-class Command:
-    """The new commands: rows over z (their own unknowns among it), ranges."""
-
-    rows: arb_mat
-    ranges: list[Interval]
 
 
 class LocalChain:
@@ -106,6 +92,11 @@ class LocalChain:
         """Whether it matters that a command may act late."""
         self.depth = -(-(d + 2 * j) // delta)
         """How many commands may have acted since a sample was taken, or may still act."""
+        if 2 * j > delta:
+            raise NotRecheckedError("an SC whose jitter exceeds half its period")
+        if self.depth > DEPTH_MAX:
+            raise NotRecheckedError("an SC that reads states much older than its period")
+        self.layout = Layout(self.n, self.q, self.depth)
         self.behind = [
             exact(max(0, d + 2 * j - k * delta) * NANOSECOND) for k in range(1, self.depth + 1)
         ]
@@ -137,18 +128,18 @@ class LocalChain:
 
     def first(self, pieces: int, form: Form) -> Found:
         """From a_0 to delta - j."""
-        before = self._before()
-        return self._hold(self._opened(form, before), pieces, fresh=True)
+        before = self.flow.ranges * self.depth  # anything
+        return self._hold(self.layout.opened(form, before), pieces, fresh=True)
 
     def later(self, pieces: int, form: Form) -> Found:
         """From k delta - j to (k + 1) delta - j."""
-        return self._hold(self._opened(form, None), pieces, fresh=False)
+        return self._hold(self.layout.opened(form, None), pieces, fresh=False)
 
     def last(self, pieces: int, form: Form) -> Found:
         """From N delta - j over [0, 2j], the latest command still acting."""
-        start = self._opened(form, None)
+        start = self.layout.opened(form, None)
         old = self._old(start)
-        way, boxes = self._begun(start), []
+        way, boxes = self.layout.begun(start), []
         for _ in range(pieces):
             found = self._step(start, way, old, None, 2 * self.j / pieces, ZERO)
             if found is None:
@@ -162,7 +153,7 @@ class LocalChain:
         new = self._answered(start, fresh=fresh)
         if new is None:
             return None
-        way, boxes = self._begun(start), []
+        way, boxes = self.layout.begun(start), []
         for span, early in self._spans(pieces * self.pieces, fresh=fresh):
             found = self._step(
                 start, way, new, self._old(start) if early > 0 else None, span, early
@@ -171,7 +162,7 @@ class LocalChain:
                 return None
             way, tube = found
             boxes += tube
-        return self._closed(start, way, new), tuple(boxes)
+        return self.layout.closed(start, way, new), tuple(boxes)
 
     def _spans(self, count: int, *, fresh: bool) -> list[tuple[arb, arb]]:
         """The steps of a hold, and for how long the old command may act in each."""
@@ -185,118 +176,7 @@ class LocalChain:
     def _old(self, start: Start) -> Command:
         """The command that acts already."""
         n, q = self.n, self.q
-        return Command(_rows(start, n, q), start.ranges[n : n + q])
-
-    # ------------------------------------------------------------ forms
-
-    def _before(self) -> list[Interval]:
-        """What acted before a_0: anything."""
-        return self.flow.ranges * self.depth
-
-    def _opened(self, form: Form, before: list[Interval] | None) -> Start:
-        n, q = self.n, self.q
-        count = n + self.depth * q
-        width = 1 + 2 * n + self.depth * q + q
-        z = arb_mat(count + q + 1, width)
-        z[count + q, 0] = ONE
-        given = n if before is not None else count
-        ranges = [outwards(form[2 * i], form[2 * i + 1]) for i in range(given)]
-        centre, symbols = 2 * given, 3 * given
-        rest = symbols + given * n
-        for i in range(given):
-            z[i, 0] = form[centre + i]
-            for k in range(n):
-                z[i, 1 + k] = form[symbols + i * n + k]
-            z[i, 1 + n + i] = form[rest + i]
-        memories = []
-        if before is not None:
-            ranges += before
-            for k, (low, high) in enumerate(before):
-                z[n + k, 0] = (low + high) * HALF
-                z[n + k, 1 + 2 * n + k] = (high - low) * HALF
-                memories.append([ZERO] * n)
-        else:
-            common = rest + given
-            for k in range(count - n):
-                row = list(form[common + k * n : common + (k + 1) * n])
-                memories.append(row)
-                for i, a in enumerate(row):
-                    z[n + k, 1 + n + i] = a * form[rest + i]
-        return Start(n, ranges, z, memories)
-
-    def _begun(self, start: Start) -> Way:
-        n = self.n
-        return Way(_rows(start, 0, n), [ZERO] * n, list(start.ranges[:n]))
-
-    def _closed(self, start: Start, way: Way, new: Command) -> Form:
-        """The form at the end: see `Writer._in_common` for what a command shares with the states."""
-        n, q = self.n, self.q
-        spread = way.rows * start.z
-        kept = [new.rows * start.z] if self.depth else []
-        old = (self.depth - 1) * q
-        if old > 0:
-            kept.append(_rows(start, n, old) * start.z)
-        ranges = list(way.box)
-        betas = []
-        for i in range(n):
-            betas.append(_size(spread, i, 1 + n) + way.rest[i])
-        centres = [spread[i, 0] for i in range(n)]
-        symbols = [spread[i, 1 + k] for i in range(n) for k in range(n)]
-        rests, common = list(betas), []
-        turned = [[way.rows[i, k] for k in range(n)] for i in range(n)]
-        names = [(new.rows, kept[0], k) for k in range(q)] if self.depth else []
-        for rows, values, k in names:
-            coefficients = [rows[k, i] for i in range(n)]
-            self._remember(
-                values, k, coefficients, turned, spread, way, (centres, symbols, rests, common)
-            )
-            ranges.append(new.ranges[k])
-        for k in range(max(old, 0)):
-            self._remember(
-                kept[1],
-                k,
-                start.memories[k],
-                turned,
-                spread,
-                way,
-                (centres, symbols, rests, common),
-            )
-            ranges.append(start.ranges[n + k])
-        flat = [end for interval in ranges for end in interval]
-        return (*flat, *centres, *symbols, *rests, *common)
-
-    def _remember(
-        self,
-        values: arb_mat,
-        k: int,
-        own: Sequence[arb],
-        turned: Sequence[Sequence[arb]],
-        spread: arb_mat,
-        way: Way,
-        into: tuple[list[arb], list[arb], list[arb], list[arb]],
-    ) -> None:
-        """A command over the betas of the new states: `own` its coefficients on the old ones."""
-        n = self.n
-        a = []
-        for i in range(n):  # a = S (2 - R), nearly S R^-1
-            total = 2 * own[i]
-            for j in range(n):
-                total -= own[j] * turned[j][i]
-            a.append(total.mid())
-        rest = ZERO
-        for i in range(n):
-            rest += abs(a[i]) * way.rest[i]
-        for g in range(1 + n, values.ncols()):
-            left = values[k, g]
-            for i in range(n):
-                if not a[i].is_zero():
-                    left -= a[i] * spread[i, g]
-            rest += abs(left)
-        centres, symbols, rests, common = into
-        centres.append(values[k, 0])
-        symbols += [values[k, 1 + i] for i in range(n)]
-        rests.append(rest)
-        common += a
+        return Command(rows_of(start, n, q), start.ranges[n : n + q])
 
     # ------------------------------------------------------------ what SC reads
 
@@ -310,7 +190,7 @@ class LocalChain:
         form: list[arb] = [end for interval in sample.box for end in interval]
         form += [values[i, 0] for i in range(n)]
         form += [values[i, 1 + k] for i in range(n) for k in range(n)]
-        form += [_size(values, i, 1 + n) + sample.rest[i] for i in range(n)]
+        form += [size_from(values, i, 1 + n) + sample.rest[i] for i in range(n)]
         for (low, high), (least, most) in zip(sample.box, self.flow.domain, strict=True):
             if not (low >= least and high <= most):
                 return None
@@ -336,16 +216,16 @@ class LocalChain:
         """The states when the sample was taken; the window begins with a_0 in the first hold."""
         ahead = ZERO if fresh else 2 * self.j
         if not self.depth:
-            return self._begun(start)
+            return self.layout.begun(start)
         n, q = self.n, self.q
-        commands = [_hull(start.ranges[n + k :: q][: self.depth]) for k in range(q)]
+        commands = [hull_of(start.ranges[n + k :: q][: self.depth]) for k in range(q)]
         found = self.flow.around(start.ranges[:n], commands, -self.d, ahead)
         if found is None:
             return None
         box, lines = found
         local = self.flow.local(lines)
         middle, radius = (ahead - self.d) * HALF, (ahead + self.d) * HALF
-        rate = local.a * _rows(start, 0, n)
+        rate = local.a * rows_of(start, 0, n)
         last = start.z.nrows() - 1
         if fresh:  # around the middle of what any command may be
             middles = [(low + high) * HALF for low, high in self.flow.ranges]
@@ -353,14 +233,14 @@ class LocalChain:
             for i in range(n):
                 rate[i, last] += drift[i, 0]
         else:
-            rate = rate + local.b * _rows(start, n, q)
+            rate = rate + local.b * rows_of(start, n, q)
         for i in range(n):
             rate[i, last] += local.constant[i, 0]
         values = rate * start.z
         other = self._others(start, fresh=fresh)
-        rows, rest = _rows(start, 0, n) + rate * middle, []
+        rows, rest = rows_of(start, 0, n) + rate * middle, []
         for i in range(n):
-            size = _size(values, i, 1)
+            size = size_from(values, i, 1)
             now = values[i, 0] - size, values[i, 0] + size
             low, high = ZERO, ZERO
             for far, side in ((self.d, -radius), (ahead, radius)):
@@ -398,9 +278,8 @@ class LocalChain:
                 low, high = self.flow.ranges[k]
                 found.append((high - low) * HALF)
                 continue
-            gaps = [ZERO]
-            for at in range(1, self.depth):
-                gaps.append(self._gap(start, n + k, n + at * q + k))
+            later = range(1, self.depth)
+            gaps = [ZERO, *(self._gap(start, n + k, n + at * q + k) for at in later)]
             total = ZERO
             for at, reach in enumerate(self.behind[:-1]):
                 length = reach - self.behind[at + 1]
@@ -432,7 +311,7 @@ class LocalChain:
         """`span` later; up to `early` the old commands may act. The box of all states between."""
         ranges = new.ranges
         if old is not None:
-            ranges = [_hull([a, b]) for a, b in zip(new.ranges, old.ranges, strict=True)]
+            ranges = [hull_of([a, b]) for a, b in zip(new.ranges, old.ranges, strict=True)]
         found = self.flow.around(way.box, ranges, ZERO, span)
         if found is None:
             return None
@@ -446,20 +325,20 @@ class LocalChain:
         last = rows.ncols() - 1
         for i in range(self.n):
             rows[i, last] += law.constant[i, 0]
-        rest = _propagated(law.state, way.rest, noise)
+        rest = propagated(law.state, way.rest, noise)
         values = rows * start.z
         after = []
         for i, (low, high) in enumerate(box):
             if local.rates[i][0].is_zero() and local.rates[i][1].is_zero():
                 after.append(way.box[i])
                 continue
-            radius = _size(values, i, 1) + rest[i]
+            radius = size_from(values, i, 1) + rest[i]
             after.append(
                 outwards(larger(values[i, 0] - radius, low), smaller(values[i, 0] + radius, high))
             )
         after = self.flow.clipped(after)
-        tube = self.flow.clipped(_between(way.box, after, local.rates, span))
-        return Way(rows, rest, after), _flat(tube)
+        tube = self.flow.clipped(between(way.box, after, local.rates, span))
+        return Way(rows, rest, after), flat_box(tube)
 
     def _handed_over(
         self,
@@ -474,9 +353,9 @@ class LocalChain:
     ) -> None:
         """The old command acts until some t <= early: it adds E(t) (old - new).
 
-        E(t) is the integral of e^{A(h - s)} B over [0, t] = e^{Ah} (integral of e^{-As} over [0, t]) B.
-        That integral is t - A t^2/2 to within |A|^2 t^3/6 e^{|A| t}, |A| the largest sum of a row, and
-        exactly t in the rows of states whose rate depends on none of them.
+        E(t) is the integral of e^{A(h - s)} B over [0, t], e^{Ah} times that of e^{-As}, times B.
+        That integral is t - A t^2/2 to within |A|^2 t^3/6 e^{|A| t}, |A| the largest sum of a row,
+        and exactly t in the rows of states whose rate depends on none of them.
         """
         n = self.n
         inner = arb_mat(n, n)
@@ -496,7 +375,7 @@ class LocalChain:
         middle = arb_mat(n, self.q)
         for k in range(self.q):
             (a, b), (c, d) = old.ranges[k], new.ranges[k]
-            size = (abs(values[k, 0]) + _size(values, k, 1)).min((b - c).max(d - a).max(ZERO))
+            size = (abs(values[k, 0]) + size_from(values, k, 1)).min((b - c).max(d - a).max(ZERO))
             for i in range(n):
                 e = reach[i, k]
                 middle[i, k] = e.mid()
@@ -511,8 +390,8 @@ class LocalChain:
     def free(self, time: arb, pieces: int, form: Form) -> Found:
         """Over [0, time] under any commands."""
         n = self.n
-        start = self._opened(form, self._before())
-        way, boxes = self._begun(start), []
+        start = self.layout.opened(form, self.flow.ranges * self.depth)
+        way, boxes = self.layout.begun(start), []
         middles = arb_mat(self.q, 1, [(low + high) * HALF for low, high in self.flow.ranges])
         radii = arb_mat(self.q, 1, [(high - low) * HALF for low, high in self.flow.ranges])
         span = time / pieces
@@ -531,75 +410,17 @@ class LocalChain:
             drift = law.control * middles + law.constant
             for i in range(n):
                 rows[i, last] += drift[i, 0]
-            rest = _propagated(law.state, way.rest, [law.noise[i, 0] for i in range(n)])
+            rest = propagated(law.state, way.rest, [law.noise[i, 0] for i in range(n)])
             values = rows * start.z
             after = []
             for i, (low, high) in enumerate(box):
-                radius = _size(values, i, 1) + rest[i]
+                radius = size_from(values, i, 1) + rest[i]
                 after.append(
                     outwards(
                         larger(values[i, 0] - radius, low), smaller(values[i, 0] + radius, high)
                     )
                 )
             after = self.flow.clipped(after)
-            boxes += _flat(self.flow.clipped(_between(way.box, after, local.rates, span)))
+            boxes += flat_box(self.flow.clipped(between(way.box, after, local.rates, span)))
             way = Way(rows, rest, after)
         return (), tuple(boxes)
-
-
-# ---------------------------------------------------------------- helpers
-
-
-def _rows(start: Start, first: int, count: int) -> arb_mat:
-    """Rows that pick entries of z."""
-    found = arb_mat(count, start.z.nrows())
-    for k in range(count):
-        found[k, first + k] = ONE
-    return found
-
-
-def _size(values: arb_mat, i: int, first: int) -> arb:
-    """The sum of the absolute values of a row from a column on."""
-    total = abs(values[i, first])
-    for g in range(first + 1, values.ncols()):
-        total += abs(values[i, g])
-    return total
-
-
-def _propagated(state: arb_mat, rest: Sequence[arb], noise: Sequence[arb]) -> list[arb]:
-    """|state| rest + noise, without radius: nothing later may cancel it."""
-    found = []
-    for i, more in enumerate(noise):
-        total = more
-        for j, r in enumerate(rest):
-            if not r.is_zero():
-                total += abs(state[i, j]) * r
-        found.append(arb(total.upper()))
-    return found
-
-
-def _hull(intervals: Sequence[Interval]) -> Interval:
-    low, high = intervals[0]
-    for a, b in intervals[1:]:
-        low, high = low.min(a), high.max(b)
-    return low, high
-
-
-def _between(
-    before: Sequence[Interval], after: Sequence[Interval], rates: Sequence[Interval], span: arb
-) -> list[Interval]:
-    """The box of the states between two instants: x(t) <= x(0) + t max x', <= x(h) - (h - t) min x'."""
-    found: list[Interval] = []
-    for (low, high), (a, b), (least, most) in zip(before, after, rates, strict=True):
-        if least >= 0:
-            found.append((low, b))
-        elif most <= 0:
-            found.append((a, high))
-        else:
-            up, down = span * most.max(ZERO), span * (-least).max(ZERO)
-            found.append(((low - down).max(a - up), (high + up).min(b + down)))
-    return found
-
-
-def _flat(box: Sequence[Interval]) -> list[float]:
-    return [end for low, high in box for end in (below(low), above(high))]

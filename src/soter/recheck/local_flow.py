@@ -1,15 +1,17 @@
 """Flows that are not linear, one short step at a time: a linear model around each step.
 
-Purpose: `LocalFlow`: a box that holds every solution for a while (`around`), and over such a box the
-matrices of x' = A x + B u + c +- w (`Local`), solved (`Solved`).
-Non-goals: chains and forms (`local_chains.py`), linear flows, which are solved once (`flows.py`).
+Purpose: `LocalFlow`: a box that holds every solution for a while (`around`), and over such a box
+the matrices of x' = A x + B u + c +- w (`Local`), solved (`Solved`).
+Non-goals: chains and forms
+(`local_chains.py`), linear flows, which are solved once (`flows.py`).
 
 Argument of `around`. Let X be a box of states, U one of commands, s <= 0 <= t, B a box and F the
-range of the derivative over B x U x D, and let every point of X plus [s, t] F lie in B. The functions
-on [s, t] with values in B, compact and convex, are mapped into themselves by x + integral f, so
-a solution with values in X + [s, t] F exists (Schauder), and solutions are unique (printed, where
-a flow is not linear): it is the one. Backwards, where roots are not Lipschitz, B is larger by a hair on
-all sides: then no solution can leave it before it has left X + [s, t] F, and uniqueness is not used.
+range of the derivative over B x U x D, and let every point of X plus [s, t] F lie in B. The
+functions on [s, t] with values in B, compact and convex, are mapped into themselves by x + integral
+f, so a solution with values in X + [s, t] F exists (Schauder), and solutions are unique (printed,
+where a flow is not linear): it is the one. Backwards, where roots are not Lipschitz, B is larger by
+a hair on all sides: then no solution can leave it before it has left X + [s, t] F, and uniqueness
+is not used.
 
 Ends of axes that the flow keeps (`inward.py`): there the derivative is that of the state projected
 onto the grid in these axes, which only ever asks for f on the projected box. As long as the other
@@ -178,8 +180,8 @@ class LocalFlow:
                 constant.append([ZERO])
                 noise.append([ZERO])
                 continue
-            a.append(row[:n])
-            b.append(row[n : n + m])
+            a.append(list(row[:n]))
+            b.append(list(row[n : n + m]))
             constant.append([row[n + m]])
             noise.append([row[n + m + 1]])
         return Local(
@@ -302,7 +304,7 @@ def _looser(
 
 
 def _own_obligations(terms: Terms, own: Sequence[Linear], states: Sequence[Linear]) -> list[Truth]:
-    """What must hold for the derivative to be defined; what depends on other groups alone is theirs."""
+    """What must hold for the derivative to be defined, but for what is another group's matter."""
     mine = {_atom(x) for x in own}
     every = {_atom(x) for x in states}
     found = []

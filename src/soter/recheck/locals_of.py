@@ -5,8 +5,8 @@ term for whatever one of several steps publishes (`one_of`).
 Non-goals: which of these values occur after which: any element of the set that every step keeps may
 be there at any step (docs/proof.md, "Setting"); that a step keeps it is an obligation of the step.
 
-Truths, enumerations and short ranges are taken value by value; what would make too many combinations
-becomes an input over its range.
+Truths, enumerations and short ranges are taken value by value; what would make too many
+combinations becomes an input over its range.
 """
 
 from __future__ import annotations
@@ -107,7 +107,7 @@ def one_of(terms: Terms, alternatives: Sequence[Linear]) -> Linear:
 
 
 class _Shapes:
-    """Equal for terms that were built alike, over the same inputs: they enclose the same numbers."""
+    """Equal for terms that were built alike, over the same inputs: their enclosures are equal."""
 
     def __init__(self, terms: Terms) -> None:
         self._terms = terms

@@ -66,7 +66,7 @@ class Atom:
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
     "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
     numbers that are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ
-    by arguments[1] where that is chosen), "any" (one of several alternatives, behind which stand the gaps
+    by arguments[1] where that is chosen), "any" (one of several alternatives; behind them the gaps
     between the first and each of the others). `values`: the table, in C order over `shape`.
     """
 

@@ -34,7 +34,7 @@ DRAGGED = Cart(
 )
 
 
-def certified(folder: Path, cart: Cart, text: str, cells: tuple[int, int]) -> Path:
+def certified(folder: Path, text: str, cells: tuple[int, int]) -> Path:
     path = folder / "cart.soter"
     path.write_text(text)
     facts = small_proofs.facts_of(path, "Track", "SafeCart")
@@ -50,7 +50,7 @@ def certified(folder: Path, cart: Cart, text: str, cells: tuple[int, int]) -> Pa
 def dragged(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("dragged")
     cells = (DRAGGED.cells_x, DRAGGED.cells_v)
-    return certified(folder, DRAGGED, DRAGGED.text(), cells)
+    return certified(folder, DRAGGED.text(), cells)
 
 
 @pytest.fixture(scope="module")
@@ -83,7 +83,7 @@ def beyond(base: Sealed, name: str, draw: np.random.Generator) -> tuple[int, int
 
 @pytest.mark.parametrize("name", ["K", "R", "Q"])
 def test_one_more_cell_is_rejected(base: Sealed, tmp_path: Path, name: str) -> None:
-    """Unless it is true, as far as simulated runs can tell: the tables were made without halving."""
+    """Unless it is true, as far as runs can tell: the tables were made without halving."""
     draw = np.random.default_rng(len(name))
     rejected = 0
     for k in range(3):
