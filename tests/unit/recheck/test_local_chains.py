@@ -102,10 +102,16 @@ TIMES = ((5, 20, 0), (15, 20, 3), (50, 20, 2), (75, 20, 4))
 """Age, delta, lateness of SC in ms: up to four commands may have acted since a read."""
 
 
-def model_of(tmp_path: Path, thing: Thing, age: int, delta: int, late: int) -> Model:
+def model_of(
+    tmp_path: Path, thing: Thing, age: int, delta: int, late: int, *, two: bool = False
+) -> Model:
     path = tmp_path / "thing.soter"
+    text = TEXT
+    for one, other in TWO if two else ():
+        assert one in text
+        text = text.replace(one, other)
     path.write_text(
-        TEXT.format(
+        text.format(
             age=age,
             delta=delta,
             late=late,
@@ -117,6 +123,18 @@ def model_of(tmp_path: Path, thing: Thing, age: int, delta: int, late: int) -> M
     )
     facts = small_proofs.facts_of(path, "S", "Module")
     return Model(facts, (), tuple(facts.axes[i] for i in range(2)))
+
+
+TWO = (
+    ("topic push: float in [-{force}, {force}] = 0.0;", "topic push: Two in [-0.5, 0.5];"),
+    ("type Pair", "type Two = {{ a: float, b: float }};\ntype Pair"),
+    ("push = 0.0;", "push = {{ a: 0.0, b: 0.0 }};"),
+    (
+        "push = clamp(-2.0 * seen.x - 1.5 * seen.v, -{force}, {force});",
+        "push = {{ a: clamp(-2.0 * seen.x, -0.5, 0.5), b: clamp(-1.5 * seen.v, -0.5, 0.5) }};",
+    ),
+)
+"""Two commands, whose sum is what is felt."""
 
 
 def group_of(model: Model) -> GroupTables:
@@ -157,6 +175,11 @@ class Runs:
     def law(self, x: Floats, v: Floats) -> Floats:
         y_x, y_v = x + self.extreme(0.01), v + self.extreme(0.02)
         return np.clip(-2.0 * y_x - 1.5 * y_v, -self.thing.force, self.thing.force)
+
+    def laws(self, x: Floats, v: Floats) -> Floats:
+        """Of two commands the sum."""
+        y_x, y_v = x + self.extreme(0.01), v + self.extreme(0.02)
+        return np.clip(-2.0 * y_x, -0.5, 0.5) + np.clip(-1.5 * y_v, -0.5, 0.5)
 
     def chain(self, holds: int) -> tuple[list[Any], Any]:
         """States (2, count) at every tick from a_0 on, and the ticks a_holds."""
@@ -257,6 +280,40 @@ def test_chains_enclose_runs(
             state = tuple(s[run : run + 1] for s in states[tick])
             assert inside(last, state).all()
     assert min(shares) > 0.15, "what encloses everything says nothing"
+
+
+@pytest.mark.parametrize("times", TIMES)
+def test_two_commands_that_the_group_feels(tmp_path: Path, times: tuple[int, int, int]) -> None:
+    thing = Thing(
+        "v",
+        "(push.a + push.b) * (1.0 + 0.3 * x) - 0.4 * v * abs(v) + w",
+        lambda x, v, u, w: (v, u * (1 + 0.3 * x) - 0.4 * v * np.abs(v) + w),
+    )
+    model = model_of(tmp_path, thing, *times, two=True)
+    group = group_of(model)
+    chain = ChainCheck(model, group).chain(1)
+    for seed in range(4):
+        cell = tuple(int(i) for i in np.random.default_rng(seed).integers(6, 34, 2))
+        block = tuple((i, i + 1) for i in cell)
+        ends = [float(x) for interval in group.grid.box(block) for x in interval]
+        runs = Runs(thing, model, ends, seed)
+        runs.law = runs.laws  # type: ignore[method-assign]
+        states, acts = runs.chain(5)
+        form = form_of_box(group.grid.box(block), symbols=True)
+        for k in range(5):
+            form, boxes = sure((chain.later if k else chain.first)(form))
+            after = (k + 1) * runs.delta - runs.j
+            assert inside([float(x) for x in form[:4]], states[after]).all()
+            for tick in range(max(after - 3, 0), after + 1):
+                assert inside(boxes, states[tick]).all()
+        last = [float(x) for x in form[:4]]
+        if chain.last is not None:
+            last = sure(chain.last(form))[1]
+        for run, tick in enumerate(acts[5]):
+            assert inside(last, tuple(s[run : run + 1] for s in states[tick])).all()
+        for axis in (0, 1):
+            spread = states[after][axis].max() - states[after][axis].min()
+            assert spread > 0.15 * float(form[2 * axis + 1] - form[2 * axis])
 
 
 @pytest.mark.parametrize("name", sorted(THINGS))
