@@ -16,7 +16,8 @@ is not used.
 Ends of axes that the flow keeps (`inward.py`): there the derivative is that of the state projected
 onto the grid in these axes, which only ever asks for f on the projected box. As long as the other
 states stay in their grids, the projection does nothing. Whoever uses a box checks that it lies in a
-set of cells, hence in the grid.
+set of cells, hence in the grid. Backwards in time it is the past of a run that is projected: it lay
+in C, hence in the grid (docs/proof.md: the invariant), up to the instant from which a chain begins.
 """
 
 from __future__ import annotations
