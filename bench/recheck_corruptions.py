@@ -1,6 +1,6 @@
 """Certificates made wrong and sealed again.
 
-    .venv/bin/python bench/recheck_corruptions.py [--count 1000] [--seed 1] [--jobs 2] [--json FILE]
+    .venv/bin/python bench/recheck_corruptions.py [--count 1000] [--seed 1] [--drag 0.3]
 
 Purpose: take a certificate of the cart of `recheck_models.py`, change something (sets enlarged,
 witnesses changed, bounds, Delta, H, disturbance or error changed, the grid shifted, the program
@@ -260,6 +260,7 @@ CHANGES: dict[str, tuple[float, ...]] = {
     "tau": (0.149, 0.12, 0.08, 0.0),
     "tau_safer": (0.24, 0.2, 0.1),
     "start": (0.2, 0.5, 1.0, 1.5),
+    "drag": (0.02, 0.1, 0.5),
 }
 
 
@@ -351,11 +352,11 @@ def judge(base: Sealed, seed: int) -> Outcome:
     return Outcome(kind, report.accepted, report.reason, broken)
 
 
-def make_base(folder: Path) -> Sealed:
+def make_base(folder: Path, drag: float = 0.0) -> Sealed:
     """The certificate that everything starts from."""
     import soter  # noqa: PLC0415 - only here
 
-    cart = Cart()
+    cart = Cart(drag=drag)
     path = folder / MAIN
     path.write_text(cart.text())
     soter.load(path).verify(cert=folder / "cert", refute=False)
@@ -369,10 +370,10 @@ def _judge(seed: int) -> Outcome:
     return judge(_BASE[0], seed)
 
 
-def run(count: int, seed: int, jobs: int) -> list[Outcome]:
+def run(count: int, seed: int, jobs: int, drag: float = 0.0) -> list[Outcome]:
     """So many corruptions."""
     with tempfile.TemporaryDirectory() as name:
-        _BASE[:] = [make_base(Path(name))]
+        _BASE[:] = [make_base(Path(name), drag)]
     clean = Attack(_BASE[0].cart, _BASE[0].as_tables(), seed).broken({}, 20_000)
     assert not clean, f"the untouched certificate is broken: {clean}"
     seeds = range(seed * 1_000_000, seed * 1_000_000 + count)
@@ -386,10 +387,11 @@ def main() -> int:
     parser.add_argument("--count", type=int, default=1000)
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--drag", type=float, default=0.0, help="1/m: a flow that is not linear")
     parser.add_argument("--json", type=Path)
     args = parser.parse_args()
     began = time.perf_counter()
-    found = run(args.count, args.seed, args.jobs)
+    found = run(args.count, args.seed, args.jobs, args.drag)
     kinds = Counter(o.kind for o in found)
     heads = ("count", "rejected", "accepted, true", "accepted, FALSE")
     print(f"{'corruption':<26}{heads[0]:>7}{heads[1]:>10}{heads[2]:>16}{heads[3]:>17}")

@@ -30,7 +30,7 @@ plant Cart period 10ms {{
   state v: float = 0.0;
   disturbance wind: float in [-{wind}, {wind}];
   der x = v;
-  der v = accel + wind;
+  der v = accel + wind{pull};
   measured motion.x within {e_x}, motion.v within {e_v};
 }}
 node Fast period 50ms {{
@@ -86,12 +86,21 @@ class Cart:
     tau: float = 0.15
     tau_safer: float = 0.25
     late: int = 2
+    drag: float = 0.0
     cells_x: int = 36
     cells_v: int = 24
 
     def text(self) -> str:
         """The program."""
-        return TEXT.format(**vars(self))
+        pull = f" - {self.drag} * v * abs(v)" if self.drag else ""
+        return TEXT.format(pull=pull, **vars(self))
+
+    def moved(self, x: Floats, v: Floats, rate: Floats, h: float) -> tuple[Floats, Floats]:
+        """The states `h` later (or before) where command and wind are `rate`."""
+        if self.drag:
+            half = v + h / 2 * (rate - self.drag * v * np.abs(v))
+            rate = rate - self.drag * half * np.abs(half)
+        return x + h * v + rate * h * h / 2, v + h * rate
 
     @property
     def read_age(self) -> int:
@@ -173,10 +182,9 @@ class Attack:
         length = most * c.delta + j + 1
         xs, vs = np.empty((length + d + 1, count)), np.empty((length + d + 1, count))
         before = self._extreme(count, c.a) + self._extreme(count, c.wind)
-        for s in range(d + 1):
-            t = s / 1000.0
-            vs[d - s] = v - before * t
-            xs[d - s] = x - v * t + before * t * t / 2
+        xs[d], vs[d] = x, v
+        for s in range(d):
+            xs[d - s - 1], vs[d - s - 1] = c.moved(xs[d - s], vs[d - s], before, -1e-3)
         acts = np.arange(most + 1)[:, None] * c.delta + self.draw.choice(
             [-j, 0, j], (most + 1, count)
         )
@@ -198,9 +206,7 @@ class Attack:
             if t % 10 == 0:
                 swap = self.draw.random(count) < 0.1
                 wind = np.where(swap, self._extreme(count, c.wind), wind)
-            a, h = command + wind, 1e-3
-            xs[t + d + 1] = xs[t + d] + h * vs[t + d] + a * h * h / 2
-            vs[t + d + 1] = vs[t + d] + h * a
+            xs[t + d + 1], vs[t + d + 1] = c.moved(xs[t + d], vs[t + d], command + wind, 1e-3)
         return xs[end + d, every], vs[end + d, every], bad
 
     def _bad(self, x: Floats, v: Floats, watch: str) -> NDArray[np.bool_]:
@@ -281,8 +287,7 @@ class Attack:
         switch = self.draw.integers(time + 1, size=len(x))
         left: NDArray[np.bool_] = t.at(t.core, x, v) == 0
         for ms in range(time):
-            a, h = np.where(ms < switch, first, second), 1e-3
-            x, v = x + h * v + a * h * h / 2, v + h * a
+            x, v = c.moved(x, v, np.where(ms < switch, first, second), 1e-3)
             left |= t.at(t.core, x, v) == 0
         return left
 

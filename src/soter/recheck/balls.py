@@ -70,6 +70,13 @@ def above(x: arb) -> float:
     return far if x <= far else math.inf
 
 
+def key_of(x: arb) -> object:
+    """What is equal for equal balls only."""
+    if not x.is_finite():
+        return (arb, id(x))
+    return (arb, *map(str, (*x.mid().man_exp(), *x.rad().man_exp())))
+
+
 def magnitude(x: arb) -> arb:
     """The largest absolute value in the ball, without radius."""
     return arb(abs(x).upper())

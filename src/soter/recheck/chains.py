@@ -14,11 +14,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from fractions import Fraction
+from functools import partial
 from typing import TYPE_CHECKING
 
-from soter.recheck.balls import HALF, ONE, UNIT, ZERO, exact
+from soter.recheck.balls import HALF, ONE, UNIT, ZERO, exact, magnitude
 from soter.recheck.compile_terms import Sweep, compile_step
-from soter.recheck.flows import LinearFlow, linear_flow
+from soter.recheck.flows import LinearFlow, exponential, integrals, is_linear, linear_flow
+from soter.recheck.inward import clipping, kept_ends
+from soter.recheck.local_chains import DEPTH_MAX, NANOSECOND, LocalChain
+from soter.recheck.maps import atom_of, boxes_of, map_free, map_step
 from soter.recheck.model import control_inputs
 from soter.recheck.terms import Linear, NotRecheckedError, Terms, half_sum
 
@@ -30,8 +34,6 @@ if TYPE_CHECKING:
     from soter.recheck.compile_terms import Step
     from soter.recheck.flows import Motion
     from soter.recheck.model import Model
-
-NANOSECOND = Fraction(1, 10**9)
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,78 +69,44 @@ def delays(model: Model) -> tuple[int, int]:
 def sc_chain(model: Model, members: Sequence[int], pieces: int) -> Chain:
     """The chain of a group, tubes cut into `pieces` a period."""
     if model.facts.kind == "map":
-        step = _map_step(model, members)
+        step = map_step(model, members)
         return Chain(len(members), step, step, None, (step, step))
-    return _FlowChain(model, members, pieces).chain()
+    if not is_linear(model, members):
+        return _local_chain(model, members, pieces)
+    found = _FlowChain(model, members, pieces).chain()
+    clip = clipping(model, members, kept_ends(model, members))
+    if clip is None:
+        return found
+    last = None if found.last is None else clip(found.last)
+    bare = clip(found.bare[0]), clip(found.bare[1])
+    return Chain(found.dimension, clip(found.first), clip(found.later), last, bare)
+
+
+def _local_chain(model: Model, members: Sequence[int], pieces: int) -> Chain:
+    """The same where the flow is not linear: nothing is compiled for good but rows."""
+    times = (model.facts.times["delta_ns"], *delays(model))
+    local = LocalChain(model, members, kept_ends(model, members), times)
+    first, later = partial(local.first, pieces), partial(local.later, pieces)
+    last = partial(local.last, pieces) if local.late else None
+    return Chain(len(members), first, later, last, (first, later))
 
 
 def free_phase(model: Model, members: Sequence[int], time_ns: int, pieces: int) -> FreePhase:
     """Everything over [0, time] under any commands; for a map the instants within."""
     if model.facts.kind == "map":
-        return _free_map(model, members, time_ns)
+        return FreePhase(len(members), map_free(model, members, time_ns))
+    kept = kept_ends(model, members)
+    if not is_linear(model, members):
+        local = LocalChain(model, members, kept, (model.facts.times["delta_ns"], 0, 0))
+        time = exact(time_ns * NANOSECOND)
+        return FreePhase(len(members), (partial(local.free, time, pieces),))
     flow = linear_flow(model, members).free()
     terms, states = model.new_terms()
     own = [states[i] for i in members]
     sweeps, _ = _sweeps(terms, flow, own, [], time_ns * NANOSECOND, pieces)
-    return FreePhase(len(members), (_compiled(model, terms, members, own, [], sweeps),))
-
-
-# ---------------------------------------------------------------- maps
-
-
-def _boxes(
-    model: Model, states: Sequence[Linear], members: Sequence[int]
-) -> dict[int, tuple[arb, arb]]:
-    """States of other groups range over their grids."""
-    found = {}
-    for i, x in enumerate(states):
-        if i not in members:
-            (atom,) = x.terms
-            low, high = model.extents[i]
-            found[atom] = (exact(low), exact(high))
-    return found
-
-
-def _atom(x: Linear) -> int:
-    (found,) = x.terms
-    return found
-
-
-def _map_step(model: Model, members: Sequence[int]) -> Step:
-    """One period of SC: so many steps of the map under one command."""
-    terms, states = model.new_terms()
-    commands = model.commands(terms, states)
-    count = model.facts.times["delta_ns"] // model.facts.plants[0].period_ns
-    current, between = states, []
-    for _ in range(count):
-        current = model.next_states(terms, current, commands)
-        between += [current[i] for i in members]
-    return compile_step(
-        terms,
-        [_atom(states[i]) for i in members],
-        len(members),
-        [current[i] for i in members],
-        ranges=between,
-        must=terms.obligations,
-        boxes=_boxes(model, states, members),
-    )
-
-
-def _free_map(model: Model, members: Sequence[int], time_ns: int) -> FreePhase:
-    period = model.facts.plants[0].period_ns
-    terms, states = model.new_terms()
-    commands = control_inputs(model.facts, terms)
-    after = model.next_states(terms, states, commands)
-    step = compile_step(
-        terms,
-        [_atom(states[i]) for i in members],
-        len(members),
-        [after[i] for i in members],
-        ranges=[after[i] for i in members],
-        must=terms.obligations,
-        boxes=_boxes(model, states, members),
-    )
-    return FreePhase(len(members), (step,) * -(-time_ns // period))
+    step = _compiled(model, terms, members, own, [], sweeps)
+    clip = clipping(model, members, kept)
+    return FreePhase(len(members), (step if clip is None else clip(step),))
 
 
 # ---------------------------------------------------------------- flows
@@ -222,10 +190,10 @@ def _compiled(
     others: Sequence[Linear] = (),
 ) -> Step:
     """`others`: all states, where those of other groups occur. Beyond the group's: commands."""
-    boxes = _boxes(model, others, members) if others else {}
+    boxes = boxes_of(model, others, members) if others else {}
     return compile_step(
         terms,
-        [_atom(x) for x in states],
+        [atom_of(x) for x in states],
         len(members),
         outputs,
         ranges=ranges,
@@ -253,10 +221,10 @@ class _FlowChain:
             if any(not r[k].is_zero() for r in self.flow.b)
         ]
         """Controls that this group feels."""
-        self.depth = 0
+        self.depth = int(-(-(self.d + 2 * self.j) // self.delta))
         """How many earlier commands may still matter when a command is computed."""
-        if self.d or self.j:
-            self.depth = 2 if self.delta < self.d + 2 * self.j <= 2 * self.delta else 1
+        if self.depth > DEPTH_MAX:
+            raise NotRecheckedError("an SC that reads states much older than its period")
 
     def chain(self) -> Chain:
         """All of them."""
@@ -270,30 +238,30 @@ class _FlowChain:
         own = [states[i] for i in self.members]
         sampled = own
         if self.d:
-            sampled = _moved(terms, self.any.motion(-self.d, Fraction(0)), own, [])
+            sampled = self._in_window(terms, self.any, Fraction(0), own, [])
         commands = self._commands(terms, states, sampled)
         tube, after = _sweeps(terms, self.flow, own, commands, self.delta - self.j, self.pieces)
-        before = control_inputs(self.model.facts, terms)  # what acted before a_0: anything
-        outputs = after + self._remembered(commands, before)
+        before = [control_inputs(self.model.facts, terms) for _ in range(1, self.depth)]
+        outputs = after + self._remembered([commands, *before])  # what acted before a_0: anything
         return self._both(terms, own, outputs, tube, states)
 
     def _later(self) -> tuple[Step, Step]:
         """From k delta - j to (k + 1) delta - j."""
         terms, states = self.model.new_terms()
         own = [states[i] for i in self.members]
-        old, older = self._old_commands(terms), self._old_commands(terms)
-        sampled = self._sampled(terms, own, old, older)
+        old = [self._old_commands(terms) for _ in range(max(self.depth, 1))]
+        sampled = self._sampled(terms, own, old)
         commands = self._commands(terms, states, sampled)
         current = own
         tube: list[Linear | Sweep] = []
         if self.j:
-            current, sweep = self._switched(terms, own, old, commands)
+            current, sweep = self._switched(terms, own, old[0], commands)
             tube.append(sweep)
         rest = self.delta - 2 * self.j
         sweeps, after = _sweeps(terms, self.flow, current, commands, rest, self.pieces)
         tube += sweeps
-        inputs = own + self._remembered(old, older)
-        outputs = after + self._remembered(commands, old)
+        inputs = own + self._remembered(old)
+        outputs = after + self._remembered([commands, *old])
         return self._both(terms, inputs, outputs, tube, states)
 
     def _both(
@@ -311,32 +279,69 @@ class _FlowChain:
         return full, bare
 
     def _sampled(
-        self,
-        terms: Terms,
-        own: Sequence[Linear],
-        old: Sequence[Linear],
-        older: Sequence[Linear],
+        self, terms: Terms, own: Sequence[Linear], old: Sequence[Sequence[Linear]]
     ) -> list[Linear]:
         """The states at the sample: from d before to 2j after k delta - j.
 
-        The old command acts from (k - 1) delta + j on at the latest, the one before it from
-        (k - 2) delta + j on: how far the window reaches behind these instants says who may act.
+        Relative to that instant the i-th command before (1: the latest) acts at least over
+        [-i delta + 2j, -(i - 1) delta]: in [-(i + 1) delta + 2j, -i delta + 2j] it is the
+        (i + 1)th, or, in the latest 2j of that, the ith. What these differ from the latest counts
+        for as long as they may have acted within the window.
         """
         if not self.depth:
             return list(own)
-        window = (-self.d, 2 * self.j)
-        behind = self.d + 2 * self.j - self.delta
-        if behind <= 0:
-            return _moved(terms, self.flow.motion(*window), own, old)
-        if self.depth < 2:
-            return _moved(terms, self.any.motion(*window), own, [])
-        moved = _moved(terms, self.flow.motion(*window), own, old)
+        moved = self._in_window(terms, self.flow, 2 * self.j, own, old[0])
+        lengths = [Fraction(0)] * (self.depth + 1)
+        for i in range(1, self.depth):
+            reach = self.d + 2 * self.j - i * self.delta
+            lengths[i + 1] += max(Fraction(0), min(reach, self.delta))
+            if i > 1:
+                lengths[i] += max(Fraction(0), min(reach, 2 * self.j))
         found = []
+        backs = [self._longest(k) for k in range(len(old[0]))]
         for i, x in enumerate(moved):
             parts = [(ONE, x)]
-            for k, (u, v) in enumerate(zip(old, older, strict=True)):
-                weight = self._command_noise(k, behind, backwards=True)[i]
-                parts.append((ONE, terms.spread([weight], [terms.subtract(v, u)])))
+            for at, length in enumerate(lengths):
+                for k, u in enumerate(old[0]):
+                    if length and not backs[k][i].is_zero():
+                        gap = terms.subtract(old[at - 1][k], u)
+                        parts.append((ONE, terms.spread([backs[k][i] * exact(length)], [gap])))
+            found.append(terms.combine(parts))
+        return found
+
+    def _longest(self, k: int) -> list[arb]:
+        """How fast a command moves each state at most, as seen from up to d later."""
+        column = [row[k] for row in self.flow.b]
+        if all(x.is_zero() for x in column):
+            return [ZERO] * len(column)
+        over = exponential(self.flow.a, -self.d, Fraction(0))
+        return [
+            magnitude(sum((e * b for e, b in zip(row, column, strict=True)), ZERO)) for row in over
+        ]
+
+    def _in_window(
+        self,
+        terms: Terms,
+        flow: LinearFlow,
+        ahead: Fraction,
+        own: Sequence[Linear],
+        commands: Sequence[Linear],
+    ) -> list[Linear]:
+        """The states at any time from d before to `ahead` after, under one command.
+
+        x(s) = x + (integral of e^{At} over [0, s]) (A x + B u + c) +- noise.
+        """
+        rates = []
+        for a, b, c in zip(flow.a, flow.b, flow.constant, strict=True):
+            parts = [(f, x) for f, x in zip((*a, *b), (*own, *commands), strict=True)]
+            rates.append(terms.combine([(f, x) for f, x in parts if not f.is_zero()], c))
+        window = integrals(flow.a, -self.d, ahead)
+        noise = flow.motion(-self.d, ahead).noise
+        found = []
+        for i, x in enumerate(own):
+            parts = [(ONE, x), (ONE, terms.blurred(window[i], rates))]
+            if not noise[i].is_zero():
+                parts.append((ONE, terms.input("box", "noise", -noise[i], noise[i])))
             found.append(terms.combine(parts))
         return found
 
@@ -346,9 +351,9 @@ class _FlowChain:
             return None
         terms, states = self.model.new_terms()
         own = [states[i] for i in self.members]
-        old, older = self._old_commands(terms), self._old_commands(terms)
-        over, _ = _sweeps(terms, self.flow, own, old, 2 * self.j, self.pieces)
-        inputs = own + self._remembered(old, older)
+        old = [self._old_commands(terms) for _ in range(self.depth)]
+        over, _ = _sweeps(terms, self.flow, own, old[0], 2 * self.j, self.pieces)
+        inputs = own + self._remembered(old)
         return _compiled(self.model, terms, self.members, inputs, [], over)
 
     # ------------------------------------------------------------ parts
@@ -370,12 +375,11 @@ class _FlowChain:
             at[i] = x
         return self.model.commands(terms, at)
 
-    def _remembered(self, old: Sequence[Linear], older: Sequence[Linear]) -> list[Linear]:
+    def _remembered(self, latest: Sequence[Sequence[Linear]]) -> list[Linear]:
         """The commands that a form carries along: those that this group feels."""
-        recent = [*old], [*older]
-        return [commands[k] for commands in recent[: self.depth] for k in self.moves]
+        return [commands[k] for commands in latest[: self.depth] for k in self.moves]
 
-    def _command_noise(self, k: int, time: Fraction, *, backwards: bool = False) -> list[arb]:
+    def _command_noise(self, k: int, time: Fraction) -> list[arb]:
         """What a command adds at most that is anything in [-1, 1] all the time."""
         column = [[row[k]] for row in self.flow.b]
         none = [ZERO] * len(column)
@@ -383,7 +387,7 @@ class _FlowChain:
             return none
         empty: list[list[arb]] = [[] for _ in column]
         only = LinearFlow(self.flow.members, self.flow.a, empty, none, column, ())
-        return only.motion(-time, -time).noise if backwards else only.motion(time, time).noise
+        return only.motion(time, time).noise
 
     def _switched(
         self,

@@ -34,6 +34,7 @@ from soter.recheck.balls import (
     above,
     below,
     exact,
+    key_of,
     larger,
     line_noisy_max0,
     range_max0,
@@ -96,7 +97,7 @@ def compile_step(
     other input ranges over `boxes`, or its domain where nothing is said there. `memories`: how
     many of the states, and of the outputs, are memories: the last ones.
     """
-    writer = _Writer(terms, states, symbols, boxes or {}, memories[0])
+    writer = Writer(terms, states, symbols, boxes or {}, memories[0])
     return writer.step(outputs, ranges, must, memories[1])
 
 
@@ -107,7 +108,7 @@ def compile_truths(
     boxes: Mapping[int, tuple[arb, arb]],
 ) -> Callable[[tuple[arb, ...]], tuple[int, ...]]:
     """`form of a box -> truths`: bit 0: may be false, bit 1: may be true."""
-    return _Writer(terms, states, 0, boxes).truths(truths)
+    return Writer(terms, states, 0, boxes).truths(truths)
 
 
 def form_of_box(box: Sequence[tuple[arb, arb]], *, symbols: bool) -> tuple[arb, ...]:
@@ -129,7 +130,7 @@ WORD = re.compile(r"(?<![\w.])[A-Za-z_]\w*")
 PLAIN = {"abs", "if", "else", "return", "None"}
 
 
-class _Writer:
+class Writer:
     """Writes one function; what needs no input is computed once, what is written twice, too."""
 
     def __init__(
@@ -171,7 +172,7 @@ class _Writer:
         self.keep: list[object] = []
         self.written: dict[str, list[str]] = {}
         """Code -> the names of its values."""
-        self.numbers: dict[object, str] = {_exactly(ZERO): "ZERO", _exactly(HALF): "HALF"}
+        self.numbers: dict[object, str] = {key_of(ZERO): "ZERO", key_of(HALF): "HALF"}
         """Constant -> its name."""
 
     # ------------------------------------------------------------ functions
@@ -185,10 +186,7 @@ class _Writer:
     ) -> Step:
         linear = [y for x in ranges for y in (x.parts if isinstance(x, Sweep) else (x,))]
         self._atoms([*outputs, *linear, *must])
-        for truth in must:
-            found_truth = self._truth(truth)
-            if self.names.get(found_truth) != 2:
-                self.lines.append(f"if {found_truth} != 2: return None")
+        self._demand(must)
         forms = [self._form(x) for x in outputs]
         radii = [self._sum([*self._betas(f[2]), f[3]]) or "ZERO" for f in forms]
         found = [
@@ -211,6 +209,13 @@ class _Writer:
         self.lines.append(f"return ({_tuple(flat)}, {_tuple(ends)})")
         found_step: Step = self._function()
         return found_step
+
+    def _demand(self, must: Sequence[Truth]) -> None:
+        """Give back None where something is not certain."""
+        for truth in must:
+            found = self._truth(truth)
+            if self.names.get(found) != 2:
+                self.lines.append(f"if {found} != 2: return None")
 
     def truths(self, truths: Sequence[Truth]) -> Callable[[tuple[arb, ...]], tuple[int, ...]]:
         self._atoms(truths)
@@ -257,7 +262,7 @@ class _Writer:
 
     def _constant(self, x: Any) -> str:  # noqa: ANN401  a ball, a truth, a pair of balls
         """The name of a number; equal ones have one name."""
-        key: object = _exactly(x) if isinstance(x, arb) else (type(x), id(x))
+        key: object = key_of(x) if isinstance(x, arb) else (type(x), id(x))
         if key not in self.numbers:
             self.count += 1
             name = f"K{self.count}"
@@ -313,7 +318,6 @@ class _Writer:
             first, *others = (self._ball(u) for u in alternatives)
             acting.append(self._new(first + "".join(f".union({v})" for v in others)))
         found = []
-        span = self._constant(x.span)
         for i, (row, constant) in enumerate(zip(x.rate, x.rate_constant, strict=True)):
             low, high = self._range(x.starts[i])
             own = row[i]
@@ -323,7 +327,8 @@ class _Writer:
                 found.append(f"below({low}), above({high})")
                 continue
             after = ", ".join(self._range(x.ends[i]))
-            law = f"{between[i]}, {rest or 'ZERO'}, {self._constant(own)}, {span}"
+            grown = self._constant(_grown(own, x.span))
+            law = f"{between[i]}, {rest or 'ZERO'}, {self._constant(own)}, {grown}"
             found.append(f"*swept({low}, {high}, {after}, {law})")
         return ", ".join(found)
 
@@ -606,6 +611,30 @@ class _Writer:
         ends = self._new(f"corners({al}, {ah}, {bl}, {bh})")
         self.bounds[index] = (f"{ends}[0]", f"{ends}[1]")
 
+    def _extreme(self, index: int, atom: Atom) -> None:
+        """min(a, b) = b - rest or max(a, b) = b + rest, no further than a and b are."""
+        b, rest, a = atom.arguments
+        sign = "-" if atom.kind == "min" else "+"
+        columns: dict[int, str] = {}
+        (row, c, r), (row_rest, c_rest, r_rest) = self._row(b), self._row(rest)
+        for j in row.keys() | row_rest.keys():
+            parts = [self._code(row[j])] if j in row else ["ZERO"]
+            parts += [f"{sign} {self._code(row_rest[j])}"] if j in row_rest else []
+            columns[j] = self._new(" ".join(parts))
+        self.rows[index] = columns
+        self.tails[index] = (
+            self._new(f"{c or 'ZERO'} {sign} {c_rest or 'ZERO'}"),
+            self._sum([r, r_rest]) or "ZERO",
+        )
+        (al, ah), (bl, bh), (least, most) = (self._range(x) for x in (a, b, rest))
+        if sign == "-":
+            least, most = most, least
+        low, high = self._new(f"{bl} {sign} {least}"), self._new(f"{bh} {sign} {most}")
+        self.bounds[index] = (
+            self._new(f"larger({al}.{atom.kind}({bl}), {low})"),
+            self._new(f"smaller({ah}.{atom.kind}({bh}), {high})"),
+        )
+
     def _choice(self, index: int, atom: Atom) -> None:
         a, b, difference = atom.arguments
         assert atom.condition is not None
@@ -645,6 +674,26 @@ class _Writer:
         self.rows[index] = {}
         self.tails[index] = ("ZERO", size)
         self.bounds[index] = (f"(-{size})", size)
+
+    def _any(self, index: int, atom: Atom) -> None:
+        """The first alternative, and what the others are off it."""
+        count = (len(atom.arguments) + 1) // 2
+        row, constant, spread = self._row(atom.arguments[0])
+        gaps = [self._range(x) for x in atom.arguments[count:]]
+        low = self._new("ZERO" + "".join(f".min({low})" for low, _ in gaps))
+        high = self._new("ZERO" + "".join(f".max({high})" for _, high in gaps))
+        self.rows[index] = {j: self._new(self._code(c)) for j, c in row.items()}
+        middle = self._new(f"({low} + {high})*HALF")
+        half = self._new(f"({high} - {low})*HALF")
+        self.tails[index] = (
+            self._new(f"{constant} + {middle}") if constant else middle,
+            self._new(f"{spread} + {half}") if spread else half,
+        )
+        first, *others = (self._range(x) for x in atom.arguments[:count])
+        self.bounds[index] = (
+            self._new(first[0] + "".join(f".min({low})" for low, _ in others)),
+            self._new(first[1] + "".join(f".max({high})" for _, high in others)),
+        )
 
     def _table(self, index: int, atom: Atom) -> None:
         values = f"T{index}"
@@ -689,11 +738,14 @@ class _Writer:
         return self._new(f"(({a} | {b}) & 2) | ({a} & {b} & 1)")
 
 
-_ATOMS: dict[str, Callable[[_Writer, int, Atom], None]] = {
-    "product": _Writer._product,  # noqa: SLF001  a table of its own methods
-    "choice": _Writer._choice,  # noqa: SLF001
-    "spread": _Writer._spread,  # noqa: SLF001
-    "table": _Writer._table,  # noqa: SLF001
+_ATOMS: dict[str, Callable[[Writer, int, Atom], None]] = {
+    "product": Writer._product,  # noqa: SLF001  a table of its own methods
+    "choice": Writer._choice,  # noqa: SLF001
+    "spread": Writer._spread,  # noqa: SLF001
+    "min": Writer._extreme,  # noqa: SLF001
+    "max": Writer._extreme,  # noqa: SLF001
+    "any": Writer._any,  # noqa: SLF001
+    "table": Writer._table,  # noqa: SLF001
 }
 
 
@@ -702,13 +754,6 @@ _ATOMS: dict[str, Callable[[_Writer, int, Atom], None]] = {
 
 def _tuple(parts: Sequence[str]) -> str:
     return f"({', '.join(parts)},)" if parts else "()"
-
-
-def _exactly(x: arb) -> object:
-    """Equal for equal balls only."""
-    if not x.is_finite():
-        return (arb, id(x))
-    return (arb, *map(str, (*x.mid().man_exp(), *x.rad().man_exp())))
 
 
 def _used(lines: Sequence[str]) -> list[str]:
@@ -740,13 +785,14 @@ def _swept(
     between: arb,
     rest: arb,
     own: arb,
-    span: arb,
+    grown: arb,
 ) -> tuple[float, float]:
     """The ends of a state x between two instants with these ranges, x' = own x + rest.
 
     Where x' has one sign over the box `between`, x runs from one range to the other. Elsewhere a
     comparison: x stays below the solution of y' = own y + max rest from `high`, which is monotone:
-    it only rises where own high + max rest > 0, and then at most by that times e^(own span) span.
+    it only rises where own high + max rest > 0, and then by that times `grown`, the integral of
+    e^{own s} over the time.
     """
     rate = own * between + rest
     if rate >= 0:
@@ -754,12 +800,17 @@ def _swept(
     if rate <= 0:
         return below(low_after), above(high)
     down, up = arb((own * low + rest).lower()), arb((own * high + rest).upper())
-    if down < 0 or up > 0:
-        span = span if own <= 0 else span * (own * span).exp()
     return (
-        below(low if down >= 0 else low + down * span),
-        above(high if up <= 0 else high + up * span),
+        below(low if down >= 0 else low + down * grown),
+        above(high if up <= 0 else high + up * grown),
     )
+
+
+def _grown(own: arb, span: arb) -> arb:
+    """The integral of e^{own s} over [0, span], from above."""
+    if own > 0 or own < 0:
+        return arb((((own * span).exp() - 1) / own).upper())
+    return span if own <= 0 else span * (own * span).exp()
 
 
 def _pick(values: NDArray[np.float64], *ends: float) -> tuple[arb, arb]:

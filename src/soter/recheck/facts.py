@@ -143,8 +143,6 @@ def read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
     """The topics that the step of SC reads."""
     if sc.node is None or sc.node.extern:
         raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
-    if sc.node.locals:
-        raise NotRecheckedError("an SC with locals is not rechecked yet")
     return list(topic_reads(*sc.node.step))
 
 

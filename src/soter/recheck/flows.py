@@ -194,52 +194,83 @@ def exponential(a: Matrix, start: Fraction, end: Fraction) -> Matrix:
 
 def integral(a: Matrix, time: Fraction) -> Matrix:
     """The integral of e^{As} over [0, time]."""
+    return integrals(a, time, time)
+
+
+def integrals(a: Matrix, start: Fraction, end: Fraction) -> Matrix:
+    """The integral of e^{As} over [0, t] for all t in [start, end]."""
     n = len(a)
     full = [[ZERO] * (2 * n) for _ in range(2 * n)]
     for i in range(n):
         full[i][:n] = a[i]
         full[i][n + i] = ONE
-    e = exponential(full, time, time)
+    e = exponential(full, start, end)
     return [row[n:] for row in e[:n]]
 
 
 # ---------------------------------------------------------------- reading
 
 
+def is_linear(model: Model, members: Sequence[int]) -> bool:
+    """Whether the rates of these states are linear in everything they depend on."""
+    rows = _whole(model)
+    return all(rows[i] is not None for i in members)
+
+
 def linear_flow(model: Model, members: Sequence[int]) -> LinearFlow:
-    """The flow of a group; what other groups do to it counts as a disturbance."""
-    a, b, constant, noise = _whole(model)
-    error = _scheme_error(model, a, b, constant, noise)
+    """The flow of a group; what other groups do to it counts as a disturbance.
+
+    Where every state of the plants has a linear flow, one step of the simulator's scheme is a
+    solution, too (`_scheme`); otherwise that it is one is a printed assumption.
+    """
+    rows = _whole(model)
+    own = [rows[i] for i in members]
+    if any(row is None for row in own):
+        raise NotRecheckedError("a flow that is not linear is not solved at once")
+    if all(row is not None for row in rows):
+        scheme = _scheme(model, [row.a for row in rows if row is not None])
+        rows = [_as_stepped(model, rows, scheme, i) for i in range(len(rows))]
     inside = set(members)
-    rows_noise: Matrix = []
-    rows_constant = []
-    for i in members:
-        extra = []
-        c = constant[i]
-        for j, (low, high) in enumerate(model.extents):
-            if j not in inside and not a[i][j].is_zero():
-                x, y = exact(low), exact(high)
-                c += a[i][j] * (x + y) * HALF
-                extra.append((j, a[i][j] * (y - x) * HALF))
+    noises: Matrix = []
+    constants = []
+    for at, i in enumerate(members):
+        row = rows[i]
+        assert row is not None
+        c = row.constant
         outside = [ZERO] * len(model.extents)
-        for j, x in extra:
-            outside[j] = x
-        own = [error[i] if k == i else ZERO for k in members]
-        rows_noise.append([*noise[i], *outside, *own])
-        rows_constant.append(c)
-    used = [k for k in range(len(rows_noise[0])) if not all(r[k].is_zero() for r in rows_noise)]
+        for j, (low, high) in enumerate(model.extents):
+            if j not in inside and not row.a[j].is_zero():
+                x, y = exact(low), exact(high)
+                c += row.a[j] * (x + y) * HALF
+                outside[j] = row.a[j] * (y - x) * HALF
+        alone = [row.error if k == at else ZERO for k in range(len(members))]
+        noises.append([*row.noise, *outside, *alone])
+        constants.append(c)
+    found = [rows[i] for i in members]
+    used = [k for k in range(len(noises[0])) if not all(r[k].is_zero() for r in noises)]
     return LinearFlow(
         tuple(members),
-        [[a[i][j] for j in members] for i in members],
-        [list(b[i]) for i in members],
-        rows_constant,
-        [[r[k] for k in used] for r in rows_noise],
+        [[row.a[j] for j in members] for row in found if row is not None],
+        [list(row.b) for row in found if row is not None],
+        constants,
+        [[r[k] for k in used] for r in noises],
         tuple((exact(c.low), exact(c.high)) for c in model.facts.controls),
     )
 
 
-def _whole(model: Model) -> tuple[Matrix, Matrix, list[arb], Matrix]:
-    """A, B, c and W of all states together."""
+@dataclass(frozen=True, eq=False)
+class Row:
+    """x_i' = a x + b u + constant + noise w +- error, |w| <= 1."""
+
+    a: list[arb]
+    b: list[arb]
+    constant: arb
+    noise: list[arb]
+    error: arb = ZERO
+
+
+def _whole(model: Model) -> list[Row | None]:
+    """The rows of all states; None where a rate is not linear."""
     terms, states = model.new_terms()
     controls = control_inputs(model.facts, terms)
     rates, disturbances = model.rates(terms, states, controls)
@@ -250,30 +281,30 @@ def _whole(model: Model) -> tuple[Matrix, Matrix, list[arb], Matrix]:
 
     columns = [[index(x) for x in group] for group in (states, controls, disturbances)]
     known = {k for group in columns for k in group}
-    a, b, constant, noise = [], [], [], []
+    found: list[Row | None] = []
     for rate in rates:
         if not set(rate.terms) <= known or not rate.radius.is_zero():
-            raise NotRecheckedError("a flow that is not linear is not rechecked yet")
-        a.append([rate.terms.get(k, ZERO) for k in columns[0]])
-        b.append([rate.terms.get(k, ZERO) for k in columns[1]])
+            found.append(None)
+            continue
         c, row = rate.const, []
         for k in columns[2]:
             low, high = terms.atoms[k].low, terms.atoms[k].high
             factor = rate.terms.get(k, ZERO)
             c += factor * (low + high) * HALF
             row.append(factor * (high - low) * HALF)
-        constant.append(c)
-        noise.append(row)
-    return a, b, constant, noise
+        a = [rate.terms.get(k, ZERO) for k in columns[0]]
+        b = [rate.terms.get(k, ZERO) for k in columns[1]]
+        found.append(Row(a, b, c, row))
+    return found
 
 
-def _scheme_error(
-    model: Model, a: Matrix, b: Matrix, constant: list[arb], noise: Matrix
-) -> list[arb]:
-    """A bound on the constant extra rate that turns the exact solution into the scheme's step.
+def _scheme(model: Model, a: Matrix) -> tuple[Matrix, Matrix]:
+    """E_x and E_v: the extra rate E_x x + E_v v turns the exact solution into the scheme's step.
 
-    One step of the scheme is P x + Q v, the solution Phi x + Gamma v, v = B u + c + W w held. The
-    extra rate r solves Gamma r = (P - Phi) x + (Q - Gamma) v, with x in the grid.
+    One step of the scheme is P x + Q v, the solution Phi x + Gamma v, with the state x at its
+    beginning and v = B u + c + W w held. The rate r, constant over the step, solves Gamma r =
+    (P - Phi) x + (Q - Gamma) v. All are series in A: E_x has entries only along paths of A, E_v
+    these and the diagonal.
     """
     n = len(a)
     schemes = {
@@ -302,20 +333,38 @@ def _scheme_error(
     back = arb_mat(gamma).inv().tolist()
     of_x = _times(back, [[p[i][j] - phi[i][j] for j in range(n)] for i in range(n)])
     of_v = _times(back, [[q[i][j] - gamma[i][j] for j in range(n)] for i in range(n)])
-    states = [magnitude(exact(lo)).max(magnitude(exact(hi))) for lo, hi in model.extents]
-    rates = []
+    paths = _reach(a)
     for i in range(n):
-        rate = abs(constant[i])
-        for k, c in enumerate(model.facts.controls):
-            rate += abs(b[i][k]) * magnitude(exact(c.low)).max(magnitude(exact(c.high)))
-        for x in noise[i]:
-            rate += abs(x)
-        rates.append(rate)
-    found = []
-    for i in range(n):
-        total = ZERO
         for j in range(n):
-            total += magnitude(of_x[i][j]) * states[j] + magnitude(of_v[i][j]) * rates[j]
-        still = rates[i].is_zero() and all(x.is_zero() for x in a[i])
-        found.append(ZERO if still else arb(total.upper()))
-    return found
+            if not paths[i][j]:
+                of_x[i][j] = ZERO
+                of_v[i][j] = of_v[i][j] if i == j else ZERO
+    return of_x, of_v
+
+
+def _as_stepped(
+    model: Model, rows: Sequence[Row | None], scheme: tuple[Matrix, Matrix], i: int
+) -> Row:
+    """The row with the extra rate of the scheme: r_i = sum E_v v + sum E_x x, x in the grid.
+
+    What v_i itself adds goes with B, c and W, v being held with the command: a state that no
+    command and nothing else moves stands still for the scheme, too. The rest counts as a
+    disturbance.
+    """
+    of_x, of_v = scheme
+    first = rows[i]
+    assert first is not None
+    own = ONE + of_v[i][i]
+    error = ZERO
+    for j, row in enumerate(rows):
+        assert row is not None
+        low, high = (exact(end) for end in model.extents[j])
+        error += magnitude(of_x[i][j]) * magnitude(low).max(magnitude(high))
+        if j != i and not of_v[i][j].is_zero():
+            rate = abs(row.constant) + sum((abs(x) for x in row.noise), ZERO)
+            for x, c in zip(row.b, model.facts.controls, strict=True):
+                rate += abs(x) * magnitude(exact(c.low)).max(magnitude(exact(c.high)))
+            error += magnitude(of_v[i][j]) * rate
+    b = [own * x for x in first.b]
+    noise = [own * x for x in first.noise]
+    return Row(first.a, b, own * first.constant, noise, arb(error.upper()))

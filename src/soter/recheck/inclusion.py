@@ -25,6 +25,7 @@ from soter.recheck.tables import (
     Cells,
     Grid,
     block_index,
+    finer,
     uncovered,
     unshown,
     volume,
@@ -72,26 +73,6 @@ class GroupTables:
     levels: list[NDArray[np.bool_]] = field(default_factory=list)
     given_back: NDArray[np.bool_] | None = None
     """Estimates on which the table of the DM gives control back to AC: S_(m-2) of all cases."""
-
-
-# ---------------------------------------------------------------- boxes
-
-
-def finer(
-    box: list[tuple[arb, arb]], attempt: Callable[[list[tuple[arb, arb]]], bool], splits: int
-) -> bool:
-    """Whether the attempt works on all parts of a box, halving where it does not."""
-    if attempt(box):
-        return True
-    if splits == 0:
-        return False
-    axis = splits % len(box)
-    low, high = box[axis]
-    middle = ((low + high) * HALF).mid()
-    return all(
-        finer([*box[:axis], half, *box[axis + 1 :]], attempt, splits - 1)
-        for half in ((low, middle), (middle, high))
-    )
 
 
 # ---------------------------------------------------------------- chains

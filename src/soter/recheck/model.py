@@ -14,6 +14,7 @@ from soter.program import arith
 from soter.program.types import BoolType, FloatType, leaves
 from soter.program.walk import topic_reads
 from soter.recheck.balls import ONE, exact
+from soter.recheck.locals_of import combinations, one_of
 from soter.recheck.problem import driven_topics
 from soter.recheck.symbolic import Reader, Surroundings, filled, flat, truth_of, variables_in
 from soter.recheck.terms import NotRecheckedError, Terms, negation
@@ -120,20 +121,28 @@ class Model:
     # ------------------------------------------------------------ SC and predicates
 
     def commands(self, terms: Terms, states: Sequence[Linear]) -> list[Linear]:
-        """What SC publishes after a sample of these states; obligations are those of its step."""
+        """What SC publishes after a sample of these states, whatever its locals are.
+
+        Obligations are those of its step, for every value of its locals.
+        """
         sc = self.facts.sc
         assert sc.node is not None
         values = self.topics(terms, states, errors=True)
         known = {t: values[i] for t, i in sc.scope.topics.items() if i in values}
         reader = Reader(terms, Surroundings(sc.scope.params, known, _seconds(sc.period_ns)))
-        published = reader.step(sc.node.step, {})
-        by_index = {sc.scope.topics[t]: v for t, v in published.items()}
+        published = [
+            {sc.scope.topics[t]: v for t, v in reader.step(sc.node.step, known_locals).items()}
+            for known_locals in combinations(terms, sc.node.locals)
+        ]
         found = []
         for control in self.facts.controls:
-            if control.owner not in by_index:
-                raise NotRecheckedError(f"SC does not publish `{control.name}` in every step")
-            value = flat(by_index[control.owner])[control.leaf]
-            command = terms.constant(value) if isinstance(value, float) else value
+            alternatives = []
+            for by_index in published:
+                if control.owner not in by_index:
+                    raise NotRecheckedError(f"SC does not publish `{control.name}` in every step")
+                value = flat(by_index[control.owner])[control.leaf]
+                alternatives.append(terms.constant(value) if isinstance(value, float) else value)
+            command = one_of(terms, alternatives)
             low = terms.combine(((ONE, command),), -exact(control.low))
             high = terms.combine(((-ONE, command),), exact(control.high))
             terms.oblige(negation(terms.below(low)))

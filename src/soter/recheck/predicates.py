@@ -13,9 +13,9 @@ import numpy as np
 
 from soter.recheck.balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
 from soter.recheck.compile_terms import compile_truths, form_of_box
-from soter.recheck.inclusion import CELLS_AT_ONCE, FREE_PIECES, SPLITS, finer
+from soter.recheck.inclusion import CELLS_AT_ONCE, FREE_PIECES, SPLITS
 from soter.recheck.problem import error_of
-from soter.recheck.tables import Cells, block_index, halves, uncovered, volume
+from soter.recheck.tables import Cells, block_index, finer, halves, uncovered, volume
 from soter.recheck.terms import (
     TRUE,
     Terms,

@@ -21,6 +21,7 @@ from soter.program.types import ArrayType, IntType, default_value
 from soter.program.walk import nodes
 from soter.recheck.balls import ONE, PRELUDE, TINIEST, UNIT_ROUNDOFF, exact, magnitude
 from soter.recheck.terms import (
+    FALSE,
     TRUE,
     Linear,
     NotRecheckedError,
@@ -83,8 +84,20 @@ class Reader:
     ) -> dict[t.TopicSymbol, Value]:
         """What a step publishes."""
         frame = _Frame(dict(variables), {})
-        self._block(tuple(body), frame)
+        if not self._tried(self.terms.path, lambda: self._block(tuple(body), frame))[0]:
+            raise NotRecheckedError("SC faults wherever it steps")
         return frame.published
+
+    def _tried(self, path: Truth, run: Callable[[], Value]) -> tuple[bool, Value]:
+        """What is computed under a condition; False where it faults: then it must not hold."""
+        outside, self.terms.path = self.terms.path, path
+        try:
+            return True, run()
+        except arith.StepFault:
+            self.terms.oblige(FALSE)
+            return False, None
+        finally:
+            self.terms.path = outside
 
     # ------------------------------------------------------------ statements
 
@@ -119,13 +132,17 @@ class Reader:
         self, c: Truth, then: tuple[t.Stmt, ...], otherwise: tuple[t.Stmt, ...], frame: _Frame
     ) -> Value | None:
         """Both sides of a branch, joined at the single exit."""
-        outside = self.terms.path
-        other = frame.copy()
-        self.terms.path = both(outside, c)
-        first = self._block(then, frame)
-        self.terms.path = both(outside, negation(c))
-        second = self._block(otherwise, other)
-        self.terms.path = outside
+        outside, other = self.terms.path, frame.copy()
+        fine, first = self._tried(both(outside, c), lambda: self._block(then, frame))
+        well, second = self._tried(
+            both(outside, negation(c)), lambda: self._block(otherwise, other)
+        )
+        if not (fine and well):  # an obligation says that the other side is taken
+            if not (fine or well):
+                raise arith.StepFault(arith.FaultKind.ASSERT)
+            if well:
+                frame.variables, frame.published = other.variables, other.published
+            return first if fine else second
         for table, its in ((frame.variables, other.variables), (frame.published, other.published)):
             joint: dict[Any, Value] = {}
             for key in table.keys() & its.keys():
@@ -243,10 +260,11 @@ class Reader:
         going_on = e.op == "&&"
         if isinstance(a, bool):
             return self._expr(e.right, frame) if a == going_on else a
-        outside = self.terms.path
-        self.terms.path = both(outside, a if going_on else negation(a))
-        b = truth_of(self._expr(e.right, frame))
-        self.terms.path = outside
+        path = both(self.terms.path, a if going_on else negation(a))
+        fine, found = self._tried(path, lambda: self._expr(e.right, frame))
+        if not fine:
+            return not going_on
+        b = truth_of(found)
         return _plain(both(a, b) if going_on else either(a, b))
 
     def _compared(self, op: str, a: Value, b: Value) -> Value:
@@ -312,13 +330,12 @@ class Reader:
         c = self._expr(e.condition, frame)
         if isinstance(c, bool):
             return self._expr(e.then if c else e.otherwise, frame)
-        outside = self.terms.path
-        self.terms.path = both(outside, c)
-        a = self._expr(e.then, frame)
-        self.terms.path = both(outside, negation(c))
-        b = self._expr(e.otherwise, frame)
-        self.terms.path = outside
-        return self._join(c, a, b)
+        path = self.terms.path
+        fine, a = self._tried(both(path, c), lambda: self._expr(e.then, frame))
+        well, b = self._tried(both(path, negation(c)), lambda: self._expr(e.otherwise, frame))
+        if not (fine or well):
+            raise arith.StepFault(arith.FaultKind.ASSERT)
+        return self._join(c, a, b) if fine and well else (a if fine else b)
 
     def _call(self, e: t.Call, frame: _Frame) -> Value:
         arguments = [self._expr(a, frame) for a in e.arguments]
@@ -379,7 +396,8 @@ class Reader:
         if not isinstance(a, Linear) and not isinstance(b, Linear):
             return arith.minimum(a, b) if name == "min" else arith.maximum(a, b)
         x, y = self._linear(a), self._linear(b)
-        found = self.terms.minimum(x, y) if name == "min" else self.terms.maximum(x, y)
+        choose = self.terms.minimum if name == "min" else self.terms.maximum
+        found = choose(x, y, tight=not self.is_rounded)  # plants: limits keep ends of grids
         return self._whole(found) if isinstance(a, (int, _Whole)) else found
 
     def _root(self, x: Value) -> Value:
@@ -641,6 +659,11 @@ def filled(of: Type, values: Sequence[Value]) -> Value:
     if left:
         raise NotRecheckedError(f"a list on a topic or in a state {NOT_HERE}")
     return found
+
+
+def whole(x: Linear) -> Linear:
+    """A term that is a whole number."""
+    return _Whole(x.const, x.terms, x.radius, x.low, x.high, x.nonnegative)
 
 
 def variables_in(expr: t.Expr) -> set[t.Variable]:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.recheck.balls import exact
+from soter.recheck.balls import HALF, exact
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -197,6 +197,23 @@ def unshown(
             yield at
         else:
             waiting.extend((half, limit) for half in halves(at))
+
+
+def finer(
+    box: list[tuple[arb, arb]], attempt: Callable[[list[tuple[arb, arb]]], bool], splits: int
+) -> bool:
+    """Whether the attempt works on all parts of a box, halving where it does not."""
+    if attempt(box):
+        return True
+    if splits == 0:
+        return False
+    axis = splits % len(box)
+    low, high = box[axis]
+    middle = ((low + high) * HALF).mid()
+    return all(
+        finer([*box[:axis], half, *box[axis + 1 :]], attempt, splits - 1)
+        for half in ((low, middle), (middle, high))
+    )
 
 
 def block_index(block: Block, base: Sequence[int] | None = None) -> tuple[slice, ...]:

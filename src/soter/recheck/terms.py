@@ -65,7 +65,9 @@ class Atom:
     kind: "state", "box" (an input with fixed range), a function of `UNIVARIATE`, "product",
     "choice" (condition ? arguments[0] : arguments[1], arguments[2] being their difference),
     "spread" (anything within the sum of weights times |argument|), "table" (values at the whole
-    numbers that are the arguments). `values`: the table, in C order over `shape`.
+    numbers that are the arguments), "min" and "max" (of arguments[0] and arguments[2], which differ
+    by arguments[1] where that is chosen), "any" (one of several alternatives; behind them the gaps
+    between the first and each of the others). `values`: the table, in C order over `shape`.
     """
 
     kind: str
@@ -168,6 +170,10 @@ class Terms:
         """A new input."""
         return self._atom(Atom(kind, low=low, high=high, name=name))
 
+    def made(self, atom: Atom) -> Linear:
+        """A new atom of any other kind."""
+        return self._atom(atom)
+
     def _atom(self, atom: Atom, *, nonnegative: bool = False) -> Linear:
         if len(self.atoms) >= self.limit:
             raise NotRecheckedError("the step is too large to be read as one formula")
@@ -256,19 +262,34 @@ class Terms:
         self.oblige(either(self.below(b), self.below(self.combine(((-ONE, b),)))))
         return self.multiply(a, self.function("inverse", b))
 
-    def minimum(self, a: Linear, b: Linear) -> Linear:
-        """min(a, b) = b - max(b - a, 0): exact, as the machine's is, and never above a number b."""
-        if a.is_constant:
-            a, b = b, a
-        return self.combine(((ONE, b), (-ONE, self.function("max0", self.subtract(b, a)))))
+    def minimum(self, a: Linear, b: Linear, *, tight: bool = False) -> Linear:
+        """min(a, b) = b - max(b - a, 0): exact, as the machine's is, and never above a number b.
 
-    def maximum(self, a: Linear, b: Linear) -> Linear:
-        """max(a, b) = b + max(a - b, 0)."""
+        `tight`: also never above a. What is read costs more then.
+        """
         if a.is_constant:
             a, b = b, a
-        found = self.combine(((ONE, b), (ONE, self.function("max0", self.subtract(a, b)))))
+        rest = self.function("max0", self.subtract(b, a))
+        found = self.combine(((ONE, b), (-ONE, rest)))
+        if not tight:
+            return found
+        low = larger(a.low.min(b.low), found.low)
+        high = smaller(a.high.min(b.high), found.high)
+        return self._atom(Atom("min", (b, rest, a), low=low, high=high))
+
+    def maximum(self, a: Linear, b: Linear, *, tight: bool = False) -> Linear:
+        """max(a, b) = b + max(a - b, 0); `tight`: never below a, either."""
+        if a.is_constant:
+            a, b = b, a
+        rest = self.function("max0", self.subtract(a, b))
+        found = self.combine(((ONE, b), (ONE, rest)))
         found.nonnegative = a.nonnegative or b.nonnegative
-        return found
+        if not tight:
+            return found
+        low = larger(a.low.max(b.low), found.low)
+        high = smaller(a.high.max(b.high), found.high)
+        atom = Atom("max", (b, rest, a), low=low, high=high)
+        return self._atom(atom, nonnegative=found.nonnegative)
 
     def choose(self, c: Truth, a: Linear, b: Linear) -> Linear:
         """C ? a : b."""
