@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def _round(x: float) -> float:
-    return float(f"{x:.3g}")
+    return float(f"{float(x):.3g}")
 
 
 def _between(rng: Rng, low: float, high: float) -> float:
@@ -283,8 +283,7 @@ def two(seed: int, rng: Rng) -> Module:
 def _map(seed: int, family: str, rng: Rng, *parts: object, **more: object) -> Module:
     when = Times(int(rng.choice([1, 2, 3])), 1, 1, 1)
     found = _module(seed, family, rng, *parts, when, is_map=True, **more)  # type: ignore[arg-type]
-    # one step of the map is a tick; the age must be below it
-    return replace(found, tick_us=1_000_000, times=replace(when, max_age=1))
+    return replace(found, tick_us=1_000_000, times=replace(when, max_age=0))
 
 
 def map1(seed: int, rng: Rng) -> Module:

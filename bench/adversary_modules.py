@@ -133,17 +133,18 @@ class Module:
     @property
     def text(self) -> str:
         """The program."""
-        n, last = range(self.n), f"z{len(self.nodes)}" if self.nodes else "y"
+        n = range(self.n)
         fields = ", ".join(f"x{i}: float" for i in n)
         t = self.times
         flies = self._plant("P", "z0" if self.nodes else "y")
         raw = "\n".join(f"topic z{k}: {{ {fields} }};" for k in range(len(self.nodes)))
         chain = "\n".join(self._node(k) for k in range(len(self.nodes)))
         beside = "".join(f" node N{k};" for k in range(len(self.nodes)))
-        del last
+        # a map's state must be read in the instant in which it is published: an age below its period
+        age = f"{self.tick_us // 2}us" if self.is_map else self.ticks(t.max_age)
         return f"""soter 1;
 {raw}
-topic y: {{ {fields} }} max_age {self.ticks(t.max_age)};
+topic y: {{ {fields} }} max_age {age};
 {self._controls()}
 {flies}
 {self._plant("Q", "y") if self.nodes else ""}
