@@ -197,8 +197,15 @@ def at_period(problem: Problem, delta_ns: int) -> Problem:
 
     Phases stay: they are those of the calendar. The scheme's error is that of the plant's step.
     """
-    sc = delta_ns if _scales(problem) else problem.times.delta_sc
-    return replace(problem, times=replace(problem.times, delta_dm=delta_ns, delta_sc=sc))
+    times = problem.times
+    schedule = times.schedule
+    sc = delta_ns if _scales(problem) else times.delta_sc
+    schedule = replace(
+        schedule,
+        dm=replace(schedule.dm, period=delta_ns),
+        sc=replace(schedule.sc, period=sc),
+    )
+    return replace(problem, times=replace(times, schedule=schedule))
 
 
 def _opened(problem: Problem, library: ReachLibrary) -> list[Case]:

@@ -12,13 +12,15 @@ from soter.prelude.bounds import BOUNDS
 from soter.program.durations import show_ns
 from soter.program.types import FloatType, leaves
 from soter.program.walk import calls_in
-from soter.reach.timing import DELAYS, WORDS, read_by_dm, read_by_sc
+from soter.reach.timing import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
 if TYPE_CHECKING:
     from soter.program import typed
+    from soter.program.system import Component
     from soter.reach.inputs import Inputs
     from soter.reach.place import Place
     from soter.reach.problem import Times
+    from soter.reach.routes import Routes
 
 EXACT = ("clamp", "sign", "quat_conj")
 """Prelude functions without an error of their own."""
@@ -28,9 +30,21 @@ SCHEME = (
 )
 
 
-def assumptions_of(place: Place, inputs: Inputs, times: Times, kind: str) -> list[str]:
+NO_DROPOUT = (
+    "sensors never drop out: where one does the DM hands over to SC, which then reads what is "
+    "too old for its own proof (`dropout` covers a silence)"
+)
+
+
+def assumptions_of(
+    place: Place, inputs: Inputs, times: Times, routes: Routes, kind: str
+) -> list[str]:
     """Every assumption; SCHEME is taken out again where the scheme turns out to be covered."""
-    found = [*_environment(place, inputs), *_timing(times, kind)]
+    found = [
+        *_environment(place, inputs),
+        *_ways(place, routes),
+        *_timing(place, times, routes, kind),
+    ]
     if kind == "flow":
         found += _of_one_instant(place)
         found.append(SCHEME)
@@ -51,10 +65,6 @@ def _environment(place: Place, inputs: Inputs) -> list[str]:
         f"within its bounds, from the initial states of {link.name} on"
         for link in place.module.symbol.verify.abstracts
     ]
-    if place.abstract:
-        read = dict.fromkeys([*read_by_dm(place), *read_by_sc(place)])
-        names = ", ".join(place.system.topics[t].name for t in read)
-        found.append(f"whoever publishes {names} does so at the instant of the state it shows")
     names = ", ".join(c.name for c in place.plants)
     if not place.abstract:
         found.append(f"the world behaves like {names} for some disturbance within its bounds")
@@ -83,6 +93,50 @@ def _environment(place: Place, inputs: Inputs) -> list[str]:
     return found
 
 
+def _ways(place: Place, routes: Routes) -> list[str]:
+    """What stands between plant and module is followed in time, not in value."""
+    found = []
+    for route in dict.fromkeys([*routes.by_dm, *routes.by_sc]):
+        if not place.abstract:
+            continue
+        source = "the world" if route.sensor is None else route.sensor.name
+        source = route.nodes[0].name if route.source else source
+        if not route.nodes:
+            text = f"{route.topic.name} shows the state of {source} at the instant of publication"
+        else:
+            through = ", ".join(_filter(n) for n in route.nodes)
+            text = (
+                f"{route.topic.name} shows, within the errors declared, the state of {source} that "
+                f"{through} read (how old that is, is followed)"
+            )
+        found.append(text)
+        if route.source:
+            first = route.nodes[0].name
+            found.append(
+                f"what {first} publishes is its own, and the defaults of its topics are what it "
+                "would have published before its first step"
+            )
+    if routes.in_step:
+        names = ", ".join(_filter(n) for n in routes.in_step)
+        found.append(
+            f"{names}: in the thread of the module, behind SC in the same instant; what they do "
+            "with a command belongs to the plants of the proof"
+        )
+    if routes.behind:
+        names = ", ".join(_filter(n) for n in routes.behind)
+        found.append(
+            f"{names}: pass a command on at their next step (followed in time); what they do with "
+            "it belongs to the plants of the proof"
+        )
+    return list(dict.fromkeys(found))
+
+
+def _filter(node: Component) -> str:
+    assert node.node is not None
+    kept = ", ".join(v.name for v in node.node.locals)
+    return f"{node.name} (which keeps {kept})" if kept else node.name
+
+
 def _exact(place: Place, inputs: Inputs) -> list[str]:
     """Leaves of what the DM and SC read of plants for which no error is declared."""
     measured = {(e.owner, e.path) for e in inputs.errors}
@@ -104,10 +158,19 @@ def _of_one_instant(place: Place) -> list[str]:
     return found
 
 
-def _timing(times: Times, kind: str) -> list[str]:
-    if kind == "map":
-        return ["plant, DM and SC run in the same instant, in this order, and commands act in it"]
+def _timing(place: Place, times: Times, routes: Routes, kind: str) -> list[str]:
+    verify = place.module.symbol.verify
     found = []
+    if not times.schedule.dropout and times.schedule.read_by_sc:
+        found.append(NO_DROPOUT)
+    if kind == "map":
+        words = "plant, DM and SC run in the same instant, in this order, and commands act in it"
+        return [*found, words]
+    if times.schedule.dropout:
+        found.append(
+            f"a sensor is silent for at most {show_ns(times.schedule.dropout)} longer than its "
+            "period, and never at its first release"
+        )
     if times.age_sc:
         found.append(
             f"what SC reads is at most {show_ns(times.age_sc)} old (for SC no runtime enforces it)"
@@ -116,7 +179,11 @@ def _timing(times: Times, kind: str) -> list[str]:
     if declared:
         shown = ", ".join(f"{n.replace('_', ' ')} {show_ns(getattr(times, n))}" for n in declared)
         found.append(f"times as declared: {shown}")
+    nodes = sorted({*verify.late_of, *verify.response_of})
+    if nodes:
+        found.append(f"times as declared, too: of {', '.join(nodes)}")
     absent = [WORDS[n] for n in DELAYS if n not in times.declared]
+    absent += [f"{n} is on time and takes none" for n in undeclared(place, routes)]
     if absent:
         found.append(f"undeclared times are zero: {', '.join(absent)}")
     found.append("SC waits for the DM, in one thread, and no release is skipped")

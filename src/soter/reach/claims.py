@@ -16,6 +16,7 @@ import numpy as np
 
 from soter.reach import polytope_claims
 from soter.reach.boxes import holding
+from soter.reach.first_reads import fault_on_defaults
 from soter.reach.forms import Forms
 from soter.reach.grids import GridGroup
 from soter.reach.products import law_stays_inside, parts, product_holds
@@ -266,6 +267,10 @@ def start(case: Case) -> None:
     h0 = in_horizon(case.problem, case.problem.times.start)
     if case.parameter != case.problem.parameter_start:
         return
+    wrong_read = fault_on_defaults(case.problem)
+    if wrong_read:
+        hint = "let SC step only after what it reads was published: `phase`"
+        case.fail("start", wrong_read, hint=hint)
     polytope_claims.start(case, h0)
     for i, (engine, part) in enumerate(zip(case.groups, case.sets.groups, strict=True)):
         reach = engine.safe_for(h0, part.core > 0)

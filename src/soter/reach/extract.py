@@ -42,7 +42,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     _stop(diagnostics)
     groups = Axes(at, inputs, diagnostics)
     found = groups.groups()
-    times = times_of(at, kind, diagnostics)
+    times, routes = times_of(at, kind, diagnostics)
     _cases(at, inputs, diagnostics)
     commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
     _stop(diagnostics)
@@ -71,7 +71,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         computed=symbol.ttf is None,
         synthesize=synthesize,
         topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()} | groups.shown,
-        assumptions=[*_forced(flat, module), *assumptions_of(at, inputs, times, kind)],
+        assumptions=[*_forced(flat, module), *assumptions_of(at, inputs, times, routes, kind)],
         name=module.name,
         commands=commands,
         parameter_start=tuple(inputs.parameter_start),

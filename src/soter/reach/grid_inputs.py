@@ -59,7 +59,6 @@ def _ranges(intervals: Sequence[Interval]) -> tuple[Range, ...]:
 def of_problem(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
     """The inputs of a problem for one combination of parameter values."""
     times = problem.times
-    acts = times.response_sc + times.acts
     is_map = problem.kind == "map"
     return GridInputs(
         _ranges(problem.states),
@@ -69,8 +68,8 @@ def of_problem(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
         _ranges(problem.others),
         kind=problem.kind,
         period_ns=times.delta_sc,
-        delay_ns=0 if is_map else times.age_sc + acts,
-        jitter_ns=0 if is_map else times.late_sc + acts,
+        delay_ns=0 if is_map else times.delay_sc,
+        jitter_ns=0 if is_map else times.jitter_sc,
         parameters=tuple(parameters),
         plant_period_ns=problem.scheme_step_ns,
         map_step_ns=problem.plant_period_ns if is_map else 0,

@@ -32,6 +32,9 @@ class Place:
     """Whether the plants are abstractions of the ones that fly."""
     prefix: str
     """What stands before the names of instances beside the module: `d.`, or nothing."""
+    flat: System
+    """The flying system, which holds the module as `home`."""
+    home: Module
 
     @property
     def sc(self) -> Component:
@@ -48,6 +51,14 @@ class Place:
                 found[c.scope.topics[topic]] = c
         return found
 
+    def flying(self, topic: typed.TopicSymbol) -> int:
+        """A topic that the module reads, as an index of the flying system; -1: not there."""
+        home = self.home
+        for scope in (home.scope, *(self.flat.components[i].scope for i in (home.sc, home.ac))):
+            if topic in scope.topics:
+                return scope.topics[topic]
+        return -1
+
 
 def place(flat: System, module: Module) -> Place:
     """The verification system of a module of `flat`; `SoterError` where there is none."""
@@ -55,7 +66,8 @@ def place(flat: System, module: Module) -> Place:
     system = _abstract(flat, module) if abstract else _reduced(flat, module)
     plants = tuple(c for c in system.components if c.role == "plant")
     prefix = "" if abstract else module.name.rpartition(".")[0]
-    return Place(system, system.modules[0], plants, abstract, prefix + "." if prefix else "")
+    prefix = prefix + "." if prefix else ""
+    return Place(system, system.modules[0], plants, abstract, prefix, flat, module)
 
 
 def sc_reads(node: typed.NodeSymbol) -> list[typed.TopicSymbol]:

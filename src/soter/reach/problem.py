@@ -7,7 +7,6 @@ Non-goals: computing anything.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
@@ -16,6 +15,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.lower.core import CoreSystem
     from soter.program.system import Module, System
+    from soter.reach.schedule import Schedule
 
 
 @dataclass(frozen=True)
@@ -28,35 +28,72 @@ class Interval:
 
 @dataclass(frozen=True)
 class Times:
-    """Every time of P1c in ns (docs/verification.md, Times). `declared` names those that were."""
+    """Every time of a proof in ns, derived from `schedule`. `declared` names those that were."""
 
-    delta_dm: int
-    """Delta, the period of the DM."""
-    delta_sc: int
-    age_dm: int
-    age_sc: int
-    late_dm: int = 0
-    late_sc: int = 0
-    response_dm: int = 0
-    response_sc: int = 0
-    acts: int = 0
-    phase_dm: int = 0
-    phase_sc: int = 0
+    schedule: Schedule
     horizon: int | None = None
-    """H as declared; None: H*."""
+    """H as declared; None: what is needed."""
     declared: frozenset[str] = frozenset()
 
     @property
-    def wait(self) -> int:
-        """G: from a release of the DM to the next of SC, at worst."""
-        g = math.gcd(self.delta_dm, self.delta_sc)
-        return self.delta_sc - g + (self.phase_sc - self.phase_dm) % g
+    def delta_dm(self) -> int:
+        """Delta, the period of the DM."""
+        return self.schedule.dm.period
+
+    @property
+    def delta_sc(self) -> int:
+        """The period of SC."""
+        return self.schedule.sc.period
+
+    @property
+    def age_dm(self) -> int:
+        """A."""
+        return self.schedule.age_dm
+
+    @property
+    def age_sc(self) -> int:
+        """A_sc."""
+        return self.schedule.age_sc
+
+    @property
+    def late_dm(self) -> int:
+        """J_dm."""
+        return self.schedule.dm.late
+
+    @property
+    def late_sc(self) -> int:
+        """J_sc, without waiting for the DM."""
+        return self.schedule.sc.late
+
+    @property
+    def response_dm(self) -> int:
+        """R_dm."""
+        return self.schedule.dm.response
+
+    @property
+    def response_sc(self) -> int:
+        """R_sc."""
+        return self.schedule.sc.response
+
+    @property
+    def acts(self) -> int:
+        """L, nodes behind the module not included."""
+        return max(o.most for o in self.schedule.outputs)
+
+    @property
+    def phase_dm(self) -> int:
+        """Of the DM's first release."""
+        return self.schedule.dm.phase
+
+    @property
+    def phase_sc(self) -> int:
+        """Of SC's first release."""
+        return self.schedule.sc.phase
 
     @property
     def h_star(self) -> int:
-        """H*: from the sample behind the last "AC" verdict to SC's first acting output."""
-        hand_over = max(self.late_dm + self.response_dm, self.wait + self.late_sc)
-        return self.age_dm + self.delta_dm + hand_over + self.response_sc + self.acts
+        """H*, or h_0 where that is longer and an "AC" verdict does not show that SC can read."""
+        return self.schedule.needed
 
     @property
     def horizon_ns(self) -> int:
@@ -66,22 +103,22 @@ class Times:
     @property
     def delay_sc(self) -> int:
         """d: how old the state is that a command answers."""
-        return self.age_sc + self.response_sc + self.acts
+        return self.schedule.delay
 
     @property
     def jitter_sc(self) -> int:
-        """j: how far from its nominal instant a command acts."""
-        return self.late_sc + self.response_sc + self.acts
+        """j: the length of the window in which a command begins to act."""
+        return self.schedule.jitter
 
     @property
     def decision(self) -> int:
-        """Delta + A + J_dm: from a state to the DM's verdict about it, at worst."""
-        return self.delta_dm + self.age_dm + self.late_dm
+        """Delta + A + J_dm: from a state to the DM's next look, at worst."""
+        return self.schedule.look
 
     @property
     def start(self) -> int:
-        """h_0: the first instant at which an output of SC acts."""
-        return self.phase_sc + self.late_sc + self.response_sc + self.acts
+        """h_0: by then an output of SC has acted that answers a state."""
+        return self.schedule.start
 
 
 @dataclass(frozen=True)

@@ -95,8 +95,11 @@ class Path:
 
     @cached_property
     def available(self) -> int:
-        """F: from then on the topic shows a state. A node that starts right at a release before
-        that may read the default; at the first release from then on it does not."""
+        """F: from then on the topic shows a state.
+
+        A node that starts right at a release before that may read the default; at the first
+        release from then on it does not.
+        """
         found = self.sensor.phase + self.dropout
         for k, node in enumerate(self.nodes):
             found = node.first_from(found, after=k > 0) + node.latest

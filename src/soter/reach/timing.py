@@ -6,7 +6,6 @@ Non-goals: measuring anything: lateness and response times are declared, and ass
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from soter.program.check_const import Calculator
@@ -14,6 +13,9 @@ from soter.program.durations import show_ns
 from soter.program.walk import topic_reads
 from soter.reach.place import sc_reads
 from soter.reach.problem import Times
+from soter.reach.routes import Routes, UnfollowedError, routes_of
+from soter.reach.schedule import Output, Releases, Schedule
+from soter.reach.time_checks import check_times, of_map
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
@@ -30,44 +32,64 @@ WORDS = {
 }
 
 
-def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> Times:
-    """Every time in ns; a diagnostic where an age has no bound."""
+def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> tuple[Times, Routes]:
+    """Every time in ns, and the ways they come from; a diagnostic where an age has no bound."""
     module, verify = place.module, place.module.symbol.verify
     calculator = Calculator(diagnostics, module.scope.params)
 
     def ns(expr: typed.Expr | None) -> int:
         return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
 
-    found = {name: getattr(verify, name) for name in DELAYS}
+    given = {name: getattr(verify, name) for name in DELAYS}
+    delays = {name: ns(expr) for name, expr in given.items()}
     dm, sc = read_by_dm(place), read_by_sc(place)
-    ages = {t: _age(place, t, diagnostics) for t in {**dm, **sc}}
-    times = Times(
-        module.period_ns,
-        place.sc.period_ns,
-        max((ages[t] for t in dm), default=0),
-        max((ages[t] for t in sc), default=0),
-        **{name: ns(expr) for name, expr in found.items()},
-        phase_dm=place.system.components[module.dm].phase_ns,
-        phase_sc=place.sc.phase_ns,
-        horizon=None if verify.horizon is None else ns(verify.horizon),
-        declared=frozenset(name for name, expr in found.items() if expr is not None),
-    )
-    if not place.abstract:
-        _seen_in_time(place, sc, times, diagnostics)
-        for who, topics in (("the DM", dm), ("SC", sc)):
-            _of_one_instant(place, who, topics, diagnostics)
-    if kind == "map":
-        return _of_map(place, times, diagnostics)
-    if 2 * times.jitter_sc > times.delta_sc:
-        diagnostics.error(
-            "R015",
-            f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
-            verify.span or module.symbol.span,
-            also=((place.sc.span, f"steps every {show_ns(times.delta_sc)}"),),
-            notes=("lateness, response and the way to the plant together; outputs act in order",),
-            helps=("a longer period of SC, or shorter times",),
+    for topic in {**dm, **sc}:
+        _aged(place, topic, diagnostics)
+    try:
+        routes = routes_of(place, list(dm), list(sc), ns)
+    except UnfollowedError as error:
+        _unfollowed(place, error, diagnostics)
+        routes = Routes()
+    behind = tuple(
+        Releases(
+            n.period_ns,
+            n.phase_ns,
+            ns(verify.late_of.get(n.name)),
+            ns(verify.response_of.get(n.name)),
         )
-    return times
+        for n in routes.behind
+    )
+    outputs = [Output(0, delays["acts"], (n,)) for n in behind] or [Output(0, delays["acts"])]
+    at = place.system.components[module.dm]
+    schedule = Schedule(
+        Releases(module.period_ns, at.phase_ns, delays["late_dm"], delays["response_dm"]),
+        Releases(place.sc.period_ns, place.sc.phase_ns, delays["late_sc"], delays["response_sc"]),
+        tuple(r.path for r in routes.by_dm),
+        tuple(r.path for r in routes.by_sc),
+        tuple(outputs),
+        ns(verify.dropout),
+    )
+    times = Times(
+        schedule,
+        horizon=None if verify.horizon is None else ns(verify.horizon),
+        declared=frozenset(
+            [name for name, expr in given.items() if expr is not None]
+            + ([] if undeclared(place, routes) else ["nodes"])
+        ),
+    )
+    if not diagnostics.has_errors:
+        check_times(place, kind, times, routes, diagnostics)
+        if not place.abstract:
+            for who, topics in (("the DM", dm), ("SC", sc)):
+                _of_one_instant(place, who, topics, diagnostics)
+    return (of_map(times) if kind == "map" else times), routes
+
+
+def undeclared(place: Place, routes: Routes) -> list[str]:
+    """Nodes on the way of which not both times are declared."""
+    verify = place.module.symbol.verify
+    nodes = [n.name for n in (*routes.nodes, *routes.behind)]
+    return [n for n in nodes if n not in verify.late_of or n not in verify.response_of]
 
 
 def read_by_dm(place: Place) -> dict[int, None]:
@@ -89,7 +111,7 @@ def read_by_sc(place: Place) -> dict[int, None]:
     return {t: None for t in topics if t in place.driven}
 
 
-def _age(place: Place, index: int, diagnostics: Diagnostics) -> int:
+def _aged(place: Place, index: int, diagnostics: Diagnostics) -> None:
     topic = place.system.topics[index]
     if topic.max_age_ns is None:
         diagnostics.error(
@@ -99,29 +121,16 @@ def _age(place: Place, index: int, diagnostics: Diagnostics) -> int:
             notes=("a decision about a state that may be of any age is about no state",),
             helps=("declare it: `topic ... max_age 20ms;`",),
         )
-        return 0
-    return topic.max_age_ns
 
 
-def _seen_in_time(
-    place: Place, topics: dict[int, None], times: Times, diagnostics: Diagnostics
-) -> None:
-    """R011 where by the periods alone SC reads what is older than the `max_age` it relies on."""
-    for index in topics:
-        topic, plant = place.system.topics[index], place.driven[index]
-        common = math.gcd(plant.period_ns, times.delta_sc)
-        oldest = plant.period_ns - common + times.phase_sc % common
-        oldest = min(oldest + times.late_sc, plant.period_ns)
-        if topic.max_age_ns is not None and oldest > topic.max_age_ns:
-            diagnostics.error(
-                "R011",
-                f"SC may read `{topic.name}` when it is {show_ns(oldest)} old, "
-                f"longer than its `max_age` of {show_ns(topic.max_age_ns)}",
-                topic.symbol.span,
-                also=((plant.span, f"publishes every {show_ns(plant.period_ns)}"),),
-                notes=("no runtime enforces the age of what SC reads: it must hold by itself",),
-                helps=("a longer `max_age`, or a plant that publishes more often",),
-            )
+def _unfollowed(place: Place, error: UnfollowedError, diagnostics: Diagnostics) -> None:
+    diagnostics.error(
+        "R017",
+        f"the way through `{error.node.name}` cannot be followed: {error}",
+        error.node.span,
+        also=((place.module.symbol.span, "on the way to this module"),),
+        notes=("how old the state is that a module sees depends on everybody on the way to it",),
+    )
 
 
 def _of_one_instant(
@@ -151,66 +160,18 @@ def _of_one_instant(
         return
 
 
-def _of_map(place: Place, times: Times, diagnostics: Diagnostics) -> Times:
-    """A map is only defined at multiples of its period: everything is in whole steps."""
-    step = place.plants[0].period_ns
-    wrong = {
-        "the plants": [c.period_ns for c in place.plants if c.period_ns != step],
-        "the decision module": [times.delta_dm] if times.delta_dm % step else [],
-        "the safe controller": [times.delta_sc] if times.delta_sc % step else [],
-        "the phases": [times.phase_sc] if times.phase_sc % step else [],
-    }
-    for who, periods in wrong.items():
-        if periods:
-            diagnostics.error(
-                "R012",
-                f"{who} of module `{place.module.symbol.name}` cannot run every "
-                f"{show_ns(periods[0])} beside a plant that moves every {show_ns(step)}",
-                place.module.symbol.span,
-                notes=("a plant with `next` has no state between the multiples of its period",),
-                helps=("use multiples of the plant's period",),
-            )
-    hand_over = max(times.late_dm + times.response_dm, times.late_sc)
-    late = {
-        "`max_age`": max(times.age_dm, times.age_sc),
-        "the sum of `late`, `response` and `acts`": hand_over + times.response_sc + times.acts,
-    }
-    for what, ns in late.items():
-        if ns >= step:
-            diagnostics.error(
-                "R012",
-                f"{what} of {show_ns(ns)} is no less than the plant's period, {show_ns(step)}",
-                place.module.symbol.span,
-                notes=("with `next`, what is read and what acts must be of the same instant",),
-                helps=(f"make it shorter than {show_ns(step)}",),
-            )
-    return Times(
-        times.delta_dm,
-        times.delta_sc,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        0,
-        times.phase_dm,
-        times.phase_sc,
-        times.horizon,
-        times.declared,
-    )
-
-
 def terms(times: Times) -> dict[str, int]:
     """The summands of H*, in ns."""
-    hand_over = max(times.late_dm + times.response_dm, times.wait + times.late_sc)
-    return {
+    schedule = times.schedule
+    found = {
         "the age of what the DM reads": times.age_dm,
         "the period of the DM": times.delta_dm,
-        "handing over to SC": hand_over,
+        "handing over to SC": max(schedule.dm.latest, schedule.farthest + times.late_sc),
         "SC's response": times.response_sc,
         "until a command acts": times.acts,
     }
+    on_the_way = schedule.h_star - sum(found.values())
+    return {**found, "nodes behind SC": on_the_way} if on_the_way else found
 
 
 def in_words(times: Times) -> str:

@@ -262,7 +262,7 @@ def _static(problem: Problem, result: ModuleResult) -> None:
         PROVED, method=METHODS["P1b"], text="AC and SC publish the same topics"
     )
     enough = times.horizon_ns >= times.h_star
-    held = PROVED if all(n in times.declared for n in DELAYS) else ASSUMED
+    held = PROVED if all(n in times.declared for n in (*DELAYS, "nodes")) else ASSUMED
     result.findings["P1c"] = Finding(
         held if enough else UNDECIDED,
         method=METHODS["P1c"],

@@ -10,6 +10,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_of
+from soter.reach import schedule as clock
 from soter.reach.extract import cases, extract
 from soter.reach.problem import Interval, Problem, Times
 
@@ -164,27 +165,20 @@ def test_h_star_is_the_worst_case_over_all_releases() -> None:
     draw = random.Random(7)  # noqa: S311 - no secrets
     for _ in range(300):
         delta_sc, delta_dm = sorted(draw.choices((4, 5, 6, 10, 12, 15, 20), k=2))
-        times = Times(
-            delta_dm,
-            delta_sc,
-            draw.randrange(9),
-            0,
-            late_dm=draw.randrange(4),
-            late_sc=draw.randrange(4),
-            response_dm=draw.randrange(4),
-            response_sc=draw.randrange(4),
-            acts=draw.randrange(4),
-            phase_dm=draw.randrange(delta_dm),
-            phase_sc=draw.randrange(delta_sc),
-        )
+        late = [draw.randrange(4) for _ in range(4)]
+        dm = clock.Releases(delta_dm, draw.randrange(delta_dm), late[0], late[2])
+        sensor = clock.Path(clock.Releases(1), max_age=draw.randrange(9))
+        sc = clock.Releases(delta_sc, draw.randrange(delta_sc), late[1], late[3])
+        acts = clock.Output(most=draw.randrange(4))
+        times = Times(clock.Schedule(dm, sc, (sensor,), (sensor,), (acts,)))
         worst = 0
         for k in range(math.lcm(delta_dm, delta_sc) // delta_dm):
             sample = times.phase_dm + k * delta_dm - times.age_dm
-            dm = times.phase_dm + (k + 1) * delta_dm
-            sc = times.phase_sc + max(0, -(-(dm - times.phase_sc) // delta_sc)) * delta_sc
-            begins = max(dm + times.late_dm + times.response_dm, sc + times.late_sc)
+            at = times.phase_dm + (k + 1) * delta_dm
+            due = times.phase_sc + max(0, -(-(at - times.phase_sc) // delta_sc)) * delta_sc
+            begins = max(at + times.late_dm + times.response_dm, due + times.late_sc)
             worst = max(worst, begins + times.response_sc + times.acts - sample)
-        assert worst == times.h_star
+        assert worst == times.schedule.h_star
 
 
 def test_abstractions_take_the_place_of_the_plants_that_fly() -> None:

@@ -1,0 +1,64 @@
+"""SC on topics that nobody has published yet: it reads defaults, and must not latch on them.
+
+Purpose: `fault_on_defaults`: what goes wrong in the steps before every read shows a state. Their
+outputs are in U, checked as they are published, so that they belong to what R(h_0) covers; but a
+step that faults latches SC, and then it never speaks again.
+Non-goals: steps on states (the enclosures).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.reach.place import sc_reads
+from soter.semantics.interpreter import Interpreter
+from soter.semantics.rules import ac_or_sc_step
+
+if TYPE_CHECKING:
+    from soter.program.system import System
+    from soter.reach.problem import Problem
+
+STEPS_MAX = 10_000
+
+
+def fault_on_defaults(problem: Problem) -> str:
+    """What may go wrong, in words; empty: nothing."""
+    schedule = problem.times.schedule
+    steps = schedule.defaults_read
+    if not steps:
+        return ""
+    system, sc = _alone(problem)
+    component = system.components[sc]
+    assert component.node is not None
+    topics = {component.scope.topics[t] for t in sc_reads(component.node)}
+    ways = {(p.sensor, p.nodes, p.dropout) for p in schedule.read_by_sc}
+    if steps > STEPS_MAX:
+        return "SC reads defaults for too long to try them all"
+    if (len(ways) > 1 and len(topics) > 1) or any(
+        system.topics[t].driver == "" and problem.others for t in topics
+    ):
+        return "SC may read the default of one topic beside a value of another"
+    dummies = {c.name: _silent for c in system.components if c.extern}
+    interpreter = Interpreter(system, 0, dummies)
+    c = interpreter.initial()
+    for k in range(steps):
+        at = component.phase_ns + k * component.period_ns
+        c, outcome = ac_or_sc_step(interpreter.machine, replace(c, ct=at, FN=(sc,)), sc)
+        if outcome.fault is not None:
+            return f"SC faults on the defaults that it reads at first: {outcome.fault}"
+    return ""
+
+
+def _alone(problem: Problem) -> tuple[System, int]:
+    """The module without plants: nobody publishes what SC reads."""
+    kept = [c for c in problem.system.components if c.plant is None]
+    components = tuple(replace(c, index=i) for i, c in enumerate(kept))
+    roles = {c.role: c.index for c in components}
+    module = replace(problem.module, dm=roles["dm"], sc=roles["sc"], ac=roles["ac"], forced="sc")
+    system = replace(problem.system, components=components, modules=(module,))
+    return system, roles["sc"]
+
+
+def _silent(_: object) -> dict[str, object]:
+    return {}
