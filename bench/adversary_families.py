@@ -176,14 +176,14 @@ def lag(seed: int, rng: Rng) -> Module:
 
 def mode(seed: int, rng: Rng) -> Module:
     """A mode that is not damped, or hardly; SC damps it, perhaps only just."""
-    omega = _between(rng, 3.0, 40.0)
-    damping = float(rng.choice([0.0, 0.0, 0.0, 0.003, 0.01]))
-    control = _round(omega * _between(rng, 0.01, 0.3))
     when = times(rng, periods=(10, 20, 20, 40, 50))
-    sample = omega * when.sc * 1e-3
-    stiff = omega * _between(rng, 0.004, 0.3)
-    # where the sample angle turns the read state, the law turns it back
-    back = rng.uniform(0.0, 1.0) * (0.5 * sample + omega * 1e-3 * (when.max_age + when.acts))
+    omega = min(40.0, _round(rng.uniform(0.05, 0.7) * 1e3 / when.sc))
+    damping = float(rng.choice([0.0, 0.0, 0.0, 0.003, 0.01]))
+    control = _round(1.0 / ((when.dm + when.sc + when.max_age) * 1e-3) * rng.uniform(0.03, 0.3))
+    stiff = control * rng.uniform(0.3, 2.0)
+    # by what the mode turns until the middle of the hold the law turns back; and something wrong
+    back = omega * 1e-3 * (0.5 * when.sc + when.max_age + when.acts)
+    back += rng.uniform(-1.4, 1.4)
     law = [-stiff * np.sin(back), stiff * np.cos(back)]
     wind = _round(control * rng.choice([0.0, 0.0, 0.02, 0.1]))
     return _module(

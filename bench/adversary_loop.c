@@ -27,7 +27,7 @@ typedef struct {
   int32_t axes[2], axis[2][3], cells[2][3];
   double h, phi[N * N], gam_u[N * U], gam_w[N * N], a[N * N], b[N * U], term_k[TERMS];
   double u_low[U], u_high[U], u_first[U], wind[N], error[N], low[N], high[N];
-  double gain[LAWS * U * N], force[U];
+  double gain[LAWS * U * N], bias[U], force[U];
   const double *edges[2][3];
   const uint8_t *level[2];
   const double *face[2]; /* each n coefficients, that of x1|x1|, and the limit */
@@ -158,7 +158,7 @@ static void move(const loop *m, double *x, const double *u, const double *w) {
 
 static void law(const loop *m, int which, const double *y, double *u) {
   for (int k = 0; k < m->m; k++) {
-    double r = 0.0;
+    double r = m->bias[k];
     for (int i = 0; i < m->n; i++) {
       r -= m->gain[(which * U + k) * N + i] * y[i];
     }

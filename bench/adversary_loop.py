@@ -70,6 +70,7 @@ class Loop(ct.Structure):
         *((n, ct.c_double * U) for n in ("u_low", "u_high", "u_first")),
         *((n, ct.c_double * N) for n in ("wind", "error", "low", "high")),
         ("gain", ct.c_double * (LAWS * U * N)),
+        ("bias", ct.c_double * U),
         ("force", ct.c_double * U),
         ("edges", ct.c_void_p * (GROUPS * AXES)),
         ("level", ct.c_void_p * GROUPS),

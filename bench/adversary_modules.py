@@ -100,6 +100,8 @@ class Module:
     """Empty: computed."""
     safer: tuple[Face, ...] = ()
     nodes: tuple[PathNode, ...] = ()
+    bias: tuple[float, ...] = ()
+    """What SC adds to each control, so that it answers zero by something else."""
     is_map: bool = False
     tick_us: int = 1000
     levels: int = 3
@@ -217,14 +219,16 @@ system S {{ p: P; module M;{beside} until 10s; }}
             return " ".join(f"publish u{k} = {c!r};" for k, c in enumerate(self.control))
         found = []
         for k in range(self.m):
-            laws = [self._law(law[k], self.force[k]) for law in self.gain]
+            bias = self.bias[k] if self.bias else 0.0
+            laws = [self._law(law[k], self.force[k], bias) for law in self.gain]
             value = laws[0] if len(laws) == 1 else f"turn ? {laws[1]} : {laws[0]}"
             found.append(f"publish u{k} = {value};")
         return " ".join(found)
 
-    def _law(self, row: tuple[float, ...], force: float) -> str:
+    def _law(self, row: tuple[float, ...], force: float, bias: float) -> str:
         terms = " + ".join(f"{v!r} * y.x{i}" for i, v in enumerate(row) if v) or "0.0"
-        return f"clamp(-({terms}), {-force!r}, {force!r})"
+        value = f"{bias!r} - ({terms})" if bias else f"-({terms})"
+        return f"clamp({value}, {-force!r}, {force!r})"
 
     def _sc(self) -> str:
         phase = f" phase {self.ticks(self.times.sc_phase)}" if self.times.sc_phase else ""
@@ -312,6 +316,7 @@ system S {{ p: P; module M;{beside} until 10s; }}
         found.fill("low", [-v for v in self.box])
         found.fill("high", self.box)
         found.fill("force", self.force)
+        found.fill("bias", self.bias)
         for law, rows in enumerate(self.gain):
             for k, row in enumerate(rows):
                 for i, v in enumerate(row):
