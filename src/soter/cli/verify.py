@@ -6,6 +6,7 @@ Non-goals: the proofs (`reach/`), checking certificates (`soter recheck`).
 
 from __future__ import annotations
 
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from soter.api import load
@@ -122,6 +123,8 @@ def _say(report: VerifyReport, args: argparse.Namespace, console: Console, runs:
             console.say(console.paint("muted", f"  {text}"))
     if not report.modules:
         console.say("there is no module to be verified")
+    for line in _coverage(report):
+        console.say(line)
     for kind in ("cert", "report"):
         if getattr(args, kind):
             console.say(f"\n{kind:<7} {getattr(args, kind)}")
@@ -130,6 +133,27 @@ def _say(report: VerifyReport, args: argparse.Namespace, console: Console, runs:
                 console.say(f"        {console.paint('yellow', line)}")
     for path in dict.fromkeys(p for files in runs.values() for p in files.values()):
         console.say(f"\nrun     {path}")
+
+
+def _coverage(report: VerifyReport) -> list[str]:
+    """What all of it is about, and what it is not."""
+    coverage, lines = report.coverage, []
+    if coverage.params:
+        values = ", ".join(f"{name} = {value}" for name, value in coverage.params)
+        lines += ["", f"with these values of its parameters, and no other: {values}"]
+    if coverage.also:
+        lines += ["", "the same problem, and so the same verdict", *_listed(coverage.also)]
+    if coverage.rest:
+        lines += ["", "not covered", *_listed(coverage.rest)]
+    if len(report.modules) > 1:
+        taken = [f"{g.module}: {g.what} ({g.how}: {g.by})" for g in coverage.guarantees]
+        lines += ["", "all of them together (Theorem 4.1), where each takes for granted"]
+        lines += _listed(tuple(taken))
+    return lines
+
+
+def _listed(texts: tuple[str, ...]) -> list[str]:
+    return [f"  {text}" for text in texts]
 
 
 def _of_the_certificate(report: VerifyReport) -> list[str]:
@@ -225,6 +249,10 @@ def _fields(report: VerifyReport, runs: Runs) -> dict[str, object]:
         "verdict": report.verdict,
         "seconds": report.seconds,
         "modules": {m.name: _module(m, runs.get(m.name, {})) for m in report.modules},
+        "params": dict(report.coverage.params),
+        "also": list(report.coverage.also),
+        "not_covered": list(report.coverage.rest),
+        "guarantees": [asdict(g) for g in report.coverage.guarantees],
     }
 
 

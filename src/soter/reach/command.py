@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.build import system_of
+from soter.reach.covered import coverage_of
 from soter.reach.extract import extract
 from soter.reach.results import VerifyReport
 
@@ -61,6 +62,7 @@ def verify(
         tuple(results),
         time.perf_counter() - began,
         _command_line(checked.program.path, module, system, given or {}),
+        coverage_of(checked, chosen, problems, params or {}),
     )
     if cert is not None:
         from soter.reach.certificate import write  # noqa: PLC0415 - only then

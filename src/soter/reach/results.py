@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from soter.reach.coverage import Coverage
+
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
@@ -187,6 +189,8 @@ class VerifyReport:
     seconds: float
     command: str = ""
     """The command line that verifies the same again."""
+    coverage: Coverage = field(default_factory=Coverage)
+    """What it is about beside these modules, and what it is not."""
 
     @property
     def verdict(self) -> str:

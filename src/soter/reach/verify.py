@@ -80,6 +80,7 @@ def verify_module(
         result.findings[claim] = _finding(problem, done, claim)
     result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
     _scheme(problem, done)
+    _together(problem, done)
     result.findings["DM"] = _decision_module(result)
     result.findings = {p: result.findings[p] for p in PROPERTIES}
     result.recover_s = _recover_s(done, result)
@@ -239,6 +240,19 @@ def _scheme(problem: Problem, done: list[Case]) -> None:
     covered = all(_follows_scheme(c) for c in done)
     if problem.scheme_step_ns and covered and SCHEME in problem.assumptions:
         problem.assumptions.remove(SCHEME)
+
+
+def _together(problem: Problem, done: list[Case]) -> None:
+    """A grid's chain has one acting time for all commands that move its group: an assumption."""
+    if problem.times.jitter_sc == 0:
+        return
+    for engine in (g for case in done for g in case.groups):
+        moved = [problem.quantities.controls[engine.c.command[a]] for a in range(engine.c.commands)]
+        if len(moved) > 1:
+            names = ", ".join(leaf.name for leaf in moved)
+            text = f"what SC publishes begins to act in all of these at one instant: {names}"
+            if text not in problem.assumptions:
+                problem.assumptions.append(text)
 
 
 def _follows_scheme(case: Case) -> bool:

@@ -41,7 +41,7 @@ def steady(text: str) -> str:
 def test_what_it_says_of_a_proved_module(soter: Soter, here: Path, golden: Golden) -> None:
     done = soter("verify", write(here))
     assert done.exit == 0
-    assert "PROVED under 9 assumptions" in done.out
+    assert "PROVED under 10 assumptions" in done.out
     golden("cli/verify.txt", steady(done.out))
 
 

@@ -141,7 +141,7 @@ def test_times_are_read_off(boat: Problem) -> None:
     assert (t.delta_dm, t.delta_sc, t.phase_sc) == (40 * ms, 20 * ms, 5 * ms)
     assert (t.age_dm, t.age_sc) == (20 * ms, 20 * ms)
     assert (t.late_dm, t.late_sc, t.response_dm, t.response_sc) == (ms, 2 * ms, 0, 3 * ms)
-    assert t.declared == {"late_dm", "late_sc", "response_sc"}
+    assert t.declared == {"late_dm", "late_sc", "response_sc", "nodes"}
     assert t.h_star == (20 + 40 + 7 + 3) * ms  # G = 20 - 20 + 5, late by 2
     assert t.horizon_ns == 200 * ms
     assert (t.delay_sc, t.jitter_sc, t.decision, t.start) == (23 * ms, 5 * ms, 61 * ms, 10 * ms)

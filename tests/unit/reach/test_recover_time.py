@@ -36,18 +36,18 @@ def result_of(times: str) -> ModuleResult:
 
 
 def test_t_holds_the_response_of_the_dm() -> None:
-    at_once, later = result_of(""), result_of("response dm 5ms;")
+    at_once, later = result_of(""), result_of("response dm 1ms;")
     assert at_once.recover_s is not None
-    assert later.recover_s == pytest.approx(at_once.recover_s + 0.005, abs=1e-9)
+    assert later.recover_s == pytest.approx(at_once.recover_s + 0.001, abs=1e-9)
 
 
 def test_a_declared_t_without_the_response_of_the_dm_is_too_short() -> None:
     needed = result_of("").recover_s
     assert needed is not None
     enough = round(needed * 1000)
-    found = result_of(f"response dm 5ms; recover within {enough + 5}ms;")
+    found = result_of(f"response dm 1ms; recover within {enough + 1}ms;")
     assert found.findings["P2b"].verdict == "proved"
-    found = result_of(f"response dm 5ms; recover within {enough}ms;")
+    found = result_of(f"response dm 1ms; recover within {enough}ms;")
     assert found.findings["P2b"].verdict == "undecided"
 
 
@@ -55,14 +55,14 @@ def rechecked(folder: Path, recover_ns: int) -> Report:
     """What the re-checker says of the cart with this T."""
     folder.mkdir()
     path = folder / "cart.soter"
-    path.write_text(text_with(f"response dm 5ms; recover within {recover_ns // ms}ms;"))
+    path.write_text(text_with(f"response dm 1ms; recover within {recover_ns // ms}ms;"))
     found = soter.load(path).verify(cert=folder / "cert", refute=False)
     assert found.modules[0].findings["P2b"].verdict == "proved"
     return recheck(folder / "cert")
 
 
 def test_the_rechecker_holds_t_to_the_same_terms(tmp_path: Path) -> None:
-    found = result_of("response dm 5ms;")
+    found = result_of("response dm 1ms;")
     (group,) = found.cases[0].groups
     assert group.rank is not None
     assert group.rank_holds is not None

@@ -126,4 +126,4 @@ def test_of_an_abstraction_initial_states_and_time_stamps_are_assumed() -> None:
     said = "\n".join(problem.assumptions)
     assert "d behaves like t (Model)" in said
     assert "from the initial states of t on" in said
-    assert "at the instant of the state it shows" in said
+    assert "shows the state of d at the instant of publication" in said

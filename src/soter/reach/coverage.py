@@ -1,0 +1,38 @@
+"""What a verification is about, as plain data.
+
+Purpose: `Coverage` and `Guarantee`, of which reports are made.
+Non-goals: finding out (`covered.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from soter.program.types import Value
+
+
+@dataclass(frozen=True)
+class Guarantee:
+    """What a module takes for granted of somebody else, and why it may.
+
+    `how`: "enforced" (the language lets no other value arrive), "declared" (a range of the world,
+    printed as an assumption) or "assumed".
+    """
+
+    module: str
+    what: str
+    by: str
+    how: str
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """`also`: modules of other systems that pose the same problem; `rest`: what is not covered."""
+
+    also: tuple[str, ...] = ()
+    rest: tuple[str, ...] = ()
+    params: tuple[tuple[str, Value], ...] = ()
+    """Every parameter of the program with the value that this is about."""
+    guarantees: tuple[Guarantee, ...] = ()

@@ -1,0 +1,152 @@
+"""What a verification is about, and what it is not: systems, modules, parameters, composition.
+
+Purpose: every system that holds a module is either the same problem, or named as not covered; who
+guarantees what a module takes for granted of the rest of its system (docs/proof.md, Composition).
+Non-goals: proofs.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.program.build import system_of
+from soter.reach.coverage import Coverage, Guarantee
+from soter.reach.extract import extract
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.program.build import Checked
+    from soter.program.system import Module, System
+    from soter.program.types import Value
+    from soter.reach.problem import Problem
+
+Chosen = list[tuple["System", "Module"]]
+
+
+def coverage_of(
+    checked: Checked, chosen: Chosen, problems: list[Problem], params: Mapping[str, Value]
+) -> Coverage:
+    """What was verified besides the modules that were chosen, and what was not."""
+    also, rest = [], []
+    taken = {(flat.name, m.name) for flat, m in chosen}
+    for name in checked.systems or [""]:
+        flat = system_of(checked, name, params)
+        for module in flat.modules:
+            if (flat.name, module.name) in taken:
+                continue
+            where = f"{module.name} in system {flat.name}"
+            same, why = _same(flat, module, problems)
+            if same:
+                also.append(where)
+            else:
+                rest.append(f"{where}: {why}")
+    for flat, module in chosen:
+        rest += _contracts(flat, module)
+    used = chosen[0][0].params if chosen else {}
+    guarantees = [
+        g for (flat, m), p in zip(chosen, problems, strict=True) for g in _taken(flat, m, p)
+    ]
+    return Coverage(tuple(also), tuple(dict.fromkeys(rest)), tuple(used.items()), tuple(guarantees))
+
+
+# ---------------------------------------------------------------- other systems
+
+
+def _same(flat: System, module: Module, problems: list[Problem]) -> tuple[bool, str]:
+    symbols = {p.module.symbol.name for p in problems}
+    if module.forced is not None:
+        return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
+    try:
+        found = extract(flat, module)
+    except SoterError as error:
+        codes = ", ".join(dict.fromkeys(d.code for d in error.diagnostics))
+        return False, f"it poses no problem that can be proved ({codes})"
+    key = problem_key(found)
+    if any(problem_key(p) == key for p in problems):
+        return True, ""
+    if module.symbol.name in symbols:
+        return False, "another problem there, not verified (`--system`)"
+    return False, "not verified"
+
+
+def problem_key(problem: Problem) -> object:
+    """Equal where two modules pose the same problem: all that sets and claims are computed from.
+
+    Components are compared by what they were declared as, and by every number of theirs.
+    """
+    components = tuple(
+        (
+            c.role,
+            c.plant or c.node,
+            c.period_ns,
+            c.phase_ns,
+            c.initial,
+            c.initial_range,
+            c.substeps,
+            tuple((d.low, d.high) for d in c.disturbances),
+            tuple((m.leaf, m.bound, _topic(problem, m.topic)) for m in c.measured),
+            tuple((s.name, _topic(problem, i)) for s, i in c.scope.topics.items()),
+            tuple((s.name, v) for s, v in c.scope.params.items()),
+        )
+        for c in problem.system.components
+    )
+    forced = problem.module.forced
+    return (
+        components,
+        forced,
+        problem.module.symbol.name,
+        problem.module.symbol.safe,
+        problem.module.symbol.ttf,
+        problem.module.symbol.safer,
+        problem.module.period_ns,
+        problem.module.clean,
+        problem.times,
+        problem.groups,
+        problem.initial,
+        problem.levels,
+        problem.recover_ns,
+        tuple(problem.assumptions),
+    )
+
+
+def _topic(problem: Problem, index: int) -> object:
+    topic = problem.system.topics[index]
+    bounds = tuple(topic.bounds)
+    return (topic.symbol.name, bounds, topic.default, topic.max_age_ns, topic.set_declared)
+
+
+# ---------------------------------------------------------------- contracts, composition
+
+
+def _contracts(flat: System, module: Module) -> list[str]:
+    sc = flat.components[module.sc].node
+    if sc is None or not (sc.assumes or sc.guarantees):
+        return []
+    return [f"contracts of {sc.name}: judged in runs and tests, no part of the proof"]
+
+
+def _taken(flat: System, module: Module, problem: Problem) -> list[Guarantee]:
+    """What is taken for granted of everybody outside of the module."""
+    found = []
+    for leaf in dict.fromkeys(o.owner for o in problem.quantities.others):
+        topic = problem.system.topics[leaf]
+        there = [t for t in flat.topics if t.symbol is topic.symbol]
+        by = (there[0] if there else topic).driver or "nobody (its default)"
+        what = f"{topic.name} lies in its declared set"
+        found.append(Guarantee(problem.name, what, by, "enforced"))
+    for link in module.symbol.verify.abstracts:
+        what = f"{link.instance} behaves like {link.plant.name}, whatever others do"
+        found.append(Guarantee(problem.name, what, link.instance, "assumed"))
+    for parameter in problem.parameters:
+        what = f"{parameter.name} changes only inside S_0 of the new value"
+        found.append(Guarantee(problem.name, what, "whoever changes it", "assumed"))
+    plants = [c.name for c in problem.system.components if c.plant is not None]
+    if plants and not module.symbol.verify.abstracts:
+        what = f"{', '.join(plants)} moved by {module.name} and the declared disturbances alone"
+        found.append(Guarantee(problem.name, what, "the equations", "enforced"))
+    if problem.quantities.disturbances:
+        what = "disturbances within their ranges"
+        found.append(Guarantee(problem.name, what, "the world", "declared"))
+    return found
