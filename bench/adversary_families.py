@@ -320,16 +320,18 @@ def behind(seed: int, rng: Rng) -> Module:
     """An integrator, tank, lag or mode behind one to three nodes."""
     inner = (integrator, tank, lag, tank)[int(rng.integers(0, 4))](seed, rng)
     t = inner.times
-    nodes = []
-    slow = t.sensor
-    for _ in range(int(rng.choice([1, 1, 2, 3]))):
-        period = slow * int(rng.choice([1, 1, 2]))
-        room = max(0, period - 1)
+    nodes: list[PathNode] = []
+    slow, spoken = t.sensor, 0  # each node starts only after the one before has spoken (R017)
+    for k in range(int(rng.choice([1, 1, 2, 3]))):
+        period = max(2, slow * int(rng.choice([1, 2, 2, 4])))
+        room = max(1, (period - spoken - 1) // (3 if k == 0 else 2))
         late = int(rng.integers(0, room // 2 + 1)) if rng.random() < 0.6 else 0
         response = int(rng.integers(0, room // 2 + 1)) if rng.random() < 0.6 else 0
-        phase = int(rng.integers(0, period)) if rng.random() < 0.3 else 0
+        phase = spoken + (int(rng.integers(0, 3)) if rng.random() < 0.3 else 0)
+        if phase >= period or late + response > period:
+            break
         nodes.append(PathNode(period, phase, late, response))
-        slow = period
+        spoken, slow = phase + late + response + 1, period
     last = nodes[-1]
     age = last.period + last.late + last.response
     when = replace(t, max_age=age)
@@ -371,3 +373,16 @@ def module(seed: int, family: str = "") -> Module:
     names = [n for n in FAMILIES for _ in range(SHARES.get(n, 1))]
     name = family or names[int(rng.integers(0, len(names)))]
     return FAMILIES[name](seed, rng)
+
+
+def retimed(module: Module, rng: Rng) -> Module:
+    """The same plant and law with other times."""
+    if module.is_map:
+        return replace(module, times=replace(module.times, dm=int(rng.integers(1, 5))))
+    if module.nodes:
+        # the sensor's period and the way stay; the module steps otherwise
+        drawn = times(rng, (module.times.sc,))
+        kept = {n: getattr(module.times, n) for n in ("sensor", "max_age", "dropout")}
+        return replace(module, times=replace(drawn, **kept))
+    drawn = times(rng, (module.times.sc,), use=float(rng.choice([0.2, 0.5, 1.0])))
+    return replace(module, times=replace(drawn, dropout=module.times.dropout))

@@ -35,7 +35,7 @@ class Hole:
     patches: tuple[tuple[Any, str, Any], ...]
     make: Callable[[Rng], Module]
     shape: str = "written"
-    """What stands at the border: "written" predicates, or the "start"."""
+    """What stands at the border: "written" predicates, the "start", or "computed" ones."""
 
     @contextmanager
     def open(self) -> Iterator[None]:
@@ -128,9 +128,9 @@ def _rare(rng: Rng) -> Module:
 
 
 def _slow_node(rng: Rng) -> Module:
-    node = PathNode(100, 0, 0, int(rng.integers(70, 100)))
-    when = Times(20, 20, 10, 100 + node.response)
-    return _tank(rng, when, speed=1.5, nodes=(node,))
+    took = int(rng.integers(80, 98))
+    nodes = (PathNode(100, 0, 0, took), PathNode(100, took + 1, 0, took))
+    return _tank(rng, Times(20, 20, 10, 100 + took), speed=2.0, nodes=nodes)
 
 
 def _first_read(rng: Rng) -> Module:
@@ -149,14 +149,13 @@ def _phase_start(rng: Rng) -> Module:
     return _tank(rng, Times(40, 40, 1, 1, sc_phase=int(rng.integers(25, 39))), speed=2.0)
 
 
-def _mode(rng: Rng, wait: int, late: int) -> Module:
-    """An SC that only just damps while it acts on time."""
-    omega, sc = _round(rng.uniform(9.0, 14.0)), 50
-    force = _round(rng.uniform(0.4, 1.0))
-    stiff = force * rng.uniform(0.8, 2.0)
-    turn = omega * 1e-3 * 0.5 * sc - rng.uniform(0.9, 1.35)
+def _mode(rng: Rng, **when: int) -> Module:
+    """A mode that nothing damps but an SC that only just does, while it acts on time."""
+    omega, sc = _round(rng.uniform(22.0, 27.0)), 50
+    force = _round(rng.uniform(0.7, 1.0))
+    stiff = force * rng.uniform(0.6, 0.8)
+    turn = omega * 1e-3 * 0.5 * sc - rng.uniform(1.15, 1.3)
     law = (_round(-stiff * np.sin(turn)), _round(stiff * np.cos(turn)))
-    when = Times(sc, sc, 1, 1, late_dm=wait, late_sc=late)
     return Module(
         int(rng.integers(2**31)),
         "mode",
@@ -168,18 +167,21 @@ def _mode(rng: Rng, wait: int, late: int) -> Module:
         (0.0, 0.0),
         (0.0, 0.0),
         (1.0, 1.0),
-        when,
-        (100, 100),
+        Times(**{"dm": sc, "sc": sc, "sensor": 1, "max_age": 1, **when}),
         levels=2,
     )
 
 
 def _waiting_mode(rng: Rng) -> Module:
-    return _mode(rng, int(rng.integers(35, 48)), 0)
+    return _mode(rng, late_dm=int(rng.integers(36, 46)))
 
 
 def _late_mode(rng: Rng) -> Module:
-    return _mode(rng, 0, int(rng.integers(20, 25)))
+    return _mode(rng, late_sc=int(rng.integers(36, 46)))
+
+
+def _old_mode(rng: Rng) -> Module:
+    return _mode(rng, sensor=50, max_age=50, sc_phase=int(rng.integers(35, 50)))
 
 
 # ---------------------------------------------------------------- patches
@@ -262,6 +264,7 @@ HOLES = (
         "j without the wait for the DM",
         ((Schedule, "jitter", _derived(_jitter_without_wait)),),
         _waiting_mode,
+        "computed",
     ),
     Hole(
         "h_0 without the wait for the DM",
@@ -299,11 +302,21 @@ HOLES = (
         ),
         _noisy,
     ),
-    Hole("SC's delay d is zero", ((Schedule, "delay", _derived(lambda _: 0)),), _silent),
+    Hole(
+        "SC's delay d is zero",
+        ((Schedule, "delay", _derived(lambda _: 0)),),
+        _old_mode,
+        "computed",
+    ),
     Hole("actuation latency is left out of H*", (_without("acts"),), _slow_actuator),
     Hole("the wait for SC's release, G, is left out of H*", (_without("wait"),), _out_of_step),
     Hole("the DM's lateness and response are left out of H*", (_without("dm"),), _late_dm),
-    Hole("the jitter j is zero", ((Schedule, "jitter", _derived(lambda _: 0)),), _late_mode),
+    Hole(
+        "the jitter j is zero",
+        ((Schedule, "jitter", _derived(lambda _: 0)),),
+        _late_mode,
+        "computed",
+    ),
     Hole("half of the disturbance", ((grids, "of_problem", _half_the_wind),), _windy),
     Hole("R(H) for H less the DM's period", (_without("period"),), _on_time),
     Hole("the DM's age A is ignored", (_without("age"),), _old_reads),
