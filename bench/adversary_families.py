@@ -37,7 +37,9 @@ def _split(rng: Rng, budget: int) -> tuple[int, int, int, int, int]:
     late_dm = int(rng.integers(0, hand_over + 1))
     late_sc = int(rng.integers(0, hand_over + 1)) if rng.random() < 0.7 else 0
     response_sc = int(rng.integers(0, rest + 1))
-    acts = rest - response_sc if rng.random() < 0.5 else int(rng.integers(0, rest - response_sc + 1))
+    acts = (
+        rest - response_sc if rng.random() < 0.5 else int(rng.integers(0, rest - response_sc + 1))
+    )
     return late_dm, hand_over - late_dm, late_sc, response_sc, acts
 
 
@@ -71,6 +73,11 @@ def times(rng: Rng, periods: tuple[int, ...] = (10, 20, 25, 40, 50), use: float 
         response_sc,
         acts,
     )
+
+
+def _look(when: Times) -> float:
+    """About how many seconds the sets have to look ahead."""
+    return 1e-3 * (2 * when.dm + when.sc + 2 * when.max_age + when.jitter)
 
 
 def _module(
@@ -135,9 +142,9 @@ def integrator(seed: int, rng: Rng) -> Module:
 
 def tank(seed: int, rng: Rng) -> Module:
     """x' = u + w."""
-    control = _between(rng, 0.2, 2.0)
-    wind = _round(control * rng.choice([0.0, 0.3, 0.7]))
     when = times(rng)
+    control = _round(min(4.0, rng.uniform(0.05, 0.35) / _look(when)))
+    wind = _round(control * rng.choice([0.0, 0.3, 0.7]))
     stiff = 1e3 / when.sc
     return _module(
         seed,
@@ -157,7 +164,8 @@ def tank(seed: int, rng: Rng) -> Module:
 def lag(seed: int, rng: Rng) -> Module:
     """A speed that follows its command."""
     rate = _between(rng, 2.0, 20.0)
-    control = _between(rng, 0.5, 2.0)
+    when = times(rng, use=rng.choice([0.3, 1.0]))
+    control = _round(min(2.0, rng.uniform(0.05, 0.35) / (_look(when) + 0.5 / rate)))
     wind = _round(0.3 * control * rng.uniform(0.1, 1.0))
     return _module(
         seed,
@@ -169,7 +177,7 @@ def lag(seed: int, rng: Rng) -> Module:
         [control],
         [wind, 0.0],
         [1.0, _round(1.1 * control)],
-        times(rng, use=rng.choice([0.3, 1.0])),
+        when,
         cells=(70, 50),
     )
 
@@ -179,7 +187,7 @@ def mode(seed: int, rng: Rng) -> Module:
     when = times(rng, periods=(10, 20, 20, 40, 50))
     omega = min(40.0, _round(rng.uniform(0.05, 0.7) * 1e3 / when.sc))
     damping = float(rng.choice([0.0, 0.0, 0.0, 0.003, 0.01]))
-    control = _round(1.0 / ((when.dm + when.sc + when.max_age) * 1e-3) * rng.uniform(0.03, 0.3))
+    control = _round(rng.uniform(0.03, 0.25) / _look(when))
     stiff = control * rng.uniform(0.3, 2.0)
     # by what the mode turns until the middle of the hold the law turns back; and something wrong
     back = omega * 1e-3 * (0.5 * when.sc + when.max_age + when.acts)
@@ -197,7 +205,7 @@ def mode(seed: int, rng: Rng) -> Module:
         [0.0, wind],
         [1.0, 1.0],
         when,
-        cells=() if rng.random() < 0.7 else (60, 60),
+        cells=() if rng.random() < 0.5 else (60, 60),
     )
 
 
@@ -262,8 +270,8 @@ def chain(seed: int, rng: Rng) -> Module:
 
 def two(seed: int, rng: Rng) -> Module:
     """Two controls and a coupling: x0' = -k x0 + u0 + w, x1' = c x0 + u1."""
-    control = [_between(rng, 0.3, 1.5) for _ in range(2)]
     when = times(rng)
+    control = [_round(min(3.0, rng.uniform(0.05, 0.3) / _look(when))) for _ in range(2)]
     stiff = 1e3 / when.sc
     return _module(
         seed,
@@ -288,8 +296,8 @@ def _map(seed: int, family: str, rng: Rng, *parts: object, **more: object) -> Mo
 
 def map1(seed: int, rng: Rng) -> Module:
     """x+ = g x + u + w."""
-    grow = _round(rng.uniform(0.7, 1.3))
-    control = _between(rng, 0.1, 0.5)
+    grow = _round(rng.uniform(0.7, 1.08))
+    control = _between(rng, 0.05, 0.15)
     wind = _round(0.3 * rng.uniform(0.1, 1.0) * control)
     gain = grow * rng.uniform(0.5, 1.3)
     return _map(
@@ -300,7 +308,7 @@ def map1(seed: int, rng: Rng) -> Module:
 def map2(seed: int, rng: Rng) -> Module:
     """A position and a speed in steps."""
     keep = _round(rng.uniform(0.6, 1.0))
-    control = _between(rng, 0.05, 0.2)
+    control = _between(rng, 0.01, 0.05)
     wind = _round(0.2 * rng.uniform(0.1, 1.0) * control)
     return _map(
         seed,

@@ -581,10 +581,10 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
     if (!(near <= 1.0 + 1e-6)) {
       out->left = 1;
       out->at = t + 1;
-      memcpy(out->x, s.x, sizeof s.x);
       break;
     }
   }
+  memcpy(out->x, s.x, sizeof s.x);
   if (log != 0) {
     *logged = s.logged;
   }

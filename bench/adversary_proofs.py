@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     Array = npt.NDArray[np.float64]
     Bools = npt.NDArray[np.bool_]
 
-CPU_S = 30.0
+CPU_S = 12.0
 """What one proof may take; a module that takes longer is left out."""
 SAFETY = ("P1a", "P1b", "P2a", "P3", "ttf", "safer", "start", "DM")
 
@@ -203,9 +203,10 @@ def written(proof: Proof, rng: np.random.Generator, *, hysteresis: float = 0.0) 
         held = float((apart < scale).mean()) * rng.uniform(0.7, 1.0)
         if best is None or held > best[0]:
             limits = base * scale * 0.999
-            best = held, [
-                replace(f, limit=float(f"{v:.6g}")) for f, v in zip(faces, limits, strict=True)
-            ]
+            best = (
+                held,
+                [replace(f, limit=float(f"{v:.6g}")) for f, v in zip(faces, limits, strict=True)],
+            )
     if best is None:
         return None
     safer = tuple(replace(f, limit=f.limit * (1.0 - hysteresis)) for f in best[1])

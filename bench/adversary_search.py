@@ -39,9 +39,7 @@ CHOICES: dict[str, tuple[int, ...]] = {
     "near": tuple(range(4, 17)),
     "side": (0, 1),
     **{
-        name: LATENESS
-        for name in POLICY
-        if name.startswith(("late", "response")) or name == "acts"
+        name: LATENESS for name in POLICY if name.startswith(("late", "response")) or name == "acts"
     },
 }
 
@@ -62,9 +60,7 @@ class Run:
         """Run it."""
         shown = None if self.shown is None else np.array(self.shown)
         x0 = np.array(self.x0)
-        return machine.run(
-            self.policy, self.seed, self.ticks, x0, t0=self.t0, shown=shown, log=log
-        )
+        return machine.run(self.policy, self.seed, self.ticks, x0, t0=self.t0, shown=shown, log=log)
 
     def as_json(self) -> dict[str, object]:
         """Plain numbers."""
@@ -94,13 +90,22 @@ class Attack:
 
 
 def attack(
-    machine: Machine, module: Module, steps: int, seed: int, *, stop: bool = True
+    machine: Machine,
+    module: Module,
+    steps: int,
+    seed: int,
+    *,
+    stop: bool = True,
+    border: bool = True,
 ) -> Attack:
-    """At least so many steps, unless a violation is found first (`stop`)."""
+    """At least so many steps, unless a violation is found first (`stop`).
+
+    `border`: also from where AC is in control at the border of `not ttf`, which is claimed as well.
+    """
     rng = np.random.default_rng([77, seed])
     told = Attack()
     while told.steps < steps:
-        run = _next(machine, module, told, rng)
+        run = _next(machine, module, told, rng, border=border)
         seen = run.again(machine)
         told.runs += 1
         told.steps += seen.steps
@@ -119,7 +124,7 @@ def attack(
     return told
 
 
-def _next(machine: Machine, module: Module, told: Attack, rng: Rng) -> Run:
+def _next(machine: Machine, module: Module, told: Attack, rng: Rng, *, border: bool) -> Run:
     if told.best and rng.random() < 0.5:
         _, parent = told.best[int(rng.integers(0, len(told.best)))]
         policy = _changed(parent.policy, module, rng)
@@ -129,7 +134,7 @@ def _next(machine: Machine, module: Module, told: Attack, rng: Rng) -> Run:
             )
     else:
         policy = _policy(module, rng)
-    return _started(machine, module, policy, rng)
+    return _started(machine, module, policy, rng, border=border)
 
 
 def _policy(module: Module, rng: Rng) -> Ints:
@@ -157,15 +162,15 @@ def _changed(policy: Ints, module: Module, rng: Rng) -> Ints:
     return found
 
 
-def _started(machine: Machine, module: Module, policy: Ints, rng: Rng) -> Run:
+def _started(machine: Machine, module: Module, policy: Ints, rng: Rng, *, border: bool) -> Run:
     seed = int(rng.integers(2**62))
     seconds = float(rng.choice([1.0, 4.0, 12.0, 30.0]))
     ticks = int(seconds / (module.tick_us * 1e-6)) if not module.is_map else int(40 * seconds)
     ticks = max(ticks, 8 * module.times.dm)
-    if not module.nodes and rng.random() < 0.5:
-        border = _border(machine, module, rng)
-        if border is not None:
-            shown, x0 = border
+    if border and not module.nodes and rng.random() < 0.5:
+        there = _border(machine, module, rng)
+        if there is not None:
+            shown, x0 = there
             t0 = int(rng.integers(0, 1000)) * module.times.sensor
             return Run(policy, seed, ticks, x0, t0, shown)
     half = np.array(module.starts)

@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from bench.adversary_modules import Module
 
 PROCESSES = 2
-VARIANTS = 2
+VARIANTS = 4
 """So many more modules with other times a plant and law: they need no other enclosures."""
 TRIES = 12
 """So many modules are made for a hole."""
@@ -188,7 +188,10 @@ def table(batches: list[Batch]) -> None:
     """By family: tried, proved, attacked, how close."""
     tried = Counter(f for b in batches for f, _, _ in b.tried)
     rows = [r for b in batches for r in b.rows]
-    print(f"{'family':18} {'tried':>5} {'proved':>6} {'safe only':>9} {'runs':>8} {'steps':>14}", end="")
+    print(
+        f"{'family':18} {'tried':>5} {'proved':>6} {'safe only':>9} {'runs':>8} {'steps':>14}",
+        end="",
+    )
     print(f" {'closest':>8} {'by SC':>7} {'violations':>10}")
     for family in (*sorted(tried), ""):
         own = [r for r in rows if family in ("", r.family)]
@@ -234,8 +237,11 @@ def through(hole: Hole, number: int, steps: int = HOLE_STEPS) -> Found:
         if proof is None or not proof.proved:
             continue
         found.proved += 1
-        told = attack(armed(proof), proof.module, steps, seed)
-        found.steps += told.steps
+        for border in (False, True):  # rather from where the program starts
+            told = attack(armed(proof), proof.module, steps // 2, seed, border=border)
+            found.steps += told.steps
+            if told.violations:
+                break
         if not told.violations:
             continue
         honest = prove(proof.module, whole=False)
@@ -259,7 +265,9 @@ def _shaped(hole: Hole, drawn: Module, rng: np.random.Generator) -> Proof | None
 def holes() -> list[Found]:
     """Every hole, with a line each."""
     found = []
-    print(f"{'hole':52} {'tried':>5} {'proved':>6} {'steps':>12} {'found':>5}  start      without it")
+    print(
+        f"{'hole':52} {'tried':>5} {'proved':>6} {'steps':>12} {'found':>5}  start      without it"
+    )
     for number, hole in enumerate(HOLES):
         one = through(hole, number)
         found.append(one)
