@@ -11,7 +11,6 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-
 from bench.adversary_modules import BEND, DRAG, Module, PathNode, Times
 
 if TYPE_CHECKING:
@@ -116,7 +115,7 @@ def _module(
 
 
 def integrator(seed: int, rng: Rng) -> Module:
-    """x'' = u + w."""
+    """X'' = u + w."""
     control = _between(rng, 1.0, 8.0)
     speed = _between(rng, 0.6, 6.0)
     law = [speed * speed, 2.0 * rng.uniform(0.5, 1.6) * speed]
@@ -141,7 +140,7 @@ def integrator(seed: int, rng: Rng) -> Module:
 
 
 def tank(seed: int, rng: Rng) -> Module:
-    """x' = u + w."""
+    """X' = u + w."""
     when = times(rng)
     control = _round(min(4.0, rng.uniform(0.05, 0.35) / _look(when)))
     wind = _round(control * rng.choice([0.0, 0.3, 0.7]))
@@ -290,7 +289,7 @@ def two(seed: int, rng: Rng) -> Module:
 
 def _map(seed: int, family: str, rng: Rng, *parts: object, **more: object) -> Module:
     when = Times(int(rng.choice([1, 2, 3])), 1, 1, 1)
-    found = _module(seed, family, rng, *parts, when, is_map=True, **more)  # type: ignore[arg-type]
+    found = _module(seed, family, rng, *parts, when, is_map=True, **more)  # type: ignore[arg-type,call-arg]
     return replace(found, tick_us=1_000_000, times=replace(when, max_age=0))
 
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING, Any
 from unittest.mock import patch
 
 import numpy as np
-
 from bench import adversary_proofs
 from bench.adversary_modules import Module, PathNode, Times
+
 from soter.reach import claims, grids
 from soter.reach.grids import GridGroup
 from soter.reach.schedule import Path, Schedule
@@ -67,7 +67,7 @@ def _tank(
     force: float = 1.0,
     **more: Any,  # noqa: ANN401 - fields of Module
 ) -> Module:
-    """x' = u + w; SC pushes back as hard as it may but near the middle."""
+    """X' = u + w; SC pushes back as hard as it may but near the middle."""
     control = _round(speed * rng.uniform(0.7, 1.3))
     stiff = _round(control * rng.uniform(2.0, 6.0))
     return Module(

@@ -460,9 +460,10 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
       }
     }
     if (due(t, m->sensor_period, m->sensor_phase)) {
-      int64_t silent = t + m->sensor_period - s.topic[0].stamp;
-      int drop = m->dropout > 0 && s.topic[0].stamp != NEVER
-          && silent <= m->sensor_period + m->dropout && choose(&s, DROP, 1) > 0;
+      /* silent for `dropout` longer than its period, from the first release on */
+      int64_t since = s.topic[0].stamp == NEVER ? m->sensor_phase : s.topic[0].stamp + m->sensor_period;
+      int drop = t + m->sensor_period <= since + m->dropout && !(ac && t == t0)
+          && choose(&s, DROP, 1) > 0;
       if (!drop) {
         if (ac && t == t0) {
           memcpy(s.topic[0].v, y0, (size_t)m->n * sizeof(double));

@@ -11,13 +11,13 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-
-from bench.adversary_loop import N, U, Machine
+from bench.adversary_loop import Machine, N, U
 
 if TYPE_CHECKING:
     import numpy.typing as npt
 
     Array = npt.NDArray[np.float64]
+    Levels = npt.NDArray[np.uint8]
 
 DRAG, BEND = 1, 2
 """Terms k x|x| and k x (1 - x^2 / 6)."""
@@ -142,7 +142,7 @@ class Module:
         raw = "\n".join(f"topic z{k}: {{ {fields} }};" for k in range(len(self.nodes)))
         chain = "\n".join(self._node(k) for k in range(len(self.nodes)))
         beside = "".join(f" node N{k};" for k in range(len(self.nodes)))
-        # a map's state must be read in the instant in which it is published: an age below its period
+        # a map's state is read in the instant in which it is published
         age = f"{self.tick_us // 2}us" if self.is_map else self.ticks(t.max_age)
         return f"""soter 1;
 {raw}
@@ -286,7 +286,8 @@ system S {{ p: P; module M;{beside} until 10s; }}
             term = term @ a * (h / k)
             phi = phi + term
             gamma = gamma + term * (h / (k + 1))
-        whole, total = np.eye(self.n), np.zeros((self.n, self.n))
+        whole: Array = np.eye(self.n)
+        total: Array = np.zeros((self.n, self.n))
         for _ in range(pieces):
             total = gamma + phi @ total
             whole = phi @ whole
@@ -338,7 +339,7 @@ system S {{ p: P; module M;{beside} until 10s; }}
         return found
 
     def _closed(self) -> Array:
-        return np.array(self.a) - np.array(self.b) @ np.array(self.gain[0])
+        return np.asarray(np.array(self.a) - np.array(self.b) @ np.array(self.gain[0]))
 
     def _directions(self, found: Machine) -> None:
         """Co-states of the faces over several times, and gradients of quadratic forms."""
@@ -375,7 +376,7 @@ system S {{ p: P; module M;{beside} until 10s; }}
         return np.asarray(form / np.linalg.norm(form))
 
 
-def with_tables(module: Module, found: Machine, edges: list[Array], levels: Array) -> None:
+def with_tables(module: Module, found: Machine, edges: list[Array], levels: Levels) -> None:
     """Computed predicates of one group on a grid over all states, in order."""
     c = found.c
     c.pred_tables, c.groups, c.axes[0] = 1, 1, module.n

@@ -11,10 +11,11 @@ from __future__ import annotations
 import signal
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
+from unittest.mock import patch
 
 import numpy as np
-
 from bench.adversary_modules import Face, Module, with_rows, with_tables
+
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_of
 from soter.reach import verify
@@ -26,8 +27,8 @@ from soter.reach.results import PROVED, Finding
 
 if TYPE_CHECKING:
     import numpy.typing as npt
-
     from bench.adversary_loop import Machine
+
     from soter.reach.grids import GridGroup
     from soter.reach.results import ModuleResult
 
@@ -77,12 +78,8 @@ def prove(module: Module, *, whole: bool = True, seconds: float = CPU_S) -> Proo
 
 def _sets_only(module: Module) -> Proof:
     """Without compiling the DM: for what only looks for a better start."""
-    kept = verify._decision_module
-    verify._decision_module = lambda _: Finding(PROVED)
-    try:
+    with patch.object(verify, "_decision_module", lambda _: Finding(PROVED)):
         return _prove(module)
-    finally:
-        verify._decision_module = kept
 
 
 def _prove(module: Module) -> Proof:

@@ -12,12 +12,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 import numpy as np
-
 from bench.adversary_loop import POLICY
 
 if TYPE_CHECKING:
     import numpy.typing as npt
-
     from bench.adversary_loop import Machine, Outcome
     from bench.adversary_modules import Module
 
@@ -155,7 +153,7 @@ def _one(name: str, module: Module, rng: Rng) -> int:
 
 
 def _changed(policy: Ints, module: Module, rng: Rng) -> Ints:
-    found = policy.copy()
+    found: Ints = policy.copy()
     for _ in range(int(rng.integers(1, 4))):
         k = int(rng.integers(0, len(POLICY)))
         found[k] = _one(POLICY[k], module, rng)

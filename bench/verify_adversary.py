@@ -32,7 +32,6 @@ if str(ROOT) not in sys.path:
     sys.path.insert(0, str(ROOT))
 
 import numpy as np  # noqa: E402 - needs the path
-
 from bench.adversary_families import module, retimed  # noqa: E402
 from bench.adversary_holes import HOLES, Hole  # noqa: E402
 from bench.adversary_proofs import Proof, armed, prove, widened, written  # noqa: E402
@@ -44,6 +43,8 @@ if TYPE_CHECKING:
     from bench.adversary_modules import Module
 
 PROCESSES = 2
+AHEAD = 24
+"""Seeds under way: one that takes long holds up nobody."""
 VARIANTS = 4
 """So many more modules with other times a plant and law: they need no other enclosures."""
 TRIES = 12
@@ -163,7 +164,7 @@ def run(wanted: int, steps: int, first: int, family: str, *, quiet: bool = False
     began = time.perf_counter()
     with ProcessPoolExecutor(PROCESSES) as pool:
         seeds = _seeds(first)
-        running = [pool.submit(of_seed, next(seeds), family, each) for _ in range(2 * PROCESSES)]
+        running = [pool.submit(of_seed, next(seeds), family, each) for _ in range(AHEAD)]
         while proved < wanted:
             batch = running.pop(0).result()
             running.append(pool.submit(of_seed, next(seeds), family, each))
