@@ -50,6 +50,7 @@ def verify(
     assert checked.program is not None
     chosen = modules_of(checked, module, system, params or {})
     problems = problems_of(chosen)
+    coverage = coverage_of(checked, chosen, problems, params or {})
     results = []
     for i, problem in enumerate(problems):
         share = _part(progress, i, len(problems))
@@ -62,7 +63,7 @@ def verify(
         tuple(results),
         time.perf_counter() - began,
         _command_line(checked.program.path, module, system, given or {}),
-        coverage_of(checked, chosen, problems, params or {}),
+        coverage,
     )
     if cert is not None:
         from soter.reach.certificate import write  # noqa: PLC0415 - only then
