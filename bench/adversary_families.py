@@ -356,6 +356,20 @@ def silent(seed: int, rng: Rng) -> Module:
     )
 
 
+def driven(seed: int, rng: Rng) -> Module:
+    """An actuator node between module and plant, and perhaps an estimator before the module."""
+    inner = (integrator, tank, lag, two, behind)[int(rng.integers(0, 5))](seed, rng)
+    period = max(1, inner.times.sc // int(rng.choice([2, 4, 5, 8])))
+    late = int(rng.integers(0, max(1, period // 3)))
+    response = int(rng.integers(0, max(1, period // 3)))
+    phase = int(rng.integers(0, period)) if rng.random() < 0.6 else 0
+    when = inner.times
+    if rng.random() < 0.7:  # leave half a period of SC for the way
+        when = replace(when, late_dm=0, response_dm=when.response_dm // 3, late_sc=0, acts=0)
+    node = PathNode(period, phase, late, response)
+    return replace(inner, family=f"driven {inner.family}", times=when, drivers=(node,))
+
+
 FAMILIES: dict[str, Callable[[int, Rng], Module]] = {
     "integrator": integrator,
     "tank": tank,
@@ -369,8 +383,9 @@ FAMILIES: dict[str, Callable[[int, Rng], Module]] = {
     "map2": map2,
     "behind": behind,
     "silent": silent,
+    "driven": driven,
 }
-SHARES = {"integrator": 3, "tank": 3, "lag": 3, "mode": 5, "two": 2, "behind": 4, "silent": 2}
+SHARES = {"integrator": 3, "tank": 3, "lag": 3, "mode": 5, "two": 2, "behind": 4, "silent": 2, "driven": 3}
 """How often a family comes; the others once."""
 
 

@@ -22,6 +22,7 @@ typedef struct {
   int32_t dm_period, dm_phase, sc_period, sc_phase, sensor_period, sensor_phase;
   int32_t j_dm, r_dm, j_sc, r_sc, acts[U], acts_least[U], max_age, dropout;
   int32_t nodes, node_period[NODES], node_phase[NODES], node_j[NODES], node_r[NODES];
+  int32_t drivers, driver_period[NODES], driver_phase[NODES], driver_j[NODES], driver_r[NODES];
   int32_t rows, grads;
   int32_t term_kind[TERMS], term_of[TERMS], term_to[TERMS];
   int32_t axes[2], axis[2][3], cells[2][3];
@@ -70,6 +71,7 @@ typedef struct {
   uint64_t seed;
   double x[N], g[N], u[U], w[N];
   value topic[NODES + 1];
+  double output[NODES + 1][U]; /* what stands on the topics between SC and the plant */
   int64_t t;
   int ac;
   double held[U], held_w[N];
@@ -418,6 +420,26 @@ static int due(int64_t t, int32_t period, int32_t phase) {
   return t >= phase && (t - phase) % period == 0;
 }
 
+/* A command acts, within its latency and in order. */
+static void act(state *s, queue *q, int k, double u) {
+  const loop *m = s->m;
+  int64_t at = s->t + m->acts_least[k] + choose(s, L_ACT, m->acts[k] - m->acts_least[k]);
+  at = at > q->last ? at : q->last;
+  int slot = (q->first + q->count) % QUEUE;
+  q->u[slot] = u;
+  q->at[slot] = q->last = at;
+  q->count += q->count < QUEUE;
+}
+
+/* A node behind the module publishes; the last one moves the plant. */
+static void deliver(state *s, queue *q, task *driver, int i, const double *u) {
+  memcpy(s->output[i + 1], u, sizeof s->output[i + 1]);
+  driver[i].busy = 0;
+  for (int k = 0; k < s->m->m && i + 1 == s->m->drivers; k++) {
+    act(s, &q[k], k, u[k]);
+  }
+}
+
 /*
  * `ticks` from `t0`, at `x0`; `ac`: AC has control, and `y0` is what the sensor publishes at `t0`.
  * `log`: room for events, or null.
@@ -425,7 +447,8 @@ static int due(int64_t t, int32_t period, int32_t phase) {
 void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t t0, int64_t ticks,
     const double *x0, int ac, const double *y0, outcome *out, event *log, int32_t *logged) {
   state s = {.m = m, .p = policy, .seed = seed, .t = t0, .ac = ac};
-  task dm = {0}, sc = {0}, node[NODES] = {{0}};
+  task dm = {0}, sc = {0}, node[NODES] = {{0}}, driver[NODES] = {{0}};
+  double carried[NODES][U];
   queue q[U] = {{{0}}};
   value sent[NODES] = {{{0}}};
   double command[U] = {0};
@@ -438,6 +461,9 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
   for (int k = 0; k < m->m; k++) {
     s.u[k] = ac ? m->u_high[k] : m->u_first[k];
     q[k].last = t0;
+    for (int i = 0; i <= m->drivers; i++) {
+      s.output[i][k] = m->u_first[k];
+    }
   }
   for (int i = 0; i <= m->nodes; i++) {
     s.topic[i].stamp = s.topic[i].state = NEVER;
@@ -523,13 +549,10 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
     if (sc.busy && sc.phase == 1 && sc.done == t) {
       sc.busy = 0;
       for (int k = 0; k < m->m && !s.ac; k++) {
-        int64_t range = m->acts[k] - m->acts_least[k];
-        int64_t at = t + m->acts_least[k] + choose(&s, L_ACT, range);
-        at = at > q[k].last ? at : q[k].last;
-        int slot = (q[k].first + q[k].count) % QUEUE;
-        q[k].u[slot] = command[k];
-        q[k].at[slot] = q[k].last = at;
-        q[k].count += q[k].count < QUEUE;
+        s.output[0][k] = command[k];
+        if (m->drivers == 0) {
+          act(&s, &q[k], k, command[k]);
+        }
       }
     }
     /* path nodes */
@@ -553,10 +576,32 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
         }
       }
     }
+    /* nodes behind the module; what AC publishes stands on its topic until SC's replaces it */
+    for (int k = 0; k < m->m && s.ac && m->drivers > 0; k++) {
+      s.output[0][k] = advanced(&s, k);
+    }
+    for (int i = 0; i < m->drivers; i++) {
+      /* what it publishes now may be read by the next one now, or only later */
+      int last = s.p[SEEN] == 1 ? i : m->drivers - 1 - i;
+      if (driver[last].busy && driver[last].phase == 1 && driver[last].done == t) {
+        deliver(&s, q, driver, last, carried[last]);
+      }
+      if (due(t, m->driver_period[last], m->driver_phase[last])) {
+        driver[last] = (task){1, 0, t, t + choose(&s, LJ_NODE, m->driver_j[last]), 0};
+      }
+      if (driver[last].busy && driver[last].phase == 0 && driver[last].start == t) {
+        memcpy(carried[last], s.output[last], sizeof carried[last]);
+        driver[last].phase = 1;
+        driver[last].done = t + choose(&s, LR_NODE, m->driver_r[last]);
+        if (driver[last].done == t) {
+          deliver(&s, q, driver, last, carried[last]);
+        }
+      }
+    }
     /* what acts */
     for (int k = 0; k < m->m; k++) {
       int64_t l = m->acts[k];
-      int tail = !s.ac && ac_until[k] != NEVER && t < ac_until[k] + l && t - l >= ac_since;
+      int tail = !s.ac && m->drivers == 0 && ac_until[k] != NEVER && t < ac_until[k] + l && t - l >= ac_since;
       while (q[k].count > 0 && q[k].at[q[k].first] <= t) {
         s.u[k] = q[k].u[q[k].first];
         q[k].first = (q[k].first + 1) % QUEUE;
@@ -567,7 +612,7 @@ void adversary_run(const loop *m, const int32_t *policy, uint64_t seed, int64_t 
         }
         note(&s, 5 + k, s.u[k]);
       }
-      if ((s.ac && t >= q[k].last) || tail) {
+      if ((s.ac && m->drivers == 0 && t >= q[k].last) || tail) {
         s.u[k] = advanced(&s, k);
       }
     }

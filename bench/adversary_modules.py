@@ -100,6 +100,8 @@ class Module:
     """Empty: computed."""
     safer: tuple[Face, ...] = ()
     nodes: tuple[PathNode, ...] = ()
+    drivers: tuple[PathNode, ...] = ()
+    """Nodes between the module and the plant that flies."""
     bias: tuple[float, ...] = ()
     """What SC adds to each control, so that it answers zero by something else."""
     is_map: bool = False
@@ -138,10 +140,12 @@ class Module:
         n = range(self.n)
         fields = ", ".join(f"x{i}: float" for i in n)
         t = self.times
-        flies = self._plant("P", "z0" if self.nodes else "y")
+        flies = self._plant("P", "z0" if self.nodes else "y", f"v{len(self.drivers)}_")
         raw = "\n".join(f"topic z{k}: {{ {fields} }};" for k in range(len(self.nodes)))
         chain = "\n".join(self._node(k) for k in range(len(self.nodes)))
         beside = "".join(f" node N{k};" for k in range(len(self.nodes)))
+        beside += "".join(f" node D{k};" for k in range(len(self.drivers)))
+        chain += "\n".join(self._driver(k) for k in range(len(self.drivers)))
         # a map's state is read in the instant in which it is published
         age = f"{self.tick_us // 2}us" if self.is_map else self.ticks(t.max_age)
         return f"""soter 1;
@@ -149,7 +153,7 @@ class Module:
 topic y: {{ {fields} }} max_age {age};
 {self._controls()}
 {flies}
-{self._plant("Q", "y") if self.nodes else ""}
+{self._plant("Q", "y") if self.abstract else ""}
 {chain}
 node Ac period {self.ticks(1)} {{ publishes {self._us()}; step {{ {self._publish("ac")} }} }}
 {self._sc()}
@@ -165,16 +169,33 @@ rta M {{
 system S {{ p: P; module M;{beside} until 10s; }}
 """
 
-    def _us(self) -> str:
-        return ", ".join(f"u{k}" for k in range(self.m))
+    @property
+    def abstract(self) -> bool:
+        """Whether there are nodes on the way, and so another plant that is proved."""
+        return bool(self.nodes or self.drivers)
+
+    def _us(self, word: str = "u") -> str:
+        return ", ".join(f"{word}{k}" for k in range(self.m))
 
     def _controls(self) -> str:
+        words = ["u", *(f"v{i + 1}_" for i in range(len(self.drivers)))]
         return "\n".join(
-            f"topic u{k}: float in [{-c!r}, {c!r}] = {self.defaults[k]!r};"
+            f"topic {w}{k}: float in [{-c!r}, {c!r}] = {self.defaults[k]!r};"
+            for w in words
             for k, c in enumerate(self.control)
         )
 
-    def _plant(self, name: str, topic: str) -> str:
+    def _driver(self, i: int) -> str:
+        node, read = self.drivers[i], f"v{i}_" if i else "u"
+        phase = f" phase {self.ticks(node.phase)}" if node.phase else ""
+        step = " ".join(f"publish v{i + 1}_{k} = {read}{k};" for k in range(self.m))
+        return (
+            f"node D{i} period {self.ticks(node.period)}{phase} {{ subscribes {self._us(read)}; "
+            f"publishes {self._us(f'v{i + 1}_')}; step {{ {step} }} }}"
+        )
+
+    def _plant(self, name: str, topic: str, word: str = "u") -> str:
+        u = "u" if word == "v0_" else word
         n = range(self.n)
         states = "\n".join(
             f"  state x{i}: float in [{-s!r}, {s!r}];" if s else f"  state x{i}: float = 0.0;"
@@ -183,12 +204,12 @@ system S {{ p: P; module M;{beside} until 10s; }}
         winds = "\n".join(
             f"  disturbance w{i}: float in [{-w!r}, {w!r}];" for i, w in enumerate(self.wind) if w
         )
-        word = "next" if self.is_map else "der"
-        rates = "\n".join(f"  {word} x{i} = {self._rate(i)};" for i in n)
+        moves = "next" if self.is_map else "der"
+        rates = "\n".join(f"  {moves} x{i} = {self._rate(i, u)};" for i in n)
         measured = ", ".join(f"{topic}.x{i} within {e!r}" for i, e in enumerate(self.error) if e)
         values = ", ".join(f"x{i}: x{i}" for i in n)
         return f"""plant {name} period {self.ticks(self.times.sensor)} {{
-  reads {self._us()};
+  reads {self._us(u)};
   drives {topic} = {{ {values} }};
 {states}
 {winds}
@@ -196,9 +217,9 @@ system S {{ p: P; module M;{beside} until 10s; }}
 {f"  measured {measured};" if measured else ""}
 }}"""
 
-    def _rate(self, i: int) -> str:
+    def _rate(self, i: int, u: str) -> str:
         found = [f"{v!r} * x{k}" for k, v in enumerate(self.a[i]) if v]
-        found += [f"{v!r} * u{k}" for k, v in enumerate(self.b[i]) if v]
+        found += [f"{v!r} * {u}{k}" for k, v in enumerate(self.b[i]) if v]
         found += [f"w{i}"] if self.wind[i] else []
         for kind, of, to, factor in self.terms:
             if to == i:
@@ -248,13 +269,13 @@ system S {{ p: P; module M;{beside} until 10s; }}
         return f"  ttf {ttf};\n  safer {safer};\n"
 
     def _grid(self) -> str:
-        at, word = ("q", "polytope") if self.nodes else ("y", "polytope")
+        at, word = ("q", "polytope") if self.abstract else ("y", "polytope")
         ranges = [
             f"{at}.x{i} in [{-c!r}, {c!r}]" + (f" / {self.cells[i]}" if self.cells else "")
             for i, c in enumerate(self.box)
         ]
         found = f"{'grid' if self.cells else word} {', '.join(ranges)};"
-        if self.nodes:
+        if self.abstract:
             values = ", ".join(f"x{i}: p.truth.x{i}" for i in range(self.n))
             found += f"\n    abstracts p by q: Q = {{ {values} }};"
         return found
@@ -268,6 +289,9 @@ system S {{ p: P; module M;{beside} until 10s; }}
         for k, node in enumerate(self.nodes):
             late.append(f"N{k} {self.ticks(node.late)}")
             took.append(f"N{k} {self.ticks(node.response)}")
+        for k, node in enumerate(self.drivers):
+            late.append(f"D{k} {self.ticks(node.late)}")
+            took.append(f"D{k} {self.ticks(node.response)}")
         found = f"    late {', '.join(late)};\n    response {', '.join(took)};\n"
         found += f"    acts within {self.ticks(t.acts)};\n"
         found += f"    dropout {self.ticks(t.dropout)};\n" if t.dropout else ""
@@ -326,6 +350,10 @@ system S {{ p: P; module M;{beside} until 10s; }}
         c.j_dm, c.r_dm, c.j_sc, c.r_sc = t.late_dm, t.response_dm, t.late_sc, t.response_sc
         for k in range(self.m):
             c.acts[k] = t.acts
+        c.drivers = len(self.drivers)
+        for k, node in enumerate(self.drivers):
+            c.driver_period[k], c.driver_phase[k] = node.period, node.phase
+            c.driver_j[k], c.driver_r[k] = node.late, node.response
         c.max_age, c.dropout, c.nodes = t.max_age, t.dropout, len(self.nodes)
         for k, node in enumerate(self.nodes):
             c.node_period[k], c.node_phase[k] = node.period, node.phase
