@@ -119,6 +119,19 @@ BENCHMARKS = (
         "100 Hz and 200 Hz), beside the reference interpreter in the same run.",
     ),
     Benchmark(
+        "The model of time against every schedule",
+        ("bench/verify_times.py",),
+        "5,000 random systems of small whole times: each quantity beside the largest value over "
+        "all schedules. Exceeded: the model would be wrong. Reached: no smaller figure is sound; "
+        "in the limit: short of it by units of the grid, however fine the grid is.",
+    ),
+    Benchmark(
+        "The same schedules against figures that are wrong on purpose",
+        ("bench/verify_times.py", "--blind", "all", "--systems", "200"),
+        "A check that the comparison would see a wrong figure: what is hidden from the model must "
+        "show as quantities that are exceeded.",
+    ),
+    Benchmark(
         "Changed modules that must not be proved",
         ("bench/verify_mutants.py",),
         "Every mutant is first confirmed bad by a NumPy simulation of its own (`escapes`: runs "

@@ -30,6 +30,14 @@ SCHEME = (
 )
 
 
+BEHIND = {
+    "in_step": "in the thread of the module, behind SC in the same instant; what they make of a "
+    "command belongs to the plants of the proof",
+    "counted": "pass a command on at their next step, which is counted; what they make of it "
+    "belongs to the plants of the proof",
+    "inner": "between commands and plants, with sensors of their own: they and their delays belong "
+    "to the plants of the proof",
+}
 NO_DROPOUT = (
     "sensors never drop out: where one does the DM hands over to SC, which then reads what is "
     "too old for its own proof (`dropout` covers a silence)"
@@ -116,18 +124,14 @@ def _ways(place: Place, routes: Routes) -> list[str]:
                 f"what {first} publishes is its own, and the defaults of its topics are what it "
                 "would have published before its first step"
             )
-    if routes.in_step:
-        names = ", ".join(_filter(n) for n in routes.in_step)
-        found.append(
-            f"{names}: in the thread of the module, behind SC in the same instant; what they do "
-            "with a command belongs to the plants of the proof"
-        )
-    if routes.behind:
-        names = ", ".join(_filter(n) for n in routes.behind)
-        found.append(
-            f"{names}: pass a command on at their next step (followed in time); what they do with "
-            "it belongs to the plants of the proof"
-        )
+    for kind, words in BEHIND.items():
+        nodes = list(dict.fromkeys(n for w in routes.ways for n in getattr(w, kind)))
+        if nodes:
+            found.append(f"{', '.join(_filter(n) for n in nodes)}: {words}")
+    on_the_way = [*routes.nodes, *routes.behind, *(n for w in routes.ways for n in w.in_step)]
+    if on_the_way:
+        names = ", ".join(dict.fromkeys(n.name for n in on_the_way))
+        found.append(f"no step of {names} faults (a node that does is silent from then on)")
     return list(dict.fromkeys(found))
 
 

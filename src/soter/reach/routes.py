@@ -9,28 +9,22 @@ times that follow (`schedule.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from math import gcd
 from typing import TYPE_CHECKING
 
-from soter.reach.schedule import Path, Releases
+from soter.reach.downstream import ways_behind
+from soter.reach.publishing import UnfollowedError, must_publish
+from soter.reach.schedule import Output, Path, Releases
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.program import typed
     from soter.program.system import Component, Topic
+    from soter.reach.downstream import Way
     from soter.reach.place import Place
 
 ROUTES_MAX = 64
 """More ways than these from sensors to one topic are not followed."""
-
-
-class UnfollowedError(Exception):
-    """A way that cannot be followed: the node that it ends at, and why."""
-
-    def __init__(self, node: Component, why: str) -> None:
-        super().__init__(why)
-        self.node = node
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +53,15 @@ class Routes:
 
     by_dm: list[Route] = field(default_factory=list)
     by_sc: list[Route] = field(default_factory=list)
-    behind: list[Component] = field(default_factory=list)
-    """Nodes that read what SC publishes, and whose steps do not simply follow SC's."""
-    in_step: list[Component] = field(default_factory=list)
-    """Nodes that read it and are released whenever SC is: they run behind it, in its thread."""
+    ways: list[Way] = field(default_factory=list)
+    """From SC to plants."""
+    releases: dict[Component, Releases] = field(default_factory=dict)
+    """Of the nodes behind SC."""
+
+    @property
+    def behind(self) -> list[Component]:
+        """Nodes behind SC whose wait counts, each once."""
+        return list(dict.fromkeys(n for w in self.ways for n in w.counted))
 
     @property
     def nodes(self) -> list[Component]:
@@ -75,18 +74,30 @@ def routes_of(
     place: Place, dm: list[int], sc: list[int], ns: Callable[[typed.Expr | None], int]
 ) -> Routes:
     """The ways to the topics that DM and SC read (indices of the verification system)."""
-    verify = place.module.symbol.verify
+    found = Routes()
 
     def releases(c: Component) -> Releases:
-        late, response = verify.late_of.get(c.name), verify.response_of.get(c.name)
-        return Releases(c.period_ns, c.phase_ns, ns(late), ns(response))
+        return releases_of(place, c, ns)
 
-    found = Routes()
     found.by_dm += [r for index in dm for r in _to(place, index, releases)]
     found.by_sc += [r for index in sc for r in _to(place, index, releases)]
     if place.abstract:
-        _behind(place, found)
+        found.ways = ways_behind(place)
+        found.releases = {n: releases(n) for n in found.behind}
     return found
+
+
+def releases_of(place: Place, c: Component, ns: Callable[[typed.Expr | None], int]) -> Releases:
+    """Of a node of the flying system, with the times that the module declares of it."""
+    verify = place.module.symbol.verify
+    late, response = verify.late_of.get(c.name), verify.response_of.get(c.name)
+    return Releases(c.period_ns, c.phase_ns, ns(late), ns(response))
+
+
+def outputs_of(routes: Routes, acts: int) -> tuple[Output, ...]:
+    """What lies between SC and the plants, one entry for every different way."""
+    ways = [Output(0, acts, tuple(routes.releases[n] for n in w.counted)) for w in routes.ways]
+    return tuple(dict.fromkeys(ways)) or (Output(0, acts),)
 
 
 def _to(place: Place, index: int, releases: Callable[[Component], Releases]) -> Iterator[Route]:
@@ -96,12 +107,16 @@ def _to(place: Place, index: int, releases: Callable[[Component], Releases]) -> 
         at = Releases(plant.period_ns, plant.phase_ns)
         yield Route(Path(at, (), topic.max_age_ns), topic, plant)
         return
-    for k, way in enumerate(_upstream(place, place.flying(topic.symbol), ())):
-        if k == ROUTES_MAX:
+    found = 0
+    for way in _upstream(place, place.flying(topic.symbol), ()):
+        found += 1
+        if found > ROUTES_MAX:
             raise UnfollowedError(way.nodes[-1], f"more than {ROUTES_MAX} ways lead to it")
         nodes = way.nodes[1:] if way.source and len(way.nodes) > 1 else way.nodes
         path = Path(way.first, tuple(releases(n) for n in nodes), topic.max_age_ns)
         yield Route(path, topic, way.sensor, way.nodes, way.source)
+    if not found:
+        raise UnfollowedError(place.sc, f"nobody publishes `{topic.name}` in the flying system")
 
 
 @dataclass(frozen=True, eq=False)
@@ -121,10 +136,13 @@ def _upstream(place: Place, index: int, seen: tuple[Component, ...]) -> Iterator
     for c in flat.components:
         if c.plant is not None and any(c.scope.topics[t] == index for t, _ in c.plant.drives):
             yield _Way(c, (), Releases(c.period_ns, c.phase_ns))
-        if c.node is None or c.role != "node" or c in seen:
+        if c.node is None or c in seen or c.module == place.home.index:
             continue
         if index not in [c.scope.topics[t] for t in c.node.publishes]:
             continue
+        if c.role != "node":
+            raise UnfollowedError(c, "the AC of another module may publish anything there")
+        must_publish(c, index)
         ways = 0
         for s in c.node.subscribes:
             read = c.scope.topics[s.topic]
@@ -135,18 +153,3 @@ def _upstream(place: Place, index: int, seen: tuple[Component, ...]) -> Iterator
                 yield replace(way, nodes=(*way.nodes, c))
         if not ways:
             yield _Way(None, (c,), Releases(1), source=True)
-
-
-def _behind(place: Place, found: Routes) -> None:
-    """Nodes that read the module's outputs in the flying system."""
-    sc, verify = place.sc, place.module.symbol.verify
-    outputs = set(place.home.outputs)
-    for c in place.flat.components:
-        if c.node is None or c.role != "node":
-            continue
-        if not outputs & {c.scope.topics[s.topic] for s in c.node.subscribes}:
-            continue
-        aligned = gcd(c.period_ns, sc.period_ns) == c.period_ns
-        aligned = aligned and (sc.phase_ns - c.phase_ns) % c.period_ns == 0
-        declared = c.name in verify.late_of or c.name in verify.response_of
-        (found.in_step if aligned and not declared else found.behind).append(c)

@@ -28,7 +28,7 @@ def check_times(
     _seen_in_time(times, routes, diagnostics)
     for route in dict.fromkeys([*routes.by_dm, *routes.by_sc]):
         _spoken_in_time(route, diagnostics)
-    for node, at in _stations(routes, times.schedule):
+    for node, at in _stations(routes):
         _fits(place, node, at, diagnostics)
     _dm_fits(place, times, diagnostics)
     _kept(place, times, routes, diagnostics)
@@ -91,12 +91,11 @@ def _spoken_in_time(route: Route, diagnostics: Diagnostics) -> None:
     )
 
 
-def _stations(routes: Routes, schedule: Schedule) -> list[tuple[Component, Releases]]:
+def _stations(routes: Routes) -> list[tuple[Component, Releases]]:
     found: dict[Component, Releases] = {}
     for route in (*routes.by_dm, *routes.by_sc):
         found.update(zip(route.stations, route.path.nodes, strict=True))
-    behind = [o.nodes[0] for o in schedule.outputs if o.nodes]
-    found.update(zip(routes.behind, behind, strict=True))
+    found.update({n: r for n, r in routes.releases.items() if n in routes.behind})
     return list(found.items())
 
 
@@ -129,11 +128,14 @@ def _dm_fits(place: Place, times: Times, diagnostics: Diagnostics) -> None:
 def _kept(place: Place, times: Times, routes: Routes, diagnostics: Diagnostics) -> None:
     """R018 where a node behind SC may skip an output: a command would act a period longer."""
     schedule = times.schedule
-    for output in schedule.outputs:
-        at = output.loses(schedule.sc, schedule.published)
-        if at is None:
-            continue
-        node = routes.behind[list(schedule.outputs).index(output)]
+    skips: list[Component] = []
+    outputs = {o.nodes: o for o in schedule.outputs}
+    stations = dict(_stations(routes))
+    for way in routes.ways:
+        at = outputs[tuple(stations[n] for n in way.counted)].loses(schedule.sc, schedule.published)
+        skips += [] if at is None else [way.counted[at]]
+        skips += [n for n in way.inner if n.period_ns > schedule.sc.period]
+    for node in dict.fromkeys(skips):
         diagnostics.error(
             "R018",
             f"`{node.name}` may miss a command of SC",

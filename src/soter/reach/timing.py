@@ -13,8 +13,9 @@ from soter.program.durations import show_ns
 from soter.program.walk import topic_reads
 from soter.reach.place import sc_reads
 from soter.reach.problem import Times
-from soter.reach.routes import Routes, UnfollowedError, routes_of
-from soter.reach.schedule import Output, Releases, Schedule
+from soter.reach.publishing import UnfollowedError
+from soter.reach.routes import Routes, outputs_of, routes_of
+from soter.reach.schedule import Releases, Schedule
 from soter.reach.time_checks import check_times, of_map
 
 if TYPE_CHECKING:
@@ -50,23 +51,14 @@ def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> tuple[Times, 
     except UnfollowedError as error:
         _unfollowed(place, error, diagnostics)
         routes = Routes()
-    behind = tuple(
-        Releases(
-            n.period_ns,
-            n.phase_ns,
-            ns(verify.late_of.get(n.name)),
-            ns(verify.response_of.get(n.name)),
-        )
-        for n in routes.behind
-    )
-    outputs = [Output(0, delays["acts"], (n,)) for n in behind] or [Output(0, delays["acts"])]
+    outputs = outputs_of(routes, delays["acts"])
     at = place.system.components[module.dm]
     schedule = Schedule(
         Releases(module.period_ns, at.phase_ns, delays["late_dm"], delays["response_dm"]),
         Releases(place.sc.period_ns, place.sc.phase_ns, delays["late_sc"], delays["response_sc"]),
         tuple(r.path for r in routes.by_dm),
         tuple(r.path for r in routes.by_sc),
-        tuple(outputs),
+        outputs,
         ns(verify.dropout),
     )
     times = Times(
