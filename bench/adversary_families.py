@@ -366,8 +366,12 @@ def driven(seed: int, rng: Rng) -> Module:
     when = inner.times
     if rng.random() < 0.7:  # leave half a period of SC for the way
         when = replace(when, late_dm=0, response_dm=when.response_dm // 3, late_sc=0, acts=0)
-    node = PathNode(period, phase, late, response)
-    return replace(inner, family=f"driven {inner.family}", times=when, drivers=(node,))
+    nodes = [PathNode(period, phase, late, response)]
+    if rng.random() < 0.35:
+        after = max(1, period // 2)
+        nodes.append(PathNode(after, int(rng.integers(0, after)), 0, int(rng.integers(0, 2))))
+        nodes[-1] = replace(nodes[-1], response=min(nodes[-1].response, after - 1))
+    return replace(inner, family=f"driven {inner.family}", times=when, drivers=tuple(nodes))
 
 
 FAMILIES: dict[str, Callable[[int, Rng], Module]] = {
@@ -385,7 +389,16 @@ FAMILIES: dict[str, Callable[[int, Rng], Module]] = {
     "silent": silent,
     "driven": driven,
 }
-SHARES = {"integrator": 3, "tank": 3, "lag": 3, "mode": 5, "two": 2, "behind": 4, "silent": 2, "driven": 3}
+SHARES = {
+    "integrator": 3,
+    "tank": 3,
+    "lag": 3,
+    "mode": 5,
+    "two": 2,
+    "behind": 4,
+    "silent": 2,
+    "driven": 3,
+}
 """How often a family comes; the others once."""
 
 

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     Ints = npt.NDArray[np.int32]
 
 SOURCE = Path(__file__).with_name("adversary_loop.c")
+HEADERS = ("adversary_model.h", "adversary_choices.h")
 N, U, TERMS, LAWS, NODES, GROUPS, AXES = 4, 2, 2, 2, 4, 2, 3
 POLICY = (
     *("gkind", "gindex", "flip", "wind", "ac", "err_ac", "err_sc"),
@@ -120,6 +121,7 @@ def library() -> ct.CDLL:
     compiler = find()
     flags = (*STRICT, "-O2", "-fPIC", "-shared")
     text = SOURCE.read_bytes() + repr((compiler.identity, flags)).encode()
+    text += b"".join(SOURCE.with_name(name).read_bytes() for name in HEADERS)
     target = cache_dir() / f"adversary-{hashlib.sha256(text).hexdigest()[:24]}.so"
     if not target.exists():
         target.parent.mkdir(parents=True, exist_ok=True)

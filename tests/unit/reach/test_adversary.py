@@ -65,15 +65,27 @@ def ends(machine: Machine, ticks: list[int], chosen: Ints) -> list[tuple[float, 
     return [machine.run(chosen, 1, t, np.zeros(2)).x for t in ticks]
 
 
-@pytest.mark.parametrize("sc_phase", [0, 7])
-def test_where_nothing_is_late_it_moves_as_soter_run(tmp_path: Path, sc_phase: int) -> None:
-    m = cart(sc_phase=sc_phase)
+WAYS = {
+    "direct": cart(),
+    "out of step": cart(sc_phase=7),
+    "a DM out of step": cart(dm=45),
+    "through nodes": replace(
+        cart(max_age=10),
+        nodes=(PathNode(5, 2), PathNode(4, 3)),
+        drivers=(PathNode(4, 1), PathNode(3, 2)),
+    ),
+}
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_where_nothing_is_late_it_moves_as_soter_run(tmp_path: Path, way: str) -> None:
+    m = WAYS[way]
     path = tmp_path / "cart.soter"
     path.write_text(m.text)
     run = soter.load(str(path)).simulate(until="4s", seed=1)
     truth = run.array("p.truth")
     ticks = [1, 20, 200, 777, 1500, 3999]
-    seen = ends(m.machine(), ticks, policy(**PUSHES))
+    seen = ends(m.machine(), ticks, policy(**PUSHES, seen=1))  # nodes in order
     at = np.searchsorted(run.time_s(), np.array(ticks) * 1e-3 - 1e-9)
     assert np.abs(truth[at] - np.array(seen)).max() < 1e-9
     assert run.modules["M"].switches_to_sc > 2  # both modes were seen
