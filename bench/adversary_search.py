@@ -9,7 +9,7 @@ Non-goals: proofs.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from bench.adversary_loop import POLICY
@@ -59,6 +59,13 @@ class Run:
         shown = None if self.shown is None else np.array(self.shown)
         x0 = np.array(self.x0)
         return machine.run(self.policy, self.seed, self.ticks, x0, t0=self.t0, shown=shown, log=log)
+
+    @classmethod
+    def of_json(cls, told: dict[str, Any]) -> Run:
+        """What `as_json` wrote."""
+        policy = np.array([told["policy"][n] for n in POLICY], dtype=np.int32)
+        shown = None if told["shown"] is None else tuple(told["shown"])
+        return cls(policy, told["seed"], told["ticks"], tuple(told["x0"]), told["t0"], shown)
 
     def as_json(self) -> dict[str, object]:
         """Plain numbers."""

@@ -23,6 +23,7 @@ import sys
 import time
 from collections import Counter
 from concurrent.futures import ProcessPoolExecutor
+from contextlib import nullcontext
 from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -35,7 +36,8 @@ import numpy as np  # noqa: E402 - needs the path
 from bench.adversary_families import module, retimed  # noqa: E402
 from bench.adversary_holes import HOLES, Hole  # noqa: E402
 from bench.adversary_proofs import Proof, armed, prove, widened, written  # noqa: E402
-from bench.adversary_search import Attack, attack  # noqa: E402
+from bench.adversary_modules import of_json  # noqa: E402
+from bench.adversary_search import Attack, Run, attack  # noqa: E402
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -71,7 +73,7 @@ class Row:
     """Of the grid's volume on which AC may have control."""
     violations: int
     run: dict[str, Any] = field(default_factory=dict)
-    """The run that leaves C, to be had again with `replay`."""
+    """The run that leaves C, with its module: `--replay` shows its schedule."""
 
 
 @dataclass
@@ -139,15 +141,36 @@ def _attacked(proof: Proof, steps: int, seed: int) -> Row:
         told.closest_sc,
         float(proof.result.shares.get("lets_ac", 0.0)),
         told.violations,
-        _run(told),
+        _run(proof.module, told),
     )
 
 
-def _run(told: Attack) -> dict[str, Any]:
+def _run(drawn: Module, told: Attack) -> dict[str, Any]:
     if told.found is None or told.outcome is None:
         return {}
     seen = {"left_at_tick": told.outcome.at, "x": list(told.outcome.x)}
-    return {**told.found.as_json(), **seen, "declared_start": told.declared}
+    return {
+        **told.found.as_json(),
+        **seen,
+        "declared_start": told.declared,
+        "module": asdict(drawn),
+    }
+
+
+def replay(path: Path) -> None:
+    """The schedules of all violations that a JSON file of ours holds."""
+    told = json.loads(path.read_text())
+    names = [h.name for h in HOLES]
+    rows = [r for b in told for r in (b["rows"] if "rows" in b else [b]) if r["run"]]
+    for row in rows:
+        hole = HOLES[names.index(row["hole"])] if "hole" in row else None
+        with hole.open() if hole else nullcontext():
+            proof = prove(of_json(row["run"]["module"]))
+        seen = Run.of_json(row["run"]).again(armed(proof), log=True)
+        print(f"{row.get('hole', row.get('family'))}: {proof.verdict}, outside: {seen.left}")
+        for tick, what, value in seen.log[-40:]:
+            print(f"  {tick:8} {what:20} {value:g}")
+        print(f"  {seen.at:8} x = {seen.x}")
 
 
 def _seeds(first: int) -> Iterator[int]:
@@ -248,7 +271,8 @@ def through(hole: Hole, number: int, steps: int = HOLE_STEPS) -> Found:
         honest = prove(proof.module, whole=False)
         if honest.safe:
             continue  # the violation would be one of the prover as it is
-        found.found, found.declared, found.run = True, told.declared, _run(told)
+        found.found, found.declared = True, told.declared
+        found.run = _run(proof.module, told)
         found.without, found.text = f"{honest.verdict}: {honest.why}", proof.module.text
         break
     return found
@@ -290,7 +314,11 @@ def main() -> int:
     parser.add_argument("--family", default="", help="only this one")
     parser.add_argument("--holes", action="store_true")
     parser.add_argument("--json", type=Path)
+    parser.add_argument("--replay", type=Path, help="show the violations of such a file")
     arguments = parser.parse_args()
+    if arguments.replay:
+        replay(arguments.replay)
+        return 0
     if arguments.holes:
         told = holes()
         seen = sum(f.found for f in told)

@@ -8,6 +8,7 @@ Non-goals: the figures of the benchmark.
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -16,9 +17,9 @@ import pytest
 from bench.adversary_families import FAMILIES, module
 from bench.adversary_holes import HOLES
 from bench.adversary_loop import POLICY, Machine
-from bench.adversary_modules import Face, Module, PathNode, Times
+from bench.adversary_modules import Face, Module, PathNode, Times, of_json
 from bench.adversary_proofs import armed, prove
-from bench.adversary_search import attack
+from bench.adversary_search import Run, attack
 from bench.verify_adversary import through
 
 import soter
@@ -146,4 +147,11 @@ def test_a_hole_put_back_is_found(name: str) -> None:
     number = next(i for i, h in enumerate(HOLES) if h.name == name)
     found = through(HOLES[number], number, 20_000_000)
     assert found.found, found
-    assert "x0" in found.run
+    told = json.loads(json.dumps(found.run))
+    assert of_json(told["module"]).text == found.text
+    with HOLES[number].open():
+        machine = armed(prove(of_json(told["module"]), whole=False))
+    again = Run.of_json(told).again(machine, log=True)
+    assert again.left
+    assert again.at == found.run["left_at_tick"]
+    assert {"SC reads, age"} <= {what for _, what, _ in again.log}
