@@ -35,8 +35,8 @@ if str(ROOT) not in sys.path:
 import numpy as np  # noqa: E402 - needs the path
 from bench.adversary_families import module, retimed  # noqa: E402
 from bench.adversary_holes import HOLES, Hole  # noqa: E402
-from bench.adversary_proofs import Proof, armed, prove, widened, written  # noqa: E402
 from bench.adversary_modules import of_json  # noqa: E402
+from bench.adversary_proofs import Proof, armed, prove, widened, written  # noqa: E402
 from bench.adversary_search import Attack, Run, attack  # noqa: E402
 
 if TYPE_CHECKING:
@@ -161,7 +161,7 @@ def replay(path: Path) -> None:
     """The schedules of all violations that a JSON file of ours holds."""
     told = json.loads(path.read_text())
     names = [h.name for h in HOLES]
-    rows = [r for b in told for r in (b["rows"] if "rows" in b else [b]) if r["run"]]
+    rows = [r for b in told for r in b.get("rows", [b]) if r["run"]]
     for row in rows:
         hole = HOLES[names.index(row["hole"])] if "hole" in row else None
         with hole.open() if hole else nullcontext():
