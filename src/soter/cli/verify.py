@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.cli.console import Console
-    from soter.reach.results import Finding, ModuleResult, VerifyReport
+    from soter.reach.results import Finding, LeavingRun, ModuleResult, VerifyReport
 
     Runs = Mapping[str, Mapping[str, Path]]
 
@@ -183,6 +183,9 @@ def _saved(report: VerifyReport) -> Runs:
 
 def _headline(module: ModuleResult, console: Console) -> str:
     verdict = console.paint(PAINTS[module.verdict], module.verdict.upper())
+    if module.headline != module.verdict:  # proved, but of next to nothing
+        assert module.vacuity is not None
+        verdict = f"{console.paint('yellow', module.verdict.upper())}, but {module.vacuity.text},"
     count = len(module.problem.assumptions)
     under = f" under {count} assumption{'' if count == 1 else 's'}"
     assumed = [n for n, f in module.findings.items() if f.verdict == "assumed"]
@@ -207,14 +210,17 @@ def _table(module: ModuleResult, console: Console) -> str:
 
 def _details(module: ModuleResult, console: Console) -> list[str]:
     """Shares, and where and why something is not proved."""
+    from soter.reach.results import NO_CORE  # noqa: PLC0415 - needs nothing heavy, but a room below
+
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]
     size = f", {module.cells:,} cells" if module.cells else ""
     lines = ["", f"{' · '.join(shares)} of the grid's volume{size}"]
+    lines += [module.at_the_start] if module.at_the_start else []
     told: list[str] = []
     for name in ("P2a", "ttf", "safer", *module.findings):
         finding = module.findings[name]
-        if not finding.holds and finding.text not in told:
+        if not finding.holds and finding.text not in (NO_CORE, *told):
             told.append(finding.text)  # P3 fails like one of `ttf` and `safer`
             lines += _failure(name, finding, console)
     return lines
@@ -226,6 +232,9 @@ def _failure(name: str, finding: Finding, console: Console) -> list[str]:
     rest = len(finding.regions) - REGIONS_SHOWN
     if rest > 0:
         lines.append(f"         and {rest} more")
+    lines += [f"  why    {c.text}" for c in finding.causes]
+    if finding.leaving is not None:
+        lines.append(f"  leaves {finding.leaving}")
     if finding.hint:
         lines.append(f"  help   {finding.hint}")
     if finding.counterexample is not None:
@@ -265,6 +274,9 @@ def _module(module: ModuleResult, runs: Mapping[str, Path]) -> dict[str, object]
         "cells": module.cells,
         "core_share": module.core_share,
         "shares": module.shares,
+        "headline": module.headline,
+        "vacuous": _vacuous(module),
+        "at_the_start": module.at_the_start,
         "horizon_s": times.horizon_ns / 1e9,
         "horizon_needed_s": times.h_star / 1e9,
         "recover_s": module.recover_s,
@@ -288,4 +300,37 @@ def _finding(finding: Finding, run: Path | None) -> dict[str, object]:
             for region in finding.regions
         ],
         "counterexample": None if run is None else str(run),
+        "causes": [
+            {"kind": c.kind, "text": c.text, "hint": c.hint, "numbers": dict(c.numbers)}
+            for c in finding.causes
+        ],
+        "leaving": _leaving(finding.leaving),
+    }
+
+
+def _vacuous(module: ModuleResult) -> dict[str, object] | None:
+    found = module.vacuity
+    if found is None:
+        return None
+    return {
+        "how_often": found.how_often,
+        "what": found.what,
+        "share": found.share,
+        "text": found.text,
+        "parameters": dict(found.parameters),
+    }
+
+
+def _leaving(run: LeavingRun | None) -> dict[str, object] | None:
+    """A run of the model: what it starts from, and every state that was computed."""
+    if run is None:
+        return None
+    return {
+        "text": str(run),
+        "axis": run.axis,
+        "side": run.side,
+        "safe": run.safe,
+        "chosen": list(run.chosen),
+        "time_s": run.time_s.tolist(),
+        "states": {n: run.states[:, i].tolist() for i, n in enumerate(run.names)},
     }

@@ -50,6 +50,8 @@ class Failure:
     """Where that is."""
     stuck: bool = False
     """P2b: the cells are those of K from which no way back was found."""
+    cut: bool = False
+    """It was not looked at to the end, as something else fails."""
 
 
 @dataclass(eq=False)
@@ -67,6 +69,8 @@ class Case:
     counts: dict[str, int] = field(default_factory=dict)
     fresh: list[bool] = field(default_factory=list)
     """Groups whose sets are still to be computed; the others are those of an earlier attempt."""
+    first: Case | None = None
+    """The attempt on the declared grid, where this one is on a finer one."""
 
     def failed(self, claim: str) -> list[Failure]:
         """What stands against a claim."""
@@ -81,10 +85,12 @@ class Case:
         hint: str = "",
         *,
         stuck: bool = False,
+        cut: bool = False,
         part: PolytopePart | None = None,
     ) -> None:
         """Enter a failure."""
-        self.failures.append(Failure(claim, text, group, cells, hint, stuck=stuck, part=part))
+        made = Failure(claim, text, group, cells, hint, stuck=stuck, cut=cut, part=part)
+        self.failures.append(made)
 
     def again(self, group: int) -> None:
         """A group keeps nothing of an earlier attempt."""

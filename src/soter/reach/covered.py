@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.program.build import Checked
-    from soter.program.system import Module, System
+    from soter.program.system import Component, Module, System
     from soter.program.types import Value
     from soter.reach.problem import Problem
 
@@ -37,7 +37,7 @@ def coverage_of(
             if (flat.name, module.name) in taken:
                 continue
             where = f"{module.name} in system {flat.name}"
-            same, why = _same(flat, module, problems)
+            same, why = _same(flat, module, problems, chosen)
             if same:
                 also.append(where)
             else:
@@ -54,7 +54,9 @@ def coverage_of(
 # ---------------------------------------------------------------- other systems
 
 
-def _same(flat: System, module: Module, problems: list[Problem]) -> tuple[bool, str]:
+def _same(
+    flat: System, module: Module, problems: list[Problem], chosen: Chosen
+) -> tuple[bool, str]:
     symbols = {p.module.symbol.name for p in problems}
     if module.forced is not None:
         return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
@@ -64,7 +66,12 @@ def _same(flat: System, module: Module, problems: list[Problem]) -> tuple[bool, 
         codes = ", ".join(dict.fromkeys(d.code for d in error.diagnostics))
         return False, f"it poses no problem that can be proved ({codes})"
     key = problem_key(found)
-    if any(problem_key(p) == key for p in problems):
+    posed = [i for i, p in enumerate(problems) if problem_key(p) == key]
+    if posed and module.symbol.verify.abstracts:
+        there = _flying_key(flat, module)
+        if not any(_flying_key(*chosen[i]) == there for i in posed):
+            return False, "another vehicle, or other nodes around the module, not verified there"
+    if posed:
         return True, ""
     if module.symbol.name in symbols:
         return False, "another problem there, not verified (`--system`)"
@@ -76,22 +83,7 @@ def problem_key(problem: Problem) -> object:
 
     Components are compared by what they were declared as, and by every number of theirs.
     """
-    components = tuple(
-        (
-            c.role,
-            c.plant or c.node,
-            c.period_ns,
-            c.phase_ns,
-            c.initial,
-            c.initial_range,
-            c.substeps,
-            tuple((d.low, d.high) for d in c.disturbances),
-            tuple((m.leaf, m.bound, _topic(problem, m.topic)) for m in c.measured),
-            tuple((s.name, _topic(problem, i)) for s, i in c.scope.topics.items()),
-            tuple((s.name, v) for s, v in c.scope.params.items()),
-        )
-        for c in problem.system.components
-    )
+    components = tuple(_component(problem.system, c) for c in problem.system.components)
     forced = problem.module.forced
     return (
         components,
@@ -111,10 +103,34 @@ def problem_key(problem: Problem) -> object:
     )
 
 
-def _topic(problem: Problem, index: int) -> object:
-    topic = problem.system.topics[index]
-    bounds = tuple(topic.bounds)
-    return (topic.symbol.name, bounds, topic.default, topic.max_age_ns, topic.set_declared)
+def _flying_key(flat: System, module: Module) -> object:
+    """Everything around a module whose plants are abstractions: what they abstract is in it."""
+    return (
+        module.name,
+        tuple((c.name, _component(flat, c)) for c in flat.components),
+        tuple((d.topic, d.every_ns, d.values) for d in flat.inputs),
+    )
+
+
+def _component(system: System, c: Component) -> object:
+    return (
+        c.role,
+        c.plant or c.node,
+        c.period_ns,
+        c.phase_ns,
+        c.initial,
+        c.initial_range,
+        c.substeps,
+        tuple((d.low, d.high, d.hold_ns) for d in c.disturbances),
+        tuple((m.leaf, m.bound, _topic(system, m.topic)) for m in c.measured),
+        tuple((s.name, _topic(system, i)) for s, i in c.scope.topics.items()),
+        tuple((s.name, v) for s, v in c.scope.params.items()),
+    )
+
+
+def _topic(system: System, index: int) -> object:
+    topic = system.topics[index]
+    return (topic.name, topic.bounds, topic.default, topic.max_age_ns, topic.driver)
 
 
 # ---------------------------------------------------------------- contracts, composition

@@ -32,12 +32,14 @@ def fault_on_defaults(problem: Problem) -> str:
     component = system.components[sc]
     assert component.node is not None
     topics = {component.scope.topics[t] for t in sc_reads(component.node)}
-    ways = {(p.sensor, p.nodes, p.dropout) for p in schedule.read_by_sc}
+    paths = schedule.read_by_sc
+    at_once = len({p.publisher for p in paths}) == 1
+    if not any(p.nodes for p in paths) and not schedule.dropout:
+        at_once = len({p.sensor for p in paths}) == 1  # plants of one phase publish together
+    others = bool(problem.others) and any(system.topics[t].driver == "" for t in topics)
     if steps > STEPS_MAX:
         return "SC reads defaults for too long to try them all"
-    if (len(ways) > 1 and len(topics) > 1) or any(
-        system.topics[t].driver == "" and problem.others for t in topics
-    ):
+    if not at_once or others:
         return "SC may read the default of one topic beside a value of another"
     dummies = {c.name: _silent for c in system.components if c.extern}
     interpreter = Interpreter(system, 0, dummies)

@@ -46,6 +46,8 @@ def _failing(done: list[Case], groups: tuple[Group, ...]) -> list[Bools | None] 
     wrong: list[Bools | None] = [None] * len(groups)
     for case in done:
         for failure in case.failures:
+            if failure.cut:
+                continue  # nothing is known of it
             if failure.claim == "P2a" or failure.group is None or failure.cells is None:
                 return None
             cells = failure.cells

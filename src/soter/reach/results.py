@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from soter.reach.problem import Group, Problem
 
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
+NO_CORE = "there is no K"
+"""What every claim that rests on K says where there is none: P2a says why."""
 PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "DM")
 """In this order everywhere; `start` is that the declared initial states are among those proved,
 `DM` that the generated C of the decision module is the switching logic (`dm_check.py`)."""
@@ -40,12 +42,75 @@ class Region:
         return ", ".join(parts)
 
 
+@dataclass(frozen=True)
+class Vacuity:
+    """That a proof says little: AC never, or hardly ever, has control (`vacuity.py`).
+
+    `what`: of `ttf`, `safer` or `core` (K itself); `share`: of K, of C for `core`; `parameters`: of
+    the worst case where there are several.
+    """
+
+    how_often: str
+    what: str
+    share: float
+    text: str
+    parameters: tuple[tuple[str, int], ...] = ()
+
+
+@dataclass(frozen=True)
+class Cause:
+    """Why a claim could not be shown, as measured (`diagnose.py`, `margins.py`).
+
+    `kind`: for machines (docs/json.md); `text`: what was measured, one sentence; `hint`: what
+    would help; `numbers`: the measurement.
+    """
+
+    kind: str
+    text: str
+    hint: str = ""
+    numbers: tuple[tuple[str, float], ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class LeavingRun:
+    """A run of the *model* under SC alone that leaves C; no run of the program.
+
+    `states` has a row for each of `time_s`, in the order of `names`; `safe` says that it left C
+    inside the grid, otherwise it left the grid by the end `side` (-1 low, 1 high) of `axis`.
+    """
+
+    names: tuple[str, ...]
+    time_s: NDArray[np.float64]
+    states: NDArray[np.float64]
+    axis: str
+    side: int
+    safe: bool
+    start: str
+    """Whose start it is: `the declared start`, `the middle of C`, `inside C`."""
+    chosen: tuple[str, ...]
+    """What the adversary did, for people."""
+    parameter: tuple[int, ...] = ()
+    """Of the case."""
+
+    def __str__(self) -> str:
+        """One line."""
+        first = ", ".join(f"{n} = {x:.6g}" for n, x in zip(self.names, self.states[0], strict=True))
+        last = self.states[-1][self.names.index(self.axis)]
+        where = "leaves `safe`" if self.safe else "leaves the grid"
+        by = f" with {', '.join(self.chosen)}" if self.chosen else ""
+        return (
+            f"from {self.start} ({first}) SC's run of the model {where} at {self.axis} = {last:.6g}"
+            f" after {self.time_s[-1]:.4g} s{by}"
+        )
+
+
 @dataclass
 class Finding:
     """The verdict on one property.
 
     `method`: how; `text`: what was found, one sentence; `hint`: what would help where undecided;
-    `counterexample`: the run of a refutation (`reach/replay.py`).
+    `counterexample`: the run of a refutation (`reach/replay.py`); `causes`, `leaving`: what was
+    measured where it is undecided.
     """
 
     verdict: str
@@ -56,6 +121,8 @@ class Finding:
     regions: list[Region] = field(default_factory=list)
     counts: dict[str, int] = field(default_factory=dict)
     counterexample: object | None = None
+    causes: list[Cause] = field(default_factory=list)
+    leaving: LeavingRun | None = None
 
     @property
     def holds(self) -> bool:
@@ -148,10 +215,14 @@ class ModuleResult:
     the parameters."""
     recover_s: float | None = None
     """The T that P2b was proved with, in s."""
+    vacuity: Vacuity | None = None
+    """That the sets are empty, or nearly: said in the headline."""
+    at_the_start: str = ""
+    """A line where AC cannot have control at the start."""
 
     def __repr__(self) -> str:
         held = ", ".join(f"{name} {f.verdict}" for name, f in self.findings.items())
-        return f"<soter.ModuleResult {self.name} {self.verdict}: {held}>"
+        return f"<soter.ModuleResult {self.name} {self.headline}: {held}>"
 
     @property
     def name(self) -> str:
@@ -166,6 +237,13 @@ class ModuleResult:
             if verdict in found:
                 return verdict
         return PROVED if PROVED in found else ASSUMED
+
+    @property
+    def headline(self) -> str:
+        """The verdict and, where it says little, that: no proof of nothing reads like one."""
+        if self.vacuity is None or self.verdict not in (PROVED, ASSUMED):
+            return self.verdict
+        return f"{self.verdict}, but {self.vacuity.text}"
 
     @property
     def cells(self) -> int:
@@ -209,5 +287,5 @@ class VerifyReport:
         raise KeyError(module)
 
     def __repr__(self) -> str:
-        found = ", ".join(f"{m.name} {m.verdict}" for m in self.modules)
+        found = ", ".join(f"{m.name} {m.headline}" for m in self.modules)
         return f"<soter.VerifyReport {self.path}: {found}>"

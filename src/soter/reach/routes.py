@@ -105,7 +105,8 @@ def _to(place: Place, index: int, releases: Callable[[Component], Releases]) -> 
     if not place.abstract:
         plant = place.driven[index]
         at = Releases(plant.period_ns, plant.phase_ns)
-        yield Route(Path(at, (), topic.max_age_ns), topic, plant)
+        path = Path(at, (), topic.max_age_ns, topic=topic.name, publisher=plant.name)
+        yield Route(path, topic, plant)
         return
     found = 0
     for way in _upstream(place, place.flying(topic.symbol), ()):
@@ -113,10 +114,22 @@ def _to(place: Place, index: int, releases: Callable[[Component], Releases]) -> 
         if found > ROUTES_MAX:
             raise UnfollowedError(way.nodes[-1], f"more than {ROUTES_MAX} ways lead to it")
         nodes = way.nodes[1:] if way.source and len(way.nodes) > 1 else way.nodes
-        path = Path(way.first, tuple(releases(n) for n in nodes), topic.max_age_ns)
+        path = Path(
+            way.first,
+            tuple(releases(n) for n in nodes),
+            topic.max_age_ns,
+            topic=topic.name,
+            publisher=_publisher(way, topic),
+        )
         yield Route(path, topic, way.sensor, way.nodes, way.source)
     if not found:
         raise UnfollowedError(place.sc, f"nobody publishes `{topic.name}` in the flying system")
+
+
+def _publisher(way: _Way, topic: Topic) -> str:
+    if way.nodes:
+        return way.nodes[-1].name
+    return topic.name if way.sensor is None else way.sensor.name
 
 
 @dataclass(frozen=True, eq=False)

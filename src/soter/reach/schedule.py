@@ -12,7 +12,7 @@ are the numbers o + k g, o the difference of the phases modulo g, and each of th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import pairwise
 from math import gcd
@@ -52,6 +52,8 @@ class Path:
     """Of the topic: a bound on the time since its last publication (its *stamp age*)."""
     dropout: int = 0
     """How much longer than its period the sensor may be silent."""
+    topic: str = ""
+    publisher: str = ""
 
     @property
     def last(self) -> Releases:
@@ -241,7 +243,7 @@ class Schedule:
         return max(found, default=0)
 
     def _paths(self, paths: tuple[Path, ...]) -> tuple[Path, ...]:
-        return tuple(Path(p.sensor, p.nodes, p.max_age, p.dropout or self.dropout) for p in paths)
+        return tuple(replace(p, dropout=p.dropout or self.dropout) for p in paths)
 
     def stamp_age_sc(self, path: Path) -> int:
         """R011: how old the stamp of a topic may be at a start of SC, no drop-outs."""
@@ -349,8 +351,9 @@ class Schedule:
 
         An "AC" verdict shows that what the DM reads is there. SC's other topics are by h_0.
         """
-        known = set(self.read_by_dm)
-        return self.h_star if set(self.read_by_sc) <= known else max(self.h_star, self.start)
+        known = {(p.topic, p.sensor, p.nodes) for p in self.read_by_dm}
+        more = {(p.topic, p.sensor, p.nodes) for p in self.read_by_sc} - known
+        return max(self.h_star, self.start) if more else self.h_star
 
     # ------------------------------------------------------------ decisions
 

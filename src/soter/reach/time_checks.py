@@ -212,4 +212,4 @@ def of_map(times: Times) -> Times:
 
 
 def _of_instant(paths: tuple[Path, ...]) -> tuple[Path, ...]:
-    return tuple(Path(p.sensor, (), 0) for p in paths)
+    return tuple(replace(p, nodes=(), max_age=0) for p in paths)

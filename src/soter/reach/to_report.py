@@ -15,7 +15,10 @@ import numpy as np
 
 from soter.native.compiler import find
 from soter.program.durations import show_ns
+from soter.reach.leaving_figures import leaving_figures
 from soter.reach.polytope_claims import inner_point
+from soter.reach.regions import regions
+from soter.reach.results import NO_CORE
 from soter.report.proof import (
     R1,
     R2,
@@ -31,8 +34,6 @@ from soter.report.proof_page import write_proof
 
 if TYPE_CHECKING:
     from pathlib import Path
-
-    from numpy.typing import NDArray
 
     from soter.reach.results import (
         CaseSets,
@@ -85,7 +86,7 @@ def page(found: VerifyReport) -> ProofPage:
     under += f" ({', '.join(sorted(taken))} assumed)" if under and taken else ""
     return ProofPage(
         f"Verification of {found.path}",
-        f"{names}: {found.verdict}{under}",
+        f"{names}: {found.verdict}{_but(found)}{under}",
         f"system {found.system}, {found.seconds:.1f} s",
         tuple(_module(m) for m in found.modules),
         tuple(assumptions),
@@ -102,6 +103,18 @@ def page(found: VerifyReport) -> ProofPage:
     )
 
 
+def _but(found: VerifyReport) -> str:
+    """What the headline of a proof must not leave out."""
+    little = [m for m in found.modules if m.headline != m.verdict and m.vacuity is not None]
+    if found.verdict not in ("proved", "assumed") or not little:
+        return ""
+    several = len(found.modules) > 1
+    said = [
+        f"{m.name}: {m.vacuity.text}" if several else m.vacuity.text for m in little if m.vacuity
+    ]
+    return f", but {'; '.join(said)}"
+
+
 def _module(m: ModuleResult) -> ModuleProof:
     rows = tuple(
         PropertyRow(name, MEANINGS.get(name, ""), f.verdict, f.method, f.seconds, f.text)
@@ -111,18 +124,24 @@ def _module(m: ModuleResult) -> ModuleProof:
     undecided = [
         ": ".join(filter(None, (name, f.text, *map(str, f.regions[:3]), f.hint)))
         for name, f in m.findings.items()
-        if f.verdict == "undecided"
+        if f.verdict == "undecided" and f.text != NO_CORE
     ]
+    undecided += [c.text for n, f in m.findings.items() if n != "P3" for c in f.causes]
+    leaving = next((f.leaving for f in m.findings.values() if f.leaving is not None), None)
     return ModuleProof(
         m.name,
         m.verdict,
-        f"{len(m.problem.assumptions)} assumptions, {m.cells:,} cells, {m.seconds:.1f} s",
+        f"{len(m.problem.assumptions)} assumptions, {m.cells:,} cells, {m.seconds:.1f} s"
+        + (f"; {m.at_the_start}" if m.at_the_start else ""),
         rows,
         _times(m),
         tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
         tuple(f for case in m.cases[:1] for f in _figures(m, case)),
         tuple(line for run in runs for line in str(run).splitlines()),
         tuple(undecided),
+        m.vacuity.text if m.headline != m.verdict and m.vacuity is not None else "",
+        tuple(leaving_figures(m, leaving)) if leaving is not None else (),
+        str(leaving) if leaving is not None else "",
     )
 
 
@@ -143,18 +162,6 @@ def _times(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:
 
 
 # ---------------------------------------------------------------- regions
-
-
-def regions(sets: GroupSets) -> NDArray[np.uint8]:
-    """R1 to R5 for every cell of a group."""
-    found = np.full(sets.allowed.shape, R1, dtype=np.uint8)
-    found[sets.allowed] = R2
-    found[sets.core > 0] = R3
-    if sets.free is not None:
-        found[sets.free] = R4
-        if sets.gives_back is not None:
-            found[sets.free & sets.gives_back] = R5
-    return found
 
 
 def _figures(m: ModuleResult, case: CaseSets) -> list[RegionFigure]:

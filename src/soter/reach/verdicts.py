@@ -10,7 +10,7 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.reach.refute import refute, refute_return
-from soter.reach.results import PROVED, REFUTED, UNDECIDED
+from soter.reach.results import NO_CORE, PROVED, REFUTED, UNDECIDED
 
 if TYPE_CHECKING:
     from soter.reach.problem import Problem
@@ -79,4 +79,6 @@ def _tell(findings: dict[str, Finding], names: tuple[str, ...], search: Search) 
         finding = findings[name]
         if finding.verdict == UNDECIDED:
             finding.counts["runs"] = search.runs
+            if finding.text == NO_CORE:
+                continue  # that is P2a's to say
             finding.hint = f"{finding.hint} ({note})" if finding.hint else note

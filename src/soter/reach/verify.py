@@ -22,11 +22,13 @@ from soter.reach.extract import cases
 from soter.reach.forms import Forms, library_of
 from soter.reach.grids import UnboundedError
 from soter.reach.levels import deploy, levels
+from soter.reach.patience import recover_at_last
 from soter.reach.polytope_claims import add_shares
 from soter.reach.recovery import in_time, recover
 from soter.reach.refine import refined
 from soter.reach.results import (
     ASSUMED,
+    NO_CORE,
     PROPERTIES,
     PROVED,
     UNDECIDED,
@@ -35,6 +37,7 @@ from soter.reach.results import (
     ModuleResult,
 )
 from soter.reach.timing import DELAYS, in_words
+from soter.reach.vacuity import at_the_start, vacuity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -67,9 +70,16 @@ CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
 
 
 def verify_module(
-    problem: Problem, *, refute: bool = True, progress: Progress | None = None
+    problem: Problem,
+    *,
+    refute: bool = True,
+    explain: bool | None = None,
+    progress: Progress | None = None,
 ) -> ModuleResult:
-    """Everything about one module. `SoterError` R... where a program cannot be enclosed."""
+    """Everything about one module. `SoterError` R... where a program cannot be enclosed.
+
+    `explain`: measure why something stays undecided; None: where `refute` is.
+    """
     began = time.perf_counter()
     library, prelude = library_of(problem)
     _assume(problem, prelude)
@@ -85,8 +95,11 @@ def verify_module(
     result.findings = {p: result.findings[p] for p in PROPERTIES}
     result.recover_s = _recover_s(done, result)
     result.shares = _shares(done)
+    result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
     if refute:
         _refute(problem, result)
+    if refute if explain is None else explain:
+        _diagnose(done, result)
     result.seconds = time.perf_counter() - began
     return result
 
@@ -130,7 +143,7 @@ def _settled(
     problem: Problem, library: ReachLibrary, parameter: tuple[int, ...], tell: Tell
 ) -> Case:
     """One case, on finer grids where borders fail. Computed predicates keep the declared grid."""
-    case = _case(problem, library, problem.groups, parameter, tell, None)
+    first = case = _case(problem, library, problem.groups, parameter, tell, None)
     for _ in range(0 if problem.computed else REFINEMENTS_MAX):
         groups = tuple(part.group for part in case.sets.groups)
         finer = refined([case], groups) if groups else None
@@ -138,6 +151,7 @@ def _settled(
             break
         polytopes = tuple(part.group for part in case.sets.polytopes)
         case = _case(problem, library, finer + polytopes, parameter, tell, case)
+        case.first = first
     return case
 
 
@@ -165,13 +179,13 @@ def _claims(case: Case) -> None:
         found = claims.constraint(case) and claims.core(case)
     if not found:
         for claim in CLAIMS[1:]:
-            case.fail(claim, "there is no K")
+            case.fail(claim, NO_CORE)
         return
     _after_core(case)
     if case.problem.computed:
         return  # P2b waits for the sets of all cases
     with Clock(case, "P2b"):
-        recover(case)
+        recover_at_last(case)
     if _shrunk(case):
         _after_core(case)
         in_time(case)
@@ -398,3 +412,11 @@ def _refute(problem: Problem, result: ModuleResult) -> None:
     from soter.reach.verdicts import refuted  # noqa: PLC0415 - compiles the whole system
 
     refuted(problem, result)
+
+
+def _diagnose(done: list[Case], result: ModuleResult) -> None:
+    """Where something stays undecided: why, as far as a few seconds can tell."""
+    if any(f.verdict == UNDECIDED for f in result.findings.values()):
+        from soter.reach.diagnose import diagnose  # noqa: PLC0415 - only then
+
+        diagnose(done, result)

@@ -37,6 +37,8 @@ class Trajectory:
     y: NDArray[np.float64]
     in_control: NDArray[np.bool_]
     title: str = ""
+    leaves: bool = False
+    """It begins at the first point and leaves C at the last one: both are marked."""
 
 
 @dataclass(frozen=True)
@@ -74,6 +76,11 @@ class ModuleProof:
     """Lines that tell a refutation: from where, by what, when."""
     undecided: tuple[str, ...] = ()
     """Where, and what would help."""
+    but: str = ""
+    """Why a proof says little: AC never, or hardly ever, has control."""
+    leaving: tuple[RegionFigure, ...] = ()
+    """The run of the model that leaves C soonest."""
+    leaving_text: str = ""
 
 
 @dataclass(frozen=True)

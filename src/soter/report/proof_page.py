@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import os
     from pathlib import Path
 
-    from soter.report.proof import ModuleProof, ProofPage, PropertyRow
+    from soter.report.proof import ModuleProof, ProofPage, PropertyRow, RegionFigure
 
 SIGNS = {"proved": "✓", "refuted": "✕", "undecided": "?", "assumed": "•"}
 REGIONS = (
@@ -60,13 +60,15 @@ def _header(page: ProofPage) -> str:
 
 
 def _module(m: ModuleProof) -> str:
-    sign = SIGNS.get(m.verdict, "?")
+    sign, kind = SIGNS.get(m.verdict, "?"), "but" if m.but else m.verdict
+    but = f'<p class="lead but">Proved, but {prose(m.but)}.</p>' if m.but else ""
     return (
         f'<section class="proof"><h2>{escape(m.name)} '
-        f'<span class="badge {escape(m.verdict)}">{sign} {escape(m.verdict)}</span></h2>'
+        f'<span class="badge {escape(kind)}">{sign} {escape(m.verdict)}'
+        f"{', but see below' if m.but else ''}</span></h2>{but}"
         f'<p class="note lead">{prose(m.headline)}</p>{_properties(m)}'
         f"{_lines('The run that leaves the safe set', m.counterexample)}"
-        f"{_lines('Where it is undecided, and what would help', m.undecided)}"
+        f"{_lines('Where it is undecided, and what would help', m.undecided)}{_leaving(m)}"
         f'<div class="pair">{_times(m)}{_shares(m)}</div>{_figures(m)}</section>'
     )
 
@@ -117,6 +119,25 @@ def _shares(m: ModuleProof) -> str:
     )
 
 
+def _leaving(m: ModuleProof) -> str:
+    """The run of the model that leaves C soonest, drawn."""
+    if not m.leaving:
+        return ""
+    drawn = "".join(_figure(f) for f in m.leaving)
+    return (
+        "<h3>The run of the model that leaves soonest</h3>"
+        f'<p class="note">{prose(m.leaving_text)}</p><ul class="key">'
+        '<li><i class="region r1"></i><span>outside the constraint C</span></li>'
+        '<li><i class="region r2"></i><span>inside C</span></li></ul>'
+        f'<div class="figures">{drawn}</div>'
+    )
+
+
+def _figure(f: RegionFigure) -> str:
+    note = f'<p class="note">{prose(f.note)}</p>' if f.note else ""
+    return f"<figure><figcaption>{prose(f.title)}</figcaption>{region_svg(f)}{note}</figure>"
+
+
 def _figures(m: ModuleProof) -> str:
     if not m.figures:
         return ""
@@ -124,12 +145,7 @@ def _figures(m: ModuleProof) -> str:
         f'<li><i class="region {code}"></i><span><strong>{name}</strong> {prose(text)}</span></li>'
         for code, name, text in REGIONS
     )
-    drawn = "".join(
-        f"<figure><figcaption>{prose(f.title)}</figcaption>{region_svg(f)}"
-        + (f'<p class="note">{prose(f.note)}</p>' if f.note else "")
-        + "</figure>"
-        for f in m.figures
-    )
+    drawn = "".join(_figure(f) for f in m.figures)
     return (
         f'<h3>Regions of operation</h3><ul class="key">{key}</ul><div class="figures">{drawn}</div>'
     )

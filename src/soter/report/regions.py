@@ -141,4 +141,7 @@ def _trajectory(run: Trajectory, x: _Scale, y: _Scale) -> str:
         f'cy="{py[k]:g}" r="4"/>'
         for k in changes
     ]
+    if run.leaves:
+        parts.append(f'<circle class="begin" cx="{px[0]:g}" cy="{py[0]:g}" r="4.5"/>')
+        parts.append(f'<path class="left" d="M{px[-1] - 5:g} {py[-1] - 5:g}l10 10m-10 0l10 -10"/>')
     return "".join(parts)
