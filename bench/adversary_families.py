@@ -339,6 +339,8 @@ def behind(seed: int, rng: Rng) -> Module:
             break
         nodes.append(PathNode(period, phase, late, response))
         spoken, slow = phase + late + response + 1, period
+    if not nodes:  # no room for what was drawn: a node that is on time
+        nodes.append(PathNode(slow))
     last = nodes[-1]
     age = last.period + last.late + last.response
     when = replace(t, max_age=age)

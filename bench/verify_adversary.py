@@ -179,7 +179,7 @@ def _seeds(first: int) -> Iterator[int]:
         first += 1
 
 
-def run(wanted: int, steps: int, first: int, family: str, *, quiet: bool = False) -> list[Batch]:
+def run(wanted: int, steps: int, first: int, family: str, kept: Path | None) -> list[Batch]:
     """Seeds in their order until so many modules are proved; the same whatever the processes."""
     each = max(1, -(-steps // max(1, wanted)))
     batches: list[Batch] = []
@@ -197,14 +197,14 @@ def run(wanted: int, steps: int, first: int, family: str, *, quiet: bool = False
             for row in batch.rows:
                 if row.violations:
                     print(f"\nVIOLATION {row.family} seed {row.seed}\n{row.text}\n{row.run}")
-            if not quiet:
-                seconds = time.perf_counter() - began
-                told = f"{proved}/{wanted} proved of {len(batches)} seeds, {spent:,} steps"
-                print(f"\r{told}, {seconds:.0f} s ", end="", flush=True)
+            seconds = time.perf_counter() - began
+            told = f"{proved}/{wanted} proved of {len(batches)} seeds, {spent:,} steps"
+            print(f"\r{told}, {seconds:.0f} s ", end="", flush=True)
+            if kept is not None:
+                kept.write_text(json.dumps([asdict(b) for b in batches], indent=1) + "\n")
         for waiting in running:
             waiting.cancel()
-    if not quiet:
-        print()
+    print()
     return batches
 
 
@@ -326,10 +326,9 @@ def main() -> int:
         if arguments.json:
             arguments.json.write_text(json.dumps([asdict(f) for f in told], indent=1) + "\n")
         return 0 if seen == len(told) else 1
-    batches = run(arguments.modules, arguments.steps, arguments.first, arguments.family)
+    a = arguments
+    batches = run(a.modules, a.steps, a.first, a.family, a.json)
     table(batches)
-    if arguments.json:
-        arguments.json.write_text(json.dumps([asdict(b) for b in batches], indent=1) + "\n")
     return 1 if any(r.violations for b in batches for r in b.rows) else 0
 
 
