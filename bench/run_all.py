@@ -146,6 +146,20 @@ BENCHMARKS = (
         "set that does what the claim excludes.",
     ),
     Benchmark(
+        "A closed-loop adversary against proved modules",
+        ("bench/verify_adversary.py", "--steps", "1000000000"),
+        "Random modules that are proved, simulated from the definitions of the model of time, with "
+        "state feedback and every lateness, response, latency, error, disturbance and drop-out at "
+        "its bounds. `closest` is the largest |x| relative to the border of C, `by SC` while SC "
+        "was in control; `safe only`: everything but P2b is proved.",
+    ),
+    Benchmark(
+        "Holes put back into the prover",
+        ("bench/verify_adversary.py", "--holes"),
+        "Each is patched in by hand; on a module that the prover then calls proved, and does not "
+        "without it, the same adversary has to find a run that leaves C.",
+    ),
+    Benchmark(
         "The same adversaries against an engine that is not told everything",
         ("bench/verify_soundness.py", "--blind", "--problems", "8"),
         "A check that the adversaries would see an unsound set: what is hidden must show as "
