@@ -99,10 +99,10 @@ def _way(place: Place, nodes: tuple[Component, ...]) -> Way:
 
 def _in_step(place: Place, node: Component) -> bool:
     """Whether it is released whenever SC is, and no times of its own are declared."""
-    sc, verify = place.sc, place.module.symbol.verify
+    sc = place.sc
     aligned = gcd(node.period_ns, sc.period_ns) == node.period_ns
     aligned = aligned and (sc.phase_ns - node.phase_ns) % node.period_ns == 0
-    return aligned and node.name not in {*verify.late_of, *verify.response_of}
+    return aligned and all(place.declared(node, w) is None for w in ("late", "response"))
 
 
 def _reads_sensors(place: Place, node: Component, behind: set[Component]) -> bool:

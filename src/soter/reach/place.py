@@ -59,6 +59,20 @@ class Place:
                 return scope.topics[topic]
         return -1
 
+    def declared(self, c: Component, what: str) -> typed.Expr | None:
+        """The time of a node of the flying system that `late` or `response` says, by its name.
+
+        The module calls nodes as the system that holds it does: without that system's own name.
+        """
+        times: dict[str, typed.Expr] = getattr(self.module.symbol.verify, f"{what}_of")
+        return times.get(c.name.removeprefix(self.around))
+
+    @property
+    def around(self) -> str:
+        """The name of the sub-system that holds the module, with a dot, or nothing."""
+        outer = self.home.name.rpartition(".")[0]
+        return outer + "." if outer else ""
+
 
 def place(flat: System, module: Module) -> Place:
     """The verification system of a module of `flat`; `SoterError` where there is none."""

@@ -89,8 +89,7 @@ def routes_of(
 
 def releases_of(place: Place, c: Component, ns: Callable[[typed.Expr | None], int]) -> Releases:
     """Of a node of the flying system, with the times that the module declares of it."""
-    verify = place.module.symbol.verify
-    late, response = verify.late_of.get(c.name), verify.response_of.get(c.name)
+    late, response = place.declared(c, "late"), place.declared(c, "response")
     return Releases(c.period_ns, c.phase_ns, ns(late), ns(response))
 
 

@@ -25,6 +25,7 @@ def check_times(
     place: Place, kind: str, times: Times, routes: Routes, diagnostics: Diagnostics
 ) -> None:
     """Report what the theorem does not cover."""
+    _known_nodes(place, routes, diagnostics)
     _seen_in_time(times, routes, diagnostics)
     for route in dict.fromkeys([*routes.by_dm, *routes.by_sc]):
         _spoken_in_time(route, diagnostics)
@@ -46,6 +47,29 @@ def check_times(
                 "outputs act in order",
             ),
             helps=("a longer period of SC, or shorter times",),
+        )
+
+
+def _known_nodes(place: Place, routes: Routes, diagnostics: Diagnostics) -> None:
+    """R017 where a time is declared of a node that stands nowhere on the way: of no effect."""
+    verify = place.module.symbol.verify
+    inner = [n for w in routes.ways for n in (*w.inner, *w.in_step)]
+    stations = [n.name.removeprefix(place.around) for n in (*routes.nodes, *routes.behind)]
+    for name, expr in {**verify.late_of, **verify.response_of}.items():
+        if name in stations:
+            continue
+        named = any(n.name.removeprefix(place.around) == name for n in inner)
+        there = ", ".join(f"`{n}`" for n in stations) or "none"
+        diagnostics.error(
+            "R017",
+            f"`{name}` is no node whose time counts here",
+            expr.span,
+            "its time is said here",
+            notes=(
+                "it has sensors of its own and belongs to the plants of the proof"
+                if named
+                else f"nodes between sensors, module and plants: {there}",
+            ),
         )
 
 

@@ -79,9 +79,8 @@ def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> tuple[Times, 
 
 def undeclared(place: Place, routes: Routes) -> list[str]:
     """Nodes on the way of which not both times are declared."""
-    verify = place.module.symbol.verify
-    nodes = [n.name for n in (*routes.nodes, *routes.behind)]
-    return [n for n in nodes if n not in verify.late_of or n not in verify.response_of]
+    nodes = dict.fromkeys([*routes.nodes, *routes.behind])
+    return [n.name for n in nodes if None in (place.declared(n, w) for w in ("late", "response"))]
 
 
 def read_by_dm(place: Place) -> dict[int, None]:
