@@ -60,6 +60,11 @@ def static_claims(facts: Facts, given: dict[str, str]) -> dict[str, str]:
         return found
     if facts.times["H_ns"] < facts.times["H_star_ns"]:
         raise RejectedError("P1c: the horizon is shorter than H*")
+    seen = {r.name for r in facts.setting.by_dm}
+    blind = [r.name for r in facts.setting.by_sc if r.name not in seen]
+    if blind and facts.times["H_ns"] < facts.start_ns:
+        # an "AC" verdict shows nothing of what SC alone reads: only from h_0 on it is there
+        raise RejectedError(f"P1c: `{blind[0]}`, which the DM does not read, may come after H")
     derived = p1c_of(facts)
     if given["P1c"] == PROVED != derived:
         raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
