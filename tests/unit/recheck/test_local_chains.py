@@ -458,14 +458,14 @@ def test_what_stands_is_where_it_was(tmp_path: Path) -> None:
     assert arb(form[0]) == ends[0]
 
 
-def crafted(local: LocalChain, state: Floats, old: Floats) -> tuple[arb, ...]:
+def crafted(depth: int, state: Floats, old: Floats) -> tuple[arb, ...]:
     """A small cell, its symbols, and commands before that are independent of it."""
     middle = [*state, *old]
-    half = [0.01, 0.01] + [0.05] * local.depth
+    half = [0.01, 0.01] + [0.05] * depth
     form = [exact(float(m + s * h)) for m, h in zip(middle, half, strict=True) for s in (-1, 1)]
     form += [exact(float(m)) for m in middle]
     form += [exact(0.01 if i == k else 0.0) for i in range(len(middle)) for k in range(2)]
-    form += [ZERO, ZERO] + [exact(0.05)] * local.depth + [ZERO] * (2 * local.depth)
+    form += [ZERO, ZERO] + [exact(0.05)] * depth + [ZERO] * (2 * depth)
     return tuple(form)
 
 
@@ -484,7 +484,7 @@ def test_a_hold_after_commands_that_differ_much(  # noqa: PLR0915  one run, look
     reached = {"sample": 0.0, "state": 0.0, "command": 0.0}
     for seed in range(8):
         state, old = draw.uniform(-0.4, 0.4, 2), draw.choice([-0.9, 0.9], local.depth)
-        form = crafted(local, state, old)
+        form = crafted(local.depth, state, old)
         start = local.layout.opened(form, None)
         sample = local._sampled(start, fresh=False)
         assert sample is not None
@@ -535,6 +535,44 @@ def test_a_hold_after_commands_that_differ_much(  # noqa: PLR0915  one run, look
             assert (share <= 1 + 1e-3).all()
             reached["command"] = max(reached["command"], float(share.max()))
     assert min(reached.values()) > 0.5, reached
+
+
+@pytest.mark.parametrize("times", [(15, 20, 3), (50, 20, 2), (75, 20, 4)])
+def test_a_linear_hold_after_commands_that_differ_much(
+    tmp_path: Path, times: tuple[int, int, int]
+) -> None:
+    """The same of a chain that is compiled: the state after, point by point."""
+    thing = THINGS["linear"]
+    model = model_of(tmp_path, thing, *times)
+    delta, d, j = (t // 10**6 for t in (model.facts.times["delta_ns"], *delays(model)))
+    depth = -(-(d + 2 * j) // delta)
+    chain = ChainCheck(model, group_of(model)).chain(1)
+    draw, reached = np.random.default_rng(5), 0.0
+    for seed in range(16):
+        state, old = draw.uniform(-0.2, 0.2, 2), draw.choice([-0.9, 0.9], depth)
+        after = [float(x) for x in sure(chain.later(crafted(depth, state, old)))[0]]
+        runs = Runs(thing, model, [0.0] * 4, seed)
+        eps = np.array([runs.extreme(1.0) for _ in range(2)])
+        commands = [u + runs.extreme(0.05) for u in old]
+        w, switch = runs.extreme(thing.wind), runs.draw.choice([0, 2 * j], runs.count)
+        past = [(state[0] + 0.01 * eps[0], state[1] + 0.01 * eps[1])]
+        for tick in range(d):
+            past.append(runs.step(*past[-1], commands[min(tick // delta, depth - 1)], w, -1e-3))
+        past, command = past[::-1], commands[0]
+        ages = runs.draw.choice([0, d], runs.count)
+        for tick in range(delta):
+            at = [
+                np.array([s[i] for s in past])[d + tick - ages, range(runs.count)] for i in (0, 1)
+            ]
+            command = np.where(switch == tick, runs.law(*at), command)
+            past.append(runs.step(*past[-1], command, w, 1e-3))
+        count = 2 + depth
+        m, g = np.array(after[2 * count :])[:2], np.array(after[3 * count :])[:4]
+        rest = np.array(after[5 * count :])[:2]
+        off = np.abs(np.array(past[-1]) - m[:, None] - g.reshape(2, 2) @ eps) / rest[:, None]
+        assert (off <= 1 + 1e-9).all()
+        reached = max(reached, float(off.max()))
+    assert reached > 0.6
 
 
 def test_a_box_that_does_not_hold_its_image_is_none(tmp_path: Path) -> None:
