@@ -49,6 +49,7 @@ def verify(
     began = time.perf_counter()
     assert checked.program is not None
     chosen = modules_of(checked, module, system, params or {})
+    _refuse_forced(chosen)
     problems = problems_of(chosen)
     coverage = coverage_of(checked, chosen, problems, params or {})
     results = []
@@ -76,6 +77,22 @@ def verify(
     return found
 
 
+def _refuse_forced(chosen: list[tuple[System, Module]]) -> None:
+    """R019: of a module whose DM does not switch the theorem says nothing."""
+    diagnostics = Diagnostics()
+    for flat, m in chosen:
+        if m.forced is not None:
+            diagnostics.error(
+                "R019",
+                f"module `{m.name}` is forced to {m.forced.upper()} in system `{flat.name}`",
+                m.symbol.span,
+                notes=("its DM does not switch there: nothing can be proved of it",),
+                helps=("verify it in a system that does not force it: `--system NAME`",),
+            )
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+
+
 def _command_line(
     path: str, module: str | None, system: str | None, given: Mapping[str, object]
 ) -> str:
@@ -95,6 +112,7 @@ def modules_of(
     names = [system] if system else list(checked.systems)
     if not system and preferred is not None:
         names.sort(key=lambda n: n != preferred.name)
+        names.sort(key=lambda n: any(m.forced for m in system_of(checked, n, params).modules))
     found: list[tuple[System, Module]] = []
     known: list[str] = []
     seen: set[object] = set()

@@ -190,3 +190,17 @@ def test_contracts_of_sc_are_named() -> None:
 def test_values_of_parameters_are_named() -> None:
     text = "soter 1;\nparam speed: float = 2.0;\n" + seen("10ms", "20ms").partition("\n")[2]
     assert dict(report_of(text.replace("1.4", "0.3")).coverage.params) == {"speed": 2.0}
+
+
+def test_a_module_that_is_forced_is_refused() -> None:
+    text = seen("10ms", "20ms").replace("1.4", "0.3")
+    with pytest.raises(SoterError) as raised:
+        report_of(text.replace("module M; }", "module M; force M ac; }"))
+    assert [d.code for d in raised.value.diagnostics] == ["R019"]
+
+
+def test_times_of_a_node_are_found_inside_of_a_sub_system_and_must_name_one() -> None:
+    text = seen("10ms", "60ms").replace("grid x", "late Est 5ms; grid x")
+    inner = text.replace("system S default", "system S") + "system Outer default { s: S; }\n"
+    assert problem_of(text).times.age_dm == problem_of(inner).times.age_dm == 65 * ms
+    assert codes_of(text.replace("late Est", "late Esst")) == {"R017"}
