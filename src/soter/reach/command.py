@@ -49,7 +49,7 @@ def verify(
     began = time.perf_counter()
     assert checked.program is not None
     chosen = modules_of(checked, module, system, params or {})
-    _refuse_forced(chosen)
+    refuse_forced(chosen)
     problems = problems_of(chosen)
     coverage = coverage_of(checked, chosen, problems, params or {})
     results = []
@@ -77,7 +77,7 @@ def verify(
     return found
 
 
-def _refuse_forced(chosen: list[tuple[System, Module]]) -> None:
+def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
     """R019: of a module whose DM does not switch the theorem says nothing."""
     diagnostics = Diagnostics()
     for flat, m in chosen:

@@ -25,6 +25,10 @@ def check_times(
     place: Place, kind: str, times: Times, routes: Routes, diagnostics: Diagnostics
 ) -> None:
     """Report what the theorem does not cover."""
+    if kind == "map":
+        _map(place, times, routes, diagnostics)
+        if diagnostics.has_errors:
+            return
     _known_nodes(place, routes, diagnostics)
     _seen_in_time(times, routes, diagnostics)
     for route in dict.fromkeys([*routes.by_dm, *routes.by_sc]):
@@ -33,8 +37,7 @@ def check_times(
         _fits(place, node, at, diagnostics)
     _dm_fits(place, times, diagnostics)
     _kept(place, times, routes, diagnostics)
-    if kind == "map":
-        _map(place, times, routes, diagnostics)
+    if kind == "map" or any(d.code == "R018" for d in diagnostics.items):
         return
     if not times.schedule.ordered:
         diagnostics.error(

@@ -17,6 +17,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.explain import all_codes, explain
 from soter.diagnostics.render import render_all
 from soter.program.build import check_file, system_of
+from soter.reach.command import refuse_forced
 from soter.reach.extract import extract
 
 if TYPE_CHECKING:
@@ -45,6 +46,7 @@ def problems(name: str, text: str | None = None) -> tuple[Diagnostic, ...]:
     found: tuple[Diagnostic, ...] = ()
     for module in flat.modules:
         try:
+            refuse_forced([(flat, module)])
             extract(flat, module)
         except SoterError as error:
             found += tuple(error.diagnostics)
