@@ -17,6 +17,7 @@ from dataclasses import dataclass
 from math import gcd
 from typing import TYPE_CHECKING
 
+from soter.reach.place import sc_reads
 from soter.reach.publishing import UnfollowedError, must_publish
 
 if TYPE_CHECKING:
@@ -110,7 +111,10 @@ def _reads_sensors(place: Place, node: Component, behind: set[Component]) -> boo
     flat, todo, seen = place.flat, [node], {node}
     while todo:
         c = todo.pop()
-        read = _read_by(place, c)
+        assert c.node is not None
+        named = sc_reads(c.node)  # what it subscribes to and never looks at is no sensor of its own
+        topics = [flat.topics[c.scope.topics[t]] for t in named]
+        read = {t.index if t.queue_of is None else t.queue_of for t in topics}
         for other in flat.components:
             if other.plant is not None and read & {
                 other.scope.topics[t] for t, _ in other.plant.drives
