@@ -88,6 +88,12 @@ BENCHMARKS = (
         "enclosures and the decision module are compiled, too. CPU is of all threads and children.",
     ),
     Benchmark(
+        "Honest modules of other kinds",
+        ("bench/generality.py", "--recheck"),
+        "Nine small robots, cold: verify and recheck as whole processes. `standing` has no P2b and can "
+        "have none: where SC stands still for ever nothing leads back to where `safer` holds.",
+    ),
+    Benchmark(
         "Sets on grids",
         ("bench/reach_sets.py",),
         "K, S_j and R(t) where the answer is known, warm, on two threads; the peer is "
@@ -139,6 +145,13 @@ BENCHMARKS = (
         "reference interpreter saw, given nothing but the choices of the counterexample.",
     ),
     Benchmark(
+        "Wrong modules that must not be proved without a word",
+        ("bench/verify_wrong.py", "--demos"),
+        "Made from five right modules that are proved; `named`: the verdict prints what is wrong with "
+        "it among what it assumes or does not cover; demonstrations are runs, tests or a simulation "
+        "of their own.",
+    ),
+    Benchmark(
         "Random problems and adversaries",
         ("bench/verify_soundness.py",),
         "Every claimed set of 200 random problems is attacked by NumPy simulations with delays, "
@@ -147,7 +160,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "A closed-loop adversary against proved modules",
-        ("bench/verify_adversary.py", "--steps", "1000000000"),
+        ("bench/verify_adversary.py", "--steps", "300000000"),
         "Random modules that are proved, simulated from the definitions of the model of time, with "
         "state feedback and every lateness, response, latency, error, disturbance and drop-out at "
         "its bounds. `closest` is the largest |x| relative to the border of C, `by SC` while SC "
@@ -177,6 +190,13 @@ BENCHMARKS = (
         "Sets enlarged, witnesses, bounds, times, grids and programs changed, every hash written "
         "anew; what is accepted all the same is attacked by simulation: `accepted, true` is what "
         "no run breaks.",
+    ),
+    Benchmark(
+        "Certificates that say more than is true",
+        ("bench/recheck_overstated.py", "--share", "0.5"),
+        "Edits of programs, parameters, modules, systems, times, claims, inputs, assumptions and tables "
+        "of small modules, every hash written anew. What an edit is is known beforehand, or the "
+        "edited program is proved anew; `written` is what `soter verify` writes of edited programs.",
     ),
     Benchmark(
         "soter test against SPIN",
