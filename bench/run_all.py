@@ -90,8 +90,8 @@ BENCHMARKS = (
     Benchmark(
         "Honest modules of other kinds",
         ("bench/generality.py", "--recheck"),
-        "Nine small robots, cold: verify and recheck as whole processes. `standing` has no P2b and can "
-        "have none: where SC stands still for ever nothing leads back to where `safer` holds.",
+        "Nine small robots, cold: verify and recheck as whole processes. `standing` has no P2b and "
+        "can have none: where SC stands still nothing leads back to where `safer` holds.",
     ),
     Benchmark(
         "Sets on grids",
@@ -147,9 +147,9 @@ BENCHMARKS = (
     Benchmark(
         "Wrong modules that must not be proved without a word",
         ("bench/verify_wrong.py", "--demos"),
-        "Made from five right modules that are proved; `named`: the verdict prints what is wrong with "
-        "it among what it assumes or does not cover; demonstrations are runs, tests or a simulation "
-        "of their own.",
+        "Made from five right modules that are proved; `named`: the verdict prints what is wrong "
+        "with it among what it assumes or does not cover; demonstrations are runs, tests or a "
+        "simulation of their own.",
     ),
     Benchmark(
         "Random problems and adversaries",
@@ -194,9 +194,9 @@ BENCHMARKS = (
     Benchmark(
         "Certificates that say more than is true",
         ("bench/recheck_overstated.py", "--share", "0.5"),
-        "Edits of programs, parameters, modules, systems, times, claims, inputs, assumptions and tables "
-        "of small modules, every hash written anew. What an edit is is known beforehand, or the "
-        "edited program is proved anew; `written` is what `soter verify` writes of edited programs.",
+        "Edits of programs, parameters, modules, systems, times, claims, inputs, assumptions and "
+        "tables of small modules, every hash written anew. What an edit is is known beforehand, or "
+        "the edited program is proved anew; `written` is what `soter verify` writes of those.",
     ),
     Benchmark(
         "soter test against SPIN",
