@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from soter.reach.inputs import Inputs
     from soter.reach.place import Place
     from soter.reach.problem import Times
-    from soter.reach.routes import Routes
+    from soter.reach.routes import Route, Routes
 
 EXACT = ("clamp", "sign", "quat_conj")
 """Prelude functions without an error of their own."""
@@ -31,8 +31,8 @@ SCHEME = (
 
 
 BEHIND = {
-    "in_step": "in the thread of the module, behind SC in the same instant; what they make of a "
-    "command belongs to the plants of the proof",
+    "in_step": "in the thread of the module, started when SC has published, however late that is; "
+    "what they make of a command belongs to the plants of the proof",
     "counted": "pass a command on at their next step, which is counted; what they make of it "
     "belongs to the plants of the proof",
     "inner": "between commands and plants, with sensors of their own: they and their delays belong "
@@ -103,27 +103,29 @@ def _environment(place: Place, inputs: Inputs) -> list[str]:
 
 def _ways(place: Place, routes: Routes) -> list[str]:
     """What stands between plant and module is followed in time, not in value."""
-    found = []
+    found: list[str] = []
+    if not place.abstract:
+        return found
     for route in dict.fromkeys([*routes.by_dm, *routes.by_sc]):
-        if not place.abstract:
-            continue
-        source = "the world" if route.sensor is None else route.sensor.name
-        source = route.nodes[0].name if route.source else source
-        if not route.nodes:
-            text = f"{route.topic.name} shows the state of {source} at the instant of publication"
-        else:
-            through = ", ".join(_filter(n) for n in route.nodes)
+        shown = place.shown_by(next(i for i in place.driven if _is(place, i, route)))
+        through = ", ".join(_filter(n) for n in route.nodes)
+        if route.source:
+            first = route.nodes[0].name
             text = (
-                f"{route.topic.name} shows, within the errors declared, the state of {source} that "
+                f"what {first} publishes, on which {route.topic.name} rests, is its own, and the "
+                "defaults of its topics are what it would have published before its first step"
+            )
+        elif route.sensor is None or route.sensor.name != shown:
+            who = "the world" if route.sensor is None else route.sensor.name
+            text = f"{route.topic.name} rests on {who}, too, whose age is followed"
+        elif not route.nodes:
+            text = f"{route.topic.name} shows the state of {shown} at the instant of publication"
+        else:
+            text = (
+                f"{route.topic.name} shows, within the errors declared, the state of {shown} that "
                 f"{through} read (how old that is, is followed)"
             )
         found.append(text)
-        if route.source:
-            first = route.nodes[0].name
-            found.append(
-                f"what {first} publishes is its own, and the defaults of its topics are what it "
-                "would have published before its first step"
-            )
     for kind, words in BEHIND.items():
         nodes = list(dict.fromkeys(n for w in routes.ways for n in getattr(w, kind)))
         if nodes:
@@ -133,6 +135,10 @@ def _ways(place: Place, routes: Routes) -> list[str]:
         names = ", ".join(dict.fromkeys(n.name for n in on_the_way))
         found.append(f"no step of {names} faults (a node that does is silent from then on)")
     return list(dict.fromkeys(found))
+
+
+def _is(place: Place, index: int, route: Route) -> bool:
+    return place.system.topics[index] is route.topic
 
 
 def _filter(node: Component) -> str:

@@ -41,6 +41,10 @@ def fault_on_defaults(problem: Problem) -> str:
         return "SC reads defaults for too long to try them all"
     if not at_once or others:
         return "SC may read the default of one topic beside a value of another"
+    known = {p.topic for p in schedule.read_by_dm}
+    kept = bool(component.node.locals) or component.node.takeover is not None
+    if kept and any(p.topic not in known for p in schedule.read_by_sc):
+        return "SC may lose control and take it over, with what it keeps, before it has read"
     dummies = {c.name: _silent for c in system.components if c.extern}
     interpreter = Interpreter(system, 0, dummies)
     c = interpreter.initial()

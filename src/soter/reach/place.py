@@ -67,6 +67,14 @@ class Place:
         times: dict[str, typed.Expr] = getattr(self.module.symbol.verify, f"{what}_of")
         return times.get(c.name.removeprefix(self.around))
 
+    def shown_by(self, index: int) -> str:
+        """The plant of the flying system that a driven topic is to show, by name."""
+        plant = self.driven[index]
+        if not self.abstract:
+            return plant.name
+        links = self.module.symbol.verify.abstracts
+        return self.around + next(n.instance for n in links if n.name == plant.name)
+
     @property
     def around(self) -> str:
         """The name of the sub-system that holds the module, with a dot, or nothing."""

@@ -107,7 +107,7 @@ def _to(place: Place, index: int, releases: Callable[[Component], Releases]) -> 
         path = Path(at, (), topic.max_age_ns, topic=topic.name, publisher=plant.name)
         yield Route(path, topic, plant)
         return
-    found = 0
+    found, shown = 0, False
     for way in _upstream(place, place.flying(topic.symbol), ()):
         found += 1
         if found > ROUTES_MAX:
@@ -120,9 +120,14 @@ def _to(place: Place, index: int, releases: Callable[[Component], Releases]) -> 
             topic=topic.name,
             publisher=_publisher(way, topic),
         )
+        shown = shown or (way.sensor is not None and way.sensor.name == place.shown_by(index))
         yield Route(path, topic, way.sensor, way.nodes, way.source)
     if not found:
         raise UnfollowedError(place.sc, f"nobody publishes `{topic.name}` in the flying system")
+    if not shown:
+        who = place.shown_by(index)
+        what = f"`{topic.name}` is to show `{who}`, and no way leads to it from there"
+        raise UnfollowedError(place.sc, what)
 
 
 def _publisher(way: _Way, topic: Topic) -> str:

@@ -16,7 +16,7 @@ from math import prod
 from typing import TYPE_CHECKING, Any
 
 from soter.program.types import BoolType, EnumType, IntType, leaves
-from soter.recheck.balls import exact, key_of
+from soter.recheck.balls import ONE, exact, key_of
 from soter.recheck.symbolic import filled, whole
 from soter.recheck.terms import Atom, NotRecheckedError
 
@@ -81,7 +81,10 @@ def _values(of: Type) -> list[Any]:
     return list(range(_size(of)))
 
 
-def _as_input(terms: Terms, of: Type) -> Linear:
+def _as_input(terms: Terms, of: Type) -> Linear | Truth:
+    if isinstance(of, BoolType):
+        free = terms.input("box", "local", exact(0.0), exact(1.0))
+        return terms.below(terms.combine(((ONE, free),), exact(-0.5)))
     low, high = (of.low, of.high) if isinstance(of, IntType) else (0, _size(of) - 1)
     return whole(terms.input("box", "local", exact(float(low)), exact(float(high))))
 

@@ -51,6 +51,8 @@ def read_times(facts: Facts) -> None:
         _ages(facts, by_sc),
         {**found, **more},
     )
+    if verify.abstracts:
+        _seen_from_what_is_abstracted(facts, {*by_dm, *by_sc})
     if facts.kind == "map" and _has_nodes(setting):
         raise NotRecheckedError("nodes between a map and its module")
     own = derive(setting)
@@ -66,6 +68,20 @@ def read_times(facts: Facts) -> None:
     if verify.horizon is not None:
         found["H_ns"] = int(number_of(facts, verify.horizon))
     facts.times, facts.own, facts.setting = found, own, setting
+
+
+def _seen_from_what_is_abstracted(facts: Facts, topics: set[int]) -> None:
+    """A topic has to come from the plant whose abstraction drives it, and not from another one."""
+    outer = facts.flying_module.name.rpartition(".")[0]
+    driven = driven_topics(facts)
+    for index in topics:
+        model = driven[index][0].name
+        real = next(n.instance for n in facts.symbol.verify.abstracts if n.name == model)
+        real = f"{outer}.{real}" if outer else real
+        paths = facts.ways.to(facts.running[index])
+        if not any(p.sensor.name == real for p in paths):
+            name = facts.system.topics[index].name
+            raise DiffersError(f"`{name}` is said to show `{real}`, which is not behind it")
 
 
 def _has_nodes(setting: Setting) -> bool:

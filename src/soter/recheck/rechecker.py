@@ -85,6 +85,9 @@ def recheck(
         report.reason = str(error)
     except NotRecheckedError as error:
         report.reason = f"not rechecked: {error}"
+    except (TypeError, AttributeError, LookupError, AssertionError) as error:
+        what = f"{type(error).__name__}: {error}"
+        report.reason = f"not rechecked: the re-checker itself failed ({what})"
     except SoterError as error:
         report.reason = f"the program of the certificate: {error}"
     except StepFault as error:

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias, cast
 from soter.prelude.bounds import BOUNDS
 from soter.program import arith
 from soter.program import typed as t
-from soter.program.types import ArrayType, IntType, default_value
+from soter.program.types import ArrayType, BoolType, DurationType, IntType, default_value
 from soter.program.walk import nodes
 from soter.recheck.balls import ONE, PRELUDE, TINIEST, UNIT_ROUNDOFF, exact, magnitude
 from soter.recheck.terms import (
@@ -165,7 +165,9 @@ class Reader:
             return _plain(choice_of_truths(c, truth_of(a), truth_of(b)))
         if not isinstance(a, Linear) and not isinstance(b, Linear) and _identical(a, b):
             return a
-        return self.terms.choose(c, self._linear(a), self._linear(b))
+        found = self.terms.choose(c, self._linear(a), self._linear(b))
+        whole = any(isinstance(v, (int, _Whole)) for v in (a, b))
+        return self._whole(found) if whole else found
 
     def _unrolled(self, loop: t.ForRange | t.ForEach, frame: _Frame) -> list[t.Stmt]:
         items: Sequence[Value]
@@ -202,14 +204,33 @@ class Reader:
 
     # ------------------------------------------------------------ expressions
 
-    def _expr(self, e: t.Expr, frame: _Frame) -> Value:
+    def _expr(self, e: t.Expr, frame: _Frame, *, rows: bool = False) -> Value:
+        """`rows`: a row of a table may stay unread, as one of its numbers is asked for next."""
         self._steps += 1
         if self._steps > STEPS_MAX:
             raise NotRecheckedError("the step is too long to be read as one formula")
         reading = _READINGS.get(type(e))
         if reading is None:
             raise NotRecheckedError(f"`{type(e).__name__}` {NOT_HERE}")
-        return reading(self, e, frame)
+        found = reading(self, e, frame)
+        if isinstance(found, _Rows) and not rows:
+            found = self._row(found)
+        return self._typed(e, found)
+
+    def _row(self, rows: _Rows) -> Value:
+        """All numbers of a row at an index that depends on inputs."""
+        if len({len(row) for row in rows.elements}) != 1:
+            raise NotRecheckedError(f"such an array, indexed by an input, {NOT_HERE}")
+        width = range(len(rows.elements[0]))
+        return tuple(self._selected([row[k] for row in rows.elements], rows.index) for k in width)
+
+    def _typed(self, e: t.Expr, found: Value) -> Value:
+        """By its static type an int stays an int, whatever it went through, and a bool is one."""
+        if isinstance(e.type, (IntType, DurationType)) and isinstance(found, Linear):
+            return found if isinstance(found, _Whole) else self._whole(found)
+        if isinstance(e.type, BoolType) and not isinstance(found, (bool, Truth)):
+            raise NotRecheckedError(f"such a bool {NOT_HERE}")
+        return found
 
     def _literal(self, e: t.Literal, _: _Frame) -> Value:
         return e.value
@@ -244,7 +265,8 @@ class Reader:
 
     def _negated(self, x: Value) -> Value:
         if isinstance(x, Linear):
-            return self.terms.combine(((-ONE, x),))
+            found = self.terms.combine(((-ONE, x),))
+            return self._whole(found) if isinstance(x, _Whole) else found
         return arith.neg_int(x) if isinstance(x, int) else -x
 
     def _binary(self, e: t.Binary, frame: _Frame) -> Value:
@@ -398,7 +420,8 @@ class Reader:
         x, y = self._linear(a), self._linear(b)
         choose = self.terms.minimum if name == "min" else self.terms.maximum
         found = choose(x, y, tight=not self.is_rounded)  # plants: limits keep ends of grids
-        return self._whole(found) if isinstance(a, (int, _Whole)) else found
+        whole = any(isinstance(v, (int, _Whole)) for v in (a, b))
+        return self._whole(found) if whole else found
 
     def _root(self, x: Value) -> Value:
         if not isinstance(x, Linear):
@@ -446,13 +469,14 @@ class Reader:
         return arith.seconds(x)
 
     def _field(self, e: t.Field, frame: _Frame) -> Value:
-        target = self._expr(e.target, frame)
+        target = self._expr(e.target, frame, rows=True)
         if isinstance(target, _Rows):
             return self._selected([row[e.index] for row in target.elements], target.index)
         return target[e.index]
 
     def _index(self, e: t.Index, frame: _Frame) -> Value:
-        target, index = self._expr(e.target, frame), self._expr(e.index, frame)
+        target = self._expr(e.target, frame, rows=True)
+        index = self._expr(e.index, frame)
         if isinstance(target, _Rows):
             return self._selected_twice(target, index)
         if not isinstance(index, Linear):
@@ -606,6 +630,8 @@ def truth_of(x: bool | Truth) -> Truth:
     """A bool as a proposition."""
     if isinstance(x, Truth):
         return x
+    if not isinstance(x, bool):
+        raise NotRecheckedError(f"such a bool {NOT_HERE}")
     return TRUE if x else negation(TRUE)
 
 

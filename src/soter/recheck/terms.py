@@ -13,6 +13,7 @@ built with `rounded=False`: they are exact.
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.recheck.balls import (
@@ -34,6 +35,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from flint import arb
+
+LARGEST = exact(2.0**1023)
+"""Numbers of a program stay below: what a machine rounds to infinity is no number here."""
 
 
 class NotRecheckedError(Exception):
@@ -198,9 +202,13 @@ class Terms:
         """`x` as a machine rounds it to the nearest double."""
         largest = magnitude(x.low).max(magnitude(x.high))
         if not largest.is_finite():  # bounded where it is used, or not at all
+            for sign in (ONE, -ONE):  # a double, neither infinite nor undefined
+                self.oblige(self.below(self.combine(((sign, x),), -LARGEST)))
             relative = self.spread([UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF)], [x])
             found = self.combine(((ONE, x), (ONE, relative)))
             return replace(found, radius=found.radius + TINIEST, nonnegative=x.nonnegative)
+        if not largest < LARGEST:
+            raise NotRecheckedError("a number that may leave the range of doubles")
         error = largest * UNIT_ROUNDOFF * (1 + UNIT_ROUNDOFF) + TINIEST
         return Linear(
             x.const, x.terms, x.radius + error, x.low - error, x.high + error, x.nonnegative
@@ -328,6 +336,8 @@ class Terms:
         self, values: Sequence[float], indices: Sequence[Linear], shape: Sequence[int]
     ) -> Linear:
         """values[index, ..]; that the element exists becomes an obligation."""
+        if not all(isfinite(v) for v in values):
+            raise NotRecheckedError("a table with a number that is not finite")
         for index, size in zip(indices, shape, strict=True):
             self.oblige(negation(self.below(index)))
             self.oblige(self.below(self.combine(((ONE, index),), exact(float(-size)))))
