@@ -192,7 +192,7 @@ def _headline(module: ModuleResult, console: Console) -> str:
     if module.verdict not in ("proved", "assumed"):
         worst = [n for n, f in module.findings.items() if f.verdict == module.verdict]
         under = f": {', '.join(worst)}"
-        if worst == ["P2b"]:
+        if worst == ["P2b"] and all(f.holds for n, f in module.findings.items() if n != "P2b"):
             under += " alone: safe as proved, but nothing says that SC gives control back"
     return f"{console.paint('bold', module.name)}  {verdict}{under}  {seconds(module.seconds)}"
 

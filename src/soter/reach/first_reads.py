@@ -36,7 +36,8 @@ def fault_on_defaults(problem: Problem) -> str:
     at_once = len({p.publisher for p in paths}) == 1
     if not any(p.nodes for p in paths) and not schedule.dropout:
         at_once = len({p.sensor for p in paths}) == 1  # plants of one phase publish together
-    others = bool(problem.others) and any(system.topics[t].driver == "" for t in topics)
+    followed = {p.topic for p in paths}
+    others = any(system.topics[t].name not in followed for t in topics)
     if steps > STEPS_MAX:
         return "SC reads defaults for too long to try them all"
     if not at_once or others:
