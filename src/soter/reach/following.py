@@ -45,6 +45,15 @@ def check_followed(place: Place, diagnostics: Diagnostics, *, synthesize: bool) 
                 "or name one: `verify { abstracts d by model: Model = d.truth; }`",
             ),
         )
+    if place.plants and not kinds and not diagnostics.has_errors:
+        diagnostics.error(
+            "R002",
+            f"no plant that module `{place.module.symbol.name}` is verified with moves",
+            place.plants[0].span,
+            "no state of it has `der` or `next`",
+            notes=("what a module does to the world is proved about a model of the world",),
+            helps=("say how its states move: `der x = ...;`",),
+        )
     if len(kinds) > 1:
         diagnostics.error(
             "R005",

@@ -175,11 +175,16 @@ def _topic_leaves(
     topic = place.system.topics[index]
     for (path, t), bound in zip(leaves(topic.type), topic.bounds, strict=True):
         name = ".".join((topic.name, *path))
-        if not isinstance(t, FloatType):
-            _not_float(what, name, t, topic.symbol.span, diagnostics)
-            continue
+        if not isinstance(t, FloatType) or _crowded(path):
+            _not_float(what, name, topic.type, topic.symbol.span, diagnostics)
+            return
         interval = Interval(bound.low, bound.high) if bound is not None else None
         yield Leaf(index, "", path, name), interval
+
+
+def _crowded(path: tuple[str, ...]) -> bool:
+    """A leaf that stands for many: of a list, or of an array too long to be numbered."""
+    return any(part in ("[]", "[*]") for part in path)
 
 
 def _outputs(place: Place, found: Inputs, diagnostics: Diagnostics) -> None:
