@@ -15,6 +15,8 @@ import numpy as np
 
 from soter.program.types import leaves
 from soter.recheck.chains import delays
+from soter.recheck.defined import rates_are_defined
+from soter.recheck.flows import is_linear
 from soter.recheck.inclusion import (
     FREE_PIECES,
     PIECES,
@@ -79,6 +81,12 @@ class Case:
         self.kept = [points_inwards(self.model, g) for g in self.groups]
         if any(c.size == 0 for c in self.cores):
             raise RejectedError("K is empty")
+        seen_to = [
+            g.states
+            for g, kept in zip(self.groups, self.kept, strict=True)
+            if not kept and not is_linear(self.model, g.states)
+        ]
+        rates_are_defined(self.model, seen_to)
         if self.claims & {"P2a", "P2b", "P3", "ttf", "safer", "start"}:
             self._kernel()
         if self.claims & {"P3", "ttf", "safer"}:
