@@ -202,7 +202,7 @@ def _module(
     groups = list(zip(tables, polytopes, strict=True))
     try:
         _cases(facts, groups, extents, entry, claims, progress, workers)
-    except RejectedError:
+    except (RejectedError, NotRecheckedError):
         if facts.times["d_ns"] == facts.own.delay:
             raise
         # older reads than there are may be too much for our bounds: those that there are count
