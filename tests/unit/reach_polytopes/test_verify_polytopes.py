@@ -303,7 +303,7 @@ def test_the_matrices_enclose_the_plant_and_the_law() -> None:
     assert (group.error[:2] >= [0.03, 0.05]).all()
     assert (group.error[:2] <= [0.0301, 0.0501]).all()
     assert (group.control_low[0], group.control_high[0]) == (-5.0, 5.0)
-    assert (group.delta_ns, group.delay_ns, group.jitter_ns) == (20 * MS, 12 * MS, 4 * MS)
+    assert (group.delta_ns, group.delay_ns, group.jitter_ns) == (20 * MS, 12 * MS, 3 * MS)
 
 
 def test_a_clamp_that_is_tighter_than_the_set_limits_the_linear_part() -> None:
