@@ -136,7 +136,7 @@ def test_a_polytope_certificate_is_accepted(soter: Soter, here: Path) -> None:
     checked = soter("recheck", "proof")
     assert checked.exit == 4, "what is claimed holds, but `ttf` is not claimed"
     assert "ACCEPTED IN PART" in checked.out
-    assert re.search(r"SafeTank: P1a .*\d half-spaces", checked.out)
+    assert re.search(r"SafeTank of system .*: P1a .*\d half-spaces", checked.out)
 
 
 @pytest.mark.parametrize("name", ["--help", "-h"])

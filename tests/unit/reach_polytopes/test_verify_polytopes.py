@@ -265,8 +265,8 @@ def test_a_state_that_no_topic_shows_is_named() -> None:
     assert "write `ttf` and `safer`" in found[0].hint
 
 
-def test_a_range_that_commands_reach_the_end_of_leaves_ac_nothing() -> None:
-    (first, *_) = failures_of(*hidden(5.0))
+def test_a_range_that_commands_leave_soon_leaves_ac_nothing() -> None:
+    (first, *_) = failures_of(*hidden(4.0))
     assert first.claim == "ttf"
     assert "R(H) is empty" in first.text
 

@@ -235,7 +235,7 @@ CAREFUL = "step { publish accel = clamp(-2.0 * motion.x - 2.5 * motion.v, -A, A)
             CAREFUL.replace("clamp", "choose { 0.0, clamp").replace(", A);", ", A) };"),
             "`choose`",
         ),
-        (CAREFUL, CAREFUL.replace("= clamp", "= fair choose bool ? 0.0 : clamp"), "Choose"),
+        (CAREFUL, CAREFUL.replace("= clamp", "= fair choose bool ? 0.0 : clamp"), "choose"),
         (
             f"subscribes motion;\n  publishes accel;\n  {CAREFUL}",
             f"subscribes motion queue 2;\n  publishes accel;\n  {CAREFUL}".replace(

@@ -62,8 +62,8 @@ rta SafeCart {
   PREDICATES
   verify {
     polytope motion.x in [-2.0, 2.0], motion.v in [-6.0, 6.0];
-    late dm 1ms, sc 1ms;
-    response dm 1ms, sc 1ms;
+    late dm 500us, sc 1ms;
+    response dm 500us, sc 1ms;
     acts within 1ms;
     MORE
   }
@@ -284,7 +284,7 @@ EDITS: dict[str, Edit] = {
     "holds without number": lambda c: c.group.update(periods=1.5),
     "wider limits of the law": lambda c: c.matrix(c.group["law"]["limits"], scaled(1.2)),
     "a stronger law": lambda c: c.matrix(c.group["law"]["gain"], scaled(1.01)),
-    "another rest": lambda c: c.matrix(c.group["law"]["offset"], lambda m: m + 0.01),
+    "another rest": lambda c: c.matrix(c.group["law"]["offset"], lambda m: m + 0.5),
     "an unknown control": lambda c: c.group["law"].update(controls=["nothing"]),
     "a control twice": lambda c: c.group["law"].update(controls=2 * c.group["law"]["controls"]),
     "a shorter hold": lambda c: c.group["instants"].update(hold=[0, 10**6, 2 * 10**6]),
