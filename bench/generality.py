@@ -93,7 +93,8 @@ def row_of(program: Path, recheck: bool) -> Row:
             spent(["verify", name, "--cert", str(certificate)], cache)
             checked = spent(["recheck", str(certificate)], cache)
             lines = [line.strip() for line in checked.said.splitlines() if line.strip()]
-            said = f"{checked.code}: {lines[0] if lines else ''}"
+            first = lines[0] if lines else ""
+            said = f"{checked.code}: {first.replace(str(certificate), '').replace('    ', '  ')}"
             times = (checked.wall_s, checked.cpu_s)
     (module,) = found["modules"].values()
     properties = module["properties"]
