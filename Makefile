@@ -7,6 +7,9 @@ PY := $(BIN)/python
 ZIG := $(shell command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || command -v clang >/dev/null 2>&1 || echo ,zig)
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 LINTED := src tests bench examples
+# a file of versions for pip to keep to: make setup CONSTRAINTS=requirements.lock
+CONSTRAINTS ?=
+PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
 
 .PHONY: help setup demo test lint format fuzz bench clean
 .DEFAULT_GOAL := help
@@ -17,14 +20,14 @@ help:  ## this list
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "Soter needs Python 3.10 or newer: make PYTHON=python3.11 ..."; exit 1; }
 	$(PYTHON) -m venv $(VENV) || { $(PYTHON) -m pip install --user --quiet virtualenv && $(PYTHON) -m virtualenv --quiet $(VENV); }
-	$(PY) -m pip install --quiet --disable-pip-version-check --upgrade pip
+	$(PIP) --upgrade pip
 
 $(VENV)/.run: pyproject.toml | $(VENV)/bin/python
-	$(PY) -m pip install --quiet --disable-pip-version-check -e '.[all$(ZIG)]'
+	$(PIP) -e '.[all$(ZIG)]'
 	@touch $@
 
 $(VENV)/.dev: pyproject.toml | $(VENV)/bin/python
-	$(PY) -m pip install --quiet --disable-pip-version-check -e '.[test,lint$(ZIG)]'
+	$(PIP) -e '.[test,lint$(ZIG)]'
 	@touch $@ $(VENV)/.run
 
 setup: $(VENV)/.dev  ## make .venv with everything for running, testing and linting
@@ -43,13 +46,13 @@ lint: $(VENV)/.dev  ## formatter, linter, strict types, import layers, C format
 	$(BIN)/ruff check $(LINTED)
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/clang-format --dry-run -Werror src/soter/runtime/*.[ch]
+	$(BIN)/clang-format --dry-run -Werror $(shell find src/soter -name templates -prune -o -name "*.[ch]" -print)
 	$(BIN)/soter fmt --check examples/*/*.soter src/soter/prelude/*.soter
 
 format: $(VENV)/.dev  ## put Python and C into the one format
 	$(BIN)/ruff format $(LINTED)
 	$(BIN)/ruff check --fix-only $(LINTED)
-	$(BIN)/clang-format -i src/soter/runtime/*.[ch]
+	$(BIN)/clang-format -i $(shell find src/soter -name templates -prune -o -name "*.[ch]" -print)
 	$(BIN)/soter fmt examples/*/*.soter src/soter/prelude/*.soter
 
 bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md

@@ -17,9 +17,10 @@ import numpy as np
 from bench import adversary_proofs
 from bench.adversary_modules import Module, PathNode, Times
 
-from soter.reach import claims, grids
-from soter.reach.grids import GridGroup
-from soter.reach.schedule import Path, Schedule
+from soter.reach.claims import claims
+from soter.reach.grid import sets as grids
+from soter.reach.grid.sets import GridGroup
+from soter.reach.time.schedule import Path, Schedule
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

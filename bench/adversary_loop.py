@@ -7,10 +7,6 @@ Non-goals: which policies (`adversary_search.py`), which modules (`adversary_mod
 from __future__ import annotations
 
 import ctypes as ct
-import hashlib
-import os
-import subprocess
-import tempfile
 from dataclasses import dataclass, field
 from functools import lru_cache
 from pathlib import Path
@@ -18,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.native.build import cache_dir
-from soter.native.compiler import STRICT, find
+from soter.native.build import texts
+from soter.native.compiler import STRICT, compile_with, find
+from soter.native.kept import digest, kept
 
 if TYPE_CHECKING:
     import numpy.typing as npt
@@ -28,7 +25,7 @@ if TYPE_CHECKING:
     Ints = npt.NDArray[np.int32]
 
 SOURCE = Path(__file__).with_name("adversary_loop.c")
-HEADERS = ("adversary_model.h", "adversary_choices.h")
+LOOP = "loop.so"
 N, U, TERMS, LAWS, NODES, GROUPS, AXES = 4, 2, 2, 2, 4, 2, 3
 POLICY = (
     *("gkind", "gindex", "flip", "wind", "ac", "err_ac", "err_sc"),
@@ -120,19 +117,13 @@ def library() -> ct.CDLL:
     """The compiled loop, kept by content."""
     compiler = find()
     flags = (*STRICT, "-O2", "-fPIC", "-shared")
-    text = SOURCE.read_bytes() + repr((compiler.identity, flags)).encode()
-    text += b"".join(SOURCE.with_name(name).read_bytes() for name in HEADERS)
-    target = cache_dir() / f"adversary-{hashlib.sha256(text).hexdigest()[:24]}.so"
-    if not target.exists():
-        target.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=target.parent) as name:
-            made = Path(name) / "loop.so"
-            subprocess.run(
-                [*compiler.command, *flags, str(SOURCE), "-o", str(made), "-lm"],
-                check=True,
-                env=dict(os.environ),
-            )
-            made.replace(target)
+    content = digest((compiler.identity, *flags, *texts(SOURCE)))
+
+    def make(work: Path) -> None:
+        command = [*compiler.command, *flags, str(SOURCE), "-o", str(work / LOOP), "-lm"]
+        compile_with(command, work, "the adversary's loop does not compile")
+
+    target = kept("adversary", content, (LOOP,), make) / LOOP
     lib = ct.CDLL(str(target))
     lib.adversary_level.restype = ct.c_int
     return lib

@@ -19,18 +19,17 @@ from bench.adversary_modules import Face, Module, with_rows, with_tables
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_of
 from soter.reach import verify
-from soter.reach.claims import in_horizon
-from soter.reach.estimates import errors_of
-from soter.reach.extract import extract
-from soter.reach.grids import UnboundedError
-from soter.reach.results import PROVED, Finding
+from soter.reach.claims.results import PROVED, Finding
+from soter.reach.grid.sets import UnboundedError
+from soter.reach.problem.estimates import errors_of
+from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:
     import numpy.typing as npt
     from bench.adversary_loop import Machine
 
-    from soter.reach.grids import GridGroup
-    from soter.reach.results import ModuleResult
+    from soter.reach.claims.results import ModuleResult
+    from soter.reach.grid.sets import GridGroup
 
     Array = npt.NDArray[np.float64]
     Bools = npt.NDArray[np.bool_]
@@ -136,7 +135,7 @@ def widened(proof: Proof, rng: np.random.Generator) -> Module:
         return replace(module, start=tuple(0.2 * v for v in module.box))
     part = result.cases[0].groups[0]
     engine: GridGroup = part.solver  # type: ignore[assignment]
-    h0 = in_horizon(result.problem, result.problem.times.start)
+    h0 = result.problem.in_horizon(result.problem.times.start)
     inside = engine.safe_for(h0, part.core > 0)
     order = np.argsort([a.state for a in part.group.axes])
     inside = np.transpose(inside, order)

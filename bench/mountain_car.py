@@ -23,8 +23,8 @@ import numpy as np
 import soter
 from soter.native.library import RunStatus
 from soter.report.summary import table
-from soter.simulate.bindings import bind, callables
-from soter.simulate.externs import ExternAnswers
+from soter.simulate.externs.bindings import bind, callables
+from soter.simulate.externs.externs import ExternAnswers
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram
 

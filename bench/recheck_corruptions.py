@@ -34,8 +34,8 @@ if str(ROOT) not in sys.path:
 from bench.recheck_models import Attack, Cart, Tables  # noqa: E402 - needs the path
 
 from soter.program.build import check_file, system_of  # noqa: E402
-from soter.recheck.folder import canonical  # noqa: E402
-from soter.recheck.problem import DiffersError, read_facts  # noqa: E402
+from soter.recheck.certificate.folder import canonical  # noqa: E402
+from soter.recheck.reading.problem import DiffersError, read_facts  # noqa: E402
 from soter.recheck.rechecker import TIME_KEYS, recheck  # noqa: E402
 
 if TYPE_CHECKING:

@@ -20,13 +20,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.explore.build import Engine, Settings
+from soter.explore.engine.engine import Engine, Settings
 from soter.program.build import check_file, system_of_test
 from soter.report.summary import table
 
 if TYPE_CHECKING:
-    from soter.explore.build import Searched
-    from soter.program.system import System
+    from soter.explore.engine.engine import Searched
+    from soter.program.model.system import System
 
 ROOT = Path(__file__).resolve().parents[1]
 EXAMPLES = ROOT / "examples/testing"
@@ -86,7 +86,7 @@ def main() -> int:
     for name, system in subjects():
         engine = Engine(system)
         for storage in TARGETS:
-            found = engine.explore(Settings("bfs", storage, reduction="none"))
+            found = engine.explore(Settings(strategy="bfs", storage=storage, reduction="none"))
             assert found.status == "exhausted", found
             row, figures[f"{name}, {storage}"] = line(name, engine, storage, found)
             rows.append(row)

@@ -33,16 +33,16 @@ from bench.testing_mutant_models import CONTINUOUS, HARMLESS, MUTANTS  # noqa: E
 
 import soter  # noqa: E402 - after the path
 from generators.brute_force import BruteForce, TooLargeError  # noqa: E402 - the same
-from soter.explore.build import Engine, Settings  # noqa: E402 - the same
+from soter.explore.engine.engine import Engine, Settings  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from bench.testing_mutant_models import Mutant, Subject
 
-    from soter.explore.build import Searched
+    from soter.explore.engine.engine import Searched
     from soter.explore.results import TestResult
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 EXAMPLES = ROOT / "examples"
 BRUTE = 200_000
@@ -153,7 +153,7 @@ def _check(row: Row, system: System, most: int) -> None:
     """Breadth first without reduction and without remembered steps; then the enumerator."""
     engine = Engine(system)
     try:
-        found = engine.explore(Settings("bfs", reduction="none", plainly=True))
+        found = engine.explore(Settings(strategy="bfs", reduction="none", plainly=True))
     finally:
         engine.close()
     row.shortest = moves(found) if found.broken is not None else None

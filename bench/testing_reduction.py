@@ -23,14 +23,14 @@ import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.explore.build import Engine, Searched, Settings
+from soter.explore.engine.engine import Engine, Searched, Settings
+from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.explore.search import Search
 from soter.program.build import check_file, system_of_test
 from soter.report.summary import table
 
 if TYPE_CHECKING:
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 ROOT = Path(__file__).resolve().parents[1]
 YARDSTICK = ROOT / "examples/testing/two_modules.soter"
@@ -61,7 +61,7 @@ def program(nodes: int, coupling: str) -> str:
 def searches(engine: Engine, most: int) -> dict[str, Searched]:
     """One search per reduction."""
     return {
-        r: engine.explore(Settings("bfs", reduction=r, memory=3 * 2**30, max_states=most))
+        r: engine.explore(Settings(strategy="bfs", reduction=r, memory=3 * 2**30, max_states=most))
         for r in REDUCTIONS
     }
 

@@ -38,7 +38,7 @@ PROGRAM = ROOT / "examples/testing/two_modules.soter"
 TEST = "BothStayInside"
 CHILD = """
 import json, sys, time
-from soter.explore.build import Engine, Settings
+from soter.explore.engine.engine import Engine, Settings
 from soter.program.build import check_file, system_of_test
 engine = Engine(system_of_test(check_file(sys.argv[1]), sys.argv[2]))
 how = Settings(sys.argv[3], reduction=sys.argv[4], storage=sys.argv[5])

@@ -47,8 +47,8 @@ def check_times(repeats: int) -> list[float]:
 LOAD = """
 import sys, time
 import soter.program.build, soter.simulate.run
-from soter.native.library import _ffi
-_ffi()
+from soter.native.library import kernel_interface
+kernel_interface()
 began = time.perf_counter()
 from soter.program.build import check_file, system_of
 from soter.simulate.run import NativeProgram

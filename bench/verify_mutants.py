@@ -28,8 +28,8 @@ if str(ROOT) not in sys.path:
 from bench.mutant_models import BASES  # noqa: E402 - needs the path
 
 from soter.program.build import check_file, system_of  # noqa: E402
-from soter.reach.extract import extract  # noqa: E402
-from soter.reach.replay import LEAVES, Counterexample, replay  # noqa: E402
+from soter.reach.attack.counterexample import LEAVES, Counterexample, replay  # noqa: E402
+from soter.reach.problem.extract import extract  # noqa: E402
 from soter.reach.verify import verify_module  # noqa: E402
 
 if TYPE_CHECKING:

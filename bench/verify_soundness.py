@@ -355,11 +355,11 @@ def claims_of(p: RandomProblem) -> tuple[Claims | None, str]:
     """
     from soter.diagnostics.diagnostic import SoterError  # noqa: PLC0415 - slow
     from soter.program.build import check_file, system_of  # noqa: PLC0415
-    from soter.reach import claims  # noqa: PLC0415
-    from soter.reach.extract import extract  # noqa: PLC0415
-    from soter.reach.forms import library_of  # noqa: PLC0415
-    from soter.reach.grids import UnboundedError  # noqa: PLC0415
-    from soter.reach.levels import levels as computed  # noqa: PLC0415
+    from soter.reach.claims import claims  # noqa: PLC0415
+    from soter.reach.claims.levels import levels as computed  # noqa: PLC0415
+    from soter.reach.enclose.forms import library_of  # noqa: PLC0415
+    from soter.reach.grid.sets import UnboundedError  # noqa: PLC0415
+    from soter.reach.problem.extract import extract  # noqa: PLC0415
 
     try:
         system = system_of(check_file(f"random{p.number}.soter", p.text), "S")

@@ -3,9 +3,9 @@
     .venv/bin/python bench/verify_times.py [--systems 5000] [--json FILE] [--blind NAME|all]
 
 Purpose: for each system of `tests/generators/schedules.py` every quantity that a proof takes from
-`soter.reach.schedule` (ages, start of SC, j, d, H*, h_0, T_dec, the look ahead) is compared with
-the largest value over all schedules on the grid of times. *Exceeded*: some schedule does worse than
-the model says, the model is wrong, and the first such schedule is printed. *Reached*: some
+`soter.reach.time.schedule` (ages, start of SC, j, d, H*, h_0, T_dec, the look ahead) is compared
+with the largest value over all schedules on the grid of times. *Exceeded*: some schedule does worse
+than the model says, the model is wrong, and the first such schedule is printed. *Reached*: some
 schedule does exactly that, no smaller figure would be sound. *In the limit*: short of it by units
 of the grid, however fine the grid is.
 `--blind` shows that the comparison is no paper tiger: the model is told of less than there is, or
@@ -41,8 +41,8 @@ from generators.schedules import (  # noqa: E402 - needs the path
 )
 
 if TYPE_CHECKING:
-    from soter.reach.schedule import Output, Releases, Schedule
-    from soter.reach.schedule import Path as Way
+    from soter.reach.time.schedule import Output, Releases, Schedule
+    from soter.reach.time.schedule import Path as Way
 
 SYMBOLS = {
     "age_dm": "A",

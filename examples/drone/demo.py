@@ -18,7 +18,7 @@ from flights import ARMS, PROGRAM, Lap, flight, read_lap, scene
 
 import soter
 from soter.report.html import write_html
-from soter.report.record import Cell, Comparison, ReportPage
+from soter.report.run.record import Cell, Comparison, ReportPage
 from soter.report.summary import mode_timeline, table
 
 PAPER_LAP_S = {"AdvancedOnly": "10 s", "Protected": "14 s", "SafeOnly": "24 s"}

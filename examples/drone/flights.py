@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.report.record import Decision, Flight, Scene, Tube, Vec3, Violation
+from soter.report.run.record import Decision, Flight, Scene, Tube, Vec3, Violation
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

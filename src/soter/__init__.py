@@ -8,12 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.version import VERSION
+
 if TYPE_CHECKING:
     from soter.api import CheckReport, Program, ReplayReport, load, recheck, replay
     from soter.diagnostics.diagnostic import SoterError
-    from soter.simulate.run import Run
+    from soter.simulate.result import Run
 
-__version__ = "0.1.0"
+__version__ = VERSION
 __all__ = [
     "CheckReport",
     "Program",

@@ -6,14 +6,16 @@ import json
 import os
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
+from typing import Any
 
 import pytest
 
+import processes
 from json_documents import problems_of
+from processes import PIPE, started
 
 ROOT = Path(__file__).resolve().parents[2]
 CART = ROOT / "examples" / "wall" / "cart.soter"
@@ -26,16 +28,9 @@ def here(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def soter(here: Path, *arguments: str, **options: object) -> subprocess.CompletedProcess[str]:
-    done: subprocess.CompletedProcess[str] = subprocess.run(
-        [*SOTER, *arguments],
-        cwd=here,
-        capture_output=True,
-        text=True,
-        check=False,
-        timeout=120,
-        **options,  # type: ignore[call-overload]
-    )
+def soter(here: Path, *arguments: str, **options: Any) -> processes.Done:
+    command = [*SOTER, *arguments]
+    done = processes.run(command, cwd=here, capture_output=True, text=True, timeout=120, **options)
     assert "Traceback" not in done.stderr
     return done
 
@@ -44,7 +39,7 @@ def test_the_installed_command() -> None:
     command = Path(sys.executable).with_name("soter")
     if not command.exists():
         pytest.skip("soter is not installed as a command here")
-    done = subprocess.run([command, "--version"], capture_output=True, text=True, check=False)
+    done = processes.run([command, "--version"], capture_output=True, text=True, check=False)
     assert done.stdout.startswith("soter ")
 
 
@@ -62,12 +57,11 @@ def test_exit_codes(here: Path) -> None:
 @pytest.mark.parametrize("arguments", [("explain",), ("run", "cart.soter", "--json"), ("--help",)])
 def test_a_reader_that_leaves_early(here: Path, arguments: tuple[str, ...]) -> None:
     read, write = os.pipe()
-    process = subprocess.Popen(
-        [*SOTER, *arguments], cwd=here, stdout=write, stderr=subprocess.PIPE, text=True
-    )
-    os.close(write)
-    os.close(read)
-    _, err = process.communicate(timeout=60)
+    command = [*SOTER, *arguments]
+    with started(command, cwd=here, stdout=write, stderr=PIPE, text=True) as process:
+        os.close(write)
+        os.close(read)
+        _, err = process.communicate(timeout=60)
     assert err == ""
     assert process.returncode == 0
 
@@ -75,13 +69,12 @@ def test_a_reader_that_leaves_early(here: Path, arguments: tuple[str, ...]) -> N
 @pytest.mark.parametrize("option", [(), ("--json",)])
 def test_a_full_disk_behind_standard_output(here: Path, option: tuple[str, ...]) -> None:
     with Path("/dev/full").open("w") as full:
-        done = subprocess.run(
+        done = processes.run(
             [*SOTER, "check", "cart.soter", *option],
             cwd=here,
             stdout=full,
-            stderr=subprocess.PIPE,
+            stderr=PIPE,
             text=True,
-            check=False,
         )
     assert done.returncode == 1
     assert done.stderr == "soter: cannot write to standard output: no space left on device\n"
@@ -142,19 +135,16 @@ def test_an_extern_cannot_end_the_process(robot: Path) -> None:
 # ---------------------------------------------------------------- Ctrl-C
 
 
-def interrupted(here: Path, *arguments: str) -> tuple[int, str, str]:
+def interrupted(
+    here: Path, *arguments: str, by: signal.Signals = signal.SIGINT
+) -> tuple[int, str, str]:
     """Start a run that takes for ever and press Ctrl-C."""
-    process = subprocess.Popen(
-        [*SOTER, "run", *arguments],
-        cwd=here,
-        stdout=subprocess.PIPE,
-        stderr=subprocess.PIPE,
-        text=True,
-    )
-    busy = os.getloadavg()[0] / (os.cpu_count() or 1)  # starting takes longer beside other tests
-    time.sleep(min(max(2.5, 2.5 * busy), 20.0))
-    process.send_signal(signal.SIGINT)
-    out, err = process.communicate(timeout=60)
+    command = [*SOTER, "run", *arguments]
+    with started(command, cwd=here, stdout=PIPE, stderr=PIPE, text=True) as process:
+        busy = os.getloadavg()[0] / (os.cpu_count() or 1)  # starting takes longer beside others
+        time.sleep(min(max(2.5, 2.5 * busy), 20.0))
+        process.send_signal(by)
+        out, err = process.communicate(timeout=60)
     assert "Traceback" not in err
     return process.returncode, out, err
 
@@ -196,14 +186,14 @@ def test_the_next_steps_of_a_new_robot_all_work(here: Path) -> None:
     for step in steps[1:]:
         words = step.split()
         command = [sys.executable, *words[1:]] if words[0] == "python" else [*SOTER, *words[1:]]
-        done = subprocess.run(
+        done = processes.run(
             command, cwd=rover, capture_output=True, text=True, check=False, timeout=300
         )
         wanted = next((c for part, c in expected.items() if part in step), 0)
         assert done.returncode == wanted, f"{step}\n{done.stdout}{done.stderr}"
     assert (rover / ".soter" / "rover-Guarded-1.html").exists()
     command = [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider"]
-    done = subprocess.run(command, cwd=rover, capture_output=True, text=True, check=False)
+    done = processes.run(command, cwd=rover, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
 
 

@@ -18,7 +18,7 @@ from generators.engines import (
     native_trace,
 )
 from generators.shipped import ROOT, files, subjects_of
-from soter.native.build import cache_dir
+from soter.native.kept import cache_dir
 from soter.program.build import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
+
+import processes
 
 ROOT = Path(__file__).resolve().parents[2]
 
 
 def test_the_demo_prints_a_table_and_writes_a_self_contained_report(tmp_path: Path) -> None:
     report = tmp_path / "drone.html"
-    done = subprocess.run(
+    done = processes.run(
         [sys.executable, "examples/drone/demo.py", "--laps", "12", "-o", str(report)],
         cwd=ROOT,
         capture_output=True,

@@ -15,15 +15,16 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 import soter
-from soter.program.arith import FaultKind
+from generators.found import files_in
 from soter.program.build import check_file, system_of
+from soter.program.meaning.arith import FaultKind
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
-    from soter.simulate.run import Run
+    from soter.simulate.result import Run
 
 FOLDER = Path(__file__).resolve().parents[1] / "dynamic_error"
-FILES = sorted(FOLDER.glob("*.soter"))
+FILES = files_in(FOLDER, "*.soter")
 DEFAULT_NS = 1_000_000_000
 
 

@@ -24,6 +24,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from generators import from_outside
 from generators.engines import (
     CompileError,
     compile_library,
@@ -37,6 +38,8 @@ from generators.reduce import reduced
 from generators.tally import happened, table
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
+from soter.program.meaning.arith import FaultKind
+from soter.program.model.system import environment_topics
 from soter.syntax.printer import format_source
 
 if TYPE_CHECKING:
@@ -46,6 +49,7 @@ INSTANTS = 1000
 CHUNKS = 20
 BATCH = 15
 LEVELS = ("-O0", "-O2")
+REFUSALS = (FaultKind.NONFINITE, FaultKind.RANGE, FaultKind.EXTERN)
 PROGRAMS = int(os.environ.get("SOTER_EQUALITY_PROGRAMS", "300"))
 ONLY = os.environ.get("SOTER_EQUALITY_ONLY")
 FUZZ = bool(os.environ.get("SOTER_FUZZ"))
@@ -128,6 +132,19 @@ def test_engines_agree_on_every_byte(chunk: int) -> None:
         if found is not None:
             number = next(n for n, s in batch.items() if s is found[0])
             pytest.fail(report(number, *found), pytrace=False)
+
+
+@pytest.mark.parametrize("chunk", range(4))
+def test_engines_agree_on_inputs_from_outside(chunk: int, tmp_path: Path) -> None:
+    made = [make(number) for number in range(30_000 + chunk, 30_060, 4)]
+    subjects = [s for s in made if environment_topics(s.system)]
+    library = compile_library(subjects, tmp_path, "-O2" if chunk % 2 else "-O0")
+    kinds: list[int] = []
+    for s in subjects:
+        words = from_outside.first_disagreement(s, library, 100, kinds)
+        assert words is None, f"{words}\n\n{s.text}"
+    seen = Counter(kinds)
+    assert min(seen[k] for k in (0, *map(int, REFUSALS))) > 20, seen
 
 
 def without_places(source: str) -> str:

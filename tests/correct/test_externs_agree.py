@@ -15,7 +15,7 @@ from soter.simulate.run import NativeProgram, run_interpreted
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 UNTIL_NS = 5 * 10**9
 

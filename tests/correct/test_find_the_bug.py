@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import processes
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "find-the-bug.md").read_text(encoding="utf-8")
@@ -27,9 +28,9 @@ HOIST = EXTERN.replace("  horizon", "  replace Learned by Anything;\n  horizon")
 LATE = "  late SafeHoist.Back by 20ms;\n"
 
 
-def _soter(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def _soter(folder: Path, *arguments: str) -> processes.Done:
     command = [sys.executable, "-m", "soter.cli.main", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    return processes.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
 def _plain(text: str) -> str:
@@ -54,7 +55,7 @@ def _shows(output: str, lines: list[str]) -> None:
         there = there[there.index(wanted) + len(wanted) :]
 
 
-def _test(folder: Path, text: str, *options: str) -> subprocess.CompletedProcess[str]:
+def _test(folder: Path, text: str, *options: str) -> processes.Done:
     (folder / "hoist.soter").write_text(text, encoding="utf-8")
     return _soter(folder, "test", "hoist.soter", *options)
 

@@ -9,12 +9,13 @@ from pathlib import Path
 
 import pytest
 
+from generators.found import files_in
 from soter.diagnostics.render import render_all
 from soter.program.build import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 FOLDER = Path(__file__).parent
-PROGRAMS = sorted(p.name for p in FOLDER.glob("*.soter"))
+PROGRAMS = [p.name for p in files_in(FOLDER, "*.soter")]
 NOT_RUN = {"externs.soter"}  # nothing is bound; `test_bindings.py` runs externs
 INSTANTS_NS = 300_000_000
 

@@ -3,20 +3,21 @@
 from __future__ import annotations
 
 import re
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import processes
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "prove-your-module.md").read_text(encoding="utf-8")
 TANK = re.findall(r"^```soter prove=tank.soter\n(.*?)^```", PAGE, re.MULTILINE | re.DOTALL)[0]
 
 
-def _soter(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+def _soter(folder: Path, *arguments: str) -> processes.Done:
     command = [sys.executable, "-m", "soter.cli.main", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    return processes.run(command, cwd=folder, capture_output=True, text=True, check=False)
 
 
 @pytest.fixture

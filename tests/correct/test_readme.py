@@ -5,12 +5,13 @@ from __future__ import annotations
 import os
 import re
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+import processes
+from generators.found import files_below
 from soter.prelude.bounds import BOUNDS
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -33,8 +34,8 @@ def test_the_program_shown_is_the_one_that_is_shipped() -> None:
         assert part in core or part in shipped, part
 
 
-def _done(command: str, folder: Path) -> subprocess.CompletedProcess[str]:
-    return subprocess.run(
+def _done(command: str, folder: Path) -> processes.Done:
+    return processes.run(
         [sys.executable, "-m", "soter.cli.main", *command.split()[1:]],
         cwd=folder,
         env={**os.environ, "SOTER_CACHE": str(folder.parent / "cache")},
@@ -61,7 +62,7 @@ def test_the_python_of_the_readme_works(tmp_path: Path) -> None:
     code = re.search(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
     assert code
     environment = {**os.environ, "SOTER_CACHE": str(tmp_path.parent / "cache")}
-    done = subprocess.run(
+    done = processes.run(
         [sys.executable, "-c", code.group(1)],
         cwd=ROOT,
         env=environment,
@@ -74,7 +75,7 @@ def test_the_python_of_the_readme_works(tmp_path: Path) -> None:
 
 
 def test_links_of_the_pages_lead_somewhere() -> None:
-    for page in (ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))):
+    for page in (ROOT / "README.md", *files_below(ROOT / "docs", "*.md")):
         for target in re.findall(r"\]\(([^)#]+)", page.read_text(encoding="utf-8")):
             if not target.startswith(("http", "mailto")):
                 assert (page.parent / target).exists(), f"{page.name}: {target}"

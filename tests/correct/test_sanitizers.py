@@ -7,12 +7,12 @@ state's size; the final states must be the interpreter's.
 
 from __future__ import annotations
 
-import subprocess
 from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
+import processes
 from generators.engines import (
     final_states,
     first_difference,
@@ -44,11 +44,8 @@ def _sanitizers(tmp_path_factory: pytest.TempPathFactory) -> None:
     folder = tmp_path_factory.mktemp("sanitizers")
     (folder / "empty.c").write_text("int main(void) { return 0; }\n")
     command = [*find().command, *FLAGS, "-o", str(folder / "empty"), str(folder / "empty.c")]
-    built = subprocess.run(command, capture_output=True, check=False)
-    if (
-        built.returncode != 0
-        or subprocess.run([str(folder / "empty")], check=False).returncode != 0
-    ):
+    built = processes.run(command, capture_output=True, check=False)
+    if built.returncode != 0 or processes.run([str(folder / "empty")], check=False).returncode != 0:
         pytest.skip("this compiler has no ASan and UBSan")
 
 

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import json
 import shutil
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
 
+import processes
+from generators.found import files_in
 from soter.diagnostics.render import render_all
 from soter.program.build import check_file
 
@@ -46,7 +47,7 @@ CHANGED = [
 def _tested(file: Path, folder: Path) -> tuple[int, dict[str, str]]:
     """Exit code, and per test its verdict."""
     command = [sys.executable, "-m", "soter.cli.main", "test", "--json", str(file)]
-    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    done = processes.run(command, cwd=folder, capture_output=True, text=True, check=False)
     document = json.loads(done.stdout)
     return done.returncode, {t["name"]: t["verdict"] for t in document["tests"]}
 
@@ -68,7 +69,7 @@ def test_a_shipped_test_gets_no_diagnostics(name: str) -> None:
 
 
 def test_every_program_in_the_folder_of_testing_is_in_the_list() -> None:
-    there = {f"testing/{p.stem}" for p in (EXAMPLES / "testing").glob("*.soter")}
+    there = {f"testing/{p.stem}" for p in files_in(EXAMPLES / "testing", "*.soter")}
     assert there == {name for name in SHIPPED if name.startswith("testing/")}
 
 

@@ -15,16 +15,16 @@ from generators.brute_force import BruteForce, TooLargeError
 from generators.explored import Decoder
 from generators.small_programs import small_program
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.build import Engine, Settings
+from soter.explore.engine.engine import Engine, Settings
+from soter.explore.engine.search import Search
 from soter.explore.results import Options
-from soter.explore.search import Search
 from soter.program.build import check_file, system_of_test
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from generators.brute_force import Broken, Canonical, Found
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 WHAT = ("property", "contract", "fault", "timed")
 STRATEGIES = ("bfs", "dfs")
@@ -88,9 +88,9 @@ def compared(s: Small, extra: tuple[str, ...] = ()) -> Compared:
     try:
         for strategy in STRATEGIES:
             for reduction in REDUCTIONS:
-                _one(s, engine, Settings(strategy, reduction=reduction), told)
-        _one(s, engine, Settings("bfs", reduction="none", threads=2), told)
-        _one(s, engine, Settings("bfs", reduction="none", plainly=True), told)
+                _one(s, engine, Settings(strategy=strategy, reduction=reduction), told)
+        _one(s, engine, Settings(strategy="bfs", reduction="none", threads=2), told)
+        _one(s, engine, Settings(strategy="bfs", reduction="none", plainly=True), told)
         _fingerprints(engine, told)
         _as_a_user(s, told)
         _least(s, engine, told)
@@ -178,8 +178,10 @@ def _as_a_user(s: Small, told: Compared) -> None:
 
 def _fingerprints(engine: Engine, told: Compared) -> None:
     """64 bits tell as many configurations apart as whole ones do, here."""
-    exact = engine.explore(Settings("bfs", "exact", reduction="none", go_on=True))
-    short = engine.explore(Settings("bfs", "fingerprint", reduction="none", go_on=True))
+    exact = engine.explore(Settings(strategy="bfs", storage="exact", reduction="none", go_on=True))
+    short = engine.explore(
+        Settings(strategy="bfs", storage="fingerprint", reduction="none", go_on=True)
+    )
     if exact.states != short.states:
         told.complaints.append(f"fingerprints: {short.states} states, exact {exact.states}")
 

@@ -17,11 +17,11 @@ from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
-from soter.program import typed
-from soter.program.arith import StepFault
-from soter.program.evaluate import Evaluator
-from soter.program.types import BoolType, EnumType, FloatType, IntType
-from soter.program.walk import nodes
+from soter.program.meaning.arith import StepFault
+from soter.program.meaning.statements import Evaluator
+from soter.program.model import typed
+from soter.program.model.types import BoolType, EnumType, FloatType, IntType
+from soter.program.model.walk import nodes
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.random_draws import chosen_value
@@ -31,9 +31,9 @@ from soter.semantics.rules import environment_input
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.program.environment import Environment
-    from soter.program.system import Bound, Component, Module, Scope, System, TestPlan
-    from soter.program.types import Type, Value
+    from soter.program.meaning.environment import Environment
+    from soter.program.model.system import Bound, Component, Module, Scope, System, TestPlan
+    from soter.program.model.types import Type, Value
     from soter.semantics.configuration import Configuration
 
 PASSED = "passed"

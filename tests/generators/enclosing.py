@@ -2,7 +2,7 @@
 
 Purpose: emit any Core function over inputs that are its scalar parameters, compile many of them in
 one call, evaluate them on boxes, and say whether an enclosure holds a value.
-Non-goals: making programs, what modules are (`codegen/enclosures.py` does that).
+Non-goals: making programs, what modules are (`reach/enclose/unit.py` does that).
 """
 
 from __future__ import annotations
@@ -16,23 +16,9 @@ from typing import TYPE_CHECKING, Any
 import cffi
 
 from generators.engines import call_compiler
-from soter.codegen import c_tree as c
-from soter.codegen.c_printer import print_file
-from soter.codegen.enclosure_body import EnclosureBody
-from soter.codegen.enclosure_emit import Emitter, address, framed, given, names_in
-from soter.codegen.enclosure_ops import Operations, kind_of
-from soter.codegen.enclosure_values import (
-    Constant,
-    Form,
-    Ints,
-    Item,
-    Parts,
-    Sequence,
-    Truth,
-    opened,
-)
-from soter.codegen.enclosures import PARAMETERS
-from soter.program.types import (
+from soter.codegen.c import tree as c
+from soter.codegen.c.printer import print_file
+from soter.program.model.types import (
     BOOL,
     ArrayType,
     BoolType,
@@ -44,13 +30,27 @@ from soter.program.types import (
     Type,
     leaf_count,
 )
+from soter.reach.enclose.body import EnclosureBody
+from soter.reach.enclose.emit import Emitter, address, framed, given, names_in
+from soter.reach.enclose.ops import Operations, kind_of
+from soter.reach.enclose.unit import PARAMETERS
+from soter.reach.enclose.values import (
+    Constant,
+    Form,
+    Ints,
+    Item,
+    Parts,
+    Sequence,
+    Truth,
+    opened,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
     from soter.lower import core
-    from soter.program.types import Value
+    from soter.program.model.types import Value
 
 INPUTS = 24
 """Of every compiled unit: functions with fewer parameters leave some unused."""

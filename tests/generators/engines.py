@@ -6,17 +6,18 @@ Non-goals: making programs (`programs.py`), statistics (`tally.py`).
 
 from __future__ import annotations
 
-import subprocess
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+import processes
 from soter.codegen.unit import Unit, generate
 from soter.lower.layout import StateLayout, state_dtype, state_layout
-from soter.native.build import KERNEL, RUNTIME
+from soter.native.build import KERNEL, RUNTIME, include_flags
 from soter.native.compiler import STRICT, WARNINGS, find
 from soter.native.library import Library
+from soter.native.own_files import SOTER
 from soter.program.build import check_file, system_of
 from soter.semantics.interpreter import Interpreter
 from soter.simulate.image import image
@@ -26,9 +27,13 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
     Bytes = npt.NDArray[np.uint8]
+
+
+SETS = SOTER / "reach" / "engine"
+"""The C of the set engine."""
 
 
 class CompileError(Exception):
@@ -100,8 +105,9 @@ def write_units(subjects: list[Subject], folder: Path) -> Path:
 
 def call_compiler(folder: Path, *arguments: str) -> None:
     """One strict call: a warning is an error."""
-    command = [*find().command, *STRICT, *WARNINGS, f"-I{RUNTIME}", f"-I{folder}", *arguments]
-    done = subprocess.run(command, capture_output=True, text=True, check=False, cwd=folder)
+    headers = include_flags(SETS / "soter_form.h")
+    command = [*find().command, *STRICT, *WARNINGS, *headers, f"-I{folder}", *arguments]
+    done = processes.run(command, capture_output=True, text=True, check=False, cwd=folder)
     if done.returncode != 0:
         raise CompileError(done.stderr)
 
@@ -184,7 +190,7 @@ def final_states(subjects: list[Subject], folder: Path, *flags: str) -> list[byt
     call_compiler(
         folder, *flags, "-o", str(target), str(driver), str(source), *kernel_sources(), "-lm"
     )
-    done = subprocess.run([str(target)], capture_output=True, check=False, cwd=folder)
+    done = processes.run([str(target)], capture_output=True, check=False, cwd=folder)
     assert done.returncode == 0, done.stderr.decode("utf-8", "replace")
     found, at = [], 0
     for s in subjects:

@@ -1,6 +1,7 @@
 """What the explorer stored, in the form in which the brute-force enumerator has it.
 
-Purpose: a world (`runtime/soter_explore.h`: state struct, schedule) to the canonical tuple.
+Purpose: a world (`explore/engine/c/soter_explore.h`: state struct, schedule) to the canonical
+tuple.
 Non-goals: exploring, enumerating.
 """
 
@@ -11,21 +12,21 @@ from typing import TYPE_CHECKING
 
 from generators.brute_force import Held, World
 from soter.lower.layout import (
-    COMPONENT_SIZE,
-    MODULE_SIZE,
+    COMPONENT,
+    MODULE,
     StateLayout,
     decode_from,
     size_of,
     state_layout,
 )
-from soter.program.types import MODE
+from soter.program.model.types import MODE
 from soter.semantics.configuration import Configuration
 
 if TYPE_CHECKING:
     from generators.brute_force import BruteForce, Canonical
-    from soter.lower.plan import Plan
-    from soter.program.system import Component, System
-    from soter.program.types import Value
+    from soter.explore.model.plan import Plan
+    from soter.program.model.system import Component, System
+    from soter.program.model.types import Value
 
 NOTHING_OWED = 2**63 - 1
 _COMPONENT = struct.Struct("<qIBBBBB7x")
@@ -98,11 +99,11 @@ class Decoder:
     def _configuration(self, world: bytes, now: int) -> Configuration:
         layout, system = self.layout, self.system
         components = [
-            _COMPONENT.unpack_from(world, layout.component_offset + i * COMPONENT_SIZE)
+            _COMPONENT.unpack_from(world, layout.component_offset + i * COMPONENT.size)
             for i in range(len(system.components))
         ]
         modules = [
-            _MODULE.unpack_from(world, layout.module_offset + i * MODULE_SIZE)
+            _MODULE.unpack_from(world, layout.module_offset + i * MODULE.size)
             for i in range(len(system.modules))
         ]
         modes = [m[6] for m in modules]

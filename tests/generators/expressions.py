@@ -19,7 +19,7 @@ from generators.kinds import (
     fits,
     routes,
 )
-from soter.program.types import (
+from soter.program.model.types import (
     BOOL,
     FLOAT,
     INT,
@@ -39,7 +39,7 @@ if TYPE_CHECKING:
     from generators.chooser import Chooser
     from generators.kinds import Route
     from generators.sight import Seen, Sight
-    from soter.program.types import Type
+    from soter.program.model.types import Type
 
 FLOATS = (
     "0.0", "1.0", "0.5", "-1.0", "2.0", "10.0", "-0.0", "3.25", "-7.5", "1.0e-3", "100.0", "0.1",

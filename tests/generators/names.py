@@ -33,6 +33,7 @@ NULL NAN INFINITY INT64_MAX errno main y0 j1 gamma exp2 fabs fmod round memcpy o
 assert_2 items len at pad_ pad header components modules properties stamps topics state_2 init
 program out_0 has_0 soter_add soter_header SOTER_OK x2 k1 substep time_2 dt_2 double_ int_ float_t
 double_t size_t bool_ true_ self None class def lambda within measured hold until always truth
+_Atomic __LINE__ m___LINE__ __func__ class template this new linux
 Mode_2 property_0 input_0 constant default_2 initial record value
 """
 NASTY = tuple(_NASTY.split())

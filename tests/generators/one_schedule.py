@@ -18,7 +18,7 @@ from generators.every_schedule import Step
 if TYPE_CHECKING:
     import random
 
-    from soter.reach.schedule import Output, Path, Releases, Schedule
+    from soter.reach.time.schedule import Output, Path, Releases, Schedule
 
 
 class Value(NamedTuple):

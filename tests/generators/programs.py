@@ -37,7 +37,7 @@ from generators.kinds import (
 from generators.names import Namer
 from generators.sight import Globals, Seen, Sight
 from generators.statements import Output, StatementMaker
-from soter.program.types import (
+from soter.program.model.types import (
     BOOL,
     FLOAT,
     INT,
@@ -52,7 +52,7 @@ from soter.program.types import (
 if TYPE_CHECKING:
     from hypothesis.strategies import DrawFn
 
-    from soter.program.types import Type
+    from soter.program.model.types import Type
 
 PERIODS_US = (10_000, 5_000, 20_000, 7_000, 11_000, 2_500, 15_000, 3_333, 13_000, 30_000)
 

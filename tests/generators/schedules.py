@@ -2,7 +2,7 @@
 
 Purpose: draw systems (periods with and without common divisors, phases, lateness, responses,
 latencies, paths of 0 to 4 nodes to DM and to SC, several outputs, silence, enforced ages); compare
-every quantity of `soter.reach.schedule` with the largest value that a schedule reaches.
+every quantity of `soter.reach.time.schedule` with the largest value that a schedule reaches.
 Non-goals: enumerating (`every_schedule.py`), how many (`bench/verify_times.py`, the tests).
 
 A system is only drawn if its times are such as the language allows: late + response <= period, and
@@ -17,7 +17,7 @@ from math import lcm
 
 from generators.every_schedule import QUANTITIES
 from generators.every_schedule_of_module import EverySchedule
-from soter.reach.schedule import Output, Path, Releases, Schedule
+from soter.reach.time.schedule import Output, Path, Releases, Schedule
 
 FAMILIES = (
     (2, 4, 8, 12),
@@ -177,18 +177,21 @@ def compare(s: Schedule, told: dict[str, int | None] | None = None) -> list[Comp
     return [Compared(q, told[q], reached[q], every.worst[q].why) for q in QUANTITIES]
 
 
-def scaled(s: Schedule, by: int) -> Schedule:
-    """The same system on a grid that is finer by a whole factor."""
+def scaled(s: Schedule, by: int, over: int = 1) -> Schedule:
+    """The same system on a grid that is finer by a whole factor, or coarser by another one."""
+
+    def on(time: int) -> int:
+        return time * by // over
 
     def node(x: Releases) -> Releases:
-        return Releases(by * x.period, by * x.phase, by * x.late, by * x.response)
+        return Releases(on(x.period), on(x.phase), on(x.late), on(x.response))
 
     def path(x: Path) -> Path:
-        age = None if x.max_age is None else by * x.max_age
+        age = None if x.max_age is None else on(x.max_age)
         return Path(node(x.sensor), tuple(map(node, x.nodes)), age)
 
     def output(x: Output) -> Output:
-        return Output(by * x.least, by * x.most, tuple(map(node, x.nodes)))
+        return Output(on(x.least), on(x.most), tuple(map(node, x.nodes)))
 
     return Schedule(
         dm=node(s.dm),
@@ -196,7 +199,7 @@ def scaled(s: Schedule, by: int) -> Schedule:
         read_by_dm=tuple(map(path, s.read_by_dm)),
         read_by_sc=tuple(map(path, s.read_by_sc)),
         outputs=tuple(map(output, s.outputs)),
-        dropout=by * s.dropout,
+        dropout=on(s.dropout),
     )
 
 

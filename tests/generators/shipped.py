@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from generators.engines import subject
+from generators.found import files_below
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file
 
@@ -22,7 +23,7 @@ FOLDERS = ("examples", "tests/correct", "tests/dynamic_error", "tests/corners")
 
 def files(*folders: str) -> list[Path]:
     """All programs below some folders of the repository."""
-    return sorted(p for f in (folders or FOLDERS) for p in (ROOT / f).rglob("*.soter"))
+    return sorted(p for f in (folders or FOLDERS) for p in files_below(ROOT / f, "*.soter"))
 
 
 def subjects_of(path: Path, instants: int) -> list[Subject]:

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from generators.kinds import fits, routes, text_of
 from generators.sight import Callable, Seen, Sight
-from soter.program.types import (
+from soter.program.model.types import (
     BOOL,
     FLOAT,
     INT,
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from generators.expressions import ExpressionMaker
     from generators.kinds import Route, TypeMaker, ValueSet
     from generators.names import Namer
-    from soter.program.types import Type
+    from soter.program.model.types import Type
 
 
 OVERFLOWS = (

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.program.arith import FaultKind
+from soter.program.meaning.arith import FaultKind
 
 if TYPE_CHECKING:
     from collections import Counter

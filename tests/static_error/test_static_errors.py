@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from generators.found import files_in
 from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.render import render_all
 from soter.program.build import Checked, check_file
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
 FOLDER = Path(__file__).parent
-PROGRAMS = sorted(p.name for p in FOLDER.glob("*.soter"))
+PROGRAMS = [p.name for p in files_in(FOLDER, "*.soter")]
 
 
 @pytest.fixture(autouse=True)

@@ -13,7 +13,7 @@ from soter.api.given import ENGINES
 from soter.api.program import Program, load
 from soter.api.rechecking import recheck
 from soter.api.replaying import ReplayReport, replay
-from soter.api.reports import CheckReport, ModuleReport, SystemReport
+from soter.api.reports import CheckReport, ModuleReport, StepReport, SystemReport
 from soter.diagnostics.diagnostic import SoterError
 
 __all__ = [
@@ -23,6 +23,7 @@ __all__ = [
     "Program",
     "ReplayReport",
     "SoterError",
+    "StepReport",
     "SystemReport",
     "format_text",
     "load",
@@ -35,7 +36,7 @@ __all__ = [
 
 def __getattr__(name: str) -> object:
     if name == "Run":
-        from soter.simulate.run import Run  # noqa: PLC0415 - needs NumPy
+        from soter.simulate.result import Run  # noqa: PLC0415 - needs NumPy
 
         return Run
     raise AttributeError(f"module `soter.api` has no attribute `{name}`")

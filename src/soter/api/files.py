@@ -11,20 +11,21 @@ import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter import __version__
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.explore.results import TestResult
     from soter.reach.advise import Advice
-    from soter.report.sequence import SequenceView
+    from soter.report.sequence.view import SequenceView
+    from soter.simulate.outputs.to_log import RunLog
 
 
 def read_text(path: str) -> str:
     """The text of a source file; `SoterError` D001, D005 where there is none."""
-    from soter.program.loader import read_text as read  # noqa: PLC0415 - shadows this one
+    from soter.program.load.loader import read_text as read  # noqa: PLC0415 - shadows this one
 
     diagnostics = Diagnostics()
     text = read(Path(path), path, diagnostics)
@@ -48,16 +49,25 @@ def format_text(name: str, text: str) -> str:
 def require_writers(log: str | Path | None, report: str | Path | None) -> None:
     """Say before a run, not after it, that its log cannot be written."""
     if log is not None:
-        from soter.simulate.to_log import require_log_package  # noqa: PLC0415 - an extra
+        from soter.simulate.outputs.to_log import require_log_package  # noqa: PLC0415 - an extra
 
         require_log_package()
     if report is not None:
-        from soter.simulate.to_report import require_report_package  # noqa: PLC0415 - an extra
+        from soter.simulate.outputs.to_report import require_report_package  # noqa: PLC0415 - an extra
 
         require_report_package()
     for path in (log, report):
         if path is not None:
             _require_writable(Path(path))
+
+
+def run_log(log: str | Path | RunLog | None) -> RunLog | None:
+    """What writes the log of a run while it goes on; `SoterError` D007."""
+    if not isinstance(log, (str, Path)):
+        return log
+    from soter.simulate.outputs.to_log import RunLog  # noqa: PLC0415 - an extra
+
+    return RunLog(Path(log), VERSION)
 
 
 def _require_writable(path: Path) -> None:
@@ -87,9 +97,9 @@ def _made_by_a_run(path: Path) -> bool:
 
 def write_advice(found: Sequence[Advice], path: Path) -> None:
     """The figure of every module; `SoterError` D006 where it cannot be written."""
-    from soter.report.advice_page import advice_main  # noqa: PLC0415 - only then
     from soter.report.errors import ReportError  # noqa: PLC0415 - the same
     from soter.report.html import write_document  # noqa: PLC0415 - the same
+    from soter.report.proof.advice import advice_main  # noqa: PLC0415 - only then
 
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
@@ -105,7 +115,7 @@ def write_test_page(result: TestResult) -> Path:
     assert result.replayed is not None
     assert result.trace is not None
     provenance = {"trace": str(result.trace)}
-    view = view_of(result.replayed, __version__, provenance)
+    view = view_of(result.replayed, VERSION, provenance)
     path = result.trace.with_name(result.trace.name.removesuffix(".trace.json") + ".html")
     result.page = write_sequence(view, path, "html")
     return result.page
@@ -118,10 +128,10 @@ def write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         if kind == "html":
-            from soter.report.sequence_page import write_page  # noqa: PLC0415 - only then
+            from soter.report.sequence.page import write_page  # noqa: PLC0415 - only then
 
             return write_page(view, path)
-        from soter.report.sequence_log import write_log  # noqa: PLC0415 - an extra
+        from soter.report.sequence.log import write_log  # noqa: PLC0415 - an extra
 
         return write_log(view, path)
     except LogUnavailableError as error:

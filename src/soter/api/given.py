@@ -15,9 +15,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
-    from soter.program.system import Module, System
-    from soter.program.typed import Program as TypedProgram
-    from soter.program.types import Value
+    from soter.program.model.system import Module, System
+    from soter.program.model.typed import Program as TypedProgram
+    from soter.program.model.types import Value
 
     Progress = Callable[[float], None]
 
@@ -74,9 +74,18 @@ def chosen_modules(flat: System, module: str | None) -> list[Module]:
     return found
 
 
+def values_of(program: TypedProgram, params: Mapping[str, object] | None) -> dict[str, Value]:
+    """The values of parameters by full name; `SoterError` U001, U004."""
+    if not params:
+        return {}
+    from soter.simulate.settings import param_values  # noqa: PLC0415 - see `soter.api`
+
+    return param_values(program, params)
+
+
 def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[str, object]:
     """Parameters for a trace: durations in ns."""
-    from soter.program.values import to_json  # noqa: PLC0415 - see `soter.api`
+    from soter.program.model.values import to_json  # noqa: PLC0415 - see `soter.api`
 
     return {n: to_json(program.params[n].type, v) for n, v in values.items()}
 
@@ -85,8 +94,8 @@ def params_from_json(
     program: TypedProgram, given: Mapping[str, object], file: Path
 ) -> dict[str, Value]:
     """The parameters of a trace; `SoterError` D010."""
-    from soter.explore.trace import no_trace  # noqa: PLC0415 - see `soter.api`
-    from soter.program.values import ValueShapeError, from_json  # noqa: PLC0415 - the same
+    from soter.explore.trace.trace import no_trace  # noqa: PLC0415 - see `soter.api`
+    from soter.program.model.values import ValueShapeError, from_json  # noqa: PLC0415 - the same
 
     found: dict[str, Value] = {}
     for name, value in given.items():
@@ -103,6 +112,6 @@ def complete(system: System, progress: Progress | None = None) -> list[str]:
     """Compute `ttf` and `safer` for modules that have neither; a note on each."""
     if all(m.symbol.ttf is not None for m in system.modules):
         return []
-    from soter.reach.complete import complete as compute  # noqa: PLC0415 - needs NumPy
+    from soter.reach.deploy.complete import complete as compute  # noqa: PLC0415 - needs NumPy
 
     return compute(system, progress)

@@ -7,46 +7,31 @@ Non-goals: the work itself (the rooms below), printing and exit codes (`cli/`).
 
 from __future__ import annotations
 
-import os
-from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter import __version__
-from soter.api.files import (
-    age,
-    format_text,
-    read_text,
-    require_writers,
-    write_advice,
-    write_test_page,
-)
-from soter.api.given import (
-    chosen_modules,
-    complete,
-    end_of,
-    mistake,
-    params_as_json,
-    require_engine,
-    time_ns,
-)
-from soter.api.reports import CheckReport, system_report
-from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.program.build import Checked, check_file, system_of, system_of_test
+from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
+from soter.api.given import chosen_modules, complete, end_of, mistake, require_engine, values_of
+from soter.api.reports import CheckReport, check_report
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.program.build import Checked, check_file, system_of
+from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from soter.api.given import Progress
     from soter.explore.results import ExploreReport, Looked
-    from soter.program.system import System
-    from soter.program.typed import Program as TypedProgram
-    from soter.program.types import Value
+    from soter.monitor.membership import Judgement
+    from soter.program.model.system import System
+    from soter.program.model.typed import Program as TypedProgram
+    from soter.program.model.types import Value
     from soter.reach.advise import Advice
-    from soter.reach.monitor import Judgement
-    from soter.reach.results import VerifyReport
-    from soter.simulate.bindings import Bindings
-    from soter.simulate.run import NativeProgram, Run
+    from soter.reach.claims.results import VerifyReport
+    from soter.simulate.externs.bindings import Bindings
+    from soter.simulate.outputs.to_log import RunLog
+    from soter.simulate.result import Run
+    from soter.simulate.run import NativeProgram
     from soter.targets.package import Package
 
 
@@ -91,34 +76,32 @@ class Program:
         return tuple(self._checked.systems)
 
     @property
+    def externs(self) -> tuple[str, ...]:
+        """Names of the nodes, plants and functions that it leaves to Python or C."""
+        program = self._checked.program
+        if program is None:
+            return ()
+        tables: tuple[Mapping[str, Any], ...] = (program.nodes, program.plants, program.funs)
+        return tuple([name for table in tables for name, s in table.items() if s.extern])
+
+    @property
     def sha256(self) -> str | None:
         """Hash of every source and data file; None where nothing could be read."""
         return self._checked.program.sha256 if self._checked.program is not None else None
 
     def check(self, params: Mapping[str, object] | None = None) -> CheckReport:
         """What is known about a sound program; `SoterError` with every error otherwise."""
-        program = self._require_sound()
+        self._require_sound()
         values = self._values(params)
         flat = {name: system_of(self._checked, name, values) for name in self.systems}
-        if self._bound:
-            from soter.simulate.bindings import bind_somewhere  # noqa: PLC0415
-
-            bind_somewhere(list(flat.values()), self._bound)
-        reports = tuple(
-            system_report(flat[name], default=symbol.default)
-            for name, symbol in self._checked.systems.items()
-        )
-        from soter.simulate.extern_files import warnings_of  # noqa: PLC0415 - see the docstring
-
-        warnings = (*self.diagnostics, *warnings_of(program, self._bound))
-        return CheckReport(self.path, program.sha256, reports, warnings)
+        return check_report(self.path, self._checked, flat, self._bound)
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
         """The value of a constant, by full name (`city.GOALS`), as Python sees it.
 
         Records have attributes, arrays of floats are NumPy arrays. KeyError where there is none.
         """
-        from soter.program.values import to_python  # noqa: PLC0415 - see the docstring
+        from soter.program.model.values import to_python  # noqa: PLC0415 - see the docstring
 
         symbol = self._require_sound().consts[name]
         return to_python(symbol.type, symbol.value)
@@ -129,7 +112,7 @@ class Program:
         For tests, tables and figures that must agree with the program. Arguments as for externs;
         `soter.StepFault` where the function faults. KeyError where there is none.
         """
-        from soter.simulate.callable import python_function  # noqa: PLC0415 - see the docstring
+        from soter.simulate.externs.callable import python_function  # noqa: PLC0415 - see the docstring
 
         program = self._require_sound()
         return python_function(program, program.funs[name])
@@ -148,7 +131,7 @@ class Program:
         `python:file.py:name` or `c:file.c:name` (relative to the current folder). SoterError
         U005 where no system has such an extern, U001, X002, X003 for a wrong target.
         """
-        from soter.simulate.bindings import check_target, require_named  # noqa: PLC0415 - as above
+        from soter.simulate.externs.bindings import check_target, require_named  # noqa: PLC0415 - as above
 
         check_target(name, target)
         if self.ok:
@@ -159,7 +142,10 @@ class Program:
         return self
 
     def unbind(self, name: str) -> Program:
-        """Undo `bind(name, ...)`: the program's own `from` counts again, if there is one."""
+        """Undo `bind(name, ...)`: the program's own `from` counts again, if there is one.
+
+        SoterError U005 where nothing was bound as that.
+        """
         if name not in self._bound:
             known = ", ".join(f"`{n}`" for n in self._bound) or "nothing"
             raise mistake("U005", f"nothing was bound as `{name}`", f"bound is {known}")
@@ -177,7 +163,7 @@ class Program:
         params: Mapping[str, object] | None = None,
         *,
         trace: bool = True,
-        log: str | Path | None = None,
+        log: str | Path | RunLog | None = None,
         report: str | Path | None = None,
         progress: Progress | None = None,
         real_time: bool = False,
@@ -187,89 +173,52 @@ class Program:
 
         `until`: seconds or a text such as `"30s"`, by default the system's own. `params`: values
         of parameters by full name; lengths of time in s or as text. `seed`: a whole number, 0 to
-        2^64 - 1. `trace` keeps the state after every instant. `log`, `report`: files to write.
-        `progress` is called with the share that is done. Ctrl-C ends the run at an instant and
-        raises `KeyboardInterrupt`, or, where `partial`, gives back what was reached.
+        2^64 - 1. `trace` keeps the state after every instant. `log`, `report`: files to write,
+        the log while the run goes on. `progress` is called with the share that is done. Ctrl-C,
+        with a log SIGTERM and SIGHUP, too, ends the run at an instant and raises
+        `KeyboardInterrupt` (the others end the process), or, where `partial`, gives back what
+        was reached.
         """
-        from soter.semantics.externs import Stop  # noqa: PLC0415 - see the docstring
-        from soter.simulate.bindings import callables  # noqa: PLC0415 - see the docstring
-        from soter.simulate.interrupt import StopRequest, stoppable  # noqa: PLC0415
-        from soter.simulate.pace import Pacer  # noqa: PLC0415
-        from soter.simulate.settings import seed_value  # noqa: PLC0415
+        from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
+        from soter.simulate.settings import seed_value  # noqa: PLC0415 - the same
 
         require_engine(engine)
         seed = seed_value(seed)
         flat, computed = self._completed(system, params, progress)
         end_ns = end_of(flat, until)
-        require_writers(log, report)
-        bindings = self._bindings(flat)
-        stop = StopRequest()
-        bound = callables(bindings, engine, stop)
-        go = self._engine(engine, bindings)
-        try:
-            with stoppable(stop):
-                run = go(
-                    end_ns,
-                    seed,
-                    bound,
-                    keep_trace=trace or log is not None or report is not None,
-                    progress=progress,
-                    stop=stop,
-                    pacer=Pacer() if real_time else None,
-                )
-        except Stop:  # before the first instant
-            raise KeyboardInterrupt from None
-        if run.interrupted and not partial:
-            raise KeyboardInterrupt
-        run.externs = bindings.texts()
-        run.computed = computed
-        if log is not None:
-            self.write_log(run, log)
+        writer = run_log(log)
+        require_writers(log if isinstance(log, (str, Path)) else None, report)
+        report = None if report is None else Path(report).absolute()  # externs may move
+        run = simulate(
+            self._bindings(flat),
+            engine,
+            self._native,
+            computed,
+            until_ns=end_ns,
+            seed=seed,
+            keep_trace=trace or report is not None,
+            progress=progress,
+            real_time=real_time,
+            writer=writer,
+            partial=partial,
+        )
+        if writer is not None and writer is not log and writer.problem is not None:
+            raise writer.problem
         if report is not None:
             self.write_report(run, report)
         return run
 
     def write_log(self, run: Run, path: str | Path) -> Path:
         """Write the MCAP log of a traced run; `SoterError` D006, D007."""
-        from soter.simulate.to_log import write_log  # noqa: PLC0415 - an extra
+        from soter.simulate.outputs.to_log import write_log  # noqa: PLC0415 - an extra
 
-        return write_log(run, path, __version__)
+        return write_log(run, path, VERSION)
 
     def write_report(self, run: Run, path: str | Path) -> Path:
         """Write the HTML report of a traced run; `SoterError` D006, D007."""
-        from soter.simulate.params import changed  # noqa: PLC0415 - see the docstring
-        from soter.simulate.to_report import write_report  # noqa: PLC0415 - an extra
+        from soter.api.running import write_report  # noqa: PLC0415 - see the docstring
 
-        facts = {
-            "program": self.path,
-            "program sha256": run.system.program.sha256,
-            "seed": str(run.seed),
-            "engine": run.engine,
-            "trace sha256": run.trace_sha256 or "",
-            **{f"param {name}": text for name, (text, _) in changed(run.system).items()},
-            **{f"extern {name}": text for name, text in run.externs.items()},
-            "soter": __version__,
-        }
-        return write_report(run, path, Path(self.path).name, facts)
-
-    def _engine(self, engine: str, bindings: Bindings) -> Callable[..., Run]:
-        """What runs the system: everything slow that is no run happens here."""
-        from soter.simulate.run import run_interpreted  # noqa: PLC0415 - see the docstring
-
-        if engine == "interp":
-            return partial_(run_interpreted, bindings.system)
-        return partial_(self._compiled(bindings).run, hash_trace=True)
-
-    def _compiled(self, bindings: Bindings) -> NativeProgram:
-        """The compiled system; kept, so that the next seed costs nothing."""
-        from soter.simulate.run import NativeProgram  # noqa: PLC0415 - see the docstring
-
-        system = bindings.system
-        linked = tuple((n, t, age(t)) for n, t in bindings.texts().items() if t.startswith("c:"))
-        key = (system.name, tuple(system.params.items()), linked)
-        if key not in self._native:
-            self._native[key] = NativeProgram(system, core=bindings.core)
-        return self._native[key]
+        return write_report(run, path, self.path)
 
     # ------------------------------------------------------------ building and proving
 
@@ -311,8 +260,8 @@ class Program:
         `log`: an MCAP file that `soter run --log` wrote of the same system. `estimates`: judge what
         was measured instead of the true states. `SoterError` U001 where a plant is not affine.
         """
-        from soter.reach.extract import extract  # noqa: PLC0415 - needs NumPy
-        from soter.reach.monitor import judge  # noqa: PLC0415 - needs NumPy
+        from soter.monitor.membership import judge  # noqa: PLC0415 - needs NumPy
+        from soter.reach.problem.extract import extract  # noqa: PLC0415 - needs NumPy
         from soter.simulate.recorded import read_log, recorded  # noqa: PLC0415 - needs NumPy
 
         self._require_sound()
@@ -337,31 +286,14 @@ class Program:
         """Write the model monitor of a module as a trusted Soter node; gives back the path.
 
         `alarm`: a bool topic of the program that it is to publish; by default one of its own.
+        SoterError D006 where it cannot be written.
         """
-        from soter.reach.extract import extract  # noqa: PLC0415 - needs NumPy
-        from soter.reach.monitor import topic_names  # noqa: PLC0415 - needs NumPy
-        from soter.reach.monitor_node import monitor_source  # noqa: PLC0415 - needs NumPy
-        from soter.report.whole_file import reason  # noqa: PLC0415
+        from soter.monitor.command import write_monitor  # noqa: PLC0415 - needs NumPy
 
         self._require_sound()
         flat, _ = self._completed(system, params, None)
         (first, *_) = chosen_modules(flat, module)
-        problem = extract(flat, first)
-        names = {
-            i: n if "." in n else f"watched.{n}"
-            for i, n in topic_names(flat, first, problem).items()
-        }
-        target = Path(path)
-        imported = os.path.relpath(self.path, target.parent or ".")
-        text = monitor_source(
-            problem, imported, names, None if alarm is None else f"watched.{alarm}"
-        )
-        try:
-            target.write_text(text, encoding="utf-8")
-        except OSError as error:
-            message = f"cannot write `{target}`: {reason(error)}"
-            raise SoterError((Diagnostic("D006", message),)) from error
-        return target
+        return write_monitor(flat, first, self.path, Path(path), alarm)
 
     def verify(
         self,
@@ -426,7 +358,7 @@ class Program:
         written, the program first; none where no controller is open. `SoterError` U009 where none
         was found.
         """
-        from soter.reach.find_sc import synthesize  # noqa: PLC0415 - needs NumPy and a compiler
+        from soter.reach.synthesis.find_sc import synthesize  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
         own = Path(self.path)
@@ -454,20 +386,12 @@ class Program:
         file with the figure. `SoterError` R... where a problem is not determined, D006, D007 for
         the report.
         """
-        from soter.reach.advise import advise  # noqa: PLC0415 - needs NumPy and a compiler
+        from soter.reach.advise import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.reach.command import modules_of, problems_of  # noqa: PLC0415 - the same
 
         self._require_sound()
         chosen = modules_of(self._checked, module, system, self._values(params))
-        problems = problems_of(chosen)
-        found = []
-        for i, problem in enumerate(problems):
-
-            def tell(share: float, i: int = i) -> None:
-                if progress is not None:
-                    progress((i + share) / len(problems))
-
-            found.append(advise(problem, factors, levels, tell))
+        found = advise_all(problems_of(chosen), factors, levels, progress)
         if report is not None and found:
             write_advice(found, Path(report))
         return tuple(found)
@@ -505,65 +429,36 @@ class Program:
         the search is. Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was
         covered.
         """
-        from soter.explore.command import (  # noqa: PLC0415 - needs NumPy and a compiler
-            Told,
-            chosen,
-            explore_test,
-            replaced_in,
-            save,
-        )
-        from soter.explore.results import ExploreReport  # noqa: PLC0415 - the same
+        from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.explore.settings import options_of  # noqa: PLC0415 - the same
 
-        program = self._require_sound()
+        self._require_sound()
         options = options_of(
-            strategy, storage, reduction, threads, memory, max_states, runs, seed, minimise
+            strategy=strategy,
+            storage=storage,
+            reduction=reduction,
+            threads=threads,
+            memory=memory,
+            max_states=max_states,
+            runs=runs,
+            seed=seed,
+            minimise=minimise,
         )
-        tests = chosen(self._checked.tests, self.path, test)
-        systems = self._tests([t.name for t in tests], params, skew, horizon)
-        told = params_as_json(program, self._values(params))
-        results = []
-        for symbol, system in zip(tests, systems, strict=True):
-            result = explore_test(
-                system, options, Told(self.path, told, replaced_in(symbol)), progress
-            )
-            results.append(result)
-            if output is not None and save(result, Path(output)) is not None and html:
-                write_test_page(result)
-            if result.interrupted:
-                break
-        not_started = tuple([t.name for t in tests[len(results) :]])
-        report = ExploreReport(self.path, program.sha256, tuple(results), not_started)
+        report = explore(
+            self._checked,
+            self.path,
+            options,
+            test=test,
+            skew=skew,
+            horizon=horizon,
+            params=params,
+            output=output,
+            html=html,
+            progress=progress,
+        )
         if report.interrupted and not partial:
             raise KeyboardInterrupt
         return report
-
-    def _tests(
-        self,
-        names: Sequence[str],
-        params: Mapping[str, object] | None,
-        skew: float | str | None,
-        horizon: float | str | None,
-    ) -> list[System]:
-        """The flattened systems of tests, complete; every diagnostic of all of them at once."""
-        from soter.explore.command import with_times  # noqa: PLC0415 - see the docstring
-
-        values, found = self._values(params), Diagnostics()
-        skew_ns, horizon_ns = time_ns("skew", skew), time_ns("horizon", horizon)
-        systems = []
-        for name in names:
-            try:
-                system = system_of_test(self._checked, name, values)
-            except SoterError as error:
-                for d in error.diagnostics:
-                    found.add(d)
-            else:
-                systems.append(with_times(system, skew_ns, horizon_ns))
-        if found.has_errors:
-            raise SoterError(found.items)
-        for system in systems:
-            complete(system)
-        return systems
 
     # ------------------------------------------------------------ shared
 
@@ -574,11 +469,7 @@ class Program:
         return self._checked.program
 
     def _values(self, params: Mapping[str, object] | None) -> dict[str, Value]:
-        if not params:
-            return {}
-        from soter.simulate.settings import param_values  # noqa: PLC0415 - see the docstring
-
-        return param_values(self._require_sound(), params)
+        return values_of(self._require_sound(), params)
 
     def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
         """A system with every number known and every instance named: what runs, fresh each time."""
@@ -589,22 +480,18 @@ class Program:
         """What `bind` was given, by name."""
         return dict(self._bound)
 
-    def _system(self, name: str | None, params: Mapping[str, object] | None) -> System:
-        """A fresh flat system: bindings may be entered in it."""
-        self._require_sound()
-        return system_of(self._checked, name, self._values(params))
-
     def _completed(
         self,
         name: str | None,
         params: Mapping[str, object] | None,
         progress: Progress | None = None,
     ) -> tuple[System, list[str]]:
-        """A flat system whose modules all have `ttf` and `safer`, and a note on each computed."""
-        system = self._system(name, params)
+        """A fresh flat system whose modules all have `ttf` and `safer`; a note on each computed."""
+        self._require_sound()
+        system = system_of(self._checked, name, self._values(params))
         return system, complete(system, progress)
 
     def _bindings(self, system: System) -> Bindings:
-        from soter.simulate.bindings import bind  # noqa: PLC0415 - see the docstring
+        from soter.simulate.externs.bindings import bind  # noqa: PLC0415 - see the docstring
 
         return bind(system, self._bound)

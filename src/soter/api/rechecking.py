@@ -35,7 +35,7 @@ def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckRepo
                 ),
             )
         )
-    from soter.recheck.folder import NotACertificateError  # noqa: PLC0415 - an extra
+    from soter.recheck.certificate.folder import NotACertificateError  # noqa: PLC0415 - an extra
     from soter.recheck.rechecker import recheck as check  # noqa: PLC0415 - an extra
 
     try:

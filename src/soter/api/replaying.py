@@ -1,7 +1,7 @@
 """Runs in a file, run again: traces of `soter test`, counterexamples of `soter verify`.
 
 Purpose: `replay`, and the `ReplayReport` it gives.
-Non-goals: the run itself (`explore/replay.py`, `reach/runs.py`).
+Non-goals: the run itself (`explore/judge/replay.py`, `reach/attack/runs.py`).
 """
 
 from __future__ import annotations
@@ -10,19 +10,19 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter import __version__
 from soter.api.files import write_sequence
 from soter.api.given import complete, mistake, params_from_json
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.program.build import check_file, system_of_test
+from soter.version import VERSION
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.explore.replay import Replayed
-    from soter.explore.trace import Trace
-    from soter.reach.replay import Replay as CounterexampleRun
-    from soter.report.sequence import SequenceView
+    from soter.explore.judge.replay import Replayed
+    from soter.explore.trace.trace import Trace
+    from soter.reach.attack.counterexample import Replay as CounterexampleRun
+    from soter.report.sequence.view import SequenceView
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,7 +55,7 @@ class ReplayReport:
                 f"`{self.path}` is a run that refutes a proof: it has no sequence of steps",
                 "`soter verify --report` shows it; traces of `soter test` have a sequence",
             )
-        return view_of(self.trace, __version__, {"trace": self.path}, self.program)
+        return view_of(self.trace, VERSION, {"trace": self.path}, self.program)
 
     def write_html(self, path: str | Path) -> Path:
         """Write the sequence page of a trace; `SoterError` D006, U001."""
@@ -72,7 +72,7 @@ def replay(path: str | Path) -> ReplayReport:
     `SoterError` D010 where the file is neither, D011 where its program has changed, and whatever is
     wrong with the program.
     """
-    from soter.explore.trace import read_document, trace_of  # noqa: PLC0415 - see `soter.api`
+    from soter.explore.trace.trace import read_document, trace_of  # noqa: PLC0415 - see `soter.api`
 
     file = Path(path)
     document = read_document(file)
@@ -82,13 +82,13 @@ def replay(path: str | Path) -> ReplayReport:
 
 
 def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
-    from soter.explore import trace as traces  # noqa: PLC0415 - see `soter.api`
     from soter.explore.command import (  # noqa: PLC0415 - the same
         changed_program,
         missing_program,
         with_times,
     )
-    from soter.explore.replay import replay as run  # noqa: PLC0415 - the same
+    from soter.explore.judge.replay import replay as run  # noqa: PLC0415 - the same
+    from soter.explore.trace import trace as traces  # noqa: PLC0415 - see `soter.api`
 
     path = traces.program_path(trace)
     if not Path(path).exists():
@@ -111,8 +111,8 @@ def _replay_trace(trace: Trace, file: Path) -> ReplayReport:
 
 
 def _replay_counterexample(file: Path, document: Mapping[str, Any]) -> ReplayReport:
-    from soter.explore.trace import no_trace  # noqa: PLC0415 - see `soter.api`
-    from soter.reach.runs import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
+    from soter.explore.trace.trace import no_trace  # noqa: PLC0415 - see `soter.api`
+    from soter.reach.attack.runs import AnotherVersionError, replay_file  # noqa: PLC0415 - the same
 
     program, sha256 = str(document.get("program", "")), str(document.get("program_sha256", ""))
     try:

@@ -10,8 +10,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.program.system import System
+    from soter.program.build import Checked
+    from soter.program.model.system import System
+    from soter.program.model.typed import Program
 
 
 @dataclass(frozen=True)
@@ -26,7 +30,7 @@ class ModuleReport:
     verdicts: dict[str, str]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SystemReport:
     """A system as checked."""
 
@@ -46,29 +50,74 @@ class SystemReport:
 
 
 @dataclass(frozen=True)
+class StepReport:
+    """What the step of a node, or a decision of a module, takes at worst.
+
+    `externs`: functions it may call, whose own code is not counted.
+    """
+
+    name: str
+    kind: str
+    """node or module"""
+    operations: int
+    stack_bytes: int
+    externs: tuple[str, ...]
+
+
+@dataclass(frozen=True)
 class CheckReport:
-    """What a successful check found: every system, the hash, and the warnings."""
+    """What a successful check found: every system, the hash, the warnings, what steps take."""
 
     path: str
     program_sha256: str
     systems: tuple[SystemReport, ...]
     warnings: tuple[Diagnostic, ...]
+    steps: tuple[StepReport, ...]
+    """Of every node and module of the program that has code of its own."""
+
+
+def check_report(
+    path: str, checked: Checked, flat: Mapping[str, System], bound: Mapping[str, object]
+) -> CheckReport:
+    """The report on a sound program; `SoterError` U005 where `bound` names no extern of `flat`."""
+    program = checked.program
+    assert program is not None
+    if bound:
+        from soter.simulate.externs.bindings import bind_somewhere  # noqa: PLC0415 - see `soter.api`
+
+        bind_somewhere(list(flat.values()), bound)
+    systems = tuple(
+        system_report(flat[name], default=symbol.default)
+        for name, symbol in checked.systems.items()
+    )
+    from soter.simulate.externs.files import warnings_of  # noqa: PLC0415 - see `soter.api`
+
+    warnings = (*checked.diagnostics.items, *warnings_of(program, bound))
+    return CheckReport(path, program.sha256, systems, warnings, step_reports(program))
+
+
+def step_reports(program: Program) -> tuple[StepReport, ...]:
+    """What all steps take, nodes first, in the order they were declared."""
+    return tuple(
+        StepReport(s.name, "node" if s.name in program.nodes else "module", *cost)
+        for s, cost in program.costs.items()
+    )
 
 
 def system_report(system: System, *, default: bool) -> SystemReport:
     """A flat system, and what a run of it rests on, as a report."""
-    from soter.simulate import assumptions  # noqa: PLC0415 - see `soter.api`
+    from soter.simulate.outputs import assumptions  # noqa: PLC0415 - see `soter.api`
 
     return SystemReport(
-        system.name,
-        default,
-        None if system.until_ns is None else system.until_ns / 1e9,
-        system.hyperperiod_ns / 1e9,
-        len(system.components),
-        len(system.topics),
-        tuple(f"{p.kind} {p.text}" for p in system.properties),
-        tuple(x.name for x in system.components if x.extern),
-        tuple(
+        name=system.name,
+        default=default,
+        until_s=None if system.until_ns is None else system.until_ns / 1e9,
+        hyperperiod_s=system.hyperperiod_ns / 1e9,
+        components=len(system.components),
+        topics=len(system.topics),
+        properties=tuple(f"{p.kind} {p.text}" for p in system.properties),
+        externs=tuple(x.name for x in system.components if x.extern),
+        modules=tuple(
             ModuleReport(
                 m.name,
                 m.period_ns / 1e9,
@@ -79,6 +128,6 @@ def system_report(system: System, *, default: bool) -> SystemReport:
             )
             for m in system.modules
         ),
-        tuple(assumptions.unproved(system)),
-        tuple(assumptions.of_run(system)),
+        unproved=tuple(assumptions.unproved(system)),
+        assumptions=tuple(assumptions.of_run(system)),
     )

@@ -1,7 +1,7 @@
 """`soter advise FILE`: what the period of a decision module and its levels cost.
 
 Purpose: a table for each module, a figure in `.soter/`, and the largest Delta that verifies.
-Non-goals: the sweeps (`reach/advise.py`), the drawing (`report/advice_page.py`).
+Non-goals: the sweeps (`reach/advise.py`), the drawing (`report/proof/advice.py`).
 """
 
 from __future__ import annotations
@@ -10,15 +10,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.outcome import FINE, Outcome, UsageError, exit_of
-from soter.cli.parser import Parser, add_file, add_settings
-from soter.cli.progress import Progress
+from soter.cli.terminal.outcome import FINE, Outcome, UsageError, exit_of
+from soter.cli.terminal.parser import Parser, add_file, add_settings
+from soter.cli.terminal.progress import Progress
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.console import Console
+    from soter.cli.terminal.console import Console
     from soter.reach.advise import Advice, Row
 
 EXAMPLES = """\

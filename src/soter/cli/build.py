@@ -9,14 +9,14 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.outcome import Outcome
-from soter.cli.parser import Parser, add_file, add_settings
-from soter.cli.progress import Progress
+from soter.cli.terminal.outcome import Outcome
+from soter.cli.terminal.parser import Parser, add_file, add_settings
+from soter.cli.terminal.progress import Progress
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.console import Console
+    from soter.cli.terminal.console import Console
     from soter.targets.package import Package
 
 EXAMPLES = """\

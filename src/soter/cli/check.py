@@ -9,20 +9,23 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.outcome import Outcome, exit_of
-from soter.cli.parser import Parser, add_file, add_settings
+from soter.cli.terminal.outcome import Outcome, exit_of
+from soter.cli.terminal.parser import Parser, add_file, add_settings
 
 if TYPE_CHECKING:
     import argparse
 
     from soter.api import CheckReport, SystemReport
-    from soter.cli.console import Console
+    from soter.cli.terminal.console import Console
 
 EXAMPLES = """\
   soter check drone.soter
   soter check drone.soter --set GAIN=3     with another value of a parameter
   soter check drone.soter --json | jq .modules
 """
+
+STEPS_SHOWN = 8
+"""Steps told on the terminal, the dearest first."""
 
 
 def parser() -> Parser:
@@ -59,8 +62,22 @@ def _say(report: CheckReport, console: Console) -> None:
         names = [p for p, v in next(iter(modules.values())).verdicts.items() if v == "proved"]
         proved = f": {' '.join(names)} hold"
     console.say(f"{ok}  {report.path}  {counted}{proved}  {report.program_sha256[:12]}")
-    for line in _assumptions(report.systems):
+    for line in (*_assumptions(report.systems), *_steps(report)):
         console.say(console.paint("muted", f"    {line}"))
+
+
+def _steps(report: CheckReport) -> list[str]:
+    """What the dearest steps take, of each kind of code that runs."""
+    ordered = sorted(report.steps, key=lambda s: -s.operations)
+    lines = []
+    for s in ordered[:STEPS_SHOWN]:
+        what = "a step" if s.kind == "node" else "a decision"
+        beside = f", beside {', '.join(s.externs)}" if s.externs else ""
+        size = f"{s.operations:,} operations and {s.stack_bytes:,} bytes of locals"
+        lines.append(f"{s.name}: {what} takes at most {size}{beside}")
+    if len(ordered) > STEPS_SHOWN:
+        lines.append(f"and {len(ordered) - STEPS_SHOWN} cheaper ones: `--json` has them all")
+    return lines
 
 
 def _assumptions(systems: tuple[SystemReport, ...]) -> list[str]:
@@ -77,6 +94,16 @@ def _fields(report: CheckReport) -> dict[str, object]:
         "file": report.path,
         "program_sha256": report.program_sha256,
         "systems": [_system(s) for s in report.systems],
+        "steps": [
+            {
+                "name": s.name,
+                "kind": s.kind,
+                "operations": s.operations,
+                "stack_bytes": s.stack_bytes,
+                "externs": list(s.externs),
+            }
+            for s in report.steps
+        ],
         "modules": {
             m.name: {
                 "verdict": "assumed",

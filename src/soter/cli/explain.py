@@ -9,8 +9,8 @@ from __future__ import annotations
 import re
 from typing import TYPE_CHECKING
 
-from soter.cli.outcome import DIAGNOSTICS, Outcome
-from soter.cli.parser import Parser
+from soter.cli.terminal.outcome import DIAGNOSTICS, Outcome
+from soter.cli.terminal.parser import Parser
 from soter.diagnostics.diagnostic import Diagnostic
 from soter.diagnostics.explain import all_codes, explain, named, suggestions, title
 from soter.diagnostics.render import safe
@@ -18,7 +18,7 @@ from soter.diagnostics.render import safe
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.console import Console
+    from soter.cli.terminal.console import Console
 
 EXAMPLES = """\
   soter explain P1a

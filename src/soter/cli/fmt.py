@@ -14,15 +14,15 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import format_text, read_text
-from soter.cli.outcome import DIAGNOSTICS, Outcome, exit_of
-from soter.cli.parser import Parser
+from soter.cli.terminal.outcome import DIAGNOSTICS, Outcome, exit_of
+from soter.cli.terminal.parser import Parser
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.whole_file import reason, whole_file
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.console import Console
+    from soter.cli.terminal.console import Console
 
 EXAMPLES = """\
   soter fmt drone.soter iris.soter

@@ -13,8 +13,8 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, cast
 
 from soter import __version__
-from soter.cli.console import Console
-from soter.cli.outcome import (
+from soter.cli.terminal.console import Console
+from soter.cli.terminal.outcome import (
     DIAGNOSTICS,
     FINE,
     INTERNAL,
@@ -24,14 +24,15 @@ from soter.cli.outcome import (
     UsageError,
     exit_of,
 )
-from soter.cli.parser import HelpWantedError
+from soter.cli.terminal.parser import HelpWantedError
+from soter.cli.terminal.verdict import Elsewhere
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
     import argparse
     from collections.abc import Sequence
 
-    from soter.cli.parser import Parser
+    from soter.cli.terminal.parser import Parser
 
 COMMANDS = {
     "check": "parse, types, well-formedness, composition, timing",
@@ -67,20 +68,33 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     options = arguments[: arguments.index("--")] if "--" in arguments else arguments
-    with Console(json="--json" in options) as console:
+    with Console(json="--json" in options, own_process=argv is None) as console:
         name = next((a for a in options if not a.startswith("-")), None)
-        outcome = _guarded(name, arguments, console)
-        console.diagnostics(outcome.diagnostics)
-        if console.json:
-            _print_document(outcome, name, console)
+        try:
+            code = _told(name, arguments, console)
+            console.hand_over(code)
+        except Elsewhere as done:
+            console.from_child(done.text)
+            code = done.exit
         console.flush()
-        return _after_output(outcome.exit, console)
+        return _after_output(code, console)
+
+
+def _told(name: str | None, arguments: list[str], console: Console) -> int:
+    """Do the command and say how it went; its exit code."""
+    outcome = _guarded(name, arguments, console)
+    console.diagnostics(outcome.diagnostics)
+    if console.json:
+        _print_document(outcome, name, console)
+    return outcome.exit
 
 
 def _guarded(name: str | None, arguments: list[str], console: Console) -> Outcome:
     """The outcome of a command line; nothing gets past."""
     try:
         return _run(name, arguments, console)
+    except Elsewhere:
+        raise
     except HelpWantedError as wanted:
         console.say(str(wanted))
         return Outcome(fields={"help": str(wanted)})
@@ -95,7 +109,7 @@ def _guarded(name: str | None, arguments: list[str], console: Console) -> Outcom
     except OSError as error:
         return Outcome(DIAGNOSTICS, (_os_problem(error),))
     except Exception as error:  # noqa: BLE001 - a defect: apologise, keep the details
-        from soter.cli.crash import apologise  # noqa: PLC0415 - only then
+        from soter.cli.terminal.crash import apologise  # noqa: PLC0415 - only then
 
         return Outcome(INTERNAL, (apologise(error, arguments),))
 
@@ -112,9 +126,9 @@ def _run(name: str | None, arguments: list[str], console: Console) -> Outcome:
         from soter.cli.coming import run  # noqa: PLC0415 - only then
 
         return run(name, COMING[name], rest)
-    from difflib import get_close_matches  # noqa: PLC0415 - only then
+    from soter.diagnostics.near import closest  # noqa: PLC0415 - only then
 
-    near = get_close_matches(name, [*COMMANDS, *COMING], 1)
+    near = closest(name, [*COMMANDS, *COMING])
     hint = f"; did you mean `{near[0]}`?" if near else ""
     raise UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")
 

@@ -1,7 +1,7 @@
 """`soter monitor FILE [LOG]`: whether the model that was proved explains what was recorded.
 
 Purpose: judge a log, or a fresh run, module by module; or write the monitor as a Soter node.
-Non-goals: the judgement (`reach/monitor.py`).
+Non-goals: the judgement (`monitor/membership.py`).
 """
 
 from __future__ import annotations
@@ -9,15 +9,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.outcome import FINE, VIOLATED, Outcome, exit_of
-from soter.cli.parser import Parser, add_file, add_settings, seed
+from soter.cli.terminal.apart import apart
+from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
+from soter.cli.terminal.parser import Parser, add_file, add_settings, seed
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.console import Console
-    from soter.reach.monitor import Judgement
+    from soter.cli.terminal.console import Console
+    from soter.monitor.membership import Judgement
 
 EXAMPLES = """\
   soter run drone.soter --log flight.mcap
@@ -51,6 +52,8 @@ def parser() -> Parser:
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Judge, or write the node."""
     program = load(args.file)
+    if program.externs and args.log is None and args.emit is None:
+        apart(console, lambda _: ())
     for name, target in args.bindings:
         program.bind(name, target)
     warnings = program.diagnostics if program.ok else ()

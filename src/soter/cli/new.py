@@ -13,16 +13,16 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.cli.outcome import Outcome
-from soter.cli.parser import Parser
-from soter.codegen.names import program_prefix
+from soter.cli.terminal.outcome import Outcome
+from soter.cli.terminal.parser import Parser
+from soter.codegen.c.names import program_prefix
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.render import safe
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.console import Console
+    from soter.cli.terminal.console import Console
 
 TEMPLATE = Path(__file__).parent / "templates" / "robot"
 FILES = {

@@ -9,15 +9,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import recheck
-from soter.cli.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
-from soter.cli.parser import Parser
-from soter.cli.progress import Progress
+from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
+from soter.cli.terminal.parser import Parser
+from soter.cli.terminal.progress import Progress
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.console import Console
+    from soter.cli.terminal.console import Console
     from soter.recheck.report import ModuleReport, Report
 
 EXAMPLES = """\

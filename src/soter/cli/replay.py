@@ -2,7 +2,7 @@
 
 Purpose: whether a trace of `soter test`, or a counterexample of `soter verify`, reproduces; the
 steps as text or JSON, as an MCAP log and as a page.
-Non-goals: running it (`explore/replay.py`, `reach/replay.py`).
+Non-goals: running it (`explore/judge/replay.py`, `reach/attack/counterexample.py`).
 """
 
 from __future__ import annotations
@@ -10,17 +10,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import replay
-from soter.cli.outcome import FINE, VIOLATED, Outcome, exit_of
-from soter.cli.parser import Parser
+from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
+from soter.cli.terminal.parser import Parser
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     import argparse
 
     from soter.api import ReplayReport
-    from soter.cli.console import Console
+    from soter.cli.terminal.console import Console
     from soter.diagnostics.diagnostic import Diagnostic
-    from soter.explore.replay import Stepped
+    from soter.explore.judge.replay import Stepped
 
 EXAMPLES = """\
   soter replay .soter/late_sc-Late.trace.json               every step, and whether it reproduces
@@ -83,7 +83,7 @@ def _files(
 def _say(found: ReplayReport, console: Console) -> None:
     if console.json:
         return
-    from soter.report.sequence_words import visible  # noqa: PLC0415 - only then
+    from soter.report.visible import visible  # noqa: PLC0415 - only then
 
     what = f"{found.program}  {found.program_sha256[:12]}"
     if found.trace is not None:
@@ -98,8 +98,8 @@ def _say(found: ReplayReport, console: Console) -> None:
 
 def _steps(found: ReplayReport, console: Console) -> list[str]:
     if found.trace is not None:
-        from soter.report.sequence_text import text  # noqa: PLC0415 - needs NumPy
-        from soter.report.sequence_words import visible  # noqa: PLC0415 - the same
+        from soter.report.sequence.text import text  # noqa: PLC0415 - needs NumPy
+        from soter.report.visible import visible  # noqa: PLC0415 - the same
 
         view = found.view()
         lines = text(view, color=console.color_out)

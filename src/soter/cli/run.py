@@ -12,17 +12,21 @@ import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter import __version__
 from soter.api import ENGINES, Program, load, require_writers
-from soter.cli.outcome import DIAGNOSTICS, FINE, INTERRUPTED, VIOLATED, Outcome, exit_of
-from soter.cli.parser import Parser, add_file, add_settings, seed
-from soter.cli.progress import Progress
+from soter.cli.terminal.apart import apart
+from soter.cli.terminal.outcome import DIAGNOSTICS, FINE, INTERRUPTED, VIOLATED, Outcome, exit_of
+from soter.cli.terminal.parser import Parser, add_file, add_settings, seed
+from soter.cli.terminal.progress import Progress
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
     import argparse
 
-    from soter.cli.console import Console
-    from soter.simulate.run import Run
+    from soter.cli.terminal.console import Console
+    from soter.program.model.system import System
+    from soter.simulate.outputs.to_log import RunLog
+    from soter.simulate.result import Run
 
 EXAMPLES = """\
   soter run cart.soter
@@ -71,19 +75,33 @@ def parser() -> Parser:
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Run."""
     program = load(args.file)
+    if program.externs:
+        apart(console, lambda process: _rescued(args, process))
+    _listen(console)
+    args.home = Path.cwd()  # an extern may leave another
     for name, target in args.bindings:
         program.bind(name, target)
     warnings = program.diagnostics if program.ok else ()
     try:
         _look_ahead(args)
-        result = _simulate(program, args, console)
+        log = _log(args)
+        result = _simulate(program, args, console, log)
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
         return Outcome(exit_of(items), items, {"file": args.file})
-    return _finish(program, result, args, console, warnings)
+    return _finish(program, result, args, console, warnings, log)
 
 
-def _simulate(program: Program, args: argparse.Namespace, console: Console) -> Run:
+def _listen(console: Console) -> None:
+    """From here to the end Ctrl-C, SIGTERM and SIGHUP keep what was reached."""
+    from soter.simulate.interrupt import ANY_END, StopRequest, listening  # noqa: PLC0415 - NumPy
+
+    console.during(listening(StopRequest(), ANY_END))
+
+
+def _simulate(
+    program: Program, args: argparse.Namespace, console: Console, log: RunLog | None
+) -> Run:
     with Progress(console) as progress:
         return program.simulate(
             args.system,
@@ -91,7 +109,8 @@ def _simulate(program: Program, args: argparse.Namespace, console: Console) -> R
             args.seed,
             args.engine,
             dict(args.params),
-            trace=args.log is not None or args.report is not None,
+            trace=args.report is not None,
+            log=log,
             progress=progress,
             real_time=args.real_time,
             partial=True,
@@ -104,13 +123,14 @@ def _finish(
     args: argparse.Namespace,
     console: Console,
     warnings: tuple[Diagnostic, ...],
+    log: RunLog | None,
 ) -> Outcome:
     """Summary, files, exit code: files that cannot be written do not hide the result."""
-    from soter.cli.run_summary import summary  # noqa: PLC0415 - needs NumPy
-    from soter.simulate.figures import run_figures  # noqa: PLC0415 - needs NumPy
+    from soter.cli.terminal.run_summary import summary  # noqa: PLC0415 - needs NumPy
+    from soter.simulate.outputs.figures import run_figures  # noqa: PLC0415 - needs NumPy
 
     console.say(summary(result, args.file, console))
-    written, problems = _files(program, result, args)
+    written, problems = _files(program, result, args, log)
     lines = [f"{kind:<7} {path}" for kind, path in written.items()]
     if result.trace_sha256:
         lines.append(console.paint("muted", f"trace   {result.trace_sha256}"))
@@ -138,9 +158,9 @@ def _same(log: str, report: str) -> bool:
     return log not in {OWN_PLACE, os.devnull} and Path(log).resolve() == Path(report).resolve()
 
 
-def _own_name(args: argparse.Namespace, result: Run) -> str:
+def _own_name(args: argparse.Namespace, system: System) -> str:
     """Program, system, seed and what was set on the command line: no sweep overwrites itself."""
-    parts = [Path(args.file).stem, result.system.name, str(result.seed)]
+    parts = [Path(args.file).stem, system.name, str(args.seed)]
     parts += [f"{name}={value}" for name, value in args.params]
     name = "-".join(re.sub(r"[^A-Za-z0-9_.=+-]", "_", part) for part in parts)
     if len(name) > NAME_MAX:
@@ -149,22 +169,56 @@ def _own_name(args: argparse.Namespace, result: Run) -> str:
     return name
 
 
+def _path(args: argparse.Namespace, system: System, kind: str, ending: str) -> str:
+    """Where a log or report goes, as a person reads it."""
+    given: str = getattr(args, kind)
+    if given == OWN_PLACE:
+        return str(Path(args.output) / f"{_own_name(args, system)}{ending}")
+    return given
+
+
+def _log(args: argparse.Namespace) -> RunLog | None:
+    """What writes the log while the run goes on."""
+    if args.log is None:
+        return None
+    from soter.simulate.outputs.to_log import RunLog  # noqa: PLC0415 - an extra
+
+    return RunLog(lambda system: Path(_path(args, system, "log", ".mcap")), __version__)
+
+
+def _rescued(args: argparse.Namespace, process: int) -> tuple[str, ...]:
+    """Make a log of what a process that is gone had written of one."""
+    if args.log is None:
+        return ()
+    from soter.report.mcap_log import mended  # noqa: PLC0415 - only then
+    from soter.report.whole_file import left_behind  # noqa: PLC0415 - only then
+
+    folder = Path(args.output) if args.log == OWN_PLACE else Path(args.log).resolve().parent
+    saved = []
+    for part, path in left_behind(folder, process):
+        if mended(part):
+            part.replace(path)
+            where = os.path.relpath(path) if args.log == OWN_PLACE else args.log
+            saved.append(f"the log until then is `{where}`")
+    return tuple(saved)
+
+
 def _files(
-    program: Program, result: Run, args: argparse.Namespace
+    program: Program, result: Run, args: argparse.Namespace, log: RunLog | None
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
     """Paths of what was written, by kind, and what could not be."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
-    writers = (("log", ".mcap", program.write_log), ("report", ".html", program.write_report))
-    for kind, ending, write in writers:
-        path = getattr(args, kind)
-        if path is None:
-            continue
-        if path == OWN_PLACE:
-            path = str(Path(args.output) / f"{_own_name(args, result)}{ending}")
+    if log is not None:
+        if log.problem is None:
+            written["log"] = _path(args, result.system, "log", ".mcap")
+        else:
+            problems += log.problem.diagnostics
+    if args.report is not None:
+        path = _path(args, result.system, "report", ".html")
         try:
-            write(result, path)
-            written[kind] = path
+            program.write_report(result, Path(args.home, path))
+            written["report"] = path
         except SoterError as error:
             problems += error.diagnostics
     return written, tuple(problems)

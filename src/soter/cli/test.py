@@ -10,15 +10,17 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
-from soter.cli.parser import Parser, add_file, add_settings, seed
-from soter.cli.progress import LineOfProgress
+from soter.cli.terminal.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
+from soter.cli.terminal.parser import Parser, add_file, add_settings, seconds, seed, whole
+from soter.cli.terminal.progress import LineOfProgress
 from soter.diagnostics.diagnostic import SoterError
+from soter.explore.methods import EXHAUSTIVE, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Iterable
 
-    from soter.cli.console import Console
+    from soter.cli.terminal.console import Console
     from soter.explore.results import ExploreReport, TestResult
 
     Options = argparse.Namespace
@@ -37,8 +39,12 @@ exit codes: 0 exhausted and clean, 3 violated, 4 a bound was reached, 1 diagnost
 """
 EXITS = {"exhausted": FINE, "violated": VIOLATED, "bound": UNDECIDED}
 PAINTS = {"exhausted": "green", "violated": "red", "bound": "yellow"}
-SAMPLING = ("random", "pct", "coverage")
 UNREACHED_SHOWN = 6
+
+
+def _named(names: Iterable[str], default: str, end: str) -> str:
+    shown = [f"{n} (the default)" if n == default else n for n in names]
+    return f"{', '.join(shown[:-1])}{end}{shown[-1]}"
 
 
 def parser() -> Parser:
@@ -48,30 +54,35 @@ def parser() -> Parser:
     made.add_argument("--test", metavar="T", help="only this test; by default all of the file")
     made.add_argument(
         "--strategy",
-        default="bfs",
+        default=STRATEGIES[0],
         metavar="S",
-        help="bfs (the default), dfs, deepening; random, pct, coverage: samples",
+        help=f"{_named(EXHAUSTIVE, STRATEGIES[0], ', ')}; {', '.join(SAMPLING)}: samples",
     )
     made.add_argument(
-        "--storage", default="exact", metavar="S", help="exact (the default) or fingerprint"
+        "--storage",
+        default=STORAGES[0],
+        metavar="S",
+        help=_named(STORAGES, STORAGES[0], " or "),
     )
     made.add_argument(
-        "--reduction", default="all", metavar="R", help="none, sleep, ample or all (the default)"
+        "--reduction", default="all", metavar="R", help=_named(REDUCTIONS, "all", " or ")
     )
-    made.add_argument("--threads", type=int, default=1, metavar="N", help="by default 1")
+    made.add_argument(
+        "--threads", type=whole, default=1, metavar="N", help="of bfs, 1 or 2; by default 1"
+    )
     made.add_argument(
         "--memory", default="2G", metavar="SIZE", help="what tables may take; by default 2G"
     )
     made.add_argument(
-        "--max-states", type=int, default=0, metavar="N", help="stop after so many configurations"
+        "--max-states", type=whole, default=0, metavar="N", help="stop after so many configurations"
     )
     made.add_argument(
-        "--runs", type=int, default=10_000, metavar="N", help="of the sampling strategies"
+        "--runs", type=whole, default=10_000, metavar="N", help="of the sampling strategies"
     )
     made.add_argument("--seed", type=seed, default=1, metavar="N", help="likewise; by default 1")
     made.add_argument(
         "--minimise",
-        type=float,
+        type=seconds,
         default=30.0,
         metavar="SECONDS",
         help="for the shortest trace of a violation; by default 30, 0: do not",
@@ -231,7 +242,9 @@ def _figures(test: TestResult) -> str:
     how = f"{options.strategy}, {options.storage} storage, reduction {options.reduction}"
     if options.strategy in SAMPLING:
         how = f"{options.strategy}, seed {options.seed}"
-    how += f", {options.threads} thread{'s'[: options.threads > 1]}"
+    how += f", {options.threads_run} thread{'s'[: options.threads_run > 1]}"
+    if options.why_fewer:
+        how += f" of {options.threads} asked for: {options.why_fewer}"
     if test.parts > 1:
         how += f"; {test.parts} parts that share nothing, explored apart"
     return f"{', '.join(parts)}\n{how}"
@@ -239,7 +252,7 @@ def _figures(test: TestResult) -> str:
 
 def _coverage(test: TestResult, console: Console) -> list[str]:
     """How much was reached, and the names of what was not."""
-    from soter.report.sequence_words import visible  # noqa: PLC0415 - needs NumPy
+    from soter.report.visible import visible  # noqa: PLC0415 - needs NumPy
 
     parts = [(name, part) for name, part in test.coverage.parts() if part.total]
     said = "  ".join(f"{name} {part.reached}/{part.total}" for name, part in parts)
@@ -256,7 +269,7 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
 def _trace(test: TestResult, console: Console) -> list[str]:
     from soter import __version__  # noqa: PLC0415 - only then
     from soter.explore.to_report import view_of  # noqa: PLC0415 - the same
-    from soter.report.sequence_text import text  # noqa: PLC0415 - needs NumPy
+    from soter.report.sequence.text import text  # noqa: PLC0415 - needs NumPy
 
     assert test.replayed is not None
     view = view_of(test.replayed, __version__)
@@ -320,7 +333,9 @@ def _test(t: TestResult) -> dict[str, object]:
         "storage": o.storage,
         "reduction": o.reduction,
         "parts": t.parts,
-        "threads": o.threads,
+        "threads": o.threads_run,
+        "threads_asked": o.threads,
+        "threads_fewer": o.why_fewer or None,
         "seed": o.seed,
         "memory": {
             "table_bytes": t.table_bytes,

@@ -10,9 +10,9 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
-from soter.cli.parser import Parser, add_file, add_settings
-from soter.cli.progress import Progress
+from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
+from soter.cli.terminal.parser import Parser, add_file, add_settings
+from soter.cli.terminal.progress import Progress
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -20,8 +20,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from soter.cli.console import Console
-    from soter.reach.results import Finding, LeavingRun, ModuleResult, VerifyReport
+    from soter.cli.terminal.console import Console
+    from soter.reach.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
 
     Runs = Mapping[str, Mapping[str, Path]]
 
@@ -174,7 +174,7 @@ def _saved(report: VerifyReport) -> Runs:
     """The runs that refute, written to `.soter/`: module and property -> file."""
     if report.verdict != "refuted":
         return {}
-    from soter.reach.runs import save_runs  # noqa: PLC0415 - only then
+    from soter.reach.attack.runs import save_runs  # noqa: PLC0415 - only then
 
     return save_runs(report)
 
@@ -210,7 +210,7 @@ def _table(module: ModuleResult, console: Console) -> str:
 
 def _details(module: ModuleResult, console: Console) -> list[str]:
     """Shares, and where and why something is not proved."""
-    from soter.reach.results import NO_CORE  # noqa: PLC0415 - needs nothing heavy, but a room below
+    from soter.reach.claims.results import NO_CORE  # noqa: PLC0415 - needs nothing heavy, but a room below
 
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]

@@ -1,7 +1,7 @@
 """Core expressions and statements -> C.
 
 Purpose: one method a kind of Core node; the C says what Core says, in its order.
-Non-goals: what surrounds a body (`steps.py`).
+Non-goals: what surrounds a body (`nodes.py`, `plants.py`, `decisions.py`).
 """
 
 from __future__ import annotations
@@ -9,14 +9,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.codegen import c_tree as c
-from soter.codegen.names import field_name, local
-from soter.codegen.types import FAULT, int_number
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import field_name, local
+from soter.codegen.c.types import FAULT, int_number
 from soter.lower import core
 from soter.lower.footprint import walk
 from soter.lower.layout import LENGTH, scalar, storage_range
-from soter.program.arith import FaultKind
-from soter.program.types import (
+from soter.program.meaning.arith import FaultKind
+from soter.program.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -30,9 +30,9 @@ from soter.semantics.random_draws import fnv
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.codegen.types import TypeTable
+    from soter.codegen.c.types import TypeTable
     from soter.diagnostics.span import Span
-    from soter.program.types import Type
+    from soter.program.model.types import Type
 
 FAULT_NAMES = {
     FaultKind.OVERFLOW: "SOTER_OVERFLOW",

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.codegen import c_tree as c
-from soter.codegen.names import field_name
-from soter.codegen.types import FAULT, int_number
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import field_name
+from soter.codegen.c.types import FAULT, int_number
 from soter.lower.layout import INT_KINDS, scalar, struct_of
-from soter.program.types import (
+from soter.program.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -23,7 +23,7 @@ from soter.program.types import (
 )
 
 if TYPE_CHECKING:
-    from soter.program.types import Type
+    from soter.program.model.types import Type
 
 EXTERN = c.Name("SOTER_EXTERN_FAULT")
 ZERO = c.Number("0")

@@ -8,14 +8,21 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import Enum
+from itertools import islice
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.near import did_you_mean
+
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from soter.diagnostics.span import Span
 
 
 KEPT_MAX = 500
 """So many problems are kept; a file with more has one cause for most of them."""
+NAMES_COMPARED = 30_000
+"""So many names are compared for suggestions in all: beyond a few mistakes nobody reads them."""
 
 
 class Severity(Enum):
@@ -57,6 +64,7 @@ class Diagnostics:
         self._items: list[Diagnostic] = []
         self._seen: set[tuple[str, str, int, str]] = set()
         self._errors = 0
+        self._names_left = NAMES_COMPARED
 
     def add(self, diagnostic: Diagnostic) -> None:
         """Keep `diagnostic` unless the same code was already reported at the same place."""
@@ -80,6 +88,14 @@ class Diagnostics:
         self._seen.add(key)
         self._items.append(diagnostic)
 
+    def did_you_mean(self, name: str, candidates: Iterable[str]) -> tuple[str, ...]:
+        """A help line naming the closest candidate, if any is close and it will be read."""
+        if self._names_left <= 0 or len(self._items) > KEPT_MAX:
+            return ()
+        known = list(islice(candidates, self._names_left + 1))
+        self._names_left -= len(known)
+        return did_you_mean(name, known) if self._names_left >= 0 else ()
+
     def error(
         self,
         code: str,
@@ -92,7 +108,9 @@ class Diagnostics:
         helps: tuple[str, ...] = (),
     ) -> None:
         """Report an error; `also` adds labelled secondary spans."""
-        self._report(Severity.ERROR, code, message, span, label, also, notes, helps)
+        self._report(
+            Severity.ERROR, code, message, span, label, also=also, notes=notes, helps=helps
+        )
 
     def warning(
         self,
@@ -106,7 +124,9 @@ class Diagnostics:
         helps: tuple[str, ...] = (),
     ) -> None:
         """Report a warning; `also` adds labelled secondary spans."""
-        self._report(Severity.WARNING, code, message, span, label, also, notes, helps)
+        self._report(
+            Severity.WARNING, code, message, span, label, also=also, notes=notes, helps=helps
+        )
 
     def _report(
         self,
@@ -115,6 +135,7 @@ class Diagnostics:
         message: str,
         span: Span | None,
         label: str,
+        *,
         also: tuple[tuple[Span, str], ...],
         notes: tuple[str, ...],
         helps: tuple[str, ...],

@@ -6,9 +6,10 @@ Non-goals: the pages themselves (`pages/*.md`), showing them on a terminal (`cli
 
 from __future__ import annotations
 
-from difflib import get_close_matches
 from functools import cache
 from pathlib import Path
+
+from soter.diagnostics.near import closest
 
 _PAGES = Path(__file__).parent / "pages"
 
@@ -47,7 +48,7 @@ def title(code: str) -> str | None:
 def suggestions(code: str) -> list[str]:
     """Codes that look like an unknown one, best first."""
     known = {**_by_folded(), **_words()}
-    near = get_close_matches(code.strip().casefold()[:20], list(known), 3, 0.5)
+    near = closest(code.strip().casefold()[:20], known, 0.5, 3)
     return [known[folded] for folded in near]
 
 

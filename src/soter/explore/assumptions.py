@@ -1,22 +1,22 @@
 """What the verdict on a test rests on, and what it does not say.
 
 Purpose: plain sentences; they are part of every result.
-Non-goals: what a proof rests on (`reach/problem.py`).
+Non-goals: what a proof rests on (`reach/problem/problem.py`).
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.explore.schedule import plan_of
-from soter.program.elaborate import show_ns
-from soter.program.types import FloatType, leaves
+from soter.explore.trace.schedule import plan_of
+from soter.program.flatten.elaborate import show_ns
+from soter.program.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
     from soter.explore.results import Options
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 FINGERPRINT_BITS = 64
 

@@ -2,7 +2,7 @@
 
 Purpose: search, minimise, and let the reference interpreter replay what was found before anybody
 is told of a violation; traces to files and back.
-Non-goals: the search itself (`runtime/soter_explore*.c`, `search.py`), printing.
+Non-goals: the search itself (`explore/engine/c/soter_explore*.c`, `search.py`), printing.
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.explore import assumptions
-from soter.explore.replay import broken_of, replay
+from soter.explore.judge.replay import broken_of, replay
+from soter.explore.methods import SAMPLING
 from soter.explore.results import (
     BOUND,
     EXHAUSTED,
@@ -31,20 +32,21 @@ from soter.explore.results import (
     TestResult,
     why_not_shortest,
 )
-from soter.explore.schedule import plan_of
-from soter.explore.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
-from soter.program.durations import show_ns
-from soter.program.tested import MAX_STEPS
+from soter.explore.trace.schedule import plan_of
+from soter.explore.trace.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
+from soter.program.flatten.derived import with_test
+from soter.program.flatten.tested import MAX_STEPS
+from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.explore.replay import Replayed
+    from soter.explore.engine.search import Found, Search
+    from soter.explore.judge.replay import Replayed
     from soter.explore.results import Looked, Options
-    from soter.explore.search import Found, Search
-    from soter.explore.trace import Step
-    from soter.program.system import System
-    from soter.program.typed import TestSymbol
+    from soter.explore.trace.trace import Step
+    from soter.program.model.system import System
+    from soter.program.model.typed import TestSymbol
 
     Progress = Callable[[Looked], None]
 
@@ -130,7 +132,7 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
             message = f"with a horizon of {show_ns(horizon)} `{t.text}` is not judged"
             note = f"its deadline of {show_ns(t.within_ns)} has to lie before the end"
             raise SoterError((Diagnostic("E013", message, notes=(note,)),))
-    return replace(system, test=replace(plan, skew_ns=skew, horizon_ns=horizon))
+    return with_test(system, replace(plan, skew_ns=skew, horizon_ns=horizon))
 
 
 # ---------------------------------------------------------------- one test
@@ -140,7 +142,7 @@ def explore_test(
     system: System, options: Options, told: Told, progress: Progress | None = None
 ) -> TestResult:
     """Explore a flattened test. A violation is minimised and replayed: `UnreproducedError`."""
-    from soter.explore.search import Search as Engine  # noqa: PLC0415 - needs a compiler
+    from soter.explore.engine.search import Search as Engine  # noqa: PLC0415 - needs a compiler
 
     with Engine(system, options, progress) as search:
         found = search.run()
@@ -173,7 +175,7 @@ def _verdict(found: Found, options: Options, *, sampled: bool) -> tuple[str, str
     if found.status == "violated":
         return VIOLATED, None
     if found.status == "exhausted":
-        if options.strategy in ("random", "pct", "coverage"):
+        if options.strategy in SAMPLING:
             return BOUND, RUNS
         return (BOUND, SAMPLED) if sampled else (EXHAUSTED, None)
     return BOUND, _BOUNDS[found.status]

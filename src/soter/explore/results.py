@@ -10,14 +10,15 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.explore.coverage import Coverage
+from soter.explore.engine.coverage import Coverage
+from soter.explore.methods import STORAGES, STRATEGIES
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.explore.replay import Replayed
-    from soter.explore.trace import Broken
-    from soter.program.system import System
+    from soter.explore.judge.replay import Replayed
+    from soter.explore.trace.trace import Broken
+    from soter.program.model.system import System
 
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
@@ -54,7 +55,11 @@ NOT_SHORTEST = {
 """Why the execution that shows a violation may not be the shortest one."""
 
 
-@dataclass(frozen=True)
+THREADS_BFS = 2
+"""So many threads breadth-first search has room for (THREADS of `soter_explore_bfs.c`)."""
+
+
+@dataclass(frozen=True, kw_only=True)
 class Options:
     """How to search. `reduction`: none, sleep, ample or all; `memory`: bytes of the tables.
 
@@ -62,8 +67,8 @@ class Options:
     also draws what stays left to chance. `bug_depth` is the d of PCT.
     """
 
-    strategy: str = "bfs"
-    storage: str = "exact"
+    strategy: str = STRATEGIES[0]
+    storage: str = STORAGES[0]
     reduction: str = "all"
     threads: int = 1
     memory: int = 2 * 2**30
@@ -73,6 +78,20 @@ class Options:
     bug_depth: int = 3
     minimise: float = 30.0
     """Seconds that the search for the shortest execution to a violation may take; 0: none."""
+
+    @property
+    def threads_run(self) -> int:
+        """How many threads search, of those asked for."""
+        return min(self.threads, THREADS_BFS if self.strategy == "bfs" else 1)
+
+    @property
+    def why_fewer(self) -> str:
+        """Why fewer threads search than were asked for; "" where as many do."""
+        if self.threads_run == self.threads:
+            return ""
+        if self.strategy == "bfs":
+            return f"breadth first searches on at most {THREADS_BFS}"
+        return f"only bfs searches on more than one, {self.strategy} does not"
 
 
 @dataclass(frozen=True)

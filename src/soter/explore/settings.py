@@ -9,11 +9,9 @@ from __future__ import annotations
 import re
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.explore.methods import REDUCTIONS, STORAGES, STRATEGIES
 from soter.explore.results import Options
 
-STRATEGIES = ("bfs", "dfs", "deepening", "random", "pct", "coverage")
-STORAGES = ("exact", "fingerprint")
-REDUCTIONS = ("none", "sleep", "ample", "all")
 UNITS = {"": 1, "K": 2**10, "M": 2**20, "G": 2**30, "T": 2**40}
 THREADS_MAX = 64
 MEMORY_MIN = 2**20
@@ -22,6 +20,7 @@ _SIZE = re.compile(r"([0-9]{1,15}(?:\.[0-9]{1,9})?)\s*([KMGT]?)(?:i?B)?", re.IGN
 
 
 def options_of(
+    *,
     strategy: str,
     storage: str,
     reduction: str,
@@ -37,7 +36,7 @@ def options_of(
     for what, given, known in (
         ("strategy", strategy, STRATEGIES),
         ("storage", storage, STORAGES),
-        ("reduction", reduction, REDUCTIONS),
+        ("reduction", reduction, tuple(REDUCTIONS)),
     ):
         if given not in known:
             problems.append(_problem(f"there is no {what} `{given}`", f"there are {_list(known)}"))
@@ -63,14 +62,14 @@ def options_of(
         raise SoterError(tuple(problems))
     assert size is not None
     return Options(
-        strategy,
-        storage,
-        reduction,
-        threads,
-        size,
-        max_states,
-        runs,
-        seed,
+        strategy=strategy,
+        storage=storage,
+        reduction=reduction,
+        threads=threads,
+        memory=size,
+        max_states=max_states,
+        runs=runs,
+        seed=seed,
         minimise=float(minimise),
     )
 

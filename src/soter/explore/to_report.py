@@ -1,6 +1,6 @@
 """A replayed trace as the sequence view that the page, the log and the table show.
 
-Purpose: lanes, topics, modes, and what every step did, in words (`report/sequence.py`).
+Purpose: lanes, topics, modes, and what every step did, in words (`report/sequence/view.py`).
 Non-goals: drawing; running anything.
 """
 
@@ -9,9 +9,9 @@ from __future__ import annotations
 import json
 from typing import TYPE_CHECKING, Literal, cast
 
-from soter.explore.choices import ChoiceWords
-from soter.explore.trace import BEGIN, EFFECT, START
-from soter.report.sequence import (
+from soter.explore.trace.choices import ChoiceWords
+from soter.explore.trace.trace import BEGIN, EFFECT, START
+from soter.report.sequence.view import (
     Lane,
     ModuleModes,
     Pick,
@@ -26,11 +26,11 @@ from soter.report.sequence import (
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from soter.explore.replay import Replayed, Stepped
-    from soter.explore.schedule import Actor
-    from soter.explore.trace import Choice
-    from soter.program.system import Component, System
-    from soter.report.sequence import Kind, Mode, Role
+    from soter.explore.judge.replay import Replayed, Stepped
+    from soter.explore.trace.schedule import Actor
+    from soter.explore.trace.trace import Choice
+    from soter.program.model.system import Component, System
+    from soter.report.sequence.view import Kind, Mode, Role
 
 KINDS = {BEGIN: "overrun"}
 """Kinds of steps that the view calls otherwise."""

@@ -14,7 +14,7 @@ import numpy as np
 from gymnasium import spaces
 
 from soter.gym.outside import wrong_choice
-from soter.program.types import (
+from soter.program.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -24,7 +24,7 @@ from soter.program.types import (
     RecordType,
     leaves,
 )
-from soter.program.values import from_python
+from soter.program.model.values import from_python
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.diagnostics.diagnostic import SoterError
-    from soter.program.system import Component, System, Topic
-    from soter.program.types import Type, Value
+    from soter.program.model.system import Component, System, Topic
+    from soter.program.model.types import Type, Value
 
     Shapes = Sequence[tuple[str, Type]]
 
@@ -95,7 +95,7 @@ def _whole(t: Type, number: float) -> object:
 
 
 def flattened(shapes: Shapes, values: Sequence[Value]) -> npt.NDArray[np.float64]:
-    """The numbers of values, leaf by leaf."""
+    """The numbers of values, leaf by leaf, (leaves,); SoterError U001 for a list."""
     found: list[float] = []
     for (_, t), value in zip(shapes, values, strict=True):
         _flatten(t, value, found)
@@ -123,7 +123,10 @@ def _no_list(t: Type) -> SoterError:
 
 
 def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
-    """Everything an agent may publish: a `Box` of floats, or `Discrete` for one int or enum."""
+    """Everything an agent may publish: a `Box` of floats, or `Discrete` for one int or enum.
+
+    SoterError U001 where it is neither.
+    """
     bounds = [b for t in topics for b in t.bounds]
     kinds = [k for t in topics for _, k in leaves(t.type)]
     if all(isinstance(k, FloatType) for k in kinds) and None not in bounds:
@@ -156,7 +159,10 @@ def _inward(
 
 
 def as_action(space: spaces.Space[Any], numbers: npt.NDArray[np.float64]) -> Any:  # noqa: ANN401
-    """Numbers as an element of an environment's action space."""
+    """Numbers (n,) as an element of an environment's action space.
+
+    SoterError U001 for a space that is neither a `Box` nor `Discrete`.
+    """
     if isinstance(space, spaces.Discrete):
         return int(numbers[0])
     if isinstance(space, spaces.Box):

@@ -1,21 +1,17 @@
-"""A system of which some parts are answered from outside.
+"""What of a system is answered from outside: which module's controller, which plant.
 
-Purpose: the same system (names, topics, order, properties, random draws), except that an
-advanced controller and a plant are externs whose answers a session gives.
-Non-goals: changing anything else; stepping (`session.py`).
+Purpose: the module and the plant that a caller names, or the only ones.
+Non-goals: the system that is left (`program/flatten/derived.py`); stepping (`session.py`).
 """
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from soter.program.system import Component, Module, System
+    from soter.program.model.system import Component, Module, System
 
 
 def wrong_choice(message: str, *helps: str) -> SoterError:
@@ -33,22 +29,6 @@ def chosen_plant(system: System, name: str | None) -> Component:
     """The plant of that name, or the only one; SoterError U001."""
     plants = [c for c in system.components if c.plant is not None]
     return plants[_index("plant", [c.name for c in plants], name, system.name)]
-
-
-def answered_outside(system: System, indices: Sequence[int]) -> System:
-    """`system` with these components (nodes or plants) as unbound externs."""
-    components = tuple(_as_extern(c) if c.index in indices else c for c in system.components)
-    return replace(system, components=components)
-
-
-def _as_extern(component: Component) -> Component:
-    """Its declaration without code: an extern has states or outputs, and no locals."""
-    if component.plant is not None:
-        plant = replace(component.plant, extern=True)
-        return replace(component, plant=plant, binding=None)
-    assert component.node is not None
-    node = replace(component.node, extern=True, locals=(), initial=(), takeover=None, step=())
-    return replace(component, node=node, initial=(), binding=None)
 
 
 def _index(kind: str, names: list[str], wanted: str | None, system: str) -> int:

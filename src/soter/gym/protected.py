@@ -14,9 +14,10 @@ import gymnasium
 
 import soter.api
 from soter.gym import mapping
-from soter.gym.outside import answered_outside, chosen_module, chosen_plant, wrong_choice
+from soter.gym.outside import chosen_module, chosen_plant, wrong_choice
 from soter.gym.session import Session
-from soter.program.values import ValueShapeError, to_python
+from soter.program.flatten.derived import answered_outside
+from soter.program.model.values import ValueShapeError, to_python
 from soter.semantics.externs import converted
 
 if TYPE_CHECKING:
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
     from gymnasium import spaces
 
-    from soter.program.types import Type, Value
+    from soter.program.model.types import Type, Value
 
 SEED_END = 2**63
 

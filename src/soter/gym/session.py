@@ -11,13 +11,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.codegen.unit import answer_fields
+from soter.codegen.interface import answer_fields
 from soter.lower.layout import arrange, decode_from, encode_into
 from soter.native.library import RunStatus
-from soter.program.arith import FaultKind
+from soter.program.meaning.arith import FaultKind
 from soter.semantics.externs import reset
-from soter.simulate.bindings import bind, callables
-from soter.simulate.externs import ExternAnswers
+from soter.simulate.externs.bindings import bind, callables
+from soter.simulate.externs.externs import ExternAnswers
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram
 
@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from soter.native.library import Bytes
-    from soter.program.system import Component, Module, System
-    from soter.program.types import Value
+    from soter.program.model.system import Component, Module, System
+    from soter.program.model.types import Value
 
 FAR_NS = 2**62
 """No run gets there: the session ends before its clock does."""

@@ -1,8 +1,8 @@
-"""Lower typed expressions and statements to Core.
+"""Lower statements to Core, and the functions that they call.
 
-Purpose: strict left-to-right order made explicit: whatever may fault becomes a statement, the
-rest stays a pure expression; early returns become a single exit.
-Non-goals: what steps consist of (`steps.py`, `plants.py`), C names.
+Purpose: early returns become a single exit. Functions are lowered on demand, callees first, under
+unique names.
+Non-goals: expressions (`expressions.py`), what steps consist of (`steps.py`, `plants.py`), C names.
 """
 
 from __future__ import annotations
@@ -10,421 +10,34 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.lower import core
-from soter.program import typed
-from soter.program.arith import FaultKind
-from soter.program.check_stmt import always_returns
-from soter.program.types import (
+from soter.lower.expressions import ExpressionBuilder
+from soter.program.check.stmt import always_returns
+from soter.program.meaning.arith import FaultKind
+from soter.program.meaning.statements import Evaluator
+from soter.program.model import typed
+from soter.program.model.types import (
     BOOL,
-    FLOAT,
     INT,
     ArrayType,
-    DurationType,
-    FloatType,
-    IntType,
     ListType,
     RecordType,
     default_value,
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from soter.diagnostics.span import Span
-    from soter.lower.functions import FunctionTable
-    from soter.program.system import Scope, System
-    from soter.program.types import Type
-
-INT_OPS = {"+": "add", "-": "sub", "*": "mul", "/": "div", "%": "mod"}
-ATOMS = (core.Var, core.Const)
+    from soter.program.model.system import Scope, System
+    from soter.program.model.types import Type
 
 
-def core_type(t: Type) -> Type:
-    """The type in Core: a duration is the int of its nanoseconds."""
-    return INT if isinstance(t, DurationType) else t
-
-
-def index_components(t: Type) -> list[tuple[tuple[int, ...], Type]]:
-    """Leaf selections of a vector type, in order; array elements as indices."""
-    if isinstance(t, FloatType):
-        return [((), t)]
-    found: list[tuple[tuple[int, ...], Type]] = []
-    parts = (
-        [(i, f) for i, (_, f) in enumerate(t.fields)]
-        if isinstance(t, RecordType)
-        else [(i, t.element) for i in range(t.size)]
-        if isinstance(t, ArrayType)
-        else []
-    )
-    for i, part in parts:
-        found.extend(((i, *path), leaf) for path, leaf in index_components(part))
-    return found
-
-
-def select(e: core.Expr, path: tuple[int, ...]) -> core.Expr:
-    """Follow constant field and element indices."""
-    for i in path:
-        t = e.type
-        if isinstance(e, core.Make):
-            e = e.elements[i]
-        elif isinstance(t, RecordType):
-            e = core.Field(t.fields[i][1], e, i)
-        else:
-            assert isinstance(t, ArrayType)
-            e = core.Element(t.element, e, core.Const(INT, i))
-    return e
-
-
-def rebuild(
-    t: Type, leaf: Callable[[tuple[int, ...]], core.Expr], path: tuple[int, ...] = ()
-) -> core.Expr:
-    """A vector value from its leaves."""
-    if isinstance(t, RecordType):
-        parts = [rebuild(f, leaf, (*path, i)) for i, (_, f) in enumerate(t.fields)]
-        return core.Make(t, tuple(parts))
-    if isinstance(t, ArrayType):
-        parts = [rebuild(t.element, leaf, (*path, i)) for i in range(t.size)]
-        return core.Make(t, tuple(parts))
-    return leaf(path)
-
-
-class Builder:
+class Builder(ExpressionBuilder):
     """Lowers the body of one function, step or predicate."""
 
     def __init__(self, functions: FunctionTable, system: System, scope: Scope | None) -> None:
-        self.functions = functions
-        self.system = system
-        self.scope = scope
-        self.names: dict[typed.Variable, str] = {}
-        self._taken: set[str] = set()
-        self._blocks: list[list[core.Stmt]] = [[]]
+        super().__init__(functions, system, scope)
         self.outputs: dict[typed.TopicSymbol, int] = {}
-        self.period_ns = 0
-        self.can_fault = False
         self._result: tuple[str, Type] | None = None
         self._done: str | None = None
-
-    # ------------------------------------------------------------ names and blocks
-
-    def fresh(self, base: str) -> str:
-        """A name nobody uses yet."""
-        name, n = base, 2
-        while name in self._taken:
-            name = f"{base}_{n}"
-            n += 1
-        self._taken.add(name)
-        return name
-
-    def bind(self, variable: typed.Variable, name: str | None = None) -> str:
-        """Give a variable its name."""
-        chosen = self.fresh(name or variable.name.replace(" ", "_"))  # a hidden local's
-        self.names[variable] = chosen
-        return chosen
-
-    def emit(self, stmt: core.Stmt) -> None:
-        """Append to the current block."""
-        if isinstance(stmt, (core.Checked, core.Guard, core.Push)) or (
-            isinstance(stmt, core.Call) and self.functions.by_name[stmt.function].can_fault
-        ):
-            self.can_fault = True
-        self._blocks[-1].append(stmt)
-
-    def capture(
-        self, action: Callable[[], core.Expr | None]
-    ) -> tuple[tuple[core.Stmt, ...], core.Expr | None]:
-        """Run `action` and give what it emitted, and its expression."""
-        self._blocks.append([])
-        value = action()
-        return tuple(self._blocks.pop()), value
-
-    def finish(self) -> tuple[core.Stmt, ...]:
-        """Everything emitted at the outermost level so far."""
-        block = tuple(self._blocks[0])
-        self._blocks[0] = []
-        return block
-
-    def let(self, span: Span, base: str, value: core.Expr, *, mutable: bool = False) -> core.Var:
-        """A new temporary holding `value`."""
-        name = self.fresh(base)
-        self.emit(core.Let(span, name, value, mutable))
-        return core.Var(value.type, name)
-
-    def atom(self, e: core.Expr, span: Span, base: str = "t") -> core.Expr:
-        """The same value in a form that costs nothing to repeat."""
-        probe = e
-        while isinstance(probe, core.Field):
-            probe = probe.target
-        if isinstance(probe, (core.Var, core.Const)):
-            return e
-        return self.let(span, base, e)
-
-    # ------------------------------------------------------------ expressions
-
-    def expr(self, e: typed.Expr) -> core.Expr:
-        """A pure Core expression; what may fault was emitted before."""
-        method = getattr(self, "_" + type(e).__name__.lower())
-        result = method(e)
-        assert isinstance(result, core.Expr)
-        return result
-
-    def _literal(self, e: typed.Literal) -> core.Expr:
-        return core.Const(core_type(e.type), e.value, e.name)
-
-    def _paramread(self, e: typed.ParamRead) -> core.Expr:
-        value = self.functions.evaluator.value(e)
-        return core.Const(core_type(e.type), value, e.param.name)
-
-    def _varread(self, e: typed.VarRead) -> core.Expr:
-        return core.Var(e.type, self.names[e.variable])
-
-    def topic_cell(self, topic: typed.TopicSymbol) -> core.Cell:
-        """The state cell of a topic in this scope."""
-        assert self.scope is not None
-        index = self.scope.topics[topic]
-        return core.Cell("topic", index, self.system.topics[index].name)
-
-    def _topicread(self, e: typed.TopicRead) -> core.Expr:
-        return core.Get(e.type, self.topic_cell(e.topic))
-
-    def _truthread(self, e: typed.TruthRead) -> core.Expr:
-        assert self.scope is not None
-        owner = self.scope.plants[e.instance]
-        assert isinstance(e.type, RecordType)
-        return core.Make(
-            e.type,
-            tuple(core.Get(t, core.Cell("state", owner, n)) for n, t in e.type.fields),
-        )
-
-    def _moderead(self, e: typed.ModeRead) -> core.Expr:
-        assert self.scope is not None
-        return core.Fact(e.type, "mode", self.scope.modules[e.module])
-
-    def _incontrol(self, e: typed.InControl) -> core.Expr:
-        return core.Fact(e.type, "in_control")
-
-    def _timeread(self, e: typed.TimeRead) -> core.Expr:
-        return core.Fact(e.type, "time")
-
-    def _periodread(self, e: typed.PeriodRead) -> core.Expr:
-        return core.Const(e.type, float(self.period_ns) / 1e9, "dt")
-
-    def _ageread(self, e: typed.AgeRead) -> core.Expr:
-        index = self.topic_cell(e.topic).owner
-        source = self.system.topics[index].queue_of  # a queue is as old as its topic
-        return core.Fact(e.type, "age", index if source is None else source)
-
-    def _unary(self, e: typed.Unary) -> core.Expr:
-        operand = self.expr(e.operand)
-        if e.op == "!":
-            return core.Unary(BOOL, "not", operand)
-        if isinstance(e.type, IntType):
-            return self._checked(e.span, "neg", INT, (operand,))
-        if isinstance(e.type, FloatType):
-            return core.Unary(FLOAT, "neg", operand)
-        source = self.atom(operand, e.span, "v")
-        return rebuild(e.type, lambda p: core.Unary(FLOAT, "neg", select(source, p)))
-
-    def _checked(
-        self,
-        span: Span,
-        op: str,
-        t: Type,
-        operands: tuple[core.Expr, ...],
-        limit: core.Expr | None = None,
-    ) -> core.Expr:
-        name = self.fresh({"index": "i", "narrow": "n"}.get(op, op))
-        self.emit(core.Checked(span, name, t, op, operands, limit))
-        return core.Var(t, name)
-
-    def _binary(self, e: typed.Binary) -> core.Expr:
-        if e.op in {"&&", "||"}:
-            return self._short_circuit(e)
-        left = self.expr(e.left)
-        right = self.expr(e.right)
-        if e.type == BOOL:
-            return core.Binary(BOOL, e.op, left, right)
-        if isinstance(e.type, (IntType, DurationType)):
-            return self._checked(e.span, INT_OPS[e.op], INT, (left, right))
-        if e.op == "/":
-            right = self._divisor(right, e.right.span)
-        return core.Binary(FLOAT, e.op, left, right)
-
-    def _divisor(self, right: core.Expr, span: Span) -> core.Expr:
-        if isinstance(right, core.Const) and right.value != 0.0:
-            return right
-        right = self.atom(right, span, "d")
-        nonzero = core.Binary(BOOL, "!=", right, core.Const(FLOAT, 0.0))
-        self.emit(core.Guard(span, nonzero, FaultKind.DIVIDE))
-        return right
-
-    def _short_circuit(self, e: typed.Binary) -> core.Expr:
-        left = self.expr(e.left)
-        block, right = self.capture(lambda: self.expr(e.right))
-        assert right is not None
-        if not block:
-            return core.Binary(BOOL, e.op, left, right)
-        result = self.let(e.span, "both" if e.op == "&&" else "either", left, mutable=True)
-        block = (*block, core.Set(e.span, result.name, BOOL, (), right))
-        condition: core.Expr = result if e.op == "&&" else core.Unary(BOOL, "not", result)
-        self.emit(core.If(e.span, condition, block, ()))
-        return result
-
-    def _vector(self, e: typed.Vector) -> core.Expr:
-        left = self.atom(self.expr(e.left), e.left.span, "a")
-        right_value = self.expr(e.right)
-        right_is_scalar = isinstance(e.right.type, FloatType)
-        if e.op == "/":
-            right = self._divisor(right_value, e.right.span)
-        else:
-            right = self.atom(right_value, e.right.span, "b")
-        left_is_scalar = isinstance(e.left.type, FloatType)
-
-        def leaf(path: tuple[int, ...]) -> core.Expr:
-            a = left if left_is_scalar else select(left, path)
-            b = right if right_is_scalar else select(right, path)
-            return core.Binary(FLOAT, e.op, a, b)
-
-        return rebuild(e.type, leaf)
-
-    def _conditional(self, e: typed.Conditional) -> core.Expr:
-        condition = self.expr(e.condition)
-        then_block, then = self.capture(lambda: self.expr(e.then))
-        else_block, otherwise = self.capture(lambda: self.expr(e.otherwise))
-        assert then is not None
-        assert otherwise is not None
-        t = core_type(e.type)
-        if not then_block and not else_block:
-            return core.Select(t, condition, then, otherwise)
-        result = self.let(e.span, "chosen", core.Const(t, default_value(t)), mutable=True)
-        set_then = core.Set(e.span, result.name, t, (), then)
-        set_else = core.Set(e.span, result.name, t, (), otherwise)
-        self.emit(core.If(e.span, condition, (*then_block, set_then), (*else_block, set_else)))
-        return result
-
-    def _call(self, e: typed.Call) -> core.Expr:
-        arguments = tuple(self.expr(a) for a in e.arguments)
-        function = self.functions.require(e.fun)
-        name = self.fresh(e.fun.name.rsplit(".", 1)[-1].lower())
-        self.emit(core.Call(e.span, name, function.name, arguments, e.type))
-        return core.Var(e.type, name)
-
-    def _builtin(self, e: typed.Builtin) -> core.Expr:
-        if e.name == "seconds":
-            return self._seconds(self.expr(e.arguments[0]))
-        arguments = [self.expr(a) for a in e.arguments]
-        first = arguments[0]
-        if e.name in {"sqrt", "floor"}:
-            return core.Unary(FLOAT, e.name, first)
-        if e.name == "abs":
-            if isinstance(e.type, IntType):
-                return self._checked(e.span, "abs", INT, (first,))
-            return core.Unary(FLOAT, "abs", first)
-        if e.name in {"min", "max"}:
-            a = self.atom(first, e.span, "a")
-            b = self.atom(arguments[1], e.span, "b")
-            return core.Extreme(e.type, e.name, a, b)
-        if e.name == "float":
-            return (
-                first if isinstance(first.type, FloatType) else core.Unary(FLOAT, "to_float", first)
-            )
-        if e.name == "int":
-            if isinstance(first.type, IntType):
-                return first
-            return self._checked(e.span, "to_int", INT, (first,))
-        if e.name == "dot":
-            return self._dot(self.atom(first, e.span, "a"), self.atom(arguments[1], e.span, "b"))
-        if e.name == "norm":
-            v = self.atom(first, e.span, "v")
-            return core.Unary(FLOAT, "sqrt", self._dot(v, v))
-        assert e.name == "saturate"
-        v = self.atom(first, e.span, "v")
-        limit = self.atom(arguments[1], e.span, "limit")
-        low = self.atom(core.Unary(FLOAT, "neg", limit), e.span, "low")
-
-        def leaf(path: tuple[int, ...]) -> core.Expr:
-            raised = self.let(e.span, "r", core.Extreme(FLOAT, "max", select(v, path), low))
-            return core.Extreme(FLOAT, "min", raised, limit)
-
-        return rebuild(e.type, leaf)
-
-    def _seconds(self, ns: core.Expr) -> core.Expr:
-        if isinstance(ns, core.Const):
-            return core.Const(FLOAT, float(ns.value) / 1e9, ns.name)
-        whole = core.Unary(FLOAT, "to_float", ns)
-        return core.Binary(FLOAT, "/", whole, core.Const(FLOAT, 1e9))
-
-    def _dot(self, a: core.Expr, b: core.Expr) -> core.Expr:
-        total: core.Expr | None = None
-        for path, _ in index_components(a.type):
-            product = core.Binary(FLOAT, "*", select(a, path), select(b, path))
-            total = product if total is None else core.Binary(FLOAT, "+", total, product)
-        assert total is not None
-        return total
-
-    def _field(self, e: typed.Field) -> core.Expr:
-        target = self.expr(e.target)
-        if isinstance(target, core.Make):
-            return target.elements[e.index]
-        return core.Field(e.type, target, e.index)
-
-    def _index(self, e: typed.Index) -> core.Expr:
-        target = self.expr(e.target)
-        if not isinstance(target, core.Const):
-            target = self._stable(target, e.target.span)
-        index = self.safe_index(target, self.expr(e.index), e.index.span)
-        return core.Element(e.type, target, index)
-
-    def _stable(self, e: core.Expr, span: Span) -> core.Expr:
-        """Something that can be indexed in place: a temporary, a cell, or a part of one."""
-        probe = e
-        while isinstance(probe, (core.Field, core.Element)):
-            probe = probe.target
-        return e if isinstance(probe, (core.Var, core.Get, core.Const)) else self.let(span, "v", e)
-
-    def safe_index(self, target: core.Expr, index: core.Expr, span: Span) -> core.Expr:
-        """An index that is inside, whatever happens; faults when the given one is not."""
-        t = target.type
-        if isinstance(t, ArrayType):
-            if isinstance(index, core.Const) and 0 <= index.value < t.size:
-                return index
-            return self._checked(span, "index", INT, (index,), core.Const(INT, t.size))
-        return self._checked(span, "index", INT, (index,), core.Length(INT, target))
-
-    def _length(self, e: typed.Length) -> core.Expr:
-        return core.Length(INT, self._stable(self.expr(e.target), e.span))
-
-    def _aggregate(self, e: typed.Aggregate) -> core.Expr:
-        values = [self.expr(x) for x in e.elements]
-        if e.order is not None:
-            ordered = list(values)
-            for position, index in enumerate(e.order):
-                ordered[index] = values[position]
-            values = ordered
-        return core.Make(e.type, tuple(values))
-
-    def _choose(self, e: typed.Choose) -> core.Expr:
-        """The options first, left to right; then the choice, also where there is only one."""
-        options = [self.atom(self.expr(o), o.span, "option") for o in e.options]
-        ages = None if e.ages is None else self.names[e.ages]
-        t = INT if options else core_type(e.type)
-        name = self.fresh("choice")
-        self.emit(core.Choose(e.span, name, t, e.count, 0 if options else e.low, ages))
-        chosen = core.Var(t, name)
-        if not options:
-            return chosen
-        value = options[-1]
-        for k in range(len(options) - 2, -1, -1):
-            is_k = core.Binary(BOOL, "==", chosen, core.Const(INT, k))
-            value = core.Select(value.type, is_k, options[k], value)
-        return self.let(e.span, "chosen", value)
-
-    def _narrow(self, e: typed.Narrow) -> core.Expr:
-        operand = self.expr(e.operand)
-        have, want = e.operand.type, e.type
-        assert isinstance(have, IntType)
-        assert isinstance(want, IntType)
-        if want.low <= have.low and have.high <= want.high:
-            return operand
-        return self._checked(e.span, "narrow", e.type, (operand,))
 
     # ------------------------------------------------------------ statements
 
@@ -610,3 +223,55 @@ def needs_flag(body: tuple[typed.Stmt, ...]) -> bool:
         ):
             return True
     return False
+
+
+class FunctionTable:
+    """Lowered functions of one system."""
+
+    def __init__(self, system: System) -> None:
+        self.system = system
+        params = {p: system.params[p.name] for p in system.program.params.values()}
+        self.evaluator = Evaluator(params)
+        self.by_name: dict[str, core.Function] = {}
+        self._by_symbol: dict[typed.FunSymbol, core.Function] = {}
+
+    def unique(self, base: str) -> str:
+        """A function name not taken yet."""
+        name, n = base.replace(".", "_"), 2
+        while name in self.by_name:
+            name = f"{base.replace('.', '_')}_{n}"
+            n += 1
+        return name
+
+    def add(self, function: core.Function) -> None:
+        """Enter a function that did not come from a `fun` declaration."""
+        self.by_name[function.name] = function
+
+    def require(self, fun: typed.FunSymbol) -> core.Function:
+        """The Core function of a source function."""
+        known = self._by_symbol.get(fun)
+        if known is not None:
+            return known
+        builder = Builder(self, self.system, None)
+        parameters = tuple(core.Parameter(builder.bind(p), p.type) for p in fun.parameters)
+        if fun.body is None:
+            body: tuple[core.Stmt, ...] = ()
+            result: core.Expr | None = None
+            can_fault = True
+        else:
+            body, result = builder.function_body(fun.body, fun.result, fun.span)
+            can_fault = builder.can_fault
+        function = core.Function(
+            name=self.unique(fun.name),
+            source_name=fun.name,
+            parameters=parameters,
+            result_type=fun.result,
+            body=body,
+            result=result,
+            span=fun.span,
+            source=fun.source,
+            can_fault=can_fault,
+        )
+        self._by_symbol[fun] = function
+        self.by_name[function.name] = function
+        return function

@@ -20,9 +20,9 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
-    from soter.program.arith import FaultKind
-    from soter.program.system import Bound
-    from soter.program.types import Type, Value
+    from soter.program.meaning.arith import FaultKind
+    from soter.program.model.system import Bound
+    from soter.program.model.types import Type, Value
 
 
 # ---------------------------------------------------------------- state cells
@@ -267,7 +267,7 @@ class Parameter:
     type: Type
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class Function:
     """A pure function; `result` is evaluated at its single exit. `source` binds an extern."""
 
@@ -334,7 +334,7 @@ class Draw:
     hold_ns: int
 
 
-@dataclass(eq=False)
+@dataclass(eq=False, kw_only=True)
 class PlantStep:
     """A plant: integrate, then publish.
 

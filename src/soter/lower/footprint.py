@@ -14,7 +14,7 @@ from soter.lower import core
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 
 def walk(root: object) -> Iterator[object]:

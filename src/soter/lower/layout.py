@@ -13,10 +13,10 @@ from __future__ import annotations
 
 import struct
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, cached_property
 from typing import TYPE_CHECKING, Any
 
-from soter.program.types import (
+from soter.program.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -29,8 +29,8 @@ from soter.program.types import (
 if TYPE_CHECKING:
     import numpy as np
 
-    from soter.program.system import System
-    from soter.program.types import Type, Value
+    from soter.program.model.system import System
+    from soter.program.model.types import Type, Value
 
 INT_KINDS = (
     ("b", 1, -(2**7), 2**7 - 1, "int8_t", "<i1"),
@@ -44,39 +44,87 @@ INT_KINDS = (
 CANONICAL_NAN = struct.pack("<Q", 0x7FF8000000000000)
 NEVER = -(2**62)
 
-HEADER = (
-    ("ct", "<i8"),
-    ("seed", "<u8"),
-    ("seed_key", "<u8"),
-    ("violations", "<u4"),
-    ("reserved", "<u4"),
+FORMATS = {"<i8": "q", "<u8": "Q", "<u4": "I", "<u1": "B"}
+RESERVED = "reserved"
+"""Of a fixed struct: bytes that are zero at the end of every instant."""
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """A struct of `soter.h` that every state has: (name, numpy format, count) in order."""
+
+    fields: tuple[tuple[str, str, int], ...]
+
+    @cached_property
+    def image(self) -> struct.Struct:
+        """How it is packed."""
+        parts = [self._format(*f) for f in self.fields]
+        return struct.Struct("<" + "".join(parts))
+
+    def _format(self, name: str, numpy: str, count: int) -> str:
+        one = FORMATS[numpy]
+        return f"{struct.calcsize(one) * count}x" if name == RESERVED else one * count
+
+    @property
+    def size(self) -> int:
+        """Bytes."""
+        return self.image.size
+
+    def dtype(self) -> Any:  # noqa: ANN401 - numpy's dtype constructor argument
+        """The fields for a numpy dtype."""
+        return [(n, t) if count == 1 else (n, t, (count,)) for n, t, count in self.fields]
+
+    def pack_into(self, buffer: bytearray, offset: int, **values: int) -> None:
+        """Write one; `values` has every field but what is reserved, by name."""
+        assert len(values) == len(self._names), values.keys() ^ set(self._names)
+        self.image.pack_into(buffer, offset, *[values[name] for name in self._names])
+
+    @cached_property
+    def _names(self) -> tuple[str, ...]:
+        return tuple([name for name, _, _ in self.fields if name != RESERVED])
+
+
+HEADER = Fixed(
+    (
+        ("ct", "<i8", 1),
+        ("seed", "<u8", 1),
+        ("seed_key", "<u8", 1),
+        ("violations", "<u4", 1),
+        ("reserved", "<u4", 1),
+    )
 )
-COMPONENT = (
-    ("next", "<i8"),
-    ("faults", "<u4"),
-    ("last_fault", "<u1"),
-    ("oe", "<u1"),
-    ("latched", "<u1"),
-    ("had_control", "<u1"),
-    ("pending", "<u1"),
-    ("reserved", "<u1", 7),
+COMPONENT = Fixed(
+    (
+        ("next", "<i8", 1),
+        ("faults", "<u4", 1),
+        ("last_fault", "<u1", 1),
+        ("oe", "<u1", 1),
+        ("latched", "<u1", 1),
+        ("had_control", "<u1", 1),
+        ("pending", "<u1", 1),
+        ("reserved", "<u1", 7),
+    )
 )
-MODULE = (
-    ("ac_ns", "<i8"),
-    ("mode_since", "<i8"),
-    ("to_sc", "<u4"),
-    ("to_ac", "<u4"),
-    ("gate_faults", "<u4"),
-    ("clean_needed", "<u4"),
-    ("mode", "<u1"),
-    ("gate_fault", "<u1"),
-    ("ttf", "<u1"),
-    ("safer", "<u1"),
-    ("stale", "<u1"),
-    ("saw_gate_fault", "<u1"),
-    ("reserved", "<u1", 2),
+MODULE = Fixed(
+    (
+        ("ac_ns", "<i8", 1),
+        ("mode_since", "<i8", 1),
+        ("to_sc", "<u4", 1),
+        ("to_ac", "<u4", 1),
+        ("gate_faults", "<u4", 1),
+        ("clean_needed", "<u4", 1),
+        ("mode", "<u1", 1),
+        ("gate_fault", "<u1", 1),
+        ("ttf", "<u1", 1),
+        ("safer", "<u1", 1),
+        ("stale", "<u1", 1),
+        ("saw_gate_fault", "<u1", 1),
+        ("reserved", "<u1", 2),
+    )
 )
-PROPERTY = (("first_ns", "<i8"), ("count", "<u4"), ("active", "<u1"), ("reserved", "<u1", 3))
+PROPERTY = Fixed(
+    (("first_ns", "<i8", 1), ("count", "<u4", 1), ("active", "<u1", 1), ("reserved", "<u1", 3))
+)
 
 
 @dataclass(frozen=True)
@@ -210,7 +258,7 @@ def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
 
 
 def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - any buffer
-    """Read a value back from its image."""
+    """Read a value back from its image. ValueError for a list of a length that its type has not."""
     s = scalar(t)
     if s is not None:
         value = struct.unpack_from("<" + s.format, buffer, offset)[0]
@@ -265,7 +313,7 @@ class Group:
     offset: int
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class StateLayout:
     """The state struct of a system."""
 
@@ -292,9 +340,6 @@ class StateLayout:
         return group.offset + m.offset, m.type
 
 
-HEADER_SIZE, COMPONENT_SIZE, MODULE_SIZE, PROPERTY_SIZE = 32, 24, 40, 16
-
-
 def state_layout(system: System) -> StateLayout:
     """Lay out the state of a system."""
     n, m, p, t = (
@@ -303,10 +348,10 @@ def state_layout(system: System) -> StateLayout:
         len(system.properties),
         len(system.topics),
     )
-    component_offset = HEADER_SIZE
-    module_offset = component_offset + n * COMPONENT_SIZE
-    property_offset = module_offset + m * MODULE_SIZE
-    stamp_offset = property_offset + p * PROPERTY_SIZE
+    component_offset = HEADER.size
+    module_offset = component_offset + n * COMPONENT.size
+    property_offset = module_offset + m * MODULE.size
+    stamp_offset = property_offset + p * PROPERTY.size
     offset = stamp_offset + 8 * t
     groups: list[Group] = []
 
@@ -322,21 +367,17 @@ def state_layout(system: System) -> StateLayout:
         if variables:
             add(c.name, c.index, tuple((v.name, v.type) for v in variables))
     return StateLayout(
-        n,
-        m,
-        p,
-        t,
-        component_offset,
-        module_offset,
-        property_offset,
-        stamp_offset,
-        tuple(groups),
-        offset,
+        components=n,
+        modules=m,
+        properties=p,
+        topics=t,
+        component_offset=component_offset,
+        module_offset=module_offset,
+        property_offset=property_offset,
+        stamp_offset=stamp_offset,
+        groups=tuple(groups),
+        size=offset,
     )
-
-
-def _fields(spec: tuple[tuple[Any, ...], ...]) -> list[Any]:
-    return [(f[0], f[1]) if len(f) == 2 else (f[0], f[1], (f[2],)) for f in spec]
 
 
 FIXED_FIELDS = ("header", "components", "modules", "properties", "stamps", "topics")
@@ -354,10 +395,10 @@ def state_dtype(system: System, layout: StateLayout) -> np.dtype[Any]:
 
     names = [*FIXED_FIELDS[:5]]
     formats: list[Any] = [
-        np.dtype(_fields(HEADER)),
-        np.dtype((np.dtype(_fields(COMPONENT)), (layout.components,))),
-        np.dtype((np.dtype(_fields(MODULE)), (layout.modules,))),
-        np.dtype((np.dtype(_fields(PROPERTY)), (layout.properties,))),
+        np.dtype(HEADER.dtype()),
+        np.dtype((np.dtype(COMPONENT.dtype()), (layout.components,))),
+        np.dtype((np.dtype(MODULE.dtype()), (layout.modules,))),
+        np.dtype((np.dtype(PROPERTY.dtype()), (layout.properties,))),
         np.dtype(("<i8", (layout.topics,))),
     ]
     offsets = [

@@ -10,14 +10,19 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.lower import core
-from soter.lower.builder import Builder, rebuild, select
+from soter.lower.builder import Builder
 from soter.lower.footprint import footprint_of, written_topics
-from soter.program.types import FLOAT, RecordType
+from soter.lower.shapes import rebuild, select
+from soter.program.model.types import FLOAT, RecordType
 
 if TYPE_CHECKING:
-    from soter.lower.functions import FunctionTable
-    from soter.program import typed
-    from soter.program.system import Component, System
+    from collections.abc import Callable
+
+    from soter.lower.builder import FunctionTable
+    from soter.program.model import typed
+    from soter.program.model.system import Component, System
+
+    Derivative = Callable[[core.Expr, str], core.Var]
 
 
 def lower_plant(functions: FunctionTable, system: System, component: Component) -> core.PlantStep:
@@ -72,16 +77,16 @@ class _Plant:
         for o in outputs:
             footprint.writes.update(written_topics(self.system, o.topic))
         return core.PlantStep(
-            self.component.index,
-            tuple(self.copies),
-            tuple(disturbances),
-            integrate,
-            publish,
-            tuple(outputs),
-            noise,
-            footprint,
-            plant.span,
-            plant.extern,
+            component=self.component.index,
+            states=tuple(self.copies),
+            disturbances=tuple(disturbances),
+            integrate=integrate,
+            publish=publish,
+            outputs=tuple(outputs),
+            noise=noise,
+            footprint=footprint,
+            span=plant.span,
+            extern=plant.extern,
         )
 
     def _lets(self) -> None:
@@ -109,6 +114,7 @@ class _Plant:
     def _scheme(self) -> core.Expr:
         """Integrate all `der` states together; gives the record of their new values."""
         b, plant, span = self.builder, self.plant, self.plant.span
+        step_of_scheme = STEPS[plant.method]
         record = RecordType(tuple((v.name, v.type) for v in plant.der), f"{plant.name}.derivative")
         function, extra = self._derivative(record)
         h = float(self.component.period_ns) / 1e9 / float(self.component.substeps)
@@ -121,11 +127,7 @@ class _Plant:
             return core.Var(record, result)
 
         def step() -> None:
-            if plant.method == "euler":
-                k = f(x, "k1")
-                value = self._combine(record, lambda p: _add(select(x, p), _mul(h, select(k, p))))
-            else:
-                value = self._rk4(record, x, f, h)
+            value = step_of_scheme(self, record, x, f, h)
             b.emit(core.Set(span, x.name, record, (), value))
 
         if self.component.substeps == 1:
@@ -135,12 +137,17 @@ class _Plant:
             b.emit(core.Loop(span, b.fresh("substep"), 0, self.component.substeps, body))
         return x
 
-    def _rk4(self, record: RecordType, x: core.Var, f: object, h: float) -> core.Expr:
+    def euler(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
+        """One step of Euler's scheme."""
+        k = f(x, "k1")
+        return rebuild(record, lambda p: _add(select(x, p), _mul(h, select(k, p))))
+
+    def rk4(self, record: RecordType, x: core.Var, f: Derivative, h: float) -> core.Expr:
+        """One step of the classical Runge-Kutta scheme."""
         b, span = self.builder, self.plant.span
-        assert callable(f)
 
         def moved(name: str, scale: float, k: core.Var) -> core.Var:
-            value = self._combine(record, lambda p: _add(select(x, p), _mul(scale, select(k, p))))
+            value = rebuild(record, lambda p: _add(select(x, p), _mul(scale, select(k, p))))
             return b.let(span, name, value)
 
         k1 = f(x, "k1")
@@ -155,10 +162,6 @@ class _Plant:
             )
             return _add(select(x, p), _mul(h / 6.0, total))
 
-        return self._combine(record, leaf)
-
-    def _combine(self, record: RecordType, leaf: object) -> core.Expr:
-        assert callable(leaf)
         return rebuild(record, leaf)
 
     def _derivative(self, record: RecordType) -> tuple[core.Function, tuple[core.Expr, ...]]:
@@ -192,18 +195,22 @@ class _Plant:
             parameters.append(core.Parameter(name, FLOAT))
             extra.append(core.Fact(FLOAT, "age", index))
         function = core.Function(
-            self.functions.unique(f"{self.component.name}_derivative"),
-            f"{plant.name}: der",
-            tuple(parameters),
-            record,
-            inner.finish(),
-            core.Make(record, values),
-            span,
-            None,
-            inner.can_fault,
+            name=self.functions.unique(f"{self.component.name}_derivative"),
+            source_name=f"{plant.name}: der",
+            parameters=tuple(parameters),
+            result_type=record,
+            body=inner.finish(),
+            result=core.Make(record, values),
+            span=span,
+            source=None,
+            can_fault=inner.can_fault,
         )
         self.functions.add(function)
         return function, tuple(extra)
+
+
+STEPS = {"euler": _Plant.euler, "rk4": _Plant.rk4}
+"""One step of every scheme (`SCHEMES`)."""
 
 
 class _RightHandSide(Builder):

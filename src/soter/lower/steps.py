@@ -9,17 +9,16 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.lower import core
-from soter.lower.builder import Builder
+from soter.lower.builder import Builder, FunctionTable
 from soter.lower.footprint import footprint_of, written_names, written_topics
-from soter.lower.functions import FunctionTable
 from soter.lower.plants import lower_plant
-from soter.program import typed
-from soter.program.system import queues_of
-from soter.program.types import BOOL
+from soter.program.model import typed
+from soter.program.model.system import queues_of
+from soter.program.model.types import BOOL
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
-    from soter.program.system import Component, Property, Scope, System, TimedProperty
+    from soter.program.model.system import Component, Property, Scope, System, TimedProperty
 
 
 def outputs_of(system: System, topics: tuple[int, ...]) -> tuple[core.Output, ...]:

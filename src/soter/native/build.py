@@ -1,127 +1,83 @@
 """Compile generated C into a shared library, once for each content.
 
-Purpose: from a `Unit` to a loaded program; the cache is keyed by everything that matters.
-Non-goals: generating C, packages for targets.
+Purpose: from a `Unit` to a loaded program; it is kept by everything that matters.
+Non-goals: generating C, packages for targets, the cache itself (`native/kept.py`).
 """
 
 from __future__ import annotations
 
-import hashlib
-import os
-import subprocess
 import sys
-import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.compiler import STRICT, find
+from soter.native.compiler import DEFECT, STRICT, compile_with, find
 from soter.native.includes import included
-from soter.native.objects import kept_objects
+from soter.native.kept import digest, kept
+from soter.native.own_files import SOTER
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from soter.codegen.unit import Unit
-    from soter.native.compiler import Compiler
 
-RUNTIME = Path(__file__).resolve().parent.parent / "runtime"
+RUNTIME = SOTER / "runtime"
+NEVER_SHIPPED = SOTER / "native" / "c"
+"""Headers that only runs on this machine use."""
 KERNEL = ("soter_kernel.c", "soter_virtual.c")
-HEADERS = ("soter.h", "soter_adversary.h")
-TIMEOUT_S = 300
+LIBRARY = "program.so"
 TELLING = ("error", "undefined", "previous de")
 """What makes a line of a C compiler worth showing."""
 OWN_SYMBOLS = ("-Wl,-Bsymbolic",) if sys.platform.startswith("linux") else ()
 """A library calls its own functions: without it an extern named `step` would be that of libc."""
 
-
-def cache_dir() -> Path:
-    """$SOTER_CACHE, else the user's cache folder."""
-    chosen = os.environ.get("SOTER_CACHE")
-    if chosen:
-        return Path(chosen)
-    base = os.environ.get("XDG_CACHE_HOME")
-    return (Path(base) if base else Path.home() / ".cache") / "soter"
+REPORT = "this is a defect of soter: please report it with your compiler's version"
 
 
-def _content(
-    unit: Unit, flags: tuple[str, ...], identity: str, runtime: tuple[str, ...] = ()
-) -> str:
-    parts = [unit.header, unit.source, identity, *flags, "externs are checked by the header"]
-    parts += _texts(runtime)
-    for source in unit.c_sources:
-        parts += [x for path, text in included(source).items() for x in (str(path), text)]
-    return _digest(parts)
-
-
-def _texts(runtime: tuple[str, ...]) -> list[str]:
-    names = (*KERNEL, *HEADERS, *runtime)
-    return [(RUNTIME / name).read_text(encoding="utf-8") for name in names]
-
-
-def _digest(parts: Sequence[str]) -> str:
-    digest = hashlib.sha256()
-    for part in parts:
-        data = part.encode("utf-8", "surrogatepass")
-        digest.update(len(data).to_bytes(8, "little"))
-        digest.update(data)
-    return digest.hexdigest()
-
-
-def _seal_of(target: Path) -> Path:
-    return target.with_suffix(".sha256")
-
-
-def _seal(library_: Path) -> str:
-    return hashlib.sha256(library_.read_bytes()).hexdigest()
-
-
-def _is_whole(target: Path) -> bool:
-    """Whether the cache has it, and undamaged: loading half a library kills the process."""
-    try:
-        return _seal_of(target).read_text(encoding="utf-8") == _seal(target)
-    except (OSError, UnicodeDecodeError):
-        return False
+def texts(*sources: str | Path) -> list[str]:
+    """Path and text of C files and of every header that they include, our own ones too."""
+    found = {
+        p: t for source in sources for p, t in included(source, (RUNTIME, NEVER_SHIPPED)).items()
+    }
+    return [x for p, t in found.items() for x in (p.name if p.is_relative_to(SOTER) else str(p), t)]
 
 
 def library(
     unit: Unit,
     optimise: str = "-O2",
     extra: tuple[str, ...] = (),
-    runtime: tuple[str, ...] = (),
+    engine: tuple[Path, ...] = (),
 ) -> Path:
     """The shared library of a unit, from the cache or freshly compiled.
 
-    `runtime`: files of the run-time that are needed besides the kernel, headers included.
+    `engine`: files that are needed besides the kernel, headers included.
     """
     compiler = find()
     flags = (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS, *extra)
-    folder = cache_dir()
-    content = _content(unit, flags, compiler.identity, runtime)
-    target = folder / f"{unit.prefix[:40]}-{content[:32]}.so"
-    if _is_whole(target):
-        return target
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        with tempfile.TemporaryDirectory(dir=folder, prefix="build-") as name:
-            work = Path(name)
-            objects = _runtime_objects(folder, flags, compiler, runtime)
-            built = compile_in(work, unit, flags, objects)
-            seal = work / "seal"
-            seal.write_text(_seal(built), encoding="utf-8")
-            built.replace(target)
-            seal.replace(_seal_of(target))
-    except OSError as error:
-        raise SoterError(
-            (
-                Diagnostic(
-                    "X006",
-                    f"cannot write to the cache folder `{folder}`: {error.strerror or error}",
-                    helps=("choose another with the environment variable SOTER_CACHE",),
-                ),
-            )
-        ) from error
-    return target
+    kernel = tuple(RUNTIME / name for name in KERNEL)
+    parts = [unit.header, unit.source, compiler.identity, *flags]
+    parts += texts(*kernel, *engine, *unit.c_sources)
+
+    def make(work: Path) -> None:
+        runtime = kernel
+        if engine:
+            sources = (*kernel, *(file for file in engine if file.suffix == ".c"))
+            wanted = tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
+            runtime = objects(sources, (*wanted, *include_flags(*engine)))
+        compile_in(work, unit, (*flags, *include_flags(*engine)), tuple(map(str, runtime)))
+
+    return kept(unit.prefix[:40], digest(parts), (LIBRARY,), make) / LIBRARY
+
+
+def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ...]:
+    """The objects of some C files of Soter, which many programs are linked with."""
+    compiler = find()
+    names = tuple(f"{s.stem}.o" for s in sources)
+    content = digest((compiler.identity, *flags, *texts(*sources)))
+
+    def make(work: Path) -> None:
+        command = [*compiler.command, *flags, "-c", *map(str, sources)]
+        compile_with(command, work, "the run-time does not compile", (REPORT,))
+
+    folder = kept("objects", content, names, make)
+    return tuple(folder / name for name in names)
 
 
 def _checked(work: Path, number: int, source: str, prefix: str) -> str:
@@ -145,16 +101,10 @@ def _helps(unit: Unit) -> tuple[str, ...]:
     )
 
 
-def _runtime_objects(
-    folder: Path, flags: tuple[str, ...], compiler: Compiler, runtime: tuple[str, ...]
-) -> tuple[str, ...]:
-    """The kernel alone as sources; with more of the run-time everything as objects, kept."""
-    if not runtime:
-        return tuple(str(RUNTIME / name) for name in KERNEL)
-    content = _digest((compiler.identity, *flags, *_texts(runtime)))
-    sources = tuple(RUNTIME / name for name in (*KERNEL, *runtime) if name.endswith(".c"))
-    wanted = tuple(f for f in flags if f != "-shared" and not f.startswith("-Wl,"))
-    return kept_objects(sources, (*compiler.command, *wanted, f"-I{RUNTIME}"), folder, content)
+def include_flags(*files: Path) -> tuple[str, ...]:
+    """Where the compiler looks for headers: beside these files, in the run-time, in `native/c/`."""
+    folders = dict.fromkeys((*(f.parent for f in files), RUNTIME, NEVER_SHIPPED))
+    return tuple(f"-I{folder}" for folder in folders)
 
 
 def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[str, ...]) -> Path:
@@ -165,7 +115,7 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[st
     (work / f"{unit.prefix}.h").write_text(unit.header, encoding="utf-8")
     source = work / f"{unit.prefix}.c"
     source.write_text(unit.source, encoding="utf-8")
-    built = work / "program.so"
+    built = work / LIBRARY
     externs = [_checked(work, i, s, unit.prefix) for i, s in enumerate(unit.c_sources)]
     command = [
         *find().command,
@@ -179,22 +129,6 @@ def compile_in(work: Path, unit: Unit, flags: tuple[str, ...], runtime: tuple[st
         *runtime,
         "-lm",
     ]
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=TIMEOUT_S, cwd=work
-    )
-    if done.returncode != 0:
-        lines = done.stderr.replace(str(work) + os.sep, "").strip().splitlines()
-        shown = [x for x in lines if any(word in x for word in TELLING)] or lines
-        raise SoterError(
-            (
-                Diagnostic(
-                    "X004",
-                    "the C of this program does not compile",
-                    notes=tuple(shown[:8]),
-                    helps=_helps(unit)
-                    if externs
-                    else ("this is a defect of soter: please report it with the program",),
-                ),
-            )
-        )
+    message = "the C of this program does not compile"
+    compile_with(command, work, message, _helps(unit) if externs else (DEFECT,), TELLING)
     return built

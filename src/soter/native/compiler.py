@@ -1,4 +1,4 @@
-"""Find a C compiler.
+"""Find a C compiler, and run it.
 
 Purpose: the system's `cc`, gcc or clang; otherwise the one in the Python package `ziglang`.
 Non-goals: cross compilers (`targets/`).
@@ -14,17 +14,25 @@ import subprocess
 import sys
 from dataclasses import dataclass
 from functools import lru_cache
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
 CANDIDATES = ("cc", "gcc", "clang")
-STRICT = (
-    "-std=c99",
-    "-ffp-contract=off",
-    "-fno-fast-math",
+STANDARD = "-std=c99"
+MEANING = (
+    *("-ffp-contract=off", "-fno-fast-math", "-fno-unsafe-math-optimizations"),
+    *("-fno-finite-math-only", "-fno-reciprocal-math", "-fno-associative-math", "-fsigned-zeros"),
     "-fno-math-errno",
 )
 """Flags that belong to the meaning: one rounding an operation, on every compiler."""
+STRICT = (STANDARD, *MEANING)
+TIMEOUT_S = 300
+DEFECT = "this is a defect of soter: please report it with the program"
 WARNINGS = (
     "-Wall",
     "-Wextra",
@@ -100,3 +108,21 @@ def find() -> Compiler:
             ),
         )
     )
+
+
+def compile_with(
+    command: Sequence[str],
+    work: Path,
+    message: str,
+    helps: tuple[str, ...] = (DEFECT,),
+    telling: tuple[str, ...] = (),
+) -> None:
+    """Run a compiler in `work`; SoterError X004 with its words, those of `telling` if any are."""
+    done = subprocess.run(
+        command, capture_output=True, text=True, check=False, timeout=TIMEOUT_S, cwd=work
+    )
+    if done.returncode == 0:
+        return
+    lines = done.stderr.replace(str(work) + os.sep, "").strip().splitlines()
+    shown = [x for x in lines if any(word in x for word in telling)] or lines
+    raise SoterError((Diagnostic("X004", message, notes=tuple(shown[:8]), helps=helps),))

@@ -1,7 +1,7 @@
-"""The C files that externs are bound to, and everything they include.
+"""C files and everything that they include.
 
-Purpose: what a compiled extern depends on: the cache keys on it, packages copy it.
-Non-goals: system headers, include paths beyond a file's own folder, names made by macros.
+Purpose: what a compiled file depends on: the cache keys on it, packages copy it.
+Non-goals: headers in angle brackets, names made by macros.
 """
 
 from __future__ import annotations
@@ -15,16 +15,20 @@ INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
 FILES_MAX = 1000
 
 
-def included(source: str) -> dict[Path, str]:
-    """Path and text of a C file and of all it includes in quotes; X003 where it cannot be read."""
+def included(source: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path, str]:
+    """Path and text of a C file and of all it includes in quotes; X003 where it cannot be read.
+
+    `folders`: where headers are looked for besides the folder of the file that includes them.
+    """
     waiting, found = [Path(source).resolve()], dict[Path, str]()
     while waiting and len(found) < FILES_MAX:
         path = waiting.pop()
         if path in found:
             continue
         found[path] = _read(path)
-        names = INCLUDE.findall(found[path])
-        waiting += [p for n in names if (p := (path.parent / n).resolve()).is_file()]
+        for name in INCLUDE.findall(found[path]):
+            places = ((place / name).resolve() for place in (path.parent, *folders))
+            waiting += [p for p in places if p.is_file()][:1]
     return found
 
 

@@ -7,12 +7,12 @@ Non-goals: decoding (`lower/layout.py`), answering externs (`simulate/`).
 from __future__ import annotations
 
 from enum import IntEnum
-from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.native.build import RUNTIME
+from soter.native.interface import address, declarations, interface, opened
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,17 +21,6 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     Bytes = npt.NDArray[np.uint8]
-
-DECLARATIONS = """
-typedef struct soter_program soter_program;
-void soter_start(const soter_program *p, void *state, uint64_t seed);
-int64_t soter_next_instant(const soter_program *p, const void *state);
-int soter_instant(const soter_program *p, void *state, uint32_t *due);
-void soter_answer(const soter_program *p, void *state, uint32_t component, int fault,
-                  const void *answer);
-int soter_run(const soter_program *p, void *state, int64_t until_ns, void *trace,
-              size_t room, size_t *written, uint32_t *due);
-"""
 
 
 class RunStatus(IntEnum):
@@ -42,42 +31,9 @@ class RunStatus(IntEnum):
     FULL = 2
 
 
-@lru_cache(maxsize=1)
-def _ffi() -> Any:  # noqa: ANN401 - cffi has no types for this
-    from cffi import FFI  # noqa: PLC0415 - only native runs pay for it
-
-    ffi = FFI()
-    ffi.cdef(DECLARATIONS)
-    return ffi
-
-
-def opened(
-    ffi: Any,  # noqa: ANN401 - cffi has no types for this
-    path: Path,
-    owners: Mapping[str, str] | None = None,
-) -> Any:  # noqa: ANN401 - the same
-    """The library; SoterError X004 where a function it needs is nowhere.
-
-    `owners`: the C file in which each linked function was to be found.
-    """
-    try:
-        return ffi.dlopen(str(path))
-    except OSError as error:
-        _, _, missing = str(error).partition("undefined symbol: ")
-        if missing:
-            symbol = missing.split()[0].rstrip(".")
-            file = (owners or {}).get(symbol)
-            message = (
-                f"`{file}` has no function `{symbol}`"
-                if file
-                else f"no C file of this program has the function `{symbol}`"
-            )
-            helps: tuple[str, ...] = (
-                "is its name right in `c:file.c:name`, and is it not static?",
-            )
-        else:
-            message, helps = f"the compiled program cannot be loaded: {error}", ()
-        raise SoterError((Diagnostic("X004", message, helps=helps),)) from error
+def kernel_interface() -> Any:  # noqa: ANN401 - cffi has no types
+    """What `soter.h` declares."""
+    return interface(declarations(RUNTIME / "soter.h"))
 
 
 class Library:
@@ -86,17 +42,15 @@ class Library:
     def __init__(
         self, path: Path, prefix: str, state_size: int, owners: Mapping[str, str] | None = None
     ) -> None:
-        self.ffi = _ffi()
+        self.ffi = kernel_interface()
         self.lib = opened(self.ffi, path, owners)
-        symbols = self.ffi.cast("void *", 0)
-        del symbols
-        self._program = _address(self.ffi, path, f"{prefix}_program")
+        self._program = address(self.ffi, path, f"{prefix}_program", "const soter_program *")
         self.state_size = state_size
         self._written = self.ffi.new("size_t *")
         self._due = self.ffi.new("uint32_t *")
 
     def new_state(self, seed: int) -> Bytes:
-        """A fresh state, started."""
+        """A fresh state, (state_size,), started."""
         state = np.zeros(self.state_size, dtype=np.uint8)
         self.lib.soter_start(self._program, self._pointer(state), seed & (2**64 - 1))
         return state
@@ -119,19 +73,12 @@ class Library:
         return RunStatus(status), int(self._written[0]), int(self._due[0])
 
     def next_instant(self, state: Bytes) -> int:
-        """Time of the next instant in ns."""
+        """Time of the next instant in ns; `state` (state_size,)."""
         return int(self.lib.soter_next_instant(self._program, self._pointer(state)))
 
     def answer(self, state: Bytes, component: int, fault: int, answer: bytes | None) -> None:
-        """Give the answer for the extern step that is due."""
+        """Give the answer for the extern step that is due; `state` (state_size,)."""
         data = self.ffi.NULL if answer is None else self.ffi.from_buffer(answer)
         self.lib.soter_answer(
             self._program, self._pointer(state), component, fault, self.ffi.cast("void *", data)
         )
-
-
-def _address(ffi: Any, path: Path, symbol: str) -> Any:  # noqa: ANN401 - cdata
-    own = type(ffi)()
-    own.cdef(f"extern const char {symbol}[];")
-    lib = own.dlopen(str(path))
-    return ffi.cast("const soter_program *", own.cast("uintptr_t", own.addressof(lib, symbol)))

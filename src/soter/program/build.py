@@ -12,20 +12,20 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.program.checker import check
-from soter.program.elaborate import Elaborator, implicit_system
-from soter.program.loader import load
+from soter.program.check.checker import check
+from soter.program.flatten.elaborate import Elaborator, implicit_system
+from soter.program.flatten.tested import elaborate_test
+from soter.program.flatten.wellformed import check_declaration, check_periods
+from soter.program.load.loader import load
+from soter.program.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 from soter.program.summary import for_people
-from soter.program.tested import elaborate_test
-from soter.program.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
-from soter.program.wellformed import check_declaration, check_periods
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.program.system import System
-    from soter.program.typed import Program, TestSymbol
-    from soter.program.types import Value
+    from soter.program.model.system import System
+    from soter.program.model.typed import Program, TestSymbol
+    from soter.program.model.types import Value
 
 
 RECURSION_LIMIT = 6_000
@@ -155,7 +155,18 @@ def _check_the_rest(
     if not instances and not topics:
         return
     span = (instances[0] if instances else topics[0]).span
-    loose = SystemSymbol("", span, False, instances, None, (), (), (), (), ())
+    loose = SystemSymbol(
+        "",
+        span,
+        default=False,
+        instances=instances,
+        until=None,
+        properties=(),
+        forces=(),
+        replaces=(),
+        sets=(),
+        inputs=(),
+    )
     elaborator = Elaborator(program, loose, {}, diagnostics)
     flat = elaborator.run_loose(topics)
     if flat is not None:

@@ -17,28 +17,30 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program import typed
-from soter.program.durations import show_ns
-from soter.program.walk import nodes
-from soter.reach import claims
-from soter.reach.boxes import share
-from soter.reach.extract import cases
-from soter.reach.forms import library_of
-from soter.reach.grids import UnboundedError
-from soter.reach.levels import deploy
-from soter.reach.levels import levels as add_levels
-from soter.reach.recovery import recover
-from soter.report.advice_page import AdvicePage, Line
+from soter.program.model import typed
+from soter.program.model.durations import show_ns
+from soter.program.model.walk import nodes
+from soter.reach.claims import claims
+from soter.reach.claims.boxes import share
+from soter.reach.claims.levels import deploy
+from soter.reach.claims.levels import levels as add_levels
+from soter.reach.claims.recovery import recover
+from soter.reach.enclose.forms import library_of
+from soter.reach.grid.claims import Grids, grids
+from soter.reach.grid.sets import UnboundedError
+from soter.reach.methods import method_of
+from soter.reach.problem.extract import cases
+from soter.report.proof.advice import AdvicePage, Line
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
-    from soter.reach.claims import Case
-    from soter.reach.native import ReachLibrary
-    from soter.reach.problem import Problem
-    from soter.reach.results import GroupSets
+    from soter.reach.claims.case import Case, GroupProof
+    from soter.reach.claims.results import GroupSets
+    from soter.reach.enclose.library import ReachLibrary
+    from soter.reach.problem.problem import Problem
 
     Bools = NDArray[np.bool_]
     Progress = Callable[[float], None]
@@ -149,8 +151,9 @@ def advise(
 
     SoterError U001 where a group is no grid.
     """
-    if any(g.representation != "grid" for g in problem.groups):
-        message = f"module `{problem.name}` has a `polytope` group"
+    other = next((m.kind for m in map(method_of, problem.groups) if not isinstance(m, Grids)), None)
+    if other is not None:
+        message = f"module `{problem.name}` has a `{other}` group"
         notes = ("the sweep compares shares of grids",)
         raise SoterError((Diagnostic("U001", message, notes=notes),))
     library, _ = library_of(problem)
@@ -172,6 +175,24 @@ def advise(
         except UnboundedError as error:
             row.why = str(error)
     return advice
+
+
+def advise_all(
+    problems: Sequence[Problem],
+    factors: Sequence[float],
+    levels: Sequence[int],
+    progress: Progress | None = None,
+) -> list[Advice]:
+    """`advise` for one problem after the other; `SoterError` U001 as there."""
+    found = []
+    for i, problem in enumerate(problems):
+
+        def tell(share: float, i: int = i) -> None:
+            if progress is not None:
+                progress((i + share) / len(problems))
+
+        found.append(advise(problem, factors, levels, tell))
+    return found
 
 
 def _periods(problem: Problem, factors: Sequence[float]) -> list[int]:
@@ -246,8 +267,8 @@ def _fill(row: Row, problem: Problem, opened: list[Case], wanted: list[int]) -> 
 
 def _at(case: Case, problem: Problem) -> Case:
     """The same engines and sets for another problem; nothing has failed yet."""
-    sets = replace(case.sets, groups=[replace(g) for g in case.sets.groups])
-    return replace(case, problem=problem, sets=sets, failures=[], spent={}, counts={})
+    proofs: list[GroupProof] = [replace(p, found=replace(p.found)) for p in grids(case.proofs)]
+    return replace(case, problem=problem, proofs=proofs, failures=[], spent={}, counts={})
 
 
 def _own(case: Case) -> bool:
@@ -280,7 +301,7 @@ def _share(done: list[Case], cells: Callable[[GroupSets], Bools]) -> float:
     least = 1.0
     for case in done:
         one = 1.0
-        for part, engine in zip(case.sets.groups, case.groups, strict=True):
-            one *= share(np.asarray(cells(part), dtype=np.bool_), engine.edges)
+        for grid in grids(case.proofs):
+            one *= share(np.asarray(cells(grid.found), dtype=np.bool_), grid.engine.edges)
         least = min(least, one)
     return least

@@ -11,29 +11,22 @@ import json
 import os
 from importlib.metadata import version
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
+from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.program.loader import load
-from soter.reach.facets import Facets, thresholds
-from soter.reach.polytope_model import free_instants, hold_instants
-from soter.reach.polytope_sets import Polytope
-from soter.reach.results import PROVED
-from soter.reach.tables import Table, pairs_of, tables
+from soter.program.load.loader import load
+from soter.reach.claims.results import PROVED
+from soter.reach.methods import pairs_of, tables
 from soter.syntax import tree
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
-    from soter.codegen.enclosures import Leaf
-    from soter.program.typed import Program
-    from soter.program.types import Value
-    from soter.reach.problem import Group, Interval, Problem, Times
-    from soter.reach.results import CaseSets, GroupSets, ModuleResult, PolytopePart
+    from soter.program.model.typed import Program
+    from soter.program.model.types import Value
+    from soter.reach.claims.results import CaseSets, ModuleResult
+    from soter.reach.problem.problem import Interval, Problem, Times
+    from soter.reach.problem.quantities import Leaf
 
 SCHEMA = 1
 MANIFEST, SEAL = "manifest.json", "SEAL"
@@ -145,49 +138,13 @@ def _module(
 
 
 def _tables(result: ModuleResult, stem: str, files: dict[str, bytes]) -> list[dict[str, object]]:
-    """What the DM of the module holds: breakpoints and levels of every grid, as in its C."""
+    """What the DM of the module holds: levels of every group, as in its C."""
     cases = [pairs_of(case) for case in result.cases]
     if not cases or any(len(case) != len(result.problem.groups) for case in cases):
         return []  # not everything was computed: there is no table, and nothing to be claimed
     names = [s.name for s in result.problem.quantities.states]
-    found: list[dict[str, object]] = []
-    for k, table in enumerate(tables(result.problem, cases)):
-        if not isinstance(table, Table):
-            found.append(_facets(table, names, f"{stem}_dm{k}", files))
-            continue
-        files[f"{stem}_dm{k}.bin"] = bytes(table.packed)
-        axes = []
-        for i, (state, edges) in enumerate(zip(table.states, table.edges, strict=True)):
-            files[f"{stem}_dm{k}_axis{i}.bin"] = np.array(edges, dtype="<f8").tobytes()
-            axes.append({"state": names[state], "edges": f"{stem}_dm{k}_axis{i}.bin"})
-        found.append({"axes": axes, "levels": f"{stem}_dm{k}.bin"})
-    return found
-
-
-def _facets(
-    facets: Facets, names: Sequence[str], stem: str, files: dict[str, bytes]
-) -> dict[str, object]:
-    """Half-spaces of levels 1 and 2, with the thresholds that products are compared with in C."""
-    entry: dict[str, object] = {"states": [names[s] for s in facets.states]}
-    for name, p in (("outer", facets.outer), ("inner", facets.inner)):
-        held = Polytope(p.low, p.high, p.rows, thresholds(p))
-        entry[name] = _half_spaces(f"{stem}_{name}", held, files)
-    return entry
-
-
-def _matrix(path: str, values: NDArray[Any], files: dict[str, bytes]) -> dict[str, object]:
-    files[path] = np.ascontiguousarray(values, dtype="<f8").tobytes()
-    return {"file": path, "shape": list(values.shape)}
-
-
-def _half_spaces(stem: str, p: Polytope, files: dict[str, bytes]) -> dict[str, object]:
-    """A box, and half-spaces with their thresholds last."""
-    faces = np.concatenate([p.rows, p.bounds[:, None]], axis=1)
-    box = np.stack([p.low, p.high])
-    return {
-        "box": _matrix(f"{stem}_box.bin", box, files),
-        "faces": _matrix(f"{stem}_faces.bin", faces, files),
-    }
+    found = enumerate(tables(result.problem, cases))
+    return [each.entry(names, f"{stem}_dm{k}", files) for k, each in found]
 
 
 def _inputs(
@@ -220,100 +177,12 @@ def _times(times: Times) -> dict[str, int]:
 def _case(
     problem: Problem, case: CaseSets, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
-    groups = [_group(problem, g, f"{stem}_{k}", files) for k, g in enumerate(case.groups)]
-    for k, part in enumerate(case.polytopes):
-        groups.append(_polytope(problem, part, f"{stem}_p{k}", files))
+    numbers: dict[str, int] = {}
+    groups = []
+    for proof in case.proofs:
+        k = numbers[proof.mark] = numbers.get(proof.mark, -1) + 1
+        groups.append(proof.entry(problem, f"{stem}_{proof.mark}{k}", files))
     return {"parameter": list(case.parameter), "groups": groups}
-
-
-def _group(
-    problem: Problem, group: GroupSets, stem: str, files: dict[str, bytes]
-) -> dict[str, object]:
-    entry = _axes(problem, group.group, stem, files)
-    tables = {
-        "K": _whole(group.core, "<u1"),
-        "R": _bits(group.free),
-        "Q": _whole(group.home, "<u1"),
-        "W": _whole(group.rank, "<u2"),
-        "W_N": _whole(group.rank_holds, "<u1"),
-    }
-    for key, data in tables.items():
-        if data is not None:
-            files[f"{stem}_{key}.bin"] = data
-            entry[key] = f"{stem}_{key}.bin"
-    if group.levels:
-        entry["S"] = []
-    for k, level in enumerate(group.levels):
-        name = f"{stem}_S{k}.bin"
-        files[name] = _bits(level) or b""
-        entry["S"].append(name)
-    return entry
-
-
-def _axes(problem: Problem, group: Group, stem: str, files: dict[str, bytes]) -> dict[str, Any]:
-    entry: dict[str, Any] = {"kind": group.representation, "axes": []}
-    for k, axis in enumerate(group.axes):
-        name = f"{stem}_axis{k}.bin"
-        files[name] = np.array(axis.edges, dtype="<f8").tobytes()
-        entry["axes"].append({"state": problem.quantities.states[axis.state].name, "edges": name})
-    return entry
-
-
-def _polytope(
-    problem: Problem, part: PolytopePart, stem: str, files: dict[str, bytes]
-) -> dict[str, object]:
-    """Boxes (2, n), half-spaces (N, n + 1) with their thresholds last, and multipliers.
-
-    Multipliers are triples (row, half-space, value) of a matrix of shape `of`: few are not zero.
-    `law` and `instants` are what the multipliers presuppose.
-    """
-    entry = _axes(problem, part.group, stem, files)
-
-    def matrix(name: str, values: NDArray[Any]) -> dict[str, object]:
-        return _matrix(f"{stem}_{name}.bin", values, files)
-
-    def sparse(name: str, values: NDArray[Any]) -> dict[str, object]:
-        at = np.nonzero(values)
-        return {"of": list(values.shape), **matrix(name, np.stack([*at, values[at]], axis=1))}
-
-    sets = part.sets
-    if sets is None or part.model is None:
-        return entry
-    law, times = part.model.law, problem.times
-    entry["C"] = matrix("C", np.array(part.limits).T)
-    entry["law"] = {
-        "controls": [problem.quantities.controls[a].name for a in part.model.commands],
-        "gain": matrix("law_gain", law.gain),
-        "offset": matrix("law_offset", law.offset),
-        "limits": matrix("law_limits", np.stack([law.low, law.high])),
-    }
-    found = {"K": sets.core, "R": sets.free, "Q": sets.kept, "target": sets.target}
-    entry.update({k: _half_spaces(f"{stem}_{k}", p, files) for k, p in found.items() if p})
-    entry["S"] = [_half_spaces(f"{stem}_S{j}", p, files) for j, p in enumerate(sets.allowed)]
-    entry["G"] = [_half_spaces(f"{stem}_G{j + 1}", p, files) for j, p in enumerate(sets.carried)]
-    entry["rates"] = {"K": matrix("K_rate", sets.rate), "Q": matrix("Q_rate", sets.kept_rate)}
-    entry["periods"] = sets.periods
-    entry["instants"] = {
-        "hold": list(hold_instants(times.delta_sc)),
-        "R": list(free_instants(times.horizon_ns)),
-        "window": list(free_instants(times.decision)),
-        "start": list(free_instants(times.start)),
-    }
-    entry["multipliers"] = {
-        name: [sparse(f"{name}_m{i}", m) for i, m in enumerate(record)]
-        for name, record in part.multipliers.items()
-    }
-    return entry
-
-
-def _whole(table: NDArray[Any] | None, kind: str) -> bytes | None:
-    return None if table is None else np.ascontiguousarray(table).astype(kind).tobytes()
-
-
-def _bits(table: NDArray[Any] | None) -> bytes | None:
-    if table is None:
-        return None
-    return np.packbits(np.ascontiguousarray(table).reshape(-1), bitorder="little").tobytes()
 
 
 # ---------------------------------------------------------------- the folder

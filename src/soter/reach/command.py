@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.build import system_of
+from soter.reach.claims.results import VerifyReport
 from soter.reach.covered import coverage_of
-from soter.reach.extract import extract
-from soter.reach.results import VerifyReport
+from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
     from pathlib import Path
 
     from soter.program.build import Checked
-    from soter.program.system import Module, System
-    from soter.program.types import Value
-    from soter.reach.problem import Problem
+    from soter.program.model.system import Module, System
+    from soter.program.model.types import Value
+    from soter.reach.problem.problem import Problem
 
     Progress = Callable[[float], None]
 
@@ -78,7 +78,7 @@ def verify(
 
 
 def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
-    """R019: of a module whose DM does not switch the theorem says nothing."""
+    """SoterError R019: of a module whose DM does not switch the theorem says nothing."""
     diagnostics = Diagnostics()
     for flat, m in chosen:
         if m.forced is not None:
@@ -107,7 +107,10 @@ def _command_line(
 def modules_of(
     checked: Checked, module: str | None, system: str | None, params: Mapping[str, Value]
 ) -> list[tuple[System, Module]]:
-    """The modules that are meant, each in a flat system that has it; U008 where there is none."""
+    """The modules that are meant, each in a flat system that has it.
+
+    SoterError U008 where there is none.
+    """
     preferred = checked.default_system()
     names = [system] if system else list(checked.systems)
     if not system and preferred is not None:
@@ -140,7 +143,7 @@ def _no_module(module: str, known: list[str]) -> Diagnostic:
 
 
 def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:
-    """The problem of every module; all diagnostics at once."""
+    """The problem of every module; SoterError with all diagnostics at once."""
     problems: list[Problem] = []
     diagnostics = Diagnostics()
     for flat, m in chosen:

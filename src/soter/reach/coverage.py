@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from soter.program.types import Value
+    from soter.program.model.types import Value
 
 
 @dataclass(frozen=True)

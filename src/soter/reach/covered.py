@@ -12,15 +12,15 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import system_of
 from soter.reach.coverage import Coverage, Guarantee
-from soter.reach.extract import extract
+from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.program.build import Checked
-    from soter.program.system import Component, Module, System
-    from soter.program.types import Value
-    from soter.reach.problem import Problem
+    from soter.program.model.system import Component, Module, System
+    from soter.program.model.types import Value
+    from soter.reach.problem.problem import Problem
 
 Chosen = list[tuple["System", "Module"]]
 

@@ -1,8 +1,8 @@
 """A verification as a page that can be filed.
 
-Purpose: results -> `report/proof.py`: properties, times, shares, the paper's regions R1 to R5 of
-every group, assumptions, the trusted base, hashes.
-Non-goals: the page's looks (`report/proof_page.py`).
+Purpose: results -> `report/proof/record.py`: properties, times, shares, the paper's regions R1 to
+R5 of every group, assumptions, the trusted base, hashes.
+Non-goals: the page's looks (`report/proof/page.py`).
 """
 
 from __future__ import annotations
@@ -14,32 +14,23 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.native.compiler import find
-from soter.program.durations import show_ns
-from soter.reach.leaving_figures import leaving_figures
-from soter.reach.polytope_claims import inner_point
-from soter.reach.regions import regions
-from soter.reach.results import NO_CORE
-from soter.report.proof import (
-    R1,
-    R2,
-    R3,
-    R4,
-    R5,
+from soter.program.model.durations import show_ns
+from soter.reach.claims.results import NO_CORE
+from soter.reach.undecided.leaving_figures import leaving_figures
+from soter.report.proof.page import write_proof
+from soter.report.proof.record import (
     ModuleProof,
     ProofPage,
     PropertyRow,
     RegionFigure,
 )
-from soter.report.proof_page import write_proof
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.reach.results import (
+    from soter.reach.claims.results import (
         CaseSets,
-        GroupSets,
         ModuleResult,
-        PolytopePart,
         VerifyReport,
     )
 
@@ -66,10 +57,6 @@ SHARES = {
     "lets_ac": "`ttf` may be false: AC keeps control",
     "gives_back": "`safer` may be true: AC gets control back",
 }
-
-
-PIXELS = 160
-"""Points a side of a polytope's figure."""
 
 
 def write_report(found: VerifyReport, path: Path) -> Path:
@@ -129,19 +116,19 @@ def _module(m: ModuleResult) -> ModuleProof:
     undecided += [c.text for n, f in m.findings.items() if n != "P3" for c in f.causes]
     leaving = next((f.leaving for f in m.findings.values() if f.leaving is not None), None)
     return ModuleProof(
-        m.name,
-        m.verdict,
-        f"{len(m.problem.assumptions)} assumptions, {m.cells:,} cells, {m.seconds:.1f} s"
+        name=m.name,
+        verdict=m.verdict,
+        headline=f"{len(m.problem.assumptions)} assumptions, {m.cells:,} cells, {m.seconds:.1f} s"
         + (f"; {m.at_the_start}" if m.at_the_start else ""),
-        rows,
-        _times(m),
-        tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
-        tuple(f for case in m.cases[:1] for f in _figures(m, case)),
-        tuple(line for run in runs for line in str(run).splitlines()),
-        tuple(undecided),
-        m.vacuity.text if m.headline != m.verdict and m.vacuity is not None else "",
-        tuple(leaving_figures(m, leaving)) if leaving is not None else (),
-        str(leaving) if leaving is not None else "",
+        properties=rows,
+        times=_times(m),
+        shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
+        figures=tuple(f for case in m.cases[:1] for f in _figures(m, case)),
+        counterexample=tuple(line for run in runs for line in str(run).splitlines()),
+        undecided=tuple(undecided),
+        but=m.vacuity.text if m.headline != m.verdict and m.vacuity is not None else "",
+        leaving=tuple(leaving_figures(m, leaving)) if leaving is not None else (),
+        leaving_text=str(leaving) if leaving is not None else "",
     )
 
 
@@ -167,55 +154,4 @@ def _times(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:
 def _figures(m: ModuleResult, case: CaseSets) -> list[RegionFigure]:
     names = [p.name for p in m.problem.parameters]
     note = ", ".join(f"{n} = {v}" for n, v in zip(names, case.parameter, strict=True))
-    figures = [_figure(s, note) for s in case.groups]
-    for part in case.polytopes:
-        figures += _slice(part, note)
-    return figures
-
-
-def _slice(part: PolytopePart, note: str) -> list[RegionFigure]:
-    """A polytope's regions over its first two states, the others in the middle of K."""
-    sets, axes = part.sets, part.group.axes
-    if sets is None or (centre := inner_point(sets.core)) is None:
-        return []
-    edges = [np.linspace(a.edges[0], a.edges[-1], PIXELS + 1) for a in axes[:2]]
-    middles = [(e[:-1] + e[1:]) / 2 for e in edges]
-    points = np.tile(centre, (PIXELS ** len(edges), 1))
-    for k, values in enumerate(np.meshgrid(*middles, indexing="ij")):
-        points[:, k] = values.ravel()
-    found = np.full(len(points), R1, dtype=np.uint8)
-    low, high = np.array(part.limits).T
-    found[((points >= low) & (points <= high)).all(axis=1)] = R2
-    for region, p in ((R3, sets.core), (R4, sets.free)):
-        found[p.contains(points)] = region
-    if sets.allowed:
-        found[sets.free.contains(points) & sets.safer.contains(points)] = R5
-    cuts = [f"{a.name} = {x:.4g}" for a, x in zip(axes[2:], centre[2:], strict=True)]
-    text = "; ".join(filter(None, (note, ", ".join(cuts), "drawn from half-spaces, by points")))
-    regions = found.reshape([PIXELS] * len(edges))
-    if len(axes) == 1:
-        y = np.array([0.0, 1.0])
-        return [RegionFigure(axes[0].name, axes[0].name, "", edges[0], y, regions[:, None], text)]
-    title = f"{axes[0].name} and {axes[1].name}"
-    return [RegionFigure(title, axes[0].name, axes[1].name, edges[0], edges[1], regions, text)]
-
-
-def _figure(sets: GroupSets, note: str) -> RegionFigure:
-    """The first two axes; further ones are cut where the state is nearest to the middle."""
-    axes = sets.group.axes
-    found = regions(sets)
-    cuts: list[str] = []
-    for k, axis in enumerate(axes[2:]):
-        edges = np.asarray(axis.edges)
-        middle = int(np.argmin(np.abs((edges[:-1] + edges[1:]) / 2.0)))
-        found = np.take(found, [middle], axis=2).reshape(*found.shape[:2], *found.shape[3:])
-        cuts.append(f"{axes[2 + k].name} in [{edges[middle]:.4g}, {edges[middle + 1]:.4g}]")
-    text = "; ".join(filter(None, (note, ", ".join(cuts))))
-    x = np.asarray(axes[0].edges)
-    if len(axes) == 1:
-        return RegionFigure(
-            axes[0].name, axes[0].name, "", x, np.array([0.0, 1.0]), found[:, None], text
-        )
-    y = np.asarray(axes[1].edges)
-    title = f"{axes[0].name} and {axes[1].name}"
-    return RegionFigure(title, axes[0].name, axes[1].name, x, y, found, text)
+    return [f for proof in case.proofs for f in proof.figures(note)]

@@ -3,7 +3,7 @@
 Purpose: run the engine over all cases, refine where only borders fail, look for counterexamples to
 what is not proved, and put it all into a `ModuleResult`. Whatever could not be bounded is
 undecided.
-Non-goals: the claims themselves (`claims.py`, `recovery.py`).
+Non-goals: the claims themselves (`reach/claims/`).
 """
 
 from __future__ import annotations
@@ -11,39 +11,35 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from soter.program.durations import show_ns
-from soter.reach import claims
-from soter.reach.assumed import SCHEME
-from soter.reach.boxes import regions_of, share
-from soter.reach.claims import Case, Clock
-from soter.reach.extract import cases
-from soter.reach.forms import Forms, library_of
-from soter.reach.grids import UnboundedError
-from soter.reach.levels import deploy, levels
-from soter.reach.patience import recover_at_last
-from soter.reach.polytope_claims import add_shares
-from soter.reach.recovery import in_time, recover
-from soter.reach.refine import refined
-from soter.reach.results import (
+from soter.program.model.durations import show_ns
+from soter.reach.claims import claims
+from soter.reach.claims.case import Case, Clock
+from soter.reach.claims.levels import deploy, levels
+from soter.reach.claims.recovery import in_time, recover
+from soter.reach.claims.refine import refined
+from soter.reach.claims.results import (
     ASSUMED,
     NO_CORE,
     PROPERTIES,
     PROVED,
     UNDECIDED,
-    CaseSets,
     Finding,
     ModuleResult,
 )
-from soter.reach.timing import DELAYS, in_words
-from soter.reach.vacuity import at_the_start, vacuity
+from soter.reach.enclose.forms import Forms, library_of
+from soter.reach.grid.sets import UnboundedError
+from soter.reach.methods import in_order, method_of
+from soter.reach.problem.assumed import SCHEME
+from soter.reach.problem.extract import cases
+from soter.reach.time.timing import DELAYS, in_words
+from soter.reach.undecided.patience import recover_at_last
+from soter.reach.undecided.vacuity import at_the_start, vacuity
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.reach.native import ReachLibrary
-    from soter.reach.problem import Group, Problem
+    from soter.reach.enclose.library import ReachLibrary
+    from soter.reach.problem.problem import Group, Problem
 
     Progress = Callable[[float], None]
     Tell = Callable[[str, float], None]
@@ -53,19 +49,14 @@ SHRINK_MAX = 0.1
 """Share of K that may be given up because there is no way back from it."""
 STAGES = ("safe", "core", "tubes", "ttf", "safer", "way")
 """What the engine says it does, in the order in which that takes place."""
-METHODS = {
+HOW = {
     "P1a": "periods compared",
     "P1b": "outputs compared",
     "P1c": "worst case over all releases",
-    "P2a": "greatest fixpoint over chains of SC periods",
-    "polytopes": "half-spaces, with multipliers for every claim",
-    "P2b": "ranks over chains of SC periods",
     "P3": "inclusions of `ttf` and `safer`",
-    "ttf": "inclusion on every cell, all errors",
-    "safer": "inclusion on every cell, all errors",
-    "start": "inclusion of the initial states",
     "DM": "the compiled DM on all facts and on every class of input",
 }
+"""What is no matter of groups."""
 CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
 
 
@@ -145,12 +136,10 @@ def _settled(
     """One case, on finer grids where borders fail. Computed predicates keep the declared grid."""
     first = case = _case(problem, library, problem.groups, parameter, tell, None)
     for _ in range(0 if problem.computed else REFINEMENTS_MAX):
-        groups = tuple(part.group for part in case.sets.groups)
-        finer = refined([case], groups) if groups else None
+        finer = refined(case)
         if finer is None:
             break
-        polytopes = tuple(part.group for part in case.sets.polytopes)
-        case = _case(problem, library, finer + polytopes, parameter, tell, case)
+        case = _case(problem, library, finer, parameter, tell, case)
         case.first = first
     return case
 
@@ -164,7 +153,7 @@ def _case(
     before: Case | None,
 ) -> Case:
     """All claims for one combination of parameter values."""
-    case = Case(problem, parameter, [], Forms(library, problem, parameter), CaseSets(parameter, []))
+    case = Case(problem, parameter, Forms(library, problem, parameter))
     try:
         case = claims.open_case(problem, library, groups, parameter, tell, before)
         _claims(case)
@@ -215,20 +204,14 @@ def _shrunk(case: Case) -> bool:
     failures = case.failed("P2b")
     if case.problem.computed or not failures or not all(f.stuck for f in failures):
         return False
-    stuck = {f.group: f.cells for f in failures if f.group is not None and f.cells is not None}
-    parts = {i: case.sets.groups[i] for i in stuck}
-    if any(stuck[i].sum() > SHRINK_MAX * (part.core > 0).sum() for i, part in parts.items()):
+    stuck = [f.proof for f in failures if f.proof is not None]
+    if any(proof.stuck > SHRINK_MAX for proof in stuck):
         return False
-    for part in parts.values():
-        assert part.home is not None
-        assert part.rank is not None
-        assert part.rank_holds is not None
-        part.core = np.where(part.rank == 1, part.home, part.rank_holds)
-        part.core[part.rank == 0] = 0
-    case.failures = [f for f in case.failures if f.group not in stuck and f.claim != "start"]
-    case.fresh = [i in stuck for i in range(len(case.groups))]
-    for polytope in case.sets.polytopes:
-        polytope.fresh = False
+    for proof in case.proofs:
+        proof.fresh = proof in stuck
+    for proof in stuck:
+        proof.give_up()
+    case.failures = [f for f in case.failures if f.proof not in stuck and f.claim != "start"]
     return True
 
 
@@ -237,11 +220,11 @@ def _shrunk(case: Case) -> bool:
 
 def _decision_module(result: ModuleResult) -> Finding:
     """The generated C of the DM is the switching logic."""
-    from soter.reach.dm_check import check_module  # noqa: PLC0415 - compiles the DM
+    from soter.reach.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
 
     began = time.perf_counter()
     check = check_module(result)
-    return Finding(check.verdict, time.perf_counter() - began, METHODS["DM"], check.text)
+    return Finding(check.verdict, time.perf_counter() - began, HOW["DM"], check.text)
 
 
 def _assume(problem: Problem, prelude: tuple[str, ...]) -> None:
@@ -257,13 +240,12 @@ def _scheme(problem: Problem, done: list[Case]) -> None:
 
 
 def _together(problem: Problem, done: list[Case]) -> None:
-    """A grid's chain has one acting time for all commands that move its group: an assumption."""
+    """A proof may have one acting time for all commands that move its group: an assumption."""
     if problem.times.jitter_sc == 0:
         return
-    for engine in (g for case in done for g in case.groups):
-        moved = [problem.quantities.controls[engine.c.command[a]] for a in range(engine.c.commands)]
-        if len(moved) > 1:
-            names = ", ".join(leaf.name for leaf in moved)
+    for proof in (p for case in done for p in case.proofs):
+        if proof.together:
+            names = ", ".join(problem.quantities.controls[k].name for k in proof.together)
             text = f"what SC publishes begins to act in all of these at one instant: {names}"
             if text not in problem.assumptions:
                 problem.assumptions.append(text)
@@ -271,11 +253,9 @@ def _together(problem: Problem, done: list[Case]) -> None:
 
 def _follows_scheme(case: Case) -> bool:
     """Whether the simulator's steps are solutions of every group's model."""
-    if len(case.groups) + len(case.sets.polytopes) < len(case.problem.groups):
+    if len(case.proofs) < len(case.problem.groups):
         return False
-    models = [part.model for part in case.sets.polytopes]
-    grids = all(g.covers_scheme for g in case.groups)
-    return grids and all(m is not None and m.covers_scheme for m in models)
+    return all(p.covers_scheme for p in case.proofs)
 
 
 def _static(problem: Problem, result: ModuleResult) -> None:
@@ -283,38 +263,35 @@ def _static(problem: Problem, result: ModuleResult) -> None:
     times = problem.times
     result.findings["P1a"] = Finding(
         PROVED,
-        method=METHODS["P1a"],
+        method=HOW["P1a"],
         text=f"SC every {show_ns(times.delta_sc)}, DM every {show_ns(times.delta_dm)}",
     )
     result.findings["P1b"] = Finding(
-        PROVED, method=METHODS["P1b"], text="AC and SC publish the same topics"
+        PROVED, method=HOW["P1b"], text="AC and SC publish the same topics"
     )
     enough = times.horizon_ns >= times.h_star
     held = PROVED if all(n in times.declared for n in (*DELAYS, "nodes")) else ASSUMED
     result.findings["P1c"] = Finding(
         held if enough else UNDECIDED,
-        method=METHODS["P1c"],
+        method=HOW["P1c"],
         text=in_words(times),
         hint="" if enough else f"a horizon of {show_ns(times.h_star)} or more, or less delay",
     )
 
 
 def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
-    grids = any(c.groups for c in done) or not any(c.sets.polytopes for c in done)
-    finding = Finding(PROVED, method=METHODS[claim if grids else "polytopes"])
+    first = method_of(in_order(problem.groups)[0])
+    finding = Finding(PROVED, method=first.how[claim])
     finding.seconds = sum(c.spent.get(claim, 0.0) for c in done)
+    names = [p.name for p in problem.parameters]
     for case in done:
         for failure in case.failed(claim):
             finding.verdict = UNDECIDED
             finding.text = finding.text or failure.text
             finding.hint = finding.hint or failure.hint
-            if failure.cells is not None and failure.group is not None:
-                names = [a.name for a in case.sets.groups[failure.group].group.axes]
-                parameters = [
-                    (p.name, v) for p, v in zip(problem.parameters, case.parameter, strict=True)
-                ]
-                edges = case.groups[failure.group].edges
-                finding.regions += regions_of(failure.cells, names, edges, parameters)
+            if failure.cells is not None and failure.proof is not None:
+                parameters = list(zip(names, case.parameter, strict=True))
+                finding.regions += failure.proof.regions(failure.cells, parameters)
             if failure.where is not None:
                 finding.regions.append(failure.where)
     if not finding.text:
@@ -325,40 +302,27 @@ def _finding(problem: Problem, done: list[Case], claim: str) -> Finding:
 def _proved_text(problem: Problem, done: list[Case], claim: str, finding: Finding) -> str:
     many = f" for each of {len(done)} parameter values" if len(done) > 1 else ""
     if claim == "P2a":
-        cells = sum(int((g.core > 0).sum()) for c in done for g in c.sets.groups)
-        of = sum(g.core.size for c in done for g in c.sets.groups)
-        longest = max(c.counts.get("longest", 0) for c in done)
-        finding.counts = {
-            "cells": cells,
-            "longest": longest,
-            "rounds": max(c.counts.get("rounds", 0) for c in done),
-        }
-        span = show_ns(longest * problem.times.delta_sc)
-        found = [f"{cells:,} of {of:,} cells, chains up to {span}"] if of else []
-        faces = _faces(done)
-        found += [f"{faces:,} half-spaces, kept in every period of SC"] if faces else []
-        return f"SC keeps C from K: {'; '.join(found)}{many}"
+        finding.counts = {"cells": 0, "longest": 0, "rounds": 0}
+        return f"SC keeps C from K: {'; '.join(_said(done, claim, finding))}{many}"
     if claim in ("ttf", "safer"):
         if problem.computed:
             return f"`{claim}` is computed from the sets{many}"
-        names = {"ttf": "not ttf", "safer": "safer"}
-        parts = [g.lets_ac if claim == "ttf" else g.gives_back for c in done for g in c.sets.groups]
-        cells = sum(int(p.sum()) for p in parts if p is not None)
-        boxes = sum(p.boxes.get(claim, 0) for c in done for p in c.sets.polytopes)
-        finding.counts = {"cells": cells, "boxes": boxes}
-        found = [f"on {cells:,} cells"] if parts else []
-        found += [f"on {boxes:,} boxes"] if boxes else []
-        return f"{names[claim]} implies R(H), {', '.join(found)}{many}"
+        finding.counts = {"cells": 0, "boxes": 0}
+        what = {"ttf": "not ttf", "safer": "safer"}[claim]
+        return f"{what} implies R(H), {', '.join(_said(done, claim, finding))}{many}"
     if claim == "P2b":
         seconds = max((c.counts.get("recover_ns", 0) for c in done), default=0)
         return f"SC gives control back within {show_ns(seconds)}{many}"
     return f"initial states lie in R({show_ns(problem.times.start)})"
 
 
-def _faces(done: list[Case]) -> int:
-    """Half-spaces of K, of all polytope groups."""
-    sets = [p.sets for c in done for p in c.sets.polytopes if p.sets is not None]
-    return sum(len(s.core.faces[1]) for s in sets)
+def _said(done: list[Case], claim: str, finding: Finding) -> list[str]:
+    """On what each method has proved it; its counts are entered."""
+    used = {id(m): m for g in in_order(done[0].problem.groups) for m in (method_of(g),)}
+    said = [m.said(done, claim) for m in used.values()]
+    for _, counts in said:
+        finding.counts.update(counts)
+    return [text for text, _ in said if text]
 
 
 def _p3(result: ModuleResult, seconds: float) -> Finding:
@@ -367,7 +331,7 @@ def _p3(result: ModuleResult, seconds: float) -> Finding:
     bad = next((f for f in (ttf, safer) if f.verdict != PROVED), None)
     times = result.problem.times
     text = f"whatever AC publishes for {show_ns(times.horizon_ns)}, the state stays in K"
-    found = Finding(PROVED, seconds + ttf.seconds + safer.seconds, METHODS["P3"], text)
+    found = Finding(PROVED, seconds + ttf.seconds + safer.seconds, HOW["P3"], text)
     if bad is not None:
         found.verdict, found.text, found.hint = bad.verdict, bad.text, bad.hint
         found.regions = list(bad.regions)
@@ -385,19 +349,8 @@ def _shares(done: list[Case]) -> dict[str, float]:
     found: dict[str, list[float]] = {}
     for case in done:
         one: dict[str, float] = {}
-        for part, engine in zip(case.sets.groups, case.groups, strict=True):
-            sets = {
-                "core": part.core > 0,
-                "free": part.free,
-                "lets_ac": part.lets_ac,
-                "gives_back": part.gives_back,
-            }
-            for name, cells in sets.items():
-                if cells is not None:
-                    one[name] = one.get(name, 1.0) * share(np.asarray(cells), engine.edges)
-        add_shares(case)
-        for polytope in case.sets.polytopes:
-            for name, value in polytope.shares.items():
+        for proof in case.proofs:
+            for name, value in proof.shares(case).items():
                 one[name] = one.get(name, 1.0) * value
         for name, value in one.items():
             found.setdefault(name, []).append(value)
@@ -409,7 +362,7 @@ def _shares(done: list[Case]) -> dict[str, float]:
 
 def _refute(problem: Problem, result: ModuleResult) -> None:
     """A run that leaves C refutes what was not proved; one that never returns refutes P2b."""
-    from soter.reach.verdicts import refuted  # noqa: PLC0415 - compiles the whole system
+    from soter.reach.attack.blame import refuted  # noqa: PLC0415 - compiles the whole system
 
     refuted(problem, result)
 
@@ -417,6 +370,6 @@ def _refute(problem: Problem, result: ModuleResult) -> None:
 def _diagnose(done: list[Case], result: ModuleResult) -> None:
     """Where something stays undecided: why, as far as a few seconds can tell."""
     if any(f.verdict == UNDECIDED for f in result.findings.values()):
-        from soter.reach.diagnose import diagnose  # noqa: PLC0415 - only then
+        from soter.reach.undecided.diagnose import diagnose  # noqa: PLC0415 - only then
 
         diagnose(done, result)

@@ -10,16 +10,16 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.prelude.bounds import BOUNDS
-from soter.program.durations import show_ns
-from soter.program.types import FloatType, leaves
-from soter.program.walk import calls_in
-from soter.recheck.module_times import DELAYS, read_by
+from soter.program.model.durations import show_ns
+from soter.program.model.types import FloatType, leaves
+from soter.program.model.walk import calls_in
+from soter.recheck.time.module_times import DELAYS, read_by
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.program import typed
-    from soter.recheck.facts import Facts, Input
+    from soter.program.model import typed
+    from soter.recheck.reading.facts import Facts, Input
 
 WITHOUT_ERROR = ("clamp", "sign", "quat_conj")
 """Functions of the prelude that compute what they say."""

@@ -13,44 +13,44 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.program.types import leaves
-from soter.recheck.chains import delays
-from soter.recheck.defined import rates_are_defined
-from soter.recheck.flows import is_linear
-from soter.recheck.inclusion import (
+from soter.program.model.types import leaves
+from soter.recheck.certificate.errors import RejectedError
+from soter.recheck.inclusions.chains import delays
+from soter.recheck.inclusions.inclusion import (
     FREE_PIECES,
     PIECES,
     ChainCheck,
     FreeCheck,
     GroupTables,
-    RejectedError,
     free,
     ranked,
     witnessed,
 )
-from soter.recheck.inward import points_inwards
-from soter.recheck.polytope_case import PolytopeCheck
-from soter.recheck.polytope_deployed import returned
-from soter.recheck.polytope_predicates import certain_beside, show_admitted
-from soter.recheck.predicates import (
+from soter.recheck.inclusions.inward import points_inwards
+from soter.recheck.inclusions.predicates import (
     AdmitCheck,
     admitted,
     drifts,
     eroded,
     levels_hold,
 )
-from soter.recheck.problem import number_of
-from soter.recheck.symbolic import flat
-from soter.recheck.tables import Cells, Grid, parts
-from soter.recheck.terms import NotRecheckedError
+from soter.recheck.inclusions.tables import Cells, Grid, parts
+from soter.recheck.polytope.case import PolytopeCheck
+from soter.recheck.polytope.deployed import returned
+from soter.recheck.polytope.predicates import certain_beside, show_admitted
+from soter.recheck.reading.defined import rates_are_defined
+from soter.recheck.reading.flows import is_linear
+from soter.recheck.reading.problem import number_of
+from soter.recheck.reading.values import flat
+from soter.recheck.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from soter.recheck.model import Model
-    from soter.recheck.polytope_tables import PolytopeTables
-    from soter.recheck.problem import Facts
-    from soter.recheck.tables import Block
+    from soter.recheck.inclusions.tables import Block
+    from soter.recheck.polytope.tables import PolytopeTables
+    from soter.recheck.reading.model import Model
+    from soter.recheck.reading.problem import Facts
 
 BLOCKS = 24
 """Into how many blocks a grid is dealt out to the processors."""
@@ -76,9 +76,9 @@ class Case:
     checks: dict[int, ChainCheck] = field(default_factory=dict)
 
     def check(self) -> None:
-        """Collect what is to be shown, then show it."""
+        """Collect what is to be shown, then show it; RejectedError where it does not hold."""
         self.cores = [Cells(g.grid, g.core > 0) for g in self.groups]
-        self.kept = [points_inwards(self.model, g) for g in self.groups]
+        self.kept = [points_inwards(self.model, g.states) for g in self.groups]
         if any(c.size == 0 for c in self.cores):
             raise RejectedError("K is empty")
         seen_to = [

@@ -9,10 +9,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.recheck.assumptions import p1c_of
-from soter.recheck.inclusion import RejectedError
+from soter.recheck.certificate.errors import RejectedError
 
 if TYPE_CHECKING:
-    from soter.recheck.facts import Facts
+    from soter.recheck.reading.facts import Facts
 
 CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start")
 ELSEWHERE = ("DM",)
@@ -33,7 +33,7 @@ def missing_of(claims: dict[str, str], confirmed: list[str]) -> list[str]:
 
 
 def claimed_of(given: object) -> set[str]:
-    """The properties that are said to be proved."""
+    """The properties that are said to be proved; RejectedError for unknown ones, or none."""
     if not isinstance(given, dict):
         raise RejectedError("`claims` is not as it should be")
     for name, verdict in given.items():

@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import system_of
-from soter.program.durations import show_ns
-from soter.program.types import DurationType
+from soter.program.model.durations import show_ns
+from soter.program.model.types import DurationType
 from soter.recheck.assumptions import Said
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
 
     from soter.program.build import Checked
-    from soter.program.system import System
-    from soter.recheck.facts import Facts
+    from soter.program.model.system import System
+    from soter.recheck.reading.facts import Facts
 
 
 def parameters_of(system: System) -> dict[str, str]:

@@ -16,26 +16,27 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.arith import StepFault
 from soter.program.build import system_of
+from soter.program.meaning.arith import StepFault
 from soter.recheck.assumptions import assumptions_of
 from soter.recheck.case import Case
+from soter.recheck.certificate.errors import RejectedError
+from soter.recheck.certificate.folder import Certificate, read_certificate
+from soter.recheck.certificate.source import hexadecimal, program_of
 from soter.recheck.claims import CLAIMS, claimed_of, static_claims
 from soter.recheck.coverage import parameters_of, uncovered
-from soter.recheck.deployed import compare_tables
-from soter.recheck.first_reads import survives_the_start
-from soter.recheck.folder import Certificate, read_certificate
-from soter.recheck.inclusion import GroupTables, RejectedError
-from soter.recheck.model import Model
-from soter.recheck.polytope_deployed import compare_half_spaces
-from soter.recheck.polytope_predicates import narrowed
-from soter.recheck.polytope_tables import PolytopeTables, read_polytope
-from soter.recheck.problem import DiffersError, Facts, read_facts
+from soter.recheck.inclusions.deployed import compare_tables
+from soter.recheck.inclusions.inclusion import GroupTables
+from soter.recheck.inclusions.tables import Grid
+from soter.recheck.polytope.deployed import compare_half_spaces
+from soter.recheck.polytope.predicates import narrowed
+from soter.recheck.polytope.tables import PolytopeTables, read_polytope
+from soter.recheck.reading.model import Model
+from soter.recheck.reading.problem import DiffersError, Facts, read_facts
+from soter.recheck.reading.understood import understood
 from soter.recheck.report import ModuleReport, Report
-from soter.recheck.source import hexadecimal, program_of
-from soter.recheck.tables import Grid
-from soter.recheck.terms import NotRecheckedError
-from soter.recheck.understood import understood
+from soter.recheck.terms.terms import NotRecheckedError
+from soter.recheck.time.first_reads import survives_the_start
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -210,7 +211,7 @@ def _module(
         _cases(facts, groups, extents, entry, claims, progress, workers)
     report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)
     report.half_spaces = sum(len(p.core.bounds) for others in polytopes for p in others)
-    report.times = {**facts.times, "start_ns": facts.start_ns}
+    report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == "proved"]
     return report
 

@@ -15,13 +15,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.report.errors import ReportError, ReportUnavailableError
-from soter.report.page import body
+from soter.report.run.page import body
 from soter.report.whole_file import reason, whole_file
 
 if TYPE_CHECKING:
     import os
 
-    from soter.report.record import ReportPage
+    from soter.report.run.record import ReportPage
 
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"

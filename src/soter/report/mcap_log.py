@@ -17,10 +17,12 @@ from __future__ import annotations
 import heapq
 import json
 import math
+import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -37,6 +39,13 @@ Message = tuple[int, Mapping[str, object]]
 MODES_TOPIC = "soter/modes"
 DECISIONS_TOPIC = "soter/decisions"
 METADATA_NAME = "soter"
+END_NAME = "soter.end"
+CHUNK_BYTES = 256 * 1024
+"""What a process that dies may take with it, before compression."""
+MAGIC = b"\x89MCAP0\r\n"
+RECORD = struct.Struct("<BQ")
+METADATA, FOOTER, DATA_END = 0x0C, 0x02, 0x0F
+"""Kinds of records of the format (https://mcap.dev/spec)."""
 PROFILE = ""
 """No profile: MCAP's own are those of ROS."""
 
@@ -167,19 +176,82 @@ def write_mcap(
     untouched. Raises `ValueError` for a channel name used twice, a schema that is not an
     object's, and times that are negative or run backwards: mistakes of the caller.
     """
-    target = Path(path)
     everything = [
-        Channel(MODES_TOPIC, MODES_SCHEMA, map(_mode_message, modes)),
-        Channel(DECISIONS_TOPIC, DECISIONS_SCHEMA, map(_decision_message, decisions)),
+        Channel(MODES_TOPIC, MODES_SCHEMA, map(mode_message, modes)),
+        Channel(DECISIONS_TOPIC, DECISIONS_SCHEMA, map(decision_message, decisions)),
         *channels,
     ]
-    _check(everything)
-    try:
-        with whole_file(target) as stream:
-            _write(stream, everything, header)
-    except OSError as error:
-        raise LogError(f"cannot write the log {target}: {reason(error)}") from error
-    return target
+    log = McapLog(path, [(c.name, c.schema) for c in everything], header)
+    with log.dropped_on_error():
+        log.add(everything)
+    return log.close()
+
+
+class McapLog:
+    """A log that grows with its run; it stands at its path once it is closed.
+
+    What was added lies in the file chunk by chunk: where the process dies, `mended` makes a log
+    of it. Raises as `write_mcap` does.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        channels: Sequence[tuple[str, JsonSchema]],
+        header: LogHeader,
+    ) -> None:
+        _check(channels)
+        self.path = Path(path)
+        self._names = [name for name, _ in channels]
+        self._sequences = [0] * len(channels)
+        self._last_ns = [0] * len(channels)
+        self._file = ExitStack()
+        with self.dropped_on_error():
+            self._stream = self._file.enter_context(whole_file(self.path))
+            self._writer, self._ids = _begun(self._stream, channels, header)
+            self._stream.flush()
+
+    @contextmanager
+    def dropped_on_error(self) -> Iterator[None]:
+        """An error inside drops the file; one of the system becomes a `LogError`."""
+        try:
+            yield
+        except BaseException as error:
+            self._file.__exit__(type(error), error, error.__traceback__)
+            if isinstance(error, OSError):
+                told = f"cannot write the log {self.path}: {reason(error)}"
+                raise LogError(told) from error
+            raise
+
+    def add(self, channels: Iterable[Channel]) -> None:
+        """Write the messages of all channels, in the order of their times, and hand them over.
+
+        ValueError where the times of a channel run back.
+        """
+        with self.dropped_on_error():
+            for time_ns, index, message in _merged([c.messages for c in channels]):
+                if time_ns < self._last_ns[index]:
+                    name, last_ns = self._names[index], self._last_ns[index]
+                    raise ValueError(f"{name}: time runs back from {last_ns} to {time_ns} ns")
+                self._last_ns[index] = int(time_ns)
+                self._writer.add_message(
+                    channel_id=self._ids[index],
+                    log_time=int(time_ns),
+                    publish_time=int(time_ns),
+                    sequence=self._sequences[index],
+                    data=to_json(message),
+                )
+                self._sequences[index] += 1
+            self._stream.flush()
+
+    def close(self, end: Mapping[str, str] | None = None) -> Path:
+        """Finish the file, with how the run ended as metadata, and put it in its place."""
+        with self.dropped_on_error():
+            if end is not None:
+                self._writer.add_metadata(END_NAME, dict(end))
+            self._writer.finish()
+            self._file.close()
+        return self.path
 
 
 def to_json(message: Mapping[str, object]) -> bytes:
@@ -192,70 +264,92 @@ def to_json(message: Mapping[str, object]) -> bytes:
     return text.encode()
 
 
-def _write(stream: IO[bytes], channels: Sequence[Channel], header: LogHeader) -> None:
-    """Write header, schemas, channels, messages in order of time, and metadata."""
+def _begun(
+    stream: IO[bytes], channels: Sequence[tuple[str, JsonSchema]], header: LogHeader
+) -> tuple[Any, list[int]]:
+    """A writer that has written header, metadata, schemas and channels; the channels' ids."""
     try:
         from mcap.writer import CompressionType, Writer  # noqa: PLC0415 - an extra
     except ImportError as error:
         raise LogUnavailableError(
             "logs are written with mcap, which is not installed: pip install 'soter[log]'"
         ) from error
-    writer = Writer(stream, compression=CompressionType.ZSTD)
+    writer = Writer(stream, chunk_size=CHUNK_BYTES, compression=CompressionType.ZSTD)
     writer.start(profile=PROFILE, library=f"soter {header.tool_version}")
     writer.add_metadata(METADATA_NAME, header.entries())
     ids: list[int] = []
-    for channel in channels:
-        schema = json.dumps({"$schema": SCHEMA_DIALECT, **channel.schema}).encode()
-        schema_id = writer.register_schema(channel.name, "jsonschema", schema)
-        ids.append(writer.register_channel(channel.name, "json", schema_id))
-    sequences = [0] * len(channels)
-    for time_ns, index, message in _merged(channels):
-        writer.add_message(
-            channel_id=ids[index],
-            log_time=time_ns,
-            publish_time=time_ns,
-            sequence=sequences[index],
-            data=to_json(message),
-        )
-        sequences[index] += 1
-    writer.finish()  # type: ignore[no-untyped-call]
+    for name, of in channels:
+        schema = json.dumps({"$schema": SCHEMA_DIALECT, **of}).encode()
+        schema_id = writer.register_schema(name, "jsonschema", schema)
+        ids.append(writer.register_channel(name, "json", schema_id))
+    return writer, ids
+
+
+def mended(path: Path) -> bool:
+    """Make a log of one that a dead process left open: whole chunks, and an end.
+
+    False, and the file as it was, where it is no log. Raises `OSError`.
+    """
+    with path.open("r+b") as stream:
+        if stream.read(len(MAGIC)) != MAGIC:
+            return False
+        end = size = path.stat().st_size
+        at = len(MAGIC)
+        while at + RECORD.size <= size:
+            stream.seek(at)
+            kind, length = RECORD.unpack(stream.read(RECORD.size))
+            end, at = at, at + RECORD.size + length
+            if kind in (DATA_END, FOOTER) or at > size:
+                break
+            end = at
+        stream.seek(end)
+        stream.truncate()
+        name, key, value = (_text(s) for s in (END_NAME, "ended", "abnormally: the process died"))
+        entries = struct.pack("<I", len(key) + len(value)) + key + value
+        stream.write(RECORD.pack(METADATA, len(name) + len(entries)) + name + entries)
+        stream.write(RECORD.pack(DATA_END, 4) + bytes(4))
+        stream.write(RECORD.pack(FOOTER, 20) + bytes(20) + MAGIC)
+    return True
+
+
+def _text(text: str) -> bytes:
+    return struct.pack("<I", len(text)) + text.encode("ascii")
 
 
 SCHEMA_DIALECT = "https://json-schema.org/draft/2020-12/schema"
 
 
-def _merged(channels: Sequence[Channel]) -> Iterator[tuple[int, int, Mapping[str, object]]]:
+def _merged(
+    channels: Sequence[Iterable[Message]],
+) -> Iterator[tuple[int, int, Mapping[str, object]]]:
     """Merge the channels' messages: time in ns, index of the channel, message."""
 
-    def stamped(index: int, channel: Channel) -> Iterator[tuple[int, int, Mapping[str, object]]]:
-        last_ns = 0
-        for time_ns, message in channel.messages:
-            if time_ns < last_ns:
-                raise ValueError(f"{channel.name}: time runs back from {last_ns} to {time_ns} ns")
-            last_ns = int(time_ns)
-            yield last_ns, index, message
+    def stamped(
+        index: int, messages: Iterable[Message]
+    ) -> Iterator[tuple[int, int, Mapping[str, object]]]:
+        for time_ns, message in messages:
+            yield time_ns, index, message
 
-    streams = [stamped(index, channel) for index, channel in enumerate(channels)]
+    streams = [stamped(index, messages) for index, messages in enumerate(channels)]
     return heapq.merge(*streams, key=lambda item: item[:2])
 
 
-def _check(channels: Sequence[Channel]) -> None:
+def _check(channels: Sequence[tuple[str, JsonSchema]]) -> None:
     """Raise `ValueError` for names used twice and schemas that viewers cannot read."""
-    names = [channel.name for channel in channels]
-    for name in names:
+    names = [name for name, _ in channels]
+    for name, schema in channels:
         if names.count(name) > 1:
             raise ValueError(f"{name}: two channels of this name")
-    for channel in channels:
-        if channel.schema.get("type") != "object" or "properties" not in channel.schema:
-            raise ValueError(f"{channel.name}: the schema of a message must be an object's")
+        if schema.get("type") != "object" or "properties" not in schema:
+            raise ValueError(f"{name}: the schema of a message must be an object's")
 
 
-def _mode_message(change: ModeChange) -> Message:
+def mode_message(change: ModeChange) -> Message:
     """Return a change of mode as a message."""
     return change.time_ns, {"module": change.module, "mode": change.mode}
 
 
-def _decision_message(step: DecisionStep) -> Message:
+def decision_message(step: DecisionStep) -> Message:
     """Return a step of a DM as a message."""
     return step.time_ns, {
         "module": step.module,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from soter.report.trajectory import runs
+from soter.report.run.trajectory import runs
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence

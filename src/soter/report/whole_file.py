@@ -16,6 +16,9 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
+PART = ".part"
+"""Ending of a file that is being written."""
+
 
 @contextmanager
 def whole_file(path: Path) -> Iterator[IO[bytes]]:
@@ -32,7 +35,7 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
             yield stream
         return
     target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = target.with_name(f".{target.name}.{secrets.token_hex(4)}.part")
+    temporary = target.with_name(f".{target.name}.{os.getpid()}-{secrets.token_hex(4)}{PART}")
     try:
         with temporary.open("xb") as stream:
             yield stream
@@ -43,6 +46,15 @@ def whole_file(path: Path) -> Iterator[IO[bytes]]:
         with suppress(OSError):
             temporary.unlink(missing_ok=True)
         raise
+
+
+def left_behind(folder: Path, process: int) -> list[tuple[Path, Path]]:
+    """What a process that is gone was writing into a folder, and where it was to stand."""
+    mark = f".{process}-"
+    return [
+        (part, part.with_name(part.name[1 : part.name.rindex(mark)]))
+        for part in sorted(folder.glob(f".*{mark}*{PART}"))
+    ]
 
 
 def reason(error: OSError) -> str:

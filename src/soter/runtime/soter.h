@@ -10,10 +10,33 @@
 #ifndef SOTER_H
 #define SOTER_H
 
+#include <float.h>
 #include <math.h>
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+
+/* Gate, decision modules and monitors compare with NaN and infinities, and every operation rounds
+ * once, to double. Where a compiler was told otherwise they would be gone without a word. */
+#if defined(__FAST_MATH__)
+#error "soter: -ffast-math (-Ofast) removes the gate and the monitors: build without it"
+#endif
+#if defined(__FINITE_MATH_ONLY__) && __FINITE_MATH_ONLY__ > 0
+#error "soter: -ffinite-math-only removes the gate and the monitors: build without it"
+#endif
+#if defined(__RECIPROCAL_MATH__) || defined(__ASSOCIATIVE_MATH__) || defined(__NO_SIGNED_ZEROS__)
+#error "soter: -funsafe-math-optimizations changes what the program computes: build without it"
+#endif
+#if !defined(FLT_EVAL_METHOD) || (FLT_EVAL_METHOD != 0 && FLT_EVAL_METHOD != 16)
+#error "soter: doubles are computed in another precision: on x86 build with -msse2 -mfpmath=sse"
+#endif
+#if FLT_RADIX != 2 || DBL_MANT_DIG != 53 || DBL_MAX_EXP != 1024
+#error "soter: double is not IEEE 754 binary64 here"
+#endif
+
+#ifdef __cplusplus
+extern "C" {
+#endif
 
 #if defined(__GNUC__)
 #define SOTER_UNUSED __attribute__((unused))
@@ -165,10 +188,14 @@ typedef struct {
   const char* name;
   size_t offset; /* of its value in the state */
   size_t size;
+  /* A topic that the environment sets: takes the value at `given`, unless it is refused; of any
+   * other topic NULL. Called by soter_publish, which checks the time. */
+  soter_fault (*publish)(void* state, const void* given, int64_t time);
 } soter_topic_info;
 
 typedef struct {
-  int64_t every_ns;
+  int64_t every_ns; /* every multiple is an instant */
+  /* Publishes, at ct, a value of the topic's set: by chance, or as soter_answers say. */
   void (*draw)(void* state, const void* answer);
 } soter_input_info;
 
@@ -207,6 +234,22 @@ uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, con
 /* dt2: the time of the next instant, ns. */
 int64_t soter_next_instant(const soter_program* p, const void* state);
 
+/* Environment-Input: `topic` takes the value at `given` (p->topic[topic].size bytes, as it lies in
+ * the state), measured at `time`; it is stamped so and goes into the topic's queues. Between
+ * instants, or while one waits for an answer. A refused value leaves the topic as it was; what
+ * comes back is SOTER_OK, or
+ *   SOTER_NONFINITE, SOTER_RANGE   the value is not in the topic's set;
+ *   SOTER_EXTERN_FAULT             it is no value of the topic's type, the topic is not the
+ *                                  environment's, or `time` is before its stamp or after the next
+ *                                  instant (while one waits: after ct): nothing is newer than now.
+ * Where nothing came nothing is called: the value grows old, and the DM sees its age. */
+soter_fault soter_publish(const soter_program* p, void* state, uint32_t topic, const void* given,
+                          int64_t time);
+
+/* dt1-dt3: time moves to the next instant; FN is what is released then. For drivers that set
+ * inputs at the very time of an instant: they do it next, and then call soter_instant. */
+void soter_progress(const soter_program* p, void* state);
+
 /* Runs one instant, or goes on with it, in the deployed order: plants, DMs, SCs, the rest. */
 soter_status soter_instant(const soter_program* p, void* state, uint32_t* due);
 
@@ -221,9 +264,17 @@ soter_module* soter_modules_of(const soter_program* p, void* state);
 soter_property* soter_properties_of(const soter_program* p, void* state);
 int64_t* soter_stamps_of(const soter_program* p, void* state);
 
+/* NULL where this machine computes as programs mean it, else what is wrong, in words: compilers do
+ * not tell of every flag, nor what was linked. A driver's `main` calls it first of all. */
+const char* soter_self_test(void);
+
 /* ------------------------------------------------------------------ the virtual-time driver */
 
-/* Runs instants up to and including `until_ns`; after each, the state is copied to `trace` if
+/* One instant, or goes on with it: as soter_instant, but inputs are drawn as it begins, at every
+ * multiple of their `every_ns`. */
+soter_status soter_virtual_instant(const soter_program* p, void* state, uint32_t* due);
+
+/* Runs such instants up to and including `until_ns`; after each, the state is copied to `trace` if
  * that has room for `room` states. Stops when the trace is full, when an extern is due (*due),
  * or at the end. Returns how many states were written in *written. */
 typedef enum { SOTER_RUN_END = 0, SOTER_RUN_EXTERN = 1, SOTER_RUN_FULL = 2 } soter_run_status;
@@ -513,5 +564,9 @@ SOTER_INLINE void soter_branch(const void* answer, const soter_fault* fault, uin
     a->branches[branch / 64U] |= UINT64_C(1) << (branch % 64U);
   }
 }
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

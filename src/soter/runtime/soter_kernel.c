@@ -1,7 +1,7 @@
 /* soter_kernel.c: the four rules of the operational semantics over a program's tables.
  *
  * Purpose: time progress, DM steps, AC-or-SC steps with the gate, plants, properties, contracts.
- * Non-goals: clocks, threads, input and output; those are drivers'.
+ * Non-goals: clocks, threads, draws of inputs, input and output; those are drivers'.
  */
 #include "soter.h"
 
@@ -86,7 +86,8 @@ int64_t soter_next_instant(const soter_program* p, const void* state) {
   return next;
 }
 
-static void time_progress(const soter_program* p, void* state) {
+void soter_progress(const soter_program* p, void* state) {
+  assert(p != NULL);
   soter_header* const h = soter_header_of(state);
   soter_component* const c = soter_components_of(state);
   assert(h->firing == 0U);              /* dt1: FN is empty */
@@ -98,11 +99,23 @@ static void time_progress(const soter_program* p, void* state) {
     }
   }
   h->firing = 1U;
-  for (uint32_t i = 0; i < p->inputs; i++) { /* Environment-Input, as the system declares it */
-    if (h->ct % p->input[i].every_ns == 0) {
-      p->input[i].draw(state, NULL);
-    }
+}
+
+/* ------------------------------------------------------------------ Environment-Input */
+
+soter_fault soter_publish(const soter_program* p, void* state, uint32_t topic, const void* given,
+                          int64_t time) {
+  assert(p != NULL);
+  assert(given != NULL);
+  if (topic >= p->topics || p->topic[topic].publish == NULL) {
+    return SOTER_EXTERN_FAULT;
   }
+  const soter_header* const h = soter_header_of(state);
+  const int64_t latest = h->firing != 0U ? h->ct : soter_next_instant(p, state);
+  if (time < soter_stamps_of(p, state)[topic] || time > latest) {
+    return SOTER_EXTERN_FAULT;
+  }
+  return p->topic[topic].publish(state, given, time);
 }
 
 /* ------------------------------------------------------------------ DM-Step */
@@ -286,7 +299,7 @@ soter_status soter_instant(const soter_program* p, void* state, uint32_t* due) {
   soter_header* const h = soter_header_of(state);
   soter_component* const c = soter_components_of(state);
   if (h->firing == 0U) {
-    time_progress(p, state);
+    soter_progress(p, state);
   }
   for (uint32_t i = 0; i < p->components; i++) {
     if (c[i].pending == 0U) {

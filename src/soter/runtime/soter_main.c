@@ -4,7 +4,8 @@
  * `trace_sha256` as `soter run` (on a little-endian machine; the trace is the bytes of the state).
  * Non-goals: clocks, sensors, logs. soter_app.h says which program, and is generated.
  *
- * usage: PROGRAM [--until SECONDS] [--seed N]; exits 0 safe, 2 usage, 3 a property was violated.
+ * usage: PROGRAM [--until SECONDS] [--seed N]; exits 0 safe, 1 this machine does not compute as the
+ * program means, 2 usage, 3 a property was violated.
  */
 #include "soter_app.h"
 #include "soter_sha256.h"
@@ -64,7 +65,7 @@ static bool parse(int count, char** words, int64_t* until_ns, uint64_t* seed) {
 static void run(const soter_program* p, APP_STATE* state, int64_t until_ns, soter_sha256* hash) {
   while (soter_next_instant(p, state) <= until_ns) {
     uint32_t due = 0;
-    while (soter_instant(p, state, &due) == SOTER_EXTERN_DUE) {
+    while (soter_virtual_instant(p, state, &due) == SOTER_EXTERN_DUE) {
       soter_app_answer(state, due);
     }
     soter_sha256_add(hash, state, p->state_size);
@@ -119,6 +120,11 @@ int main(int count, char** words) {
   const soter_program* const p = APP_PROGRAM;
   int64_t until_ns = APP_UNTIL_NS;
   uint64_t seed = 1;
+  const char* const wrong = soter_self_test();
+  if (wrong != NULL) {
+    (void)fprintf(stderr, "%s: not run: %s\n", words[0], wrong);
+    return EXIT_FAILURE;
+  }
   if (!parse(count, words, &until_ns, &seed)) {
     (void)fprintf(stderr, "usage: %s [--until SECONDS] [--seed N]\n", words[0]);
     return EXIT_USAGE;

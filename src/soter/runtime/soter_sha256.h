@@ -10,6 +10,10 @@
 #include <stddef.h>
 #include <stdint.h>
 
+#ifdef __cplusplus
+extern "C" {
+#endif
+
 #define SOTER_SHA256_BLOCK 64U
 
 typedef struct {
@@ -23,5 +27,9 @@ void soter_sha256_add(soter_sha256* s, const void* data, size_t size);
 
 /* Ends the hash and writes it as 64 lower-case digits and a zero byte. */
 void soter_sha256_end(soter_sha256* s, char text[65]);
+
+#ifdef __cplusplus
+}
+#endif
 
 #endif

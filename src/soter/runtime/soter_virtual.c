@@ -1,13 +1,27 @@
 /* soter_virtual.c: the virtual-time driver.
  *
- * Purpose: run instants as fast as the machine can, in the deployed order, and copy the state
- * after each where a trace is wanted.
+ * Purpose: run instants as fast as the machine can, in the deployed order, with the environment's
+ * inputs drawn by chance, and copy the state after each where a trace is wanted.
  * Non-goals: clocks; answering extern steps (the caller does).
  */
 #include "soter.h"
 
 #include <assert.h>
 #include <string.h>
+
+soter_status soter_virtual_instant(const soter_program* p, void* state, uint32_t* due) {
+  assert(p != NULL);
+  const soter_header* const h = soter_header_of(state);
+  if (h->firing == 0U) {
+    soter_progress(p, state);
+    for (uint32_t i = 0; i < p->inputs; i++) { /* before anything else at this instant */
+      if (h->ct % p->input[i].every_ns == 0) {
+        p->input[i].draw(state, NULL);
+      }
+    }
+  }
+  return soter_instant(p, state, due);
+}
 
 soter_run_status soter_run(const soter_program* p, void* state, int64_t until_ns, void* trace,
                            size_t room, size_t* written, uint32_t* due) {
@@ -20,7 +34,7 @@ soter_run_status soter_run(const soter_program* p, void* state, int64_t until_ns
     if (trace != NULL && *written == room) {
       return SOTER_RUN_FULL;
     }
-    if (soter_instant(p, state, due) == SOTER_EXTERN_DUE) {
+    if (soter_virtual_instant(p, state, due) == SOTER_EXTERN_DUE) {
       return SOTER_RUN_EXTERN;
     }
     if (trace != NULL) {

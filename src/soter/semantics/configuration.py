@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from soter.program.types import Value
+    from soter.program.model.types import Value
 
 NEVER = -(2**62)
 """The stamp of a topic before its first publication; of a queue, always but for `LOST`."""

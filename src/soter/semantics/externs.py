@@ -10,20 +10,25 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from soter.program.arith import FaultKind, StepFault
-from soter.program.values import inputs_to_python, outputs_from_python
+from soter.program.meaning.arith import FaultKind, StepFault
+from soter.program.model.values import inputs_to_python, outputs_from_python
+from soter.report.visible import visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.program.environment import Environment
-    from soter.program.evaluate import Executed
-    from soter.program.system import Component, Topic
-    from soter.program.typed import TopicSymbol
-    from soter.program.types import Type, Value
+    from soter.program.meaning.environment import Environment
+    from soter.program.meaning.statements import Executed
+    from soter.program.model.system import Component, Topic
+    from soter.program.model.typed import TopicSymbol
+    from soter.program.model.types import Type, Value
 
     Step = Callable[[Any], object]
     Move = Callable[[Environment, tuple[Value, ...]], tuple[Value, ...]]
+
+
+MESSAGE_MAX = 200
+"""Characters of an exception's message that are kept."""
 
 
 class Stop(BaseException):
@@ -50,12 +55,29 @@ class ExternResetError(Exception):
     """An extern's own `reset` raised; `name` says whose, the cause is chained."""
 
     def __init__(self, name: str, error: BaseException) -> None:
-        super().__init__(f"`{name}` could not be reset: {type(error).__name__}: {error}")
+        super().__init__(f"`{name}` could not be reset: {said_by(error)}")
         self.name = name
 
 
+def message_of(error: BaseException) -> str:
+    """What an exception of an extern says, on one line; its code may fail even at that."""
+    try:
+        text = str(error)
+    except Stop:
+        raise
+    except BaseException:  # noqa: BLE001 - whatever an extern does is its fault
+        return "its message cannot be read"
+    return " ".join(text.split())[:MESSAGE_MAX]
+
+
+def said_by(error: BaseException) -> str:
+    """Kind and message of an exception of an extern, every character of them visible."""
+    text, kind = message_of(error), type(error).__name__
+    return visible(f"{kind}: {text}" if text else kind)
+
+
 def step_of(bound: object) -> Step:
-    """The function behind a bound object: its `step` method, or itself."""
+    """The function behind a bound object: its `step` method, or itself; TypeError without one."""
     step = getattr(bound, "step", bound)
     if not callable(step):
         msg = f"a `{type(bound).__name__}` is not callable and has no `step`"
@@ -64,7 +86,7 @@ def step_of(bound: object) -> Step:
 
 
 def reset(name: str, bound: object, seed: int) -> None:
-    """Start a bound object afresh, where it has a `reset`."""
+    """Start a bound object afresh, where it has a `reset`; ExternResetError where that raises."""
     start = getattr(bound, "reset", None)
     if callable(start):
         try:
@@ -135,7 +157,7 @@ def _guarded(component: Component, run: Callable[..., Any]) -> Callable[..., Any
         except Stop:
             raise
         except BaseException as error:
-            detail = f"`{component.name}`: {type(error).__name__}: {error}"
+            detail = f"`{component.name}`: {said_by(error)}"
             raise StepFault(FaultKind.EXTERN, component.span, detail) from error
 
     return guarded

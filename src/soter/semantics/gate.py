@@ -11,16 +11,16 @@ import math
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.program.arith import FaultKind, StepFault
-from soter.program.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
+from soter.program.meaning.arith import FaultKind, StepFault
+from soter.program.model.types import ArrayType, FloatType, IntType, ListType, RecordType, leaves
 from soter.semantics.configuration import LOST, NEVER, put
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
     from soter.diagnostics.span import Span
-    from soter.program.system import Bound, Module, Topic
-    from soter.program.types import Type, Value
+    from soter.program.model.system import Bound, Module, Topic
+    from soter.program.model.types import Type, Value
     from soter.semantics.configuration import Configuration
 
     Check = Callable[[Value, Span], None]
@@ -90,9 +90,12 @@ def check_publications(
 
 
 def publish(
-    topics: Sequence[Topic], c: Configuration, published: Mapping[int, Value]
+    topics: Sequence[Topic],
+    c: Configuration,
+    published: Mapping[int, Value],
+    time_ns: int | None = None,
 ) -> Configuration:
-    """Topics' = out united with Topics[T without dom(out)]; what was published is stamped ct.
+    """Topics' = out united with Topics[T without dom(out)]; stamped `time_ns`, None is ct.
 
     Every value also goes into the queues behind its topic.
     """
@@ -101,7 +104,7 @@ def publish(
     values, stamps = list(c.Topics), list(c.stamps)
     for topic, value in published.items():
         values[topic] = value
-        stamps[topic] = c.ct
+        stamps[topic] = c.ct if time_ns is None else time_ns
         for queue in topics[topic].queues:
             _push(topics[queue], values, stamps, value)
     return replace(c, Topics=tuple(values), stamps=tuple(stamps))
@@ -120,7 +123,7 @@ def _push(queue: Topic, values: list[Value], stamps: list[int], value: Value) ->
 
 
 def must_not_lose(c: Configuration, queues: Iterable[int], span: Span) -> None:
-    """A step fault where one of a node's queues lost a value that it may not lose."""
+    """StepFault where one of a node's queues lost a value that it may not lose."""
     if any(c.stamps[q] == LOST for q in queues):
         raise StepFault(FaultKind.CAPACITY, span, "a queue was full")
 

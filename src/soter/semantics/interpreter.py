@@ -10,11 +10,12 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.system import Bound
-from soter.program.types import leaf_count
+from soter.program.model.system import Bound
+from soter.program.model.types import leaf_count
 from soter.semantics.configuration import NEVER, Configuration
 from soter.semantics.externs import reset
 from soter.semantics.gate import publish
+from soter.semantics.inputs import refusal
 from soter.semantics.machine import Machine
 from soter.semantics.plants import plant_step
 from soter.semantics.properties import violated
@@ -31,8 +32,9 @@ from soter.semantics.rules import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Mapping
 
-    from soter.program.system import Component, InputDrive, Module, System
-    from soter.program.types import Value
+    from soter.program.meaning.arith import FaultKind
+    from soter.program.model.system import Component, InputDrive, Module, System
+    from soter.program.model.types import Value
     from soter.semantics.random_draws import Draws
     from soter.semantics.record import Outcome, Verdict
 
@@ -51,7 +53,7 @@ class Interpreter:
 
     `externs` maps the names of extern nodes, plants and functions to callables of one argument
     (functions: of their own arguments), or to objects with a method `step` and perhaps
-    `reset(seed)`; see `program/values.py` for what they get and may give. Raises
+    `reset(seed)`; see `program/model/values.py` for what they get and may give. Raises
     `UnboundExternError` where one is missing. `draws` chooses what is left to the environment.
     """
 
@@ -143,6 +145,18 @@ class Interpreter:
     def publish(self, c: Configuration, published: Mapping[int, Value]) -> Configuration:
         """Values reach topics and their queues, for drivers that hold publications back."""
         return publish(self.system.topics, c, published)
+
+    def publish_input(
+        self, c: Configuration, topic: int, value: Value, time_ns: int
+    ) -> tuple[Configuration, FaultKind | None]:
+        """A value from outside, measured at `time_ns`: `soter_publish` of `soter.h`.
+
+        Stamped so where the topic takes it; else nothing changes and the kind says why (`refusal`).
+        """
+        refused = refusal(self.machine, c, topic, value, time_ns)
+        if refused is not None:
+            return c, refused
+        return environment_input(self.machine, c, topic, value, time_ns), None
 
     def due_inputs(self, c: Configuration) -> Iterable[tuple[int, Value]]:
         """The inputs of the virtual-time driver at ct: the seeded draws of `input t every d`."""

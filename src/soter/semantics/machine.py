@@ -11,9 +11,9 @@ import sys
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.program.environment import Environment
-from soter.program.evaluate import Evaluator
-from soter.program.system import queues_of
+from soter.program.meaning.environment import Environment
+from soter.program.meaning.statements import Evaluator
+from soter.program.model.system import queues_of
 from soter.semantics.externs import (
     UnboundExternError,
     extern_node,
@@ -21,18 +21,18 @@ from soter.semantics.externs import (
     step_of,
 )
 from soter.semantics.gate import check_of
-from soter.semantics.plants import PlantCode, compile_plant
+from soter.semantics.plant_code import PlantCode, compile_plant
 from soter.semantics.random_draws import SeededDraws
 from soter.semantics.storing import storer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.program.evaluate import Executed
-    from soter.program.evaluate_expr import Compiled, Extern
-    from soter.program.system import Component, Module, Property, Scope, System
-    from soter.program.typed import FunSymbol, Variable
-    from soter.program.types import Value
+    from soter.program.meaning.expressions import Compiled, Extern
+    from soter.program.meaning.statements import Executed
+    from soter.program.model.system import Component, Module, Property, Scope, System
+    from soter.program.model.typed import FunSymbol, Variable
+    from soter.program.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.random_draws import Draws
 

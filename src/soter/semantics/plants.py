@@ -3,76 +3,35 @@
 Purpose: the step of a plant (docs/semantics.md, Plants): draw the disturbances, integrate,
 measure, publish. A plant is released by the calendar as a node is, so that Environment-Input
 steps of plants happen at known times.
-Non-goals: what a plant means for proofs (`reach/`), extern plants' callables (`externs.py`).
+Non-goals: what a plant means for proofs (`reach/`), compiling it (`plant_code.py`).
 """
 
 from __future__ import annotations
 
-import operator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.program import vectors
-from soter.program.arith import StepFault
-from soter.program.evaluate import Evaluator, replaced
-from soter.program.types import leaves
+from soter.program.meaning.arith import StepFault
+from soter.program.meaning.statements import replaced
 from soter.semantics.configuration import put
 from soter.semantics.gate import check_publications, latch, publish
 from soter.semantics.random_draws import assemble
 from soter.semantics.record import Outcome
-from soter.semantics.storing import storer
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
-    from soter.program.environment import Environment
-    from soter.program.evaluate_expr import Compiled
-    from soter.program.system import Component, Disturbance, Topic
-    from soter.program.typed import Expr, Variable
-    from soter.program.types import RecordType, Type, Value
+    from soter.program.meaning.environment import Environment
+    from soter.program.model.system import Component, Disturbance
+    from soter.program.model.typed import Variable
+    from soter.program.model.types import Value
     from soter.semantics.configuration import Configuration
-    from soter.semantics.externs import Move
     from soter.semantics.machine import Machine
+    from soter.semantics.plant_code import Arithmetic, PlantCode
     from soter.semantics.random_draws import Draws
 
-    Named = tuple[tuple[Variable, Compiled], ...]
     Derivative = Callable[[list[Value]], list[Value]]
-    Steps = tuple["Arithmetic", ...]
-
-
-@dataclass(frozen=True, slots=True)
-class Arithmetic:
-    """Componentwise work on one `der` state: `x + y` and `factor * x`."""
-
-    add: Callable[[Value, Value], Value]
-    scale: Callable[[float, Value], Value]
-
-
-@dataclass(frozen=True, slots=True)
-class Reading:
-    """A measurement error: position of its leaf in the topic's value, and its stream."""
-
-    topic: int
-    path: tuple[int, ...]
-    bound: float
-    stream: str
-
-
-@dataclass(frozen=True, slots=True)
-class PlantCode:
-    """The code of a plant; `move` replaces the motion of an extern one."""
-
-    component: Component
-    states: tuple[Variable, ...]
-    store: Callable[[tuple[Value, ...]], tuple[Value, ...]]
-    lets: Named
-    der: Named
-    next: Named
-    arithmetic: tuple[Arithmetic, ...]
-    method: str
-    drives: tuple[tuple[int, Compiled], ...]
-    readings: tuple[Reading, ...]
-    move: Move | None
+    Steps = tuple[Arithmetic, ...]
 
 
 # ---------------------------------------------------------------- the step
@@ -149,7 +108,7 @@ def _integrated(
     _set_states(code, env, states)
     x = [env.variables[variable] for variable in variables]
     h = float(code.component.period_ns) / 1e9 / float(code.component.substeps)
-    step = _euler if code.method == "euler" else _rk4
+    step = STEPS[code.method]
     for _ in range(code.component.substeps):
         x = step(f, x, h, code.arithmetic)
     return dict(zip(variables, x, strict=True))
@@ -169,6 +128,10 @@ def _rk4(f: Derivative, x: list[Value], h: float, arithmetic: Steps) -> list[Val
     k = _along(_along(k1, 2.0, k2, arithmetic), 2.0, k3, arithmetic)
     k = [a.add(y, z) for a, y, z in zip(arithmetic, k, k4, strict=True)]
     return _along(x, h / 6.0, k, arithmetic)
+
+
+STEPS = {"euler": _euler, "rk4": _rk4}
+"""One step of every scheme (`SCHEMES`)."""
 
 
 def _along(x: list[Value], factor: float, k: list[Value], arithmetic: Steps) -> list[Value]:
@@ -207,62 +170,3 @@ def _set_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) ->
 def _evaluate_lets(code: PlantCode, env: Environment) -> None:
     for variable, value in code.lets:
         env.variables[variable] = value(env)
-
-
-# ---------------------------------------------------------------- compiling
-
-
-def compile_plant(
-    component: Component, evaluator: Evaluator, topics: Sequence[Topic], move: Move | None
-) -> PlantCode:
-    """The code of a plant instance. `der` and `next` keep the order the program wrote them in."""
-    plant = component.plant
-    assert plant is not None, component.name
-
-    def named(pairs: Sequence[tuple[Variable, Expr]]) -> Named:
-        return tuple([(variable, evaluator.expression(e)) for variable, e in pairs])
-
-    scope = component.scope.topics
-    return PlantCode(
-        component=component,
-        states=plant.states,
-        store=storer(v.type for v in plant.states),
-        lets=named(plant.lets),
-        der=named(tuple(plant.der.items())),
-        next=named(tuple(plant.next.items())),
-        arithmetic=tuple([_arithmetic(v.type) for v in plant.der]),
-        method=plant.method,
-        drives=tuple([(scope[t], evaluator.expression(e)) for t, e in plant.drives]),
-        readings=tuple(
-            [
-                Reading(m.topic, _position(topics[m.topic].type, m.leaf), m.bound, m.stream)
-                for m in component.measured
-            ]
-        ),
-        move=move,
-    )
-
-
-def _arithmetic(t: Type) -> Arithmetic:
-    zipped, each = vectors.zipper(t), vectors.mapper(t)
-    return Arithmetic(
-        add=lambda x, y: zipped(operator.add, x, y),
-        scale=lambda factor, x: each(lambda component: factor * component, x),
-    )
-
-
-def _position(t: Type, leaf: int) -> tuple[int, ...]:
-    """The positions, from the outside in, of the leaf with this number."""
-    path = list(leaves(t))[leaf][0]
-    found = []
-    for part in path:
-        if part.startswith("["):
-            found.append(int(part[1:-1]))
-            t = t.element  # type: ignore[attr-defined]
-        else:
-            record: RecordType = t  # type: ignore[assignment]
-            at = record.index(part)
-            assert at is not None, part
-            found.append(at)
-            t = record.fields[at][1]
-    return tuple(found)

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.arith import StepFault
+from soter.program.meaning.arith import StepFault
 
 if TYPE_CHECKING:
-    from soter.program.environment import Environment
-    from soter.program.system import Component
+    from soter.program.meaning.environment import Environment
+    from soter.program.model.system import Component
     from soter.semantics.configuration import Configuration
     from soter.semantics.machine import Machine
 

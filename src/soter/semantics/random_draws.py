@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Protocol
 
-from soter.program.types import (
+from soter.program.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -24,8 +24,8 @@ from soter.program.types import (
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from soter.program.system import Bound
-    from soter.program.types import Type, Value
+    from soter.program.model.system import Bound
+    from soter.program.model.types import Type, Value
 
 _MASK = 2**64 - 1
 _GOLDEN = 0x9E3779B97F4A7C15

@@ -14,7 +14,7 @@ from dataclasses import replace
 from itertools import count
 from typing import TYPE_CHECKING
 
-from soter.program.arith import FaultKind, StepFault
+from soter.program.meaning.arith import FaultKind, StepFault
 from soter.semantics.configuration import put
 from soter.semantics.gate import (
     check_publications,
@@ -33,22 +33,22 @@ from soter.semantics.record import AC, SC, Outcome, Verdict
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.environment import Environment
-    from soter.program.evaluate_expr import Compiled
-    from soter.program.system import Component, Module
-    from soter.program.types import Value
+    from soter.program.meaning.environment import Environment
+    from soter.program.meaning.expressions import Compiled
+    from soter.program.model.system import Component, Module
+    from soter.program.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.machine import Machine
 
 
 def environment_input(
-    machine: Machine, c: Configuration, topic: int, value: Value
+    machine: Machine, c: Configuration, topic: int, value: Value, time_ns: int | None = None
 ) -> Configuration:
-    """ENVIRONMENT-INPUT: an input topic takes a value of its set, at any time.
+    """ENVIRONMENT-INPUT: an input topic takes a value of its set, at any time; None is ct.
 
     (L, OE, ct, FN, Topics) -> (L, OE, ct, FN, Topics[e -> v])
     """
-    return publish(machine.system.topics, c, {topic: value})
+    return publish(machine.system.topics, c, {topic: value}, time_ns)
 
 
 def discrete_time_progress_step(machine: Machine, c: Configuration) -> Configuration:

@@ -15,8 +15,11 @@ import numpy as np
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.program.system import Module
-    from soter.simulate.run import Run
+    import numpy.typing as npt
+
+    from soter.program.model.system import Module, System
+    from soter.simulate.observe import ModeChange
+    from soter.simulate.result import Run
 
 Mode = Literal["SC", "AC"]
 
@@ -55,35 +58,39 @@ class Decided:
 
 def changes(run: Run) -> list[Decided]:
     """The DM steps that changed a mode, in order of time."""
-    found = []
-    for change in run.changes:
-        module = run.system.modules[change.module]
-        saw = Saw(change.ttf, change.safer, change.stale, change.gate_fault)
-        before, after = _modes(change.to == "AC")
-        found.append(
-            Decided(change.time_ns, module.name, before, after, saw, reason(before, after, saw))
-        )
-    return found
+    return [of_change(run.system, change) for change in run.changes]
 
 
-def steps(run: Run) -> Iterator[Decided]:
-    """Every DM step of a traced run, in order of time, ties by module."""
-    trace = run.require_trace()
-    times_ns = trace["header"]["ct"]
-    periods = {m.period_ns for m in run.system.modules}
+def of_change(system: System, change: ModeChange) -> Decided:
+    """A change of mode, with its reason."""
+    module = system.modules[change.module]
+    saw = Saw(change.ttf, change.safer, change.stale, change.gate_fault)
+    before, after = _modes(change.to == "AC")
+    return Decided(change.time_ns, module.name, before, after, saw, reason(before, after, saw))
+
+
+def steps(system: System, states: npt.NDArray[Any], earlier: Any = None) -> Iterator[Decided]:  # noqa: ANN401 - a row of modules
+    """Every DM step of states that follow each other, (n,), in order of time, ties by module.
+
+    `earlier`: the modules' records of the state before the first, None at the start of a run.
+    """
+    times_ns = states["header"]["ct"]
+    periods = {m.period_ns for m in system.modules}
     due = np.zeros(len(times_ns), dtype=np.bool_)
     for period_ns in periods:
         due |= times_ns % period_ns == 0
+    modules = states["modules"]
     for row in np.flatnonzero(due):
-        for module in run.system.modules:
+        before = modules[row - 1] if row else earlier
+        for module in system.modules:
             if int(times_ns[row]) % module.period_ns == 0:
-                yield _step(trace["modules"], int(row), module, int(times_ns[row]))
+                yield _step(modules[row], before, module, int(times_ns[row]))
 
 
-def _step(modules: Any, row: int, module: Module, time_ns: int) -> Decided:  # noqa: ANN401
+def _step(modules: Any, before: Any, module: Module, time_ns: int) -> Decided:  # noqa: ANN401
     """The DM step of an instant. Debts of AC are as they were before it: AC steps after DM."""
-    now = modules[row, module.index]
-    earlier = modules[row - 1, module.index] if row else None
+    now = modules[module.index]
+    earlier = None if before is None else before[module.index]
     was_ac = module.forced == "ac" if earlier is None else bool(earlier["mode"])
     saw = Saw(
         bool(now["ttf"]),
@@ -92,10 +99,10 @@ def _step(modules: Any, row: int, module: Module, time_ns: int) -> Decided:  # n
         bool(now["saw_gate_fault"]),
         0 if earlier is None else int(earlier["clean_needed"]),
     )
-    before: Mode = "AC" if was_ac else "SC"
+    was: Mode = "AC" if was_ac else "SC"
     after: Mode = "AC" if now["mode"] else "SC"
-    why = "the system forces this mode" if module.forced else reason(before, after, saw)
-    return Decided(time_ns, module.name, before, after, saw, why)
+    why = "the system forces this mode" if module.forced else reason(was, after, saw)
+    return Decided(time_ns, module.name, was, after, saw, why)
 
 
 def _modes(to_ac: bool) -> tuple[Mode, Mode]:

@@ -9,12 +9,12 @@ from __future__ import annotations
 import struct
 from typing import TYPE_CHECKING
 
-from soter.lower.layout import encode_into
+from soter.lower.layout import COMPONENT, HEADER, MODULE, PROPERTY, encode_into
 from soter.semantics.random_draws import mix
 
 if TYPE_CHECKING:
     from soter.lower.layout import StateLayout
-    from soter.program.system import System
+    from soter.program.model.system import Component, System
     from soter.semantics.configuration import Configuration
     from soter.semantics.record import Record
 
@@ -26,54 +26,61 @@ def image(
 ) -> bytes:
     """The state struct of a configuration at the end of an instant."""
     out = bytearray(layout.size)
-    key = mix((seed + 0x9E3779B97F4A7C15) & MASK)
-    struct.pack_into("<qQQII", out, 0, c.ct, seed & MASK, key, record.violations, 0)
+    HEADER.pack_into(
+        out,
+        0,
+        ct=c.ct,
+        seed=seed & MASK,
+        seed_key=mix((seed + 0x9E3779B97F4A7C15) & MASK),
+        violations=record.violations,
+    )
     at = layout.component_offset
     for x in system.components:
-        if c.ct < x.phase_ns:
-            following = x.phase_ns
-        else:
-            following = x.phase_ns + ((c.ct - x.phase_ns) // x.period_ns + 1) * x.period_ns
         r = record.components[x.index]
-        struct.pack_into(
-            "<qIBBBBB",
+        COMPONENT.pack_into(
             out,
             at,
-            following,
-            r.faults,
-            r.last_fault,
-            c.OE[x.index],
-            c.latched[x.index],
-            c.had_control[x.index],
-            0,
+            next=_following(x, c.ct),
+            faults=r.faults,
+            last_fault=r.last_fault,
+            oe=c.OE[x.index],
+            latched=c.latched[x.index],
+            had_control=c.had_control[x.index],
+            pending=False,
         )
-        at += 24
+        at += COMPONENT.size
     for m in system.modules:
         s = record.modules[m.index]
-        struct.pack_into(
-            "<qqIIIIBBBBBB",
+        MODULE.pack_into(
             out,
             at,
-            s.ac_ns,
-            s.mode_since_ns,
-            s.switches_to_sc,
-            s.switches_to_ac,
-            s.gate_faults,
-            c.clean_needed[m.index],
-            s.mode,
-            c.gate_fault[m.index],
-            s.ttf,
-            s.safer,
-            s.stale,
-            s.gate_fault,
+            ac_ns=s.ac_ns,
+            mode_since=s.mode_since_ns,
+            to_sc=s.switches_to_sc,
+            to_ac=s.switches_to_ac,
+            gate_faults=s.gate_faults,
+            clean_needed=c.clean_needed[m.index],
+            mode=s.mode,
+            gate_fault=c.gate_fault[m.index],
+            ttf=s.ttf,
+            safer=s.safer,
+            stale=s.stale,
+            saw_gate_fault=s.gate_fault,
         )
-        at += 40
+        at += MODULE.size
     for p in record.properties:
-        struct.pack_into("<qIB", out, at, p.first_ns, p.count, p.active)
-        at += 16
-    struct.pack_into(f"<{layout.topics}q", out, at, *c.stamps)
+        PROPERTY.pack_into(out, at, first_ns=p.first_ns, count=p.count, active=p.active)
+        at += PROPERTY.size
+    struct.pack_into(f"<{layout.topics}q", out, layout.stamp_offset, *c.stamps)
     for g in layout.groups:
         values = c.Topics if g.owner < 0 else c.L[g.owner]
         for member in g.struct.members:
             encode_into(out, g.offset + member.offset, member.type, values[member.index])
     return bytes(out)
+
+
+def _following(x: Component, ct: int) -> int:
+    """The release of a component after `ct`, ns."""
+    if ct < x.phase_ns:
+        return x.phase_ns
+    return x.phase_ns + ((ct - x.phase_ns) // x.period_ns + 1) * x.period_ns

@@ -16,13 +16,15 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
     from typing import IO
 
     import numpy.typing as npt
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
     Rows = npt.NDArray[np.uint8]
+    Also = Callable[[npt.NDArray[Any], Sequence["ModeChange"]], None]
 
 IN_MEMORY_BYTES = 512 * 1024 * 1024
 """A longer trace lies in a temporary file, which is gone with the process."""
@@ -53,13 +55,20 @@ class Observer:
     """Takes the states of one run, in order."""
 
     def __init__(
-        self, system: System, dtype: np.dtype[Any], *, keep_trace: bool, hash_trace: bool
+        self,
+        system: System,
+        dtype: np.dtype[Any],
+        *,
+        keep_trace: bool,
+        hash_trace: bool,
+        also: Also | None = None,
     ) -> None:
         self.instants = 0
         self.changes: list[ModeChange] = []
         self.first_faults: dict[int, FirstFault] = {}
         self.last: Rows | None = None
         """The last state seen, (size,) bytes."""
+        self._also = also
         self._dtype = dtype
         self._digest = hashlib.sha256() if hash_trace else None
         self._kept: list[Rows] | None = [] if keep_trace else None
@@ -80,9 +89,12 @@ class Observer:
         if self._kept is not None:
             self._keep(rows)
         states = np.ascontiguousarray(rows).view(self._dtype).reshape(-1)
+        known = len(self.changes)
         if len(self._modes):
             self._see_modes(states)
         self._see_faults(states)
+        if self._also is not None:
+            self._also(states, self.changes[known:])
 
     @property
     def decided(self) -> list[tuple[int, int]]:
@@ -95,7 +107,10 @@ class Observer:
         return self._digest.hexdigest() if self._digest is not None else None
 
     def trace(self) -> npt.NDArray[Any] | None:
-        """All states as records, None where they were not kept; asked for once, at the end."""
+        """All states as records, (instants,), None where they were not kept.
+
+        Asked for once, at the end.
+        """
         if self._kept is None:
             return None
         size = self._dtype.itemsize

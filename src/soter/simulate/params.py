@@ -8,14 +8,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.elaborate import show_ns
-from soter.program.evaluate import Evaluator
-from soter.program.types import BoolType, DurationType, EnumType
-from soter.program.values import to_json
+from soter.program.flatten.elaborate import show_ns
+from soter.program.meaning.statements import Evaluator
+from soter.program.model.types import BoolType, DurationType, EnumType
+from soter.program.model.values import to_json
 
 if TYPE_CHECKING:
-    from soter.program.system import System
-    from soter.program.types import Type, Value
+    from soter.program.model.system import System
+    from soter.program.model.types import Type, Value
 
 
 def changed(system: System) -> dict[str, tuple[str, str]]:

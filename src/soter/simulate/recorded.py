@@ -1,6 +1,6 @@
 """A traced run, or a log, as recorded values.
 
-Purpose: what `reach/monitor.py` reads: topics and true states after every instant.
+Purpose: what `monitor/membership.py` reads: topics and true states after every instant.
 Non-goals: modes and decisions; logs that `soter run --log` did not write.
 """
 
@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.lower.layout import decode_from
-from soter.program.types import RecordType
-from soter.program.values import ValueShapeError, from_json
+from soter.program.model.types import RecordType
+from soter.program.model.values import ValueShapeError, from_json
 from soter.report.recorded import Recorded
-from soter.simulate.figures import truth_value
-from soter.simulate.to_log import require_log_package
+from soter.simulate.outputs.figures import truth_value
+from soter.simulate.outputs.to_log import require_log_package
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.program.system import System
-    from soter.program.types import Type
-    from soter.simulate.run import Run
+    from soter.program.model.system import System
+    from soter.program.model.types import Type
+    from soter.simulate.result import Run
 
 
 def recorded(run: Run) -> Recorded:
@@ -35,7 +35,7 @@ def recorded(run: Run) -> Recorded:
         raw = memoryview(row.tobytes())
         found.times_ns.append(int(row["header"]["ct"]))
         found.topics.append({n: decode_from(raw, offset, t) for n, offset, t in places})
-        found.truths.append({c.name: truth_value(run, c, raw) for c in plants})
+        found.truths.append({c.name: truth_value(run.layout, c, raw) for c in plants})
     return found
 
 

@@ -2,7 +2,8 @@
 
 Purpose: `--set K=3`, `--until 30s` and their twins in Python become values of the program's
 types, or a diagnostic that says what would have been right (U001, U004).
-Non-goals: bounds of parameters (`program/elaborate.py` knows them), bindings (`bindings.py`).
+Non-goals: bounds of parameters (`program/flatten/elaborate.py` knows them), bindings
+(`bindings.py`).
 """
 
 from __future__ import annotations
@@ -10,20 +11,20 @@ from __future__ import annotations
 import math
 import operator
 import re
-from difflib import get_close_matches
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.types import BoolType, DurationType, EnumType, FloatType, IntType
-from soter.program.values import ValueShapeError, from_python
+from soter.diagnostics.near import closest
+from soter.program.model.types import BoolType, DurationType, EnumType, FloatType, IntType
+from soter.program.model.values import ValueShapeError, from_python
 from soter.syntax.tokens import UNIT_NS
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from soter.program.typed import Program
-    from soter.program.types import Type, Value
+    from soter.program.model.typed import Program
+    from soter.program.model.types import Type, Value
 
 DURATION_NS_MAX = 2**62
 """About 146 years: the sum of a time and a period still fits 64 bits."""
@@ -47,7 +48,7 @@ def usage_error(code: str, message: str, *helps: str) -> SoterError:
 def did_you_mean(name: str, known: Iterable[str]) -> str:
     """A help line with the closest known name, or all of them, or nothing."""
     names = list(known)
-    near = get_close_matches(name, names, 1, 0.6)
+    near = closest(name, names)
     if near:
         return f"did you mean `{near[0]}`?"
     shown = ", ".join(f"`{n}`" for n in names[:8])

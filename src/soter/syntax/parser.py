@@ -17,9 +17,13 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, Label
 from soter.diagnostics.span import Span
 from soter.syntax import tree
-from soter.syntax.bodies import BODY_WORDS
-from soter.syntax.cursor import ERRORS_MAX, STATEMENT_WORDS, Panic, TooManyErrorsError
-from soter.syntax.systems import SystemParser
+from soter.syntax.parsing.bodies import BODY_WORDS
+from soter.syntax.parsing.cursor import ERRORS_MAX, STATEMENT_WORDS, Panic, TooManyErrorsError
+from soter.syntax.parsing.functions import fun
+from soter.syntax.parsing.nodes import NodeParser
+from soter.syntax.parsing.plants import plant
+from soter.syntax.parsing.systems import system, test
+from soter.syntax.parsing.types import type_expression, value_set
 from soter.syntax.tokens import EOF, INT, NAME, STRING, lex, string_value, visible
 
 if TYPE_CHECKING:
@@ -86,7 +90,7 @@ def _too_many(last: Diagnostic) -> Diagnostic:
 # ---------------------------------------------------------------- parts of a body
 
 
-class Parser(SystemParser):
+class Parser(NodeParser):
     """The whole parser: files, declarations and their bodies."""
 
     __slots__ = ("edition",)
@@ -287,7 +291,7 @@ class Parser(SystemParser):
             )
         else:
             self.assign("after the name of the type")
-        type_ = self._enum() if self.kinds[self.i] == "enum" else self.type("a type")
+        type_ = self._enum() if self.kinds[self.i] == "enum" else type_expression(self, "a type")
         self.semicolon("the type")
         return tree.TypeDecl(name, self.span_from(start), type_)
 
@@ -332,7 +336,7 @@ class Parser(SystemParser):
         start = self.starts[self.i]
         self.i += 1
         name = self.declare("the name of the constant")
-        type_ = self._typed("the constant")
+        type_ = self.typed("the constant")
         data: str | None = None
         data_span: Span | None = None
         value: tree.Expr | None = None
@@ -350,10 +354,10 @@ class Parser(SystemParser):
         start = self.starts[self.i]
         self.i += 1
         name = self.declare("the name of the parameter")
-        type_ = self._typed("the parameter")
+        type_ = self.typed("the parameter")
         self.assign("after the type of the parameter")
         default = self.expr("the default of the parameter")
-        interval = self._interval("the range of the parameter") if self.accept("in") else None
+        interval = self.range_of("the range of the parameter") if self.accept("in") else None
         self.semicolon("the parameter")
         return tree.ParamDecl(name, self.span_from(start), type_, default, interval)
 
@@ -362,7 +366,7 @@ class Parser(SystemParser):
         is_input = self.accept_word("input")
         self.i += 1
         name = self.declare("the name of the topic")
-        type_ = self._typed("the topic")
+        type_ = self.typed("the topic")
         values: tree.ValueSet | None = None
         default: tree.Expr | None = None
         max_age: tree.Expr | None = None
@@ -403,142 +407,25 @@ class Parser(SystemParser):
     def _value_set(self) -> tree.ValueSet:
         start = self.i
         try:
-            return self.value_set()
+            return value_set(self)
         except Panic:
             self.depth = 0
             if self.kinds[start] == "{":
                 self.i = start
                 self.skip_braces()
             else:
-                self._skip_interval(start)
+                self.skip_interval(start)
             span = self.span_from(self.starts[start])
             return tree.Interval(tree.ErrorExpr(span), tree.ErrorExpr(span), span)
-
-    # ------------------------------------------------------------ functions
-
-    def _fun(self) -> tree.Decl:
-        start = self.starts[self.i]
-        extern = self.accept("extern")
-        self.i += 1
-        name = self.declare("the name of the function")
-        parameters = self._parameters()
-        result = self._result_type(name)
-        source, source_span = self._from() if extern else self._stray_from("fun")
-        body: tree.Block | None = None
-        if self.kinds[self.i] == "{":
-            if extern:
-                self._extern_body(name)
-            else:
-                body = self.block("after the result type")
-        elif extern:
-            self.semicolon("the extern function")
-        else:
-            body = self._function_body()
-        return tree.FunDecl(
-            name, self.span_from(start), parameters, result, body, extern, source, source_span
-        )
-
-    def _function_body(self) -> tree.Block | None:
-        """A function without its `{`."""
-        message = f"expected `{{` and the body of the function, found {self.found()}"
-        if self.kinds[self.i] == ";":
-            self.report("S005", message, helps=("a function written elsewhere is an `extern fun`",))
-            self.i += 1
-            return None
-        self.report("S005", message)
-        self.damaged = True
-        while self.kinds[self.i] not in ("{", ";", "}", EOF) and not self.at_declaration():
-            self.i += 1
-        if self.kinds[self.i] == "{":
-            return self.block("after the result type")
-        self.accept(";")
-        return None
-
-    def _extern_body(self, name: tree.Name) -> None:
-        self.report(
-            "S025",
-            f"the extern function `{visible(name.text)}` has a body",
-            helps=("leave out `extern`, or write `;` instead of the body",),
-        )
-        self.block("after the result type")
-
-    def _result_type(self, name: tree.Name) -> tree.TypeExpr:
-        if self.kinds[self.i] in ("->", "=>"):
-            self.report(
-                "S015",
-                f"expected `:` before the result type, found {self.found()}",
-                helps=("the result type stands behind `:`",),
-            )
-            self.i += 1
-            return self.type("the result type")
-        if self.accept(":"):
-            return self.type("the result type")
-        self.report(
-            "S005",
-            f"expected `:` and the result type of `{visible(name.text)}`, found {self.found()}",
-            self.after_previous(),
-            "the result type is missing here",
-            notes=("a function computes a value: it always has a result type",),
-        )
-        return tree.ErrorTypeExpr(self.after_previous())
-
-    def _parameters(self) -> tuple[tuple[tree.Name, tree.TypeExpr], ...]:
-        opener = self.i
-        self.expect("(", "after the name of the function")
-        parameters: list[tuple[tree.Name, tree.TypeExpr]] = []
-        if self.accept(")"):
-            return ()
-        try:
-            while True:
-                parameters.append(self._parameter())
-                kind = self.kinds[self.i]
-                if kind == ")":
-                    self.i += 1
-                    break
-                if kind == "," and self.kinds[self.i + 1] != ")":
-                    self.i += 1
-                    continue
-                also = ((self.token_span(opener), "opened here"),)
-                message = f"expected `,` or `)` after the parameter, found {self.found()}"
-                if kind == ",":
-                    self.i += 1
-                    message = "expected a parameter after `,`, found `)`"
-                    self.report("S005", message)
-                    self.i += 1
-                    break
-                raise self.failure("S005", message, also=also)
-        except Panic:
-            self.damaged = True
-            while self.kinds[self.i] not in (")", "{", ";", "}", EOF):
-                self.i += 1
-            self.quiet = self.i
-            self.accept(")")
-        return tuple(parameters)
-
-    def _parameter(self) -> tuple[tree.Name, tree.TypeExpr]:
-        i = self.i
-        if self.kinds[i + 1] == NAME and self.kinds[i] in ("float", "int", "bool", NAME):
-            written = f"{self.texts[i + 1]}: {self.texts[i]}"
-            self.report(
-                "S005",
-                f"expected `:` after the name of the parameter, found `{self.texts[i + 1]}`",
-                self.token_span(i),
-                helps=(f"the name comes first: write `{visible(written)}`",),
-            )
-            self.i += 1
-            name = self.name("the name of a parameter")
-            return name, tree.ErrorTypeExpr(name.span)
-        name = self.name("the name of a parameter")
-        return name, self._typed(f"the parameter `{visible(name.text)}`")
 
     def _extern(self) -> tree.Decl:
         following = self.kinds[self.i + 1]
         if following == "fun":
-            return self._fun()
+            return fun(self)
         if following == "node":
             return self._node()
         if following == "plant":
-            return self._plant()
+            return plant(self)
         self.i += 1
         if self.kinds[self.i + 1] == NAME and self.kinds[self.i] in (NAME, "topic", "rta"):
             self.broken.add(self.texts[self.i + 1])
@@ -552,13 +439,13 @@ _DECLARATIONS: dict[str, Callable[[Parser], tree.Decl]] = {
     "type": Parser._type_declaration,
     "const": Parser._const,
     "param": Parser._param,
-    "fun": Parser._fun,
+    "fun": fun,
     "extern": Parser._extern,
     "topic": Parser._topic,
     "node": Parser._node,
     "rta": Parser._rta,
-    "plant": Parser._plant,
-    "system": Parser._system,
-    "test": Parser._test,
+    "plant": plant,
+    "system": system,
+    "test": test,
 }
 _SHOWN_WORDS = tuple(word for word in _DECLARATIONS if word != "import")

@@ -399,7 +399,7 @@ class ParamDecl(Decl):
     interval: Interval | None
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class FunDecl(Decl):
     """`fun name(parameters): type {...}`; an `extern fun` has no body."""
 
@@ -453,7 +453,7 @@ class LocalVar:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class NodeDecl(Decl):
     """`node` or `extern node`; `step` is None exactly when extern (or after a parse error)."""
 
@@ -517,7 +517,7 @@ class Abstraction:
     value: Expr
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class VerifyBlock:
     """`verify { ... }`: read by `soter verify`, syntax and names checked always."""
 
@@ -543,7 +543,7 @@ class Synthesized:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class RtaDecl(Decl):
     """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
 
@@ -589,11 +589,11 @@ class PlantLet:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class PlantDecl(Decl):
     """`plant` or `extern plant`. `drives` has an expression unless the plant is extern.
 
-    `integrate` is ("rk4" | "euler", substeps or None), None when left out (rk4, 1).
+    `integrate` is (name of a scheme, substeps or None), None when left out (`schemes.py`).
     """
 
     period: Expr
@@ -681,7 +681,7 @@ class TimingFault:
     span: Span
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class SystemDecl(Decl):
     """`system Name [default] {...}`."""
 
@@ -695,7 +695,7 @@ class SystemDecl(Decl):
     inputs: tuple[DriveInput, ...]
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, kw_only=True)
 class TestDecl(Decl):
     """`test Name {...}`: read by `soter test`."""
 

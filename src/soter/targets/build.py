@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.lower.core import CoreSystem
-    from soter.program.system import System
+    from soter.program.model.system import System
     from soter.targets.package import Package
 
     Maker = Callable[[System, CoreSystem, Path], Package]
@@ -28,8 +28,8 @@ COMING = ("posix", "cortex-m", "ros1", "dds", "zenoh", "mavlink")
 def build_package(target: str, system: System, core: CoreSystem, folder: Path) -> Package:
     """Write the package of a target; SoterError U001 where there is no such target.
 
-    `system`, `core`: with every binding to C entered (`simulate/bindings.py`); whatever else an
-    extern is bound to does not leave this machine.
+    `system`, `core`: with every binding to C entered (`simulate/externs/bindings.py`); whatever
+    else an extern is bound to does not leave this machine.
     """
     make = TARGETS.get(target)
     if make is None:

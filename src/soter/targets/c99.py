@@ -8,26 +8,30 @@ Non-goals: clocks and devices (other targets), compiling here.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING
 
-from soter.codegen import c_tree as c
-from soter.codegen.c_printer import print_file
-from soter.codegen.names import Unique, field_name
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import Unique, field_name
+from soter.codegen.c.printer import print_file
 from soter.codegen.unit import generate
 from soter.native.build import RUNTIME
-from soter.native.compiler import STRICT, WARNINGS
+from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets.c_files import with_headers
 from soter.targets.package import File, Package
 
 if TYPE_CHECKING:
     from soter.codegen.unit import Unit
     from soter.lower.core import CoreSystem
-    from soter.program.system import Component, System
+    from soter.program.model.system import Component, System
 
 STUBS = "externs.c"
 APP = "soter_app"
-KERNEL = ("soter.h", "soter_kernel.c", "soter_virtual.c", "soter_sha256.h", "soter_sha256.c")
+KERNEL = (
+    *("soter.h", "soter_kernel.c", "soter_virtual.c", "soter_self_test.c"),
+    *("soter_sha256.h", "soter_sha256.c"),
+)
 STATE, PROGRAM, UNTIL = "APP_STATE", "APP_PROGRAM", "APP_UNTIL_NS"
 
 
@@ -51,11 +55,11 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
     package.files += _extern_files(linked)
     sources = [f.path for f in package.files if f.path.endswith(".c")]
     package.files += [
-        File("Makefile", _makefile(unit.prefix, sources)),
+        File("Makefile", _makefile(_command_name(unit.prefix), sources)),
         File("README.md", _readme(system, unit, stubs, plants)),
     ]
     package.notes = _notes(core, stubs, plants)
-    package.commands = [f"make -C {folder}", f"{folder}/{unit.prefix}"]
+    package.commands = [f"make -C {folder}", f"{folder}/{_command_name(unit.prefix)}"]
     return package
 
 
@@ -69,6 +73,12 @@ def _bind_stubs(system: System) -> dict[str, Component]:
             found[symbol] = x
             x.binding = f"c:{STUBS}:{symbol}"
     return found
+
+
+def _command_name(prefix: str) -> str:
+    """What the package's command is called: never like a file, folder or goal of its Makefile."""
+    taken = re.fullmatch(r"(gnu)?makefile|run|clean|extern(_\d+)?", prefix, re.IGNORECASE)
+    return f"{prefix}_program" if taken else prefix
 
 
 def _main_name(unit: Unit) -> str:
@@ -240,21 +250,22 @@ def _move(unit: Unit, x: Component, body: tuple[c.CStmt, ...] | None) -> c.Funct
 
 
 def _makefile(name: str, sources: list[str]) -> str:
-    flags = " ".join(STRICT)
+    meaning = " ".join(MEANING)
     warnings = " ".join(w for w in WARNINGS if w != "-Werror")
     listed = " \\\n  ".join(sorted(sources))
     return f"""\
 # Written by soter: `make` builds ./{name}, `make run` runs it.
 CFLAGS ?= -O2
-# these belong to the meaning: one rounding an operation, on every compiler
-MEANING := {flags}
+# these belong to the meaning, so they come last: one rounding an operation, on every compiler
+MEANING := {meaning}
 WARNINGS := {warnings}
 SOURCES := \\
   {listed}
 
 {name}: $(SOURCES) $(wildcard *.h extern*/*.h)
-\t$(CC) $(MEANING) $(WARNINGS) $(CFLAGS) -I. -o $@ $(SOURCES) -lm
+\t$(CC) {STANDARD} $(WARNINGS) $(CFLAGS) $(MEANING) -I. -o $@ $(SOURCES) -lm
 
+Makefile: ; # never made from a Makefile.c
 .PHONY: run clean
 run: {name}
 \t./{name}
@@ -286,15 +297,18 @@ def _readme(
 Written by soter from `{PurePath(system.program.path).name}` (program {system.program.sha256[:12]}).
 
     make
-    ./{name}{until}
+    ./{_command_name(name)}{until}
 
 runs the program in virtual time and prints verdict, modules and `trace_sha256`, which is that of
-`soter run` with the same seed. `--seed N`, `--until SECONDS`; exits 0 safe, 3 violated, 2 usage.
+`soter run` with the same seed. `--seed N`, `--until SECONDS`; exits 0 safe, 3 violated, 2 usage, 1
+where this machine does not compute as the program means (`soter_self_test` says it; your own `main`
+may call it too).
 
 | file | what |
 |---|---|
 | `{name}.h`, `{name}.c` | the program: state, steps, decision modules, tables |
 | `soter.h`, `soter_kernel.c`, `soter_virtual.c` | the kernel and the virtual-time driver |
+| `soter_self_test.c` | finds at start what a compiler's or linker's flags have changed |
 | `{APP}.h`, `{APP}.c`, `{_main_name(unit)}` | this command |
 {filled}"""
 

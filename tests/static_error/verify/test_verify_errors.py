@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from generators.found import files_below, files_in
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.explain import all_codes, explain
 from soter.diagnostics.render import render_all
 from soter.program.build import check_file, system_of
 from soter.reach.command import refuse_forced
-from soter.reach.extract import extract
+from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
 
 FOLDER = Path(__file__).parent
-PROGRAMS = sorted(p.name for p in FOLDER.glob("*.soter"))
+PROGRAMS = [p.name for p in files_in(FOLDER, "*.soter")]
 CODES = [code for code in all_codes() if code[0] == "R"]
 
 
@@ -76,6 +77,10 @@ def test_pages_of_these_codes_say_the_truth(code: str) -> None:
 
 def test_every_code_that_extraction_reports_has_a_page_and_a_program() -> None:
     room = Path(__file__).parents[3] / "src" / "soter" / "reach"
-    used = {c for f in room.glob("*.py") for c in re.findall(r'"(R\d{3})"', f.read_text("utf-8"))}
+    used = {
+        c
+        for f in files_below(room, "*.py")
+        for c in re.findall(r'"(R\d{3})"', f.read_text("utf-8"))
+    }
     assert used == set(CODES)
     assert used == {name.split("_")[0] for name in PROGRAMS}

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
 from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.codegen.names import program_prefix
+import processes
+from soter.codegen.c.names import program_prefix
 from soter.native.compiler import WARNINGS, find
 
 if TYPE_CHECKING:
@@ -18,10 +18,10 @@ if TYPE_CHECKING:
     Soter = Callable[..., Any]
 
 
-def make(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProcess[str]:
+def make(folder: Path, name: str, *arguments: str) -> processes.Done:
     """Build with the strict flags as errors, and run."""
     compiler = " ".join(find().command)
-    done = subprocess.run(
+    done = processes.run(
         ["make", f"CC={compiler}", f"CFLAGS=-O2 {' '.join(WARNINGS)}"],
         cwd=folder,
         capture_output=True,
@@ -29,7 +29,7 @@ def make(folder: Path, name: str, *arguments: str) -> subprocess.CompletedProces
         check=False,
     )
     assert done.returncode == 0, done.stderr
-    return subprocess.run(
+    return processes.run(
         [str(folder / name), *arguments], capture_output=True, text=True, check=False
     )
 

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.cli.console import Console
+from soter.cli.terminal.console import Console
 
 if TYPE_CHECKING:
     from collections.abc import Callable

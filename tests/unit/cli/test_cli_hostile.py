@@ -54,9 +54,19 @@ def test_control_characters_never_reach_the_terminal(soter: Soter, here: Path) -
         assert "\x1b" not in done.err
 
 
-@pytest.mark.parametrize("seed", ["-1", "1.5", "", "99999999999999999999", "0x10", "²"])
+@pytest.mark.parametrize(
+    "seed", ["-1", "1.5", "", "99999999999999999999", "0x10", "²", "\u0663", "1_0"]
+)
 def test_seeds_that_are_none(soter: Soter, seed: str) -> None:
     assert soter("run", "cart.soter", "--seed", seed).exit == 2
+
+
+@pytest.mark.parametrize("option", ["--threads", "--runs", "--max-states", "--minimise"])
+@pytest.mark.parametrize("number", ["1_0", "\u0663", "\uff12", "x"])
+def test_numbers_are_written_in_plain_digits(soter: Soter, option: str, number: str) -> None:
+    done = soter("test", "cart.soter", option, number)
+    assert done.exit == 2
+    assert f"argument {option}: " in done.err
 
 
 def test_the_largest_seed(soter: Soter) -> None:

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-import subprocess
 import sys
 from pathlib import Path
 
 import pytest
+
+import processes
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 DIAGNOSTICS, USAGE = 1, 2
@@ -14,7 +15,7 @@ DIAGNOSTICS, USAGE = 1, 2
 
 def soter(folder: Path, *arguments: str) -> int:
     command = [sys.executable, "-m", "soter.cli.main", *arguments]
-    return subprocess.run(command, cwd=folder, capture_output=True, check=False).returncode
+    return processes.run(command, cwd=folder, capture_output=True, check=False).returncode
 
 
 @pytest.mark.parametrize("option", ["--log", "--report"])

@@ -6,8 +6,8 @@ import io
 
 import pytest
 
-from soter.cli.console import Console, colorful
-from soter.cli.progress import CLEAR, LineOfProgress, Progress
+from soter.cli.terminal.console import Console, colorful
+from soter.cli.terminal.progress import CLEAR, LineOfProgress, Progress
 from soter.cli.test import progress_text
 from soter.explore.results import Looked
 
@@ -20,7 +20,7 @@ class Terminal(io.StringIO):
 @pytest.fixture
 def clock(monkeypatch: pytest.MonkeyPatch) -> list[float]:
     now = [0.0]
-    monkeypatch.setattr("soter.cli.progress.time.perf_counter", lambda: now[0])
+    monkeypatch.setattr("soter.cli.terminal.progress.time.perf_counter", lambda: now[0])
     return now
 
 

@@ -224,3 +224,11 @@ def test_damaged_counterexamples_are_told_so(soter: Soter, counterexample: Path)
         counterexample.write_text(json.dumps(changed_one))
         done = soter("replay", str(counterexample), "--json")
         assert done.exit in (0, 1, 3), (place, wrong)
+
+
+def test_a_trace_that_gives_a_name_twice(soter: Soter, trace: Path) -> None:
+    text = trace.read_text()
+    trace.write_text('{"seed": 7, ' + text.lstrip()[1:])
+    done = soter("replay", str(trace), "--json")
+    assert (done.exit, done.codes) == (1, ["D010"])
+    assert "given twice" in done.err or "given twice" in str(done.document)

@@ -8,15 +8,17 @@ import threading
 import time
 from _thread import interrupt_main
 from dataclasses import replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+import soter as soter_package
 from json_documents import SCHEMAS, _check
+from soter.explore.results import THREADS_BFS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
     from typing import Any
 
     Soter = Callable[..., Any]
@@ -176,7 +178,7 @@ def test_the_trace_is_a_file_that_keeps_to_its_schema(
 def test_what_the_interpreter_does_not_see_is_a_defect_of_soter(
     soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from soter.explore import search
+    from soter.explore.engine import search
 
     honest = search.Search.least
 
@@ -210,7 +212,7 @@ def test_a_trace_that_could_not_be_made_minimal_says_so(
 
 def stop_before_the_least(monkeypatch: pytest.MonkeyPatch, **how: object) -> None:
     """Searches for the least trace end like that."""
-    from soter.explore import search
+    from soter.explore.engine import search
 
     monkeypatch.setattr(search.Search, "least", lambda _, found: replace(found, steps=(), **how))
 
@@ -233,7 +235,7 @@ def test_ctrl_c_while_the_shortest_is_looked_for_keeps_the_trace(
 def test_a_violation_without_a_trace_is_not_lost(
     soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from soter.explore import search
+    from soter.explore.engine import search
 
     honest = search.Search.run
     monkeypatch.setattr(search.Search, "run", lambda self: replace(honest(self), steps=()))
@@ -253,7 +255,7 @@ def test_a_violation_without_a_trace_is_not_lost(
 def test_who_does_not_want_the_shortest_trace_gets_the_one_that_was_found(
     soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from soter.explore import search
+    from soter.explore.engine import search
 
     monkeypatch.delattr(search.Search, "least")
     command = ("test", corridor, "--test", "Far", "--minimise", "0", "--strategy", "dfs")
@@ -284,6 +286,32 @@ def test_times_in_messages_have_readable_units(soter: Soter, corridor: str) -> N
     done = soter("test", corridor, "--test", "Near", "--horizon", "90000s")
     assert done.exit == 1
     assert "a horizon of 25 h can never be exhausted" in done.err
+
+
+@pytest.mark.parametrize(
+    ("strategy", "ran", "said"),
+    [
+        ("bfs", 2, "2 threads of 8 asked for: breadth first searches on at most 2"),
+        ("dfs", 1, "1 thread of 8 asked for: only bfs searches on more than one, dfs does not"),
+    ],
+)
+def test_the_threads_told_are_those_that_ran(
+    soter: Soter, corridor: str, strategy: str, ran: int, said: str
+) -> None:
+    command = ("test", corridor, "--test", "Far", "--threads", "8", "--strategy", strategy)
+    assert said in soter(*command).out
+    (told,) = soter(*command, "--json").document["tests"]
+    assert (told["threads"], told["threads_asked"]) == (ran, 8)
+    assert told["threads_fewer"] in said
+    (told,) = soter("test", corridor, "--test", "Far", "--json").document["tests"]
+    assert (told["threads"], told["threads_asked"], told["threads_fewer"]) == (1, 1, None)
+
+
+def test_the_threads_there_is_room_for_are_those_of_the_engine() -> None:
+    source = (
+        Path(soter_package.__file__).parent / "explore" / "engine" / "c" / "soter_explore_bfs.c"
+    )
+    assert f"#define THREADS {THREADS_BFS}U" in source.read_text()
 
 
 # ---------------------------------------------------------------- mistakes and interruptions

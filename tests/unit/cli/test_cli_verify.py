@@ -144,3 +144,18 @@ def test_help_has_examples_and_exit_codes(soter: Soter, name: str) -> None:
     out = soter("verify", name).out
     assert "soter verify cart.soter --cert proof/" in out
     assert "4 undecided" in out
+
+
+def test_an_invariant_that_fails_inside_a_proof_is_exit_70(
+    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    pytest.importorskip("highspy")
+
+    def broken(*_: object) -> None:
+        raise AssertionError("an invariant")
+
+    monkeypatch.setattr("soter.reach.polytope.proofs.prove_core", broken)
+    (here / "lift.soter").write_text((ROOT / "examples" / "wall" / "lift.soter").read_text("utf-8"))
+    done = soter("verify", "lift.soter")
+    assert done.exit == 70
+    assert "undecided" not in done.out.lower()

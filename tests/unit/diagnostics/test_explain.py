@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from generators.found import files_below
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.explain import all_codes, explain, suggestions, title
 from soter.diagnostics.source import Source
@@ -52,7 +53,7 @@ def test_mended_example_of_a_syntax_page_parses(code: str) -> None:
 
 
 def test_every_code_of_lexer_and_parser_has_a_page() -> None:
-    sources = (ROOT / "src" / "soter" / "syntax").glob("*.py")
+    sources = files_below(ROOT / "src" / "soter" / "syntax", "*.py")
     used = {c for f in sources for c in re.findall(r'"([LS]\d{3})"', f.read_text("utf-8"))}
     assert used == set(SYNTAX_CODES)
 

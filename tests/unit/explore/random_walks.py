@@ -11,14 +11,14 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from generators.brute_force import Answers, BruteForce
-from soter.explore.trace import BEGIN, EFFECT, LOST, START, STEP, Choice, Step, Trace
+from soter.explore.trace.trace import BEGIN, EFFECT, LOST, START, STEP, Choice, Step, Trace
 from soter.program.build import check_file, system_of_test
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
     from pathlib import Path
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 KINDS = {"step": STEP, "lost": LOST, "begins": BEGIN, "effect": EFFECT}
 
@@ -113,7 +113,7 @@ def _choices(asked: list[tuple[str, int, int]], prefix: str) -> tuple[Choice, ..
 
 
 def _trace(system: System, broken: tuple[str, int] | None, steps: list[Step]) -> Trace:
-    from soter.explore.replay import broken_of
+    from soter.explore.judge.replay import broken_of
 
     assert system.test is not None
     anything = [("property", 0), ("contract", 0), ("timed", 0)]

@@ -19,7 +19,7 @@ from soter.lower.layout import (
     size_of,
     state_layout,
 )
-from soter.program.types import (
+from soter.program.model.types import (
     ArrayType,
     BoolType,
     EnumType,
@@ -36,9 +36,9 @@ if TYPE_CHECKING:
     import numpy as np
     import numpy.typing as npt
 
-    from soter.explore.build import Engine
-    from soter.program.system import Bound
-    from soter.program.types import Type
+    from soter.explore.engine.engine import Engine
+    from soter.program.model.system import Bound
+    from soter.program.model.types import Type
 
     World = npt.NDArray[np.uint8]
 

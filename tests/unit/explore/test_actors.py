@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.actors import plan_of
-from soter.explore.build import Engine, RawChoice, RawStep
+from soter.explore.engine.engine import Engine, RawChoice, RawStep
+from soter.explore.model.actors import plan_of
 from soter.lower.steps import lower
 from soter.program.build import check_file, system_of_test
 
 if TYPE_CHECKING:
-    from soter.lower.plan import Actor, Plan
+    from soter.explore.model.plan import Actor, Plan
 
 PROGRAMS = Path(__file__).parent / "programs"
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"

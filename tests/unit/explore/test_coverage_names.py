@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from soter.explore.coverage import (
+from soter.explore.engine.coverage import (
     Coverage,
     Leaf,
     Part,
@@ -17,7 +17,7 @@ from soter.explore.coverage import (
     modules_parts,
     values_part,
 )
-from soter.program.types import (
+from soter.program.model.types import (
     BOOL,
     FLOAT,
     ArrayType,

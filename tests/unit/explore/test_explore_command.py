@@ -11,10 +11,10 @@ import pytest
 import soter
 from generators.brute_force import BruteForce
 from soter.explore.command import Told, UnreproducedError, explore_test, with_times
-from soter.explore.replay import replay
+from soter.explore.judge.replay import replay
 from soter.explore.results import Looked, Options
 from soter.explore.settings import bytes_of, options_of
-from soter.explore.trace import read_trace
+from soter.explore.trace.trace import read_trace
 from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
 from unit.explore.random_walks import system_of_text
 
@@ -77,7 +77,7 @@ def test_the_trace_is_as_short_as_the_enumerator_says() -> None:
 def test_what_the_interpreter_does_not_see_is_not_reported(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from soter.explore import search
+    from soter.explore.engine import search
 
     honest = search.Search.least
 
@@ -114,7 +114,7 @@ def test_the_way_to_a_violation_is_not_cut_by_the_bound_on_states() -> None:
 def test_ctrl_c_while_a_trace_is_looked_for_does_not_go_on_minimising(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    from soter.explore import search
+    from soter.explore.engine import search
 
     honest = search.Search.run
 
@@ -155,7 +155,16 @@ def test_sizes_are_read_as_people_write_them() -> None:
     assert bytes_of(12) == bytes_of("12") == 12
     assert bytes_of("x") is bytes_of("-1") is bytes_of("1" * 400) is bytes_of(True) is None
     with pytest.raises(soter.SoterError) as error:
-        options_of("x", "y", "z", 0, "1k", -1, 0, 2**64)
+        options_of(
+            strategy="x",
+            storage="y",
+            reduction="z",
+            threads=0,
+            memory="1k",
+            max_states=-1,
+            runs=0,
+            seed=2**64,
+        )
     assert len(error.value.diagnostics) == 8
 
 

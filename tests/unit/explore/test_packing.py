@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.explore.build import Engine, RawChoice, RawStep, Settings
+from soter.explore.engine.engine import Engine, RawChoice, RawStep, Settings
 from soter.lower.layout import NEVER
 from soter.program.build import check_file, system_of_test
 from unit.explore.some_worlds import WorldMaker

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import soter
-from soter.explore.build import Engine, Settings
+from soter.explore.engine.engine import Engine, Settings
 from soter.program.build import check_file, system_of_test
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples/testing"

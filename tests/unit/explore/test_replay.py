@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.replay import replay
-from soter.explore.trace import BEGIN, EFFECT, LOST, STEP, Broken, Choice, Step
-from soter.program.values import to_json
+from soter.explore.judge.replay import replay
+from soter.explore.trace.trace import BEGIN, EFFECT, LOST, STEP, Broken, Choice, Step
+from soter.program.model.values import to_json
 from unit.explore.explored_programs import (
     CONTRACTS,
     FAULTS,
@@ -21,7 +21,7 @@ from unit.explore.explored_programs import (
 from unit.explore.random_walks import Walk, system_of_text, walk
 
 if TYPE_CHECKING:
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 NAMES = (
     "Far",

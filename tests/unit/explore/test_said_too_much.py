@@ -77,7 +77,7 @@ DEEP = (
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 @pytest.mark.parametrize("name", STARTS)
 def test_a_start_that_others_let_be_seen(name: str, strategy: str) -> None:
-    found = explore_test(system_of_text(STARTS[name], "T"), Options(strategy), TOLD)
+    found = explore_test(system_of_text(STARTS[name], "T"), Options(strategy=strategy), TOLD)
     assert found.verdict == "violated"
 
 
@@ -88,20 +88,20 @@ def test_a_step_beside_another_part_off_the_grid() -> None:
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 @pytest.mark.parametrize("most", [1, 2, 3, 4])
 def test_a_bound_that_ends_the_search_before_the_last_part(strategy: str, most: int) -> None:
-    options = Options(strategy, max_states=most)
+    options = Options(strategy=strategy, max_states=most)
     assert explore_test(system_of_text(TWO_PARTS, "T"), options, TOLD).verdict != "exhausted"
 
 
 @pytest.mark.parametrize("threads", [1, 2])
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 def test_more_choices_than_there_is_room_for(strategy: str, threads: int) -> None:
-    options = Options(strategy, threads=threads)
+    options = Options(strategy=strategy, threads=threads)
     assert explore_test(system_of_text(MANY_CHOICES, "T"), options, TOLD).verdict == "bound"
 
 
 @pytest.mark.parametrize("strategy", EXHAUSTIVE)
 def test_an_input_with_more_values_than_fit(strategy: str) -> None:
-    options = Options(strategy, memory=2**22)
+    options = Options(strategy=strategy, memory=2**22)
     found = explore_test(system_of_text(WIDE_INPUT, "T"), options, TOLD)
     assert found.verdict == "bound"
 

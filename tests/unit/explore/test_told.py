@@ -11,15 +11,15 @@ import pytest
 from soter.explore.command import Told, explore_test
 from soter.explore.results import Options
 from soter.explore.to_report import view_of
-from soter.report.sequence_page import page
-from soter.report.sequence_text import text as lines_of
-from soter.report.sequence_words import does, explanation
+from soter.report.sequence.page import page
+from soter.report.sequence.text import text as lines_of
+from soter.report.sequence.words import does, explanation
 from unit.explore.explored_programs import FAULTS, QUEUED, TESTED
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
-    from soter.explore.replay import Replayed
-    from soter.report.sequence import SequenceView
+    from soter.explore.judge.replay import Replayed
+    from soter.report.sequence.view import SequenceView
 
 DROPPING = QUEUED.replace("queue 2 fault", "queue 2")
 REPLACED = """soter 1;

@@ -10,7 +10,7 @@ import pytest
 
 from generators.damage import MISSING, damaged
 from soter.diagnostics.diagnostic import SoterError
-from soter.explore.trace import (
+from soter.explore.trace.trace import (
     BYTES_MAX,
     program_path,
     read_trace,
@@ -23,7 +23,7 @@ from unit.explore.random_walks import system_of_text, walk
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.explore.trace import Trace
+    from soter.explore.trace.trace import Trace
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 import soter
 from soter.gym import Protected
 from soter.gym.mapping import action_space
-from soter.program.system import Bound
+from soter.program.model.system import Bound
 
 if TYPE_CHECKING:
     from pathlib import Path

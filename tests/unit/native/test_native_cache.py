@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.codegen.unit import generate
+from soter.diagnostics.diagnostic import SoterError
 from soter.native.build import library
 from soter.native.includes import included
 from soter.program.build import check_file, system_of
@@ -77,3 +78,10 @@ def test_includes_in_a_circle_end(tmp_path: Path) -> None:
     (tmp_path / "a.h").write_text('#include "b.h"\n')
     (tmp_path / "b.h").write_text('#include "a.h"\n')
     assert len(included(str(tmp_path / "a.h"))) == len(["a.h", "b.h"])
+
+
+def test_a_cache_that_others_may_write_to_is_not_used(unit: Unit, tmp_path: Path) -> None:
+    library(unit)
+    (tmp_path / "cache").chmod(0o777)
+    with pytest.raises(SoterError, match="X006"):
+        library(unit)

@@ -10,13 +10,13 @@ from functools import cache
 from typing import TYPE_CHECKING
 
 from soter.program.build import check_file
-from soter.program.environment import Environment
-from soter.program.evaluate import Evaluator
+from soter.program.meaning.environment import Environment
+from soter.program.meaning.statements import Evaluator
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.types import Value
+    from soter.program.model.types import Value
 
 SIGNATURES: dict[str, tuple[tuple[str, ...], str]] = {
     **dict.fromkeys(("sign", "radians", "degrees", "wrap_angle"), (("float",), "float")),

@@ -18,7 +18,7 @@ from soter.program.build import check_file, system_of
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
-    from soter.simulate.run import Run
+    from soter.simulate.result import Run
 
 PERIOD_NS = 10_000_000
 SCALARS = ("x", "y", "z", "w")

@@ -12,9 +12,9 @@ import pytest
 from hypothesis import example, given
 from hypothesis import strategies as st
 
-from soter.program import arith
-from soter.program.arith import FaultKind, StepFault
-from soter.program.types import INT_MAX, INT_MIN
+from soter.program.meaning import arith
+from soter.program.meaning.arith import FaultKind, StepFault
+from soter.program.model.types import INT_MAX, INT_MIN
 
 if TYPE_CHECKING:
     from collections.abc import Callable

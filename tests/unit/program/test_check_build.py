@@ -7,7 +7,7 @@ import pytest
 from soter.diagnostics.diagnostic import Severity, SoterError
 from soter.diagnostics.render import render
 from soter.program.build import Checked, check_file, system_of
-from soter.program.durations import show_ns, write_ns
+from soter.program.model.durations import show_ns, write_ns
 
 PLANT = """
 topic pos: float;

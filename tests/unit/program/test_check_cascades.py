@@ -13,13 +13,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from generators.found import files_in
 from soter.program.build import check_file
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
 CORRECT = Path(__file__).parents[2] / "correct"
-PROGRAMS = sorted(CORRECT.glob("*.soter"))
+PROGRAMS = files_in(CORRECT, "*.soter")
 TOKEN = re.compile(r'"[^"\n]*"|//[^\n]*|/\*.*?\*/|\w+(?:\.\d\w*)?|\s+|.', re.DOTALL)
 EVERY = int(os.environ.get("SOTER_EVERY_NAME", "4"))
 """Every how manyth name is misspelt; 1 takes a minute."""

@@ -13,8 +13,8 @@ import pytest
 
 from soter.diagnostics.render import render_all
 from soter.program.build import Checked, check_file
-from soter.program.data import MAX_DATA_BYTES
-from soter.program.loader import MAX_FILE_BYTES
+from soter.program.load.data import MAX_DATA_BYTES
+from soter.program.load.loader import MAX_FILE_BYTES
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -192,6 +192,8 @@ DEEP = "[" * 100_000
         "[1.0, 2.0",
         "\x00\x01",
         '{"$comment": "nothing else"}',
+        "[1_000, 2.0]",
+        "[1.0, \u0663]",
     ],
 )
 def test_bad_json(tmp_path: Path, text: str) -> None:
@@ -199,9 +201,30 @@ def test_bad_json(tmp_path: Path, text: str) -> None:
     assert codes(reading(tmp_path, "a.json")) == ["D004"]
 
 
+def test_a_name_that_stands_twice_in_json(tmp_path: Path) -> None:
+    (tmp_path / "a.json").write_text('{"x": 1.0, "x": 2.0}')
+    checked = reading(tmp_path, "a.json", "{ x: float }")
+    assert codes(checked) == ["D004"]
+    label = checked.diagnostics.items[0].primary
+    assert label is not None
+    assert "`x` is given twice" in label.text
+
+
 @pytest.mark.parametrize(
     "text",
-    ["", "1.0\n", "1.0,2.0,3.0\n", "1.0,nan\n", "1.0,inf\n", "1.0,\n", '1.0,"2\n', "1.0,\x002\n"],
+    [
+        "",
+        "1.0\n",
+        "1.0,2.0,3.0\n",
+        "1.0,nan\n",
+        "1.0,inf\n",
+        "1.0,\n",
+        '1.0,"2\n',
+        "1.0,\x002\n",
+        "1.0,1_000\n",
+        "1.0,\u0663\n",
+        "1.0,\uff12\n",
+    ],
 )
 def test_bad_csv(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.csv").write_text(text)
@@ -222,6 +245,7 @@ def npy(array: object) -> bytes:
 
 
 WITH_A_HUGE_SHAPE = npy([1.0, 2.0]).replace(b"(2,), }" + b" " * 8, b"(999999999,), }", 1)
+OF_LISTS_IN_LISTS = npy(np.zeros((10**6, *[1] * 30), dtype=bool))
 
 
 @pytest.mark.parametrize(
@@ -235,6 +259,7 @@ WITH_A_HUGE_SHAPE = npy([1.0, 2.0]).replace(b"(2,), }" + b" " * 8, b"(999999999,
         npy(1.0),
         npy([1.0, float("nan")]),
         npy([1.0 + 2.0j, 2.0]),
+        OF_LISTS_IN_LISTS,
         npy(["a", "b"]),
         npy(np.array([(1.0, 2)], dtype=[("x", "f8"), ("n", "i4")])),
         npy(np.array(["2020-01-01", "2020-01-02"], dtype="datetime64[D]")),
@@ -247,6 +272,21 @@ WITH_A_HUGE_SHAPE = npy([1.0, 2.0]).replace(b"(2,), }" + b" " * 8, b"(999999999,
 def test_bad_npy(tmp_path: Path, content: bytes) -> None:
     (tmp_path / "a.npy").write_bytes(content)
     assert codes(reading(tmp_path, "a.npy")) == ["D004"]
+
+
+@pytest.mark.parametrize("count", [10**6, 10**9])
+def test_an_npy_of_too_many_empty_lists(tmp_path: Path, count: int) -> None:
+    np.save(tmp_path / "a.npy", np.zeros((count, 0)))
+    checked = reading(tmp_path, "a.npy", "float[<=2][3]")
+    assert codes(checked) == ["D004"]
+    label = checked.diagnostics.items[0].primary
+    assert label is not None
+    assert ("too large" in label.text) == (count > 10**6)
+
+
+def test_an_npy_of_empty_lists_is_one(tmp_path: Path) -> None:
+    np.save(tmp_path / "a.npy", np.zeros((3, 0)))
+    assert reading(tmp_path, "a.npy", "float[<=2][3]").ok
 
 
 def test_objects_are_never_unpickled(tmp_path: Path) -> None:

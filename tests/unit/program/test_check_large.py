@@ -2,12 +2,17 @@
 
 from __future__ import annotations
 
+import difflib
 import time
+from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.diagnostics.diagnostic import KEPT_MAX
+from soter.diagnostics.diagnostic import KEPT_MAX, Diagnostics
 from soter.program.build import Checked, check_file, system_of
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
 
 SECONDS_MAX = 2.0
 
@@ -225,3 +230,62 @@ def test_loops_in_loops_in_loops() -> None:
     loops = "for i{i} in 0..1000000 {{ "
     body = "".join(loops.format(i=i) for i in range(20)) + "s = s + 1;" + " }" * 20
     assert codes(f"fun f(): int {{ var s = 0; {body} return s; }}") == ["T007"]
+
+
+# ---------------------------------------------------------------- many mistakes
+
+FEW = 100_000
+"""Comparisons of names that a check may make, whatever is wrong."""
+
+MISSPELT = {
+    "fields": "type R = {{ {names} }};\nfun f(r: R): float {{ var s = 0.0; {uses} return s; }}",
+    "members": "type E = enum {{ {members} }};\nfun f(s: E): bool {{ {tests} return true; }}",
+    "values": "{consts}\nfun f(): float {{ var s = 0.0; {reads} return s; }}",
+    "types": "{types}\n{topics}",
+    "statements": "fun f(): float {{ {words} return 1.0; }}",
+}
+
+
+@pytest.mark.parametrize("kind", MISSPELT)
+def test_many_misspelt_names_are_not_all_compared(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    known, wrong = range(600), range(3000)
+    text = MISSPELT[kind].format(
+        names=", ".join(f"alpha{i}: float" for i in known),
+        uses=" ".join(f"s = s + r.alhpa{i};" for i in wrong),
+        members=", ".join(f"alpha{i}" for i in known),
+        tests=" ".join(f"assert s == E.alhpa{i};" for i in wrong),
+        consts=" ".join(f"const alpha{i}: float = 1.0;" for i in known),
+        reads=" ".join(f"s = s + alhpa{i};" for i in wrong),
+        types=" ".join(f"type alpha{i} = float[2];" for i in known),
+        topics=" ".join(f"topic t{i}: alhpa{i};" for i in wrong),
+        words=" ".join(f"lett{i} x = 1.0;" for i in wrong),
+    )
+    compared = 0
+    real = difflib.SequenceMatcher.set_seq1
+
+    def counting(self: difflib.SequenceMatcher[str], a: str) -> None:
+        nonlocal compared
+        compared += 1
+        real(self, a)
+
+    monkeypatch.setattr(difflib.SequenceMatcher, "set_seq1", counting)
+    assert check(text).diagnostics.has_errors
+    assert compared < FEW
+
+
+def test_names_are_looked_at_only_while_somebody_reads_the_suggestions() -> None:
+    looked = 0
+
+    def names() -> Iterator[str]:
+        nonlocal looked
+        for i in range(10_000):
+            looked += 1
+            yield f"alpha{i}"
+
+    diagnostics = Diagnostics()
+    assert diagnostics.did_you_mean("alhpa17", names()) == ("did you mean `alpha17`?",)
+    for i in range(10_000):
+        diagnostics.did_you_mean(f"alhpa{i}", names())
+    assert looked < FEW

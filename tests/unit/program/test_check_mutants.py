@@ -15,6 +15,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
+from generators.found import files_in
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
@@ -22,7 +23,7 @@ from soter.program.build import Checked, check_file, system_of
 
 TESTS = Path(__file__).parents[2]
 FOLDERS = ("correct", "dynamic_error", "static_error", "../examples/wall", "../examples/drone")
-PATHS = [p for f in FOLDERS for p in sorted((TESTS / f).glob("*.soter"))]
+PATHS = [p for f in FOLDERS for p in files_in(TESTS / f, "*.soter")]
 MUTANTS = int(os.environ.get("SOTER_MUTANTS", "2000"))
 SECONDS_MAX = 2.0
 

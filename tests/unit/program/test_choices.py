@@ -6,12 +6,12 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program import typed
 from soter.program.build import check_file, system_of
-from soter.program.environment import Environment
-from soter.program.evaluate import Evaluator
-from soter.program.types import ArrayType, IntType
-from soter.program.walk import nodes
+from soter.program.meaning.environment import Environment
+from soter.program.meaning.statements import Evaluator
+from soter.program.model import typed
+from soter.program.model.types import ArrayType, IntType
+from soter.program.model.walk import nodes
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator

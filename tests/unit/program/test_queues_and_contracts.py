@@ -7,10 +7,10 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.program.build import check_file, system_of
-from soter.program.types import INT, ListType
+from soter.program.model.types import INT, ListType
 
 if TYPE_CHECKING:
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 QUEUED = """
 topic t: int;

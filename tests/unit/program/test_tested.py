@@ -8,10 +8,10 @@ import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.program.build import check_file, system_of, system_of_test
-from soter.program.tested import MAX_STEPS, elaborate_test
+from soter.program.flatten.tested import MAX_STEPS, elaborate_test
 
 if TYPE_CHECKING:
-    from soter.program.system import System, TestPlan
+    from soter.program.model.system import System, TestPlan
 
 TEXT = """soter 1;
 input topic goal: int in [0, 9];

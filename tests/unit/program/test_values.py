@@ -14,7 +14,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soter.program.types import (
+from soter.program.model.types import (
     BOOL,
     DURATION,
     FLOAT,
@@ -29,7 +29,7 @@ from soter.program.types import (
     Type,
     Value,
 )
-from soter.program.values import (
+from soter.program.model.values import (
     ValueShapeError,
     from_json,
     from_python,

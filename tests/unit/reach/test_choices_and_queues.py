@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING
 import pytest
 from bench.recheck_models import Cart
 
-from soter.codegen.enclosures import generate_enclosures
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_of
-from soter.reach.extract import extract
-from soter.reach.forms import library_of
+from soter.reach.enclose.forms import library_of
+from soter.reach.enclose.unit import generate_enclosures
+from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:
-    from soter.reach.problem import Problem
+    from soter.reach.problem.problem import Problem
 
 SET = ("topic motion: Motion", "topic motion: Motion in { x in [-9.0, 9.0], v in [-9.0, 9.0] }")
 FAST = ("publish accel = motion.v > 0.0 ? A : -A;", "publish accel = fair choose { A, -A, 0.0 };")

@@ -5,8 +5,8 @@ from __future__ import annotations
 import pytest
 
 from soter.program.build import check_file, system_of
-from soter.reach.extract import extract
-from soter.reach.forms import Forms, library_of
+from soter.reach.enclose.forms import Forms, library_of
+from soter.reach.problem.extract import extract
 
 TEXT = """soter 1;
 topic y: {{ a: float, b: float }} max_age 20ms;

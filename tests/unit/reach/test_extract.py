@@ -10,9 +10,9 @@ import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_of
-from soter.reach import schedule as clock
-from soter.reach.extract import cases, extract
-from soter.reach.problem import Interval, Problem, Times
+from soter.reach.problem.extract import cases, extract
+from soter.reach.problem.problem import Interval, Problem, Times
+from soter.reach.time import schedule as clock
 
 ROOT = Path(__file__).parents[3]
 HEAD = """soter 1;

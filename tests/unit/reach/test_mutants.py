@@ -6,8 +6,8 @@ import pytest
 from bench.mutant_models import BASES
 
 from soter.program.build import check_file, system_of
-from soter.reach.extract import extract
-from soter.reach.replay import Counterexample, replay
+from soter.reach.attack.counterexample import Counterexample, replay
+from soter.reach.problem.extract import extract
 from soter.reach.verify import verify_module
 
 BY_NAME = {b.name: b for b in BASES}

@@ -1,6 +1,7 @@
 """Programs that were once called proved and leave C, or of which the verdict left out what matters.
 
-Each failed before the model of time (reach/schedule.py) and the coverage of a verdict were there.
+Each failed before the model of time (reach/time/schedule.py) and the coverage of a verdict were
+there.
 """
 
 from __future__ import annotations
@@ -12,11 +13,11 @@ import pytest
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_of
 from soter.reach.command import verify
-from soter.reach.extract import extract
+from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:
-    from soter.reach.problem import Problem
-    from soter.reach.results import VerifyReport
+    from soter.reach.claims.results import VerifyReport
+    from soter.reach.problem.problem import Problem
 
 ms = 1_000_000
 

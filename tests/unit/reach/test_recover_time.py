@@ -12,13 +12,13 @@ from bench.recheck_models import Cart
 import soter
 from soter.api import recheck
 from soter.program.build import check_file, system_of
-from soter.reach.extract import extract
+from soter.reach.problem.extract import extract
 from soter.reach.verify import verify_module
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.reach.results import ModuleResult
+    from soter.reach.claims.results import ModuleResult
     from soter.recheck.rechecker import Report
 
 ms = 1_000_000

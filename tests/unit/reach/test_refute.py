@@ -11,16 +11,26 @@ from bench.mutant_models import BASES
 
 import json_documents
 from soter.program.build import check_file, system_of
-from soter.reach.attacked import NotAttackableError, attacked
-from soter.reach.refute import refute, refute_return
-from soter.reach.replay import CYCLE, LEAVES, read_counterexample, replay, write_counterexample
+from soter.reach.attack.attacked import DRAWN, OWN, NotAttackableError, attacked
+from soter.reach.attack.counterexample import (
+    CYCLE,
+    LEAVES,
+    leaving,
+    read_counterexample,
+    replay,
+    write_counterexample,
+)
+from soter.reach.attack.refute import refute, refute_return
+from soter.reach.problem.place import place
+from soter.semantics.adversary import AdverseDraws
+from soter.semantics.externs import UnboundExternError
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from bench.mutant_models import Base
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 BY_NAME = {b.name: b for b in BASES}
 
@@ -153,6 +163,31 @@ def test_the_given_system_stays_as_it_is() -> None:
     assert (system.topics, system.components, system.inputs, system.properties) == before
     assert len(variant.topics) == len(system.topics) + 2
     assert [p.text for p in variant.properties] == ["safe, on the true state"]
+
+
+BESIDE = """
+topic fan: float in [-1.0, 1.0] = 0.0;
+node A2 period 10ms { publishes fan; step { publish fan = 1.0; } }
+node S2 period 10ms { publishes fan; step { publish fan = 0.0; } }
+rta N { ac A2; sc S2; period 10ms; safe level < 9.0; ttf level > 8.0; safer level < 7.0; }
+"""
+
+
+def test_a_controller_may_read_the_mode_of_a_module_that_is_left_out() -> None:
+    text = STILL.replace("START", "1.1").replace(
+        "publish pump = 1.0;", "publish pump = mode(N) == Mode.AC ? 1.0 : 0.5;"
+    )
+    text = text.replace("system P {", BESIDE + "system P {").replace(
+        "module M;", "module M; module N;"
+    )
+    flat = system_of(check_file("two.soter", text), "P")
+    module = next(m for m in flat.modules if m.name == "M")
+    system = place(flat, module).system
+    with pytest.raises(UnboundExternError):  # its own code cannot be run: it is left to the draws
+        leaving(attacked(system, 0, OWN), AdverseDraws(1), 100_000_000)
+    found = refute(system, "M", 0.5).found
+    assert found is not None
+    assert found.controller == DRAWN
 
 
 def test_what_no_plant_drives_cannot_be_judged() -> None:

@@ -12,7 +12,7 @@ from generators.every_schedule import QUANTITIES
 from generators.every_schedule_of_module import EverySchedule
 from generators.one_schedule import OneSchedule
 from generators.schedules import Compared, compare, in_the_limit, multiple, said, system
-from soter.reach.schedule import Output, Path, Releases, Schedule
+from soter.reach.time.schedule import Output, Path, Releases, Schedule
 
 SYSTEMS = 200
 TEN = Releases(10)

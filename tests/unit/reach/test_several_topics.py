@@ -6,9 +6,9 @@ import pytest
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_of
-from soter.reach.extract import extract
-from soter.reach.problem import Interval, Problem
-from soter.reach.results import UNDECIDED
+from soter.reach.claims.results import UNDECIDED
+from soter.reach.problem.extract import extract
+from soter.reach.problem.problem import Interval, Problem
 from soter.reach.verify import verify_module
 
 SIGHTED = """soter 1;

@@ -10,8 +10,8 @@ import pytest
 
 from soter.program.build import check_file
 from soter.reach import verify as verifying
+from soter.reach.claims.results import PROPERTIES, ModuleResult
 from soter.reach.command import verify
-from soter.reach.results import PROPERTIES, ModuleResult
 
 ROOT = Path(__file__).parents[3]
 CART = (ROOT / "examples" / "wall" / "cart.soter").read_text("utf-8")

@@ -11,7 +11,7 @@ from soter.reach import verify as verifying
 from soter.reach.command import verify
 
 if TYPE_CHECKING:
-    from soter.reach.results import ModuleResult
+    from soter.reach.claims.results import ModuleResult
 
 PLANE = """soter 1;
 topic pos: { x: float, y: float } max_age 10ms;

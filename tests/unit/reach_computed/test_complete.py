@@ -12,17 +12,18 @@ from hypothesis import strategies as st
 import soter
 from soter.diagnostics.source import Source
 from soter.diagnostics.span import Span
-from soter.program import typed as t
 from soter.program.build import check_file, system_of
-from soter.program.environment import Environment
-from soter.program.evaluate import Evaluator
-from soter.program.system import Module, Scope, System
-from soter.program.types import FLOAT
-from soter.reach import complete as complete_
-from soter.reach import levels as levels_
-from soter.reach.claims import Case
-from soter.reach.complete import complete
-from soter.reach.tables import Table, Writer, level_function
+from soter.program.meaning.environment import Environment
+from soter.program.meaning.statements import Evaluator
+from soter.program.model import typed as t
+from soter.program.model.system import Module, Scope, System
+from soter.program.model.types import FLOAT
+from soter.reach.claims.case import Case
+from soter.reach.deploy import complete as complete_
+from soter.reach.deploy.complete import complete
+from soter.reach.grid import levels as levels_
+from soter.reach.tables.tables import Table, level_function
+from soter.reach.tables.writer import Writer
 
 SPAN = Span(Source("table.soter", "x"), 0, 1)
 
@@ -116,7 +117,7 @@ def test_no_push_at_the_wall_gets_through(open_cart: Path) -> None:
 def test_sets_that_are_too_large_would_be_noticed(
     open_cart: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(complete_, "cache_dir", lambda: tmp_path)
+    monkeypatch.setenv("SOTER_CACHE", str(tmp_path / "cache"))
     monkeypatch.setattr(levels_, "errors_of", lambda _: {})
 
     def everything(case: Case) -> None:
@@ -130,7 +131,7 @@ def test_sets_that_are_too_large_would_be_noticed(
 def test_the_second_time_they_come_from_the_cache(
     open_cart: Path, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    monkeypatch.setattr(complete_, "cache_dir", lambda: tmp_path)
+    monkeypatch.setenv("SOTER_CACHE", str(tmp_path / "cache"))
     first = complete(flat(open_cart))
     monkeypatch.setattr(complete_, "_computed", lambda *_: pytest.fail("computed again"))
     assert complete(flat(open_cart)) == first

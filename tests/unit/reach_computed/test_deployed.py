@@ -9,16 +9,16 @@ import pytest
 
 from soter.program.build import check_file, system_of
 from soter.reach import verify as verifying
-from soter.reach.complete import complete
-from soter.reach.extract import extract
-from soter.reach.levels import deploy
-from soter.reach.results import PROVED, UNDECIDED
+from soter.reach.claims.levels import deploy
+from soter.reach.claims.results import PROVED, UNDECIDED
+from soter.reach.deploy.complete import complete
+from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.reach.claims import Case
-    from soter.reach.results import ModuleResult
+    from soter.reach.claims.case import Case
+    from soter.reach.claims.results import ModuleResult
 
 DRIFTS = """soter 1;
 topic at: { x: float, side: float } max_age 10ms;

@@ -6,12 +6,13 @@ from pathlib import Path
 import pytest
 
 from soter.program.build import check_file, system_of
-from soter.program.system import System
+from soter.program.model.system import System
 from soter.reach.command import verify
-from soter.reach.complete import complete, put
-from soter.reach.dm_check import check_decisions, check_module, decided
-from soter.reach.dm_inputs import AC, SC
-from soter.reach.tables import Table, tables
+from soter.reach.deploy.complete import complete, put
+from soter.reach.deploy.dm_check import check_decisions, check_module, decided
+from soter.reach.deploy.dm_inputs import AC, SC
+from soter.reach.methods import tables
+from soter.reach.tables.tables import Table
 
 EXAMPLES = Path(__file__).parents[3] / "examples"
 MUTANTS = {

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.reach.grids import GridGroup, GridInputs
+from soter.reach.grid.sets import GridGroup, GridInputs
 from unit.reach_grids.adversary import Car, Runs
 from unit.reach_grids.units import car, corner, hill, pendulum
 

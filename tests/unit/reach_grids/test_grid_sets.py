@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.reach.grids import CancelledError, GridGroup, GridInputs
+from soter.reach.grid.sets import CancelledError, GridGroup, GridInputs
 from unit.reach_grids.adversary import Car, Runs, flow
 from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of
 from unit.reach_grids.units import corner, hill
@@ -95,7 +95,7 @@ def test_the_core_does_not_depend_on_threads_or_slices(monkeypatch: pytest.Monke
     engine.threads = 1
     one = engine.core(allowed)
     engine.threads = 2
-    monkeypatch.setattr("soter.reach.grids.SLICE_S", 1e-4)
+    monkeypatch.setattr("soter.reach.grid.sets.SLICE_S", 1e-4)
     slices = engine.core(allowed)
     assert np.array_equal(one.witness, two.witness)
     assert np.array_equal(one.witness, slices.witness)

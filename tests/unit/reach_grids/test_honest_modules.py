@@ -7,13 +7,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from generators.found import files_below
 from soter.api import load
 
 if TYPE_CHECKING:
-    from soter.reach.results import ModuleResult
+    from soter.reach.claims.results import ModuleResult
 
 ROOT = Path(__file__).resolve().parents[3]
-PROGRAMS = sorted((ROOT / "examples" / "generality").glob("*.soter"))
+PROGRAMS = files_below(ROOT / "examples" / "generality", "*.soter")
 SLOW = {"drag", "pendulum", "gimbal"}  # more than 3 s of processor time each: bench/generality.py
 NEVER_BACK = {
     "standing"

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.reach.grids import GridGroup, GridInputs, UnboundedError
-from soter.reach.linear import scheme_error, scheme_weight
+from soter.reach.enclose.scheme import scheme_error, scheme_weight
+from soter.reach.grid.sets import GridGroup, GridInputs, UnboundedError
 from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of, pendulum_rate
 from unit.reach_grids.test_grid_sets import drawn, escapes, inside
 from unit.reach_grids.units import (

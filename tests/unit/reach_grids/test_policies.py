@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.reach.grids import GridGroup, GridInputs
-from soter.reach.policies import Table, _Synthesis, core_synthesis, way
+from soter.reach.grid.policies import Table, _Synthesis, core_synthesis, way
+from soter.reach.grid.sets import GridGroup, GridInputs
 from unit.reach_grids.adversary import Runs
 from unit.reach_grids.test_grid_enclosures import CARS, MS, group_of
 from unit.reach_grids.test_grid_sets import drawn, inside

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.reach.grids import GridGroup, GridInputs
+from soter.reach.grid.sets import GridGroup, GridInputs
 from unit.reach_grids.sampled import Sampled
 from unit.reach_grids.test_grid_sets import inside
 from unit.reach_grids.units import END, SIGNATURE, _source, corner, linear

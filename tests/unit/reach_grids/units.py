@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.reach.native import ReachLibrary
+from soter.reach.enclose.library import ReachLibrary
 
 if TYPE_CHECKING:
     import numpy.typing as npt

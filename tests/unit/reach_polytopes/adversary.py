@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.reach.polytope_model import LinearGroup
-from soter.reach.polytope_sets import Polytope, Program
+from soter.reach.polytope.model import LinearGroup
+from soter.reach.polytope.sets import Polytope, Program
 
 if TYPE_CHECKING:
-    from soter.reach.polytope_balls import Array
+    from soter.reach.polytope.balls import Array
 
 MS = 1_000_000
 H = 1e-3
@@ -81,25 +81,25 @@ def random_group(rng: np.random.Generator, *, delay_ms: int, jitter_ms: int) -> 
     error = np.zeros(n)
     error[0::per], error[1::per] = rng.uniform(0.0, 0.02, axes), rng.uniform(0.0, 0.04, axes)
     return LinearGroup(
-        a,
-        b,
-        -drift,
-        drift,
-        np.full(axes, -5.0),
-        np.full(axes, 5.0),
-        error,
-        gain,
-        np.zeros(axes),
-        np.full(axes, 1e-9),
-        np.full(axes, -5.0),
-        np.full(axes, 5.0),
-        -high,
-        high,
-        np.zeros((0, n)),
-        np.zeros(0),
-        int(rng.integers(15, 31)) * MS,
-        jitter_ms * MS,
-        delay_ms * MS,
+        state=a,
+        control=b,
+        drift_low=-drift,
+        drift_high=drift,
+        control_low=np.full(axes, -5.0),
+        control_high=np.full(axes, 5.0),
+        error=error,
+        gain=gain,
+        offset=np.zeros(axes),
+        remainder=np.full(axes, 1e-9),
+        law_low=np.full(axes, -5.0),
+        law_high=np.full(axes, 5.0),
+        low=-high,
+        high=high,
+        rows=np.zeros((0, n)),
+        bounds=np.zeros(0),
+        delta_ns=int(rng.integers(15, 31)) * MS,
+        jitter_ns=jitter_ms * MS,
+        delay_ns=delay_ms * MS,
     )
 
 

@@ -9,17 +9,17 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.reach import polytope_model
-from soter.reach.polytope_balls import exact, up_product
-from soter.reach.polytopes import Windows, claims_of, find_core, prove_core
+from soter.reach.polytope import model as polytope_model
+from soter.reach.polytope.balls import exact, up_product
+from soter.reach.polytope.proofs import Windows, claims_of, find_core, prove_core
 from unit.reach_polytopes.adversary import MS, Attack, random_group
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.reach.polytope_balls import Array
-    from soter.reach.polytope_model import LinearGroup
-    from soter.reach.polytopes import PolytopeSets
+    from soter.reach.polytope.balls import Array
+    from soter.reach.polytope.model import LinearGroup
+    from soter.reach.polytope.proofs import PolytopeSets
 
 pytest.importorskip("highspy")
 

@@ -9,10 +9,10 @@ from functools import lru_cache
 import numpy as np
 import pytest
 
-from soter.reach.polytope_balls import Array, exponential
-from soter.reach.polytope_model import LinearGroup
-from soter.reach.polytope_sets import Bounds, Polytope, Program
-from soter.reach.polytopes import NotProvedError, PolytopeSets, Windows, compute, prove
+from soter.reach.polytope.balls import Array, exponential
+from soter.reach.polytope.model import LinearGroup
+from soter.reach.polytope.proofs import NotProvedError, PolytopeSets, Windows, compute, prove
+from soter.reach.polytope.sets import Bounds, Polytope, Program
 
 highspy = pytest.importorskip("highspy")
 
@@ -57,23 +57,23 @@ def axis() -> LinearGroup:
     drift = np.array([0.0, 0.2, 0.0, 0.0, 0.4])
     high = np.array([1.5, 6.0, 7.0, 120.0, 0.3])
     return LinearGroup(
-        state,
-        control,
-        -drift,
-        drift,
-        np.array([-5.0]),
-        np.array([5.0]),
-        np.array([0.05, 0.1, 0.0, 0.0, 0.0]),
-        np.array([[-1.72, -2.28, -0.49, -0.03, 0.0]]),
-        np.zeros(1),
-        np.full(1, 1e-9),
-        np.array([-5.0]),
-        np.array([5.0]),
-        -high,
-        high,
-        np.zeros((0, 5)),
-        np.zeros(0),
-        40 * MS,
+        state=state,
+        control=control,
+        drift_low=-drift,
+        drift_high=drift,
+        control_low=np.array([-5.0]),
+        control_high=np.array([5.0]),
+        error=np.array([0.05, 0.1, 0.0, 0.0, 0.0]),
+        gain=np.array([[-1.72, -2.28, -0.49, -0.03, 0.0]]),
+        offset=np.zeros(1),
+        remainder=np.full(1, 1e-9),
+        law_low=np.array([-5.0]),
+        law_high=np.array([5.0]),
+        low=-high,
+        high=high,
+        rows=np.zeros((0, 5)),
+        bounds=np.zeros(0),
+        delta_ns=40 * MS,
     )
 
 
@@ -190,7 +190,7 @@ def test_every_run_from_k_comes_back_to_q() -> None:
 
 def test_a_proof_is_checked_again_without_a_solver(monkeypatch: pytest.MonkeyPatch) -> None:
     sets, multipliers = proved(0, 0)
-    monkeypatch.setattr("soter.reach.polytope_sets.require_highs", lambda: pytest.fail("solved"))
+    monkeypatch.setattr("soter.reach.polytope.sets.require_highs", lambda: pytest.fail("solved"))
     assert len(prove(sets, multipliers)) == len(multipliers)
 
 
@@ -266,7 +266,7 @@ def test_bounds_hold_at_random_points() -> None:
     p = Polytope(-np.ones(3), np.ones(3), rng.normal(size=(12, 3)), rng.uniform(0.2, 1.0, 12))
     points = rng.uniform(-1, 1, size=(20_000, 3))
     points = points[p.contains(points)]
-    from soter.reach.polytope_balls import exact
+    from soter.reach.polytope.balls import exact
 
     rows = rng.normal(size=(20, 3))
     bounds = Bounds(p).of(exact(rows))

@@ -11,25 +11,25 @@ import numpy as np
 import pytest
 
 from soter.api import load
+from soter.monitor.linear_model import Plants
 from soter.program.build import check_file, system_of
 from soter.reach import verify as verifying
-from soter.reach.complete import complete
-from soter.reach.extract import extract
-from soter.reach.forms import Forms, library_of
-from soter.reach.linear_model import Plants
-from soter.reach.polytope_balls import exponential
-from soter.reach.polytope_extract import NotLinearError, linear_group
-from soter.reach.polytope_sets import Polytope, Program
-from soter.reach.refute import refute
-from soter.reach.results import ModuleResult
+from soter.reach.attack.refute import refute
+from soter.reach.claims.results import ModuleResult
+from soter.reach.deploy.complete import complete
+from soter.reach.enclose.forms import Forms, library_of
+from soter.reach.polytope.balls import exponential
+from soter.reach.polytope.extract import NotLinearError, linear_group
+from soter.reach.polytope.sets import Polytope, Program
+from soter.reach.problem.extract import extract
 from soter.reach.verify import verify_module
 from soter.recheck.rechecker import recheck
 
 if TYPE_CHECKING:
-    from soter.reach.claims import Failure
-    from soter.reach.polytope_balls import Array
-    from soter.reach.problem import Problem
-    from soter.reach.results import PolytopePart
+    from soter.reach.claims.case import Failure
+    from soter.reach.claims.results import PolytopePart
+    from soter.reach.polytope.balls import Array
+    from soter.reach.problem.problem import Problem
 
 pytest.importorskip("highspy")
 
@@ -480,3 +480,23 @@ def test_the_dm_and_the_interpreter_agree_on_every_state(tmp_path: Path) -> None
     ]
     assert runs[0].trace_sha256 == runs[1].trace_sha256
     assert runs[0].modules["SafeCart"].switches_to_sc > 0
+
+
+# ---------------------------------------------------------------- what is no verdict
+
+
+@pytest.mark.parametrize("part", ["find_core", "prove_core", "prove_free", "find_return"])
+def test_an_invariant_that_fails_is_a_defect_not_a_verdict(
+    part: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def broken(*_: object) -> None:
+        raise AssertionError("an invariant")
+
+    monkeypatch.setattr(f"soter.reach.polytope.proofs.{part}", broken)
+    with pytest.raises(AssertionError, match="an invariant"):
+        failures_of()
+
+
+def test_numbers_beyond_doubles_are_undecided() -> None:
+    (first, *_) = failures_of(("der v = accel + wind;", "der v = 1.0e6 * v + accel + wind;"))
+    assert first.claim == "P2a"

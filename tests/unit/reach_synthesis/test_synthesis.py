@@ -9,7 +9,7 @@ import pytest
 
 import soter
 from soter.cli.main import main
-from soter.reach.synthesize import Choices, chosen
+from soter.reach.synthesis.synthesize import Choices, chosen
 
 if TYPE_CHECKING:
     from pathlib import Path

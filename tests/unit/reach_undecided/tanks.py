@@ -16,7 +16,7 @@ from soter.reach.command import modules_of, problems_of
 from soter.reach.verify import verify_module
 
 if TYPE_CHECKING:
-    from soter.reach.results import Cause, LeavingRun, ModuleResult
+    from soter.reach.claims.results import Cause, LeavingRun, ModuleResult
 
 TANK = """soter 1;
 topic level: float max_age 100ms;

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import numpy as np
 import pytest
 
-from soter.reach import diagnose
+from soter.reach.undecided import diagnose, experiments
 from unit.reach_undecided.tanks import cause, changed, explained, kinds
 
 
@@ -46,3 +47,21 @@ def test_what_was_cut_short_is_said(monkeypatch: pytest.MonkeyPatch) -> None:
     assert "cells" not in kinds(found, "P2a")
     bold = explained(changed(("level < 0.25 || level > 1.75", "level < 0.232 || level > 1.768")))
     assert bold.findings["ttf"].verdict == "undecided"
+
+
+def test_an_invariant_that_fails_in_an_experiment_is_a_defect(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def broken(*_: object) -> None:
+        raise AssertionError("an invariant")
+
+    monkeypatch.setattr("soter.reach.undecided.experiments.allowed_on", broken)
+    with pytest.raises(AssertionError, match="an invariant"):
+        explained(changed(("/ 320", "/ 4")))
+
+
+def test_cells_that_cannot_be_halved_are_no_experiment() -> None:
+    edges = np.array([1.0, np.nextafter(1.0, 2.0)])
+    assert experiments.split(edges, 1) is None
+    assert experiments.split(np.array([0.0, 1.0]), 2) == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
+    assert experiments.split(np.linspace(0.0, 1.0, 40_000), 1) is None

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from soter.reach.results import ModuleResult  # noqa: TC001 - pytest reads annotations
+from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from unit.reach_undecided.tanks import (
     HIGH,
     LOW,

@@ -6,10 +6,10 @@ import re
 
 import numpy as np
 
-from soter.reach.leaving_figures import leaving_figures
-from soter.reach.results import LeavingRun
-from soter.report.proof import R1, R2
-from soter.report.regions import region_svg
+from soter.reach.claims.results import LeavingRun
+from soter.reach.undecided.leaving_figures import leaving_figures
+from soter.report.proof.record import R1, R2
+from soter.report.proof.regions import region_svg
 from unit.reach_undecided.tanks import changed, explained
 from unit.reach_undecided.test_one_sided import HALF
 
@@ -47,7 +47,14 @@ def test_a_plane_is_drawn_where_the_group_has_two_axes() -> None:
     found = result_of(cart())
     states = np.array([[0.0, 0.0], [5.0, 6.0], [10.2, 7.0]])
     run = LeavingRun(
-        ("c.x", "c.v"), np.array([0.0, 1.0, 2.0]), states, "c.x", 1, True, "the middle", ()
+        names=("c.x", "c.v"),
+        time_s=np.array([0.0, 1.0, 2.0]),
+        states=states,
+        axis="c.x",
+        side=1,
+        safe=True,
+        start="the middle",
+        chosen=(),
     )
     over_time, plane = leaving_figures(found, run)
     assert over_time.regions.shape == (1, len(over_time.y_edges) - 1)

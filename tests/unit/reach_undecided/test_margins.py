@@ -7,7 +7,7 @@ import re
 import numpy as np
 import pytest
 
-from soter.reach.results import ModuleResult  # noqa: TC001 - pytest reads annotations
+from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from unit.reach.test_verify import changed as cart
 from unit.reach_undecided.tanks import cause, changed, explained, kinds, law
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from soter.reach.results import ModuleResult  # noqa: TC001 - pytest reads annotations
+from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from unit.reach_undecided.tanks import changed, check_run, explained
 
 HALF = (

@@ -7,14 +7,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.reach import patience, recovery
 from soter.reach import verify as verifying
-from soter.reach.grids import CancelledError
+from soter.reach.claims import recovery
+from soter.reach.grid.sets import CancelledError
+from soter.reach.undecided import patience
 from unit.reach import test_verify_groups as plane
 from unit.reach.test_verify import changed, result_of
 
 if TYPE_CHECKING:
-    from soter.reach.claims import Case
+    from soter.reach.claims.case import Case
 
 
 @pytest.fixture

@@ -12,9 +12,9 @@ import pytest
 import soter
 from soter.cli.main import main
 from soter.program.build import check_file
+from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from soter.reach.command import modules_of, problems_of
-from soter.reach.results import ModuleResult  # noqa: TC001 - pytest reads annotations
-from soter.reach.vacuity import HARDLY
+from soter.reach.undecided.vacuity import HARDLY
 from soter.reach.verify import verify_module
 from unit.reach_undecided.tanks import TANK, changed
 

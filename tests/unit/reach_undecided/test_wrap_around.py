@@ -6,7 +6,7 @@ import math
 
 import pytest
 
-from soter.reach.results import ModuleResult  # noqa: TC001 - pytest reads annotations
+from soter.reach.claims.results import ModuleResult  # noqa: TC001 - pytest reads annotations
 from unit.reach_undecided.tanks import cause, changed, explained, kinds
 
 ARM = """soter 1;

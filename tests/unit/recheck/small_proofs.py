@@ -15,16 +15,16 @@ import numpy as np
 
 from soter.program.build import check_file, system_of
 from soter.recheck.assumptions import p1c_of
-from soter.recheck.balls import above, below
+from soter.recheck.certificate.folder import canonical
 from soter.recheck.claims import CLAIMS
-from soter.recheck.compile_terms import form_of_box
-from soter.recheck.folder import canonical
-from soter.recheck.inclusion import ChainCheck, FreeCheck, GroupTables
-from soter.recheck.model import Model
-from soter.recheck.predicates import certain
-from soter.recheck.problem import Facts, read_facts
+from soter.recheck.inclusions.inclusion import ChainCheck, FreeCheck, GroupTables
+from soter.recheck.inclusions.predicates import certain
+from soter.recheck.inclusions.tables import Cells, Grid
+from soter.recheck.reading.model import Model
+from soter.recheck.reading.problem import Facts, read_facts
 from soter.recheck.rechecker import TIME_KEYS
-from soter.recheck.tables import Cells, Grid
+from soter.recheck.terms.balls import above, below
+from soter.recheck.terms.compiled import form_of_box
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,8 +11,8 @@ import pytest
 from json_documents import problems_of
 from soter.api import recheck
 from soter.cli.main import main
-from soter.program import typed
-from soter.recheck import understood
+from soter.program.model import typed
+from soter.recheck.reading import understood
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:

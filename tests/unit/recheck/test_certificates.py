@@ -206,8 +206,8 @@ def test_the_adversary_sees_what_is_wrong(sealed: Sealed) -> None:
 
 def test_bits_behind_the_last_cell_are_rejected(copied: Path) -> None:
     """36 x 24 cells fill their bytes, 5 do not: so the reader is asked itself."""
-    from soter.recheck.folder import Certificate
-    from soter.recheck.inclusion import RejectedError
+    from soter.recheck.certificate.errors import RejectedError
+    from soter.recheck.certificate.folder import Certificate
 
     certificate = Certificate(copied, {}, {"sets/a": b"\x3f"}, set())
     with pytest.raises(RejectedError, match="behind the last cell"):

@@ -16,10 +16,10 @@ from bench.recheck_models import Cart
 import soter
 from soter.api import recheck
 from soter.program.build import check_file, system_of
-from soter.reach.complete import complete
-from soter.recheck.deployed import levels_of, packed
-from soter.recheck.inclusion import GroupTables
-from soter.recheck.tables import Grid
+from soter.reach.deploy.complete import complete
+from soter.recheck.inclusions.deployed import levels_of, packed
+from soter.recheck.inclusions.inclusion import GroupTables
+from soter.recheck.inclusions.tables import Grid
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:

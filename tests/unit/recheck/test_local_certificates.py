@@ -10,11 +10,11 @@ import pytest
 from bench.recheck_corruptions import Sealed, judge, read
 from bench.recheck_models import Attack, Cart
 
-from soter.recheck.balls import exact
-from soter.recheck.compile_terms import compile_step, form_of_box
-from soter.recheck.model import Model
+from soter.recheck.reading.model import Model
 from soter.recheck.rechecker import recheck
-from soter.recheck.terms import NotRecheckedError
+from soter.recheck.terms.balls import exact
+from soter.recheck.terms.compiled import compile_step, form_of_box
+from soter.recheck.terms.terms import NotRecheckedError
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:

@@ -9,16 +9,16 @@ import numpy as np
 import pytest
 from flint import arb, arb_mat
 
-from soter.recheck.balls import ONE, ZERO, exact
-from soter.recheck.chains import delays
-from soter.recheck.compile_terms import form_of_box
-from soter.recheck.flows import is_linear
-from soter.recheck.inclusion import ChainCheck, FreeCheck, GroupTables
-from soter.recheck.inward import kept_ends
-from soter.recheck.local_chains import LocalChain
-from soter.recheck.local_flow import Local, LocalFlow, integral_of, solved
-from soter.recheck.model import Model
-from soter.recheck.tables import Grid
+from soter.recheck.inclusions.chains import delays
+from soter.recheck.inclusions.inclusion import ChainCheck, FreeCheck, GroupTables
+from soter.recheck.inclusions.inward import kept_ends
+from soter.recheck.inclusions.local_chains import LocalChain
+from soter.recheck.inclusions.local_flow import Local, LocalFlow, integral_of, solved
+from soter.recheck.inclusions.tables import Grid
+from soter.recheck.reading.flows import is_linear
+from soter.recheck.reading.model import Model
+from soter.recheck.terms.balls import ONE, ZERO, exact
+from soter.recheck.terms.compiled import form_of_box
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:

@@ -9,19 +9,19 @@ from typing import Any
 import numpy as np
 import pytest
 
-from soter.reach import polytope_model
-from soter.reach.polytope_balls import exact as ball
-from soter.reach.polytope_balls import exponential
-from soter.reach.polytope_model import LinearGroup, free_instants, hold_instants
-from soter.reach.polytopes import Windows, claims_of, find_core, prove_core
-from soter.recheck.balls import ZERO, exact
-from soter.recheck.flows import LinearFlow
-from soter.recheck.inclusion import RejectedError
-from soter.recheck.polytope_bounds import Bounded
-from soter.recheck.polytope_law import Law
-from soter.recheck.polytope_moves import Flow, Free, Hold
-from soter.recheck.polytope_tables import HalfSpaces
-from soter.recheck.terms import NotRecheckedError
+from soter.reach.polytope import model as polytope_model
+from soter.reach.polytope.balls import exact as ball
+from soter.reach.polytope.balls import exponential
+from soter.reach.polytope.model import LinearGroup, free_instants, hold_instants
+from soter.reach.polytope.proofs import Windows, claims_of, find_core, prove_core
+from soter.recheck.certificate.errors import RejectedError
+from soter.recheck.polytope.bounds import Bounded
+from soter.recheck.polytope.law import Law
+from soter.recheck.polytope.moves import Flow, Free, Hold
+from soter.recheck.polytope.tables import HalfSpaces
+from soter.recheck.reading.flows import LinearFlow
+from soter.recheck.terms.balls import ZERO, exact
+from soter.recheck.terms.terms import NotRecheckedError
 from unit.reach_polytopes.adversary import MS, Attack, random_group
 
 pytest.importorskip("highspy")

@@ -13,7 +13,9 @@ import pytest
 
 import soter
 from soter.program.build import check_file
-from soter.reach import certificate, polytope_extract, polytope_model
+from soter.reach.polytope import extract as polytope_extract
+from soter.reach.polytope import model as polytope_model
+from soter.reach.tables import facets
 from soter.recheck.rechecker import Report, recheck
 from unit.recheck import small_proofs
 
@@ -21,7 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from soter.reach.results import VerifyReport
+    from soter.reach.claims.results import VerifyReport
 
     Edit = Callable[["Opened"], None]
 
@@ -434,7 +436,7 @@ HOLES: dict[str, tuple[object, str, object]] = {
     ),
     "nothing happens between instants": (polytope_model.LinearGroup, "sagging", _nothing),
     "estimates are exact": (polytope_extract, "errors_of", lambda _: {}),
-    "thresholds are not lowered": (certificate, "thresholds", lambda p: p.bounds),
+    "thresholds are not lowered": (facets, "thresholds", lambda p: p.bounds),
 }
 
 

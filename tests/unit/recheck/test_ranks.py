@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 from bench.recheck_models import Cart
 
-from soter.recheck.inclusion import ChainCheck, GroupTables, ranked
-from soter.recheck.model import Model
-from soter.recheck.tables import Cells, Grid
+from soter.recheck.inclusions.inclusion import ChainCheck, GroupTables, ranked
+from soter.recheck.inclusions.tables import Cells, Grid
+from soter.recheck.reading.model import Model
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:

@@ -10,9 +10,9 @@ import soter
 from soter.api import recheck
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_of
+from soter.recheck.certificate.errors import RejectedError
 from soter.recheck.claims import static_claims
-from soter.recheck.inclusion import RejectedError
-from soter.recheck.problem import read_facts
+from soter.recheck.reading.problem import read_facts
 
 if TYPE_CHECKING:
     from pathlib import Path

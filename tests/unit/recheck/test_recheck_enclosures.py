@@ -11,13 +11,13 @@ import pytest
 from flint import arb
 
 import soter
-from soter.program import typed
 from soter.program.build import check_file
-from soter.recheck.balls import UNIVARIATE, ZERO, exact, line_noisy_max0
-from soter.recheck.compile_terms import compile_step, form_of_box
-from soter.recheck.flows import LinearFlow, exponential
-from soter.recheck.symbolic import Reader, Surroundings
-from soter.recheck.terms import Linear, Terms
+from soter.program.model import typed
+from soter.recheck.reading.flows import LinearFlow, exponential
+from soter.recheck.reading.symbolic import Reader, Surroundings
+from soter.recheck.terms.balls import UNIVARIATE, ZERO, exact, line_noisy_max0
+from soter.recheck.terms.compiled import compile_step, form_of_box
+from soter.recheck.terms.terms import Linear, Terms
 
 if TYPE_CHECKING:
     from pathlib import Path

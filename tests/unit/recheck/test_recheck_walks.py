@@ -10,11 +10,12 @@ import pytest
 from bench.recheck_models import Cart
 
 from soter.recheck.case import Case
-from soter.recheck.compile_terms import form_of_box
-from soter.recheck.inclusion import ChainCheck, GroupTables, RejectedError, ranked
-from soter.recheck.inward import points_inwards
-from soter.recheck.model import Model
-from soter.recheck.tables import Cells, Grid, unshown, volume
+from soter.recheck.certificate.errors import RejectedError
+from soter.recheck.inclusions.inclusion import ChainCheck, GroupTables, ranked
+from soter.recheck.inclusions.inward import points_inwards
+from soter.recheck.inclusions.tables import Cells, Grid, unshown, volume
+from soter.recheck.reading.model import Model
+from soter.recheck.terms.compiled import form_of_box
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from soter.recheck.tables import Block
+    from soter.recheck.inclusions.tables import Block
 
 CLAMPED = "clamp(-2.0 * seen, -1.0, 1.0)"
 LAG = """soter 1;
@@ -95,8 +96,8 @@ def test_what_flows_inwards(
     tmp_path: Path, rate: str, extra: str, bound: float, inwards: bool
 ) -> None:
     model, groups = lag(tmp_path, rate, extra, bound)
-    assert points_inwards(model, groups[1]) == inwards
-    assert not points_inwards(model, groups[0]), "its command moves it"
+    assert points_inwards(model, groups[1].states) == inwards
+    assert not points_inwards(model, groups[0].states), "its command moves it"
 
 
 def test_a_group_that_flows_inwards_needs_no_chain(

@@ -12,8 +12,8 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from soter.recheck.terms import NotRecheckedError
-from soter.recheck.times import Clock, Effect, Path, Read, Setting, Times, derive
+from soter.recheck.terms.terms import NotRecheckedError
+from soter.recheck.time.times import Clock, Effect, Path, Read, Setting, Times, derive
 
 SYSTEMS = 30
 PLAYS = 150

@@ -64,7 +64,7 @@ def base() -> Base:
         soter.load(path).verify(cert=Path(at) / "cert", refute=False)
         manifest = json.loads((Path(at) / "cert" / "manifest.json").read_text())
         contents = {n: (Path(at) / "cert" / n).read_bytes() for n in manifest["files"]}
-    return Base("written", TEXT, manifest, contents, (), ())
+    return Base("written", TEXT, manifest, contents, (), (), {})
 
 
 def edited(step: str) -> str:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 if TYPE_CHECKING:
-    from soter.report.record import Flight, ReportPage, Scene
+    from soter.report.run.record import Flight, ReportPage, Scene
 
 sample = importlib.import_module("report_sample")
 

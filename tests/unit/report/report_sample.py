@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from soter.report.html import write_html
-from soter.report.record import (
+from soter.report.run.record import (
     Cell,
     Chart,
     Comparison,

@@ -6,7 +6,7 @@ Non-goals: being right about anything; the numbers are made up.
 
 from __future__ import annotations
 
-from soter.report.sequence import (
+from soter.report.sequence.view import (
     Lane,
     Mode,
     ModuleModes,

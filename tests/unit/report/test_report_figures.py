@@ -11,16 +11,16 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.report.city_map import city_map, dash_of
-from soter.report.city_solid import city_solid
-from soter.report.figure import TUBE_GROUP, arm_group, decision_hover, numbers
-from soter.report.page import body
-from soter.report.record import Decision, ModeBand, Scene, Threshold, Violation
-from soter.report.timeline import chart_timeline, flight_timeline
+from soter.report.run.city_map import city_map, dash_of
+from soter.report.run.city_solid import city_solid
+from soter.report.run.figure import TUBE_GROUP, arm_group, decision_hover, numbers
+from soter.report.run.page import body
+from soter.report.run.record import Decision, ModeBand, Scene, Threshold, Violation
+from soter.report.run.timeline import chart_timeline, flight_timeline
 
 if TYPE_CHECKING:
-    from soter.report.figure import Figure
-    from soter.report.record import Flight, ReportPage
+    from soter.report.run.figure import Figure
+    from soter.report.run.record import Flight, ReportPage
 
 CSS = (resources.files("soter.report") / "assets" / "report.css").read_text(encoding="utf-8")
 

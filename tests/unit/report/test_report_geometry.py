@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.report.geometry import (
+from soter.report.run.geometry import (
     box_rings,
     height_levels,
     loft_edges,
@@ -17,10 +17,10 @@ from soter.report.geometry import (
     tube_rings,
     window,
 )
-from soter.report.record import Tube
+from soter.report.run.record import Tube
 
 if TYPE_CHECKING:
-    from soter.report.record import ReportPage, Scene
+    from soter.report.run.record import ReportPage, Scene
 
 BOX = np.asarray([[0.0, 0, 0], [2, 3, 4]])
 

@@ -6,7 +6,6 @@ import dataclasses
 import json
 import re
 import shutil
-import subprocess
 import sys
 from html.parser import HTMLParser
 from pathlib import Path
@@ -14,13 +13,14 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import processes
 from soter.report.errors import ReportError, ReportUnavailableError
 from soter.report.html import POLICY, html_document, write_html
-from soter.report.record import Decision, ReportPage, Violation
-from soter.report.wording import headline, prose, value_text
+from soter.report.run.record import Decision, ReportPage, Violation
+from soter.report.run.wording import headline, prose, value_text
 
 if TYPE_CHECKING:
-    from soter.report.record import Flight
+    from soter.report.run.record import Flight
 
 ROOT = Path(__file__).parents[3]
 SIZE_MAX_BYTES = 8_000_000
@@ -210,7 +210,7 @@ def test_a_browser_draws_every_figure(
     flags = "--headless --no-sandbox --disable-gpu --enable-unsafe-swiftshader --disable-quic "
     flags += "--no-first-run --disable-background-networking --disable-component-update "
     flags += "--disable-sync --enable-logging=stderr --virtual-time-budget=10000 --dump-dom"
-    result = subprocess.run(
+    result = processes.run(
         [browser, *flags.split(), f"--user-data-dir={tmp_path / 'profile'}", path.as_uri()],
         capture_output=True,
         text=True,

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from soter.report.record import Cell, Comparison, ReportPage, Scene
+from soter.report.run.record import Cell, Comparison, ReportPage, Scene
 
 if TYPE_CHECKING:
-    from soter.report.record import Flight
+    from soter.report.run.record import Flight
 
 
 @pytest.mark.parametrize("name", ["position", "in_control", "clearance_m", "speed"])

@@ -7,16 +7,20 @@ import importlib
 import json
 import re
 import shutil
-import subprocess
 from html.parser import HTMLParser
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+import processes
 from soter.report.errors import ReportError
 from soter.report.html import POLICY
-from soter.report.sequence import (
+from soter.report.sequence.drawing import plan
+from soter.report.sequence.log import STEPS_TOPIC, write_log
+from soter.report.sequence.page import page, write_page
+from soter.report.sequence.text import HEADERS, rows, text
+from soter.report.sequence.view import (
     Lane,
     ModuleModes,
     Pick,
@@ -29,11 +33,8 @@ from soter.report.sequence import (
     late_ns,
     reached,
 )
-from soter.report.sequence_drawing import plan
-from soter.report.sequence_log import STEPS_TOPIC, write_log
-from soter.report.sequence_page import page, write_page
-from soter.report.sequence_text import HEADERS, rows, text
-from soter.report.sequence_words import clipped, explanation, visible
+from soter.report.sequence.words import clipped, explanation
+from soter.report.visible import visible
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -253,7 +254,7 @@ def test_the_script_is_valid_javascript(tmp_path: Path) -> None:
     found = re.search(r"<script>(.*?)</script>", page(sample.small()), re.DOTALL)
     assert found is not None
     (tmp_path / "a.js").write_text(found[1], encoding="utf-8")
-    subprocess.run([node, "--check", str(tmp_path / "a.js")], check=True)
+    processes.run([node, "--check", str(tmp_path / "a.js")], check=True)
 
 
 # ---------------------------------------------------------------- text

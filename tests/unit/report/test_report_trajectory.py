@@ -11,8 +11,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soter.report.record import Decision, Violation
-from soter.report.trajectory import (
+from soter.report.run.record import Decision, Violation
+from soter.report.run.trajectory import (
     POINTS_MAX,
     by_controller,
     flight_indices,
@@ -24,7 +24,7 @@ from soter.report.trajectory import (
 )
 
 if TYPE_CHECKING:
-    from soter.report.record import Flight
+    from soter.report.run.record import Flight
 
 MODES = st.lists(st.booleans(), min_size=1, max_size=60).map(np.asarray)
 

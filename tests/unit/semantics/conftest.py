@@ -13,7 +13,7 @@ from soter.semantics.interpreter import Interpreter
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 ONE_MODULE = """
 input topic x: float in [-100.0, 100.0] max_age 50ms;

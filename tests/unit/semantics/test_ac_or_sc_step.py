@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.program.arith import FaultKind
+from soter.program.meaning.arith import FaultKind
 from soter.semantics.configuration import NEVER
 from soter.semantics.record import AC, SC
 from soter.semantics.rules import ac_or_sc_step

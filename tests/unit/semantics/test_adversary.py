@@ -15,8 +15,8 @@ from soter.lower.layout import state_layout
 from soter.native.build import library
 from soter.native.library import Library
 from soter.program.build import check_file, system_of
-from soter.program.system import Bound
-from soter.program.types import BOOL, FLOAT, EnumType, IntType
+from soter.program.model.system import Bound
+from soter.program.model.types import BOOL, FLOAT, EnumType, IntType
 from soter.semantics.adversary import (
     CORNER,
     HOLDS,
@@ -33,8 +33,8 @@ from soter.semantics.interpreter import Interpreter
 from soter.simulate.image import image
 
 if TYPE_CHECKING:
-    from soter.program.system import System
-    from soter.program.types import Type
+    from soter.program.model.system import System
+    from soter.program.model.types import Type
 
 TEXT = """soter 1;
 type Motion = { x: float, v: float };

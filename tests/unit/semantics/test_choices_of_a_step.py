@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.program.build import check_file, system_of
-from soter.program.fairness import allowed, taken
-from soter.program.types import IntType
+from soter.program.meaning.fairness import allowed, taken
+from soter.program.model.types import IntType
 from soter.semantics.adversary import ChoiceError, RecordedDraws, Recorder
 from soter.semantics.answers import AnsweredDraws
 from soter.semantics.interpreter import Interpreter
@@ -19,7 +19,7 @@ from soter.semantics.random_draws import SeededDraws, draw_bits
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 MS = 1_000_000
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-from soter.program.arith import FaultKind
+from soter.program.meaning.arith import FaultKind
 from soter.semantics.externs import ExternResetError, UnboundExternError
 from soter.semantics.record import AC, SC
 
@@ -204,3 +204,58 @@ def test_a_fault_says_what_the_extern_said(build: Build) -> None:
     fault = outcomes[-1].fault  # type: ignore[union-attr]
     assert fault is not None
     assert fault.detail == "`M.Learned`: FileNotFoundError: no weights"
+
+
+# ---------------------------------------------------------------- on takeover
+
+TAKEN = MODULE.replace(
+    "publishes u; }", "publishes u; var taken: int; on takeover { taken = taken + 1; } }", 1
+)
+
+
+def taken(c: Any) -> int:
+    """How often the extern AC took over."""
+    count: int = c.L[LEARNED][0]
+    return count
+
+
+def test_on_takeover_of_an_extern_runs_once_each_time_control_comes(build: Build) -> None:
+    it = build(TAKEN, externs={"M.Learned": lambda _: {"u": (0.0, 0.0)}})
+    far, near = [(WHERE, (9.0, 0.0))], [(WHERE, (0.0, 0.0))]
+    seen, c = [], it.initial()
+    for inputs in ([], [], far, near, []):
+        c = it.instant(c, choose_input=lambda _, i=inputs: i)  # type: ignore[misc]
+        seen.append((c.OE[LEARNED], taken(c)))
+    assert seen == [(True, 1), (True, 1), (False, 1), (True, 2), (True, 2)]
+
+
+@pytest.mark.parametrize("nonsense", [3, {"u": (2.0, 0.0)}])
+def test_on_takeover_of_an_extern_is_undone_by_a_fault_and_comes_with_control(
+    build: Build, nonsense: object
+) -> None:
+    answers = iter([nonsense])
+    good = {"u": (0.0, 0.0)}
+    it = build(TAKEN, externs={"M.Learned": lambda _: next(answers, good)})
+    seen, c = [], it.initial()
+    for _ in range(5):  # the second is the DM's, then two clean steps are owed
+        c = it.instant(c)
+        seen.append((c.OE[LEARNED], taken(c)))
+    assert seen == [(True, 0), (False, 0), (False, 0), (True, 1), (True, 1)]
+
+
+def test_a_lost_value_is_a_fault_before_on_takeover_but_after_the_answer(build: Build) -> None:
+    text = TAKEN.replace("input topic where", "input topic beat: int; input topic where").replace(
+        "where, job, laser;", "where, job, laser, beat queue 1 fault;"
+    )
+    asked = []
+
+    def learned(inputs: Any) -> object:
+        asked.append(tuple(inputs.beat))
+        return {"u": (0.0, 0.0)}
+
+    it = build(text, externs={"M.Learned": learned})
+    c = it.initial()
+    beat = it.system.topic("beat").index
+    c = it.instant(c, choose_input=lambda _: [(beat, 1), (beat, 2)])
+    assert asked == [(1,)]
+    assert (c.gate_fault, taken(c)) == ((True,), 0)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.program.arith import FaultKind
+from soter.program.meaning.arith import FaultKind
 from soter.semantics.random_draws import draw_float
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from soter.program.arith import FaultKind
 from soter.program.build import check_file, system_of
+from soter.program.meaning.arith import FaultKind
 from soter.semantics.configuration import LOST, NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.record import Outcome

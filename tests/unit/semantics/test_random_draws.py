@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from soter.program.system import Bound
-from soter.program.types import BOOL, FLOAT, INT, ArrayType, EnumType, IntType, RecordType
+from soter.program.model.system import Bound
+from soter.program.model.types import BOOL, FLOAT, INT, ArrayType, EnumType, IntType, RecordType
 from soter.semantics.random_draws import (
     draw_bits,
     draw_float,

@@ -18,7 +18,7 @@ from soter.semantics.rules import discrete_time_progress_step, environment_input
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.types import Value
+    from soter.program.model.types import Value
     from soter.semantics.configuration import Configuration
     from soter.semantics.record import Record
 

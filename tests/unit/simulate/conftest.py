@@ -12,7 +12,7 @@ from soter.program.build import check_file, system_of
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = ROOT / "examples" / "wall" / "cart.soter"

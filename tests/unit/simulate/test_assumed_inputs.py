@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from soter.program.build import check_file, system_of
-from soter.simulate.assumptions import of_environment
+from soter.simulate.outputs.assumptions import of_environment
 
 PROGRAM = """soter 1;
 input topic a: int in [0, 9] = 0;

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.simulate.bindings import bind, callables
+from soter.simulate.externs.bindings import bind, callables
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.run import NativeProgram, run_interpreted
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
     Flat = Callable[..., System]
 

@@ -9,16 +9,16 @@ import pytest
 from mcap.reader import make_reader
 
 from soter.diagnostics.diagnostic import SoterError
+from soter.simulate.outputs.to_log import RunLog, write_log
+from soter.simulate.outputs.to_report import report_page, run_chart, write_report
 from soter.simulate.run import NativeProgram
-from soter.simulate.to_log import write_log
-from soter.simulate.to_report import report_page, run_chart, write_report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from soter.program.system import System
-    from soter.simulate.run import Run
+    from soter.program.model.system import System
+    from soter.simulate.result import Run
 
     Cart = Callable[[str], System]
 
@@ -120,11 +120,25 @@ def test_bools_and_ints_are_signals_too(flat: Callable[[str], System]) -> None:
 def test_extras_that_are_not_installed(
     run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("soter.simulate.to_log.find_spec", lambda _: None)
-    monkeypatch.setattr("soter.simulate.to_report.find_spec", lambda _: None)
+    monkeypatch.setattr("soter.simulate.outputs.to_log.find_spec", lambda _: None)
+    monkeypatch.setattr("soter.simulate.outputs.to_report.find_spec", lambda _: None)
     with pytest.raises(SoterError, match="D007") as caught:
         write_log(run, tmp_path / "a.mcap", "1")
     assert "pip install 'soter[log]'" in caught.value.diagnostics[0].helps[0]
     with pytest.raises(SoterError, match="D007") as caught:
         write_report(run, tmp_path / "a.html", "cart", {})
     assert "pip install 'soter[report]'" in caught.value.diagnostics[0].helps[0]
+
+
+def test_a_log_written_while_the_run_goes_on_is_the_same(
+    cart: Cart, run: Run, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("soter.simulate.run.CHUNK_BYTES", 1)  # 16 states a block
+    log = RunLog(tmp_path / "b.mcap", "1")
+    log.begin(run.system, run.layout, 1, "native", {})
+    again = NativeProgram(cart("Protected")).run(3 * S, 1, hash_trace=True, also=log.see)
+    assert not (tmp_path / "b.mcap").exists()
+    log.end(again, "")
+    assert again.trace is None
+    whole = write_log(run, tmp_path / "a.mcap", "1")
+    assert whole.read_bytes() == (tmp_path / "b.mcap").read_bytes()

@@ -14,14 +14,14 @@ import pytest
 from soter.semantics.externs import Stop
 from soter.simulate import observe
 from soter.simulate.decisions import Saw, changes, reason, steps
-from soter.simulate.figures import final_values, run_figures, scalars
 from soter.simulate.interrupt import StopRequest, stoppable
+from soter.simulate.outputs.figures import final_values, run_figures, scalars
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.program.system import System
+    from soter.program.model.system import System
 
     Cart = Callable[[str], System]
 
@@ -32,7 +32,8 @@ def test_both_engines_leave_the_same_record(cart: Cart) -> None:
     native = NativeProgram(cart("Protected")).run(5 * S, 3, keep_trace=True, hash_trace=True)
     interpreted = run_interpreted(cart("Protected"), 5 * S, 3, keep_trace=True)
     assert native.changes == interpreted.changes
-    assert list(steps(native)) == list(steps(interpreted))
+    decided = [list(steps(r.system, r.require_trace())) for r in (native, interpreted)]
+    assert decided[0] == decided[1]
     one, two = run_figures(native), run_figures(interpreted)
     for name in ("engine", "wall_s"):
         one.pop(name)
@@ -76,7 +77,7 @@ def test_decisions_have_reasons(cart: Cart) -> None:
         "safer: far enough inside φ_safe",
     )
     assert (second.after, second.reason) == ("SC", "ttf: φ_safe could be left within 2Δ")
-    every = list(steps(run))
+    every = list(steps(run.system, run.require_trace()))
     assert len(every) == 101
     assert [d for d in every if d.before != d.after] == changes(run)
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from generators.found import files_below
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics
 from soter.diagnostics.source import Source
 from soter.diagnostics.span import Span
@@ -40,9 +41,9 @@ def shape_of(node: object) -> Any:
 
 def sample_files() -> list[Path]:
     """Every Soter file of the project, and the sample with every construct."""
-    files = [*(HERE / "samples").glob("*.soter")]
+    files = files_below(HERE / "samples", "*.soter")
     for folder in ("examples", "src/soter/prelude"):
-        files += (ROOT / folder).rglob("*.soter")
+        files += files_below(ROOT / folder, "*.soter")
     return sorted(files)
 
 

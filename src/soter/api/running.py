@@ -1,0 +1,123 @@
+"""A run of a system with its externs bound, and what is told of it while it goes on.
+
+Purpose: build or find the engine, run until the end or a signal, keep the log.
+Non-goals: what may be asked for (`program.py`), the run itself (`simulate/run.py`).
+"""
+
+from __future__ import annotations
+
+from functools import partial as partial_
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.api.files import age
+from soter.lower.layout import state_layout
+from soter.semantics.externs import Stop
+from soter.simulate.externs.bindings import callables
+from soter.simulate.interrupt import (
+    ANY_END,
+    INTERRUPT,
+    raise_again,
+    stop_request,
+    stoppable,
+    stopped_by,
+)
+from soter.simulate.pace import Pacer
+from soter.simulate.params import changed
+from soter.simulate.run import NativeProgram, run_interpreted
+from soter.version import VERSION
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.api.given import Progress
+    from soter.simulate.externs.bindings import Bindings
+    from soter.simulate.outputs.to_log import RunLog
+    from soter.simulate.result import Run
+
+
+def simulate(
+    bindings: Bindings,
+    engine: str,
+    compiled: dict[object, NativeProgram],
+    computed: list[str],
+    *,
+    until_ns: int,
+    seed: int,
+    keep_trace: bool,
+    progress: Progress | None,
+    real_time: bool,
+    writer: RunLog | None,
+    partial: bool,
+) -> Run:
+    """Run in virtual time, as `Program.simulate` says; `computed`: notes on the run's modules.
+
+    `KeyboardInterrupt` where it is stopped, unless `partial`.
+    """
+    stop = stop_request()
+    bound = callables(bindings, engine, stop)
+    go = _engine(engine, bindings, compiled)
+    if writer is not None:
+        layout = state_layout(bindings.system)
+        writer.begin(bindings.system, layout, seed, engine, bindings.texts())
+    try:
+        with stoppable(stop, INTERRUPT if writer is None else ANY_END):
+            run = go(
+                until_ns,
+                seed,
+                bound,
+                keep_trace=keep_trace,
+                progress=progress,
+                stop=stop,
+                pacer=Pacer() if real_time else None,
+                also=None if writer is None else writer.see,
+            )
+    except Stop:  # before the first instant
+        raise KeyboardInterrupt from None
+    except BaseException as error:
+        if writer is not None:
+            writer.end_by(error)
+        raise
+    run.externs = bindings.texts()
+    run.computed = computed
+    if writer is not None:
+        writer.end(run, stopped_by(stop) if run.interrupted else "")
+    if run.interrupted and not partial:
+        raise_again(stop)
+    return run
+
+
+def _engine(
+    engine: str, bindings: Bindings, compiled: dict[object, NativeProgram]
+) -> Callable[..., Run]:
+    """What runs the system: everything slow that is no run happens here."""
+    if engine == "interp":
+        return partial_(run_interpreted, bindings.system)
+    return partial_(_compiled(bindings, compiled).run, hash_trace=True)
+
+
+def _compiled(bindings: Bindings, known: dict[object, NativeProgram]) -> NativeProgram:
+    """The compiled system; kept, so that the next seed costs nothing."""
+    system = bindings.system
+    linked = tuple((n, t, age(t)) for n, t in bindings.texts().items() if t.startswith("c:"))
+    key = (system.name, tuple(system.params.items()), linked)
+    if key not in known:
+        known[key] = NativeProgram(system, core=bindings.core)
+    return known[key]
+
+
+def write_report(run: Run, path: str | Path, program: str) -> Path:
+    """Write the HTML report of a traced run; `SoterError` D006, D007."""
+    from soter.simulate.outputs.to_report import write_report as write  # noqa: PLC0415 - an extra
+
+    facts = {
+        "program": program,
+        "program sha256": run.system.program.sha256,
+        "seed": str(run.seed),
+        "engine": run.engine,
+        "trace sha256": run.trace_sha256 or "",
+        **{f"param {name}": text for name, (text, _) in changed(run.system).items()},
+        **{f"extern {name}": text for name, text in run.externs.items()},
+        "soter": VERSION,
+    }
+    return write(run, path, Path(program).name, facts)

@@ -1,0 +1,1 @@
+"""What a command prints with: the console, progress, outcomes and crashes."""

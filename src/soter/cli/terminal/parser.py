@@ -1,0 +1,102 @@
+"""Command lines.
+
+Purpose: an `ArgumentParser` that raises instead of leaving, and the options many commands share.
+Non-goals: what the options mean.
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+from typing import NoReturn
+
+from soter.cli.terminal.outcome import UsageError
+
+
+class HelpWantedError(Exception):
+    """`--help` was given; the message is the text."""
+
+
+class Parser(argparse.ArgumentParser):
+    """One command's parser. `examples`: lines for the end of its help."""
+
+    def __init__(self, command: str, about: str, examples: str) -> None:
+        super().__init__(
+            prog=f"soter {command}",
+            description=about,
+            epilog=f"examples:\n{examples.rstrip()}",
+            formatter_class=argparse.RawDescriptionHelpFormatter,
+            allow_abbrev=False,
+            add_help=False,
+        )
+        self.add_argument(
+            "--json", action="store_true", help="print one JSON document (docs/json.md)"
+        )
+        self.add_argument("-h", "--help", action=_Help, nargs=0, help="show this text")
+
+    def error(self, message: str) -> NoReturn:
+        """A wrong command line: raises UsageError."""
+        raise UsageError(message, self.format_usage().removeprefix("usage: ").strip())
+
+
+class _Help(argparse.Action):
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        raise HelpWantedError(parser.format_help().rstrip())
+
+
+def add_file(parser: Parser, help_: str = "the program") -> None:
+    """The positional FILE."""
+    parser.add_argument("file", metavar="FILE", help=help_)
+
+
+def add_settings(parser: Parser) -> None:
+    """--set and --bind."""
+    parser.add_argument(
+        "--set",
+        action="append",
+        default=[],
+        metavar="K=V",
+        type=_pair,
+        dest="params",
+        help="value of a parameter, such as --set GAIN=3 or --set d.PERIOD=20ms",
+    )
+    parser.add_argument(
+        "--bind",
+        action="append",
+        default=[],
+        metavar="X=WHAT",
+        type=_pair,
+        dest="bindings",
+        help="what answers extern X: python:file.py:name or c:file.c:name",
+    )
+
+
+def _pair(text: str) -> tuple[str, str]:
+    name, sign, value = text.partition("=")
+    if not sign or not name.strip() or not value.strip():
+        raise argparse.ArgumentTypeError(f"`{text}`: write NAME=VALUE")
+    return name.strip(), value.strip()
+
+
+def whole(text: str) -> int:
+    """A whole number in plain digits: Python reads `1_000` and digits of any script, too.
+
+    ArgumentTypeError for any other text.
+    """
+    if not re.fullmatch("[+-]?[0-9]{1,20}", text):
+        raise argparse.ArgumentTypeError(f"`{text}` is no whole number")
+    return int(text)
+
+
+def seconds(text: str) -> float:
+    """A number of seconds in plain digits; ArgumentTypeError, or ValueError, for any other text."""
+    if "_" in text or not text.isascii():
+        raise argparse.ArgumentTypeError(f"`{text}` is no number")
+    return float(text)
+
+
+def seed(text: str) -> int:
+    """A seed: a whole number of 64 bits without sign; ArgumentTypeError for any other text."""
+    if not (text.isascii() and text.isdigit()) or len(text) > 20 or int(text) >= 2**64:
+        raise argparse.ArgumentTypeError(f"`{text}`: a seed is 0 to 2^64 - 1")
+    return int(text)

@@ -1,0 +1,169 @@
+"""The summary of a run, for a person at a terminal.
+
+Purpose: verdict first; then what went wrong, who was in control when, and what all of it rests
+on.
+Non-goals: figures for programs (`simulate/outputs/figures.py`).
+"""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.report.summary import Entry, Styled, display_width, mode_timeline, table
+from soter.simulate.outputs.assumptions import of_run
+from soter.simulate.outputs.figures import component_faults
+from soter.simulate.params import changed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.cli.terminal.console import Console
+    from soter.simulate.result import Run
+
+TIMES = "\N{MULTIPLICATION SIGN}"
+TIMELINE_MAX = 72
+TIMELINE_MIN = 20
+COLUMNS_A_TAKEOVER = 3
+"""Every takeover is drawn, so with more of them a bar would show nothing else."""
+
+
+def summary(run: Run, path: str, console: Console) -> str:
+    """All of it."""
+    sections = [
+        [_headline(run, path, console), *_params(run, console), *_verdict(run, console)],
+        list(_violations(run, console)),
+        list(_faults(run, console)),
+        [f"{console.paint('yellow', 'note')}  {text}" for text in run.notes],
+        _modules(run, console),
+        list(_timelines(run, console)),
+        list(_grounds(run, console)),
+    ]
+    return "\n\n".join("\n".join(lines) for lines in sections if lines)
+
+
+def _headline(run: Run, path: str, console: Console) -> str:
+    speed = run.reached_s / run.wall_s if run.wall_s > 0 else 0.0
+    how = f"{run.engine}, {_time(run.wall_s)}"
+    how += f" ({_rounded(speed)} {TIMES} real time)" if run.lag_s_max is None else ", paced"
+    facts = f"{path}  {run.system.name}, seed {run.seed}, {run.duration_s:g} s  {how}"
+    return console.paint("muted", facts)
+
+
+def _params(run: Run, console: Console) -> Iterator[str]:
+    """What is not at its default."""
+    found = changed(run.system)
+    if found:
+        texts = [
+            f"{name} = {value} (default {default})" for name, (value, default) in found.items()
+        ]
+        yield console.paint("muted", f"params  {', '.join(texts)}")
+
+
+def _verdict(run: Run, console: Console) -> list[str]:
+    lines = []
+    if run.interrupted:
+        at = f"stopped at {run.reached_s:.3f} s of {run.duration_s:g} s"
+        so_far = "" if run.violations else ", no violation until then"
+        lines.append(f"{console.paint('yellow', 'INTERRUPTED')}  {at}{so_far}")
+    properties = len(run.system.properties)
+    if run.violations:
+        count = f"{run.violations} violation{'s' if run.violations > 1 else ''}"
+        lines.append(f"{console.paint('red', 'VIOLATED')}  {count}")
+    elif run.interrupted:
+        pass
+    elif properties == 0:
+        lines.append(f"{console.paint('yellow', 'NOTHING ASKED')}  the system states no property")
+    else:
+        noun = "the property holds" if properties == 1 else f"all {properties} properties hold"
+        lines.append(f"{console.paint('green', 'no violation in this run')}  {noun}")
+    if run.lag_s_max is not None:
+        late = f"no instant was more than {_time(run.lag_s_max)} late"
+        lines.append(f"paced by the virtual-time driver, not the real-time runtime: {late}")
+    return lines
+
+
+def _violations(run: Run, console: Console) -> Iterator[str]:
+    cross = "x" if console.ascii_only else TIMES
+    for v in run.violation_list:
+        first = "" if v.time_s is None else f"at {v.time_s:.3f} s"
+        often = f", the first of {v.count} times" if v.count > 1 else ""
+        where = f"{v.span.source.name}:{v.span.line}" if v.span is not None else ""
+        yield f"  {console.paint('red', cross)} {v.what}"
+        yield console.paint("muted", f"    {first}{often}  {where}".rstrip())
+
+
+def _faults(run: Run, console: Console) -> Iterator[str]:
+    """Step faults, with what an extern had to say."""
+    found = component_faults(run)
+    if not found:
+        return
+    yield "step faults"
+    for name, facts in found.items():
+        count, first = facts["count"], facts["first_s"]
+        since = f", the first at {first:.3f} s" if isinstance(first, float) else ""
+        said = run.extern_failures.get(name)
+        kind = f"`{facts['last']}`"
+        yield f"  {name}: {count} {TIMES} {kind}{since}"
+        if said:
+            yield console.paint("muted", f"    {said}")
+
+
+def _modules(run: Run, console: Console) -> list[str]:
+    if not run.modules:
+        return []
+    rows: list[list[Entry]] = []
+    for name, m in run.modules.items():
+        faults: Entry = Styled(str(m.gate_faults), "bad" if m.gate_faults else "plain")
+        share = f"{100 * m.ac_share:.1f} %"
+        rows.append([name, share, m.switches_to_ac, m.switches_to_sc, faults])
+    arrow = "->" if console.ascii_only else "→"
+    headers = ("module", "AC share", f"SC{arrow}AC", f"AC{arrow}SC", "gate faults")
+    return [table(headers, rows, color=console.color_out)]
+
+
+def _timelines(run: Run, console: Console) -> Iterator[str]:
+    names = [m.name for m in run.system.modules]
+    if not names or run.reached_s <= 0:
+        return
+    label = max(display_width(n) for n in names)
+    columns = shutil.get_terminal_size((100, 24)).columns
+    width = max(TIMELINE_MIN, min(columns - label - 3, TIMELINE_MAX))
+    for index, name in enumerate(names):
+        time_s, in_control = _modes(run, index)
+        if run.modules[name].switches_to_sc > width // COLUMNS_A_TAKEOVER:
+            yield f"{name}{' ' * (label - display_width(name))}  too many takeovers to draw"
+            continue
+        bar = mode_timeline(time_s, in_control, width, ascii_only=console.ascii_only)
+        yield f"{name}{' ' * (label - display_width(name))}  {bar}"
+    end = f"{run.reached_s:g} s"
+    yield console.paint("muted", f"{' ' * label}  0{end.rjust(width - 1)}")
+
+
+def _modes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
+    """Times in s of every change, with start and end; whether AC is in control from then on."""
+    forced_ac = run.system.modules[module].forced == "ac"
+    own = [(c.time_ns / 1e9, c.to == "AC") for c in run.changes if c.module == module]
+    points = [(0.0, forced_ac), *own]
+    points.append((run.reached_s, points[-1][1]))
+    return np.array([t for t, _ in points]), np.array([ac for _, ac in points])
+
+
+def _grounds(run: Run, console: Console) -> Iterator[str]:
+    lines = of_run(run.system)
+    if lines:
+        yield "rests on"
+        for line in lines:
+            yield console.paint("muted", f"  {line}")
+
+
+def _time(seconds: float) -> str:
+    if seconds < 1e-3:
+        return f"{seconds * 1e6:.0f} µs"
+    return f"{seconds * 1e3:.0f} ms" if seconds < 1 else f"{seconds:.1f} s"
+
+
+def _rounded(x: float) -> str:
+    return f"{float(f'{x:.2g}'):,.0f}" if x >= 10 else f"{x:.1f}"

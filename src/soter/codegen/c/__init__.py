@@ -1,0 +1,1 @@
+"""C as a tree, its printer, names and types."""

@@ -1,0 +1,151 @@
+"""Names of C things.
+
+Purpose: source names survive, made legal and unique; whatever means something to C, to its
+headers or to the generated code itself is told apart.
+Non-goals: knowing what is named.
+
+Three name spaces: temporaries (`local`), members of structs (`field_name`), and the file
+(`FileNames`, whose names all begin with the program's prefix).
+"""
+
+from __future__ import annotations
+
+import re
+
+_WORDS = """
+auto break case char const continue default do double else enum extern float for goto if inline int
+long register restrict return short signed sizeof static struct switch typedef union unsigned void
+volatile while _Bool _Complex _Imaginary asm typeof alignas alignof constexpr nullptr static_assert
+thread_local
+bool true false NULL NAN INFINITY EOF NDEBUG DECIMAL_DIG
+assert offsetof isnan isinf signbit isfinite isnormal linux unix i386 mips sparc
+"""
+_CPP = """
+and and_eq bitand bitor catch char8_t char16_t char32_t class co_await co_return co_yield compl
+concept const_cast consteval constinit decltype delete dynamic_cast explicit export friend mutable
+namespace new noexcept not not_eq operator or or_eq private protected public reinterpret_cast
+requires static_cast template this throw try typeid typename using virtual xor xor_eq
+"""
+_TYPES = """
+size_t ptrdiff_t wchar_t max_align_t float_t double_t intptr_t uintptr_t intmax_t uintmax_t
+"""
+_SIZED = [f"{u}int{kind}{n}_t" for u in ("", "u") for kind in ("", "_fast", "_least")
+          for n in (8, 16, 32, 64)]  # fmt: skip
+_OWN = """
+s state flags published answer fault status first began got kept made release sqrt floor fabs
+"""
+_MACRO = re.compile(
+    r"(U?INT|SIZE_|PTRDIFF_|WCHAR_|WINT_|SIG_ATOMIC_|FP_|HUGE_VAL|MATH_|M_|DBL_|FLT_|LDBL_|SOTER)"
+    r"[A-Z0-9_]*"
+)
+_RESERVED = re.compile(r"(m_)*_[_A-Z].*")
+"""Compilers own names like `_Atomic` and `__LINE__`."""
+_HIDDEN = re.compile(r"fair_\d+")
+_HEADERS = """
+assert complex ctype errno fenv float inttypes iso646 limits locale math memory setjmp signal
+stdalign stdarg stdatomic stdbool stddef stdint stdio stdlib stdnoreturn string strings tgmath
+threads time uchar unistd wchar wctype features endian values program
+"""
+
+WORDS = frozenset((*_WORDS.split(), *_CPP.split()))
+"""Words of C and C++, macros of the headers that generated files include and of compilers."""
+TYPES = frozenset((*_TYPES.split(), *_SIZED))
+"""Types of those headers."""
+OWN = frozenset(_OWN.split())
+"""Names that generated functions use themselves."""
+HEADERS = frozenset(_HEADERS.split())
+"""A program with such a name would hide a header behind its own."""
+
+
+def legal(text: str) -> str:
+    """A C identifier made from any text."""
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+    if not name or name[0].isdigit():
+        name = "n" + name
+    return name
+
+
+def has_meaning(name: str) -> bool:
+    """Whether C or one of its headers gives this name a meaning."""
+    return name in WORDS or name in TYPES or _MACRO.fullmatch(name) is not None
+
+
+def program_prefix(stem: str) -> str:
+    """What all names of a program's files begin with, from the name of its source file.
+
+    It is never the run-time's (`soter.soter` would make a second `soter.h`) nor a header's of C.
+    """
+    prefix = legal(stem)
+    if prefix in HEADERS or prefix.lower().startswith("soter"):
+        return "my_" + prefix
+    return prefix
+
+
+def local(text: str, prefix: str) -> str:
+    """The C name of a temporary in the program `prefix`: different names stay different."""
+    name = legal(text)
+    taken = ("v_", "soter_", "out_", "has_", "drawn_", "_", prefix + "_")
+    if has_meaning(name) or name in OWN or name.startswith(taken):
+        return "v_" + name
+    return name
+
+
+def field_name(text: str) -> str:
+    """A struct member in C: different names stay different; `pad_` is the padding's.
+
+    A hidden local has a space in its name, which becomes `_`; a program's own name that looks so
+    then gets one more.
+    """
+    name = legal(text)
+    if _RESERVED.fullmatch(name):
+        return "m_" + name
+    stem = name.rstrip("_")
+    looks_hidden = " " not in text and _HIDDEN.fullmatch(stem) is not None
+    if has_meaning(stem) or (stem == "pad" and name != "pad") or looks_hidden:
+        return name + "_"
+    return name
+
+
+class Unique:
+    """Hands out names of one name space."""
+
+    def __init__(self, taken: frozenset[str] = frozenset()) -> None:
+        self._taken = set(taken)
+
+    def __call__(self, text: str) -> str:
+        """A legal name nobody has yet."""
+        base = field_name(text)
+        name, n = base, 2
+        while name in self._taken:
+            name = f"{base}_{n}"
+            n += 1
+        self._taken.add(name)
+        return name
+
+
+class FileNames:
+    """Hands out names of file level: `prefix_name`, each once."""
+
+    def __init__(self, prefix: str, taken: tuple[str, ...]) -> None:
+        self.prefix = prefix
+        self._taken = {f"{prefix}_{name}" for name in taken}
+
+    def __call__(self, text: str) -> str:
+        """A name nobody has yet; a text that begins with the prefix keeps it."""
+        return self.family(text, ())
+
+    def family(self, text: str, endings: tuple[str, ...]) -> str:
+        """A name such that nobody has it, nor it followed by one of the endings."""
+        base = legal(text)
+        if not base.startswith(self.prefix + "_"):
+            base = f"{self.prefix}_{base}"
+        name, n = base, 2
+        while self._used(name, endings):
+            name = f"{base}_{n}"
+            n += 1
+        self._taken.update(name + ending for ending in ("", *endings))
+        return name
+
+    def _used(self, name: str, endings: tuple[str, ...]) -> bool:
+        names = {name + ending for ending in ("", *endings)}
+        return bool(names & self._taken) or any(has_meaning(n) for n in names)

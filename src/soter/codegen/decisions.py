@@ -1,0 +1,102 @@
+"""Decision modules, properties and other predicates over the state.
+
+Purpose: what `decide` and `violated` of the kernel's tables are.
+Non-goals: when they are called (the kernel).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.codegen.c.types import int_number
+from soter.codegen.frame import CT, OK, S, where
+from soter.lower import core
+
+if TYPE_CHECKING:
+    from soter.codegen.frame import Frame
+
+
+def switch(frame: Frame) -> c.FunctionDef:
+    """The switching logic of every DM, on facts alone: `reach/deploy/dm_check.py` tries all."""
+    ac, sc = c.Name("SOTER_AC"), c.Name("SOTER_SC")
+    ttf, stale, safer = c.Name("ttf"), c.Name("stale"), c.Name("safer")
+    unsafe = c.Binary("||", c.Binary("||", ttf, stale), c.Name("gate_fault"))
+    fine = c.Binary("&&", c.Binary("&&", safer, c.Unary("!", stale)), c.Name("clean"))
+    parameters = (
+        ("soter_mode", "mode"),
+        *(("bool", n) for n in ("stale", "ttf", "safer", "gate_fault", "clean")),
+    )
+    body = (
+        c.IfStmt(c.Binary("==", c.Name("mode"), ac), (c.Return(c.Ternary(unsafe, sc, ac)),)),
+        c.Return(c.Ternary(fine, ac, sc)),
+    )
+    doc = "the mode after a DM step: the switching logic of the paper's Figure"
+    return c.FunctionDef("soter_mode", f"{frame.prefix}_switch", parameters, body, doc)
+
+
+def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.FunctionDef]:
+    """ttf, safer and the generated DM of a module."""
+    module = frame.system.modules[decision.module]
+    made = [
+        predicate(frame, decision.ttf, f"{name}_ttf", f"ttf of {module.name}", unsafe=True),
+        predicate(frame, decision.safer, f"{name}_safer", f"safer of {module.name}", unsafe=False),
+    ]
+    m = c.Name("m")
+    own = c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(module.index)))
+    stale: c.CExpr | None = None
+    for index in module.inputs:
+        max_age = frame.system.topics[index].max_age_ns
+        if max_age is None:
+            continue
+        stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(index)))
+        old = c.Binary(">", c.Binary("-", CT, stamp), int_number(max_age))
+        stale = old if stale is None else c.Binary("||", stale, old)
+    set_fact = [
+        c.Assign(c.Arrow(m, n), c.Ternary(c.Name(n), c.Number("1U"), c.Number("0U")))
+        for n in ("stale", "ttf", "safer")
+    ]
+    gate_fault = c.Binary("!=", c.Arrow(m, "gate_fault"), c.Number("0U"))
+    clean = c.Binary("==", c.Arrow(m, "clean_needed"), c.Number("0U"))
+    mode = c.Cast("soter_mode", c.Arrow(m, "mode"))
+    names = ("stale", "ttf", "safer", "gate_fault", "clean")
+    facts = (mode, *(c.Name(n) for n in names))
+    body: list[c.CStmt] = [
+        frame.state_pointer(),
+        c.Declare("soter_module *const ", "m", c.Unary("&", own)),
+        c.Declare("bool", "stale", stale if stale is not None else c.Name("false"), const=True),
+        c.Declare("bool", "ttf", c.CallExpr(f"{name}_ttf", (c.Name("state"),)), const=True),
+        c.Declare("bool", "safer", c.CallExpr(f"{name}_safer", (c.Name("state"),)), const=True),
+        *set_fact,
+        c.Declare("bool", "gate_fault", gate_fault, const=True),
+        c.Declare("bool", "clean", clean, const=True),
+        c.Return(c.CallExpr(f"{frame.prefix}_switch", facts)),
+    ]
+    doc = f"decision module of {module.name}, {where(module.symbol.span)}"
+    made.append(
+        c.FunctionDef("soter_mode", f"{name}_decide", (("void *", "state"),), tuple(body), doc)
+    )
+    return made
+
+
+def predicate(
+    frame: Frame, p: core.Predicate, name: str, doc: str, *, unsafe: bool, negate: bool = False
+) -> c.FunctionDef:
+    """A predicate over the state; a fault inside gives `unsafe`."""
+    value = frame.body.expr(p.value)
+    if negate:
+        value = c.Unary("!", value)
+    body: list[c.CStmt] = [frame.state_pointer(const=True), c.Unused("s")]
+    faults = p.body and any(
+        isinstance(x, (core.Checked, core.Guard, core.Call, core.If, core.Loop)) for x in p.body
+    )
+    if faults:
+        body += [*frame.fault_pointer(), c.Unused("fault")]
+    body += frame.body.block(p.body, p.value)
+    if faults:
+        failed = c.Binary("!=", c.Name("status"), OK)
+        body.append(c.IfStmt(failed, (c.Return(c.Name("true" if unsafe else "false")),)))
+    body.append(c.Return(value))
+    return c.FunctionDef(
+        "bool", name, (("const void *", "state"),), tuple(body), f"{doc}, {where(p.span)}"
+    )

@@ -1,0 +1,164 @@
+"""What the functions of a generated program share.
+
+Purpose: the state and its cells, locals loaded and committed, outputs declared, checked and
+published.
+Non-goals: what steps compute (`body.py`), the functions themselves (`nodes.py`, `plants.py`,
+`decisions.py`, `inputs.py`, `start.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import Unique, field_name
+
+if TYPE_CHECKING:
+    from soter.codegen.body import Body, Branch
+    from soter.codegen.c.types import TypeTable
+    from soter.diagnostics.span import Span
+    from soter.lower import core
+    from soter.program.model.system import System
+
+S = c.Name("s")
+OK = c.Name("SOTER_OK")
+CT = c.Member(c.Arrow(S, "header"), "ct")
+HEADER = c.Unary("&", c.Arrow(S, "header"))
+STEP_PARAMETERS = (
+    ("void *", "state"),
+    ("uint32_t", "flags"),
+    ("uint32_t *", "published"),
+    ("const void *", "answer"),
+)
+
+
+def where(span: Span) -> str:
+    """`file.soter:12`, for the comment above a function."""
+    return f"{span.source.name.rsplit('/', 1)[-1]}:{span.line}"
+
+
+def enabled(flag: str) -> c.CExpr:
+    """Whether a flag of a step is set."""
+    return c.Binary("!=", c.Binary("&", c.Name("flags"), c.Name(flag)), c.Number("0U"))
+
+
+class Frame:
+    """What the functions of one system share."""
+
+    def __init__(
+        self, system: System, types: TypeTable, body: Body, prefix: str, groups: dict[int, str]
+    ) -> None:
+        self.system = system
+        self.types = types
+        self.body = body
+        self.prefix = prefix
+        self.groups = groups
+        """Component index -> C name of its group of locals or states."""
+        self.branches: list[Branch] | None = None
+        """A list: nodes count which branches they take, and it says what the numbers mean."""
+        unique = Unique()
+        self._topic_fields = [unique(t.name) for t in system.topics]
+
+    def state_pointer(self, *, const: bool = False) -> c.CStmt:
+        """`prefix_state *const s = state;`."""
+        qualifier = "const " if const else ""
+        return c.Declare(f"{qualifier}{self.prefix}_state *const ", "s", c.Name("state"))
+
+    def fault_pointer(self) -> list[c.CStmt]:
+        """The sticky fault of a step."""
+        return [
+            c.Declare("soter_fault", "status", OK),
+            c.Declare("soter_fault *const ", "fault", c.Unary("&", c.Name("status"))),
+        ]
+
+    def topic(self, index: int) -> c.CExpr:
+        """The value of a topic in the state."""
+        return c.Member(c.Arrow(S, "topics"), self.topic_field(index))
+
+    def topic_field(self, index: int) -> str:
+        """The member of `topics` that holds a topic."""
+        return self._topic_fields[index]
+
+    def member(self, owner: int, name: str) -> c.CExpr:
+        """A local or plant state in the state struct."""
+        return c.Member(c.Arrow(S, self.groups[owner]), field_name(name))
+
+    def cell(self, cell: core.Cell) -> c.CExpr:
+        """Any state cell."""
+        if cell.kind == "topic":
+            return self.topic(cell.owner)
+        return self.member(cell.owner, cell.name)
+
+    def load(self, copies: tuple[core.LocalCopy, ...], used: set[str]) -> list[c.CStmt]:
+        """Copy cells into temporaries."""
+        return [
+            c.Declare(
+                self.types.work(copy.type),
+                self.body.local(copy.name),
+                self.cell(copy.cell),
+                const=not copy.written,
+            )
+            for copy in copies
+            if copy.name in used or copy.written
+        ]
+
+    def store(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
+        """Commit written temporaries."""
+        return [
+            c.Assign(
+                self.cell(x.cell), self.types.canonical(x.type, c.Name(self.body.local(x.name)))
+            )
+            for x in copies
+            if x.written
+        ]
+
+    def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
+        """`out_topic` and `has_topic` for every output."""
+        unique = Unique()
+        topics = [self.system.topics[o.topic].name.rpartition(".")[2] for o in outputs]
+        self.body.outputs = tuple(unique(name) for name in topics)
+        found: list[c.CStmt] = []
+        for k, output in enumerate(outputs):
+            work, default = self.types.work(output.type), self.types.default(output.type)
+            found.append(c.Declare(work, self.body.out(k).text, default))
+            found.append(c.Declare("bool", self.body.has(k).text, c.Name("false")))
+        return found
+
+    def check_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
+        """The gate's check of every publication."""
+        found: list[c.CStmt] = []
+        for k, output in enumerate(outputs):
+            checks = self.types.check(
+                output.type,
+                tuple(output.bounds),
+                self.body.out(k),
+            )
+            if checks:
+                found.append(c.IfStmt(self.body.has(k), tuple(checks)))
+        return found
+
+    def publish(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
+        """Store publications (n1: only if OE) and report which there were."""
+        found: list[c.CStmt] = []
+        for k, output in enumerate(outputs):
+            stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(output.topic)))
+            value = self.types.to_store(output.type, self.body.out(k))
+            stores: list[c.CStmt] = [c.Assign(self.topic(output.topic), value), c.Assign(stamp, CT)]
+            stores += self.push_on(output.topic)
+            bit = c.Number(f"{1 << k}U")
+            published = c.Unary("*", c.Name("published"))
+            note = c.Assign(published, c.Binary("|", published, bit))
+            if gated:
+                stores = [c.IfStmt(enabled("SOTER_ENABLED"), tuple(stores))]
+            found.append(c.IfStmt(self.body.has(k), (note, *stores)))
+        return found
+
+    def pushed(self, topic: int) -> str:
+        """The function that puts a topic's value into the queues behind it."""
+        return f"{self.prefix}_pushed_{topic}"
+
+    def push_on(self, topic: int) -> list[c.CStmt]:
+        """After a topic has a new value: put it into its queues."""
+        if not self.system.topics[topic].queues:
+            return []
+        return [c.Do(c.CallExpr(self.pushed(topic), (S,)))]

@@ -1,0 +1,174 @@
+"""Steps of nodes, and their fail-safe values.
+
+Purpose: what `soter_step_fn` of the kernel's tables is for a node: of Soter, a linked C function,
+or answered by the driver.
+Non-goals: what an extern node sees (`interface.py`), plants (`plants.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.codegen.body import Choices, used_names
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import field_name
+from soter.codegen.c.types import FAULT, int_number
+from soter.codegen.frame import CT, OK, STEP_PARAMETERS, S, enabled, where
+from soter.codegen.queues import empty, forgive, must_not_lose
+from soter.codegen.received import received
+from soter.lower import core
+from soter.lower.footprint import walk
+from soter.program.model.system import queues_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.codegen.frame import Frame
+    from soter.program.model.system import Component
+    from soter.program.model.typed import NodeSymbol
+
+
+def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> c.FunctionDef:
+    """The step of a node."""
+    assert component.node is not None
+    c_source = component.binding is not None and component.binding.startswith("c:")
+    foreign = component.extern
+    used = used_names((step.takeover, step.body))
+    branches = None if foreign else frame.branches
+    frame.body.choices = Choices(component.name, branches)
+    takeover: list[c.CStmt] = []
+    if step.takeover:
+        block = tuple(frame.body.block(step.takeover, step.body))
+        takeover.append(c.IfStmt(enabled("SOTER_TAKEOVER"), block))
+    body: list[c.CStmt] = [frame.state_pointer(), *frame.fault_pointer()]
+    body += frame.load(step.locals, used)
+    nothing_lost = must_not_lose(frame, component)
+    if foreign and c_source and step.locals:
+        body += [*takeover, *_linked(frame, component, step, name), *nothing_lost]
+    elif foreign:
+        outputs = _linked if c_source else _answered
+        body += [*outputs(frame, component, step, name), *nothing_lost, *takeover]
+    else:
+        body += frame.declare_outputs(step.outputs)
+        body += nothing_lost
+        body += [*_choosing(component, step), *takeover, *frame.body.block(step.body)]
+    body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault")]
+    body += frame.check_outputs(step.outputs)
+    failed = (*forgive(frame, component), c.Return(c.Name("status")))
+    body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), failed))
+    if foreign and c_source:
+        body += [_keep(frame, copy) for copy in step.locals]
+    else:
+        body += frame.store(step.locals)
+    body += [empty(frame, q) for q in queues_of(frame.system, component)]
+    body += frame.publish(step.outputs, gated=True)
+    body.append(c.Return(OK))
+    frame.body.choices = None
+    doc = f"{component.role} {component.node.name}, {where(step.span)}"
+    return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, tuple(body), doc)
+
+
+def _choosing(component: Component, step: core.NodeStep) -> list[c.CStmt]:
+    """What choices need: how many were made in this step, and which release it is."""
+    if not any(isinstance(n, core.Choose) for n in walk(step.body)):
+        return []
+    since = c.Binary("-", CT, int_number(component.phase_ns)) if component.phase_ns else CT
+    release = c.Binary("/", since, int_number(component.period_ns))
+    return [
+        c.Declare("uint32_t", "made", c.Number("0U")),
+        c.Declare("int64_t", "release", release, const=True),
+    ]
+
+
+def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
+    """Outputs of an extern node from a linked C function, which also gets its locals."""
+    node = component.node
+    assert node is not None
+    assert component.binding is not None
+    in_fields = tuple(
+        (
+            field_name(x.topic.name.rsplit(".", 1)[-1]),
+            frame.topic(component.scope.topics[x.topic]),
+        )
+        for x in node.subscribes
+    )
+    inputs = c.Initializer(in_fields or ((None, c.Number("0")),))
+    found = frame.declare_outputs(step.outputs)
+    found.append(c.Declare(f"{name}_in", "in", inputs, const=True))
+    found.append(c.Declare(f"{name}_out", "got", c.Initializer(())))
+    arguments: list[c.CExpr] = [c.Unary("&", c.Name("in"))]
+    if step.locals:
+        group = c.Arrow(S, frame.groups[component.index])
+        found.append(c.Declare(f"{name}_local", "kept", group))
+        found += [
+            c.Assign(
+                c.Member(c.Name("kept"), field_name(x.cell.name)),
+                frame.types.to_store(x.type, c.Name(frame.body.local(x.name))),
+            )
+            for x in step.locals
+            if x.written
+        ]
+        failed = c.Binary("!=", c.Name("status"), OK)
+        if step.takeover:
+            found.append(c.IfStmt(failed, (c.Return(c.Name("status")),)))
+        arguments.append(c.Unary("&", c.Name("kept")))
+    arguments.append(c.Unary("&", c.Name("got")))
+    call = c.CallExpr(component.binding.rsplit(":", 1)[1], tuple(arguments))
+    fine = c.Binary("==", call, c.Number("0"))
+    found.append(c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT))))
+    for x in step.locals:
+        found += received(x.type, c.Member(c.Name("kept"), field_name(x.cell.name)))
+    for topic in node.publishes:
+        short = topic.name.rsplit(".", 1)[-1]
+        cleaned = received(topic.type, c.Member(c.Name("got"), field_name(short)))
+        has = c.Member(c.Name("got"), field_name(f"has_{short}"))
+        if cleaned:
+            found.append(c.IfStmt(c.Binary("!=", has, c.Number("0")), tuple(cleaned)))
+    return found + _given(frame, node, lambda field: c.Member(c.Name("got"), field))
+
+
+def _keep(frame: Frame, copy: core.LocalCopy) -> c.CStmt:
+    """Commit a local that a linked C function may have changed."""
+    new = c.Member(c.Name("kept"), field_name(copy.cell.name))
+    return c.Assign(frame.cell(copy.cell), frame.types.canonical(copy.type, new))
+
+
+def _answered(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
+    """Outputs of an extern node from the driver's answer."""
+    node = component.node
+    assert node is not None
+    got = c.Name("got")
+    return [
+        *frame.declare_outputs(step.outputs),
+        c.Declare(f"const {name}_out *const ", "got", c.Name("answer")),
+        c.IfStmt(c.Binary("==", got, c.Name("NULL")), (c.Return(c.Name("SOTER_EXTERN_FAULT")),)),
+        *_given(frame, node, lambda field: c.Arrow(got, field)),
+    ]
+
+
+def _given(frame: Frame, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> list[c.CStmt]:
+    """Take over the outputs that an extern gave."""
+    found: list[c.CStmt] = []
+    for k, topic in enumerate(node.publishes):
+        short = topic.name.rsplit(".", 1)[-1]
+        taken = (
+            c.Assign(frame.body.out(k), part(field_name(short))),
+            c.Assign(frame.body.has(k), c.Name("true")),
+        )
+        has = c.Binary("!=", part(field_name(f"has_{short}")), c.Number("0"))
+        found.append(c.IfStmt(has, taken))
+    return found
+
+
+def failsafe(frame: Frame, component: Component, name: str) -> c.FunctionDef | None:
+    """Publishes the declared fail-safe values of a node."""
+    if not component.failsafe:
+        return None
+    body: list[c.CStmt] = [frame.state_pointer()]
+    for index, value in component.failsafe.items():
+        t = frame.system.topics[index].type
+        constant = frame.types.constant(t, value, "failsafe")
+        body.append(c.Assign(frame.topic(index), frame.types.to_store(t, constant)))
+        body.append(c.Assign(c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(index))), CT))
+        body += frame.push_on(index)
+    return c.FunctionDef("void", f"{name}_failsafe", (("void *", "state"),), tuple(body))

@@ -1,0 +1,122 @@
+"""Steps of plants.
+
+Purpose: what `soter_step_fn` of the kernel's tables is for a plant: disturbances, integration,
+what is measured with which error.
+Non-goals: integration itself (`lower/plants.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.codegen.body import used_names
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import field_name
+from soter.codegen.c.types import int_number
+from soter.codegen.draws import assemble, in_order, uniform
+from soter.codegen.frame import CT, OK, STEP_PARAMETERS, enabled, where
+from soter.program.model.types import ArrayType, RecordType, leaves
+
+if TYPE_CHECKING:
+    from soter.codegen.frame import Frame
+    from soter.lower import core
+    from soter.program.model.system import Component
+    from soter.program.model.types import Type
+
+
+def plant_step(
+    frame: Frame, component: Component, step: core.PlantStep, name: str
+) -> c.FunctionDef:
+    """One release of a plant."""
+    assert component.plant is not None
+    first = c.Name("first")
+    body: list[c.CStmt] = [
+        frame.state_pointer(),
+        *frame.fault_pointer(),
+        c.Declare("bool", "first", enabled("SOTER_FIRST"), const=True),
+    ]
+    used = used_names((step.integrate, step.publish))
+    body += frame.load(step.states, used)
+    body += _disturbances(frame, component, step, used)
+    body += frame.declare_outputs(step.outputs)
+    if step.extern:
+        body += _new_states(frame, step, name)
+    elif step.integrate:
+        inner = frame.body.block(step.integrate, step.publish)
+        body.append(c.IfStmt(c.Unary("!", first), tuple(inner)))
+    body += frame.body.block(step.publish)
+    body += _noise(frame, component, step)
+    body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault", "first")]
+    body += frame.check_outputs(step.outputs)
+    body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
+    body += frame.store(step.states)
+    body += frame.publish(step.outputs, gated=False)
+    body.append(c.Return(OK))
+    doc = f"plant {component.plant.name}, {where(step.span)}"
+    return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, tuple(body), doc)
+
+
+def _disturbances(
+    frame: Frame, component: Component, step: core.PlantStep, used: set[str]
+) -> list[c.CStmt]:
+    if not any(n in used for n, _, _ in step.disturbances):
+        return []
+    began = c.Ternary(
+        c.Name("first"), c.Number("0"), c.Binary("-", CT, int_number(component.period_ns))
+    )
+    found: list[c.CStmt] = [c.Declare("int64_t", "began", began, const=True)]
+    for name, t, draws in step.disturbances:
+        if name in used:
+            drawn = [_draw(d, component, c.Name("began")) for d in draws]
+            own = frame.body.local(name)
+            before, values = in_order([("double", e) for e in drawn], f"drawn_{own}")
+            value = assemble(frame.types, t, iter(values))
+            found += [*before, c.Declare(frame.types.work(t), own, value, const=True)]
+    return found
+
+
+def _draw(draw: core.Draw, component: Component, at: c.CExpr) -> c.CExpr:
+    """A disturbance: one that holds is drawn by chance, whoever answers."""
+    hold = draw.hold_ns if draw.hold_ns > 0 else component.period_ns
+    index = c.Binary("/", at, int_number(hold))
+    chance = draw.hold_ns > 0 or component.extern
+    return uniform(draw.stream, index, draw.low, draw.high, chance=chance)
+
+
+def _new_states(frame: Frame, step: core.PlantStep, name: str) -> list[c.CStmt]:
+    """An extern plant: the driver's answer holds the new states."""
+    got = c.Name("got")
+    found: list[c.CStmt] = [c.Declare(f"const {name}_out *const ", "got", c.Name("answer"))]
+    assigns = tuple(
+        c.Assign(c.Name(frame.body.local(x.name)), c.Arrow(got, field_name(x.cell.name)))
+        for x in step.states
+    )
+    found.append(c.IfStmt(c.Binary("!=", got, c.Name("NULL")), assigns))
+    return found
+
+
+def _noise(frame: Frame, component: Component, step: core.PlantStep) -> list[c.CStmt]:
+    """Measurement errors, leaf by leaf."""
+    found: list[c.CStmt] = []
+    index = c.Binary("/", CT, int_number(component.period_ns))
+    for output, leaf, draw in step.noise:
+        target = _leaf(frame.body.out(output), step.outputs[output].type, leaf)
+        error = uniform(draw.stream, index, draw.low, draw.high, chance=component.extern)
+        found.append(c.Assign(target, c.Binary("+", target, error)))
+    return found
+
+
+def _leaf(e: c.CExpr, t: Type, index: int) -> c.CExpr:
+    """Leaf number `index` of a value."""
+    if isinstance(t, RecordType):
+        for n, f in t.fields:
+            count = sum(1 for _ in leaves(f))
+            if index < count:
+                return _leaf(c.Member(e, field_name(n)), f, index)
+            index -= count
+    if isinstance(t, ArrayType):
+        count = sum(1 for _ in leaves(t.element))
+        return _leaf(
+            c.IndexExpr(c.Member(e, "at"), c.Number(str(index // count))), t.element, index % count
+        )
+    return e

@@ -1,0 +1,196 @@
+"""Tables of a generated program, from which the kernel runs it.
+
+Purpose: components, modules, properties, topics and inputs, and `soter_program`, which names them.
+Non-goals: the functions in them (`nodes.py`, `plants.py`, `decisions.py`, `inputs.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.codegen.c.types import int_number
+from soter.program.model.system import environment_topics
+
+if TYPE_CHECKING:
+    from soter.codegen.frame import Frame
+    from soter.codegen.inputs import InputEmitter
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import Component, Property
+
+ROLES = {
+    "plant": "SOTER_ROLE_PLANT",
+    "dm": "SOTER_ROLE_DM",
+    "sc": "SOTER_ROLE_SC",
+    "ac": "SOTER_ROLE_AC",
+    "node": "SOTER_ROLE_NODE",
+}
+
+
+class TableEmitter:
+    """Emits the tables of one system, into `found`."""
+
+    def __init__(
+        self,
+        core: CoreSystem,
+        frame: Frame,
+        inputs: InputEmitter,
+        names: dict[int, str],
+        module_names: dict[int, str],
+    ) -> None:
+        self.system = frame.system
+        self.core = core
+        self.frame = frame
+        self.inputs = inputs
+        self.names = names
+        self.module_names = module_names
+        self.open_topics = environment_topics(frame.system)
+        self.found: list[c.CTop] = []
+
+    def tables(self) -> list[c.CTop]:
+        """The tables, and the program that names them."""
+        p, s = self.frame.prefix, self.system
+        tables = (
+            (
+                "component",
+                self._table(
+                    "soter_component_info",
+                    "components",
+                    [self._component(x) for x in s.components],
+                    "components in deployed order: plants, DMs, SCs, the rest",
+                ),
+            ),
+            ("module", self._table("soter_module_info", "modules", self._modules(), "RTA modules")),
+            (
+                "property",
+                self._table(
+                    "soter_property_info",
+                    "properties",
+                    self._properties(),
+                    "properties, checked on the truth at the end of every instant, and contracts",
+                ),
+            ),
+            ("topic", self._table("soter_topic_info", "topics_info", self._topics(), "topics")),
+            (
+                "input",
+                self._table("soter_input_info", "inputs", self._inputs(), "environment inputs"),
+            ),
+        )
+        counted = (
+            ("components", s.components),
+            ("modules", s.modules),
+            ("properties", s.properties),
+            ("topics", s.topics),
+            ("inputs", s.inputs),
+        )
+        program = c.Initializer(
+            (
+                ("name", c.String(p)),
+                ("hash", c.String(s.program.sha256)),
+                ("state_size", c.CallExpr("sizeof", (c.Name(f"{p}_state"),))),
+                *((name, c.Number(f"{len(items)}U")) for name, items in counted),
+                *tables,
+                ("init", c.Name(f"{p}_init")),
+            )
+        )
+        self.found.append(c.VariableDef("soter_program", f"{p}_program", program, static=False))
+        return self.found
+
+    def _table(self, type_: str, name: str, rows: list[c.CExpr], comment: str) -> c.CExpr:
+        if not rows:
+            return c.Name("NULL")
+        own = f"{self.frame.prefix}_{name}"
+        value = c.Initializer(tuple((None, r) for r in rows))
+        self.found.append(c.VariableDef(type_, own, value, array=True, comment=comment))
+        return c.Name(own)
+
+    def _component(self, x: Component) -> c.CExpr:
+        name = self.names[x.index]
+        step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
+        outputs = len(step.outputs) if step else 0
+        linked = bool(x.binding and x.binding.startswith("c:") and x.node)
+        return c.Initializer(
+            (
+                ("name", c.String(x.name)),
+                ("role", c.Name(ROLES[x.role])),
+                ("period_ns", int_number(x.period_ns)),
+                ("phase_ns", int_number(x.phase_ns)),
+                ("module", c.Number(str(-1 if x.module is None else x.module))),
+                ("is_extern", c.Name("true" if x.extern and not linked else "false")),
+                ("outputs", c.Number(f"{(1 << outputs) - 1}U")),
+                ("step", c.Name(f"{name}_step" if step else "NULL")),
+                ("failsafe", c.Name(f"{name}_failsafe" if x.failsafe else "NULL")),
+            )
+        )
+
+    def _modules(self) -> list[c.CExpr]:
+        return [
+            c.Initializer(
+                (
+                    ("name", c.String(m.name)),
+                    ("period_ns", int_number(m.period_ns)),
+                    ("dm", c.Number(f"{m.dm}U")),
+                    ("ac", c.Number(f"{m.ac}U")),
+                    ("sc", c.Number(f"{m.sc}U")),
+                    ("clean", c.Number(f"{m.clean}U")),
+                    ("forced", c.Name("true" if m.forced else "false")),
+                    ("start", c.Name("SOTER_AC" if m.forced == "ac" else "SOTER_SC")),
+                    ("decide", c.Name(f"{self.module_names[m.index]}_decide")),
+                )
+            )
+            for m in self.system.modules
+        ]
+
+    def _properties(self) -> list[c.CExpr]:
+        return [
+            c.Initializer(
+                (
+                    ("text", c.String(f"{q.kind} {q.text}")),
+                    ("violated", c.Name(f"{self.frame.prefix}_property_{q.index}")),
+                    *_when(q),
+                )
+            )
+            for q in self.system.properties
+        ]
+
+    def _inputs(self) -> list[c.CExpr]:
+        return [
+            c.Initializer(
+                (
+                    ("every_ns", int_number(d.every_ns)),
+                    ("draw", c.Name(f"{self.frame.prefix}_input_{i}")),
+                )
+            )
+            for i, d in enumerate(self.system.inputs)
+        ]
+
+    def _topics(self) -> list[c.CExpr]:
+        state = c.Name(f"{self.frame.prefix}_state")
+        return [
+            c.Initializer(
+                (
+                    ("name", c.String(t.name)),
+                    (
+                        "offset",
+                        c.CallExpr(
+                            "offsetof", (state, c.Name(f"topics.{self.frame.topic_field(t.index)}"))
+                        ),
+                    ),
+                    ("size", c.CallExpr("sizeof", (c.Name(self.frame.types.stored(t.type)),))),
+                    *(
+                        (("publish", c.Name(self.inputs.setter(t.index))),)
+                        if t.index in self.open_topics
+                        else ()
+                    ),
+                )
+            )
+            for t in self.system.topics
+        ]
+
+
+def _when(p: Property) -> tuple[tuple[str, c.CExpr], ...]:
+    """When a contract is checked, and whose it is; nothing for what instants check."""
+    if p.component is None:
+        return ()
+    when = "SOTER_BEFORE_STEP" if p.kind == "assumes" else "SOTER_AFTER_STEP"
+    return (("when", c.Name(when)), ("component", c.Number(f"{p.component}U")))

@@ -1,0 +1,51 @@
+"""Which of some names was probably meant by one that is not among them.
+
+Purpose: the one comparison behind every "did you mean", so that it is never long.
+Non-goals: which names are possible at a place.
+"""
+
+from __future__ import annotations
+
+from itertools import islice
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+NAME_MAX = 60
+"""Nobody mistypes a longer name in one letter."""
+CANDIDATES_MAX = 30_000
+"""So many names are looked at: of more, nobody expects to be told one."""
+
+
+def closest(name: str, candidates: Iterable[str], cutoff: float = 0.6, count: int = 1) -> list[str]:
+    """At most `count` candidates that are like the name, the best first.
+
+    `cutoff` is the ratio of `difflib`: 1 for what is the same.
+    """
+    if len(name) > NAME_MAX:
+        return []
+    from difflib import get_close_matches  # noqa: PLC0415 - only where something is wrong
+
+    # where the lengths alone keep the ratio below the cutoff, nothing is compared
+    fit = [
+        c
+        for c in islice(candidates, CANDIDATES_MAX)
+        if 2 * min(len(c), len(name)) >= cutoff * (len(c) + len(name))
+    ]
+    return get_close_matches(name, fit, count, cutoff)
+
+
+def did_you_mean(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
+    """A help line naming the closest candidate, if any is close; differing case is."""
+    if len(name) > NAME_MAX:
+        return ()
+    most = 1 + len(name) // 3
+    near = [
+        c
+        for c in islice(candidates, CANDIDATES_MAX)
+        if abs(len(c) - len(name)) <= most and c != name
+    ]
+    folded = next((c for c in near if c.casefold() == name.casefold()), None)
+    close = [folded] if folded else closest(name, near, 0.7)
+    return (f"did you mean `{close[0]}`?",) if close else ()

@@ -1,0 +1,193 @@
+/* soter_explore_dfs.c: depth first.
+ *
+ * Purpose: all worlds with little more memory than the table: the stack holds the way and what is
+ * still to be tried beside it. Also, with a bound on the depth, one round of iterative deepening.
+ * Non-goals: shortest traces (breadth first, or deepening).
+ */
+#include "soter_explore_dfs.h"
+
+bool soter_stack_open(soter_stack* t, soter_search* s) {
+  (void)memset(t, 0, sizeof *t);
+  t->s = s;
+  t->words = t->row.words = s->m->words;
+  t->row.width = t->words + 2U;
+  return soter_expander_open(&t->expander, s->m, s->o, s->coverage) &&
+         soter_store_open(&t->store, s->m, s->o->storage,
+                          (t->expander.reduce & SOTER_REDUCE_SLEEP) != 0U, s->o->memory);
+}
+
+void soter_stack_close(soter_stack* t) {
+  soter_expander_close(&t->expander);
+  soter_store_close(&t->store);
+  free(t->row.item);
+}
+
+static bool out_of_bounds(soter_stack* t) {
+  soter_search* const s = t->s;
+  const uint64_t bytes = t->store.room * t->store.bytes + soter_row_bytes(&t->row);
+  if (s->progress->stop != 0) {
+    t->status = SOTER_STOPPED;
+  } else if (t->full || t->expander.no_memory || bytes > s->o->memory) {
+    t->status = SOTER_MEMORY;
+  } else if (s->o->max_states > 0U && t->states >= s->o->max_states) {
+    t->status = SOTER_STATES;
+  }
+  return t->status != SOTER_EXHAUSTED;
+}
+
+/* Takes a world in: what has to be expanded lies on top of the stack then. */
+static void take_in(soter_stack* t, const uint64_t* packed, uint64_t sleep) {
+  uint64_t again = 0U;
+  const int fresh = soter_store_put(&t->store, packed, &sleep, &again);
+  if (fresh < 0) {
+    t->full = true;
+    return;
+  }
+  if (fresh == 0 && again == 0U) {
+    return;
+  }
+  SOTER_CHECK(fresh == 0 || again == 0U);
+  if (fresh == 1) {
+    soter_broken broken;
+    t->states++;
+    if (soter_is_broken(&t->expander, packed, &broken)) {
+      if (!t->broke) {
+        t->broke = true;
+        t->broken = broken;
+        t->by_a_move = false;
+        (void)memcpy(t->last, packed, t->words * sizeof *packed);
+      }
+      return;
+    }
+  }
+  t->full = t->full || !soter_row_put(&t->row, packed, sleep, fresh == 1 ? UINT64_MAX : again);
+}
+
+/* The way: those entries of the stack that were expanded and have not been left. They are marked.
+ */
+#define ON_THE_WAY UINT64_C(0)
+
+static bool write_way(soter_stack* t) {
+  soter_search* const s = t->s;
+  soter_place x;
+  if (s->trace == NULL || !soter_place_open(&x, s->m, s->o, NULL)) {
+    return false;
+  }
+  const uint64_t* before = NULL;
+  uint32_t written = 0U;
+  bool fine = true;
+  for (uint64_t i = 0; fine && i < t->row.count; i++) {
+    const uint64_t* const here = soter_row_at(&t->row, i);
+    if (here[t->words + 1U] != ON_THE_WAY) {
+      continue;
+    }
+    fine = written < s->room && soter_find_move(&x, before, here, NULL, &s->trace[written]);
+    written++;
+    before = here;
+  }
+  if (fine) {
+    const uint64_t* const last = t->by_a_move ? NULL : t->last;
+    fine = written < s->room &&
+           soter_find_move(&x, before, last, t->by_a_move ? &t->broken : NULL, &s->trace[written]);
+    written++;
+  }
+  soter_place_close(&x);
+  s->result->length = fine ? written : 0U;
+  return fine;
+}
+
+static bool found(const soter_stack* t) {
+  return t->broke && !t->s->o->go_on;
+}
+
+/* Every now and then: tells how far it is, and whether it goes on. */
+static bool go_on(soter_stack* t) {
+  soter_search* const s = t->s;
+  if ((++t->turns & 1023U) != 0U) {
+    return true;
+  }
+  s->progress->states = t->states;
+  s->progress->transitions = t->expander.transitions;
+  s->progress->depth = t->deepest;
+  return !out_of_bounds(t);
+}
+
+/* Expands the world on top of the stack, which is on the way now. */
+static void expand_top(soter_stack* t, uint64_t* top) {
+  const uint64_t only = top[t->words + 1U];
+  top[t->words + 1U] = ON_THE_WAY;
+  soter_forget(&t->expander);
+  soter_expand(&t->expander, top, top[t->words], only);
+  if (t->expander.broke && !t->broke) {
+    t->broke = true;
+    t->broken = t->expander.broken;
+    t->by_a_move = true;
+  }
+  for (uint32_t k = t->expander.heirs.count; k > 0U && !found(t) && !t->full; k--) {
+    take_in(t, t->expander.heirs.packed + (size_t)(k - 1U) * t->words,
+            t->expander.heirs.sleep[k - 1U]);
+  }
+}
+
+void soter_stack_run(soter_stack* t, uint32_t bound) {
+  uint32_t depth = 0U;
+  soter_expand_birth(&t->expander);
+  for (uint32_t k = 0; k < t->expander.heirs.count; k++) {
+    take_in(t, t->expander.heirs.packed + (size_t)k * t->words, 0U);
+  }
+  while (t->row.count > 0U && !found(t)) {
+    uint64_t* const top = soter_row_at(&t->row, t->row.count - 1U);
+    if (top[t->words + 1U] == ON_THE_WAY) {
+      SOTER_CHECK(depth > 0U);
+      t->row.count--;
+      depth--;
+      continue;
+    }
+    if (!go_on(t)) {
+      return;
+    }
+    if (depth >= bound) {
+      t->cut = true;
+      t->row.count--;
+      continue;
+    }
+    depth++;
+    t->deepest = depth > t->deepest ? depth : t->deepest;
+    expand_top(t, top);
+    if (found(t)) {
+      (void)write_way(t);
+      return;
+    }
+    if (t->full) {
+      t->status = SOTER_MEMORY;
+      return;
+    }
+  }
+}
+
+void soter_stack_sum_up(soter_stack* t, soter_explore_result* r) {
+  if (t->status == SOTER_EXHAUSTED) { /* what ends between two looks at the bounds */
+    const bool full = t->full || t->expander.no_memory;
+    t->status = full ? SOTER_MEMORY : t->expander.place.too_many ? SOTER_LIMIT : t->status;
+  }
+  r->status = t->broke ? SOTER_VIOLATED : t->status;
+  r->broken = t->broken;
+  r->states += t->states;
+  r->transitions += t->expander.transitions;
+  r->depth = t->deepest;
+  r->table_bytes = t->store.room * t->store.bytes;
+  r->frontier_bytes = soter_row_bytes(&t->row);
+}
+
+void soter_search_dfs(soter_search* s) {
+  soter_stack t;
+  if (soter_stack_open(&t, s)) {
+    soter_stack_run(&t, UINT32_MAX);
+    soter_stack_sum_up(&t, s->result);
+  } else {
+    s->result->status = SOTER_NO_MEMORY;
+  }
+  const bool keep = s->o->keep && s->o->storage == SOTER_EXACT;
+  s->result->kept = keep ? soter_keep(NULL, &t.store) : NULL;
+  soter_stack_close(&t);
+}

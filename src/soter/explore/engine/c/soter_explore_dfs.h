@@ -1,0 +1,28 @@
+/* soter_explore_dfs.h: the stack that depth-first search and iterative deepening share. */
+#ifndef SOTER_EXPLORE_DFS_H
+#define SOTER_EXPLORE_DFS_H
+
+#include "soter_explore_in.h"
+
+typedef struct {
+  soter_search* s;
+  soter_expander expander;
+  soter_store store;
+  soter_row row; /* which moves: none left for those on the way */
+  uint32_t words;
+  uint64_t states, turns;
+  uint32_t deepest;
+  bool full, broke, by_a_move;
+  bool cut; /* something lies deeper than the bound */
+  soter_broken broken;
+  uint64_t last[SOTER_WORDS]; /* the world that violates */
+  soter_explore_status status;
+} soter_stack;
+
+bool soter_stack_open(soter_stack* t, soter_search* s);
+void soter_stack_close(soter_stack* t);
+/* Searches worlds of at most `bound` steps. */
+void soter_stack_run(soter_stack* t, uint32_t bound);
+void soter_stack_sum_up(soter_stack* t, soter_explore_result* r);
+
+#endif

@@ -1,0 +1,313 @@
+/* soter_explore_in.h: what the files of the explorer share (not for drivers).
+ *
+ * soter_explore_step.c  which moves a world has, what a move does, what is violated then
+ * soter_explore_reduce.c sleep sets and ample sets
+ * soter_explore_store.c the table of packed worlds
+ * one file per strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _replay; _least
+ * minimises
+ */
+#ifndef SOTER_EXPLORE_IN_H
+#define SOTER_EXPLORE_IN_H
+
+#include <stdlib.h>
+#include <string.h>
+
+#include "soter_check.h"
+#include "soter_explore.h"
+
+#define SOTER_NO_DEADLINE INT64_MAX
+#define SOTER_WORDS 512U /* of a packed world, at most */
+#define SOTER_NOTHING UINT32_MAX
+
+/* ------------------------------------------------------------------ moves */
+
+typedef enum {
+  SOTER_STEP = 0,
+  SOTER_SKIPPED = 1,
+  SOTER_BEGINS = 2, /* an overrunning step starts */
+  SOTER_EFFECT = 3, /* what it published takes effect */
+  SOTER_BIRTH = 4   /* the start, with the choices of initial values */
+} soter_move_kind;
+
+typedef struct {
+  uint32_t actor;
+  soter_move_kind kind;
+  int64_t release, time; /* ns */
+} soter_move;
+
+/* What the next thing of an actor is: a step (or the effect of one that runs) within [low, high].
+ */
+typedef struct {
+  int64_t low, high; /* low SOTER_NO_DEADLINE: nothing is left */
+} soter_window;
+
+/* A place to work: one per thread. */
+typedef struct {
+  const soter_model* m;
+  const soter_program* p;
+  size_t size;
+  uint8_t* started; /* a world that was started: what packing leaves out */
+  uint8_t* here;    /* the world whose moves are made */
+  uint8_t* there;   /* the world after a move */
+  soter_choice choice[SOTER_CHOICES];
+  uint32_t taken;
+  uint32_t given;
+  soter_answers answers;
+  soter_window window[SOTER_ACTORS]; /* of `here` */
+  int64_t limit;                     /* no move of `here` is later: the least `high` */
+  soter_explore_coverage* coverage;
+  uint64_t seed;
+  uint64_t actors, properties, timeds; /* the part of the system that is looked at */
+  bool too_many;                       /* a step asked for more choices than there is room for */
+} soter_place;
+
+/* `o` NULL: the whole system, seed 0. */
+bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_options* o,
+                      soter_explore_coverage* coverage);
+void soter_place_close(soter_place* x);
+
+/* Those who are not looked at have always done what they must: their part of a world never changes.
+ */
+void soter_keep_others(const soter_place* x, void* world);
+
+SOTER_INLINE bool soter_is_part(const soter_place* x, uint32_t actor) {
+  return (x->actors >> actor & 1U) != 0U;
+}
+
+/* Looks at the world in `here`: windows and limit. */
+void soter_look(soter_place* x);
+
+/* Whether an actor may move in `here`. */
+SOTER_INLINE bool soter_may_move(const soter_place* x, uint32_t actor) {
+  return x->window[actor].low <= x->limit;
+}
+
+/* The moves of an actor in `here`, one after the other: number 0, 1, ...; false: there are no more.
+ */
+bool soter_move_of(const soter_place* x, uint32_t actor, uint32_t number, soter_move* move);
+
+/* Makes a move from `here` into `there` with the picks in x->choice[0..given); `false` and *broken
+ * where a contract is violated or a trusted component faults: then there is no world after it. */
+bool soter_make(soter_place* x, const soter_move* move, soter_broken* broken);
+
+/* The next sequence of picks for the same move; false: all were made. Begin with given = 0. */
+SOTER_INLINE bool soter_next_picks(soter_place* x) {
+  uint32_t i = x->taken;
+  SOTER_CHECK(i <= SOTER_CHOICES);
+  while (i > 0U && x->choice[i - 1U].pick + 1U >= x->choice[i - 1U].count) {
+    i--;
+  }
+  if (i == 0U) {
+    return false;
+  }
+  x->choice[i - 1U].pick++;
+  x->given = i;
+  return true;
+}
+
+/* Whether the world in `there` violates a property. Also marks what is covered. */
+bool soter_violates(soter_place* x, soter_broken* broken);
+void soter_cover(soter_place* x, uint32_t actor);
+
+/* Makes the first worlds, one for every sequence of initial choices: `there` after each call; begin
+ * with given = 0 and go on while soter_next_picks. */
+void soter_be_born(soter_place* x);
+
+/* ------------------------------------------------------------------ reduction */
+
+/* The actors whose moves from `here` are enough, of those in `enabled`. */
+uint64_t soter_ample(const soter_place* x, uint64_t enabled);
+
+/* All actors that may move in `here`. */
+uint64_t soter_enabled(const soter_place* x);
+
+/* ------------------------------------------------------------------ the table */
+
+typedef struct {
+  uint8_t* base;  /* as allocated */
+  uint8_t* entry; /* at the beginning of a line */
+  uint64_t buckets, count;
+  uint64_t homes;  /* buckets that hashes say */
+  uint64_t before; /* count when last looked at; how often it was the same since */
+  uint32_t idle;
+} soter_segment;
+
+typedef struct {
+  soter_segment* segment;
+  uint64_t room, count; /* in entries */
+  uint32_t bytes;       /* of one entry */
+  uint32_t key;         /* of them: the packed world; behind it the sleep set */
+  uint32_t sleep;
+  uint32_t words;  /* of the key */
+  uint32_t packed; /* words of a packed world */
+  uint32_t first;  /* bits of the first word */
+  uint64_t all;    /* these bits */
+  uint64_t mask;   /* of a load of eight bytes: those of the key */
+  uint64_t memory; /* most bytes that it may take */
+  bool fingerprint;
+  uint32_t growth; /* a segment grows by this part of itself */
+} soter_store;
+
+bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
+                      uint64_t memory);
+void soter_store_close(soter_store* s);
+
+/* Puts a packed world in. Returns 1 if it is new, 0 if it was there, -1 if there is no memory left.
+ * With sleep sets *sleep is the set on arrival; after: of a new world the same; of an old one the
+ * moves that have to be made again are in *again, and the stored set is the intersection. */
+int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uint64_t* again);
+bool soter_store_has(const soter_store* s, const uint64_t* packed);
+/* Keeps a table beyond its search, with others (soter_explore_kept). */
+void* soter_keep(void* others, soter_store* s);
+/* What stands in the table for a packed world; with it, putting, and a hint that it will be put
+ * soon. */
+void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key);
+int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
+                        uint64_t* sleep, uint64_t* again);
+void soter_store_hint(const soter_store* s, const uint64_t* packed, const uint64_t* key);
+/* After a layer of a search: what has had no new entry for a while takes no more room than it
+ * needs. */
+void soter_store_settle(soter_store* s);
+/* All stored worlds, in no order; returns how many there are. */
+uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
+                          void* to);
+
+SOTER_INLINE uint64_t soter_scramble(uint64_t x) {
+  x ^= x >> 32;
+  x *= UINT64_C(0xd6e8feb86659fd93);
+  x ^= x >> 32;
+  x *= UINT64_C(0xd6e8feb86659fd93);
+  return x ^ (x >> 32);
+}
+
+/* memcpy of a few words: a call costs more. */
+SOTER_INLINE void soter_copy_words(uint64_t* to, const uint64_t* from, uint32_t words) {
+  for (uint32_t k = 0; k < words; k++) {
+    to[k] = from[k];
+  }
+}
+
+SOTER_INLINE int64_t soter_later(int64_t a, int64_t b) {
+  return a > b ? a : b;
+}
+
+/* 64 bits of a packed world; never 0. */
+SOTER_INLINE uint64_t soter_fingerprint(const uint64_t* packed, uint32_t words) {
+  uint64_t a = UINT64_C(0x243f6a8885a308d3);
+  for (uint32_t i = 0; i < words; i++) {
+    a = soter_scramble(a ^ packed[i]) + UINT64_C(0x9e3779b97f4a7c15);
+  }
+  a = soter_scramble(a);
+  return a == 0U ? 1U : a;
+}
+
+/* ------------------------------------------------------------------ successors */
+
+/* What one expansion found: packed worlds one after the other, and what then sleeps. */
+typedef struct {
+  uint64_t* packed;
+  uint64_t* sleep;
+  uint32_t count, room;
+} soter_heirs;
+
+struct soter_memo;
+
+/* Expands packed worlds. Where the model is `plain`, a step is run once for every value of the
+ * packed bits that it may read, and remembered (soter_explore_memo.c); otherwise worlds are
+ * unpacked. */
+typedef struct {
+  soter_place place;
+  soter_heirs heirs;
+  uint32_t reduce;
+  uint32_t words;
+  struct soter_memo* memo; /* NULL: not plain */
+  uint64_t transitions;
+  uint32_t begin; /* the first heir of the world last expanded */
+  bool broke;     /* a move of the world last expanded violates `broken`: no world comes after it */
+  soter_broken broken;
+  uint64_t memory; /* bytes that heirs, and what is remembered, may take each */
+  bool no_memory;
+} soter_expander;
+
+bool soter_expander_open(soter_expander* e, const soter_model* m, const soter_explore_options* o,
+                         soter_explore_coverage* coverage);
+void soter_expander_close(soter_expander* e);
+
+/* All moves of a world that the reduction asks for: `only` says which actors (a mask), `sleep`
+ * which of them sleep. The heirs of the last call are overwritten. */
+void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
+
+SOTER_INLINE void soter_forget(soter_expander* e) {
+  e->heirs.count = 0U;
+}
+
+/* Whether a packed world violates a property. */
+bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);
+
+/* The worlds at the start, as heirs. */
+void soter_expand_birth(soter_expander* e);
+
+/* Adds one heir. */
+bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint64_t sleep);
+
+/* At most `memory` bytes, more or less. */
+struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory);
+void soter_memo_close(struct soter_memo* memo);
+bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
+bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);
+
+/* Sleep sets: what sleeps after `actor` has moved, when `before` are the siblings made earlier. */
+SOTER_INLINE uint64_t soter_still_asleep(const soter_model* m, uint32_t actor, uint64_t sleep,
+                                         uint64_t before) {
+  return (sleep | before) & ~m->actor[actor].dependent;
+}
+
+/* Packed worlds that wait, in a row: each with what sleeps in it and which moves are still to be
+ * made
+ * (`width` words + 2), or with one number (words + 1). */
+typedef struct {
+  uint64_t* item;
+  uint64_t count, room;
+  uint32_t words, width;
+} soter_row;
+
+/* Appends; false: there is no memory. `only` is left out where the row has no place for it. */
+bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only);
+
+SOTER_INLINE uint64_t* soter_row_at(const soter_row* r, uint64_t i) {
+  SOTER_CHECK(i < r->room);
+  return r->item + i * r->width;
+}
+
+SOTER_INLINE uint64_t soter_row_bytes(const soter_row* r) {
+  return r->room * r->width * sizeof *r->item;
+}
+
+/* ------------------------------------------------------------------ strategies */
+
+typedef struct {
+  const soter_model* m;
+  const soter_explore_options* o;
+  soter_explore_progress* progress;
+  soter_explore_coverage* coverage;
+  soter_explore_result* result;
+  soter_trace_step* trace;
+  uint32_t room;
+} soter_search;
+
+typedef void soter_strategy_fn(soter_search* s);
+soter_strategy_fn soter_search_bfs, soter_search_dfs, soter_search_deepening, soter_search_random,
+    soter_search_pct, soter_search_coverage;
+
+/* Writes one step of a trace from the last move made at `x`. */
+void soter_write_step(const soter_place* x, const soter_move* move, soter_trace_step* to);
+
+/* Finds the move (with its picks) that leads from `from` to `to` (packed worlds; `from` NULL:
+ * birth), or, where `to` is NULL, to a violation of `broken`, and writes it down. */
+bool soter_find_move(soter_place* x, const uint64_t* from, const uint64_t* to,
+                     const soter_broken* broken, soter_trace_step* step);
+
+void soter_merge_coverage(const soter_model* m, soter_explore_coverage* into,
+                          const soter_explore_coverage* from);
+
+#endif

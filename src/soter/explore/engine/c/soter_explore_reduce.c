@@ -1,0 +1,95 @@
+/* soter_explore_reduce.c: which moves are enough (docs/testing.md, "Reduction").
+ *
+ * Purpose: ample sets that are sound under skew: a set S of actors is enough in a world if
+ * - an actor outside S whose pending move may come before the first move of S (low <= the least
+ *   high of S) is independent of all of S, now and later: dependence is between actors; and
+ * - nothing that can be observed is lost by moving S first: either S is due (until one of S has
+ *   moved, time cannot pass and nothing can be observed), or no time is chosen, moving S
+ *   first does not move the clock, and S is invisible.
+ * Every move counts a release, so there are no circles and nobody is postponed for ever.
+ */
+#include "soter_explore_in.h"
+
+uint64_t soter_enabled(const soter_place* x) {
+  uint64_t enabled = 0U;
+  for (uint32_t i = 0; i < x->m->actors; i++) {
+    if (soter_may_move(x, i)) {
+      enabled |= UINT64_C(1) << i;
+    }
+  }
+  return enabled;
+}
+
+/* The clock after the first move, whichever it is. */
+static int64_t next_time(const soter_place* x, uint64_t enabled) {
+  const int64_t now = soter_schedule_of(x->p, x->here)->now;
+  int64_t first = SOTER_NO_DEADLINE;
+  for (uint32_t i = 0; i < x->m->actors; i++) {
+    if ((enabled >> i & 1U) != 0U && soter_later(now, x->window[i].low) < first) {
+      first = soter_later(now, x->window[i].low);
+    }
+  }
+  SOTER_CHECK(first >= now);
+  return first;
+}
+
+/* The least set with `seed` that has the first property; 0 where it needs somebody who may not
+ * move. */
+static uint64_t closure(const soter_place* x, uint64_t enabled, uint32_t seed) {
+  uint64_t set = UINT64_C(1) << seed;
+  uint64_t depends = x->m->actor[seed].dependent;
+  int64_t high = x->window[seed].high;
+  SOTER_CHECK((enabled >> seed & 1U) != 0U);
+  bool grew = true;
+  while (grew) {
+    grew = false;
+    for (uint32_t i = 0; i < x->m->actors; i++) {
+      const uint64_t bit = UINT64_C(1) << i;
+      if ((set & bit) != 0U || (depends & bit) == 0U || x->window[i].low > high) {
+        continue;
+      }
+      if ((enabled & bit) == 0U) {
+        return 0U;
+      }
+      set |= bit;
+      depends |= x->m->actor[i].dependent;
+      high = x->window[i].high < high ? x->window[i].high : high;
+      grew = true;
+    }
+  }
+  SOTER_CHECK((set & ~enabled) == 0U);
+  return set;
+}
+
+static bool nothing_is_lost(const soter_place* x, uint64_t enabled, uint64_t set) {
+  const int64_t now = soter_schedule_of(x->p, x->here)->now;
+  const int64_t next = next_time(x, enabled);
+  bool quiet = !x->m->timely;
+  SOTER_CHECK(set != 0U && (set & ~enabled) == 0U);
+  for (uint32_t i = 0; i < x->m->actors; i++) {
+    if ((set >> i & 1U) == 0U) {
+      continue;
+    }
+    if (x->window[i].high <= next) {
+      return true; /* due */
+    }
+    quiet = quiet && x->window[i].low <= now && !x->m->actor[i].visible;
+  }
+  return quiet;
+}
+
+uint64_t soter_ample(const soter_place* x, uint64_t enabled) {
+  uint64_t best = enabled;
+  for (uint32_t i = 0; i < x->m->actors; i++) {
+    if ((enabled >> i & 1U) == 0U) {
+      continue;
+    }
+    const uint64_t set = closure(x, enabled, i);
+    if (set != 0U && __builtin_popcountll(set) < __builtin_popcountll(best) &&
+        nothing_is_lost(x, enabled, set)) {
+      best = set;
+    }
+  }
+  SOTER_CHECK((best & ~enabled) == 0U && (best != 0U || enabled == 0U));
+  return best;
+}

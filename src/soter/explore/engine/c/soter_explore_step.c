@@ -1,0 +1,565 @@
+/* soter_explore_step.c: the moves of a world (docs/testing.md, "Actors, steps, windows").
+ *
+ * Purpose: windows, order, times, faults; one move; what is observed after it.
+ * Non-goals: which moves are made (strategies), which are left out (soter_explore_reduce.c).
+ */
+#include "soter_explore_in.h"
+#include "soter_explore_pack.h"
+
+/* ------------------------------------------------------------------ a place to work */
+
+bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_options* o,
+                      soter_explore_coverage* coverage) {
+  (void)memset(x, 0, sizeof *x);
+  x->m = m;
+  x->p = m->program;
+  x->size = m->world_size;
+  const bool whole = o == NULL || o->actors == 0U;
+  x->seed = o == NULL ? 0U : o->seed;
+  x->actors = whole ? UINT64_MAX : o->actors;
+  x->properties = whole ? UINT64_MAX : o->properties;
+  x->timeds = whole ? UINT64_MAX : o->timeds;
+  x->coverage = coverage;
+  x->started = calloc(3U, x->size);
+  if (x->started == NULL) {
+    return false;
+  }
+  x->here = x->started + x->size;
+  x->there = x->here + x->size;
+  x->answers.choices = x->choice;
+  x->answers.room = SOTER_CHOICES;
+  x->answers.taken = &x->taken;
+  x->answers.branches = coverage != NULL ? coverage->branches : NULL;
+  soter_be_born(x);
+  (void)memcpy(x->started, x->there, x->size);
+  (void)memcpy(x->here, x->there, x->size);
+  return true;
+}
+
+void soter_place_close(soter_place* x) {
+  free(x->started);
+  x->started = NULL;
+}
+
+static soter_held* held_of(const soter_actor* a, void* world) {
+  SOTER_CHECK(a->overrun_ns > 0);
+  return (soter_held*)((char*)world + a->held);
+}
+
+static void answer(soter_place* x) {
+  SOTER_CHECK(x->given <= SOTER_CHOICES);
+  x->answers.given = x->given;
+  x->taken = 0U;
+}
+
+static void answered(soter_place* x) {
+  if (x->taken > SOTER_CHOICES) {
+    x->too_many = true;
+    x->taken = SOTER_CHOICES;
+  }
+}
+
+void soter_be_born(soter_place* x) {
+  const soter_model* const m = x->m;
+  (void)memset(x->there, 0, x->size);
+  answer(x);
+  soter_start_with(x->p, x->there, x->seed, &x->answers);
+  answered(x);
+  soter_schedule_of(x->p, x->there)->now = -1;
+  int64_t* const due = soter_due_of(x->p, x->there);
+  for (uint32_t i = 0; i < m->timeds; i++) {
+    const bool owed =
+        m->timed[i].kind == SOTER_EVENTUALLY && m->timed[i].within_ns <= m->horizon_ns;
+    due[i] = owed ? m->timed[i].within_ns : SOTER_NO_DEADLINE;
+  }
+  for (uint32_t i = 0; i < m->actors; i++) {
+    if (m->actor[i].overrun_ns > 0) {
+      held_of(&m->actor[i], x->there)->since = -1;
+    }
+  }
+}
+
+/* ------------------------------------------------------------------ windows */
+
+/* Whether number `i` is in a set of them: those beyond 64 are never left out. */
+static bool is_in(uint64_t set, uint32_t i) {
+  return i >= 64U || (set >> i & 1U) != 0U;
+}
+
+void soter_keep_others(const soter_place* x, void* world) {
+  const soter_model* const m = x->m;
+  const int64_t now = soter_schedule_of(x->p, world)->now;
+  for (uint32_t i = 0; x->actors != UINT64_MAX && i < m->actors; i++) {
+    const soter_actor* const a = &m->actor[i];
+    if (soter_is_part(x, i)) {
+      continue;
+    }
+    soter_done_of(m, world)[i] =
+        (uint32_t)soter_must(now, a->window_ns, a->phase_ns, a->period_ns, m->horizon_ns);
+  }
+}
+
+static soter_window window_of(const soter_place* x, uint32_t actor, void* world) {
+  const soter_model* const m = x->m;
+  const soter_actor* const a = &m->actor[actor];
+  SOTER_CHECK(actor < m->actors);
+  if (!soter_is_part(x, actor)) {
+    const soter_window none = {SOTER_NO_DEADLINE, SOTER_NO_DEADLINE};
+    return none;
+  }
+  if (a->overrun_ns > 0) {
+    const int64_t since = held_of(a, world)->since;
+    if (since >= 0) {
+      const soter_window effect = {since, since + a->overrun_ns};
+      return effect;
+    }
+  }
+  const int64_t release = a->phase_ns + (int64_t)soter_done_of(m, world)[actor] * a->period_ns;
+  if (release > m->horizon_ns) {
+    const soter_window none = {SOTER_NO_DEADLINE, SOTER_NO_DEADLINE};
+    return none;
+  }
+  const soter_window step = {release, release + a->window_ns};
+  return step;
+}
+
+void soter_look(soter_place* x) {
+  x->limit = SOTER_NO_DEADLINE;
+  for (uint32_t i = 0; i < x->m->actors; i++) {
+    x->window[i] = window_of(x, i, x->here);
+    SOTER_CHECK(x->window[i].low <= x->window[i].high);
+    if (x->window[i].high < x->limit) {
+      x->limit = x->window[i].high;
+    }
+  }
+  if (x->limit == SOTER_NO_DEADLINE) {
+    x->limit = SOTER_NO_DEADLINE - 1; /* nothing is left: nobody may move */
+  }
+}
+
+/* Time number `number` at which something due within the actor's window may happen. */
+static bool time_of(const soter_place* x, uint32_t actor, uint32_t number, int64_t* time) {
+  const int64_t now = soter_schedule_of(x->p, x->here)->now;
+  const int64_t first = soter_later(now, x->window[actor].low);
+  *time = first;
+  if (number == 0U) {
+    return true;
+  }
+  if (!x->m->timely) {
+    return false;
+  }
+  const int64_t q = x->m->quantum_ns;
+  SOTER_CHECK(q > 0);
+  *time = (first / q + (int64_t)number) * q;
+  return *time <= x->limit;
+}
+
+bool soter_move_of(const soter_place* x, uint32_t actor, uint32_t number, soter_move* move) {
+  SOTER_CHECK(actor < x->m->actors);
+  if (!soter_may_move(x, actor)) {
+    return false;
+  }
+  const soter_actor* const a = &x->m->actor[actor];
+  const uint32_t done = soter_done_of(x->m, x->here)[actor];
+  move->actor = actor;
+  move->release = a->phase_ns + (int64_t)done * a->period_ns;
+  if (a->overrun_ns > 0) {
+    const bool runs = held_of(a, x->here)->since >= 0;
+    move->kind = runs ? SOTER_EFFECT : SOTER_BEGINS;
+    if (runs) {
+      move->release -= a->period_ns;
+    }
+  } else {
+    move->kind = SOTER_STEP;
+  }
+  if (a->skips > 0U && move->kind != SOTER_EFFECT) {
+    if (soter_lost_of(x->m, x->here)[actor] < a->skips) {
+      if (number == 0U) { /* the step that happens comes first: it is the default */
+        return time_of(x, actor, 0U, &move->time);
+      }
+      if (number == 1U) {
+        move->kind = SOTER_SKIPPED;
+        return time_of(x, actor, 0U, &move->time);
+      }
+      number--;
+    }
+  }
+  return time_of(x, actor, number, &move->time);
+}
+
+/* ------------------------------------------------------------------ making a move */
+
+static bool look_for_faults(soter_place* x, uint32_t actor, soter_broken* broken) {
+  if (soter_header_of(x->there)->violations == 0U) {
+    return true;
+  }
+  const soter_property* const q = soter_properties_of(x->p, x->there);
+  for (uint32_t i = 0; i < x->p->properties; i++) {
+    if (q[i].count > 0U) {
+      broken->what = 1U;
+      broken->index = i;
+      return false;
+    }
+  }
+  broken->what = 2U;
+  broken->index = x->m->actor[actor].component;
+  return false;
+}
+
+/* What happened to the invariants' clocks. */
+static void note_module(soter_place* x, uint32_t component, uint32_t published, bool enabled) {
+  SOTER_CHECK(component < x->p->components);
+  const soter_component_info* const info = &x->p->component[component];
+  if (info->module < 0 || x->m->timeds == 0U) {
+    return;
+  }
+  const uint32_t module = (uint32_t)info->module;
+  SOTER_CHECK(module < x->p->modules);
+  const bool in_ac = soter_modules_of(x->p, x->there)[module].mode == (uint8_t)SOTER_AC;
+  if (info->role == SOTER_ROLE_DM && in_ac) {
+    soter_verdict_of(x->m, x->there)[module] = soter_schedule_of(x->p, x->there)->now;
+    soter_acted_of(x->m, x->there)[module] = 0U;
+  }
+  if (info->role == SOTER_ROLE_SC && enabled && published != 0U && !in_ac) {
+    soter_acted_of(x->m, x->there)[module] = 1U;
+  }
+}
+
+/* Takes back what an overrunning step published, to be kept until it takes effect. */
+static void hold_back(soter_place* x, const soter_actor* a, int64_t time, uint32_t published) {
+  soter_held* const held = held_of(a, x->there);
+  uint8_t* value = (uint8_t*)(held + 1);
+  int64_t* const stamps = soter_stamps_of(x->p, x->there);
+  const int64_t* const before = soter_stamps_of(x->p, x->here);
+  SOTER_CHECK(held->since < 0 && time >= 0 && a->outputs <= 64U);
+  held->since = time;
+  held->mask = published;
+  for (uint32_t i = 0; i < a->outputs; i++) {
+    const soter_topic_info* const t = &x->p->topic[a->output[i]];
+    (void)memset(value, 0, soter_padded(t->size));
+    if ((published >> i & 1U) != 0U) {
+      (void)memcpy(value, x->there + t->offset, t->size);
+      (void)memcpy(x->there + t->offset, x->here + t->offset, t->size);
+      stamps[a->output[i]] = before[a->output[i]];
+    }
+    value += soter_padded(t->size);
+  }
+}
+
+/* Lets it take effect, and loses the releases that passed meanwhile. */
+static void take_effect(soter_place* x, uint32_t actor, int64_t time) {
+  const soter_actor* const a = &x->m->actor[actor];
+  soter_held* const held = held_of(a, x->there);
+  const bool enabled = soter_components_of(x->there)[a->component].oe != 0U;
+  SOTER_CHECK(held->since >= 0 && held->since <= time);
+  uint8_t* value = (uint8_t*)(held + 1);
+  for (uint32_t i = 0; i < a->outputs; i++) {
+    const soter_topic_info* const t = &x->p->topic[a->output[i]];
+    if ((held->mask >> i & 1U) != 0U && enabled) {
+      (void)memcpy(x->there + t->offset, value, t->size);
+      soter_stamps_of(x->p, x->there)[a->output[i]] = time;
+    }
+    (void)memset(value, 0, soter_padded(t->size));
+    value += soter_padded(t->size);
+  }
+  note_module(x, a->component, (uint32_t)held->mask, enabled);
+  held->since = -1;
+  held->mask = 0U;
+  uint32_t* const done = &soter_done_of(x->m, x->there)[actor];
+  while (a->phase_ns + (int64_t)*done * a->period_ns <= time &&
+         a->phase_ns + (int64_t)*done * a->period_ns <= x->m->horizon_ns) {
+    (*done)++;
+  }
+}
+
+static bool is_observable(soter_place* x) {
+  const int64_t now = soter_schedule_of(x->p, x->there)->now;
+  if (now < 0) {
+    return false; /* the start: nothing has happened */
+  }
+  for (uint32_t i = 0; i < x->m->actors; i++) {
+    if (window_of(x, i, x->there).high <= now) {
+      return false;
+    }
+  }
+  return true;
+}
+
+static bool at_the_end(soter_place* x) {
+  for (uint32_t i = 0; i < x->m->actors; i++) {
+    if (window_of(x, i, x->there).low != SOTER_NO_DEADLINE) {
+      return false;
+    }
+  }
+  return true;
+}
+
+/* When a property's obligation is due after what is seen in `there` at `now`; it was due at `due`.
+ */
+static int64_t due_after(const soter_place* x, const soter_timed* t, int64_t due, int64_t now) {
+  const bool is_owed = due != SOTER_NO_DEADLINE;
+  SOTER_CHECK(due >= now);
+  if (t->kind == SOTER_EVENTUALLY && !is_owed) {
+    return due;
+  }
+  if (t->condition(x->there)) {
+    return SOTER_NO_DEADLINE;
+  }
+  const bool begins = t->kind == SOTER_LEADSTO && !is_owed && t->premise(x->there) &&
+                      now + t->within_ns <= x->m->horizon_ns;
+  return begins ? now + t->within_ns : due;
+}
+
+/* What is owed changes where it can be seen: obligations are part of the world. */
+static void keep_obligations(soter_place* x) {
+  const soter_model* const m = x->m;
+  int64_t* const due = soter_due_of(x->p, x->there);
+  const int64_t now = soter_schedule_of(x->p, x->there)->now;
+  if (!is_observable(x)) {
+    return;
+  }
+  for (uint32_t i = 0; i < m->timeds; i++) {
+    const soter_timed* const t = &m->timed[i];
+    if (t->kind != SOTER_INVARIANT && due[i] >= now) { /* a missed deadline stays missed */
+      due[i] = due_after(x, t, due[i], now);
+    }
+  }
+}
+
+bool soter_make(soter_place* x, const soter_move* move, soter_broken* broken) {
+  const soter_model* const m = x->m;
+  SOTER_CHECK(move->actor < m->actors && move->kind != SOTER_BIRTH);
+  const soter_actor* const a = &m->actor[move->actor];
+  (void)memcpy(x->there, x->here, x->size);
+  soter_header_of(x->there)->ct = move->time;
+  soter_schedule_of(x->p, x->there)->now = move->time;
+  soter_keep_others(x, x->there);
+  x->taken = 0U;
+  bool fine = true;
+  if (move->kind == SOTER_EFFECT) {
+    take_effect(x, move->actor, move->time);
+  } else {
+    soter_done_of(m, x->there)[move->actor]++;
+    if (move->kind == SOTER_SKIPPED) {
+      soter_lost_of(m, x->there)[move->actor]++;
+    } else {
+      if (a->skips > 0U) {
+        soter_lost_of(m, x->there)[move->actor] = 0U;
+      }
+      answer(x);
+      if ((a->component & SOTER_INPUT) != 0U) {
+        x->p->input[a->component & ~SOTER_INPUT].draw(x->there, &x->answers);
+      } else {
+        soter_component* const c = &soter_components_of(x->there)[a->component];
+        const bool enabled = c->oe != 0U;
+        c->next = move->release + a->period_ns;
+        uint32_t published = soter_fire(x->p, x->there, a->component, &x->answers);
+        fine = look_for_faults(x, move->actor, broken);
+        if (move->kind == SOTER_BEGINS) {
+          hold_back(x, a, move->time, enabled ? published : 0U);
+          published = 0U;
+        }
+        note_module(x, a->component, published, enabled);
+      }
+      answered(x);
+    }
+  }
+  if (fine && m->timeds > 0U) {
+    keep_obligations(x);
+  }
+  return fine;
+}
+
+/* ------------------------------------------------------------------ what is violated */
+
+static bool invariant_fails(soter_place* x, const soter_timed* t) {
+  const int64_t now = soter_schedule_of(x->p, x->there)->now;
+  if (!t->condition(x->there)) {
+    return true;
+  }
+  const bool in_time = now <= soter_verdict_of(x->m, x->there)[t->module] + t->within_ns;
+  const bool acted = soter_acted_of(x->m, x->there)[t->module] != 0U &&
+                     soter_modules_of(x->p, x->there)[t->module].mode == (uint8_t)SOTER_SC;
+  return !in_time && !acted;
+}
+
+static bool timed_fails(soter_place* x, uint32_t i, bool observable) {
+  const soter_timed* const t = &x->m->timed[i];
+  if (t->kind == SOTER_INVARIANT) {
+    return observable && invariant_fails(x, t);
+  }
+  const int64_t due = soter_due_of(x->p, x->there)[i];
+  if (due == SOTER_NO_DEADLINE) {
+    return false;
+  }
+  const int64_t now = soter_schedule_of(x->p, x->there)->now;
+  return due < now || (now >= 0 && at_the_end(x));
+}
+
+bool soter_violates(soter_place* x, soter_broken* broken) {
+  const bool observable = is_observable(x);
+  if (observable) {
+    for (uint32_t i = 0; i < x->p->properties; i++) {
+      const soter_property_info* const q = &x->p->property[i];
+      if (q->when == SOTER_AT_INSTANT && is_in(x->properties, i) && q->violated(x->there)) {
+        broken->what = 0U;
+        broken->index = i;
+        return true;
+      }
+    }
+  }
+  for (uint32_t i = 0; i < x->m->timeds; i++) {
+    if (is_in(x->timeds, i) && timed_fails(x, i, observable)) {
+      broken->what = 3U;
+      broken->index = i;
+      return true;
+    }
+  }
+  return false;
+}
+
+/* ------------------------------------------------------------------ coverage */
+
+static double leaf_value(const soter_leaf* leaf, const void* world) {
+  const uint8_t* const at = (const uint8_t*)world + leaf->offset;
+  if (leaf->kind == 2U) {
+    double d;
+    (void)memcpy(&d, at, sizeof d);
+    return d;
+  }
+  int64_t v = 0;
+  for (uint32_t i = 0; i < leaf->size; i++) {
+    v |= (int64_t)((uint64_t)at[i] << (8U * i));
+  }
+  if (leaf->is_signed && leaf->size < 8U && (v >> (8U * leaf->size - 1U) & 1) != 0) {
+    v -= (int64_t)(UINT64_C(1) << (8U * leaf->size));
+  }
+  return (double)v;
+}
+
+static uint32_t class_of(const soter_leaf* leaf, double v) {
+  if (leaf->kind == 0U) {
+    return (uint32_t)v & 255U;
+  }
+  if (leaf->kind == 1U && leaf->high - leaf->low < 64.0) {
+    return 8U + (uint32_t)(v - leaf->low); /* every value of a small set */
+  }
+  if (v == leaf->low) {
+    return 0U;
+  }
+  if (v == leaf->high) {
+    return 1U;
+  }
+  return v < 0.0 ? 2U : v > 0.0 ? 4U : 3U;
+}
+
+void soter_cover(soter_place* x, uint32_t actor) {
+  soter_explore_coverage* const c = x->coverage;
+  if (c == NULL) {
+    return;
+  }
+  const soter_model* const m = x->m;
+  const soter_actor* const a = &m->actor[actor];
+  c->fired[actor] = 1U;
+  for (uint32_t k = 0; k < a->outputs; k++) {
+    for (uint32_t i = a->leaf[k]; i < m->leaves && m->leaf[i].topic == a->output[k]; i++) {
+      c->classes[(size_t)i * 256U + class_of(&m->leaf[i], leaf_value(&m->leaf[i], x->there))] = 1U;
+    }
+  }
+  if ((a->component & SOTER_INPUT) == 0U && x->p->component[a->component].role == SOTER_ROLE_DM) {
+    const uint32_t module = (uint32_t)x->p->component[a->component].module;
+    const uint8_t before = soter_modules_of(x->p, x->here)[module].mode;
+    const uint8_t after = soter_modules_of(x->p, x->there)[module].mode;
+    c->modes[module * 2U + after] = 1U;
+    if (before != after) {
+      c->switches[module * 2U + after] = 1U;
+    }
+  }
+}
+
+void soter_merge_coverage(const soter_model* m, soter_explore_coverage* into,
+                          const soter_explore_coverage* from) {
+  for (uint32_t i = 0; i < (m->branches + 63U) / 64U; i++) {
+    into->branches[i] |= from->branches[i];
+  }
+  for (size_t i = 0; i < (size_t)m->leaves * 256U; i++) {
+    into->classes[i] |= from->classes[i];
+  }
+  for (uint32_t i = 0; i < m->program->modules * 2U; i++) {
+    into->modes[i] |= from->modes[i];
+    into->switches[i] |= from->switches[i];
+  }
+  for (uint32_t i = 0; i < m->actors; i++) {
+    into->fired[i] |= from->fired[i];
+  }
+}
+
+/* ------------------------------------------------------------------ traces */
+
+void soter_write_step(const soter_place* x, const soter_move* move, soter_trace_step* to) {
+  (void)memset(to, 0, sizeof *to);
+  to->actor = move->actor;
+  to->kind = (uint32_t)move->kind;
+  to->release_ns = move->release;
+  to->time_ns = move->time;
+  to->choices = x->taken;
+  (void)memcpy(to->choice, x->choice, x->taken * sizeof to->choice[0]);
+}
+
+static bool same_broken(const soter_broken* a, const soter_broken* b) {
+  return a->what == b->what && a->index == b->index;
+}
+
+/* Whether the move just made is the one that is looked for. */
+static bool is_wanted(soter_place* x, bool fine, const soter_broken* found, const uint64_t* to,
+                      const soter_broken* broken) {
+  if (!fine) {
+    return to == NULL && same_broken(found, broken);
+  }
+  if (to == NULL) {
+    soter_broken seen;
+    return soter_violates(x, &seen) && same_broken(&seen, broken);
+  }
+  uint64_t packed[SOTER_WORDS];
+  x->m->pack(x->there, packed);
+  return memcmp(packed, to, x->m->words * sizeof packed[0]) == 0;
+}
+
+static bool find_birth(soter_place* x, const uint64_t* to, const soter_broken* broken,
+                       soter_trace_step* step) {
+  static const soter_move birth = {SOTER_NOTHING, SOTER_BIRTH, -1, -1};
+  x->given = 0U;
+  do {
+    soter_be_born(x);
+    if (is_wanted(x, true, NULL, to, broken)) {
+      soter_write_step(x, &birth, step);
+      return true;
+    }
+  } while (soter_next_picks(x));
+  return false;
+}
+
+bool soter_find_move(soter_place* x, const uint64_t* from, const uint64_t* to,
+                     const soter_broken* broken, soter_trace_step* step) {
+  if (from == NULL) {
+    return find_birth(x, to, broken, step);
+  }
+  (void)memcpy(x->here, x->started, x->size);
+  x->m->unpack(from, x->here);
+  soter_look(x);
+  for (uint32_t a = 0; a < x->m->actors; a++) {
+    soter_move move;
+    for (uint32_t n = 0; soter_move_of(x, a, n, &move); n++) {
+      x->given = 0U;
+      do {
+        soter_broken found;
+        const bool fine = soter_make(x, &move, &found);
+        if (is_wanted(x, fine, &found, to, broken)) {
+          soter_write_step(x, &move, step);
+          return true;
+        }
+      } while (soter_next_picks(x));
+    }
+  }
+  return false;
+}

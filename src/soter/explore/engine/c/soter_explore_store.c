@@ -1,0 +1,431 @@
+/* soter_explore_store.c: the table of packed worlds.
+ *
+ * Purpose: exact storage at little more than the packed bytes, or 64-bit fingerprints.
+ * An entry is the packed world, its first word mixed by a bijection so that it is its own hash; its
+ * leading bits say the segment, the next ones the bucket of eight entries; what finds its bucket
+ * full goes to the next one. Segments grow by an eighth, one at a time, so that the table is four
+ * fifths full and never has to exist twice. Non-goals: deletion; sharing between threads (each has
+ * a table of its own).
+ */
+#include "soter_explore_in.h"
+
+#define SEGMENTS 256U
+#define BUCKET 8U        /* entries */
+#define FIRST_BUCKETS 4U /* of a segment */
+#define IDLE 3U          /* layers without a new entry: a segment is settled */
+#define LINE 64U         /* bytes that the machine fetches at once */
+#define TAIL 8U          /* bytes behind the last entry: loads take eight at a time */
+#define K1 UINT64_C(0x9e3779b97f4a7c15)
+#define K2 UINT64_C(0xd6e8feb86659fd93)
+
+static uint64_t low_bits(uint32_t bits) {
+  return bits >= 64U ? UINT64_MAX : (UINT64_C(1) << bits) - 1U;
+}
+
+/* The inverse of an odd number modulo 2^64. */
+static uint64_t inverse(uint64_t k) {
+  uint64_t x = k;
+  for (int i = 0; i < 6; i++) {
+    x *= 2U - k * x;
+  }
+  SOTER_CHECK(x * k == 1U);
+  return x;
+}
+
+SOTER_INLINE uint64_t mixed(uint64_t x, uint32_t bits, uint64_t all) {
+  const uint32_t half = (bits + 1U) / 2U;
+  x = (x * K1) & all;
+  x ^= x >> half;
+  x = (x * K2) & all;
+  x ^= x >> half;
+  return (x * K1) & all;
+}
+
+static uint64_t unmixed(uint64_t x, uint32_t bits, uint64_t all) {
+  const uint32_t half = (bits + 1U) / 2U;
+  x = (x * inverse(K1)) & all;
+  x ^= x >> half;
+  x = (x * inverse(K2)) & all;
+  x ^= x >> half;
+  return (x * inverse(K1)) & all;
+}
+
+/* What the other words add to the first one; 0 for zeros. */
+static uint64_t rest_hash(const uint64_t* packed, uint32_t words, uint64_t all) {
+  uint64_t h = 0U;
+  for (uint32_t i = 1; i < words; i++) {
+    h = soter_scramble(h + packed[i] * K1);
+  }
+  return h & all;
+}
+
+/* What stands in the table for a packed world. */
+void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key) {
+  if (s->fingerprint) {
+    key[0] = soter_fingerprint(packed, s->packed);
+    return;
+  }
+  if (s->words == 1U) {
+    key[0] = mixed(packed[0], s->first, s->all);
+    return;
+  }
+  (void)memcpy(key, packed, s->words * sizeof key[0]);
+  key[0] = mixed(key[0] ^ rest_hash(key, s->words, s->all), s->first, s->all);
+}
+
+/* ------------------------------------------------------------------ places */
+
+SOTER_INLINE uint64_t load(const uint8_t* from, uint64_t mask) {
+  uint64_t x;
+  (void)memcpy(&x, from, sizeof x);
+  return x & mask;
+}
+
+/* A segment holds what happens at one time (the bits behind the lowest one,
+ * explore/model/packing.py): a search goes through time, and what it has left behind need not be in
+ * the machine's caches. */
+SOTER_INLINE soter_segment* segment_of(const soter_store* s, const uint64_t* packed) {
+  return &s->segment[packed[0] >> 1 & (SEGMENTS - 1U)];
+}
+
+SOTER_INLINE uint64_t bucket_of(const soter_store* s, const soter_segment* g, uint64_t first) {
+  const uint64_t next = first << (64U - s->first) >> 32;
+  SOTER_CHECK(s->first >= 1U && s->first <= 64U);
+  return (next * g->homes) >> 32;
+}
+
+SOTER_INLINE bool is_empty(const soter_store* s, const uint8_t* e) {
+  if (load(e, s->mask) != 0U) {
+    return false;
+  }
+  for (uint32_t k = 8U; k < s->key; k++) {
+    if (e[k] != 0U) {
+      return false;
+    }
+  }
+  return true;
+}
+
+/* Where a key stands, or the place for it; `found` says which. NULL: its way through the segment is
+ * full. */
+SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, const uint64_t* key,
+                               bool* found) {
+  uint8_t* e = g->entry + bucket_of(s, g, key[0]) * BUCKET * s->bytes;
+  const uint8_t* const end = g->entry + g->buckets * BUCKET * s->bytes;
+  SOTER_CHECK(e < end);
+  *found = false;
+  if (s->key <= 8U) {
+    for (; e < end; e += s->bytes) {
+      const uint64_t there = load(e, s->mask);
+      if (there == key[0]) {
+        *found = true;
+        return e;
+      }
+      if (there == 0U) {
+        return e;
+      }
+    }
+    return NULL;
+  }
+  for (; e < end; e += s->bytes) {
+    if (load(e, s->mask) == key[0] && memcmp(e + 8, key + 1, s->key - 8U) == 0) {
+      *found = !is_empty(s, e);
+      return e;
+    }
+    if (is_empty(s, e)) {
+      return e;
+    }
+  }
+  return NULL;
+}
+
+/* ------------------------------------------------------------------ opening, growing */
+
+static bool segment_open(const soter_store* s, soter_segment* g, uint64_t buckets) {
+  g->buckets = buckets;
+  g->homes =
+      buckets - 1U - (buckets < 2048U ? buckets / 64U : 32U); /* the rest takes what overflows */
+  SOTER_CHECK(buckets >= FIRST_BUCKETS && g->homes >= 1U);
+  g->count = g->before = 0U;
+  g->idle = 0U;
+  g->base = calloc(buckets * BUCKET * s->bytes + TAIL + LINE, 1U);
+  if (g->base == NULL) {
+    return false;
+  }
+  /* a bucket of eight-byte entries is then one line of the cache */
+  g->entry = g->base + (LINE - (uintptr_t)g->base % LINE) % LINE;
+  return true;
+}
+
+bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
+                      uint64_t memory) {
+  (void)memset(s, 0, sizeof *s);
+  s->fingerprint = storage == SOTER_FINGERPRINT;
+  s->packed = m->words;
+  s->words = s->fingerprint ? 1U : m->words;
+  const uint32_t bits = s->fingerprint ? 64U : m->bits;
+  s->first = bits < 64U ? bits : 64U;
+  s->all = low_bits(s->first);
+  s->sleep = sleep ? (m->actors + 7U) / 8U : 0U;
+  s->key = (bits + 7U) / 8U;
+  s->bytes = s->key + s->sleep;
+  s->mask = s->key >= 8U ? UINT64_MAX : low_bits(8U * s->key);
+  SOTER_CHECK(s->bytes > 0U && s->words <= SOTER_WORDS);
+  s->memory = memory;
+  s->growth = 8U;
+  s->room = (uint64_t)SEGMENTS * FIRST_BUCKETS * BUCKET;
+  if (s->room * s->bytes > memory) {
+    return false;
+  }
+  s->segment = calloc(SEGMENTS, sizeof *s->segment);
+  bool fine = s->segment != NULL;
+  for (uint32_t i = 0; fine && i < SEGMENTS; i++) {
+    fine = segment_open(s, &s->segment[i], FIRST_BUCKETS);
+  }
+  return fine;
+}
+
+void soter_store_close(soter_store* s) {
+  for (uint32_t i = 0; s->segment != NULL && i < SEGMENTS; i++) {
+    free(s->segment[i].base);
+  }
+  free(s->segment);
+  s->segment = NULL;
+}
+
+/* memcpy of an entry: a call costs more than most entries. */
+SOTER_INLINE void copy_entry(uint8_t* to, const uint8_t* from, uint32_t bytes) {
+  if (bytes >= 8U && bytes <= 16U) {
+    uint64_t a;
+    uint64_t b;
+    (void)memcpy(&a, from, 8U);
+    (void)memcpy(&b, from + (bytes - 8U), 8U);
+    (void)memcpy(to, &a, 8U);
+    (void)memcpy(to + (bytes - 8U), &b, 8U);
+  } else if (bytes >= 4U && bytes < 8U) {
+    uint32_t a;
+    uint32_t b;
+    (void)memcpy(&a, from, 4U);
+    (void)memcpy(&b, from + (bytes - 4U), 4U);
+    (void)memcpy(to, &a, 4U);
+    (void)memcpy(to + (bytes - 4U), &b, 4U);
+  } else {
+    (void)memcpy(to, from, bytes);
+  }
+}
+
+/* Moves all entries to a larger segment; `false` where its last buckets overflow. `filled` counts
+ * what each of its buckets has. */
+static bool move_all(const soter_store* s, const soter_segment* from, soter_segment* to,
+                     uint8_t* filled) {
+  const uint8_t* e = from->entry;
+  for (uint64_t i = 0; i < from->buckets * BUCKET; i++, e += s->bytes) {
+    if (is_empty(s, e)) {
+      continue;
+    }
+    uint64_t b = bucket_of(s, to, load(e, s->mask));
+    SOTER_CHECK(b < to->homes);
+    while (b < to->buckets && filled[b] == BUCKET) {
+      b++;
+    }
+    if (b == to->buckets) {
+      return false;
+    }
+    copy_entry(to->entry + (b * BUCKET + filled[b]) * s->bytes, e, s->bytes);
+    filled[b]++;
+  }
+  return true;
+}
+
+/* The same entries in another number of buckets, or in a few more where they do not fit. */
+static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
+  soter_segment other;
+  for (;;) {
+    if ((s->room + buckets * BUCKET) * s->bytes > s->memory || !segment_open(s, &other, buckets)) {
+      return false;
+    }
+    uint8_t* const filled = calloc(other.buckets, 1U);
+    const bool fits = filled != NULL && move_all(s, g, &other, filled);
+    free(filled);
+    if (fits) {
+      break;
+    }
+    free(other.base); /* the last buckets overflow */
+    buckets += buckets / 128U + 4U;
+  }
+  s->room = s->room - g->buckets * BUCKET + other.buckets * BUCKET;
+  other.count = other.before = g->count;
+  SOTER_CHECK(other.count <= other.buckets * BUCKET);
+  free(g->base);
+  *g = other;
+  return true;
+}
+
+/* The time before this one needed as much, most likely: fewer steps to the same size. */
+static uint64_t expected(const soter_store* s, const soter_segment* g) {
+  const uint64_t before = g > s->segment ? (g - 1)->buckets : 0U;
+  return before > g->buckets * 2U ? g->buckets * 2U : before > g->buckets ? before : 0U;
+}
+
+static bool grow(soter_store* s, soter_segment* g) {
+  const uint64_t least = g->buckets < 64U ? g->buckets : g->buckets / s->growth;
+  const uint64_t hoped = s->growth < 8U ? expected(s, g) : 0U;
+  const uint64_t more = hoped > g->buckets + least ? hoped - g->buckets : least;
+  return rebuild(s, g, g->buckets + more) || rebuild(s, g, g->buckets + g->buckets / 32U + 1U);
+}
+
+void soter_store_settle(soter_store* s) {
+  for (uint32_t i = 0; i < SEGMENTS; i++) {
+    soter_segment* const g = &s->segment[i];
+    g->idle = g->count == g->before ? g->idle + 1U : 0U;
+    g->before = g->count;
+    const uint64_t enough = g->count / 7U + 16U; /* seven eighths full */
+    if (g->idle == IDLE && enough + enough / 16U < g->buckets) {
+      (void)rebuild(s, g, enough);
+      g->idle = IDLE; /* until it changes */
+    }
+  }
+}
+
+/* ------------------------------------------------------------------ putting */
+
+static uint64_t sleep_of(const soter_store* s, const uint8_t* e) {
+  return load(e + s->key, low_bits(8U * s->sleep));
+}
+
+void soter_store_hint(const soter_store* s, const uint64_t* packed, const uint64_t* key) {
+#if defined(__GNUC__)
+  const soter_segment* const g = segment_of(s, packed);
+  __builtin_prefetch(g->entry + bucket_of(s, g, key[0]) * BUCKET * s->bytes);
+#else
+  (void)s;
+  (void)packed;
+  (void)key;
+#endif
+}
+
+int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uint64_t* again) {
+  uint64_t key[SOTER_WORDS];
+  soter_store_key(s, packed, key);
+  return soter_store_put_key(s, packed, key, sleep, again);
+}
+
+int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
+                        uint64_t* sleep, uint64_t* again) {
+  soter_segment* const g = segment_of(s, packed);
+  for (;;) {
+    bool found;
+    uint8_t* const e = place_of(s, g, key, &found);
+    if (e != NULL && found) {
+      if (s->sleep > 0U) {
+        const uint64_t before = sleep_of(s, e);
+        const uint64_t both = before & *sleep;
+        *again = before & ~*sleep;
+        *sleep = both;
+        if (both != before) {
+          (void)memcpy(e + s->key, &both, s->sleep);
+        }
+      }
+      return 0;
+    }
+    /* at most seven eighths full, so that ways are short */
+    if (e != NULL && (g->count + 1U) * 8U <= g->buckets * BUCKET * 7U) {
+      copy_entry(e, (const uint8_t*)key, s->key);
+      if (s->sleep > 0U) {
+        (void)memcpy(e + s->key, sleep, s->sleep);
+      }
+      g->count++;
+      s->count++;
+      SOTER_CHECK(s->count <= s->room);
+      return 1;
+    }
+    if (!grow(s, g)) {
+      return -1;
+    }
+  }
+}
+
+bool soter_store_has(const soter_store* s, const uint64_t* packed) {
+  uint64_t key[SOTER_WORDS];
+  bool found;
+  soter_store_key(s, packed, key);
+  (void)place_of(s, segment_of(s, packed), key, &found);
+  return found;
+}
+
+/* ------------------------------------------------------------------ reading */
+
+uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
+                          void* to) {
+  uint64_t count = 0U;
+  for (uint32_t g = 0; g < SEGMENTS; g++) {
+    for (uint64_t i = 0; i < s->segment[g].buckets * BUCKET; i++) {
+      const uint8_t* const e = s->segment[g].entry + i * s->bytes;
+      uint64_t packed[SOTER_WORDS];
+      if (is_empty(s, e)) {
+        continue;
+      }
+      count++;
+      SOTER_CHECK(count <= s->count);
+      if (each != NULL) {
+        (void)memset(packed, 0, s->words * sizeof packed[0]);
+        (void)memcpy(packed, e, s->key);
+        packed[0] = unmixed(packed[0], s->first, s->all) ^ rest_hash(packed, s->words, s->all);
+        each(to, packed);
+      }
+    }
+  }
+  return count;
+}
+
+/* ------------------------------------------------------------------ tables that outlive a search
+ */
+
+typedef struct kept {
+  soter_store store;
+  struct kept* next;
+} kept;
+
+void* soter_keep(void* others, soter_store* s) {
+  kept* const k = malloc(sizeof *k);
+  if (k == NULL) {
+    return others;
+  }
+  k->store = *s;
+  s->segment = NULL; /* it is no longer the search's */
+  k->next = others;
+  return k;
+}
+
+typedef struct {
+  const soter_model* m;
+  uint8_t* next;
+} unpacking;
+
+static void unpack_one(void* to, const uint64_t* packed) {
+  unpacking* const u = to;
+  SOTER_CHECK(u->next != NULL);
+  (void)memset(u->next, 0, u->m->world_size);
+  soter_start(u->m->program, u->next, 0U);
+  u->m->unpack(packed, u->next);
+  u->next += u->m->world_size;
+}
+
+uint64_t soter_explore_kept(const soter_model* m, const void* first, void* worlds) {
+  uint64_t count = 0U;
+  unpacking u = {m, worlds};
+  for (const kept* k = first; k != NULL; k = k->next) {
+    count += soter_store_each(&k->store, worlds != NULL ? unpack_one : NULL, &u);
+  }
+  return count;
+}
+
+void soter_explore_free(void* first) {
+  kept* k = first;
+  while (k != NULL) {
+    kept* const next = k->next;
+    soter_store_close(&k->store);
+    free(k);
+    k = next;
+  }
+}

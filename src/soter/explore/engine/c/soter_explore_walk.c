@@ -1,0 +1,156 @@
+/* soter_explore_walk.c: executions one by one.
+ *
+ * Purpose: what random search, PCT and coverage-guided search have in common: from the start to the
+ * horizon, every decision asked of the strategy; worlds met are counted by fingerprint.
+ * Non-goals: completeness; a walk never proves anything.
+ */
+#include "soter_explore_walk.h"
+
+#define SHARE 2U /* of the memory: for counting worlds */
+
+bool soter_walk_open(soter_walk* w, soter_search* s) {
+  (void)memset(w, 0, sizeof *w);
+  w->s = s;
+  w->random = soter_mix(s->o->seed + UINT64_C(0x5851f42d4c957f2d));
+  w->counting = true;
+  return s->m->words <= SOTER_WORDS && soter_place_open(&w->x, s->m, s->o, s->coverage) &&
+         soter_store_open(&w->seen, s->m, SOTER_FINGERPRINT, false, s->o->memory / SHARE);
+}
+
+void soter_walk_close(soter_walk* w) {
+  soter_store_close(&w->seen);
+  soter_place_close(&w->x);
+}
+
+/* Runs `make` until every choice that it asks for has been decided. */
+static bool decided(soter_walk* w, const soter_move* move, soter_broken* broken, bool* fine) {
+  soter_place* const x = &w->x;
+  x->given = 0U;
+  for (;;) {
+    *fine = true;
+    if (move->kind == SOTER_BIRTH) {
+      soter_be_born(x);
+    } else {
+      *fine = soter_make(x, move, broken);
+    }
+    if (x->taken <= x->given) {
+      return true;
+    }
+    soter_choice* const next = &x->choice[x->given];
+    next->pick = w->decide(w, 2U, next->count);
+    SOTER_CHECK(next->pick < next->count);
+    x->given++;
+  }
+}
+
+static void write_step(soter_walk* w, const soter_move* move) {
+  if (w->s->trace != NULL && w->steps < w->s->room) {
+    soter_write_step(&w->x, move, &w->s->trace[w->steps]);
+  }
+  w->steps++;
+}
+
+static void meet(soter_walk* w) {
+  uint64_t packed[SOTER_WORDS];
+  uint64_t sleep = 0U;
+  uint64_t again = 0U;
+  if (!w->counting) {
+    return;
+  }
+  w->x.m->pack(w->x.there, packed);
+  const int fresh = soter_store_put(&w->seen, packed, &sleep, &again);
+  w->counting = fresh >= 0;
+  w->states += fresh > 0 ? 1U : 0U;
+}
+
+static uint32_t one_of(soter_walk* w, uint64_t enabled) {
+  uint32_t k = w->decide(w, 0U, (uint32_t)__builtin_popcountll(enabled));
+  for (uint32_t i = 0; i < SOTER_ACTORS; i++) {
+    if ((enabled >> i & 1U) != 0U && k-- == 0U) {
+      return i;
+    }
+  }
+  SOTER_CHECK(enabled == 0U); /* decisions are below what they are of */
+  return 0U;
+}
+
+static bool next_move(soter_walk* w, soter_move* move) {
+  soter_place* const x = &w->x;
+  const uint64_t enabled = soter_enabled(x);
+  if (enabled == 0U) {
+    return false;
+  }
+
+  const uint32_t actor = w->who != NULL ? w->who(w, enabled) : one_of(w, enabled);
+  uint32_t times = 0U;
+  soter_move unused;
+  while (times < 64U && soter_move_of(x, actor, times, &unused)) {
+    times++;
+  }
+  return soter_move_of(x, actor, w->decide(w, 1U, times), move);
+}
+
+bool soter_walk_once(soter_walk* w) {
+  static const soter_move birth = {SOTER_NOTHING, SOTER_BIRTH, -1, -1};
+  soter_place* const x = &w->x;
+  soter_broken* const broken = &w->s->result->broken;
+  soter_move move = birth;
+  w->steps = 0U;
+  do {
+    bool fine;
+    (void)decided(w, &move, broken, &fine);
+    write_step(w, &move);
+    w->transitions += move.kind != SOTER_BIRTH ? 1U : 0U;
+    if (!fine) {
+      return true;
+    }
+    if (move.kind != SOTER_BIRTH) {
+      soter_cover(x, move.actor);
+    }
+    meet(w);
+    if (soter_violates(x, broken)) {
+      return true;
+    }
+    (void)memcpy(x->here, x->there, x->size);
+    soter_look(x);
+    if (w->steps > w->longest) {
+      w->longest = w->steps;
+    }
+  } while (w->s->progress->stop == 0 && next_move(w, &move));
+  return false;
+}
+
+void soter_walk_all(soter_walk* w, void (*begin)(soter_walk* w, uint64_t run),
+                    void (*end)(soter_walk* w, uint64_t run)) {
+  soter_search* const s = w->s;
+  soter_explore_result* const r = s->result;
+  r->status = SOTER_RUNS;
+  for (uint64_t run = 0; run < s->o->runs; run++) {
+    begin(w, run);
+    const bool broke = soter_walk_once(w);
+    r->runs = run + 1U;
+    s->progress->states = w->states;
+    s->progress->transitions = w->transitions;
+    s->progress->depth = w->longest;
+    if (broke) {
+      r->status = SOTER_VIOLATED;
+      r->length = w->steps <= s->room ? w->steps : 0U;
+      break;
+    }
+    if (s->progress->stop != 0) {
+      r->status = SOTER_STOPPED;
+      break;
+    }
+    if (s->o->max_states > 0U && w->states >= s->o->max_states) {
+      r->status = SOTER_STATES;
+      break;
+    }
+    if (end != NULL) {
+      end(w, run);
+    }
+  }
+  r->states = w->states;
+  r->transitions = w->transitions;
+  r->depth = w->longest;
+  r->table_bytes = w->seen.room * w->seen.bytes;
+}

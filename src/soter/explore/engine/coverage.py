@@ -1,0 +1,185 @@
+"""What a search has seen of a program, and by name what it has not.
+
+Purpose: actors that stepped, modes, switches, branches of step functions and classes of topic
+values: reached, out of how many, and the unreached ones as a person would call them.
+Non-goals: collecting (the engine does), judging: what is unreached may be unreachable.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.program.model.types import ArrayType, BoolType, EnumType, IntType, RecordType
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator, Sequence
+
+    from soter.program.model.types import Type
+
+EACH_VALUE_MAX = 64
+"""An int with at most so many values has a class for each of them."""
+EACH = 8
+"""The engine's number of the first value of a small set of ints."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """One kind of thing: how many there are, and the names of those that were not reached."""
+
+    total: int = 0
+    unreached: tuple[str, ...] = ()
+
+    @property
+    def reached(self) -> int:
+        """How many were."""
+        return self.total - len(self.unreached)
+
+    def merged(self, other: Part) -> Part:
+        """Of two searches of the same program."""
+        both = set(other.unreached)
+        return Part(self.total, tuple([n for n in self.unreached if n in both]))
+
+
+@dataclass(frozen=True)
+class Coverage:
+    """What a search reached. The parts in this order wherever they are shown."""
+
+    actors: Part = field(default_factory=Part)
+    modes: Part = field(default_factory=Part)
+    switches: Part = field(default_factory=Part)
+    branches: Part = field(default_factory=Part)
+    values: Part = field(default_factory=Part)
+
+    def parts(self) -> Iterator[tuple[str, Part]]:
+        """Name and part."""
+        yield "actors", self.actors
+        yield "modes", self.modes
+        yield "switches", self.switches
+        yield "branches", self.branches
+        yield "values", self.values
+
+    @property
+    def unreached(self) -> tuple[str, ...]:
+        """The names of everything that was not reached."""
+        return tuple([name for _, part in self.parts() for name in part.unreached])
+
+
+def part_of(named: Iterable[tuple[str, bool]]) -> Part:
+    """Names, and whether each was reached."""
+    found = list(named)
+    return Part(len(found), tuple([name for name, reached in found if not reached]))
+
+
+@dataclass(frozen=True)
+class Leaf:
+    """A scalar of a topic: full name with its path, type, bounds (infinite: none)."""
+
+    name: str
+    type: Type
+    low: float
+    high: float
+
+
+def classes_of(leaf: Leaf) -> list[tuple[int, str]]:
+    """The classes that the values of a leaf fall into: the engine's number, and a name.
+
+    A value belongs to one class: an end of its set first, otherwise what lies between the ends,
+    below, at and above zero.
+    """
+    if isinstance(leaf.type, BoolType):
+        return [(0, f"{leaf.name} = false"), (1, f"{leaf.name} = true")]
+    if isinstance(leaf.type, EnumType):
+        members = list(enumerate(leaf.type.members))[:256]
+        return [(i, f"{leaf.name} = {member}") for i, member in members]
+    if isinstance(leaf.type, IntType) and leaf.high - leaf.low < EACH_VALUE_MAX:
+        count = int(leaf.high - leaf.low) + 1
+        return [(EACH + i, f"{leaf.name} = {int(leaf.low) + i}") for i in range(count)]
+    return [(i, _class_name(leaf, i)) for i in _possible(leaf)]
+
+
+def class_of(leaf: Leaf, value: float) -> int:
+    """The engine's number of the class of a value (`class_of` in soter_explore_step.c)."""
+    if isinstance(leaf.type, (BoolType, EnumType)):
+        return int(value) & 255
+    if isinstance(leaf.type, IntType) and leaf.high - leaf.low < EACH_VALUE_MAX:
+        return EACH + int(value - leaf.low)
+    if value in (leaf.low, leaf.high):
+        return 0 if value == leaf.low else 1
+    return 2 if value < 0 else 4 if value > 0 else 3
+
+
+def leaf_value(t: Type, value: object, path: Sequence[str]) -> object:
+    """The scalar at a path of `leaves(t)` in a value; None where it has none there."""
+    for part in path:
+        assert isinstance(value, tuple)
+        if isinstance(t, RecordType):
+            at = [name for name, _ in t.fields].index(part)
+            t, value = t.fields[at][1], value[at]
+        elif isinstance(t, ArrayType):
+            t, value = t.element, value[int(part[1:-1])]
+        else:
+            return None
+    return value
+
+
+def _possible(leaf: Leaf) -> list[int]:
+    """Classes that a value may be in."""
+    low, high = leaf.low, leaf.high
+    bounded_below, bounded_above = low > -float("inf"), high < float("inf")
+    found = [0] if bounded_below else []
+    found += [1] if bounded_above and low < high else []
+    gap = 1 if isinstance(leaf.type, IntType) else 0  # from an end to the next value
+    found += [2] if low < 0.0 and low + gap <= min(high - gap, -gap) else []
+    found += [3] if low < 0.0 < high else []
+    found += [4] if high > 0.0 and max(low + gap, gap) <= high - gap else []
+    return found if low < high else found[:1]
+
+
+def _class_name(leaf: Leaf, number: int) -> str:
+    if number in (0, 1, 3):
+        return f"{leaf.name} = {_shown(leaf, (leaf.low, leaf.high, 0, 0.0)[number])}"
+    low, high = (leaf.low, min(leaf.high, 0.0)) if number == 2 else (max(leaf.low, 0.0), leaf.high)
+    if isinstance(leaf.type, IntType):
+        return f"{leaf.name} in [{int(low) + 1}, {int(high) - 1}]"
+    if low == -math.inf:
+        return f"{leaf.name} < {_shown(leaf, high)}"
+    if high == math.inf:
+        return f"{leaf.name} > {_shown(leaf, low)}"
+    return f"{leaf.name} in ({_shown(leaf, low)}, {_shown(leaf, high)})"
+
+
+def _shown(leaf: Leaf, value: float) -> str:
+    return str(int(value)) if isinstance(leaf.type, IntType) else f"{value:.9g}"
+
+
+def values_part(leaves: Sequence[Leaf], seen: Sequence[Sequence[int]]) -> Part:
+    """`seen`: per leaf, per class number, whether a value of that class was published."""
+    return part_of(
+        (name, bool(row[number]))
+        for leaf, row in zip(leaves, seen, strict=True)
+        for number, name in classes_of(leaf)
+    )
+
+
+def modules_parts(
+    modules: Sequence[tuple[str, str | None]],
+    modes: Sequence[Sequence[int]],
+    switches: Sequence[Sequence[int]],
+) -> tuple[Part, Part]:
+    """Modes and switches. `modules`: name and the mode it is forced to, if any: it keeps that."""
+    named_modes: list[tuple[str, bool]] = []
+    named_switches: list[tuple[str, bool]] = []
+    for (name, forced), seen, switched in zip(modules, modes, switches, strict=True):
+        for i, mode in enumerate(("SC", "AC")):
+            if forced is None or forced.upper() == mode:
+                named_modes.append((f"{name} in {mode}", bool(seen[i])))
+            if forced is None:
+                named_switches.append((f"{name} to {mode}", bool(switched[i])))
+    return part_of(named_modes), part_of(named_switches)
+
+
+def branches_part(names: Sequence[str], bits: Sequence[int]) -> Part:
+    """`names`: one a branch; `bits`: words of 64, branch b is bit b % 64 of word b // 64."""
+    return part_of((name, bool(bits[b // 64] >> (b % 64) & 1)) for b, name in enumerate(names))

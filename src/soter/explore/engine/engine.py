@@ -1,0 +1,447 @@
+"""The explorer as a shared library: a system's generated C, its model and `soter_explore*.c`.
+
+Purpose: compile them together, once for each content, and reach the explorer through cffi: plain
+numbers in, plain numbers out. A search runs in a thread of its own, so that Ctrl-C ends it in
+order, with what it has found until then.
+Non-goals: names of actors and streams, verdicts, reports (`search.py`, `command.py`).
+"""
+
+from __future__ import annotations
+
+import math
+import threading
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+import numpy as np
+
+from soter.explore.methods import REDUCTIONS, constant
+from soter.explore.model.actors import plan_of
+from soter.explore.model.model import generate_model
+from soter.explore.model.parts import Part, parts_of
+from soter.explore.results import Options
+from soter.lower.steps import lower
+from soter.native.build import RUNTIME, library
+from soter.native.interface import address, declarations, interface, opened
+from soter.native.own_files import files_below
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    import numpy.typing as npt
+
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import System
+
+    Bytes = npt.NDArray[np.uint8]
+    Words = npt.NDArray[np.uint64]
+
+HERE = Path(__file__).parent / "c"
+STATUSES = (
+    "exhausted",
+    "violated",
+    "memory",
+    "states",
+    "runs",
+    "stopped",
+    "no_memory",
+    "limit",
+)
+ROOM = 65_536
+"""Steps of a trace, at most."""
+CHOICES = 64
+"""`SOTER_CHOICES`: choices of a step, at most."""
+FLAGS = ("-pthread", "-DSOTER_CHECKED")
+LOOK_S = 0.1
+"""Seconds between two looks at how far a search is."""
+
+S = TypeVar("S")
+"""A step of a trace."""
+
+
+def sources() -> tuple[Path, ...]:
+    """The explorer's C, headers included."""
+    return tuple(files_below(HERE, "*.[ch]"))
+
+
+def ffi() -> Any:  # noqa: ANN401 - cffi has no types
+    """The explorer's declarations."""
+    headers = (RUNTIME / "soter.h", HERE / "soter_explore.h")
+    return interface(*(declarations(header) for header in headers))
+
+
+@dataclass(frozen=True)
+class RawChoice:
+    """An answered choice: hash of the stream's name (FNV-1a), alternatives, which one."""
+
+    stream: int
+    count: int
+    pick: int
+
+
+@dataclass(frozen=True)
+class RawStep:
+    """A step of a trace; `actor` counts in `Engine.actors`, -1 at the birth of the world.
+
+    `kind`: 0 step, 1 lost release, 2 start of an overrunning step, 3 it takes effect, 4 birth.
+    """
+
+    actor: int
+    kind: int
+    release_ns: int
+    time_ns: int
+    choices: tuple[RawChoice, ...]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Settings(Options):
+    """How the engine searches: what a person may say, and what only tests and `Search` do.
+
+    `plainly`: run every step, remember none. `go_on`: do not stop at a violation. `keep`: keep
+    the stored worlds for `Engine.worlds`.
+    """
+
+    keep: bool = False
+    plainly: bool = False
+    go_on: bool = False
+    part: Part | None = None
+    """Only this part of the system; None: all of it."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class SearchResult(Generic[S]):
+    """What a search found: `status` is one of STATUSES, `broken` (what, index) of soter_broken.
+
+    `steps` of one kind: as the engine counts (`Searched`), or with names (`search.Found`).
+    """
+
+    status: str
+    broken: tuple[int, int] | None
+    states: int
+    transitions: int
+    runs: int
+    table_bytes: int
+    frontier_bytes: int
+    depth: int
+    seconds: float
+    steps: tuple[S, ...]
+    stopped: str = ""
+    """What ended it before its end: "interrupted" (Ctrl-C), "patience" (its time was over)."""
+
+
+Searched = SearchResult[RawStep]
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a search is. `tracing`: something is violated, a way to it is looked for."""
+
+    states: int
+    transitions: int
+    depth: int
+    seconds: float
+    tracing: bool = False
+
+
+@dataclass(frozen=True)
+class Seen:
+    """Coverage, added up over all searches of an engine; see `soter_explore_coverage`.
+
+    `branches`: one word for 64 branches; `classes`: (leaves, 256); `modes` and `switches`:
+    (modules, 2), SC first; `fired`: (actors,).
+    """
+
+    branches: Words
+    classes: Bytes
+    modes: Bytes
+    switches: Bytes
+    fired: Bytes
+
+
+class Engine:
+    """The explorer on one system that was flattened for a test."""
+
+    def __init__(
+        self, system: System, lowered: CoreSystem | None = None, extra: tuple[str, ...] = ()
+    ) -> None:
+        """`extra`: more compiler flags (tests)."""
+        assert system.test is not None, f"{system.name} is no test"
+        lowered = lowered or lower(system)
+        self.system = system
+        self.plan = plan_of(system, lowered)
+        self.parts = parts_of(system, lowered, self.plan)
+        self.generated = generate_model(system, lowered, self.plan)
+        self.actors = self.plan.actors
+        self.path = library(self.generated.unit, "-O2", (*FLAGS, *extra), sources())
+        self.ffi = ffi()
+        self.lib = opened(self.ffi, self.path)
+        self.model = address(self.ffi, self.path, self.generated.symbol, "const soter_model *")
+        self.bits = int(self.model.bits)
+        self.words = int(self.model.words)
+        self.world_size = int(self.model.world_size)
+        self._kept = self.ffi.NULL
+        modules, leaves = len(system.modules), int(self.model.leaves)
+        self.seen = Seen(
+            np.zeros(-(-int(self.model.branches) // 64) or 1, dtype=np.uint64),
+            np.zeros((leaves, 256), dtype=np.uint8),
+            np.zeros((modules, 2), dtype=np.uint8),
+            np.zeros((modules, 2), dtype=np.uint8),
+            np.zeros(len(self.actors), dtype=np.uint8),
+        )
+
+    def close(self) -> None:
+        """Give back the memory of kept worlds."""
+        if self._kept != self.ffi.NULL:
+            self.lib.soter_explore_free(self._kept)
+            self._kept = self.ffi.NULL
+
+    # ------------------------------------------------------------ searching
+
+    def explore(
+        self, settings: Settings, look: Callable[[Progress], None] | None = None
+    ) -> Searched:
+        """Search until the end, a bound or Ctrl-C. `look` is told ten times a second."""
+        coverage = self._coverage()
+
+        def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
+            self.lib.soter_explore(self.model, options, progress, coverage, result, trace, ROOM)
+
+        return self._run(settings, look, search)
+
+    def least(
+        self,
+        settings: Settings,
+        broken: tuple[int, int],
+        look: Callable[[Progress], None] | None = None,
+        patience_s: float = math.inf,
+    ) -> Searched:
+        """The least trace to a violation of the same thing; its status is then `violated`.
+
+        After `patience_s` seconds the search ends.
+        """
+        what = self.ffi.new("soter_broken *", {"what": broken[0], "index": broken[1]})
+
+        def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
+            self.lib.soter_explore_least(
+                self.model, options, what[0], progress, result, trace, ROOM
+            )
+
+        return self._run(settings, look, search, patience_s)
+
+    def _run(
+        self,
+        settings: Settings,
+        look: Callable[[Progress], None] | None,
+        search: Callable[[Any, Any, Any, Any], None],
+        patience_s: float = math.inf,
+    ) -> Searched:
+        self.close()
+        options = self._options(settings)
+        progress = self.ffi.new("soter_explore_progress *")
+        result = self.ffi.new("soter_explore_result *")
+        size = self.ffi.sizeof("soter_trace_step")
+        room = np.zeros(ROOM * size, dtype=np.uint8)  # untouched pages cost nothing
+        trace = self.ffi.cast("soter_trace_step *", room.ctypes.data)
+        failures: list[BaseException] = []
+        done = threading.Event()
+
+        def work() -> None:
+            try:
+                search(options, progress, result, trace)
+            except BaseException as error:  # noqa: BLE001 - raised again below
+                failures.append(error)
+            finally:
+                done.set()
+
+        began = time.perf_counter()
+        threading.Thread(target=work, name="soter explorer").start()
+        stopped = self._watch(done, progress, look, patience_s)
+        seconds = time.perf_counter() - began
+        if failures:
+            raise failures[0]
+        self._kept = result.kept
+        return replace(self._searched(result, trace, seconds), stopped=stopped)
+
+    def _watch(
+        self,
+        done: threading.Event,
+        progress: Any,  # noqa: ANN401 - cdata
+        look: Callable[[Progress], None] | None,
+        patience_s: float,
+    ) -> str:
+        """Wait for the search; whatever interrupts the waiting ends it in order. What ended it.
+
+        Not with `Thread.join`: after an interruption Python 3.11 takes the thread for ended, and
+        what it writes to would be given back under its hands.
+        """
+        failure: BaseException | None = None
+        stopped, began = "", time.perf_counter()
+        while not done.is_set():
+            try:
+                while not done.wait(LOOK_S):
+                    seconds = time.perf_counter() - began
+                    if seconds > patience_s and not progress.stop:
+                        progress.stop, stopped = 1, "patience"
+                    if look is not None and not progress.stop:
+                        look(_progress(progress, seconds))
+            except KeyboardInterrupt:
+                progress.stop, stopped = 1, "interrupted"
+            except BaseException as error:  # noqa: BLE001 - raised again when the search has ended
+                progress.stop = 1
+                failure = failure or error
+        if failure is not None:
+            raise failure
+        return stopped
+
+    def _options(self, s: Settings) -> Any:  # noqa: ANN401 - cdata
+        return self.ffi.new(
+            "soter_explore_options *",
+            {
+                "strategy": getattr(self.lib, constant(s.strategy)),
+                "storage": getattr(self.lib, constant(s.storage)),
+                "reduce": REDUCTIONS[s.reduction],
+                "threads": s.threads,
+                "memory": s.memory,
+                "max_states": s.max_states,
+                "seed": s.seed & (2**64 - 1),
+                "runs": s.runs,
+                "bug_depth": s.bug_depth,
+                "actors": s.part.actors if s.part else 0,
+                "properties": s.part.properties if s.part else 0,
+                "timeds": s.part.timeds if s.part else 0,
+                "keep": s.keep,
+                "plainly": s.plainly,
+                "go_on": s.go_on,
+            },
+        )
+
+    def _coverage(self) -> Any:  # noqa: ANN401 - cdata
+        seen, cast = self.seen, self.ffi.cast
+        return self.ffi.new(
+            "soter_explore_coverage *",
+            {
+                "branches": cast("uint64_t *", seen.branches.ctypes.data),
+                "classes": cast("uint8_t *", seen.classes.ctypes.data),
+                "modes": cast("uint8_t *", seen.modes.ctypes.data),
+                "switches": cast("uint8_t *", seen.switches.ctypes.data),
+                "fired": cast("uint8_t *", seen.fired.ctypes.data),
+            },
+        )
+
+    def _searched(self, r: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
+        status = STATUSES[int(r.status)]
+        broken = (int(r.broken.what), int(r.broken.index)) if status == "violated" else None
+        return Searched(
+            status=status,
+            broken=broken,
+            states=int(r.states),
+            transitions=int(r.transitions),
+            runs=int(r.runs),
+            table_bytes=int(r.table_bytes),
+            frontier_bytes=int(r.frontier_bytes),
+            depth=int(r.depth),
+            seconds=seconds,
+            steps=tuple(self._step(trace[i]) for i in range(min(int(r.length), ROOM))),
+        )
+
+    def _step(self, s: Any) -> RawStep:  # noqa: ANN401 - cdata
+        choices = tuple(
+            RawChoice(int(c.stream), int(c.count), int(c.pick)) for c in s.choice[0 : s.choices]
+        )
+        actor = int(s.actor) if s.actor < len(self.actors) else -1
+        return RawStep(actor, int(s.kind), int(s.release_ns), int(s.time_ns), choices)
+
+    # ------------------------------------------------------------ traces and worlds
+
+    def replay(
+        self, steps: Sequence[RawStep], seed: int = 0
+    ) -> tuple[int, tuple[int, int] | None, npt.NDArray[np.uint8]]:
+        """How many steps of a trace are possible, and what the last one breaks.
+
+        And the world after each of them, (steps, world_size).
+        """
+        trace = self._raw(steps)
+        worlds = np.zeros((len(steps), self.world_size), dtype=np.uint8)
+        violates = self.ffi.new("bool *")
+        broken = self.ffi.new("soter_broken *")
+        possible = self.lib.soter_explore_replay(
+            self.model, seed, trace, len(steps), self._pointer(worlds), violates, broken
+        )
+        found = (int(broken.what), int(broken.index)) if violates[0] else None
+        return int(possible), found, worlds
+
+    def complete(self, settings: Settings, steps: Sequence[RawStep]) -> Searched | None:
+        """An execution of the whole system from one of `settings.part`; None where it is none."""
+        size = self.ffi.sizeof("soter_trace_step")
+        room = np.zeros(ROOM * size, dtype=np.uint8)
+        whole = self.ffi.cast("soter_trace_step *", room.ctypes.data)
+        broken = self.ffi.new("soter_broken *")
+        options, part = self._options(settings), self._raw(steps)
+        length = self.lib.soter_explore_complete(
+            self.model, options, part, len(steps), whole, ROOM, broken
+        )
+        if length == 0:
+            return None
+        made = tuple(self._step(whole[i]) for i in range(length))
+        found = (int(broken.what), int(broken.index))
+        return Searched(
+            status="violated",
+            broken=found,
+            states=0,
+            transitions=0,
+            runs=0,
+            table_bytes=0,
+            frontier_bytes=0,
+            depth=length,
+            seconds=0.0,
+            steps=made,
+        )
+
+    def starts_broken(self) -> bool:
+        """Whether a start, before any step, violates a property, deadlines aside.
+
+        It is seen only where others step before the part that the property looks at: then parts
+        must not be explored alone.
+        """
+        return bool(self.lib.soter_explore_starts_broken(self.model))
+
+    def _raw(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
+        trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
+        for raw, s in zip(trace, steps, strict=False):
+            raw.actor = s.actor if s.actor >= 0 else 2**32 - 1
+            raw.kind, raw.release_ns, raw.time_ns = s.kind, s.release_ns, s.time_ns
+            raw.choices = len(s.choices)
+            for to, choice in zip(raw.choice, s.choices, strict=False):
+                to.stream, to.count, to.pick = choice.stream, choice.count, choice.pick
+        return trace
+
+    def worlds(self) -> Bytes:
+        """The worlds that the last search stored, (states, world_size), if it was to keep them."""
+        if self._kept == self.ffi.NULL:
+            return np.zeros((0, self.world_size), dtype=np.uint8)
+        count = int(self.lib.soter_explore_kept(self.model, self._kept, self.ffi.NULL))
+        found = np.zeros((count, self.world_size), dtype=np.uint8)
+        self.lib.soter_explore_kept(self.model, self._kept, self._pointer(found))
+        return found
+
+    def packed(self, world: Bytes) -> Words:
+        """A world as words. (world_size,) -> (words,)."""
+        words = np.zeros(self.words, dtype=np.uint64)
+        to = self.ffi.cast("uint64_t *", words.ctypes.data)
+        self.model.pack(self._pointer(world), to)
+        return words
+
+    def unpack(self, words: Words, world: Bytes) -> None:
+        """Read packed words back into a world that was started once. (words,) -> (world_size,)."""
+        of = self.ffi.cast("uint64_t *", words.ctypes.data)
+        self.model.unpack(of, self._pointer(world))
+
+    def _pointer(self, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
+        return self.ffi.cast("void *", array.ctypes.data)
+
+
+def _progress(p: Any, seconds: float) -> Progress:  # noqa: ANN401 - cdata
+    made = int(p.transitions)
+    return Progress(int(p.states), made, int(p.depth), seconds, tracing=bool(p.tracing))

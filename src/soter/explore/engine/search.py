@@ -1,0 +1,244 @@
+"""The engine in the words of the program: names for what it counts.
+
+Purpose: searches of one test whose traces name actors and streams, and whose coverage names
+modes, branches and values.
+Non-goals: the engine (`engine.py`), verdicts (`command.py`).
+"""
+
+from __future__ import annotations
+
+import math
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.explore.engine.coverage import (
+    Coverage,
+    Leaf,
+    branches_part,
+    class_of,
+    leaf_value,
+    modules_parts,
+    part_of,
+    values_part,
+)
+from soter.explore.engine.engine import Engine, SearchResult, Settings
+from soter.explore.methods import EXHAUSTIVE
+from soter.explore.results import Looked
+from soter.explore.trace.choices import ENDING
+from soter.explore.trace.schedule import INPUT, plan_of
+from soter.explore.trace.trace import STEP_KINDS, Choice, Step
+from soter.program.model.types import IntType, leaves
+from soter.semantics.random_draws import fnv, leaf_name
+from soter.semantics.record import AC, SC
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.codegen.body import Branch
+    from soter.explore.engine.engine import Progress, RawStep, Searched
+    from soter.explore.model.parts import Part
+    from soter.explore.results import Options
+    from soter.program.model.system import System
+
+
+Found = SearchResult[Step]
+"""What a search found, steps with names."""
+
+
+class Search:
+    """Searches of one flattened test. A context: leaving it gives back what the engine holds."""
+
+    def __init__(
+        self, system: System, options: Options, progress: Callable[[Looked], None] | None = None
+    ) -> None:
+        self._system = system
+        self._settings = Settings(**vars(options))
+        self._patience_s = options.minimise
+        self._progress = progress
+        self._engine = Engine(system)
+        self._streams = {fnv(name): name for name in _streams(system)}
+        self.bits = self._engine.bits
+        self.sampled = self._engine.plan.sampled
+        self.parts = 1
+        """How many parts of the system the last search explored apart."""
+
+    def __enter__(self) -> Search:  # noqa: PYI034 - typing.Self came with Python 3.11
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._engine.close()
+
+    # ------------------------------------------------------------ searching
+
+    def run(self) -> Found:
+        """The search that was asked for; with all reductions, part by part."""
+        settings = self._settings
+        parts: tuple[Part | None, ...] = (None,)
+        if settings.reduction == "all" and settings.strategy in EXHAUSTIVE:
+            apart = len(self._engine.parts) > 1 and not self._engine.starts_broken()
+            parts = self._engine.parts if apart else (None,)
+        self.parts = len(parts)
+        found: list[Searched] = []
+        for part in parts:
+            left = settings.max_states - sum(f.states for f in found)
+            once = replace(settings, part=part, max_states=left if settings.max_states else 0)
+            found.append(self._engine.explore(once, self._look(minimising=False)))
+            if found[-1].status == "violated" and part is not None:
+                whole = self._engine.complete(once, found[-1].steps)
+                if whole is None:  # its steps alone are no execution of the system
+                    found[-1] = replace(found[-1], steps=())
+                else:
+                    found[-1] = replace(found[-1], steps=whole.steps, broken=whole.broken)
+            if found[-1].status != "exhausted" or (
+                settings.max_states and found[-1].states >= left
+            ):
+                break
+        if len(found) < len(parts) and found[-1].status == "exhausted":
+            found[-1] = replace(found[-1], status="states")  # the other parts were not looked at
+        return self._named(_sum(found))
+
+    def least(self, found: Found) -> Found:
+        """The least execution to the same violation; `status` is "violated" where it is one.
+
+        It takes at most as long as `Options.minimise` says.
+        """
+        assert found.broken is not None
+        look = self._look(minimising=True)
+        settings, patience_s = self._settings, self._patience_s
+        return self._named(self._engine.least(settings, found.broken, look, patience_s))
+
+    def _look(self, *, minimising: bool) -> Callable[[Progress], None] | None:
+        progress = self._progress
+        if progress is None:
+            return None
+        name, began = plan_of(self._system).name, time.perf_counter()
+
+        def look(p: Progress) -> None:
+            stored = p.states * self._engine.words * 8
+            spent = time.perf_counter() - began
+            progress(
+                Looked(
+                    name,
+                    p.states,
+                    p.transitions,
+                    p.depth,
+                    stored,
+                    spent,
+                    minimising=minimising,
+                    tracing=p.tracing,
+                )
+            )
+
+        return look
+
+    # ------------------------------------------------------------ names
+
+    def _named(self, s: Searched) -> Found:
+        return Found(
+            status=s.status,
+            broken=s.broken,
+            states=s.states,
+            transitions=s.transitions,
+            runs=s.runs,
+            table_bytes=s.table_bytes,
+            frontier_bytes=s.frontier_bytes,
+            depth=s.depth,
+            seconds=s.seconds,
+            steps=tuple([self._step(raw) for raw in s.steps]),
+            stopped=s.stopped,
+        )
+
+    def _step(self, raw: RawStep) -> Step:
+        choices = tuple([Choice(self._streams[c.stream], c.pick, c.count) for c in raw.choices])
+        name = self._actor(raw.actor) if raw.actor >= 0 else ""
+        return Step(name, STEP_KINDS[raw.kind], raw.release_ns, raw.time_ns, choices)
+
+    def _actor(self, number: int) -> str:
+        actor = self._engine.actors[number]
+        if actor.input is None:
+            return actor.name
+        return INPUT + self._system.topics[self._system.inputs[actor.input].topic].name
+
+    # ------------------------------------------------------------ coverage
+
+    def coverage(self) -> Coverage:
+        """What all searches so far have reached."""
+        seen, system = self._engine.seen, self._system
+        modes_seen = seen.modes.tolist()
+        for m, row in zip(system.modules, modes_seen, strict=True):
+            row[AC if m.forced == "ac" else SC] = 1  # where it starts
+        modes, switches = modules_parts(
+            [(m.name, m.forced) for m in system.modules], modes_seen, seen.switches.tolist()
+        )
+        branches = self._engine.generated.unit.branches
+        return Coverage(
+            actors=part_of(
+                (self._actor(i), bool(fired)) for i, fired in enumerate(seen.fired.tolist())
+            ),
+            modes=modes,
+            switches=switches,
+            branches=branches_part([branch_name(b) for b in branches], seen.branches.tolist()),
+            values=values_part(list(self._leaves()), self._classes()),
+        )
+
+    def _classes(self) -> list[list[int]]:
+        """Per leaf and class: whether a value of it was published, or is the topic's default."""
+        found = [list(row) for row in self._engine.seen.classes.tolist()]
+        given = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
+        for row, leaf, (topic, path) in zip(found, self._leaves(), given, strict=True):
+            value = leaf_value(topic.type, topic.default, path)
+            if isinstance(value, (bool, int, float)):
+                row[class_of(leaf, value)] = 1
+        return found
+
+    def _leaves(self) -> Iterator[Leaf]:
+        for index, path in self._engine.generated.leaves:
+            topic = self._system.topics[index]
+            found = list(leaves(topic.type))
+            at = next(i for i, (own, _) in enumerate(found) if own == tuple(path))
+            t, bound = found[at][1], topic.bounds[at]
+            low, high = (-math.inf, math.inf) if bound is None else (bound.low, bound.high)
+            if isinstance(t, IntType):
+                low, high = max(low, t.low), min(high, t.high)
+            yield Leaf(leaf_name(topic.name, path), t, low, high)
+
+
+def _sum(found: list[Searched]) -> Searched:
+    """Of the searches of parts, in order; status, violation and trace of the last one."""
+    return replace(
+        found[-1],
+        states=sum(f.states for f in found),
+        transitions=sum(f.transitions for f in found),
+        table_bytes=sum(f.table_bytes for f in found),
+        frontier_bytes=max(f.frontier_bytes for f in found),
+        depth=max(f.depth for f in found),
+        seconds=sum(f.seconds for f in found),
+    )
+
+
+def branch_name(b: Branch) -> str:
+    """`SafeMotion.Careful, cart.soter:41, the condition holds`."""
+    side = "where the condition holds" if b.taken else "where the condition does not hold"
+    return f"{b.component}, {Path(b.span.source.name).name}:{b.span.line}, {side}"
+
+
+def _streams(system: System) -> Iterator[str]:
+    """The names of all streams that a step may ask a choice from."""
+    for c in system.components:
+        yield c.name + ENDING
+        for d in c.disturbances:
+            yield from d.streams
+        for m in c.measured:
+            yield m.stream
+        for i, span in enumerate(c.initial_range):
+            if span is not None and c.plant is not None:
+                state = c.plant.states[i]
+                for path, _ in leaves(state.type):
+                    yield leaf_name(f"{c.name}.{state.name}.start", path)
+    for drive in system.inputs:
+        topic = system.topics[drive.topic]
+        yield INPUT + topic.name
+        for path, _ in leaves(topic.type):
+            yield leaf_name(INPUT + topic.name, path)

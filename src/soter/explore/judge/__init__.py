@@ -1,0 +1,1 @@
+"""Traces in the reference interpreter, without any C."""

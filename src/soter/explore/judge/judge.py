@@ -1,0 +1,179 @@
+"""What is violated in a configuration of a test (docs/testing.md, Configurations).
+
+Purpose: properties, deadlines and invariants along one execution of the reference interpreter.
+Non-goals: contracts and step faults, which the step itself tells
+(`reach/attack/counterexample.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.explore.trace.schedule import plan_of
+from soter.explore.trace.trace import PROPERTY, TIMED, Broken
+from soter.program.meaning.arith import StepFault
+from soter.program.meaning.statements import Evaluator
+from soter.program.model.durations import show_ns
+from soter.semantics.properties import violated
+from soter.semantics.record import AC, SC, Outcome, Verdict
+
+if TYPE_CHECKING:
+    from soter.program.meaning.expressions import Compiled
+    from soter.program.model.system import Module, System, TimedProperty
+    from soter.program.model.typed import Expr
+    from soter.semantics.configuration import Configuration
+    from soter.semantics.machine import Machine
+
+
+@dataclass
+class _Clock:
+    """Of one module: when the DM last said AC (0: the start), and whether SC has acted since."""
+
+    verdict_ns: int = 0
+    acted: bool = False
+    said: bool = False
+    """Whether it has said AC at all."""
+
+
+class Judge:
+    """Follows one execution; `at` says what is violated where it has come to."""
+
+    def __init__(self, machine: Machine) -> None:
+        self._machine = machine
+        self._system: System = machine.system
+        plan = plan_of(self._system)
+        self._timed = plan.timed
+        self._horizon_ns = plan.horizon_ns
+        self._premise = {p.index: self._code(p, p.premise) for p in plan.timed}
+        self._condition = {p.index: self._code(p, p.condition) for p in plan.timed}
+        self._safe = {
+            p.module: self._of_module(self._system.modules[p.module])
+            for p in plan.timed
+            if p.module is not None
+        }
+        self._clocks = [_Clock() for _ in self._system.modules]
+        self._due: dict[int, int] = {
+            p.index: p.within_ns for p in plan.timed if p.kind == "eventually"
+        }
+        self._since: dict[int, int] = {}
+        """When the premise held that a deadline waits for."""
+        self._drop_beyond_horizon()
+
+    def _code(self, prop: TimedProperty, expr: Expr | None) -> Compiled | None:
+        return None if expr is None else Evaluator.of(prop.scope, {}).expression(expr)
+
+    def _of_module(self, module: Module) -> Compiled:
+        return Evaluator.of(module.scope, {}).expression(module.symbol.safe)
+
+    # ------------------------------------------------------------ what happened
+
+    def note(self, event: Verdict | Outcome, c: Configuration) -> None:
+        """A step at `c.ct` that led to `c`."""
+        if isinstance(event, Verdict):
+            if event.after == AC:
+                self._clocks[event.module] = _Clock(c.ct, said=True)
+        elif event.published:
+            self.note_published(event.component, c)
+
+    def note_published(self, component: int, c: Configuration) -> None:
+        """What a component published has reached the topics."""
+        found = self._system.components[component]
+        if found.role == "sc" and found.module is not None:
+            module = self._system.modules[found.module]
+            if c.L[module.dm] == SC:
+                self._clocks[found.module].acted = True
+
+    # ------------------------------------------------------------ what is violated
+
+    def at(self, c: Configuration, *, observable: bool, over: bool) -> list[Broken]:
+        """Everything that is violated in `c`; `over`: no step is left."""
+        found: list[Broken] = []
+        if observable:
+            self._meet_deadlines(c)
+            found += self._properties(c)
+        for p in self._timed:
+            if p.kind == "invariant":
+                fails = observable and not self._invariant(p, c)
+            else:
+                due = self._due.get(p.index)
+                fails = due is not None and (due < c.ct or over)
+            if fails:
+                found.append(Broken(TIMED, p.index, p.text))
+        return found
+
+    def _properties(self, c: Configuration) -> list[Broken]:
+        own = [p for p in self._system.properties if p.component is None]
+        values = violated(self._machine, c)
+        return [Broken(PROPERTY, p.index, f"{p.kind} {p.text}") for p in own if values[p.index]]
+
+    def _meet_deadlines(self, c: Configuration) -> None:
+        """Every deadline that is met by what holds now goes; premises that hold make new ones."""
+        for p in self._timed:
+            due = self._due.get(p.index)
+            if p.kind == "invariant" or (due is not None and due < c.ct):
+                continue  # a missed deadline stays missed
+            if self._holds(self._condition[p.index], c):
+                self._due.pop(p.index, None)
+            elif p.kind == "leadsto" and due is None and self._holds(self._premise[p.index], c):
+                self._due[p.index] = c.ct + p.within_ns
+                self._since[p.index] = c.ct
+        self._drop_beyond_horizon()
+
+    def _drop_beyond_horizon(self) -> None:
+        """Deadlines beyond the horizon are not judged."""
+        self._due = {i: due for i, due in self._due.items() if due <= self._horizon_ns}
+
+    def _holds(self, code: Compiled | None, c: Configuration) -> bool:
+        """A condition, false where it faults."""
+        assert code is not None
+        try:
+            return bool(code(self._machine.environment(c)))
+        except StepFault:
+            return False
+
+    def _invariant(self, p: TimedProperty, c: Configuration) -> bool:
+        """(F) safe and an AC verdict is recent enough, or (S) safe and SC has the plant."""
+        assert p.module is not None
+        module, clock = self._system.modules[p.module], self._clocks[p.module]
+        if not self._holds(self._safe[p.module], c):
+            return False
+        acts = clock.acted and c.L[module.dm] == SC
+        return acts or c.ct <= clock.verdict_ns + 2 * module.period_ns
+
+    # ------------------------------------------------------------ why
+
+    def reason(self, broken: Broken, c: Configuration) -> str:
+        """What failed where `at` found a violation in `c`, a clause; empty where it says itself."""
+        if broken.what != TIMED:
+            return ""
+        p = self._timed[broken.index]
+        if p.kind == "invariant":
+            return self._invariant_reason(p, c)
+        assert p.condition is not None
+        due_ns = self._due[p.index]
+        missed = f"`{_source(p.condition)}` did not hold in any observable configuration"
+        if p.premise is None:
+            return f"{missed} up to {_at(due_ns)}"
+        held = f"`{_source(p.premise)}` held at {_at(self._since[p.index])}"
+        return f"{held}, and {missed} from then on up to {_at(due_ns)}"
+
+    def _invariant_reason(self, p: TimedProperty, c: Configuration) -> str:
+        assert p.module is not None
+        module, clock = self._system.modules[p.module], self._clocks[p.module]
+        if not self._holds(self._safe[p.module], c):
+            return f"`{_source(module.symbol.safe)}`, `safe` of `{module.name}`, fails"
+        said = f"the DM last said AC at {_at(clock.verdict_ns)}"
+        if not clock.said:
+            said = "the DM has not said AC since the start"
+        period = _at(module.period_ns)
+        acted = "and SC has not acted" if c.L[module.dm] == SC else "and has not handed over to SC"
+        return f"{said}, {acted} by {_at(c.ct)}, more than two periods of {period} later"
+
+
+def _source(e: Expr) -> str:
+    return " ".join(e.span.text.split())
+
+
+def _at(time_ns: int) -> str:
+    return show_ns(time_ns) if time_ns else "0 ms"

@@ -1,0 +1,397 @@
+"""What the actors of a tested system are, and which of their steps may not be swapped.
+
+Purpose: from a system that was flattened for a test, and its Core, the plan of an exploration:
+calendars, windows, faults; dependence, visibility; what of a configuration can matter.
+Non-goals: C text (`explore/model/model.py`), searching (`explore/engine/c/soter_explore*.c`).
+
+Dependence is a question of footprints. A step reads and writes *resources*: topics, stamps, queues
+(publishing pushes: a write; their subscriber reads and empties them), node locals, plant states,
+the latch and `had_control` of a component, and of every module its mode (with OE of AC and SC) and
+its gate (`gate_fault`, `clean_needed`).
+Two steps are dependent iff one of them may write what the other may read or write. All of it
+is what *may* happen: a gated controller counts as writing its outputs, a fail-safe value as
+published, a read on a branch that is never taken as read. Time is no resource: where it matters
+(`Plan.timely`) a search must not swap steps across a change of time.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.explore.model.plan import Actor, Plan
+from soter.lower import core
+from soter.lower.footprint import walk
+from soter.program.model.types import FloatType, IntType, leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.explore.model.plan import Label
+    from soter.program.model.system import Component, InputDrive, Property, System, TestPlan
+
+
+TIME: Label = ("time", 0)
+"""The clock: no step writes it alone, and every step may move it."""
+
+
+@dataclass
+class Effects:
+    """Resources that a step may read and write; `timed`: whether it reads the time.
+
+    `keeps`: it may leave what it writes as it was, so that its result depends on that.
+    """
+
+    reads: set[Label] = field(default_factory=set)
+    writes: set[Label] = field(default_factory=set)
+    timed: bool = False
+    keeps: bool = False
+
+    def conflicts(self, other: Effects) -> bool:
+        """Whether a step with these effects may not be swapped with one with the others."""
+        return bool(
+            self.writes & (other.reads | other.writes) or other.writes & (self.reads | self.writes)
+        )
+
+
+@dataclass
+class _Calendar:
+    component: int | None
+    input: int | None
+    name: str
+    period_ns: int
+    phase_ns: int
+    window_ns: int = 0
+    overrun_ns: int = 0
+    skips: int = 0
+
+
+def plan_of(system: System, lowered: core.CoreSystem) -> Plan:
+    """The plan of exploring a system; inputs come first, then components in deployed order."""
+    assert system.test is not None
+    footprints = Footprints(system, lowered)
+    calendars = list(_calendars(system, system.test))
+    effects = [footprints.of_actor(x.component, x.input) for x in calendars]
+    seen = footprints.seen_by_properties()
+    actors = tuple(
+        Actor(
+            name=x.name,
+            component=x.component,
+            input=x.input,
+            period_ns=x.period_ns,
+            phase_ns=x.phase_ns,
+            window_ns=x.window_ns,
+            overrun_ns=x.overrun_ns,
+            skips=x.skips,
+            dependent=sum(
+                1 << j for j, other in enumerate(effects) if i == j or own.conflicts(other)
+            ),
+            visible=bool(own.writes & seen),
+            outputs=footprints.outputs(x.component, x.input),
+            reads=frozenset(own.reads | (own.writes if own.keeps else set()) | _clock(i, own)),
+            writes=frozenset(own.writes),
+        )
+        for i, (x, own) in enumerate(zip(calendars, effects, strict=True))
+    )
+    quantum, tick = _grid(system, system.test, calendars)
+    overrun = any(x.overrun_ns for x in calendars)
+    spread = overrun or any(x.window_ns for x in calendars)
+    read = {r[1] for e in effects for r in e.reads if r[0] == "topic"}
+    read |= {r[1] for r in seen if r[0] == "topic"}
+    return Plan(
+        actors=actors,
+        timely=overrun or (spread and footprints.time_matters()),
+        sampled=is_sampled(system, lowered),
+        tick_ns=tick,
+        quantum_ns=quantum,
+        horizon_ns=system.test.horizon_ns,
+        read=frozenset(read | {t.index for t in system.topics if t.queue_of is not None}),
+        aged=frozenset(f.index for f in footprints.facts if f.fact == "age"),
+        limited=frozenset(footprints.limited()),
+        may_fault=frozenset(
+            i for i in range(len(system.components)) if _may_fault(system, lowered, i)
+        ),
+        observed=frozenset(seen),
+    )
+
+
+def _clock(actor: int, own: Effects) -> set[Label]:
+    """What the time of a step follows from, where it reads the time."""
+    return {TIME, ("done", actor)} if own.timed else set()
+
+
+# ---------------------------------------------------------------- calendars and the grid
+
+
+def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
+    for i, drive in enumerate(system.inputs):
+        name = f"input.{system.topics[drive.topic].name}"
+        yield _Calendar(None, i, name, drive.every_ns, 0)
+    for x in system.components:
+        found = _Calendar(x.index, None, x.name, x.period_ns, x.phase_ns)
+        late = 0
+        for fault in test.faults:
+            if fault.component != x.index:
+                continue
+            if fault.kind == "late":
+                late = max(late, fault.by_ns)
+            elif fault.kind == "overrun":
+                found.overrun_ns = max(found.overrun_ns, fault.by_ns)
+            else:
+                found.skips = max(found.skips, fault.at_most)
+        if x.plant is None:
+            found.window_ns = test.skew_ns + late
+        yield found
+
+
+def _grid(system: System, test: TestPlan, calendars: list[_Calendar]) -> tuple[int, int]:
+    """(quantum, tick): where times are chosen, and what every time is a multiple of."""
+    times = [test.skew_ns, *(f.by_ns for f in test.faults)]
+    for x in calendars:
+        times += [x.period_ns, x.phase_ns]
+    quantum = test.quantum_ns or math.gcd(*times) or 1
+    spans = [t.within_ns for t in test.timed]
+    spans += [2 * system.modules[t.module].period_ns for t in test.timed if t.module is not None]
+    return quantum, math.gcd(quantum, *times, *spans)
+
+
+# ---------------------------------------------------------------- footprints
+
+
+class Footprints:
+    """Effects of every step of a system."""
+
+    def __init__(self, system: System, lowered: core.CoreSystem) -> None:
+        self.system = system
+        self.core = lowered
+        self.facts = [n for root in _texts(lowered) for n in walk(root) if isinstance(n, core.Fact)]
+        """Every fact of the run that something reads."""
+
+    def outputs(self, component: int | None, drive: int | None) -> tuple[int, ...]:
+        """Topics that an actor publishes, in the order of its step's outputs."""
+        if drive is not None:
+            return (self.system.inputs[drive].topic,)
+        assert component is not None
+        step = self.core.nodes.get(component) or self.core.plants.get(component)
+        return tuple(o.topic for o in step.outputs) if step else ()
+
+    def of_actor(self, component: int | None, drive: int | None) -> Effects:
+        """What its steps may read and write."""
+        found = Effects()
+        outputs = set(self.outputs(component, drive))
+        if component is not None:
+            x = self.system.components[component]
+            outputs |= set(x.failsafe)
+            self._step(x, found)
+        for t in outputs:
+            found.writes |= {("topic", t), ("stamp", t)}
+            for q in self.system.topics[t].queues:
+                found.reads |= {("topic", q), ("stamp", q)}
+                found.writes |= {("topic", q), ("stamp", q)}
+        return found
+
+    def _step(self, x: Component, found: Effects) -> None:
+        if x.role == "dm":
+            assert x.module is not None
+            self._decision(x.module, found)
+        step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
+        if step is not None:
+            self._read(step.footprint, found)
+            found.writes |= {_resource(c) for c in step.footprint.writes}
+            found.timed |= _reads_time(_body(step))
+            found.reads |= {("latched", x.index), ("control", x.index)}
+            found.writes |= {("latched", x.index), ("control", x.index)}
+        found.keeps |= x.node is not None
+        if isinstance(step, core.PlantStep):
+            draws = [d for _, _, some in step.disturbances for d in some]
+            found.timed |= any(d.hold_ns > 0 for d in draws)
+        if x.plant is not None:
+            found.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
+        if x.role in {"ac", "sc"} and x.module is not None:
+            found.reads.add(("mode", x.module))
+        if x.role == "ac" and x.module is not None:
+            found.reads.add(("gate", x.module))
+            found.writes.add(("gate", x.module))
+        for t in self.system.topics:
+            if t.queue_of is not None and _takes(x, t.name):
+                found.reads |= {("topic", t.index), ("stamp", t.index)}
+                found.writes |= {("topic", t.index), ("stamp", t.index)}
+        for p, predicate in zip(self.system.properties, self.core.properties, strict=True):
+            if p.component == x.index:
+                self._predicate(predicate, found)
+
+    def _predicate(self, predicate: core.Predicate, found: Effects) -> None:
+        self._read(predicate.footprint, found)
+        found.timed |= _reads_time((*predicate.body, predicate.value))
+
+    def _read(self, footprint: core.Footprint, found: Effects) -> None:
+        found.reads |= {_resource(c) for c in footprint.reads}
+        found.reads |= {("mode", m) for m in footprint.modes}
+        found.reads |= {("stamp", t) for t in footprint.stamps}
+
+    def _decision(self, module: int, found: Effects) -> None:
+        """A DM reads its topics and may change mode, OE of both controllers, and the gate."""
+        decision, m = self.core.decisions[module], self.system.modules[module]
+        found.keeps = True
+        self._predicate(decision.ttf, found)
+        self._predicate(decision.safer, found)
+        found.reads |= {("topic", t) for t in m.inputs}
+        found.reads |= {("stamp", t) for t in m.inputs if self._max_age(t) is not None}
+        for kind in ("mode", "gate"):
+            found.reads.add((kind, module))
+            found.writes.add((kind, module))
+
+    def _max_age(self, topic: int) -> int | None:
+        return self.system.topics[topic].max_age_ns
+
+    # ------------------------------------------------------------ properties
+
+    def read_by(self, index: int) -> set[Label]:
+        """What a system property reads; of a contract nothing: it is part of its node's step."""
+        if is_contract(self.system.properties[index]):
+            return set()
+        found = Effects()
+        self._predicate(self.core.properties[index], found)
+        return found.reads | ({TIME} if found.timed else set())
+
+    def read_by_timed(self, index: int) -> set[Label]:
+        """What a timed property reads; of an invariant also what moves it on."""
+        assert self.system.test is not None
+        found = Effects()
+        timed = self.core.timed[index]
+        for predicate in (timed.premise, timed.condition):
+            if predicate is not None:
+                self._predicate(predicate, found)
+        if found.timed:
+            found.reads.add(TIME)
+        module = self.system.test.timed[index].module
+        if module is not None:
+            found.reads |= {("mode", module), ("gate", module)}
+            for topic in self.outputs(self.system.modules[module].sc, None):
+                found.reads.add(("stamp", topic))
+        return found.reads
+
+    def seen_by_properties(self) -> set[Label]:
+        """What any property of configurations reads."""
+        assert self.system.test is not None
+        found: set[Label] = set()
+        for p in range(len(self.system.properties)):
+            found |= self.read_by(p)
+        for t in range(len(self.system.test.timed)):
+            found |= self.read_by_timed(t)
+        return found
+
+    # ------------------------------------------------------------ time
+
+    def time_matters(self) -> bool:
+        """Whether anything that a test can see depends on when a step happens."""
+        assert self.system.test is not None
+        return (
+            any(f.fact in {"time", "age"} for f in self.facts)
+            or any(self._max_age(t) is not None for m in self.system.modules for t in m.inputs)
+            or bool(self.system.test.timed)
+        )
+
+    def limited(self) -> set[int]:
+        """Module inputs whose age decides a switch, by their `max_age`."""
+        inputs = {t for m in self.system.modules if m.forced is None for t in m.inputs}
+        return {t for t in inputs if self._max_age(t) is not None}
+
+
+def _texts(lowered: core.CoreSystem) -> Iterator[object]:
+    """All Core that runs, functions aside, which are pure."""
+    yield from (_body(step) for step in lowered.nodes.values())
+    yield from (_body(step) for step in lowered.plants.values())
+    predicates = list(lowered.properties)
+    for d in lowered.decisions:
+        predicates += [d.ttf, d.safer]
+    for t in lowered.timed:
+        predicates += [t.condition] if t.premise is None else [t.premise, t.condition]
+    for p in predicates:
+        yield (*p.body, p.value)
+
+
+def _body(step: core.NodeStep | core.PlantStep) -> tuple[core.Stmt, ...]:
+    if isinstance(step, core.NodeStep):
+        return (*step.takeover, *step.body)
+    return (*step.integrate, *step.publish)
+
+
+def _reads_time(root: object) -> bool:
+    return any(isinstance(n, core.Fact) and n.fact in {"time", "age"} for n in walk(root))
+
+
+def _resource(cell: core.Cell) -> Label:
+    return ("topic", cell.owner) if cell.kind == "topic" else ("cell", cell.owner, cell.name)
+
+
+def _takes(x: Component, queue: str) -> bool:
+    """Whether a queue is one of the component's; `a.b` may be taken for one of `a`'s."""
+    return queue.startswith(f"{x.name}.")
+
+
+def is_contract(p: Property) -> bool:
+    """Whether a property is judged as a node steps."""
+    return p.component is not None
+
+
+# ---------------------------------------------------------------- faults
+
+
+def _may_fault(system: System, lowered: core.CoreSystem, index: int) -> bool:
+    """Whether a step of the component can be a step fault."""
+    x = system.components[index]
+    step = lowered.nodes.get(index) or lowered.plants.get(index)
+    if step is None:
+        return False
+    if x.extern or any(t.policy == "fault" and _takes(x, t.name) for t in system.topics):
+        return True
+    faulty = {f.name for f in lowered.functions if f.can_fault}
+    return _has_faults(_body(step), faulty) or any(
+        isinstance(leaf, FloatType) or (isinstance(leaf, IntType) and bound is not None)
+        for o in step.outputs
+        for (_, leaf), bound in zip(leaves(o.type), o.bounds, strict=True)
+    )
+
+
+def _has_faults(bodies: tuple[core.Stmt, ...], faulty: set[str]) -> bool:
+    return any(
+        isinstance(n, (core.Checked, core.Guard, core.Push))
+        or (isinstance(n, core.Call) and n.function in faulty)
+        for n in walk(bodies)
+    )
+
+
+# ---------------------------------------------------------------- continua
+
+
+def is_sampled(system: System, lowered: core.CoreSystem) -> bool:
+    """Whether some choice stands for a continuum, or is left to chance."""
+    return (
+        any(_samples_input(system, d) for d in system.inputs)
+        or any(_samples_draws(step) for step in lowered.plants.values())
+        or any(_is_wide(i) for x in system.components for i in x.initial_range)
+    )
+
+
+def _is_wide(interval: tuple[float, float] | None) -> bool:
+    return interval is not None and interval[0] < interval[1]
+
+
+def _samples_input(system: System, drive: InputDrive) -> bool:
+    topic = system.topics[drive.topic]
+    if drive.values:
+        return False
+    return any(
+        isinstance(leaf, FloatType) and (bound is None or bound.low < bound.high)
+        for (_, leaf), bound in zip(leaves(topic.type), topic.bounds, strict=True)
+    )
+
+
+def _samples_draws(step: core.PlantStep) -> bool:
+    """Disturbances that the step uses, and measurement errors."""
+    used = {n.name for n in walk((*step.integrate, *step.publish)) if isinstance(n, core.Var)}
+    draws = [d for name, _, some in step.disturbances if name in used for d in some]
+    draws += [d for _, _, d in step.noise]
+    return any(d.low < d.high for d in draws)

@@ -1,0 +1,92 @@
+"""Parts of a tested system that share nothing: each is explored alone.
+
+Purpose: actors that depend on each other, directly or through what one property reads, are one
+part. An execution of the system is one of every part, interleaved, and a property sees one
+part only: the system violates it iff that part does (docs/testing.md, "Parts"). All parts share one
+thing: time. Where a property has a deadline or reads the time there is one part only.
+Non-goals: dependence itself (`actors.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.explore.model.actors import TIME, Footprints
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.explore.model.plan import Label, Plan
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import System
+
+WIDTH = 64
+"""Actors, properties and timed properties that a mask can name."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """Bit masks: who moves, and which properties and timed properties are judged."""
+
+    actors: int
+    properties: int
+    timeds: int
+
+
+def parts_of(system: System, lowered: CoreSystem, plan: Plan) -> tuple[Part, ...]:
+    """The parts, in the order of their first actors; a single one where masks are too narrow."""
+    assert system.test is not None
+    footprints = Footprints(system, lowered)
+    if system.test.timed or TIME in footprints.seen_by_properties():
+        return (Part(0, 0, 0),)
+    times = [t for a in plan.actors for t in (a.period_ns, a.phase_ns)]
+    if plan.timely and any(t % plan.quantum_ns for t in times):
+        return (Part(0, 0, 0),)  # a step may happen when another part's did, off the grid
+    properties = [footprints.read_by(p) for p in range(len(system.properties))]
+    if max(len(plan.actors), len(properties)) > WIDTH:
+        return (Part(0, 0, 0),)
+    groups = _Groups(len(plan.actors))
+    for i, actor in enumerate(plan.actors):
+        groups.join([i, *(j for j in range(len(plan.actors)) if actor.dependent >> j & 1)])
+    movers = [_movers(plan, reads) for reads in properties]
+    for some in movers:
+        groups.join(some)
+    homes = [groups.of(some[0]) if some else groups.of(0) for some in movers]
+    roots = dict.fromkeys(groups.of(i) for i in range(len(plan.actors)))
+    return tuple(
+        Part(
+            _mask(i for i in range(len(plan.actors)) if groups.of(i) == root),
+            _mask(p for p in range(len(properties)) if homes[p] == root),
+            0,
+        )
+        for root in roots
+    )
+
+
+def _movers(plan: Plan, reads: set[Label]) -> list[int]:
+    """Actors whose steps may change what is read."""
+    return [i for i, actor in enumerate(plan.actors) if actor.writes & reads]
+
+
+def _mask(bits: Iterable[int]) -> int:
+    return sum(1 << b for b in bits)
+
+
+class _Groups:
+    """Sets that are joined; a set is known by its least member."""
+
+    def __init__(self, count: int) -> None:
+        self._root = list(range(count))
+
+    def of(self, i: int) -> int:
+        """The least member of the set of i."""
+        while self._root[i] != i:
+            i = self._root[i]
+        return i
+
+    def join(self, members: list[int]) -> None:
+        """Make one set of the sets of all members."""
+        roots = sorted({self.of(i) for i in members})
+        for r in roots[1:]:
+            self._root[r] = roots[0]

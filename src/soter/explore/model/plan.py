@@ -1,0 +1,62 @@
+"""The plan of exploring a tested system: its actors, and what of a configuration can matter.
+
+Purpose: plain data between who plans (`explore/model/actors.py`) and who generates the model
+(`explore/model/model.py`).
+Non-goals: computing it, C.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    Label = tuple[str, int] | tuple[str, int, str]
+    """A piece of a configuration: kind, index, name; see `explore/model/actors.py`."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Actor:
+    """A component or an input of a tested system; docs/testing.md. Times in ns.
+
+    Exactly one of `component` and `input` is set. `dependent`: bit i is set iff steps of actor i
+    may not commute with its own; `outputs`: topics, in the order of the step's outputs. `reads`
+    and `writes` are resources (`explore/model/actors.py`), here what a step's result depends on and
+    what it may change.
+    """
+
+    name: str
+    component: int | None
+    input: int | None
+    period_ns: int
+    phase_ns: int
+    window_ns: int
+    overrun_ns: int
+    skips: int
+    dependent: int
+    visible: bool
+    outputs: tuple[int, ...]
+    reads: frozenset[Label]
+    writes: frozenset[Label]
+
+
+@dataclass(frozen=True, kw_only=True)
+class Plan:
+    """What is explored, and what of a configuration can matter.
+
+    `read`: topics that anything reads; `aged`: topics whose age is read; `limited`: module inputs
+    whose `max_age` decides; `may_fault`: components whose step may fault.
+    """
+
+    actors: tuple[Actor, ...]
+    timely: bool
+    sampled: bool
+    tick_ns: int
+    quantum_ns: int
+    horizon_ns: int
+    read: frozenset[int]
+    aged: frozenset[int]
+    limited: frozenset[int]
+    may_fault: frozenset[int]
+    observed: frozenset[Label]
+    """What properties of configurations read."""

@@ -1,0 +1,1 @@
+"""Traces as data, as choices and as files."""

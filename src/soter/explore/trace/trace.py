@@ -1,0 +1,343 @@
+"""A trace: one execution of a test as the steps and choices that make it, and its file.
+
+Purpose: plain data for the steps of docs/testing.md, written as JSON (docs/json.md) and read
+back with every field looked at: a file may be damaged, or made by somebody who means harm.
+Non-goals: whether the steps are allowed and what they lead to (`reach/attack/counterexample.py`).
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.program.load.data import parse_json
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+SCHEMA = 1
+KIND = "soter trace"
+
+STEP, LOST, BEGIN, EFFECT, START = "step", "lost", "begin", "effect", "start"
+STEP_KINDS = (STEP, LOST, BEGIN, EFFECT, START)
+"""In the order of the numbers in `soter_explore.h`: a step; a lost release; an overrunning step
+that begins; its publications take effect; the start of the world."""
+
+PROPERTY, CONTRACT, FAULT, TIMED = "property", "contract", "fault", "timed"
+BROKEN_KINDS = (PROPERTY, CONTRACT, FAULT, TIMED)
+"""In the order of the numbers in `soter_explore.h`: what `index` of a violation counts."""
+
+TIME_MAX = 2**62
+COUNT_MAX = 2**32
+BYTES_MAX = 64 * 2**20
+"""A file that is larger is not read: a trace of a million steps takes about that."""
+
+
+@dataclass(frozen=True)
+class Choice:
+    """One question that a step left open: alternative `pick` of `of`; `value` is for people."""
+
+    stream: str
+    pick: int
+    of: int
+    value: object = None
+
+
+@dataclass(frozen=True)
+class Step:
+    """One step: `actor` is a component's full name, `input.<topic>`, or "" for the start. ns."""
+
+    actor: str
+    kind: str
+    release_ns: int
+    time_ns: int
+    choices: tuple[Choice, ...] = ()
+
+
+@dataclass(frozen=True)
+class Broken:
+    """What is violated: `what` is one of BROKEN_KINDS, `index` counts in the flat system."""
+
+    what: str
+    index: int
+    text: str
+
+
+@dataclass(frozen=True)
+class Trace:
+    """An execution that violates a property, and the test that it is an execution of.
+
+    `program`: path as given; in the file it is relative to the file. `params`: what was set from
+    outside, as JSON. `seed`: of what stays drawn by chance. Times in ns.
+    """
+
+    program: str
+    sha256: str
+    system: str
+    test: str
+    params: Mapping[str, object]
+    seed: int
+    skew_ns: int
+    horizon_ns: int
+    broken: Broken
+    steps: tuple[Step, ...]
+    minimal: bool
+    not_shortest: str = ""
+    """Why it may not be the shortest one, for people; empty where it is, or nobody knows."""
+    assumptions: tuple[str, ...] = ()
+    """What the verdict rests on; for people."""
+    path: Path | None = field(default=None, compare=False)
+    """The file that it was read from."""
+
+
+class DamagedError(Exception):
+    """A document that is no trace; the message says what is wrong with it."""
+
+
+# ---------------------------------------------------------------- writing
+
+
+def to_document(trace: Trace, folder: Path | None = None) -> dict[str, object]:
+    """The JSON document; with `folder` the program's path is relative to it."""
+    return {
+        "schema": SCHEMA,
+        "kind": KIND,
+        "program": _relative(trace.program, folder),
+        "sha256": trace.sha256,
+        "system": trace.system,
+        "test": trace.test,
+        "params": dict(trace.params),
+        "seed": trace.seed,
+        "skew_ns": trace.skew_ns,
+        "horizon_ns": trace.horizon_ns,
+        "property": {
+            "what": trace.broken.what,
+            "index": trace.broken.index,
+            "text": trace.broken.text,
+        },
+        "minimal": trace.minimal,
+        "not_shortest": trace.not_shortest,
+        "assumptions": list(trace.assumptions),
+        "steps": [_step_document(s) for s in trace.steps],
+    }
+
+
+def _step_document(s: Step) -> dict[str, object]:
+    choices = [
+        {"stream": c.stream, "pick": c.pick, "of": c.of, "value": c.value} for c in s.choices
+    ]
+    return {
+        "actor": s.actor,
+        "kind": s.kind,
+        "release_ns": s.release_ns,
+        "time_ns": s.time_ns,
+        "choices": choices,
+    }
+
+
+def _relative(program: str, folder: Path | None) -> str:
+    if folder is None:
+        return program
+    try:
+        return Path(os.path.relpath(program, folder)).as_posix()
+    except ValueError:  # another drive
+        return program
+
+
+def write_trace(trace: Trace, path: Path) -> Path:
+    """Write it; `SoterError` D006. One line a step, so that a person can read and compare."""
+    document = to_document(trace, path.parent)
+    steps = document.pop("steps")
+    assert isinstance(steps, list)
+    head = json.dumps(document, indent=1, allow_nan=False, ensure_ascii=False)
+    lines = ",\n  ".join(json.dumps(s, allow_nan=False, ensure_ascii=False) for s in steps)
+    text = f'{head[:-2]},\n "steps": [\n  {lines}\n ]\n}}\n'
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text(text, encoding="utf-8")
+    except OSError as error:
+        message = f"cannot write `{path}`: {(error.strerror or str(error)).lower()}"
+        raise SoterError((Diagnostic("D006", message),)) from error
+    return path
+
+
+# ---------------------------------------------------------------- reading
+
+
+def read_document(path: Path) -> dict[str, Any]:
+    """The JSON object in a file; `SoterError` D010 where it holds none."""
+    try:
+        document = parse_json(_bytes(path))
+    except OSError as error:
+        raise no_trace(path, (error.strerror or str(error)).lower()) from error
+    except DamagedError as error:
+        raise no_trace(path, str(error)) from error
+    except RecursionError:
+        raise no_trace(path, "it is nested too deeply") from None
+    except ValueError as error:
+        raise no_trace(path, f"it is no JSON ({_first_line(error)})") from error
+    if not isinstance(document, dict):
+        raise no_trace(path, "it is no JSON object")
+    return document
+
+
+def _bytes(path: Path) -> bytes:
+    if path.exists() and not path.is_file():
+        raise DamagedError("it is no file")
+    with path.open("rb") as stream:
+        raw = stream.read(BYTES_MAX + 1)
+    if len(raw) > BYTES_MAX:
+        raise DamagedError(f"it is larger than {BYTES_MAX // 2**20} MB")
+    return raw
+
+
+def read_trace(path: Path) -> Trace:
+    """The trace in a file; `SoterError` D010 where it holds none."""
+    return trace_of(read_document(path), path)
+
+
+def trace_of(document: Mapping[str, Any], path: Path) -> Trace:
+    """The trace that a document read from `path` stands for; `SoterError` D010."""
+    try:
+        return _trace(_Reader(document, ""), path)
+    except DamagedError as error:
+        raise no_trace(path, str(error)) from error
+
+
+def no_trace(path: Path, reason: str) -> SoterError:
+    """D010: what was given is no trace."""
+    hint = "`soter test` writes one for every violation, `.soter/<program>-<test>.trace.json`"
+    problem = Diagnostic("D010", f"`{path}` is no trace: {reason}", helps=(hint,))
+    return SoterError((problem,))
+
+
+def _first_line(error: Exception) -> str:
+    return str(error).split("\n", 1)[0][:100]
+
+
+class _Reader:
+    """Fields of a JSON object, each with the type it has to have."""
+
+    def __init__(self, given: object, where: str) -> None:
+        if not isinstance(given, dict):
+            raise DamagedError(f"{where or 'the document'} is no object")
+        self._given = given
+        self._where = where
+
+    def _field(self, name: str, wanted: type, noun: str) -> Any:  # noqa: ANN401 - any JSON
+        if name not in self._given:
+            raise DamagedError(f"{self._name(name)} is missing")
+        value = self._given[name]
+        if not isinstance(value, wanted) or (wanted is int and isinstance(value, bool)):
+            raise DamagedError(f"{self._name(name)} is no {noun}")
+        return value
+
+    def _name(self, name: str) -> str:
+        return f"`{self._where}.{name}`" if self._where else f"`{name}`"
+
+    def text(self, name: str) -> str:
+        found: str = self._field(name, str, "text")
+        return found
+
+    def text_or_none(self, name: str) -> str:
+        """A text that may be missing."""
+        return self.text(name) if name in self._given else ""
+
+    def texts(self, name: str) -> tuple[str, ...]:
+        """A list of texts that may be missing."""
+        found = self._field(name, list, "list") if name in self._given else []
+        if not all(isinstance(text, str) for text in found):
+            raise DamagedError(f"{self._name(name)} is no list of texts")
+        return tuple(found)
+
+    def one_of(self, name: str, allowed: Iterable[str]) -> str:
+        found = self.text(name)
+        if found not in allowed:
+            raise DamagedError(f"{self._name(name)} is none of {', '.join(allowed)}")
+        return found
+
+    def number(self, name: str, low: int, high: int) -> int:
+        found: int = self._field(name, int, "whole number")
+        if not low <= found <= high:
+            raise DamagedError(f"{self._name(name)} is out of range")
+        return found
+
+    def truth(self, name: str) -> bool:
+        found: bool = self._field(name, bool, "bool")
+        return found
+
+    def part(self, name: str) -> _Reader:
+        return _Reader(self._field(name, dict, "object"), self._path(name))
+
+    def mapping(self, name: str) -> dict[str, object]:
+        found: dict[str, object] = self._field(name, dict, "object")
+        return found
+
+    def objects(self, name: str) -> list[_Reader]:
+        found = self._field(name, list, "list")
+        return [_Reader(item, f"{self._path(name)}[{i}]") for i, item in enumerate(found)]
+
+    def anything(self, name: str) -> object:
+        return self._given.get(name)
+
+    def _path(self, name: str) -> str:
+        return f"{self._where}.{name}" if self._where else name
+
+
+def _trace(d: _Reader, path: Path) -> Trace:
+    if d.anything("kind") != KIND:
+        raise DamagedError(f'`kind` is not "{KIND}"')
+    if d.anything("schema") != SCHEMA:
+        raise DamagedError(f"`schema` is not {SCHEMA}: another version of soter made it")
+    broken = d.part("property")
+    return Trace(
+        program=d.text("program"),
+        sha256=d.text("sha256"),
+        system=d.text("system"),
+        test=d.text("test"),
+        params=d.mapping("params"),
+        seed=d.number("seed", 0, 2**64 - 1),
+        skew_ns=d.number("skew_ns", 0, TIME_MAX),
+        horizon_ns=d.number("horizon_ns", 1, TIME_MAX),
+        broken=Broken(
+            broken.one_of("what", BROKEN_KINDS),
+            broken.number("index", 0, COUNT_MAX),
+            broken.text("text"),
+        ),
+        steps=tuple([_step(s) for s in d.objects("steps")]),
+        minimal=d.truth("minimal"),
+        not_shortest=d.text_or_none("not_shortest"),
+        assumptions=d.texts("assumptions"),
+        path=path,
+    )
+
+
+def _step(d: _Reader) -> Step:
+    return Step(
+        actor=d.text("actor"),
+        kind=d.one_of("kind", STEP_KINDS),
+        release_ns=d.number("release_ns", -1, TIME_MAX),
+        time_ns=d.number("time_ns", -1, TIME_MAX),
+        choices=tuple([_choice(c) for c in d.objects("choices")]),
+    )
+
+
+def _choice(d: _Reader) -> Choice:
+    of = d.number("of", 1, COUNT_MAX)
+    pick = d.number("pick", 0, COUNT_MAX)
+    if pick >= of:
+        raise DamagedError(f"a pick is {pick} of {of} alternatives: they count from 0")
+    return Choice(d.text("stream"), pick, of, d.anything("value"))
+
+
+def program_path(trace: Trace) -> str:
+    """Where its program lies: relative to the file it was read from, or as it was given."""
+    if trace.path is not None:
+        beside = Path(os.path.normpath(trace.path.parent / trace.program))
+        if beside.is_file() or not Path(trace.program).is_file():
+            return str(beside)
+    return trace.program

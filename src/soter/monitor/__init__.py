@@ -1,0 +1,1 @@
+"""Whether what a robot did is what its proof assumes."""

@@ -1,0 +1,44 @@
+"""The model monitor of a module, written into a file.
+
+Purpose: from the problem of a module to the source of its monitor, beside the program it imports.
+Non-goals: the text of the node (`node.py`).
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.monitor.membership import topic_names
+from soter.monitor.node import monitor_source
+from soter.reach.problem.extract import extract
+from soter.report.whole_file import reason
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.program.model.system import Module, System
+
+
+def write_monitor(
+    system: System, module: Module, program: str, target: Path, alarm: str | None
+) -> Path:
+    """Write the monitor as a trusted node that imports `program`; gives back `target`.
+
+    `SoterError` U001 where there is no such monitor, R... where the program does not determine the
+    problem, D006 where the file cannot be written.
+    """
+    problem = extract(system, module)
+    names = {
+        i: n if "." in n else f"watched.{n}"
+        for i, n in topic_names(system, module, problem).items()
+    }
+    imported = os.path.relpath(program, target.parent or ".")
+    text = monitor_source(problem, imported, names, None if alarm is None else f"watched.{alarm}")
+    try:
+        target.write_text(text, encoding="utf-8")
+    except OSError as error:
+        message = f"cannot write `{target}`: {reason(error)}"
+        raise SoterError((Diagnostic("D006", message),)) from error
+    return target

@@ -1,0 +1,278 @@
+"""Verification plants as matrices, read off by evaluating them.
+
+Purpose: x' (flows) or the next x (maps) = A x + B u + c + W d, the driven topics y = M x + m, for
+one combination of parameter values; for monitoring.
+Non-goals: proofs: entries are binary64 as the interpreter computes them, nothing rounds outward
+(`reach/grid/model.py` does that from enclosures).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.program.meaning.environment import Environment
+from soter.program.meaning.statements import Evaluator, replaced
+from soter.program.model.types import FloatType, RecordType, leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.program.model.types import Type, Value
+    from soter.reach.problem.problem import Problem
+    from soter.reach.problem.quantities import Leaf
+
+    Floats = NDArray[np.float64]
+
+PROBES = 4
+AFFINE = 1e-9
+"""Relative error that rounding may leave on an affine plant."""
+QUADRATURE = 64
+
+
+@dataclass(frozen=True, kw_only=True)
+class LinearModel:
+    """`kind` "flow": rates; "map": the next state. `d_max` (m): the largest |d|."""
+
+    kind: str
+    a: Floats
+    b: Floats
+    c: Floats
+    w: Floats
+    d_mid: Floats
+    d_max: Floats
+    drives: Floats
+    offset: Floats
+
+
+@dataclass(frozen=True)
+class Step:
+    """x(h) = phi x + gamma u + c, up to +-reach in each state."""
+
+    phi: Floats
+    gamma: Floats
+    c: Floats
+    reach: Floats
+
+
+# ---------------------------------------------------------------- evaluating
+
+
+class Plants:
+    """The verification plants of a problem as functions of vectors."""
+
+    def __init__(self, problem: Problem) -> None:
+        self.problem = problem
+        q = problem.quantities
+        self.states, self.controls = q.states, q.controls
+        self.disturbances, self.parameters = q.disturbances, q.parameters
+        self.plants = [x for x in problem.system.components if x.plant is not None]
+        self.evaluators = {x.index: Evaluator.of(x.scope) for x in self.plants}
+        self.driven = driven_leaves(problem)
+
+    def _environment(
+        self, x: Floats, u: Floats, d: Floats, parameter: Sequence[int]
+    ) -> dict[int, Any]:
+        """Component -> environment, with all topics at their defaults but the controls."""
+        system = self.problem.system
+        topics = [t.default for t in system.topics]
+        for leaf, value in zip(self.controls, u, strict=True):
+            t = system.topics[leaf.owner].type
+            topics[leaf.owner] = with_leaf(t, topics[leaf.owner], leaf.path, float(value))
+        found = {}
+        for c in self.plants:
+            assert c.plant is not None
+            env = Environment(topics=topics)
+            for variable, initial in zip(c.plant.states, c.initial, strict=True):
+                env.variables[variable] = initial
+            for dist in c.disturbances:
+                env.variables[dist.variable] = zero_of(dist.variable.type)
+            self._fill(c.index, env, self.states, [float(v) for v in x])
+            self._fill(c.index, env, self.parameters, list(parameter))
+            self._fill(c.index, env, self.disturbances, [float(v) for v in d])
+            for variable, e in c.plant.lets:
+                env.variables[variable] = self.evaluators[c.index].expression(e)(env)
+            found[c.index] = env
+        return found
+
+    def _fill(
+        self, owner: int, env: Environment, leaves_: Sequence[Leaf], values: list[Any]
+    ) -> None:
+        known = {v.name: v for v in env.variables}
+        for leaf, value in zip(leaves_, values, strict=True):
+            if leaf.owner == owner:
+                v = known[leaf.member]
+                env.variables[v] = with_leaf(v.type, env.variables[v], leaf.path, value)
+
+    def rates(self, x: Floats, u: Floats, d: Floats, parameter: Sequence[int]) -> Floats:
+        """Derivatives, or next states, of every state, (states,).
+
+        `x` (states,), `u` (controls,), `d` (disturbances,).
+        """
+        envs = self._environment(x, u, d, parameter)
+        out = []
+        for leaf in self.states:
+            c = self.problem.system.components[leaf.owner]
+            assert c.plant is not None
+            v = next(v for v in c.plant.states if v.name == leaf.member)
+            e = c.plant.der.get(v) or c.plant.next.get(v)
+            if e is None:
+                out.append(0.0)
+                continue
+            value = self.evaluators[leaf.owner].expression(e)(envs[leaf.owner])
+            out.append(leaf_of(v.type, value, leaf.path))
+        return np.array(out, dtype=np.float64)
+
+    def discrete(self, topic: int, path: Sequence[str], parameter: Sequence[int]) -> int:
+        """A discrete leaf of a driven topic, at the origin."""
+        t = self.problem.system.topics[topic].type
+        return int(leaf_of(t, self._driven(np.zeros(len(self.states)), parameter)[topic], path))
+
+    def outputs(self, x: Floats, parameter: Sequence[int]) -> Floats:
+        """The driven float leaves (`driven_leaves`) at `x` (states,): (leaves,)."""
+        values = self._driven(x, parameter)
+        topics = self.problem.system.topics
+        found = [leaf_of(topics[t].type, values[t], path) for t, path in self.driven]
+        return np.array(found, dtype=np.float64)
+
+    def _driven(self, x: Floats, parameter: Sequence[int]) -> dict[int, Value]:
+        zero = [np.zeros(len(p)) for p in (self.controls, self.disturbances)]
+        envs = self._environment(x, zero[0], zero[1], parameter)
+        values: dict[int, Value] = {}
+        for c in self.plants:
+            assert c.plant is not None
+            for topic, e in c.plant.drives:
+                index = c.scope.topics[topic]
+                values[index] = self.evaluators[c.index].expression(e)(envs[c.index])
+        return values
+
+
+def driven_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
+    """(topic, path) of every float leaf that verification plants drive."""
+    found = []
+    for c in problem.system.components:
+        if c.plant is not None:
+            for topic, _ in c.plant.drives:
+                index = c.scope.topics[topic]
+                for path, t in leaves(topic.type):
+                    if isinstance(t, FloatType) and "[]" not in path:
+                        found.append((index, path))
+    return found
+
+
+def _positions(t: Type, path: Sequence[str]) -> list[int]:
+    found = []
+    for name in path:
+        assert isinstance(t, RecordType)
+        at = t.index(name)
+        assert at is not None
+        found.append(at)
+        t = t.fields[at][1]
+    return found
+
+
+def leaf_of(t: Type, value: Value, path: Sequence[str]) -> float:
+    """One number of a value."""
+    for i in _positions(t, path):
+        value = value[i]
+    return float(value)
+
+
+def with_leaf(t: Type, value: Value, path: Sequence[str], new: Value) -> Value:
+    """The value with one leaf changed."""
+    at = _positions(t, path)
+    return replaced(value, at, new) if at else new
+
+
+def zero_of(t: Type) -> Value:
+    """A value of floats, all zero."""
+    if isinstance(t, RecordType):
+        return tuple(zero_of(f) for _, f in t.fields)
+    return 0.0
+
+
+# ---------------------------------------------------------------- matrices
+
+
+def linear_model(problem: Problem, parameter: Sequence[int]) -> LinearModel:
+    """The matrices; SoterError U001 where a plant is not affine."""
+    plants = Plants(problem)
+    n, m, k = (len(p) for p in (plants.states, plants.controls, plants.disturbances))
+    zero = np.zeros(n + m + k)
+
+    def rates(z: Floats) -> Floats:
+        return plants.rates(z[:n], z[n : n + m], z[n + m :], parameter)
+
+    def outputs(z: Floats) -> Floats:
+        return plants.outputs(z[:n], parameter)
+
+    parts = []
+    for f, size in ((rates, n + m + k), (outputs, n)):
+        base = f(zero)
+        columns = [f(np.eye(n + m + k)[i]) - base for i in range(size)]
+        jacobian = np.array(columns).T.reshape(len(base), size)
+        for z in np.random.default_rng(0).uniform(-1, 1, (PROBES, n + m + k)):
+            told, wanted = f(z), base + jacobian @ z[:size]
+            scale = np.abs(jacobian).sum(axis=1) + np.abs(base) + 1e-300
+            if not np.all(np.abs(told - wanted) <= AFFINE * scale):
+                raise not_affine(problem)
+        parts.append((jacobian, base))
+    (full, c), (drives, offset) = parts
+    ranges = problem.disturbances
+    mid = np.array([r.low / 2 + r.high / 2 for r in ranges])
+    half = np.array([r.high / 2 - r.low / 2 for r in ranges])
+    return LinearModel(
+        kind=problem.kind,
+        a=full[:, :n],
+        b=full[:, n : n + m],
+        c=c,
+        w=full[:, n + m :],
+        d_mid=mid,
+        d_max=half,
+        drives=drives,
+        offset=offset,
+    )
+
+
+def not_affine(problem: Problem) -> SoterError:
+    """What is said about plants that are not monitored."""
+    message = f"the plants of module `{problem.name}` are not affine"
+    notes = ("the monitor follows x' = A x + B u + c + W d, and maps of that form",)
+    return SoterError((Diagnostic("U001", message, notes=notes),))
+
+
+def exponential(a: Floats) -> Floats:
+    """e^a, by scaling and squaring; (n, n) -> (n, n)."""
+    size = float(np.abs(a).sum(axis=1).max(initial=0.0))
+    doublings = max(0, int(np.ceil(np.log2(size))) + 4) if size > 0 else 0
+    b = a / 2.0**doublings
+    found = term = np.eye(len(a))
+    for i in range(1, 14):
+        term = term @ b / i
+        found = found + term
+    for _ in range(doublings):
+        found = found @ found
+    return found
+
+
+def step_of(model: LinearModel, h: float) -> Step:
+    """One step of h seconds (flows) with u held, d any measurable function; or of a map."""
+    n, m = len(model.a), model.b.shape[1]
+    c = model.c + model.w @ model.d_mid
+    if model.kind == "map":
+        return Step(model.a, model.b, c, np.abs(model.w) @ model.d_max)
+    full = np.zeros((n + m + 1, n + m + 1))
+    full[:n, :n], full[:n, n : n + m], full[:n, n + m] = model.a, model.b, c
+    e = exponential(full * h)
+    reach = np.zeros(n)
+    piece = exponential(model.a * (h / QUADRATURE))
+    at = exponential(model.a * (h / QUADRATURE / 2))
+    for _ in range(QUADRATURE):  # midpoints
+        reach += np.abs(at @ model.w) @ model.d_max * (h / QUADRATURE)
+        at = at @ piece
+    return Step(e[:n, :n], e[:n, n : n + m], e[:n, n + m], reach)

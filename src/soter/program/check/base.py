@@ -1,0 +1,194 @@
+"""What all parts of the expression checker share.
+
+Purpose: errors as expressions, conversions made explicit, int literals read as floats.
+Non-goals: any particular kind of expression.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from itertools import chain
+from typing import TYPE_CHECKING
+
+from soter.program.model import typed
+from soter.program.model.types import (
+    ERROR,
+    FLOAT,
+    INT,
+    ArrayType,
+    DurationType,
+    ErrorType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    from soter.diagnostics.span import Span
+    from soter.program.check.context import Context
+    from soter.program.check.shared import Because, Shared
+    from soter.program.model.types import Type
+    from soter.syntax import tree
+
+
+def error_expr(span: Span) -> typed.Expr:
+    """An expression that was already reported."""
+    return typed.Literal(ERROR, span, None)
+
+
+def is_error(*exprs: typed.Expr) -> bool:
+    """Whether any of them was already reported."""
+    return any(isinstance(e.type, ErrorType) for e in exprs)
+
+
+def sound(expr: typed.Expr | None) -> typed.Expr | None:
+    """The expression, None where it was already reported."""
+    return None if expr is None or is_error(expr) else expr
+
+
+def a_type(t: Type) -> str:
+    """A type with its article: a `float`, an `int`."""
+    return f"an `{t}`" if str(t).startswith(("int", "A", "E", "I", "O")) else f"a `{t}`"
+
+
+def plain(t: Type) -> Type:
+    """The type a fresh variable gets from a value: ranged ints become plain ints."""
+    return INT if isinstance(t, IntType) else t
+
+
+def float_literal(expr: typed.Expr) -> typed.Expr | None:
+    """An unnamed int literal (or + - * of such) read as a float, else None."""
+    if not isinstance(expr.type, IntType):
+        return None
+    if isinstance(expr, typed.Literal) and expr.name is None:
+        return typed.Literal(FLOAT, expr.span, float(expr.value))
+    if isinstance(expr, typed.Binary) and expr.op in {"+", "-", "*"}:
+        left, right = float_literal(expr.left), float_literal(expr.right)
+        if left is not None and right is not None:
+            return typed.Binary(FLOAT, expr.span, expr.op, left, right)
+    return None
+
+
+def unify_literals(left: typed.Expr, right: typed.Expr) -> tuple[typed.Expr, typed.Expr]:
+    """Read an int literal beside a float as a float."""
+    if isinstance(left.type, FloatType):
+        return left, float_literal(right) or right
+    if isinstance(right.type, FloatType):
+        return float_literal(left) or left, right
+    return left, right
+
+
+def difference(expected: Type, found: Type) -> str:
+    """In which part two types differ, where they are alike enough to say; else ""."""
+    if isinstance(expected, RecordType) and isinstance(found, RecordType):
+        have, want = dict(found.fields), dict(expected.fields)
+        for name, t in want.items():
+            if name not in have:
+                return f"`{expected}` has a field `{name}`, `{found}` has none"
+            if have[name] != t:
+                deeper = difference(t, have[name])
+                return deeper or f"the field `{name}` is `{have[name]}` instead of `{t}`"
+        extra = [n for n in have if n not in want]
+        if extra:
+            return f"`{expected}` has no field `{extra[0]}`"
+        return "the fields stand in another order"
+    for kind in (ArrayType, ListType):
+        if isinstance(expected, kind) and isinstance(found, kind):
+            return difference(expected.element, found.element)
+    return ""
+
+
+class ExprBase(ABC):
+    """Entry points of the expression checker and conversions."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+        self.names = shared.names
+
+    def unknown(
+        self, name: tree.Name, context: Context, more: Iterable[str] = (), *, dotted: bool = False
+    ) -> None:
+        """N001, unless what the name stands for may have been lost."""
+        if context.broken:
+            self.names.losses += 1
+            return
+        known = chain(context.local_names(), more, context.instances or ())
+        self.names.unknown(
+            context.scope, name.text, name.span, known, where=context.where, dotted=dotted
+        )
+
+    @abstractmethod
+    def dispatch(self, expr: tree.Expr, context: Context, expected: Type | None) -> typed.Expr:
+        """The typed expression, not yet converted; `expected` is a hint for literals."""
+
+    def check(
+        self,
+        expr: tree.Expr,
+        context: Context,
+        expected: Type | None = None,
+        because: Because | None = None,
+    ) -> typed.Expr:
+        """The typed expression; where `expected` is given it has that type (or ERROR).
+
+        `because` says where the expectation comes from.
+        """
+        result = self.dispatch(expr, context, expected)
+        if expected is None or is_error(result):
+            return result
+        return self.convert(result, expected, because)
+
+    def convert(
+        self, expr: typed.Expr, expected: Type, because: Because | None = None
+    ) -> typed.Expr:
+        """Fit an expression into a place of type `expected`, or report T001."""
+        if isinstance(expected, ErrorType) or is_error(expr) or expr.type == expected:
+            return expr
+        if isinstance(expected, IntType) and isinstance(expr.type, IntType):
+            return self._narrow(expr, expected, because)
+        if isinstance(expected, FloatType):
+            as_float = float_literal(expr)
+            if as_float is not None:
+                return as_float
+        why = difference(expected, expr.type)
+        self.diagnostics.error(
+            "T001",
+            f"expected `{expected}`, found `{expr.type}`",
+            expr.span,
+            f"this is `{expr.type}`",
+            also=(because,) if because else (),
+            notes=(why,) if why else (),
+            helps=_conversion(expected, expr.type),
+        )
+        return error_expr(expr.span)
+
+    def _narrow(self, expr: typed.Expr, expected: IntType, because: Because | None) -> typed.Expr:
+        if not isinstance(expr, typed.Literal):
+            return typed.Narrow(expected, expr.span, expr)
+        if expected.low <= expr.value <= expected.high:
+            return typed.Literal(expected, expr.span, expr.value, expr.name)
+        self.diagnostics.error(
+            "T015",
+            f"{expr.value} does not fit into `{expected}`",
+            expr.span,
+            f"{expected.low} to {expected.high} are allowed",
+            also=(because,) if because else (),
+        )
+        return error_expr(expr.span)
+
+
+def _conversion(expected: Type, found: Type) -> tuple[str, ...]:
+    if isinstance(expected, FloatType) and isinstance(found, IntType):
+        return ("convert it: `float(...)`",)
+    if isinstance(expected, IntType) and isinstance(found, FloatType):
+        return ("convert it: `int(...)` cuts off what is behind the point",)
+    if isinstance(expected, DurationType):
+        return ("write a time with its unit, such as `10ms`",)
+    if isinstance(expected, FloatType) and isinstance(found, DurationType):
+        return ("convert it: `seconds(...)`",)
+    if isinstance(expected, (ArrayType, ListType)) and expected.element == found:
+        return ("put it into brackets: `[...]`",)
+    return ()

@@ -1,0 +1,1 @@
+"""Nodes, modules, plants, systems, `verify` and `test` blocks."""

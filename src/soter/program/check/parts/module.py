@@ -1,0 +1,149 @@
+"""Check RTA modules: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
+
+Purpose: `rta` declarations -> `ModuleSymbol`; `verify.py` adds the `verify` block.
+Non-goals: P1a and P1b (`wellformed.py`), P2 and P3 (`reach/`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.program.check.base import sound
+from soter.program.check.context import Context
+from soter.program.check.parts.node import period_or_unknown
+from soter.program.check.parts.verify import VerifyChecker
+from soter.program.model import typed
+from soter.program.model.types import BOOL, DURATION, INT
+from soter.syntax import tree
+
+if TYPE_CHECKING:
+    from soter.program.check.scope import FileScope
+    from soter.program.check.shared import Shared
+
+
+class ModuleChecker:
+    """Checks modules of one program."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+        self.verification = VerifyChecker(shared)
+
+    def node_ref(self, ref: tree.Ref, scope: FileScope) -> typed.NodeSymbol | None:
+        """The node a reference means, or None after a report."""
+        entry = self.shared.names.find_ref(scope, ref, "node")
+        if entry is None:
+            return None
+        symbol = self.shared.resolve(entry, ref.span)
+        if entry.kind != "node":
+            self.diagnostics.error(
+                "N003",
+                f"`{ref.text}` is a {entry.kind}, not a node",
+                ref.span,
+                also=((entry.decl.name.span, "declared here"),),
+            )
+            return None
+        return symbol if isinstance(symbol, typed.NodeSymbol) else None
+
+    def signature(
+        self, decl: tree.RtaDecl, scope: FileScope, full: str
+    ) -> typed.ModuleSymbol | None:
+        """Controllers and period; None where one of them is missing."""
+        context = Context(scope, f"the declaration of module `{decl.name.text}`")
+        parts = {"ac": decl.ac, "sc": decl.sc, "period": decl.period, "safe": decl.safe}
+        missing = [word for word, part in parts.items() if part is None]
+        if missing and decl.name.text not in scope.broken:
+            examples = {
+                "ac": "ac Fast;",
+                "sc": "sc Careful;",
+                "period": "period 50ms;",
+                "safe": "safe motion.x < 10.0;",
+            }
+            self.diagnostics.error(
+                "M006",
+                f"module `{decl.name.text}` has no " + " and no ".join(f"`{m}`" for m in missing),
+                decl.name.span,
+                notes=("a module is an advanced and a safe controller, a period and a property",),
+                helps=("add " + ", ".join(f"`{examples[m]}`" for m in missing),),
+            )
+        number = self.shared.number
+        ac = self.node_ref(decl.ac, scope) if decl.ac else None
+        if isinstance(decl.sc, tree.Synthesized):
+            sc = self._synthesized(decl.sc, ac, context)
+        else:
+            sc = self.node_ref(decl.sc, scope) if decl.sc else None
+        period = number(decl.period, context, DURATION, "a period") if decl.period else None
+        clean = number(decl.clean, context, INT, "`clean`") if decl.clean else None
+        if decl.ac is None or decl.sc is None or decl.safe is None:
+            return None
+        if ac is None or sc is None or period is None:
+            return None
+        if ac in self.shared.damaged or sc in self.shared.damaged:
+            self.shared.names.losses += 1
+        module = typed.ModuleSymbol(
+            full,
+            decl.name.span,
+            ac=ac,
+            sc=sc,
+            period=period_or_unknown(period),
+            safe=typed.Literal(BOOL, decl.safe.span, True),
+            safer=None,
+            ttf=None,
+            clean=sound(clean),
+            verify=typed.VerifyBlock(),
+            ac_span=decl.ac.span,
+            sc_span=decl.sc.span,
+        )
+        self.shared.later(module, decl, scope)
+        return module
+
+    def _synthesized(
+        self, decl: tree.Synthesized, ac: typed.NodeSymbol | None, context: Context
+    ) -> typed.NodeSymbol | None:
+        """An extern node in place of the controller that `soter verify --synthesize` finds.
+
+        It publishes what AC does; what it reads is known with the `verify` block.
+        """
+        period = self.shared.number(decl.period, context, DURATION, "a period")
+        if ac is None or period is None:
+            return None
+        return typed.NodeSymbol(
+            typed.SYNTHESIZED,
+            decl.span,
+            period=period_or_unknown(period),
+            phase=None,
+            extern=True,
+            source=None,
+            subscribes=(),
+            publishes=ac.publishes,
+            failsafe={},
+            locals=(),
+            initial=(),
+            assumes=(),
+            guarantees=(),
+            takeover=None,
+            step=(),
+        )
+
+    def body(self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope) -> None:
+        """Predicates and the `verify` block."""
+        assert decl.safe is not None
+        check = self.shared.check_expr
+        where = f"module `{decl.name.text}`"
+        context = Context(scope, where, topics="any", has_modes=True)
+        module.safe = check(decl.safe, context, BOOL)
+        context.topics_read = {}
+        module.ttf = check(decl.ttf, context, BOOL) if decl.ttf else None
+        module.safer = check(decl.safer, context, BOOL) if decl.safer else None
+        module.topics_read = tuple(context.topics_read)
+        if (decl.ttf is None) != (decl.safer is None) and decl.name.text not in scope.broken:
+            what, other = ("ttf", "safer") if decl.ttf is None else ("safer", "ttf")
+            self.diagnostics.error(
+                "M006",
+                f"module `{decl.name.text}` has `{other}` but no `{what}`",
+                decl.name.span,
+                notes=("one decides when to leave AC, the other when to return to it",),
+                helps=(f"write `{what}` too, or leave both out: then they are computed",),
+            )
+        if decl.verify is not None:
+            self.verification.check(module, decl.verify, scope)

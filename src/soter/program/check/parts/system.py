@@ -1,0 +1,407 @@
+"""Check systems: instances, wiring, properties, overrides, inputs.
+
+Purpose: `system` declarations -> symbols; `tested.py` builds on it.
+Non-goals: flattening and numbers (`elaborate.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.program.check.base import a_type, is_error, sound
+from soter.program.check.context import Context
+from soter.program.check.expressions.choose import MAX_CHOICES
+from soter.program.check.expressions.field import find_instance
+from soter.program.model import typed
+from soter.program.model.types import BOOL, DURATION, ArrayType, ListType, RecordType
+from soter.syntax import tree
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.program.check.scope import FileScope
+    from soter.program.check.shared import Shared
+    from soter.program.model.types import Type
+
+    Replaced = tuple[str, typed.NodeSymbol | typed.PlantSymbol, Span]
+
+INSTANTIABLE = ("plant", "node", "module", "system")
+
+
+class SystemChecker:
+    """Checks systems of one program, and what tests share with them."""
+
+    def __init__(self, shared: Shared) -> None:
+        self.shared = shared
+        self.diagnostics = shared.diagnostics
+
+    # ------------------------------------------------------------ instances
+
+    def signature(self, decl: tree.SystemDecl, scope: FileScope, full: str) -> typed.SystemSymbol:
+        """Instances only: what `other.truth` and sub-systems need."""
+        instances: dict[str, typed.InstanceSymbol] = {}
+        lost: set[str] = set()
+        for item in decl.instances:
+            what = self._what(item, scope)
+            renames = self._renames(item, scope)
+            if what is None:
+                lost.add(item.name.text)
+                continue
+            if what in self.shared.damaged:
+                self.shared.names.losses += 1
+            first = instances.get(item.name.text)
+            if first is not None:
+                self._instance_twice(item, first)
+                continue
+            instances[item.name.text] = typed.InstanceSymbol(
+                item.name.text, what, *renames, item.name.span
+            )
+        if not decl.instances and decl.name.text not in scope.broken:
+            self.diagnostics.error(
+                "M006",
+                f"system `{decl.name.text}` has nothing in it",
+                decl.name.span,
+                helps=("add a plant, a node or a module: `c: Cart;`",),
+            )
+        system = typed.SystemSymbol(
+            full,
+            decl.name.span,
+            default=decl.default,
+            instances=tuple(instances.values()),
+            until=None,
+            properties=(),
+            forces=(),
+            replaces=(),
+            sets=(),
+            inputs=(),
+        )
+        self.shared.lost[system] = frozenset(lost)
+        self.shared.later(system, decl, scope)
+        return system
+
+    def _what(
+        self, item: tree.Instance, scope: FileScope
+    ) -> typed.PlantSymbol | typed.NodeSymbol | typed.ModuleSymbol | typed.SystemSymbol | None:
+        entry = self.shared.names.find_ref(scope, item.what, item.kind or "name")
+        if entry is None:
+            return None
+        what = self.shared.resolve(entry, item.what.span)
+        wanted = (item.kind,) if item.kind else INSTANTIABLE
+        if entry.kind not in wanted:
+            expected = ", ".join(wanted[:-1]) + " or " + wanted[-1] if wanted[1:] else wanted[0]
+            helps: tuple[str, ...] = ()
+            if entry.kind in {"node", "module"}:
+                helps = (f"write `{entry.kind} {item.what.text};`",)
+            elif entry.kind in INSTANTIABLE:
+                helps = (f"write `name: {item.what.text};`",)
+            self.diagnostics.error(
+                "N003",
+                f"`{item.what.text}` is a {entry.kind}, not a {expected}",
+                item.what.span,
+                also=((entry.decl.name.span, "declared here"),),
+                helps=helps,
+            )
+            return None
+        if isinstance(
+            what, (typed.PlantSymbol, typed.NodeSymbol, typed.ModuleSymbol, typed.SystemSymbol)
+        ):
+            return what
+        return None
+
+    def _instance_twice(self, item: tree.Instance, first: typed.InstanceSymbol) -> None:
+        name = item.name.text
+        self.diagnostics.error(
+            "N002",
+            f"instance `{name}` is declared twice",
+            item.name.span,
+            "declared again here",
+            also=((first.span, "first declared here"),),
+            helps=(f"give it a name of its own: `{name}_2: {item.what.text};`",),
+        )
+
+    def _renames(
+        self, item: tree.Instance, scope: FileScope
+    ) -> tuple[dict[typed.TopicSymbol, typed.TopicSymbol], dict[typed.TopicSymbol, Span]]:
+        """The wires of an instance, and where each inner topic is written."""
+        renames: dict[typed.TopicSymbol, typed.TopicSymbol] = {}
+        spans: dict[typed.TopicSymbol, Span] = {}
+        for inner_ref, outer_ref in item.renames:
+            inner = self.shared.topic_ref(inner_ref, scope)
+            outer = self.shared.topic_ref(outer_ref, scope)
+            if inner is None or outer is None:
+                continue
+            if inner.type != outer.type:
+                self.diagnostics.error(
+                    "T001",
+                    f"`{inner_ref.text}` is `{inner.type}`, but `{outer_ref.text}` is "
+                    f"`{outer.type}`",
+                    outer_ref.span,
+                    also=((inner.span, f"`{inner.type}`"), (outer.span, f"`{outer.type}`")),
+                    notes=("wired topics are one topic, so they have one type",),
+                )
+            elif inner in renames:
+                self._twice(f"`{inner_ref.text}` is wired twice", inner_ref.span, spans[inner])
+            else:
+                renames[inner] = outer
+            spans.setdefault(inner, inner_ref.span)
+        return renames, spans
+
+    def _twice(self, message: str, again: Span, first: Span) -> None:
+        self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
+
+    # ------------------------------------------------------------ properties and overrides
+
+    def body(self, system: typed.SystemSymbol, decl: tree.SystemDecl, scope: FileScope) -> None:
+        """Properties, overrides, inputs."""
+        where = f"system `{decl.name.text}`"
+        instances = {i.name: i for i in system.instances}
+        system.until = self.time(decl.until, Context(scope, where), "`until`")
+        lost = self.shared.lost[system]
+        context = self.inside(scope, decl.name.text, instances, lost)
+        found = [self.property(p, context) for p in decl.properties]
+        system.properties = tuple(p for p in found if p is not None)
+        self._forces(system, decl, instances)
+        system.replaces = tuple(self.replaces(decl.replaces, scope))
+        system.sets = tuple(self._sets(decl, scope))
+        system.inputs = tuple(self.inputs(decl.inputs, context))
+
+    def time(self, expr: tree.Expr | None, context: Context, what: str) -> typed.Expr | None:
+        """A time, to be computed for each system."""
+        if expr is None:
+            return None
+        return sound(self.shared.number(expr, context, DURATION, what))
+
+    def _forces(
+        self,
+        system: typed.SystemSymbol,
+        decl: tree.SystemDecl,
+        instances: dict[str, typed.InstanceSymbol],
+    ) -> None:
+        forces: dict[str, tuple[str, str, Span]] = {}
+        for force in decl.forces:
+            path = force.module.text
+            what, depth = find_instance(instances, force.module.parts)
+            whole = depth == len(force.module.parts)
+            if path in forces:
+                self._twice(f"`{path}` is forced twice", force.module.span, forces[path][2])
+            elif whole and isinstance(what, typed.ModuleSymbol):
+                forces[path] = (path, force.to, force.module.span)
+            elif system in self.shared.damaged or what in self.shared.damaged:
+                self.shared.names.losses += 1
+            else:
+                modules = [
+                    n for n, i in instances.items() if isinstance(i.what, typed.ModuleSymbol)
+                ]
+                self.diagnostics.error(
+                    "M013",
+                    f"`{path}` is not a module of system `{decl.name.text}`",
+                    force.module.span,
+                    notes=("only modules have a mode that can be forced",) if whole else (),
+                    helps=self.diagnostics.did_you_mean(path, modules),
+                )
+        system.forces = tuple(forces.values())
+
+    def inside(
+        self,
+        scope: FileScope,
+        name: str,
+        instances: dict[str, typed.InstanceSymbol],
+        lost: frozenset[str],
+    ) -> Context:
+        """The place of a property or an input of the system or test called `name`."""
+        return Context(
+            scope,
+            f"a property of `{name}`",
+            topics="any",
+            has_time=True,
+            has_modes=True,
+            instances=instances,
+            broken=name in scope.broken,
+            lost=lost,
+        )
+
+    def property(self, item: tree.Property, context: Context) -> typed.PropertySymbol | None:
+        """A property that is an expression, or two."""
+        if invariant_call(item, context) is not None:
+            self._only_in_a_test(item)
+            return None
+        check = self.shared.check_expr
+        premise = check(item.premise, context, BOOL) if item.premise else None
+        condition = check(item.condition, context, BOOL)
+        within = self.time(item.within, Context(context.scope, context.where), "`within`")
+        if is_error(condition) or (premise is not None and is_error(premise)):
+            return None
+        text = source_line(item.condition)
+        return typed.PropertySymbol(item.kind, premise, condition, within, text, item.span)
+
+    def _only_in_a_test(self, item: tree.Property) -> None:
+        self.diagnostics.error(
+            "E012",
+            f"`{source_line(item.condition)}` can only be asked by a test, with `always`",
+            item.condition.span,
+            notes=("it speaks about the time since the decision module last looked",),
+            helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
+        )
+
+    def replaces(self, items: tuple[tree.Replace, ...], scope: FileScope) -> list[Replaced]:
+        """`replace A by B;`: what stands in for what."""
+        found: list[Replaced] = []
+        for item in items:
+            entry = self.shared.names.find_ref(scope, item.by)
+            symbol = self.shared.resolve(entry, item.by.span) if entry else None
+            if isinstance(symbol, (typed.NodeSymbol, typed.PlantSymbol)):
+                found.append((item.what.text, symbol, item.what.span))
+            elif entry is not None and entry.kind not in {"node", "plant"}:
+                self.diagnostics.error(
+                    "N003",
+                    f"`{item.by.text}` is a {entry.kind}, not a node or plant",
+                    item.by.span,
+                    also=((entry.decl.name.span, "declared here"),),
+                )
+            mentioned(item.what, scope)
+        return found
+
+    def _sets(
+        self, decl: tree.SystemDecl, scope: FileScope
+    ) -> list[tuple[typed.ParamSymbol, typed.Expr, Span]]:
+        found: dict[typed.ParamSymbol, tuple[typed.ParamSymbol, typed.Expr, Span]] = {}
+        for item in decl.sets:
+            entry = self.shared.names.find_ref(scope, item.param, "parameter")
+            symbol = self.shared.resolve(entry, item.param.span) if entry else None
+            if entry is not None and entry.kind != "parameter":
+                helps = ("declare it with `param`",) if entry.kind == "constant" else ()
+                self.diagnostics.error(
+                    "N003",
+                    f"`{item.param.text}` is a {entry.kind}, not a parameter",
+                    item.param.span,
+                    also=((entry.decl.name.span, "declared here"),),
+                    helps=helps,
+                )
+            if not isinstance(symbol, typed.ParamSymbol):
+                continue
+            what = f"the value of `{item.param.text}`"
+            value = self.shared.constant(item.value, scope, symbol.type, what)
+            if symbol in found:
+                message = f"`{item.param.text}` is set twice"
+                self._twice(message, item.param.span, found[symbol][2])
+            elif value is not None:
+                literal = typed.Literal(symbol.type, item.value.span, value)
+                found[symbol] = (symbol, literal, item.param.span)
+        return list(found.values())
+
+    def inputs(
+        self, items: tuple[tree.DriveInput, ...], context: Context
+    ) -> list[typed.InputSymbol]:
+        """`input t [in { values }] every d;`: each an input topic, and once."""
+        found: dict[typed.TopicSymbol, typed.InputSymbol] = {}
+        for item in items:
+            every = self.time(item.every, Context(context.scope, context.where), "`every`")
+            read = self.shared.check_expr(path_expr(item.topic), context)
+            if is_error(read):
+                continue
+            if item.values == ():
+                self._no_values(item)
+                continue
+            values = self._values(item, read, context)
+            if not isinstance(read, typed.TopicRead) or not read.topic.input:
+                self._no_input(item, read)
+            elif read.topic in found:
+                first = found[read.topic].span
+                self._twice(f"`{item.topic.text}` is drawn twice", item.topic.span, first)
+            elif not item.values and _has_list(read.type):
+                self.diagnostics.error(
+                    "T018",
+                    f"{a_type(read.type)} cannot be drawn: it has a list inside",
+                    item.topic.span,
+                    also=((read.topic.span, "declared here"),),
+                    helps=("list the values to draw from: `in { ... }`",),
+                )
+            elif every is not None:
+                found[read.topic] = typed.InputSymbol(
+                    item.topic.text, read.topic, every, item.topic.span, values
+                )
+        return list(found.values())
+
+    def _values(
+        self, item: tree.DriveInput, read: typed.Expr, context: Context
+    ) -> tuple[typed.Expr, ...]:
+        """The declared values of an input, numbers of the program."""
+        place = Context(context.scope, "the value of an input")
+        because = (item.topic.span, f"this is {a_type(read.type)}")
+        number = self.shared.number
+        found = [
+            number(v, place, read.type, "the value of an input", because) for v in item.values or ()
+        ]
+        if len(found) > MAX_CHOICES:
+            self.diagnostics.error(
+                "E004",
+                f"an input of {len(found)} values is too wide",
+                item.topic.span,
+                f"at most {MAX_CHOICES} are possible",
+                notes=("every value is a branch of every execution",),
+            )
+        return tuple(v for v in found if not is_error(v))
+
+    def _no_values(self, item: tree.DriveInput) -> None:
+        self.diagnostics.error(
+            "E002",
+            f"there is nothing that `{item.topic.text}` could be",
+            item.span,
+            "an empty choice",
+            notes=("an input that changes has at least one value to change to",),
+            helps=("list its values, or leave `in { }` out: then they are those of the topic",),
+        )
+
+    def _no_input(self, item: tree.DriveInput, read: typed.Expr) -> None:
+        topic = read.topic if isinstance(read, typed.TopicRead) else None
+        self.diagnostics.error(
+            "M011",
+            f"`{item.topic.text}` is not an input topic",
+            item.topic.span,
+            also=((topic.span, "declared here"),) if topic else (),
+            notes=("only topics of the environment are drawn",),
+            helps=(f"declare it `input topic {item.topic.parts[-1].text}`",) if topic else (),
+        )
+
+
+def path_expr(path: tree.Path) -> tree.Expr:
+    """The path as an expression."""
+    first = path.parts[0]
+    expr: tree.Expr = tree.NameExpr(first.span, first)
+    for part in path.parts[1:]:
+        expr = tree.FieldExpr(first.span.to(part.span), expr, part)
+    return expr
+
+
+def _has_list(t: Type) -> bool:
+    if isinstance(t, ListType):
+        return True
+    if isinstance(t, ArrayType):
+        return _has_list(t.element)
+    return isinstance(t, RecordType) and any(_has_list(f) for _, f in t.fields)
+
+
+def source_line(expr: tree.Expr) -> str:
+    """The text of an expression, on one line."""
+    return " ".join(expr.span.text.split())
+
+
+def mentioned(path: tree.Path, scope: FileScope) -> None:
+    """A name that is only replaced or disturbed counts as used."""
+    for part in path.parts:
+        if part.text in scope.entries:
+            scope.entries[part.text].used = True
+        elif part.text in scope.imports:
+            scope.used_imports.add(part.text)
+
+
+def invariant_call(item: tree.Property, context: Context) -> tree.Expr | None:
+    """The condition where it is `invariant(M)` or `invariants`, and nobody declared that name."""
+    e = item.condition
+    if isinstance(e, tree.CallExpr) and isinstance(e.callee, tree.NameExpr):
+        asked = e.callee.name.text == "invariant" and len(e.arguments) == 1
+        name = "invariant"
+    else:
+        asked = isinstance(e, tree.NameExpr) and e.name.text == "invariants"
+        name = "invariants"
+    taken = name in context.scope.entries or name in (context.instances or {})
+    return e if asked and not taken else None

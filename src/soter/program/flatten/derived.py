@@ -1,0 +1,264 @@
+"""Systems made of systems: parts left out, replaced, or answered and driven from outside.
+
+Purpose: the one place that takes a flat system apart. Proofs, attacks, environments, tests and
+targets look at the same system "without its plants", "with this node replaced", "with these topics
+driven from outside", and say so in these words. The given system stays as it is.
+Non-goals: what the text says (`elaborate.py`), where a `replace` of a system or a test is judged
+(`placing.py`); the re-checker derives its own systems, on purpose.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.program.flatten.elaborate import Elaborator
+from soter.program.model import typed
+from soter.program.model.system import InputDrive, Scope
+from soter.program.model.walk import mode_reads
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+
+    from soter.program.model.system import (
+        Component,
+        Module,
+        Property,
+        System,
+        TestPlan,
+        Topic,
+    )
+
+OUTSIDE = "input"
+"""`Topic.driver` of a topic that somebody outside of the system publishes."""
+
+
+# ---------------------------------------------------------------- parts left out
+
+
+def only(system: System, kept: Collection[int]) -> System:
+    """The system of these components (indices), in their order, numbered anew.
+
+    The three parts of a module stay or go together. Properties stay that speak only of what stays;
+    topics stay, also those that nobody drives any more, and so do their draws. A node that reads
+    the mode of a module that went is answered from outside. `hyperperiod_ns` stays a multiple of
+    what is left. A test plan goes: it is about the whole.
+    """
+    at = {old: new for new, old in enumerate(sorted(kept))}
+    modules = [m for m in system.modules if {m.dm, m.ac, m.sc} <= at.keys()]
+    placed = {m.index: i for i, m in enumerate(modules)}
+
+    def seen(scope: Scope) -> Scope:
+        plants = {n: at[i] for n, i in scope.plants.items() if i in at}
+        beside = {m: placed[i] for m, i in scope.modules.items() if i in placed}
+        return Scope(dict(scope.topics), scope.params, plants, beside)
+
+    components = []
+    for old, new in at.items():
+        c = system.components[old]
+        module = None if c.module is None else placed[c.module]
+        components.append(replace(c, index=new, module=module, scope=seen(c.scope)))
+    left = [p for p in system.properties if _can_be_judged(p, at, placed)]
+    return replace(
+        system,
+        components=tuple(_that_can_run(c) for c in components),
+        modules=tuple(
+            replace(m, index=i, dm=at[m.dm], ac=at[m.ac], sc=at[m.sc], scope=seen(m.scope))
+            for i, m in enumerate(modules)
+        ),
+        properties=tuple(
+            replace(
+                p,
+                index=i,
+                scope=seen(p.scope),
+                component=None if p.component is None else at[p.component],
+            )
+            for i, p in enumerate(left)
+        ),
+        test=None,
+    )
+
+
+def without_plants(system: System) -> System:
+    """What is deployed: the world publishes what its plants drove and what was drawn.
+
+    Properties that read the state of a plant go with it.
+    """
+    driven = [
+        c.scope.topics[t]
+        for c in system.components
+        if c.plant is not None
+        for t, _ in c.plant.drives
+    ]
+    nodes = [c.index for c in system.components if c.plant is None]
+    return driven_outside(only(system, nodes), [*driven, *(i.topic for i in system.inputs)])
+
+
+def module_alone(system: System, module: Module, plants: Sequence[Component] = ()) -> System:
+    """A module and these plants: no properties, no draws, no end; `modules[0]` is the module."""
+    kept = [c.index for c in plants]
+    found = only(system, [*kept, module.dm, module.sc, module.ac])
+    return replace(found, properties=(), inputs=(), until_ns=None)
+
+
+def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol]) -> System:
+    """A module of `flat` beside other plants than those that fly, with the values of `flat`.
+
+    Raises `SoterError` where the two do not go together.
+    """
+    symbol = module.symbol
+    ac, sc = (flat.components[i].node for i in (module.ac, module.sc))
+    assert ac is not None
+    assert sc is not None
+    itself = replace(symbol, ac=ac, sc=sc)
+    made = typed.SystemSymbol(
+        name=f"{symbol.name}.verify",
+        span=symbol.verify.span or symbol.span,
+        default=False,
+        instances=(*plants, typed.InstanceSymbol(symbol.name, itself, {}, {}, symbol.span)),
+        until=None,
+        properties=(),
+        forces=(),
+        replaces=(),
+        sets=(),
+        inputs=(),
+    )
+    diagnostics = Diagnostics()
+    elaborator = Elaborator(flat.program, made, flat.params, diagnostics)
+    elaborator.partial = True  # nobody drives what AC alone reads
+    system = elaborator.run()
+    if system is None or diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    return only(system, range(len(system.components)))
+
+
+# ---------------------------------------------------------------- parts replaced
+
+
+def with_components(system: System, changed: Iterable[Component]) -> System:
+    """With these components in the place of those that have their indices."""
+    components = list(system.components)
+    for c in changed:
+        components[c.index] = c
+    return replace(system, components=tuple(components))
+
+
+def with_node(
+    component: Component, node: typed.NodeSymbol, topics: Mapping[typed.TopicSymbol, int]
+) -> Component:
+    """The component with another node without locals, which may read and publish `topics` too."""
+    assert not node.locals
+    scope = replace(component.scope, topics={**component.scope.topics, **topics})
+    return replace(component, node=node, scope=scope, initial=(), binding=None)
+
+
+def answered_outside(system: System, indices: Collection[int]) -> System:
+    """With these components (nodes or plants) as unbound externs."""
+    return with_components(system, (_as_extern(system.components[i]) for i in indices))
+
+
+def unbound(system: System) -> System:
+    """With no extern bound; nothing that is put into a module or a scope reaches the original."""
+    return only(
+        with_components(system, [replace(c, binding=None) for c in system.components]),
+        range(len(system.components)),
+    )
+
+
+def forced(system: System, module: int, who: str) -> System:
+    """With a module whose mode is always `who`, "ac" or "sc"."""
+    modules = [replace(m, forced=who) if m.index == module else m for m in system.modules]
+    return replace(system, modules=tuple(modules))
+
+
+# ---------------------------------------------------------------- topics
+
+
+def with_topic(
+    system: System, like: Topic, symbol: typed.TopicSymbol, name: str, **changes: object
+) -> tuple[System, Topic]:
+    """With one more topic, as `like` but for its symbol and `changes`; its names are made new."""
+    taken = {t.name for t in system.topics} | {t.symbol.name for t in system.topics}
+    symbol = replace(symbol, name=_fresh(symbol.name, taken))
+    index = len(system.topics)
+    name = _fresh(name, taken)
+    made = replace(like, index=index, name=name, symbol=symbol, **changes)  # type: ignore[arg-type]
+    return replace(system, topics=(*system.topics, made)), made
+
+
+def drawn(system: System, topic: int, every_ns: int) -> System:
+    """With the values of a topic drawn from its set, as those of an input."""
+    return replace(system, inputs=(*system.inputs, InputDrive(topic, every_ns)))
+
+
+def driven_outside(system: System, topics: Collection[int]) -> System:
+    """With these topics published from outside: nobody draws or drives them. Queues follow."""
+    inside = {c.scope.topics[t] for c in system.components for t in _published(c)}
+    assert inside.isdisjoint(topics)
+    return replace(
+        system,
+        topics=tuple(
+            replace(t, driver=OUTSIDE) if {t.index, t.queue_of} & set(topics) else t
+            for t in system.topics
+        ),
+        inputs=drawn_where(system, lambda topic: topic not in topics).inputs,
+    )
+
+
+def drawn_where(system: System, wanted: Callable[[int], bool]) -> System:
+    """With the draws of these topics only."""
+    return replace(system, inputs=tuple(i for i in system.inputs if wanted(i.topic)))
+
+
+# ---------------------------------------------------------------- what is asked
+
+
+def with_properties(system: System, properties: Sequence[Property]) -> System:
+    """With these properties and no others."""
+    return replace(system, properties=tuple(properties))
+
+
+def with_test(system: System, plan: TestPlan) -> System:
+    """With what a test adds to it."""
+    return replace(system, test=plan)
+
+
+# ---------------------------------------------------------------- shared
+
+
+def _that_can_run(c: Component) -> Component:
+    """Answered from outside where it reads the mode of a module that is not there."""
+    if c.node is None or c.node.extern:
+        return c
+    read = mode_reads(*c.node.step, *(c.node.takeover or ()))
+    return c if read.keys() <= c.scope.modules.keys() else _as_extern(c)
+
+
+def _as_extern(c: Component) -> Component:
+    """Its declaration without code: an extern has states or outputs, and no locals."""
+    if c.plant is not None:
+        return replace(c, plant=replace(c.plant, extern=True), binding=None)
+    assert c.node is not None
+    node = replace(c.node, extern=True, locals=(), initial=(), takeover=None, step=())
+    return with_node(c, node, {})
+
+
+def _can_be_judged(p: Property, at: Mapping[int, int], placed: Mapping[int, int]) -> bool:
+    """Whether everything that a property reads, and whose contract it is, is left."""
+    seen = [*p.scope.plants.values(), *([] if p.component is None else [p.component])]
+    read = mode_reads(p.condition)
+    there = {m for m, i in p.scope.modules.items() if i in placed}
+    return all(i in at for i in seen) and read.keys() <= there
+
+
+def _published(c: Component) -> Sequence[typed.TopicSymbol]:
+    if c.plant is not None:
+        return [t for t, _ in c.plant.drives]
+    return [] if c.node is None else c.node.publishes
+
+
+def _fresh(name: str, taken: Collection[str]) -> str:
+    while name in taken:
+        name += "_"
+    return name

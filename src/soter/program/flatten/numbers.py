@@ -1,0 +1,191 @@
+"""The numbers of a system: parameters fixed, constant expressions computed.
+
+Purpose: values of parameters, periods, counts and intervals, each with what is possible.
+Non-goals: what the numbers are for (`elaborate.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.program.check.const import Calculator
+from soter.program.check.decl import show
+from soter.program.check.parts.node import UNKNOWN
+from soter.program.model import typed
+from soter.program.model.durations import show_ns
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+    from soter.program.model.types import Value
+
+MIN_PERIOD_NS = 1_000
+MAX_PERIOD_NS = 3_600_000_000_000
+MAX_TIME_NS = 2**62
+
+
+class Numbers:
+    """Computes the numbers of one system under its parameters."""
+
+    def __init__(
+        self,
+        program: typed.Program,
+        symbol: typed.SystemSymbol,
+        overrides: Mapping[str, Value],
+        diagnostics: Diagnostics,
+    ) -> None:
+        self.program = program
+        self.symbol = symbol
+        self.diagnostics = diagnostics
+        self.params = self._params(overrides)
+        self.calculator = Calculator(diagnostics, self.params)
+
+    # ------------------------------------------------------------ parameters
+
+    def _params(self, overrides: Mapping[str, Value]) -> dict[typed.ParamSymbol, Value]:
+        values: dict[typed.ParamSymbol, Value] = {}
+        sets = {param: (expr, span) for param, expr, span in self.symbol.sets}
+        for param in self.program.params.values():
+            assert isinstance(param.default, typed.Literal)
+            values[param] = param.default.value
+            if param.name in overrides:
+                values[param] = overrides[param.name]
+                self._check_param(param, values[param], param.span, "was set to")
+            elif param in sets:
+                expr, span = sets[param]
+                assert isinstance(expr, typed.Literal)
+                values[param] = expr.value
+                self._check_param(param, values[param], span, "is set to")
+        return values
+
+    def _check_param(self, param: typed.ParamSymbol, value: Value, span: Span, how: str) -> None:
+        if not isinstance(param.low, typed.Literal) or not isinstance(param.high, typed.Literal):
+            return
+        low, high = param.low.value, param.high.value
+        if not low <= value <= high:
+            shown = [show(x, param.type) for x in (value, low, high)]
+            self.diagnostics.error(
+                "V007",
+                f"parameter `{param.name}` {how} {shown[0]}, outside [{shown[1]}, {shown[2]}]",
+                span,
+                also=((param.span, "declared here"),) if span is not param.span else (),
+            )
+
+    # ------------------------------------------------------------ numbers
+
+    def number(self, expr: typed.Expr, what: str) -> Value | None:
+        """The value of a constant expression under this system's parameters."""
+        return self.calculator.value(expr, what)
+
+    def duration(self, expr: typed.Expr, what: str) -> int | None:
+        """A time in ns, None after a report: C001 when it is impossible, C002 when absurd."""
+        if isinstance(expr, typed.Literal) and expr.name == UNKNOWN:
+            return None
+        value = self.number(expr, what)
+        if value is None:
+            return None
+        assert isinstance(value, int)
+        if value <= 0:
+            self.diagnostics.error(
+                "C001", f"{what} must be longer than zero", expr.span, f"this is {show_ns(value)}"
+            )
+            return None
+        if not MIN_PERIOD_NS <= value <= MAX_PERIOD_NS:
+            self.diagnostics.error(
+                "C002",
+                f"{what} cannot be {show_ns(value)}",
+                expr.span,
+                f"{show_ns(MIN_PERIOD_NS)} to {show_ns(MAX_PERIOD_NS)} are possible",
+            )
+            return None
+        return value
+
+    def long_duration(self, expr: typed.Expr | None, what: str) -> int | None:
+        """The length of a run in ns, None where there is none or after a report."""
+        value = self.number(expr, what) if expr is not None else None
+        if value is None or expr is None:
+            return None
+        if value <= 0:
+            self.diagnostics.error(
+                "C001", f"{what} must be longer than zero", expr.span, f"this is {show_ns(value)}"
+            )
+            return None
+        if value > MAX_TIME_NS:
+            self.diagnostics.error(
+                "C002", f"{what} is too long", expr.span, "at most 146 years are possible"
+            )
+            return None
+        return int(value)
+
+    def delay(self, expr: typed.Expr | None, what: str) -> int | None:
+        """A delay in ns, zero allowed; None where there is none or after a report."""
+        value = self.number(expr, what) if expr is not None else None
+        if value is None or expr is None:
+            return None
+        if value < 0:
+            self.diagnostics.error(
+                "C001", f"{what} cannot be negative", expr.span, f"this is {show_ns(value)}"
+            )
+            return None
+        if value > MAX_PERIOD_NS:
+            self.diagnostics.error(
+                "C002",
+                f"{what} cannot be {show_ns(value)}",
+                expr.span,
+                f"0 s to {show_ns(MAX_PERIOD_NS)} are possible",
+            )
+            return None
+        return int(value)
+
+    def count(self, expr: typed.Expr | None, what: str, low: int, high: int) -> int | None:
+        """A whole number in [low, high]; None where there is none or after a report (C002)."""
+        value = self.number(expr, what) if expr is not None else None
+        if value is None or expr is None:
+            return None
+        if not low <= value <= high:
+            self.diagnostics.error(
+                "C002", f"{what} cannot be {value}", expr.span, f"{low} to {high} are possible"
+            )
+            return None
+        return int(value)
+
+    def interval(
+        self, low: typed.Expr, high: typed.Expr, span: Span, what: str
+    ) -> tuple[float, float] | None:
+        """Bounds, None after a report: V006 when they are not finite, V001 when out of order."""
+        a, b = self.number(low, what), self.number(high, what)
+        if a is None or b is None:
+            return None
+        shown = f"[{a!r}, {b!r}]"
+        if not (math.isfinite(a) and math.isfinite(b)):
+            self.diagnostics.error("V006", f"{what} must be bounded", span, f"this is {shown}")
+            return None
+        if not math.isfinite(b - a):
+            self.diagnostics.error(
+                "V006", f"{what} is wider than any float", span, f"this is {shown}"
+            )
+            return None
+        if a > b:
+            self.diagnostics.error(
+                "V001", f"{shown} is empty", span, "the lower bound is above the upper one"
+            )
+            return None
+        return a, b
+
+    def skew(self, expr: typed.Expr | None) -> int:
+        """The skew of a test in ns: zero is allowed, and what stands for a wrong one."""
+        value = self.number(expr, "`skew`") if expr is not None else None
+        if expr is None or value is None:
+            return 0
+        if not 0 <= value <= MAX_PERIOD_NS:
+            self.diagnostics.error(
+                "C002",
+                f"`skew` cannot be {show_ns(value)}",
+                expr.span,
+                f"0 s to {show_ns(MAX_PERIOD_NS)} are possible",
+            )
+            return 0
+        return int(value)

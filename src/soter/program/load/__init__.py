@@ -1,0 +1,1 @@
+"""From paths to trees: program files, imports, data."""

@@ -1,0 +1,1 @@
+"""Expressions and statements in Python, for constants and for the interpreter."""

@@ -1,0 +1,1 @@
+"""The checked tree and the flat system: data, and walks over it."""

@@ -1,0 +1,283 @@
+"""One system of a program, flattened: every number known, every instance named.
+
+Purpose: the static half of a transition system: what runs, how often, on which topics, in
+which deployed order. Interpreter, lowering, simulation and reach all start here.
+Non-goals: behaviour (`semantics/`), storage (`lower/layout.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.program.model.typed import (
+        Expr,
+        ModuleSymbol,
+        NodeSymbol,
+        ParamSymbol,
+        PlantSymbol,
+        Program,
+        TopicSymbol,
+        Variable,
+    )
+    from soter.program.model.types import Type, Value
+
+
+@dataclass(frozen=True)
+class Bound:
+    """Closed bounds of one scalar leaf: floats, or ints for int leaves."""
+
+    low: float
+    high: float
+
+
+@dataclass(eq=False)
+class Topic:
+    """A topic of the system; `name` is its full dotted name (`d.control`).
+
+    `bounds` has one entry per leaf of `leaves(type)`; None where every (finite) value of the
+    type is allowed. `set_declared` says whether the program bounded every float and int leaf.
+    """
+
+    index: int
+    name: str
+    symbol: TopicSymbol
+    type: Type
+    bounds: tuple[Bound | None, ...]
+    set_declared: bool
+    default: Value
+    max_age_ns: int | None
+    driver: str
+    """Name of the plant or node that drives it, "M" for a module, "input", or "" (nobody)."""
+    queue_of: int | None = None
+    """For the queue of a subscription: the topic whose values it collects. Its type is a list."""
+    policy: str = ""
+    """Of a queue that is full: drop_oldest, drop_newest or fault (of the subscriber)."""
+    queues: tuple[int, ...] = ()
+    """The queues that take what is published here."""
+
+
+@dataclass(eq=False)
+class Scope:
+    """What names of a declaration mean in one instance."""
+
+    topics: dict[TopicSymbol, int]
+    params: dict[ParamSymbol, Value]
+    plants: dict[str, int] = field(default_factory=dict)
+    modules: dict[ModuleSymbol | str, int] = field(default_factory=dict)
+
+
+@dataclass(eq=False)
+class Disturbance:
+    """A disturbance of a plant instance with its numbers; `hold_ns` 0: drawn each step.
+
+    Every leaf has the stream `<plant>.<disturbance>[.<leaf path>]`; the draw for a step that
+    ends at t has index (t - period) // hold (hold = period when 0).
+    """
+
+    variable: Variable
+    low: float
+    high: float
+    hold_ns: int
+    streams: tuple[str, ...]
+
+
+@dataclass(eq=False)
+class Measurement:
+    """An error within +-bound on one leaf of a driven topic; index of the draw: t // period."""
+
+    topic: int
+    leaf: int
+    bound: float
+    stream: str
+
+
+@dataclass(eq=False)
+class Component:
+    """Anything the calendar releases: a plant, a DM or a node.
+
+    `role`: "plant", "dm", "sc", "ac" or "node". Releases at phase + k * period, k >= 0.
+    `order` is the position in the deployed order within an instant (ruling 5): plants, then
+    DMs, then SCs, then the rest, ties by declaration.
+    """
+
+    index: int
+    name: str
+    role: str
+    period_ns: int
+    phase_ns: int
+    scope: Scope
+    span: Span
+    module: int | None = None
+    """For dm, sc and ac: index of the module."""
+    node: NodeSymbol | None = None
+    plant: PlantSymbol | None = None
+    initial: tuple[Value, ...] = ()
+    """First values of the node's locals or the plant's states (fixed ones)."""
+    initial_range: tuple[tuple[float, float] | None, ...] = ()
+    """For plants: states drawn uniformly at the start; stream `<plant>.<state>.start`, index 0
+    (leaf paths appended for vector states)."""
+    failsafe: dict[int, Value] = field(default_factory=dict)
+    disturbances: tuple[Disturbance, ...] = ()
+    measured: tuple[Measurement, ...] = ()
+    substeps: int = 1
+    binding: str | None = None
+    """For externs: `python:file.py:name`, `c:file.c:name`, or None (must be bound to run)."""
+
+    @property
+    def extern(self) -> bool:
+        """Whether the step is done by a driver, not by Soter code."""
+        return bool(self.node and self.node.extern) or bool(self.plant and self.plant.extern)
+
+
+@dataclass(eq=False)
+class Module:
+    """An RTA module instance; `dm`, `ac`, `sc` are component indices.
+
+    `forced`: None, "ac" or "sc": a forced module's DM runs and records its predicates but the
+    mode never changes (a system used as an experiment's control arm).
+    `inputs`: topics that ttf and safer read; with a max_age each read is checked for staleness.
+    `outputs`: gated topics.
+    """
+
+    index: int
+    name: str
+    symbol: ModuleSymbol
+    dm: int
+    ac: int
+    sc: int
+    period_ns: int
+    scope: Scope
+    clean: int
+    inputs: tuple[int, ...]
+    outputs: tuple[int, ...]
+    forced: str | None = None
+
+
+@dataclass(eq=False)
+class Property:
+    """A property checked at the end of every instant: "always" or "never".
+
+    With a `component` it is a contract of that node, "assumes" or "guarantees", checked as the
+    node steps (docs/semantics.md).
+    """
+
+    index: int
+    kind: str
+    condition: Expr
+    scope: Scope
+    text: str
+    span: Span
+    component: int | None = None
+
+
+@dataclass(eq=False)
+class InputDrive:
+    """A seeded environment input: drawn at every multiple of `every_ns`, before all else.
+
+    One stream `input.<topic>[.<leaf>]` a leaf, index = t // every. With `values` it is one of
+    them, from the stream `input.<topic>`.
+    """
+
+    topic: int
+    every_ns: int
+    values: tuple[Value, ...] = ()
+
+
+@dataclass(eq=False)
+class TimedProperty:
+    """A property that only a test has: "eventually", "leadsto" or "invariant" (docs/testing.md).
+
+    `module` is the module of an invariant; the other two have `condition` and `within_ns`.
+    """
+
+    index: int
+    kind: str
+    premise: Expr | None
+    condition: Expr | None
+    within_ns: int
+    module: int | None
+    scope: Scope
+    text: str
+    span: Span
+
+
+@dataclass(eq=False)
+class TimingFault:
+    """A node or DM that may be "late", "skip" or "overrun" (docs/testing.md)."""
+
+    kind: str
+    component: int
+    by_ns: int
+    at_most: int
+    span: Span
+
+
+@dataclass(eq=False)
+class TestPlan:
+    """What a `test` block adds to its system. Times in ns; `quantum_ns` as declared."""
+
+    name: str
+    skew_ns: int
+    horizon_ns: int
+    quantum_ns: int | None
+    faults: tuple[TimingFault, ...]
+    timed: tuple[TimedProperty, ...]
+    span: Span
+
+    __test__ = False  # not a test of pytest's
+
+
+@dataclass(eq=False)
+class System:
+    """A flattened system."""
+
+    name: str
+    program: Program
+    topics: tuple[Topic, ...]
+    components: tuple[Component, ...]
+    """In deployed order: `components[i].index == i`."""
+    modules: tuple[Module, ...]
+    properties: tuple[Property, ...]
+    inputs: tuple[InputDrive, ...]
+    until_ns: int | None
+    params: dict[str, Value]
+    hyperperiod_ns: int
+    test: TestPlan | None = None
+    """Set when the system was flattened for a `test` block, with its properties."""
+
+    def topic(self, name: str) -> Topic:
+        """The topic with this full name; KeyError when there is none."""
+        for t in self.topics:
+            if t.name == name:
+                return t
+        raise KeyError(name)
+
+    def component(self, name: str) -> Component:
+        """The component with this full name; KeyError when there is none."""
+        for c in self.components:
+            if c.name == name:
+                return c
+        raise KeyError(name)
+
+
+def environment_topics(system: System) -> tuple[int, ...]:
+    """The topics that only the environment sets: input topics, and what a driver draws."""
+    drawn = {d.topic for d in system.inputs}
+    return tuple(
+        [
+            t.index
+            for t in system.topics
+            if t.queue_of is None and (t.driver == "input" or t.index in drawn)
+        ]
+    )
+
+
+def queues_of(system: System, component: Component) -> tuple[int, ...]:
+    """The queues that a node reads, as topic indices."""
+    if component.node is None:
+        return ()
+    read = [component.scope.topics[s.topic] for s in component.node.subscribes]
+    return tuple([i for i in read if system.topics[i].queue_of is not None])

@@ -1,0 +1,704 @@
+"""The checked program: declarations with their types, names resolved, conversions explicit.
+
+Purpose: what the checker hands to everyone above: the reference interpreter and the lowering
+read exactly this and nothing of the syntax tree.
+Non-goals: numbers that depend on parameters (periods, ranges): `elaborate.py` computes them.
+
+Rules that hold of every tree built by the checker:
+- integer literals in float positions are already `Literal` of type FLOAT;
+- `Binary` on floats, ints or durations has both operands of the same kind; `Vector` does the
+  componentwise cases; comparisons of bools and enums are only == and !=;
+- a value that goes into an `int in [a, b]` place passes through `Narrow`;
+- loops have literal bounds; functions are not recursive; every path of a function returns.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, NamedTuple
+
+if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+    from soter.program.model.types import RecordType, Type, Value
+
+
+SYNTHESIZED = "synthesized"
+"""Name of the extern node that stands where SC is to be synthesized."""
+
+# ---------------------------------------------------------------- variables
+
+
+@dataclass(eq=False)
+class Variable:
+    """A named local: compared by identity.
+
+    `kind`: "parameter" of a function, "let", "var", "loop" (all temporary), "local" (state of
+    a node, kept between steps), "state" or "disturbance" of a plant, "plantlet".
+    """
+
+    name: str
+    type: Type
+    kind: str
+    span: Span
+    used: bool = False
+
+
+# ---------------------------------------------------------------- expressions
+
+
+@dataclass(eq=False)
+class Expr:
+    """Any checked expression."""
+
+    type: Type
+    span: Span
+
+
+@dataclass(eq=False)
+class Literal(Expr):
+    """A constant of any type (also the value of a named `const`)."""
+
+    value: Value
+    name: str | None = None
+
+
+@dataclass(eq=False)
+class ParamRead(Expr):
+    """A `param`; its value is fixed when a system is elaborated."""
+
+    param: ParamSymbol
+
+
+@dataclass(eq=False)
+class VarRead(Expr):
+    """A local, parameter, plant state, disturbance or plant let."""
+
+    variable: Variable
+
+
+@dataclass(eq=False)
+class TopicRead(Expr):
+    """The value of a topic at the start of the step (for nodes: a subscribed one)."""
+
+    topic: TopicSymbol
+
+
+@dataclass(eq=False)
+class TruthRead(Expr):
+    """`instance.truth`: the state of a plant instance as a record of its states."""
+
+    instance: str
+
+
+@dataclass(eq=False)
+class ModeRead(Expr):
+    """`mode(M)`: type MODE. In a system the instance path, elsewhere the module."""
+
+    module: ModuleSymbol | str
+
+
+@dataclass(eq=False)
+class InControl(Expr):
+    """`in_control`: whether this node's outputs count (true outside every module)."""
+
+
+@dataclass(eq=False)
+class TimeRead(Expr):
+    """`time`: virtual time in seconds: float(ct) / 1e9."""
+
+
+@dataclass(eq=False)
+class PeriodRead(Expr):
+    """`dt`: the period of this node or plant in seconds: float(period_ns) / 1e9."""
+
+
+@dataclass(eq=False)
+class AgeRead(Expr):
+    """`age(topic)`: seconds since its last publication: float(ct - stamp) / 1e9."""
+
+    topic: TopicSymbol
+
+
+@dataclass(eq=False)
+class Unary(Expr):
+    """`-e` on int (faults on overflow), float, vector; `!e` on bool."""
+
+    op: str
+    operand: Expr
+
+
+@dataclass(eq=False)
+class Binary(Expr):
+    """A scalar operation: + - * / % < <= > >= == != && || (the last two short-circuit).
+
+    int: 64-bit, overflow faults; `/` truncates towards zero, `%` has the sign of the dividend,
+    both fault on zero. float: IEEE; `/` faults on a zero divisor; no `%`.
+    """
+
+    op: str
+    left: Expr
+    right: Expr
+
+
+@dataclass(eq=False)
+class Vector(Expr):
+    """Componentwise, on one or two vectors.
+
+    vector + vector, vector - vector, scalar * vector, vector * scalar, vector / scalar (faults on
+    zero). Operands are evaluated once, left first; each component is the machine operation in
+    that operand order.
+    """
+
+    op: str
+    left: Expr
+    right: Expr
+
+
+@dataclass(eq=False)
+class Conditional(Expr):
+    """`c ? a : b`: only the chosen side is evaluated."""
+
+    condition: Expr
+    then: Expr
+    otherwise: Expr
+
+
+@dataclass(eq=False)
+class Call(Expr):
+    """A call of a declared function; arguments left to right."""
+
+    fun: FunSymbol
+    arguments: tuple[Expr, ...]
+
+
+@dataclass(eq=False)
+class Builtin(Expr):
+    """A machine operation; arguments left to right.
+
+    sqrt floor abs min max (float, abs/min/max also int; abs(INT_MIN) faults);
+    float(int); int(float) truncates, faults when NaN or out of range;
+    seconds(duration) -> float(ns) / 1e9;
+    dot(v, v): components multiplied and added from the left in leaf order;
+    norm(v) = sqrt(dot(v, v)); saturate(v or float, a): each component min(max(x, -a), a).
+    min(a, b) = b < a ? b : a; max(a, b) = b > a ? b : a.
+    """
+
+    name: str
+    arguments: tuple[Expr, ...]
+
+
+@dataclass(eq=False)
+class Field(Expr):
+    """Field `index` of a record."""
+
+    target: Expr
+    index: int
+
+
+@dataclass(eq=False)
+class Index(Expr):
+    """Element of an array or list; faults when out of range (of `len` for lists)."""
+
+    target: Expr
+    index: Expr
+
+
+@dataclass(eq=False)
+class Length(Expr):
+    """`list.len`, or the constant length of an array; type INT."""
+
+    target: Expr
+
+
+@dataclass(eq=False)
+class Aggregate(Expr):
+    """A record (values in field order, evaluated in written order), array or list literal.
+
+    `order` gives for each written position the field index; None means written = declared.
+    """
+
+    elements: tuple[Expr, ...]
+    order: tuple[int, ...] | None = None
+
+
+@dataclass(eq=False)
+class Choose(Expr):
+    """`choose ...` in the step of a node: one of finitely many values; who runs the step picks.
+
+    With `options` they are evaluated left to right and one of them is the value; without, the
+    value is number `low + k` (k-th bool, enum member or int), 0 <= k < `count`. `ages` is the
+    hidden local of a `fair` choice (array of `int in [0, 255]`, one per alternative), else None.
+    """
+
+    count: int
+    low: int
+    options: tuple[Expr, ...]
+    ages: Variable | None
+
+
+@dataclass(eq=False)
+class Narrow(Expr):
+    """An int put into an `int in [a, b]` (the type of this node): faults when outside."""
+
+    operand: Expr
+
+
+# ---------------------------------------------------------------- statements
+
+
+@dataclass(eq=False)
+class Stmt:
+    """Any checked statement."""
+
+    span: Span
+
+
+@dataclass(eq=False)
+class Declare(Stmt):
+    """`let` or `var`: the variable starts with this value."""
+
+    variable: Variable
+    value: Expr
+
+
+@dataclass(eq=False)
+class Place:
+    """What may be assigned: a variable and a path of field indices (int) and index expressions."""
+
+    variable: Variable
+    path: tuple[int | Expr, ...]
+    type: Type
+    span: Span
+
+
+@dataclass(eq=False)
+class Assign(Stmt):
+    """`place = value;`: index expressions first, left to right, then the value."""
+
+    place: Place
+    value: Expr
+
+
+@dataclass(eq=False)
+class Push(Stmt):
+    """`push list, value;`: faults when the list is full. Place indices, then the value."""
+
+    place: Place
+    value: Expr
+
+
+@dataclass(eq=False)
+class Publish(Stmt):
+    """`publish topic = value;`: takes effect when the step ends without a fault; the last wins."""
+
+    topic: TopicSymbol
+    value: Expr
+
+
+@dataclass(eq=False)
+class Return(Stmt):
+    """`return value;`."""
+
+    value: Expr
+
+
+@dataclass(eq=False)
+class Assert(Stmt):
+    """`assert condition;`: a step fault when false."""
+
+    condition: Expr
+    message: str | None
+
+
+@dataclass(eq=False)
+class If(Stmt):
+    """Arms in order; `otherwise` may be empty."""
+
+    arms: tuple[tuple[Expr, tuple[Stmt, ...]], ...]
+    otherwise: tuple[Stmt, ...]
+
+
+@dataclass(eq=False)
+class ForRange(Stmt):
+    """`for i in low..high`: i = low, ..., high - 1."""
+
+    variable: Variable
+    low: int
+    high: int
+    body: tuple[Stmt, ...]
+
+
+@dataclass(eq=False)
+class ForEach(Stmt):
+    """`for x in sequence`: the sequence is evaluated once, before the loop."""
+
+    variable: Variable
+    sequence: Expr
+    body: tuple[Stmt, ...]
+
+
+# ---------------------------------------------------------------- symbols
+
+
+@dataclass(eq=False)
+class Symbol:
+    """A checked declaration. `name` is the full name: `file.name` for imported ones."""
+
+    name: str
+    span: Span
+
+
+@dataclass(eq=False)
+class ConstSymbol(Symbol):
+    """A constant with its value."""
+
+    type: Type
+    value: Value
+
+
+@dataclass(eq=False)
+class ParamSymbol(Symbol):
+    """A parameter; `default`, `low`, `high` are constant expressions."""
+
+    type: Type
+    default: Expr
+    low: Expr | None
+    high: Expr | None
+
+
+@dataclass(eq=False)
+class FunSymbol(Symbol):
+    """A function; `body` is None when extern, then `source` may name its binding."""
+
+    parameters: tuple[Variable, ...]
+    result: Type
+    body: tuple[Stmt, ...] | None
+    extern: bool
+    source: str | None
+    prelude: bool = False
+
+
+@dataclass(eq=False)
+class RangeSet:
+    """Bounds of one or many leaves: expressions over constants and parameters."""
+
+    low: Expr
+    high: Expr
+    span: Span
+
+
+@dataclass(eq=False)
+class TopicSymbol(Symbol):
+    """A topic. `values` maps leaf paths (or prefixes of them, () for all) to bounds."""
+
+    type: Type
+    input: bool
+    values: dict[tuple[str, ...], RangeSet]
+    default: Expr | None
+    max_age: Expr | None
+
+
+@dataclass(eq=False)
+class Subscribed:
+    """A subscription, with its queue where it asks for one."""
+
+    topic: TopicSymbol
+    queue: int | None
+    policy: str
+    span: Span
+
+
+@dataclass(eq=False, kw_only=True)
+class NodeSymbol(Symbol):
+    """A node. `initial` gives, per local, its first value as an expression or None (default)."""
+
+    period: Expr
+    phase: Expr | None
+    extern: bool
+    source: str | None
+    subscribes: tuple[Subscribed, ...]
+    publishes: tuple[TopicSymbol, ...]
+    failsafe: dict[TopicSymbol, Expr]
+    locals: tuple[Variable, ...]
+    initial: tuple[Expr | None, ...]
+    assumes: tuple[Expr, ...]
+    guarantees: tuple[Expr, ...]
+    takeover: tuple[Stmt, ...] | None
+    step: tuple[Stmt, ...]
+
+
+@dataclass(eq=False, kw_only=True)
+class GridAxis:
+    """One axis of a verification grid: a leaf of a topic, or of the state of a plant instance.
+
+    Exactly one of `topic` and `instance` is set; with `instance`, `path` begins with the name of
+    the state, and `plant` is what the instance is made of. `low` and `high` may be missing, and
+    `cells` is, where the axis belongs to a polytope.
+    """
+
+    topic: TopicSymbol | None
+    path: tuple[str, ...]
+    low: Expr | None
+    high: Expr | None
+    cells: Expr | None
+    span: Span
+    instance: str = ""
+    plant: PlantSymbol | None = None
+
+
+@dataclass(eq=False)
+class AxisGroup:
+    """States that are analysed together; `kind` is "grid" or "polytope"."""
+
+    kind: str
+    axes: tuple[GridAxis, ...]
+    span: Span
+
+
+@dataclass(eq=False)
+class CommandSet:
+    """The values that a synthesized controller may publish on one leaf of an output."""
+
+    topic: TopicSymbol
+    path: tuple[str, ...]
+    values: tuple[Expr, ...]
+    span: Span
+
+
+@dataclass(eq=False)
+class VerifyBlock:
+    """What a `verify` block says; absent parts are None or empty. Times are durations."""
+
+    groups: tuple[AxisGroup, ...] = ()
+    abstracts: tuple[AbstractionLink, ...] = ()
+    commands: tuple[CommandSet, ...] = ()
+    core: Expr | None = None
+    horizon: Expr | None = None
+    levels: Expr | None = None
+    late_dm: Expr | None = None
+    late_sc: Expr | None = None
+    response_dm: Expr | None = None
+    response_sc: Expr | None = None
+    acts: Expr | None = None
+    recover: Expr | None = None
+    late_of: dict[str, Expr] = field(default_factory=dict)
+    """Nodes between plant and module, by name in the flying system: how late they start."""
+    response_of: dict[str, Expr] = field(default_factory=dict)
+    dropout: Expr | None = None
+    """For how long a sensor may be silent beyond its period."""
+    span: Span | None = None
+
+
+@dataclass(eq=False)
+class AbstractionLink:
+    """`abstracts instance by name: Plant = expr`; `expr` reads `instance.truth`."""
+
+    instance: str
+    name: str
+    plant: PlantSymbol
+    value: Expr | None
+    span: Span
+
+
+@dataclass(eq=False, kw_only=True)
+class ModuleSymbol(Symbol):
+    """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
+
+    `ttf` and `safer` may be None: then they are computed (`reach/deploy/complete.py`) before a run
+    or a build; where that fails AC never gets control. `clean` is the number of clean outputs AC
+    needs after a fault.
+    """
+
+    ac: NodeSymbol
+    sc: NodeSymbol
+    period: Expr
+    safe: Expr
+    safer: Expr | None
+    ttf: Expr | None
+    clean: Expr | None
+    verify: VerifyBlock
+    topics_read: tuple[TopicSymbol, ...] = ()
+    """Topics that `ttf` and `safer` read, in order of first use: the DM's inputs."""
+    ac_span: Span | None = None
+    sc_span: Span | None = None
+    """Where the module names its controllers."""
+
+    @property
+    def synthesized(self) -> bool:
+        """Whether SC is still to be found: `sc synthesized period d;`."""
+        return self.sc.name == SYNTHESIZED
+
+    @property
+    def predicates(self) -> tuple[Expr, ...]:
+        """What it says about its topics: `safe`, `ttf`, `safer` and the hint `core`."""
+        found = (self.safe, self.ttf, self.safer, self.verify.core)
+        return tuple(e for e in found if e is not None)
+
+
+@dataclass(eq=False)
+class MeasuredSymbol:
+    """An estimator error bound on the leaves of a driven topic below `path`."""
+
+    topic: TopicSymbol
+    path: tuple[str, ...]
+    within: Expr
+    span: Span
+
+
+@dataclass(eq=False)
+class DisturbanceSymbol:
+    """A bounded disturbance, every leaf in [low, high], redrawn every `hold` (None: each step)."""
+
+    variable: Variable
+    low: Expr
+    high: Expr
+    hold: Expr | None
+
+
+@dataclass(eq=False, kw_only=True)
+class PlantSymbol(Symbol):
+    """A plant. Each state has exactly one of der / next, or neither (constant), unless extern.
+
+    One step at time t: draws the disturbances, evaluates lets, integrates every `der` state
+    over the period (all together), evaluates every `next` from the OLD state, stores; then
+    evaluates lets anew and publishes every driven topic, measurement errors added.
+    """
+
+    period: Expr
+    extern: bool
+    source: str | None
+    reads: tuple[TopicSymbol, ...]
+    drives: tuple[tuple[TopicSymbol, Expr], ...]
+    states: tuple[Variable, ...]
+    initial: tuple[Expr | None, ...]
+    initial_range: tuple[tuple[Expr, Expr] | None, ...]
+    disturbances: tuple[DisturbanceSymbol, ...]
+    lets: tuple[tuple[Variable, Expr], ...]
+    der: dict[Variable, Expr]
+    next: dict[Variable, Expr]
+    method: str
+    substeps: Expr | None
+    measured: tuple[MeasuredSymbol, ...]
+    truth: RecordType
+    read_spans: tuple[Span, ...] = ()
+    """Where it names the topics of `reads`, in that order."""
+
+
+@dataclass(eq=False)
+class InstanceSymbol:
+    """`name: What { topic = other };` of a system."""
+
+    name: str
+    what: PlantSymbol | NodeSymbol | ModuleSymbol | SystemSymbol
+    renames: dict[TopicSymbol, TopicSymbol]
+    rename_spans: dict[TopicSymbol, Span]
+    """Where the inner topic of each wire is written."""
+    span: Span
+
+
+@dataclass(eq=False)
+class PropertySymbol:
+    """A property of a system or test: kind always, never, eventually, leadsto or invariant.
+
+    "invariant" (tests only) has no expressions: `module` is the instance path it is about, None
+    for `invariants`, all of them.
+    """
+
+    kind: str
+    premise: Expr | None
+    condition: Expr | None
+    within: Expr | None
+    text: str
+    span: Span
+    module: str | None = None
+
+
+@dataclass(eq=False)
+class FaultSymbol:
+    """A timing fault of a test: `late N by d;`, `skip N at most k;`, `overrun N by d;`.
+
+    `path`: the component as the system names it; exactly one of `by` and `at_most` is set.
+    """
+
+    kind: str
+    path: str
+    by: Expr | None
+    at_most: Expr | None
+    span: Span
+
+
+@dataclass(eq=False)
+class InputSymbol:
+    """`input topic [in { values }] every d;`: without values the whole set of the topic."""
+
+    path: str
+    topic: TopicSymbol
+    every: Expr
+    span: Span
+    values: tuple[Expr, ...] = ()
+
+
+@dataclass(eq=False)
+class SystemSymbol(Symbol):
+    """A system: instances, properties and overrides."""
+
+    default: bool
+    instances: tuple[InstanceSymbol, ...]
+    until: Expr | None
+    properties: tuple[PropertySymbol, ...]
+    forces: tuple[tuple[str, str, Span], ...]
+    replaces: tuple[tuple[str, NodeSymbol | PlantSymbol, Span], ...]
+    sets: tuple[tuple[ParamSymbol, Expr, Span], ...]
+    inputs: tuple[InputSymbol, ...]
+
+
+@dataclass(eq=False)
+class TestSymbol(Symbol):
+    """A `test` block; executed by `soter test`."""
+
+    system: SystemSymbol
+    replaces: tuple[tuple[str, NodeSymbol | PlantSymbol, Span], ...]
+    skew: Expr | None
+    horizon: Expr | None
+    properties: tuple[PropertySymbol, ...]
+    quantum: Expr | None = None
+    faults: tuple[FaultSymbol, ...] = ()
+    inputs: tuple[InputSymbol, ...] = ()
+
+
+class Cost(NamedTuple):
+    """What one execution takes at most, as `program/check/cost.py` counts."""
+
+    operations: int
+    bytes: int
+    externs: tuple[str, ...]
+    """Extern functions it may call, whose own code is not counted."""
+
+
+@dataclass(eq=False)
+class Program:
+    """A whole checked program: the main file and everything it imports."""
+
+    path: str
+    sha256: str
+    """Hash of the edition, every source text, every data file, in order of loading."""
+    consts: dict[str, ConstSymbol] = field(default_factory=dict)
+    params: dict[str, ParamSymbol] = field(default_factory=dict)
+    funs: dict[str, FunSymbol] = field(default_factory=dict)
+    topics: dict[str, TopicSymbol] = field(default_factory=dict)
+    nodes: dict[str, NodeSymbol] = field(default_factory=dict)
+    modules: dict[str, ModuleSymbol] = field(default_factory=dict)
+    plants: dict[str, PlantSymbol] = field(default_factory=dict)
+    systems: dict[str, SystemSymbol] = field(default_factory=dict)
+    tests: dict[str, TestSymbol] = field(default_factory=dict)
+    stand_ins: dict[TopicSymbol, tuple[tuple[str, ...], TopicSymbol]] = field(default_factory=dict)
+    """Topics of sub-systems that a system mentions: instance path and the topic itself."""
+    damaged: set[object] = field(default_factory=set)
+    """Symbols whose declarations have errors: what they lack is no error of others."""
+    system_sizes: dict[SystemSymbol, tuple[int, int]] = field(default_factory=dict)
+    """Components and levels of a system, once counted (`measure.py`)."""
+    costs: dict[NodeSymbol | ModuleSymbol, Cost] = field(default_factory=dict)
+    """Of the step of every node that is not extern, and of every decision module whose predicates
+    are known."""
+    incomplete: bool = False
+    """Whether a declaration of the main file could not be read at all."""

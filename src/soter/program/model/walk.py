@@ -1,0 +1,89 @@
+"""Walks over checked trees: what an expression or a body contains.
+
+Purpose: one definition of "the parts of a node", and the questions the later passes ask of it.
+Non-goals: meaning; nothing here follows a call into the function.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.program.model import typed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Iterator
+
+_SKIPPED = {"type", "span", "fun", "param", "topic", "module", "variable"}
+
+
+def children(node: object) -> list[object]:
+    """Direct typed sub-nodes of an expression, statement or place, in written order."""
+    found: list[object] = []
+    for name in getattr(node, "__dataclass_fields__", {}):
+        if name in _SKIPPED:
+            continue
+        stack = [getattr(node, name)]
+        while stack:
+            v = stack.pop()
+            if isinstance(v, (typed.Expr, typed.Stmt, typed.Place)):
+                found.append(v)
+            elif isinstance(v, tuple):
+                stack.extend(reversed(v))
+    return found
+
+
+def nodes(roots: Iterable[object]) -> Iterator[object]:
+    """Every typed node below `roots`, each before its parts, in written order."""
+    todo = list(roots)
+    todo.reverse()
+    while todo:
+        node = todo.pop()
+        yield node
+        todo.extend(reversed(children(node)))
+
+
+def calls_in(*roots: object) -> list[typed.Call]:
+    """Calls of declared functions."""
+    return [n for n in nodes(roots) if isinstance(n, typed.Call)]
+
+
+def topic_reads(*roots: object) -> dict[typed.TopicSymbol, typed.Expr]:
+    """Topics that are read, each with its first reading."""
+    found: dict[typed.TopicSymbol, typed.Expr] = {}
+    for node in nodes(roots):
+        if isinstance(node, (typed.TopicRead, typed.AgeRead)):
+            found.setdefault(node.topic, node)
+    return found
+
+
+def mode_reads(*roots: object) -> dict[typed.ModuleSymbol | str, typed.Expr]:
+    """Modules whose mode is read, each with its first reading."""
+    found: dict[typed.ModuleSymbol | str, typed.Expr] = {}
+    for node in nodes(roots):
+        if isinstance(node, typed.ModeRead):
+            found.setdefault(node.module, node)
+    return found
+
+
+def topics_mentioned(what: object) -> list[typed.TopicSymbol]:
+    """Topics that a plant, a node or a module reads or writes."""
+    if isinstance(what, typed.NodeSymbol):
+        return [*(s.topic for s in what.subscribes), *what.publishes]
+    if isinstance(what, typed.PlantSymbol):
+        return [*what.reads, *(t for t, _ in what.drives)]
+    if isinstance(what, typed.ModuleSymbol):
+        nodes_ = [*topics_mentioned(what.ac), *topics_mentioned(what.sc)]
+        return [*nodes_, *what.topics_read, *topic_reads(*what.predicates)]
+    return []
+
+
+def topics_beside(system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
+    """The topics that stand beside the instances of a system, wires applied."""
+    found: dict[typed.TopicSymbol, None] = {}
+    for instance in system.instances:
+        if isinstance(instance.what, typed.SystemSymbol):
+            for outer in instance.renames.values():
+                found.setdefault(outer)
+        for topic in topics_mentioned(instance.what):
+            found.setdefault(instance.renames.get(topic, topic))
+    return list(found)

@@ -1,0 +1,1 @@
+"""Runs that violate what was not proved."""

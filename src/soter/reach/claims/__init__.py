@@ -1,0 +1,1 @@
+"""What is proved of a module, group by group and of their product."""

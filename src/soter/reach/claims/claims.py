@@ -1,0 +1,134 @@
+"""The claims of one case, asked of its groups in turn (docs/verification.md, section 3).
+
+Purpose: for one combination of parameter values: C, K, R(H), the inclusions of `ttf` and `safer`,
+the start. What a group cannot show it says itself; here is what concerns several of them.
+Non-goals: how a group is proved (`case.py`, `reach/grid/`, `reach/polytope/`), P2b (`recovery.py`),
+refinement and verdicts (`verify.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.reach.claims.case import Case
+from soter.reach.claims.products import law_stays_inside, product_holds
+from soter.reach.enclose.forms import Forms
+from soter.reach.methods import by_method, in_order, method_of
+from soter.reach.time.first_reads import fault_on_defaults
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.reach.claims.case import Tell
+    from soter.reach.claims.products import Part
+    from soter.reach.enclose.library import ReachLibrary
+    from soter.reach.problem.problem import Group, Problem
+
+
+def open_case(
+    problem: Problem,
+    library: ReachLibrary,
+    groups: Sequence[Group],
+    parameter: tuple[int, ...],
+    tell: Tell | None,
+    before: Case | None = None,
+) -> Case:
+    """The proofs of every group; UnboundedError where the dynamics have no enclosure.
+
+    Of an earlier attempt `before`, groups that are the same keep their sets and their failures: the
+    analysis of a group looks at the ranges of the others only.
+    """
+    case = Case(problem, parameter, Forms(library, problem, parameter))
+    for i, group in enumerate(in_order(groups)):
+        old = None if before is None else before.proofs[i]
+        if old is None or before is None or old.group != group:
+            case.proofs.append(method_of(group).opened(case, group, tell))
+            continue
+        old.fresh = False
+        case.proofs.append(old)
+        case.failures += [f for f in before.failures if f.proof is old and f.claim != "start"]
+    if before is not None:
+        case.spent.update(before.spent)
+        case.counts.update(before.counts)
+    return case
+
+
+def parts_of(case: Case, predicate: str) -> list[Part] | None:
+    """A part for every group on which a predicate holds; None where none was found."""
+    found: list[Part] = []
+    for method, proofs in by_method(case):
+        parts = method.parts(case, proofs, predicate)
+        if parts is None:
+            return None
+        found += parts
+    return found
+
+
+def constraint(case: Case) -> bool:
+    """C_g for every group, the product check, and that SC stays inside its sets; False: no C."""
+    found = parts_of(case, "safe")
+    if found is None:
+        case.fail("P2a", "no state was found on which `safe` holds")
+        return False
+    if not product_holds(case.forms, found, "safe"):
+        hint = "put states that `safe` compares with each other into one line"
+        hint += "".join(method.hint for method, _ in by_method(case))
+        case.fail("P2a", "`safe` is no product over the groups", hint=hint)
+        return False
+    if case.problem.has_core_hint:
+        hinted = _hinted(case, found)
+        if hinted is None:
+            case.fail("P2a", "no state was found on which `core` holds")
+            return False
+        found = hinted
+    for proof, part in zip(case.proofs, found, strict=True):
+        proof.take(case, part)
+    why = law_stays_inside(case.problem, case.forms, found)
+    if why:
+        case.fail("P2a", why, hint="clamp what SC publishes to the topic's set")
+    return True
+
+
+def _hinted(case: Case, parts: Sequence[Part]) -> list[Part] | None:
+    """The parts inside `core e;`."""
+    left = dict(zip(map(id, case.proofs), parts, strict=True))
+    found: list[Part] = []
+    for method, proofs in by_method(case):
+        inside = method.hinted(case, proofs, [left[id(p)] for p in proofs])
+        if inside is None:
+            return None
+        found += inside
+    return found
+
+
+def core(case: Case) -> bool:
+    """K of every group; False where one is empty."""
+    whole = True
+    for proof in case.fresh:
+        whole = proof.core(case) and whole
+    return whole
+
+
+def free_phase(case: Case) -> None:
+    """R(H) of every group."""
+    for proof in case.fresh:
+        proof.free_phase(case)
+
+
+def inclusion(case: Case, predicate: str) -> None:
+    """`ttf` or `safer`: an estimate from which AC may have control comes from a state in R(H)."""
+    for proof in case.fresh:
+        proof.inclusion(case, predicate)
+
+
+def start(case: Case) -> None:
+    """The declared initial states lie in R(h_0), h_0 the first instant SC's output acts."""
+    if case.parameter != case.problem.parameter_start:
+        return
+    wrong_read = fault_on_defaults(case.problem)
+    if wrong_read:
+        hint = "let SC step only after what it reads was published: `phase`"
+        case.fail("start", wrong_read, hint=hint)
+    until_ns = case.problem.in_horizon(case.problem.times.start)
+    for proof in case.proofs:
+        proof.start(case, until_ns)

@@ -1,0 +1,1 @@
+"""Computed predicates, and the DM that flies."""

@@ -1,0 +1,217 @@
+"""Modules without `ttf` and `safer`: their sets are computed and put into the system.
+
+Purpose: `complete` gives every such module of a flat system predicates that read tables, so that
+interpreter, lowering and C all see them; tables are kept in the cache folder.
+Non-goals: the sets (`reach/claims/`), reading a table (`tables.py`), verdicts.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+from dataclasses import replace
+from importlib.metadata import version
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.native.kept import found, keep
+from soter.native.own_files import SOTER, files_below
+from soter.program.model.walk import topic_reads
+from soter.reach.claims import claims
+from soter.reach.claims.levels import levels, withheld
+from soter.reach.enclose.forms import library_of
+from soter.reach.grid.sets import UnboundedError
+from soter.reach.methods import in_order, method_of, pairs_of, tables
+from soter.reach.problem.estimates import seen
+from soter.reach.problem.extract import cases, extract
+from soter.reach.tables.tables import predicates
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from soter.program.model.system import Module, System
+    from soter.reach.enclose.library import ReachLibrary
+    from soter.reach.methods import Pairs
+    from soter.reach.problem.problem import Group, Problem
+    from soter.reach.tables.level_table import LevelTable
+
+    Found = list[LevelTable]
+    Progress = Callable[[float], None]
+
+
+ENGINE_ROOMS = ("reach", "codegen", "lower", "program", "runtime", "semantics", "syntax")
+"""A set depends on how a program is read, lowered, enclosed and computed with."""
+FILE = "sets.npz"
+NEVER = "ttf and safer are not computed, its AC never gets control"
+
+
+def open_modules(flat: System) -> list[Module]:
+    """Modules whose predicates are to be computed."""
+    return [m for m in flat.modules if m.symbol.ttf is None and m.symbol.safer is None]
+
+
+def complete(flat: System, progress: Progress | None = None) -> list[str]:
+    """Give the modules of `flat` that have neither `ttf` nor `safer` computed ones, in place.
+
+    A module that determines no verification problem, or whose problem has no solution, stays as it
+    is: its AC never gets control. Gives a note about each module; `soter verify` says more.
+    """
+    todo = open_modules(flat)
+    notes = []
+    for i, module in enumerate(todo):
+        try:
+            problem = extract(flat, module)
+        except SoterError as error:
+            notes.append(f"{module.name}: {error.diagnostics[0].message}: {NEVER}")
+            continue
+        found = _tables(problem, _part(progress, i, len(todo)))
+        if found is None:
+            notes.append(f"{module.name}: SC keeps no set that could be found: {NEVER}")
+            continue
+        put(flat, module, problem, found)
+        share = min(x.share for x in found)
+        notes.append(f"{module.name}: ttf and safer computed, S_0 is {share:.1%} of the grid")
+    return notes
+
+
+def put(flat: System, module: Module, problem: Problem, found: Found) -> None:
+    """The predicates of these tables as the module's own."""
+    ttf, safer = predicates(problem, found)
+    reads = tuple(topic_reads(ttf, safer))
+    scope = {**flat.components[module.sc].scope.topics, **module.scope.topics}
+    for topic in reads:
+        module.scope.topics.setdefault(topic, scope[topic])
+        flat.components[module.dm].scope.topics.setdefault(topic, scope[topic])
+    module.symbol = replace(module.symbol, ttf=ttf, safer=safer, topics_read=reads)
+    module.inputs = tuple(scope[topic] for topic in reads)
+
+
+# ---------------------------------------------------------------- computing
+
+
+def _tables(problem: Problem, progress: Progress | None) -> Found | None:
+    """From the cache, or computed; None where the engine has no answer."""
+    library, _ = library_of(problem)
+    key = _key(problem, library)
+    sets = _kept(key, problem)
+    if sets is None:
+        sets = _computed(problem, library, progress)
+        if sets is None:
+            return None
+        _keep(key, problem, sets)
+    return tables(problem, sets)
+
+
+def _computed(
+    problem: Problem, library: ReachLibrary, progress: Progress | None
+) -> list[Pairs] | None:
+    every = list(cases(problem))
+    found = []
+    for i, parameter in enumerate(every):
+        tell = _part(progress, i, len(every))
+        try:
+            case = claims.open_case(problem, library, problem.groups, parameter, _telling(tell))
+            if not (claims.constraint(case) and claims.core(case)):
+                return None
+            claims.free_phase(case)
+            levels(case)
+        except UnboundedError:
+            return None
+        pairs = pairs_of(case.sets)
+        if withheld(case) or len(pairs) != len(problem.groups):
+            return None
+        found.append(pairs)
+    return found
+
+
+def _telling(progress: Progress | None) -> Callable[[str, float], None] | None:
+    """As the engine tells it: K first, the tubes after it."""
+    if progress is None:
+        return None
+    return lambda what, share: progress(0.9 * share if what == "core" else 0.9 + 0.1 * share)
+
+
+def _part(progress: Progress | None, index: int, count: int) -> Progress | None:
+    if progress is None:
+        return None
+    return lambda share: progress((index + share) / count)
+
+
+# ---------------------------------------------------------------- the cache
+
+
+def _key(problem: Problem, library: ReachLibrary) -> str:
+    """A hash of everything the sets depend on: the enclosures' C, all numbers, the engine."""
+    told = hashlib.sha256()
+    for part in (
+        version("soter"),
+        np.__version__,
+        library.path.name,
+        problem.kind,
+        problem.plant_period_ns,
+        problem.scheme_step_ns,
+        problem.states,
+        problem.controls,
+        problem.disturbances,
+        problem.errors,
+        problem.others,
+        problem.parameters,
+        [(g.representation, g.axes) for g in problem.groups],
+        replace(problem.times, declared=frozenset()),
+        sorted(problem.times.declared),
+        problem.levels,
+        problem.has_core_hint,
+        sorted(problem.topic_leaf_of_state.items()),
+        sorted(seen(problem)),
+    ):
+        told.update(repr(part).encode() + b"\0")
+    for file in engine_files():
+        told.update(file.read_bytes())
+    return told.hexdigest()
+
+
+def engine_files() -> list[Path]:
+    """Every file that the sets depend on, however the rooms are cut."""
+    found = [f for room in ENGINE_ROOMS for f in files_below(SOTER / room, "*.py", "*.[ch]")]
+    return [*found, *files_below(SOTER / "prelude", "*.soter")]
+
+
+def _keep(key: str, problem: Problem, sets: list[Pairs]) -> None:
+    """Write the sets; a cache that cannot be written is no error."""
+    arrays: dict[str, NDArray[np.generic]] = {}
+    for i, case in enumerate(sets):
+        for j, (group, pair) in enumerate(zip(in_order(problem.groups), case, strict=True)):
+            for name, array in method_of(group).packed(pair).items():
+                arrays[f"{i}_{j}_{name}"] = array
+
+    def make(work: Path) -> None:
+        np.savez_compressed(work / FILE, **arrays)  # type: ignore[arg-type]
+
+    with contextlib.suppress(SoterError):
+        keep("sets", key, (FILE,), make)
+
+
+def _kept(key: str, problem: Problem) -> list[Pairs] | None:
+    """The sets of an earlier run; None where there are none."""
+    folder = found("sets", key, (FILE,))
+    if folder is None:
+        return None
+    groups = in_order(problem.groups)
+    try:
+        with np.load(folder / FILE) as data:
+            return [
+                [_pair(data, f"{i}_{j}_", group) for j, group in enumerate(groups)]
+                for i, _ in enumerate(cases(problem))
+            ]
+    except (OSError, ValueError, KeyError):
+        return None
+
+
+def _pair(data: Any, name: str, group: Group) -> object:  # noqa: ANN401 - an open archive
+    own = {key.removeprefix(name): data[key] for key in data.files if key.startswith(name)}
+    return method_of(group).unpacked(group, own)

@@ -1,0 +1,60 @@
+"""The parts of a predicate that all must hold.
+
+Purpose: `a && b` as [a, b], also where it stands in a function that only returns it; a product over
+groups of states satisfies a predicate if it satisfies each part (`reach/claims/products.py`).
+Non-goals: any other rewriting; a predicate that is no conjunction is its own only part.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
+
+from soter.program.model import typed
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+PARTS_MAX = 16
+
+
+def conjuncts(predicate: typed.Expr) -> list[typed.Expr]:
+    """Expressions whose conjunction is the predicate, from left to right; at most `PARTS_MAX`."""
+    found = _parts(predicate)
+    return found if len(found) <= PARTS_MAX else [predicate]
+
+
+def _parts(e: typed.Expr) -> list[typed.Expr]:
+    if isinstance(e, typed.Binary) and e.op == "&&":
+        return [*_parts(e.left), *_parts(e.right)]
+    if isinstance(e, typed.Call):
+        inner = _returned(e)
+        if inner is not None and len(found := _parts(inner)) > 1:
+            return found
+    return [e]
+
+
+def _returned(call: typed.Call) -> typed.Expr | None:
+    """What a call stands for, where the function is nothing but one `return`."""
+    body = call.fun.body
+    if body is None or len(body) != 1 or not isinstance(body[0], typed.Return):
+        return None
+    given = dict(zip(call.fun.parameters, call.arguments, strict=True))
+    found: typed.Expr = _replaced(body[0].value, given)
+    return found
+
+
+def _replaced(node: Any, given: Mapping[typed.Variable, typed.Expr]) -> Any:  # noqa: ANN401
+    """The same with arguments in place of the parameters; expressions have no effects."""
+    if isinstance(node, typed.VarRead):
+        return given.get(node.variable, node)
+    if isinstance(node, tuple):
+        return tuple(_replaced(x, given) for x in node)
+    if not isinstance(node, typed.Expr):
+        return node
+    changed = {
+        f.name: _replaced(getattr(node, f.name), given)
+        for f in fields(node)
+        if f.name not in ("type", "span", "fun")
+    }
+    return replace(node, **changed)

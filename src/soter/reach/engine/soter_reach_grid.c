@@ -1,0 +1,214 @@
+/* Grids: from boxes to cells, sets as bits, erosion. */
+#include "soter_reach_in.h"
+
+#include <string.h>
+
+/* A cell near x, for x in the grid; the edges say which one it is. */
+static int near(const soter_reach_group* g, int axis, double x) {
+  const double* e = g->edges[axis];
+  const int n = g->cells[axis], buckets = g->guesses[axis];
+  const double scale = buckets / (e[n] - e[0]);
+  const int b = (int)((x - e[0]) * scale);
+  return g->guess[axis][b < 0 ? 0 : b >= buckets ? buckets - 1 : b];
+}
+
+/* The last cell that begins at lo or before. */
+static int first_of(const soter_reach_group* g, int axis, double lo) {
+  const double* e = g->edges[axis];
+  int i = near(g, axis, lo);
+  while (e[i] > lo) {
+    i--;
+  }
+  while (i + 1 < g->cells[axis] && e[i + 1] <= lo) {
+    i++;
+  }
+  return i;
+}
+
+/* The first cell that ends at hi or after. */
+static int last_of(const soter_reach_group* g, int axis, double hi) {
+  const double* e = g->edges[axis];
+  int j = near(g, axis, hi);
+  while (e[j + 1] < hi) {
+    j++;
+  }
+  while (j > 0 && e[j] >= hi) {
+    j--;
+  }
+  return j;
+}
+
+/* First and last cell that cover [lo, hi] along an axis; 0 where the grid does not. */
+int soter_reach_cells(const soter_reach_group* g, int axis, double lo, double hi, int* first,
+                      int* last) {
+  const double* e = g->edges[axis];
+  const int n = g->cells[axis];
+  soter_reach_keep_axis(g, axis, &lo, &hi);
+  if (!(lo >= e[0] && hi <= e[n] && lo <= hi)) {
+    return 0;
+  }
+  *first = first_of(g, axis, lo);
+  *last = last_of(g, axis, hi);
+  if (*last < *first) { /* a point on an edge */
+    *last = *first;
+  }
+  SOTER_CHECK(*first >= 0 && *last < n);
+  return 1;
+}
+
+/* Cells that cover a box: [first, last] of every axis in turn. */
+int soter_reach_cover(const soter_reach_group* g, const double* lo, const double* hi,
+                      uint16_t* image) {
+  for (int a = 0; a < g->axes; a++) {
+    int first, last;
+    if (!soter_reach_cells(g, a, lo[a], hi[a], &first, &last)) {
+      return 0;
+    }
+    image[2 * a] = (uint16_t)first;
+    image[2 * a + 1] = (uint16_t)last;
+  }
+  return 1;
+}
+
+/* Masks of the words from..to of a row that hold bits first..last. */
+static inline uint64_t mask(int word, int first, int last) {
+  uint64_t m = ~UINT64_C(0);
+  if (word == first >> 6) {
+    m &= ~UINT64_C(0) << (first & 63);
+  }
+  if (word == last >> 6) {
+    m &= ~UINT64_C(0) >> (63 - (last & 63));
+  }
+  return m;
+}
+
+/* The next row of a box of cells; 0 after the last one. `at` counts the axes but the last. */
+static inline int64_t row_of(const soter_reach_group* g, const int* at) {
+  int64_t row = 0;
+  for (int a = 0; a + 1 < g->axes; a++) {
+    row = row * g->cells[a] + at[a];
+  }
+  return row;
+}
+
+/* Whether the cells first..last of a row differ from what would go on: for `any` none is in the
+ * set, else all are. */
+static inline int row_tells(const uint64_t* row, int first, int last, int any) {
+  for (int w = first >> 6; w <= last >> 6; w++) {
+    const uint64_t m = mask(w, first, last);
+    if (any ? (row[w] & m) != 0 : (row[w] & m) != m) {
+      return 1;
+    }
+  }
+  return 0;
+}
+
+/* The same of the rows from..to of two axes, within one word: the usual case. */
+static inline int plane_tells(const uint64_t* row, int64_t words, int from, int to, uint64_t m,
+                              int any) {
+  for (int r = from; r <= to; r++) {
+    if (any ? (*row & m) != 0 : (*row & m) != m) {
+      return 1;
+    }
+    row += words;
+  }
+  return 0;
+}
+
+/* Whether every cell of the box is in the set; `any`: whether one is. */
+int soter_reach_inside(const soter_reach_group* g, const uint64_t* bits, const uint16_t* box,
+                       int any) {
+  int at[AXES] = {0, 0, 0, 0};
+  const int n = g->axes, first = box[2 * (n - 1)], last = box[2 * (n - 1) + 1];
+  if (n == 2 && first >> 6 == last >> 6) {
+    const uint64_t m = mask(first >> 6, first, last);
+    const uint64_t* row = bits + (int64_t)box[0] * g->words + (first >> 6);
+    return plane_tells(row, g->words, box[0], box[1], m, any) ? any : !any;
+  }
+  for (int a = 0; a + 1 < n; a++) {
+    at[a] = box[2 * a];
+  }
+  for (;;) {
+    if (row_tells(bits + row_of(g, at) * g->words, first, last, any)) {
+      return any;
+    }
+    int a = n - 2;
+    while (a >= 0 && at[a] == box[2 * a + 1]) {
+      at[a] = box[2 * a];
+      a--;
+    }
+    if (a < 0) {
+      return !any;
+    }
+    at[a]++;
+  }
+}
+
+static int64_t rows_of(const soter_reach_group* g) {
+  int64_t rows = 1;
+  for (int a = 0; a + 1 < g->axes; a++) {
+    rows *= g->cells[a];
+  }
+  return rows;
+}
+
+/* Bytes (0 or not) of cells to bits. */
+void soter_reach_pack(const soter_reach_group* g, const uint8_t* cells, uint64_t* bits) {
+  const int64_t rows = rows_of(g);
+  const int n = g->cells[g->axes - 1];
+  SOTER_CHECK(n <= 64 * g->words);
+  for (int64_t r = 0; r < rows; r++) {
+    for (int w = 0; w < g->words; w++) {
+      uint64_t x = 0;
+      const int end = n - 64 * w < 64 ? n - 64 * w : 64;
+      for (int b = 0; b < end; b++) {
+        x |= (uint64_t)(cells[64 * w + b] != 0) << b;
+      }
+      bits[w] = x;
+    }
+    cells += n;
+    bits += g->words;
+  }
+}
+
+void soter_reach_unpack(const soter_reach_group* g, const uint64_t* bits, uint8_t* cells) {
+  const int64_t rows = rows_of(g);
+  const int n = g->cells[g->axes - 1];
+  SOTER_CHECK(n <= 64 * g->words);
+  for (int64_t r = 0; r < rows; r++) {
+    for (int b = 0; b < n; b++) {
+      cells[b] = (uint8_t)((bits[b >> 6] >> (b & 63)) & 1U);
+    }
+    cells += n;
+    bits += g->words;
+  }
+}
+
+/* Along one axis (`before` lines of `n` cells, `after` values each): out[i] says that all (`grow`:
+ * one) of in[first[i]..last[i]] are set; a first below 0 or a last of n or more is outside.
+ * scratch: (n + 1) * after ints. */
+void soter_reach_shrink(int64_t before, int64_t n, int64_t after, const int32_t* first,
+                        const int32_t* last, int32_t grow, const uint8_t* in, uint8_t* out,
+                        int32_t* scratch) {
+  for (int64_t b = 0; b < before; b++) {
+    const uint8_t* from = in + b * n * after;
+    uint8_t* to = out + b * n * after;
+    memset(scratch, 0, sizeof(int32_t) * (size_t)after);
+    for (int64_t i = 0; i < n; i++) {
+      const int32_t* sum = scratch + i * after;
+      int32_t* next = scratch + (i + 1) * after;
+      for (int64_t k = 0; k < after; k++) {
+        next[k] = sum[k] + (from[i * after + k] != 0);
+      }
+    }
+    for (int64_t i = 0; i < n; i++) {
+      const int32_t lo = first[i] < 0 ? 0 : first[i];
+      const int32_t hi = last[i] >= n ? (int32_t)n - 1 : last[i];
+      const int32_t whole = last[i] - first[i] + 1;
+      for (int64_t k = 0; k < after; k++) {
+        const int32_t count = hi < lo ? 0 : scratch[(hi + 1) * after + k] - scratch[lo * after + k];
+        to[i * after + k] = (uint8_t)(grow ? count > 0 : count == whole);
+      }
+    }
+  }
+}

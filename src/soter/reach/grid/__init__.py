@@ -1,0 +1,1 @@
+"""Sets on grids, in front of the engine."""

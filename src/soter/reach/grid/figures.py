@@ -1,0 +1,51 @@
+"""The paper's regions R1 to R5 of a group's cells, and the figure of them.
+
+Purpose: from the sets of a group to one number a cell; the first two axes as a figure.
+Non-goals: drawing (`report/proof/regions.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.report.proof.record import R1, R2, R3, R4, R5, RegionFigure
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from soter.reach.claims.results import GroupSets
+
+
+def regions(sets: GroupSets) -> NDArray[np.uint8]:
+    """R1 to R5 for every cell of a group, in the grid's shape."""
+    found = np.full(sets.allowed.shape, R1, dtype=np.uint8)
+    found[sets.allowed] = R2
+    found[sets.core > 0] = R3
+    if sets.free is not None:
+        found[sets.free] = R4
+        if sets.gives_back is not None:
+            found[sets.free & sets.gives_back] = R5
+    return found
+
+
+def figure(sets: GroupSets, note: str) -> RegionFigure:
+    """The first two axes; further ones are cut where the state is nearest to the middle."""
+    axes = sets.group.axes
+    found = regions(sets)
+    cuts: list[str] = []
+    for k, axis in enumerate(axes[2:]):
+        edges = np.asarray(axis.edges)
+        middle = int(np.argmin(np.abs((edges[:-1] + edges[1:]) / 2.0)))
+        found = np.take(found, [middle], axis=2).reshape(*found.shape[:2], *found.shape[3:])
+        cuts.append(f"{axes[2 + k].name} in [{edges[middle]:.4g}, {edges[middle + 1]:.4g}]")
+    text = "; ".join(filter(None, (note, ", ".join(cuts))))
+    x = np.asarray(axes[0].edges)
+    if len(axes) == 1:
+        return RegionFigure(
+            axes[0].name, axes[0].name, "", x, np.array([0.0, 1.0]), found[:, None], text
+        )
+    y = np.asarray(axes[1].edges)
+    title = f"{axes[0].name} and {axes[1].name}"
+    return RegionFigure(title, axes[0].name, axes[1].name, x, y, found, text)

@@ -1,0 +1,1 @@
+"""Linear groups as polytopes."""

@@ -1,0 +1,1 @@
+"""From a flat system to the verification problem of a module."""

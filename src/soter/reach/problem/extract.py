@@ -1,0 +1,162 @@
+"""Read the verification problem of a module off its program.
+
+Purpose: a flat system and a module -> `Problem`; where the program does not determine one, a
+diagnostic that says what to write (codes R...).
+Non-goals: computing sets (`reach/grid/sets.py`), verdicts (`verify.py`).
+"""
+
+from __future__ import annotations
+
+from itertools import product
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.lower.steps import lower
+from soter.program.check.const import Calculator
+from soter.program.model.types import leaves
+from soter.reach.enclose.scheme import ORDER
+from soter.reach.problem.assumed import assumptions_of
+from soter.reach.problem.axes import Axes
+from soter.reach.problem.following import check_followed
+from soter.reach.problem.inputs import Inputs, inputs_of
+from soter.reach.problem.place import Place, place
+from soter.reach.problem.problem import Interval, Problem
+from soter.reach.time.timing import times_of
+from soter.syntax.schemes import SCHEMES
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.program.model.system import Module, System
+    from soter.reach.problem.problem import Group
+
+LEVELS_DEFAULT = 3
+CASES_MAX = 4096
+
+
+def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
+    """The problem of `module` of the flat system; `SoterError` with R... where there is none."""
+    diagnostics = Diagnostics()
+    at = place(flat, module)
+    kind = check_followed(at, diagnostics, synthesize=synthesize)
+    _stop(diagnostics)
+    inputs = inputs_of(at, diagnostics)
+    _stop(diagnostics)
+    groups = Axes(at, inputs, diagnostics)
+    found = groups.groups()
+    times, routes = times_of(at, kind, diagnostics)
+    _cases(at, inputs, diagnostics)
+    commands = _commands(at, inputs, diagnostics, synthesize=synthesize)
+    _stop(diagnostics)
+    calculator = Calculator(diagnostics, at.module.scope.params)
+    symbol = at.module.symbol
+    levels = symbol.verify.levels
+    recover = symbol.verify.recover
+    return Problem(
+        system=at.system,
+        core=lower(at.system),
+        module=at.module,
+        quantities=inputs.quantities(),
+        kind=kind,
+        plant_period_ns=at.plants[0].period_ns,
+        states=_extents(found, len(inputs.states)),
+        initial=tuple(inputs.initial),
+        controls=tuple(inputs.control_ranges),
+        disturbances=tuple(inputs.disturbance_ranges),
+        errors=tuple(inputs.error_ranges),
+        others=tuple(inputs.other_ranges),
+        parameters=tuple(inputs.parameters),
+        groups=found,
+        times=times,
+        levels=LEVELS_DEFAULT if levels is None else int(calculator.value(levels, "") or 0),
+        has_core_hint=symbol.verify.core is not None,
+        computed=symbol.ttf is None,
+        synthesize=synthesize,
+        topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()} | groups.shown,
+        assumptions=[*_forced(flat, module), *assumptions_of(at, inputs, times, routes, kind)],
+        name=module.name,
+        commands=commands,
+        parameter_start=tuple(inputs.parameter_start),
+        scheme_step_ns=_scheme_step(at) if kind == "flow" else 0,
+        still=frozenset(inputs.still),
+        recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
+    )
+
+
+def _forced(flat: System, module: Module) -> list[str]:
+    if module.forced is None:
+        return []
+    who = module.forced.upper()
+    return [f"the DM switches: in system {flat.name} it does not, {module.name} is forced to {who}"]
+
+
+def _stop(diagnostics: Diagnostics) -> None:
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+
+
+def _extents(groups: tuple[Group, ...], count: int) -> tuple[Interval, ...]:
+    found = {a.state: Interval(a.edges[0], a.edges[-1]) for g in groups for a in g.axes}
+    return tuple(found[s] for s in range(count))
+
+
+def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
+    """Every combination of parameter values; one empty combination where there are none."""
+    yield from product(*(p.values for p in problem.parameters))
+
+
+def _scheme_step(at: Place) -> int:
+    """The step where all plants have the same and every release falls on one; otherwise 0.
+
+    0 also where a plant's scheme is none whose error is known (`enclose/scheme.py`).
+
+    A command that is published between two steps acts on all of its step in the simulator.
+    """
+    steps = {c.period_ns // c.substeps for c in at.plants}
+    whole = all(c.period_ns % c.substeps == 0 for c in at.plants)
+    schemes = {SCHEMES[c.plant.method] for c in at.plants if c.plant is not None}
+    covered = all(s.order == s.stages == ORDER for s in schemes)
+    periods = {c.period_ns for c in at.plants}
+    sc = at.sc
+    fits = all(sc.period_ns % p == 0 and sc.phase_ns % p == 0 for p in periods)
+    return (
+        steps.pop() if len(steps) == 1 and len(periods) == 1 and whole and covered and fits else 0
+    )
+
+
+def _cases(at: Place, inputs: Inputs, diagnostics: Diagnostics) -> None:
+    count = 1
+    for parameter in inputs.parameters:
+        count *= len(parameter.values)
+    if count > CASES_MAX:
+        symbol = at.module.symbol
+        diagnostics.error(
+            "R014",
+            f"the parameters of the plants have {count} combinations",
+            symbol.span,
+            notes=(f"everything is proved for each of at most {CASES_MAX}",),
+            helps=("give them smaller ranges",),
+        )
+
+
+def _commands(
+    at: Place, inputs: Inputs, diagnostics: Diagnostics, *, synthesize: bool
+) -> tuple[tuple[float, ...], ...]:
+    """The finite set of each control; the ends and the middle of its range where none is given."""
+    symbol = at.module.symbol
+    calculator = Calculator(diagnostics, at.module.scope.params)
+    declared: dict[tuple[int, tuple[str, ...]], tuple[float, ...]] = {}
+    for c in symbol.verify.commands:
+        values = {float(calculator.value(v, "a command") or 0.0) for v in c.values}
+        index = at.sc.scope.topics[c.topic]
+        for path, _ in leaves(c.topic.type):
+            if path[: len(c.path)] == c.path:
+                declared[index, path] = tuple(sorted(values))
+    if not synthesize and not declared:
+        return ()
+    found = []
+    for leaf, r in zip(inputs.controls, inputs.control_ranges, strict=True):
+        middle = 0.0 if r.low < 0.0 < r.high else 0.5 * r.low + 0.5 * r.high
+        ends = tuple(sorted({r.low, middle, r.high}))
+        found.append(declared.get((leaf.owner, leaf.path), ends))
+    return tuple(found)

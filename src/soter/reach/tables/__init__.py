@@ -1,0 +1,1 @@
+"""Sets as the tables and half-spaces that a DM reads."""

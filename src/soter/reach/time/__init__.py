@@ -1,0 +1,1 @@
+"""The model of time, and the ways through the flying system."""

@@ -1,0 +1,242 @@
+"""Which times a proof cannot be about: R011, R012, R015, R017, R018.
+
+Purpose: `check_times`: every condition under which the theorem speaks about a schedule.
+Non-goals: the figures themselves (`schedule.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.program.model.durations import show_ns
+from soter.reach.time.schedule import Output, Path, Releases, Schedule
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
+    from soter.program.model.system import Component
+    from soter.reach.problem.place import Place
+    from soter.reach.problem.problem import Times
+    from soter.reach.time.routes import Route, Routes
+
+
+def check_times(
+    place: Place, kind: str, times: Times, routes: Routes, diagnostics: Diagnostics
+) -> None:
+    """Report what the theorem does not cover."""
+    if kind == "map":
+        _map(place, times, routes, diagnostics)
+        if diagnostics.has_errors:
+            return
+    _known_nodes(place, routes, diagnostics)
+    _seen_in_time(times, routes, diagnostics)
+    for route in dict.fromkeys([*routes.by_dm, *routes.by_sc]):
+        _spoken_in_time(route, diagnostics)
+    for node, at in _stations(routes):
+        _fits(place, node, at, diagnostics)
+    _dm_fits(place, times, diagnostics)
+    _kept(place, times, routes, diagnostics)
+    if kind == "map" or any(d.code == "R018" for d in diagnostics.items):
+        return
+    if not times.schedule.ordered:
+        diagnostics.error(
+            "R015",
+            f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
+            place.module.symbol.verify.span or place.module.symbol.span,
+            also=((place.sc.span, f"steps every {show_ns(times.delta_sc)}"),),
+            notes=(
+                "lateness, waiting for the DM, response and the way to the plant, all together",
+                "outputs act in order",
+            ),
+            helps=("a longer period of SC, or shorter times",),
+        )
+
+
+def _known_nodes(place: Place, routes: Routes, diagnostics: Diagnostics) -> None:
+    """R017 where a time is declared of a node that stands nowhere on the way: of no effect."""
+    verify = place.module.symbol.verify
+    inner = [n for w in routes.ways for n in (*w.inner, *w.in_step)]
+    stations = [n.name.removeprefix(place.around) for n in (*routes.nodes, *routes.behind)]
+    for name, expr in {**verify.late_of, **verify.response_of}.items():
+        if name in stations:
+            continue
+        named = any(n.name.removeprefix(place.around) == name for n in inner)
+        there = ", ".join(f"`{n}`" for n in stations) or "none"
+        diagnostics.error(
+            "R017",
+            f"`{name}` is no node whose time counts here",
+            expr.span,
+            "its time is said here",
+            notes=(
+                "it has sensors of its own and belongs to the plants of the proof"
+                if named
+                else f"nodes between sensors, module and plants: {there}",
+            ),
+        )
+
+
+def _seen_in_time(times: Times, routes: Routes, diagnostics: Diagnostics) -> None:
+    """R011 where by the periods alone SC reads what is older than the `max_age` it relies on."""
+    told = set()
+    for route in routes.by_sc:
+        oldest = times.schedule.stamp_age_sc(route.path)
+        limit, publisher = route.path.max_age, (*(n for n in (route.sensor, *route.nodes) if n),)
+        if limit is None or oldest <= limit or route.topic.index in told:
+            continue
+        told.add(route.topic.index)
+        also: tuple[tuple[Span, str], ...] = ()
+        if publisher:
+            last = publisher[-1]
+            also = ((last.span, f"publishes every {show_ns(last.period_ns)}"),)
+        diagnostics.error(
+            "R011",
+            f"SC may read `{route.topic.name}` when it is {show_ns(oldest)} old, "
+            f"longer than its `max_age` of {show_ns(limit)}",
+            route.topic.symbol.span,
+            also=also,
+            notes=("no runtime enforces the age of what SC reads: it must hold by itself",),
+            helps=("a longer `max_age`, or somebody who publishes more often",),
+        )
+
+
+def _spoken_in_time(route: Route, diagnostics: Diagnostics) -> None:
+    """R017 where a node may publish what it made of a default: its stamp would look fresh."""
+    early = route.path.speaks_early
+    if early is None:
+        return
+    node = route.stations[early]
+    before = route.sensor if early == 0 else route.stations[early - 1]
+    who = f"`{before.name}`" if before is not None else "an input"
+    diagnostics.error(
+        "R017",
+        f"`{node.name}` may publish `{route.topic.name}` before it has read {who}",
+        node.span,
+        also=() if before is None else ((before.span, "may come later"),),
+        notes=("what it publishes is then made of a default, and looks as fresh as any other",),
+        helps=("give it a phase, so that its first step comes later",),
+    )
+
+
+def _stations(routes: Routes) -> list[tuple[Component, Releases]]:
+    found: dict[Component, Releases] = {}
+    for route in (*routes.by_dm, *routes.by_sc):
+        found.update(zip(route.stations, route.path.nodes, strict=True))
+    found.update({n: r for n, r in routes.releases.items() if n in routes.behind})
+    return list(found.items())
+
+
+def _fits(place: Place, node: Component, at: Releases, diagnostics: Diagnostics) -> None:
+    if at.latest <= at.period:
+        return
+    diagnostics.error(
+        "R015",
+        f"`{node.name}` may take {show_ns(at.latest)} from its release, longer than its period",
+        node.span,
+        also=((place.module.symbol.verify.span or place.module.symbol.span, "declared here"),),
+        notes=("no release is skipped, and outputs come in order",),
+        helps=("a longer period, or shorter times",),
+    )
+
+
+def _dm_fits(place: Place, times: Times, diagnostics: Diagnostics) -> None:
+    dm = times.schedule.dm
+    if dm.latest <= dm.period:
+        return
+    diagnostics.error(
+        "R015",
+        f"the DM may take {show_ns(dm.latest)} from its release, longer than its period",
+        place.module.symbol.verify.span or place.module.symbol.span,
+        notes=("no release is skipped, and verdicts come in order",),
+        helps=("a longer period of the module, or shorter times",),
+    )
+
+
+def _kept(place: Place, times: Times, routes: Routes, diagnostics: Diagnostics) -> None:
+    """R018 where a node behind SC may skip an output: a command would act a period longer."""
+    schedule = times.schedule
+    skips: list[Component] = []
+    outputs = {o.nodes: o for o in schedule.outputs}
+    stations = dict(_stations(routes))
+    for way in routes.ways:
+        at = outputs[tuple(stations[n] for n in way.counted)].loses(schedule.sc, schedule.published)
+        skips += [] if at is None else [way.counted[at]]
+        skips += [n for n in way.inner if n.period_ns > schedule.sc.period]
+    for node in dict.fromkeys(skips):
+        diagnostics.error(
+            "R018",
+            f"`{node.name}` may miss a command of SC",
+            node.span,
+            f"steps every {show_ns(node.period_ns)}",
+            also=((place.sc.span, f"publishes every {show_ns(place.sc.period_ns)}"),),
+            notes=("the proof is about every command of SC acting for a period",),
+            helps=("let it step at least as often as SC, its lateness included",),
+        )
+
+
+# ---------------------------------------------------------------- maps
+
+
+def _map(place: Place, times: Times, routes: Routes, diagnostics: Diagnostics) -> None:
+    """A map is only defined at multiples of its period: everything is in whole steps."""
+    step = place.plants[0].period_ns
+    symbol = place.module.symbol
+    wrong = {
+        "the plants": [c.period_ns for c in place.plants if c.period_ns != step],
+        "the decision module": [times.delta_dm] if times.delta_dm % step else [],
+        "the safe controller": [times.delta_sc] if times.delta_sc % step else [],
+        "the phases": [p for p in (times.phase_sc, times.phase_dm) if p % step],
+    }
+    for who, periods in wrong.items():
+        if periods:
+            diagnostics.error(
+                "R012",
+                f"{who} of module `{symbol.name}` cannot run every "
+                f"{show_ns(periods[0])} beside a plant that moves every {show_ns(step)}",
+                symbol.span,
+                notes=("a plant with `next` has no state between the multiples of its period",),
+                helps=("use multiples of the plant's period",),
+            )
+    acts = times.schedule.published + times.acts
+    stamps = [p.max_age or 0 for p in (*times.schedule.read_by_dm, *times.schedule.read_by_sc)]
+    late = {
+        "`max_age`": max(stamps, default=0),
+        "the sum of `late`, `response` and `acts`": acts,
+        "`dropout`": step if times.schedule.dropout else 0,
+    }
+    for what, ns in late.items():
+        if ns >= step:
+            diagnostics.error(
+                "R012",
+                f"{what} of {show_ns(ns)} is no less than the plant's period, {show_ns(step)}",
+                symbol.span,
+                notes=("with `next`, what is read and what acts must be of the same instant",),
+                helps=(f"make it shorter than {show_ns(step)}",),
+            )
+    for node in [*routes.nodes, *routes.behind]:
+        diagnostics.error(
+            "R012",
+            f"`{node.name}` stands between module `{symbol.name}` and a plant that moves in steps",
+            node.span,
+            notes=("with `next`, what is read and what acts must be of the same instant",),
+            helps=("let SC read the plant's own topic, and the plant SC's",),
+        )
+
+
+def of_map(times: Times) -> Times:
+    """Of a map: what is read and what acts is of one instant, so that only periods remain."""
+    schedule = times.schedule
+    return replace(
+        times,
+        schedule=Schedule(
+            Releases(schedule.dm.period, schedule.dm.phase),
+            Releases(schedule.sc.period, schedule.sc.phase),
+            _of_instant(schedule.read_by_dm),
+            _of_instant(schedule.read_by_sc),
+            (Output(),),
+        ),
+    )
+
+
+def _of_instant(paths: tuple[Path, ...]) -> tuple[Path, ...]:
+    return tuple(replace(p, nodes=(), max_age=0) for p in paths)

@@ -1,0 +1,68 @@
+"""SC on topics that nobody has published yet: it reads defaults, and must not latch on them.
+
+Purpose: `fault_on_defaults`: what goes wrong in the steps before every read shows a state. Their
+outputs are in U, checked as they are published, so that they belong to what R(h_0) covers; but a
+step that faults latches SC, and then it never speaks again.
+Non-goals: steps on states (the enclosures).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from soter.program.flatten import derived
+from soter.reach.problem.place import sc_reads
+from soter.semantics.interpreter import Interpreter
+from soter.semantics.rules import ac_or_sc_step
+
+if TYPE_CHECKING:
+    from soter.program.model.system import System
+    from soter.reach.problem.problem import Problem
+
+STEPS_MAX = 10_000
+
+
+def fault_on_defaults(problem: Problem) -> str:
+    """What may go wrong, in words; empty: nothing."""
+    schedule = problem.times.schedule
+    steps = schedule.defaults_read
+    if not steps:
+        return ""
+    system, sc = _alone(problem)
+    component = system.components[sc]
+    assert component.node is not None
+    topics = {component.scope.topics[t] for t in sc_reads(component.node)}
+    paths = schedule.read_by_sc
+    at_once = len({p.publisher for p in paths}) == 1
+    if not any(p.nodes for p in paths) and not schedule.dropout:
+        at_once = len({p.sensor for p in paths}) == 1  # plants of one phase publish together
+    followed = {p.topic for p in paths}
+    others = any(system.topics[t].name not in followed for t in topics)
+    if steps > STEPS_MAX:
+        return "SC reads defaults for too long to try them all"
+    if not at_once or others:
+        return "SC may read the default of one topic beside a value of another"
+    known = {p.topic for p in schedule.read_by_dm}
+    kept = bool(component.node.locals) or component.node.takeover is not None
+    if kept and any(p.topic not in known for p in schedule.read_by_sc):
+        return "SC may lose control and take it over, with what it keeps, before it has read"
+    dummies = {c.name: _silent for c in system.components if c.extern}
+    interpreter = Interpreter(system, 0, dummies)
+    c = interpreter.initial()
+    for k in range(steps):
+        at = component.phase_ns + k * component.period_ns
+        c, outcome = ac_or_sc_step(interpreter.machine, replace(c, ct=at, FN=(sc,)), sc)
+        if outcome.fault is not None:
+            return f"SC faults on the defaults that it reads at first: {outcome.fault}"
+    return ""
+
+
+def _alone(problem: Problem) -> tuple[System, int]:
+    """The module without plants: nobody publishes what SC reads."""
+    system = derived.module_alone(problem.system, problem.module)
+    return derived.forced(system, 0, "sc"), system.modules[0].sc
+
+
+def _silent(_: object) -> dict[str, object]:
+    return {}

@@ -1,0 +1,172 @@
+"""Ways through the flying system: from sensors to what a module reads, from it to the plant.
+
+Purpose: for a topic of the verification system the `Path`s of its publishers, hop by hop, and the
+nodes that stand between SC and the plant (docs/proof.md, "The model of time").
+Non-goals: what the nodes compute (that they show the state is an assumption, `assumed.py`), the
+times that follow (`schedule.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+from soter.reach.time.downstream import ways_behind
+from soter.reach.time.publishing import UnfollowedError, must_publish
+from soter.reach.time.schedule import Output, Path, Releases
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.program.model import typed
+    from soter.program.model.system import Component, Topic
+    from soter.reach.problem.place import Place
+    from soter.reach.time.downstream import Way
+
+ROUTES_MAX = 64
+"""More ways than these from sensors to one topic are not followed."""
+
+
+@dataclass(frozen=True, eq=False)
+class Route:
+    """One way from a sensor to a topic, with its stations in the flying system."""
+
+    path: Path
+    topic: Topic
+    sensor: Component | None
+    """None: an input of the system, or a node that no plant stands behind."""
+    nodes: tuple[Component, ...] = ()
+    source: bool = False
+    """The first node stands behind no plant: what it publishes is a state of its own, which is
+    what it is until it publishes again, the default before its first step (an assumption). So who
+    reads it sees the instant of the reading."""
+
+    @property
+    def stations(self) -> tuple[Component, ...]:
+        """The nodes that belong to `path`: without a source that others read."""
+        return self.nodes[len(self.nodes) - len(self.path.nodes) :]
+
+
+@dataclass(eq=False)
+class Routes:
+    """Every way that matters for the times of one module."""
+
+    by_dm: list[Route] = field(default_factory=list)
+    by_sc: list[Route] = field(default_factory=list)
+    ways: list[Way] = field(default_factory=list)
+    """From SC to plants."""
+    releases: dict[Component, Releases] = field(default_factory=dict)
+    """Of the nodes behind SC."""
+
+    @property
+    def behind(self) -> list[Component]:
+        """Nodes behind SC whose wait counts, each once."""
+        return list(dict.fromkeys(n for w in self.ways for n in w.counted))
+
+    @property
+    def nodes(self) -> list[Component]:
+        """Nodes between sensor and module, each once."""
+        found = [n for r in (*self.by_dm, *self.by_sc) for n in r.stations]
+        return list(dict.fromkeys(found))
+
+
+def routes_of(
+    place: Place, dm: list[int], sc: list[int], ns: Callable[[typed.Expr | None], int]
+) -> Routes:
+    """The ways to the topics that DM and SC read (indices of the verification system)."""
+    found = Routes()
+
+    def releases(c: Component) -> Releases:
+        return releases_of(place, c, ns)
+
+    found.by_dm += [r for index in dm for r in _to(place, index, releases)]
+    found.by_sc += [r for index in sc for r in _to(place, index, releases)]
+    if place.abstract:
+        found.ways = ways_behind(place)
+        found.releases = {n: releases(n) for n in found.behind}
+    return found
+
+
+def releases_of(place: Place, c: Component, ns: Callable[[typed.Expr | None], int]) -> Releases:
+    """Of a node of the flying system, with the times that the module declares of it."""
+    late, response = place.declared(c, "late"), place.declared(c, "response")
+    return Releases(c.period_ns, c.phase_ns, ns(late), ns(response))
+
+
+def outputs_of(routes: Routes, acts: int) -> tuple[Output, ...]:
+    """What lies between SC and the plants, one entry for every different way."""
+    ways = [Output(0, acts, tuple(routes.releases[n] for n in w.counted)) for w in routes.ways]
+    return tuple(dict.fromkeys(ways)) or (Output(0, acts),)
+
+
+def _to(place: Place, index: int, releases: Callable[[Component], Releases]) -> Iterator[Route]:
+    topic = place.system.topics[index]
+    if not place.abstract:
+        plant = place.driven[index]
+        at = Releases(plant.period_ns, plant.phase_ns)
+        path = Path(at, (), topic.max_age_ns, topic=topic.name, publisher=plant.name)
+        yield Route(path, topic, plant)
+        return
+    found, shown = 0, False
+    for way in _upstream(place, place.flying(topic.symbol), ()):
+        found += 1
+        if found > ROUTES_MAX:
+            raise UnfollowedError(way.nodes[-1], f"more than {ROUTES_MAX} ways lead to it")
+        nodes = way.nodes[1:] if way.source and len(way.nodes) > 1 else way.nodes
+        path = Path(
+            way.first,
+            tuple(releases(n) for n in nodes),
+            topic.max_age_ns,
+            topic=topic.name,
+            publisher=_publisher(way, topic),
+        )
+        shown = shown or (way.sensor is not None and way.sensor.name == place.shown_by(index))
+        yield Route(path, topic, way.sensor, way.nodes, way.source)
+    if not found:
+        raise UnfollowedError(place.sc, f"nobody publishes `{topic.name}` in the flying system")
+    if not shown:
+        who = place.shown_by(index)
+        what = f"`{topic.name}` is to show `{who}`, and no way leads to it from there"
+        raise UnfollowedError(place.sc, what)
+
+
+def _publisher(way: _Way, topic: Topic) -> str:
+    if way.nodes:
+        return way.nodes[-1].name
+    return topic.name if way.sensor is None else way.sensor.name
+
+
+@dataclass(frozen=True, eq=False)
+class _Way:
+    sensor: Component | None
+    nodes: tuple[Component, ...]
+    first: Releases
+    source: bool = False
+
+
+def _upstream(place: Place, index: int, seen: tuple[Component, ...]) -> Iterator[_Way]:
+    """Every way to a topic of the flying system that does not run in a circle."""
+    flat = place.flat
+    for drive in flat.inputs:
+        if drive.topic == index:
+            yield _Way(None, (), Releases(drive.every_ns))
+    for c in flat.components:
+        if c.plant is not None and any(c.scope.topics[t] == index for t, _ in c.plant.drives):
+            yield _Way(c, (), Releases(c.period_ns, c.phase_ns))
+        if c.node is None or c in seen or c.module == place.home.index:
+            continue
+        if index not in [c.scope.topics[t] for t in c.node.publishes]:
+            continue
+        if c.role != "node":
+            raise UnfollowedError(c, "the AC of another module may publish anything there")
+        must_publish(c, index)
+        ways = 0
+        for s in c.node.subscribes:
+            read = c.scope.topics[s.topic]
+            if flat.topics[read].queue_of is not None:
+                raise UnfollowedError(c, "it reads a queue, whose values may be of any age")
+            for way in _upstream(place, read, (*seen, c)):
+                ways += 1
+                yield replace(way, nodes=(*way.nodes, c))
+        if not ways:
+            yield _Way(None, (c,), Releases(1), source=True)

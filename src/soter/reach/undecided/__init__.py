@@ -1,0 +1,1 @@
+"""Why nothing was proved, or proved of nothing: figures, experiments, pictures."""

@@ -1,0 +1,376 @@
+"""By how much `ttf`, `safer`, the start or the way back fail.
+
+Purpose: numbers beside the cells: for which H an inclusion would hold, how much sooner a predicate
+would have to hold, when SC would have to act, what SC keeps instead of `safer`, and where SC is
+when the way back is not found. Those of predicates are measured on the declared grid: on finer
+ones, which were tried, they would be less, but a program that is changed by so much is proved on
+the first.
+Non-goals: verdicts; an empty K (`diagnose.py`); polytopes, whose claims say more themselves.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.program.model.durations import show_ns
+from soter.reach.claims.boxes import holding
+from soter.reach.claims.results import UNDECIDED, Cause
+from soter.reach.grid.claims import GridProof
+from soter.reach.grid.sets import CancelledError, UnboundedError
+from soter.reach.problem.estimates import errors_of
+from soter.reach.undecided.model_runs import Model, StepFaultError, patterns, run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.reach.claims.case import Case, Failure
+    from soter.reach.claims.results import GroupSets, ModuleResult
+    from soter.reach.grid.sets import GridGroup
+    from soter.reach.undecided.experiments import Budget
+
+    Bools = NDArray[np.bool_]
+    Floats = NDArray[np.float64]
+
+HALVINGS = 7
+SLACK = 1e-6
+"""Of an axis: numbers that people write down are rounded outward by so much."""
+WALK_HOLDS = 2000
+"""How long a run is followed to see where SC brings it."""
+ORDER = ("ttf", "safer", "start", "P2b")
+
+
+def margins(done: Sequence[Case], result: ModuleResult, budget: Budget) -> None:
+    """Enter margins for the first failure of every claim that is undecided."""
+    for claim in ORDER:
+        finding = result.findings[claim]
+        found = _failure(done, claim)
+        if finding.verdict != UNDECIDED or found is None:
+            continue
+        case, failure, grid = found
+        try:
+            with _stopping(grid.engine, budget):
+                finding.causes += _of_claim(case, failure, grid)
+        except CancelledError:
+            budget.leave_out()
+        except (UnboundedError, StepFaultError):
+            continue
+    p3, ttf, safer = (result.findings[n] for n in ("P3", "ttf", "safer"))
+    if p3.verdict == UNDECIDED:
+        p3.causes = list(ttf.causes or safer.causes)
+
+
+def _failure(done: Sequence[Case], claim: str) -> tuple[Case, Failure, GridProof] | None:
+    """The first failure of a claim in a grid group, predicates on the declared grid."""
+    for last in done:
+        if last.failed(claim):
+            declared = last.first if claim in ("ttf", "safer") else None
+            for case in filter(None, (declared, last)):
+                for failure in case.failed(claim):
+                    if isinstance(failure.proof, GridProof):
+                        return case, failure, failure.proof
+    return None
+
+
+def _of_claim(case: Case, failure: Failure, grid: GridProof) -> Iterator[Cause]:
+    engine, part = grid.engine, grid.found
+    if failure.claim in ("ttf", "safer"):
+        if case.problem.computed:
+            yield from _levels(case, engine, part)
+        else:
+            yield from _inclusion(case, failure.claim, engine, part)
+    elif failure.claim == "start":
+        yield from _start(case, engine, part)
+    elif failure.stuck and failure.cells is not None:
+        yield from _no_way(case, engine, failure.cells)
+    elif part.target is not None and part.home is not None and not part.home.any():
+        yield from _no_home(case, engine, part)
+
+
+@contextmanager
+def _stopping(engine: GridGroup, budget: Budget) -> Iterator[None]:
+    """The engine stops when the budget ends."""
+    before = engine.stop, engine.progress
+    engine.stop, engine.progress = (lambda: not budget.goes_on()), None
+    try:
+        yield
+    finally:
+        engine.stop, engine.progress = before
+
+
+# ---------------------------------------------------------------- `ttf` and `safer`
+
+
+def _inclusion(case: Case, claim: str, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
+    lets = part.lets_ac if claim == "ttf" else part.gives_back
+    assert lets is not None
+    assert part.free is not None
+    if len(engine.axes) == 1:
+        yield _where_it_must(case, claim, engine, lets & ~part.free, part.free)
+    elif part.free.any():
+        yield from _sooner(claim, engine, _names(case, engine), lets, part.free)
+    core = part.core > 0
+    if (lets & ~core).any():
+        count = int((lets & ~core).sum())
+        text = f"on {count:,} of these cells SC itself was not shown to keep C: no H would do"
+        yield Cause("outside_core", text, "", (("cells", float(count)),))
+        return
+    least = _longest(case, engine, core, lambda reach: not (lets & ~reach).any())
+    needed = case.problem.times.horizon_ns
+    yield Cause(
+        "horizon",
+        f"as it is, `{claim}` would do for an H of {show_ns(least)}; H is {show_ns(needed)}",
+        "",
+        (("holds_for_s", least / 1e9), ("horizon_s", needed / 1e9)),
+    )
+    if not part.free.any():
+        most = _longest(case, engine, core, lambda reach: bool(reach.any()))
+        text = f"R(H) is empty: AC could leave K from everywhere; R({show_ns(most)}) is not empty"
+        yield Cause("no_free", text, "less delay, or a smaller period of the DM", ())
+
+
+def _longest(case: Case, engine: GridGroup, core: Bools, holds: Callable[[Bools], bool]) -> int:
+    """The longest time in ns, up to H, for which something holds of R (it holds of K)."""
+    step = case.problem.plant_period_ns if case.problem.kind == "map" else 1
+    good, bad = 0, -(-case.problem.in_horizon(case.problem.times.horizon_ns) // step)
+    for _ in range(HALVINGS):
+        middle = (good + bad) // 2
+        if middle == good:
+            break
+        if holds(engine.safe_for(middle * step, core)):
+            good = middle
+        else:
+            bad = middle
+    return good * step
+
+
+def _sooner(
+    claim: str, engine: GridGroup, names: list[str], lets: Bools, free: Bools
+) -> Iterator[Cause]:
+    """The least distance along one axis by which the predicate would have to hold sooner.
+
+    Where a predicate is false on an estimate, and on all within m of it along an axis, every cell
+    within m of that state's is among `lets`: whole cells k with k * width <= m. So the states from
+    which AC may then have control lie in `lets` shrunk by k cells along the axis.
+    """
+    best: tuple[float, int, float] | None = None
+    for axis, edges in enumerate(engine.edges):
+        k = _least_shrinking(lets, free, axis)
+        if k is not None:
+            margin = k * float(np.diff(edges).max())
+            share = margin / float(edges[-1] - edges[0])
+            if best is None or share < best[0]:
+                best = (share, axis, margin)
+    if best is None:
+        return
+    name = names[best[1]]
+    what = "hold" if claim == "ttf" else "end"
+    text = f"`{claim}` would have to {what} {best[2]:.4g} sooner along {name}"
+    yield Cause("sooner", text, "", (("margin", best[2]), ("axis", float(best[1]))))
+
+
+def _where_it_must(case: Case, claim: str, engine: GridGroup, wrong: Bools, free: Bools) -> Cause:
+    """On one axis: the estimates on which the predicate must exclude AC, as numbers."""
+    (edges,), name = engine.edges, _names(case, engine)[0]
+    # cells are closed and `<` is not: what must hold at an edge must hold a little beyond it
+    error = errors_of(case.problem).get(engine.axes[0], 0.0) + SLACK * float(edges[-1] - edges[0])
+    ends = np.flatnonzero(np.diff(np.concatenate(([0], wrong.astype(np.int8), [0]))))
+    said, numbers = [], []
+    for a, b in zip(ends[::2], ends[1::2], strict=True):
+        low, high = float(edges[a]) - error, float(edges[b]) + error
+        if not free[:a].any():
+            said.append(f"below {high:.7g}")
+            numbers.append(("below", high))
+        elif not free[b:].any():
+            said.append(f"above {low:.7g}")
+            numbers.append(("above", low))
+        else:
+            said.append(f"in [{low:.7g}, {high:.7g}]")
+    what = "hold" if claim == "ttf" else "be false"
+    text = f"`{claim}` would have to {what} on estimates of {name} {' and '.join(said[:4])}"
+    return Cause("border", text, "", tuple(numbers))
+
+
+def _least_shrinking(lets: Bools, free: Bools, axis: int) -> int | None:
+    """How many cells of an axis `lets` must shrink by to lie in `free`; the grid's ends stay."""
+    cells = lets
+    for k in range(1, lets.shape[axis]):
+        ahead, behind = np.ones_like(cells), np.ones_like(cells)
+        inner, outer = [slice(None)] * cells.ndim, [slice(None)] * cells.ndim
+        inner[axis], outer[axis] = slice(1, None), slice(None, -1)
+        behind[tuple(inner)] = cells[tuple(outer)]
+        ahead[tuple(outer)] = cells[tuple(inner)]
+        cells = cells & ahead & behind
+        if not cells.any():
+            return None
+        if not (cells & ~free).any():
+            return k
+    return None
+
+
+def _levels(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
+    """S_0 is empty: for which H it would not be; or only a later one is."""
+    assert part.free is not None
+    if part.levels and part.levels[0].any():
+        count = next((j for j, s in enumerate(part.levels) if not s.any()), 0)
+        if count:
+            text = f"S_0 to S_{count - 1} are not empty: `levels {count + 1}` would do"
+            yield Cause("levels", text, "", (("levels", float(count + 1)),))
+        return
+    errors = errors_of(case.problem)
+    core = part.core > 0
+    if not engine.erode(core, errors).any():
+        yield Cause("errors", "the errors alone are as large as K", "smaller errors", ())
+        return
+    most = _longest(case, engine, core, lambda r: bool(engine.erode(r, errors).any()))
+    needed = show_ns(case.problem.times.horizon_ns)
+    text = f"for an H of {show_ns(most)} S_0 would not be empty; H is {needed}"
+    yield Cause("horizon", text, "", (("holds_for_s", most / 1e9),))
+
+
+# ---------------------------------------------------------------- the start
+
+
+def _start(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
+    names = _names(case, engine)
+    ends = [case.problem.initial[s] for s in engine.axes]
+    box = [holding(e, i.low, i.high) for e, i in zip(engine.edges, ends, strict=True)]
+    outside = [
+        f"{n} = {i.low:.6g}" + (f" to {i.high:.6g}" if i.high > i.low else "")
+        for n, i, b in zip(names, ends, box, strict=True)
+        if b is None
+    ]
+    if outside:
+        yield Cause("start_outside", f"outside lies {', '.join(outside)}", "", ())
+        return
+    at = tuple(b for b in box if b is not None)
+    core = part.core > 0
+    if not core[at].all():
+        yield from _nearest(case, engine, core)
+        return
+    h0 = case.problem.times.start
+    step = case.problem.plant_period_ns if case.problem.kind == "map" else 1
+    good, bad = 0, -(-case.problem.in_horizon(h0) // step)
+    for _ in range(HALVINGS):
+        middle = (good + bad) // 2
+        if engine.safe_for(middle * step, core)[at].all():
+            good = middle
+        else:
+            bad = middle
+    text = (
+        f"the start lies in K, and SC would be in time if it acted within {show_ns(good * step)}; "
+        f"it acts within {show_ns(h0)}"
+    )
+    yield Cause("start_late", text, "", (("in_time_s", good * step / 1e9), ("acts_s", h0 / 1e9)))
+
+
+def _nearest(case: Case, engine: GridGroup, core: Bools) -> Iterator[Cause]:
+    """The start is not in K: where K is, in widths of the grid."""
+    cells = np.argwhere(core)
+    if not len(cells):
+        return
+    ends = [case.problem.initial[s] for s in engine.axes]
+    x = np.array([i.low / 2 + i.high / 2 for i in ends])
+    low = np.stack([e[cells[:, k]] for k, e in enumerate(engine.edges)], axis=1)
+    high = np.stack([e[cells[:, k] + 1] for k, e in enumerate(engine.edges)], axis=1)
+    nearest = np.clip(x, low, high)
+    width = np.array([e[-1] - e[0] for e in engine.edges])
+    best = nearest[int(np.argmin(np.abs((nearest - x) / width).max(axis=1)))]
+    where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(_names(case, engine), best, strict=True))
+    text = f"the start is not in K: SC was not shown to keep C from it; K is nearest at {where}"
+    yield Cause("start_not_in_core", text, "", ())
+
+
+def _names(case: Case, engine: GridGroup) -> list[str]:
+    return [case.problem.quantities.states[s].name for s in engine.axes]
+
+
+# ---------------------------------------------------------------- the way back
+
+
+def _no_home(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
+    """By how much `safer` would have to grow for SC to keep a set in it, and where SC settles."""
+    yield from _settles(case)
+    assert part.target is not None
+    if not part.target.any():
+        text = "there is no state all of whose estimates satisfy `safer`"
+        yield Cause("no_target", text, "a wider `safer`, or smaller errors", ())
+        return
+    sizes = part.target.shape
+    good, bad = max(sizes), 0
+    while good - bad > max(1, max(sizes) // 2**HALVINGS):
+        middle = (good + bad) // 2
+        steps = [-(-middle * n // max(sizes)) for n in sizes]
+        if engine.core(_grown(part.target, steps) & part.allowed).cells.any():
+            good = middle
+        else:
+            bad = middle
+    if good == max(sizes):
+        return
+    by = [
+        (name, -(-good * n // max(sizes)) * float(np.diff(e).max()))
+        for name, n, e in zip(_names(case, engine), sizes, engine.edges, strict=True)
+    ]
+    how = ", ".join(f"{size:.4g} in {name}" for name, size in by)
+    text = f"SC keeps a set where `safer` is wider by {how} on either side"
+    yield Cause("safer_wider", text, "", tuple(by))
+
+
+def _grown(cells: Bools, steps: Sequence[int]) -> Bools:
+    """Cells within so many of the set along each axis."""
+    for axis, count in enumerate(steps):
+        n = cells.shape[axis]
+        sums = np.cumsum(np.insert(cells.astype(np.int32), 0, 0, axis=axis), axis=axis)
+        low = np.maximum(np.arange(n) - count, 0)
+        high = np.minimum(np.arange(n) + count + 1, n)
+        cells = np.take(sums, high, axis=axis) > np.take(sums, low, axis=axis)
+    return np.asarray(cells)
+
+
+def _settles(case: Case) -> Iterator[Cause]:
+    model = Model(case)
+    start = np.array([i.low / 2 + i.high / 2 for i in case.problem.initial])
+    yield from _followed(case, model, start, "the declared start")
+
+
+def _no_way(case: Case, engine: GridGroup, stuck: Bools) -> Iterator[Cause]:
+    """A run from one of the cells from which no way back was found."""
+    model = Model(case)
+    x = np.array([i.low / 2 + i.high / 2 for i in case.problem.initial])
+    cells = np.argwhere(stuck)
+    middle = np.array(stuck.shape) / 2
+    at = cells[int(np.argmin((np.abs(cells - middle) / middle).max(axis=1)))]
+    for state, edges, i in zip(engine.axes, engine.edges, at, strict=True):
+        x[state] = (edges[i] + edges[i + 1]) / 2
+    yield from _followed(case, model, x, "one of them")
+
+
+def _followed(case: Case, model: Model, start: Floats, whose: str) -> Iterator[Cause]:
+    """Whether the undisturbed run of the model comes to `safer`, and where it is otherwise."""
+    if case.problem.computed:
+        return
+    period = model.inputs.period_ns / 1e9
+    trace = run(model, start, next(patterns(model)), WALK_HOLDS * period, lambda: True)
+    names = [s.name for s in model.problem.quantities.states]
+
+    def told(x: Floats) -> str:
+        return ", ".join(f"{n} = {v:.5g}" for n, v in zip(names, x, strict=True))
+
+    inside = [model.safer(x) for x in trace.states]
+    time_s = trace.times[-1]
+    head = f"from {whose} ({told(start)}) the undisturbed run of the model"
+    if trace.left:
+        yield Cause("leaves", f"{head} leaves C after {time_s:.4g} s at {told(trace.states[-1])}")
+    elif inside[-1]:
+        last = max((i for i, held in enumerate(inside) if not held), default=-1)
+        when = trace.times[last + 1]
+        text = f"{head} is in `safer` from {when:.4g} s on: disturbances or the cells hide it"
+        yield Cause("comes_back", text, "a finer grid", (("back_s", when),))
+    else:
+        at = f"{told(trace.states[-1])} after {time_s:.4g} s"
+        text = f"{head} is at {at}: `safer` does not hold there"
+        yield Cause("stays_away", text, "let SC come to rest where `safer` holds", ())

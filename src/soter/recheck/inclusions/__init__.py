@@ -1,0 +1,1 @@
+"""The inclusions that a certificate claims, of grids."""

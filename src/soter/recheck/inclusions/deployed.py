@@ -1,0 +1,80 @@
+"""The tables that a DM with computed predicates holds, derived once more.
+
+Purpose: from the sets S of all cases the bytes that the DM reads (docs/verification.md, section 3),
+compared with those that the certificate says are deployed.
+Non-goals: the sets themselves, which are shown elsewhere (`case.py`); the code that reads a table.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.recheck.certificate.errors import RejectedError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.recheck.certificate.folder import Certificate
+    from soter.recheck.inclusions.inclusion import GroupTables
+    from soter.recheck.reading.problem import Facts
+
+BITS = 2
+"""A level: 0: ttf, 1: an estimate in S_0, 2: in S_(m-2); in every case."""
+FULL = 2
+CELLS_IN_A_BYTE = 4
+
+
+def compare_tables(
+    certificate: Certificate,
+    facts: Facts,
+    cases: Sequence[Sequence[GroupTables]],
+    entries: Sequence[dict[str, Any]],
+) -> None:
+    """`RejectedError` where a DM would let AC keep or get control otherwise than by the sets."""
+    first = cases[0]
+    if len(entries) != len(first):
+        raise RejectedError("the tables of the DM are not one for each group")
+    for k, (group, entry) in enumerate(zip(first, entries, strict=True)):
+        if entry.keys() != {"axes", "levels"}:
+            raise RejectedError("a table of the DM is not as it should be")
+        same = [case[k] for case in cases]
+        if any(g.states != group.states or g.grid.edges != group.grid.edges for g in same):
+            raise RejectedError("the cases have other grids, and the DM has one table for all")
+        names = [facts.states[i].name for i in group.states]
+        if [a["state"] for a in entry["axes"]] != names:
+            raise RejectedError("a table of the DM has other axes than its group")
+        for axis, edges in zip(entry["axes"], group.grid.edges, strict=True):
+            if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
+                raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
+        total = levels_of(same)
+        if certificate.plain(entry["levels"]) != packed(total):
+            raise RejectedError(f"the table of the DM over {', '.join(names)} is not that of S")
+        for g in same:
+            g.given_back = total == FULL
+
+
+def levels_of(cases: Sequence[GroupTables]) -> NDArray[np.uint8]:
+    """The level of each cell of one group, in the grid's shape: the least of all cases.
+
+    RejectedError where a case has no tables S.
+    """
+    total = np.full(cases[0].grid.shape, FULL, dtype=np.uint8)
+    for group in cases:
+        if not group.levels:
+            raise RejectedError("the tables S are not there")
+        outer, inner = group.levels[0], group.levels[-1]
+        total = np.minimum(total, np.where(outer, np.where(inner, FULL, 1), 0).astype(np.uint8))
+    return total
+
+
+def packed(levels: NDArray[np.uint8]) -> bytes:
+    """Two bits a cell, the first cell in the lowest. `levels`: in the grid's shape."""
+    cells = levels.reshape(-1).tolist()
+    found = bytearray(-(-len(cells) // CELLS_IN_A_BYTE))
+    for k, level in enumerate(cells):
+        found[k // CELLS_IN_A_BYTE] |= level << (BITS * (k % CELLS_IN_A_BYTE))
+    return bytes(found)

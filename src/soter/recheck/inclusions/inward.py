@@ -1,0 +1,127 @@
+"""Ends of a grid that the flow keeps, whatever is commanded: there it points inwards.
+
+Purpose: which ends of the axes of a group no run crosses (`kept_ends`), what that says about boxes
+(`clipping`), and groups that no command moves and no run leaves (`points_inwards`).
+Non-goals: ends that only SC keeps: chains show those (`chains.py`).
+
+Let x_i' >= 0 wherever x_i is at the lower end of its axis, all other states in their grids, for
+every command, disturbance and influence of other groups (at the upper end: x_i' <= 0). Replace x in
+f by its projection p(x) onto the grid in the axes with such ends. A solution of x' = f(p(x), u, w)
+that begins in the grid stays above that end for as long as its other states are in their grids:
+before it were below at some t, it was at the end at some t_0 < t and below from then on, where x_i'
+= f_i(p(x), u, w) >= 0, so that x_i(t) >= x_i(t_0). There p does nothing: it solves x' = f(x, u, w),
+too, and solutions are unique (a linear flow is Lipschitz; for others a printed assumption). So a
+box that encloses the states of one step may be cut off at such an end, if what is left of it lies
+in a set of cells: whoever uses such a box checks that. Where all ends are of this kind the same
+holds of the whole grid, with no condition.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.recheck.inclusions.local_flow import LocalFlow
+from soter.recheck.inclusions.tables import finer
+from soter.recheck.reading.flows import is_linear, linear_flow
+from soter.recheck.terms.balls import exact
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from flint import arb
+
+    from soter.recheck.reading.model import Model
+    from soter.recheck.terms.compiled import Step
+
+    Kept = list[tuple[bool, bool]]
+    Side = list[tuple[float, float]]
+    Test = Callable[[Side, int, int], bool]
+
+SPLITS = 8
+"""How often a side of the grid is halved along each axis where the flow is not linear."""
+
+
+def points_inwards(model: Model, states: Sequence[int]) -> bool:
+    """Whether no run leaves the grid of a group that no command moves; False where uncertain."""
+    if model.facts.kind != "flow" or LocalFlow(model, states).moves:
+        return False
+    return all(low and high for low, high in kept_ends(model, states))
+
+
+def kept_ends(model: Model, members: Sequence[int]) -> Kept:
+    """For each state whether its lower and its upper end are never crossed; False: uncertain."""
+    if model.facts.kind != "flow":
+        return [(False, False)] * len(members)
+    inwards = _linear(model, members) if is_linear(model, members) else _local(model, members)
+    found = []
+    for i in range(len(members)):
+        sides = [[model.extents[k] for k in members] for _ in range(2)]
+        low, high = model.extents[members[i]]
+        sides[0][i], sides[1][i] = (low, low), (high, high)
+        found.append((inwards(sides[0], i, 1), inwards(sides[1], i, -1)))
+    return found
+
+
+def _linear(model: Model, members: Sequence[int]) -> Test:
+    """A linear form over a box is least at a corner; what else acts on it is noise."""
+    flow = linear_flow(model, members)
+
+    def inwards(side: Side, i: int, sign: int) -> bool:
+        low = sign * flow.constant[i]
+        for x in flow.noise[i]:
+            low -= abs(x)
+        ranges = [*((exact(a), exact(b)) for a, b in side), *flow.ranges]
+        for factor, (a, b) in zip((*flow.a[i], *flow.b[i]), ranges, strict=True):
+            low += (sign * factor * a).min(sign * factor * b)
+        return bool(low >= 0)
+
+    return inwards
+
+
+def _local(model: Model, members: Sequence[int]) -> Test:
+    """Over parts of the side, halved where it is not certain."""
+    flow = LocalFlow(model, members)
+
+    def inwards(side: Side, i: int, sign: int) -> bool:
+        fixed = exact(side[i][0]), exact(side[i][1])
+
+        def holds(others: list[tuple[arb, arb]]) -> bool:
+            lines = flow.lines([*others[:i], fixed, *others[i:]], flow.ranges)
+            if lines is None:
+                return False
+            low, high = flow.rates(lines)[i]
+            return bool(low >= 0 if sign > 0 else high <= 0)
+
+        others = [(exact(a), exact(b)) for k, (a, b) in enumerate(side) if k != i]
+        return finer(others, holds, SPLITS * len(others)) if others else holds([])
+
+    return inwards
+
+
+def clipping(model: Model, members: Sequence[int], kept: Kept) -> Callable[[Step], Step] | None:
+    """What makes a step cut off its boxes at ends that the flow keeps; None where there is none."""
+    if not any(end for ends in kept for end in ends):
+        return None
+    grid = [model.extents[i] for i in members]
+    n = len(members)
+
+    def clip(step: Step) -> Step:
+        def clipped(form: tuple[arb, ...]) -> tuple[tuple[arb, ...], tuple[float, ...]] | None:
+            found = step(form)
+            if found is None:
+                return None
+            after, boxes = list(found[0]), list(found[1])
+            for i, ((low, high), (first, last)) in enumerate(zip(grid, kept, strict=True)):
+                if first:
+                    boxes[2 * i :: 2 * n] = [max(x, low) for x in boxes[2 * i :: 2 * n]]
+                if last:
+                    boxes[2 * i + 1 :: 2 * n] = [min(x, high) for x in boxes[2 * i + 1 :: 2 * n]]
+                if after and first:
+                    after[2 * i] = after[2 * i].max(exact(low))
+                if after and last:
+                    after[2 * i + 1] = after[2 * i + 1].min(exact(high))
+            return tuple(after), tuple(boxes)
+
+        return clipped
+
+    return clip

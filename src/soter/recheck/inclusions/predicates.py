@@ -1,0 +1,215 @@
+"""Where predicates certainly hold, and what follows from estimates.
+
+Purpose: cells on which `safe` or `safer` holds; that `ttf` and `safer` let AC only where R(H) is;
+computed predicates: estimates and the states behind them.
+Non-goals: chains and free phases (`inclusion.py`), which claims there are (`case.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.recheck.inclusions.inclusion import CELLS_AT_ONCE, FREE_PIECES, SPLITS
+from soter.recheck.inclusions.tables import Cells, block_index, finer, halves, uncovered, volume
+from soter.recheck.reading.problem import error_of
+from soter.recheck.terms.balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
+from soter.recheck.terms.compiled import compile_truths, form_of_box
+from soter.recheck.terms.terms import (
+    TRUE,
+    Terms,
+    both,
+    conjuncts,
+    either,
+    influence,
+    inputs_of,
+    negation,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from flint import arb
+
+    from soter.program.model import typed
+    from soter.recheck.inclusions.inclusion import FreeCheck, GroupTables
+    from soter.recheck.inclusions.tables import Block
+    from soter.recheck.reading.model import Model
+    from soter.recheck.terms.terms import Truth
+
+SPLITS_OF_PREDICATES = 10
+"""How often a cell is halved where a predicate is evaluated: errors are halved, too."""
+SPLITS_OF_SETS = 4
+"""The same where it is only asked which cells to use: a failure costs cells, no proof."""
+
+# ---------------------------------------------------------------- computed predicates
+
+
+def around(model: Model, group: GroupTables, box: list[tuple[arb, arb]]) -> tuple[float, ...]:
+    """Everything an estimate of a state in the box may be, and the other way round."""
+    found: list[float] = []
+    for state, (low, high) in zip(group.states, box, strict=True):
+        error = exact(error_of(model.facts, state))
+        if not error.is_zero():
+            error += (magnitude(low).max(magnitude(high)) + error) * (2 * UNIT_ROUNDOFF) + TINIEST
+        found += (below(low - error), above(high + error))
+    return tuple(found)
+
+
+def eroded(model: Model, group: GroupTables, level: Cells) -> Cells:
+    """Cells of states all of whose estimates lie in a level; and of estimates of such states."""
+    grid = group.grid
+    members = np.zeros(grid.shape, dtype=np.bool_)
+    for cell in np.argwhere(level.members):
+        block = tuple((int(i), int(i) + 1) for i in cell)
+        members[tuple(cell)] = level.contains(around(model, group, grid.box(block)))
+    return Cells(grid, members)
+
+
+def levels_hold(
+    model: Model, group: GroupTables, claimed: Cells, inside: Cells, block: Block
+) -> Iterator[Block]:
+    """Cells of estimates, some state behind which is not certainly inside."""
+
+    def attempt(at: Block) -> bool:
+        return inside.contains(around(model, group, group.grid.box(at)))
+
+    return uncovered(claimed, block, attempt, 1 << 20)
+
+
+def drifts(check: FreeCheck, claimed: Cells, within: Cells, block: Block) -> Iterator[Block]:
+    """Cells of estimates, some state behind which may be driven out of `within` in time."""
+    grid = check.group.grid
+
+    def attempt(at: Block) -> bool:
+        ends = around(check.model, check.group, grid.box(at))
+        box = [(exact(a), exact(b)) for a, b in zip(ends[::2], ends[1::2], strict=True)]
+        if check.stays(box, within, FREE_PIECES[0]):
+            return True
+        if volume(at) > 1:
+            return False
+        return finer(box, lambda b: check.stays(b, within, FREE_PIECES[1]), SPLITS)
+
+    return uncovered(claimed, block, attempt, 4 * CELLS_AT_ONCE)
+
+
+# ---------------------------------------------------------------- predicates
+
+
+def _grid_boxes(model: Model) -> list[tuple[arb, arb]]:
+    return [(exact(low), exact(high)) for low, high in model.extents]
+
+
+def certain(
+    model: Model, groups: Sequence[GroupTables], expr: typed.Expr, *, errors: bool
+) -> list[Cells]:
+    """For each group the cells on which its share of a predicate certainly holds.
+
+    The predicate holds on the product of these sets: each of its conjuncts is the matter of one
+    group, all other states ranging over their whole grids. It is that of the group on which it
+    depends most; any choice is sound, and only this one is useful. Where `errors`, on every
+    estimate of every state.
+    """
+    terms, states = model.new_terms()
+    truth = model.predicate(terms, states, expr, errors=errors)
+    shares: list[list[Truth]] = [[] for _ in groups]
+    atoms = {next(iter(x.terms)): i for i, x in enumerate(states)}
+    for part in [*conjuncts(truth), *terms.obligations]:
+        weights = [
+            influence(terms, part, [a for a, i in atoms.items() if i in g.states]) for g in groups
+        ]
+        owner = max(range(len(groups)), key=lambda k: float(weights[k]))
+        shares[owner].append(part)
+    found = []
+    for group, share in zip(groups, shares, strict=True):
+        whole = both_all(share)
+        found.append(
+            _certain_cells(model, group, terms, [next(iter(x.terms)) for x in states], whole)
+        )
+    return found
+
+
+def both_all(parts: Sequence[Truth]) -> Truth:
+    """All of them."""
+    found = TRUE
+    for p in parts:
+        found = both(found, p)
+    return found
+
+
+def _decision(
+    model: Model, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Truth
+) -> tuple[Callable[[list[tuple[arb, arb]]], int], list[tuple[arb, arb]]]:
+    """The truth of a proposition on a box of the group's states, other states on their grids.
+
+    Errors and other topics count as states here, behind those of the group: they have much in
+    common in what is compared. Their ranges come with it.
+    """
+    places = [atoms[i] for i in group.states]
+    boxes = dict(zip(atoms, _grid_boxes(model), strict=True))
+    free = sorted(i for i in inputs_of(terms, [truth]) if terms.atoms[i].kind == "box")
+    ranges = [(terms.atoms[i].low, terms.atoms[i].high) for i in free]
+    decide = compile_truths(terms, [*places, *free], [truth], boxes)
+
+    def decided(box: list[tuple[arb, arb]]) -> int:
+        return decide(form_of_box(box, symbols=False))[0]
+
+    return decided, ranges
+
+
+def _certain_cells(
+    model: Model, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Truth
+) -> Cells:
+    """Cells on which a proposition certainly holds, whatever the other groups do."""
+    decide, ranges = _decision(model, group, terms, atoms, truth)
+
+    def holds(box: list[tuple[arb, arb]]) -> bool:
+        return decide(box) == 2
+
+    members = np.zeros(group.grid.shape, dtype=np.bool_)
+    waiting = [group.grid.whole]
+    while waiting:
+        block = waiting.pop()
+        box = [*group.grid.box(block), *ranges]
+        found = decide(box)
+        if found == 3 and volume(block) > 1:
+            waiting.extend(halves(block))
+        elif found == 2 or (found == 3 and finer(box, holds, SPLITS_OF_SETS)):
+            members[block_index(block)] = True
+    return Cells(group.grid, members)
+
+
+class AdmitCheck:
+    """Whether `safe` fails or, on every estimate, `expr` is not `admits`."""
+
+    def __init__(self, model: Model, group: GroupTables, expr: typed.Expr, *, admits: bool) -> None:
+        self.group = group
+        terms, states = model.new_terms()
+        safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
+        sound_safe = both_all(terms.obligations)
+        terms.obligations.clear()
+        told = model.predicate(terms, states, expr, errors=True)
+        sound_told = both_all(terms.obligations)
+        refused = negation(told) if admits else told
+        fine = either(both(negation(safe), sound_safe), both(refused, sound_told))
+        atoms = [next(iter(x.terms)) for x in states]
+        self._decide, self._ranges = _decision(model, group, terms, atoms, fine)
+
+    def holds(self, box: list[tuple[arb, arb]], splits: int) -> bool:
+        """On a box of states; it and the errors are halved so often."""
+        whole = [*box, *self._ranges]
+        return finer(whole, lambda part: self._decide(part) == 2, splits)
+
+
+def admitted(check: AdmitCheck, block: Block) -> Iterator[Block]:
+    """Cells outside R where `safe` may hold and, on an estimate, the predicate lets AC."""
+    group = check.group
+    assert group.free is not None
+
+    def attempt(at: Block) -> bool:
+        splits = SPLITS_OF_PREDICATES if volume(at) == 1 else 0
+        return check.holds(group.grid.box(at), splits)
+
+    todo = Cells(group.grid, ~group.free)
+    return uncovered(todo, block, attempt, volume(group.grid.whole))

@@ -1,0 +1,1 @@
+"""The problem as the re-checker reads it off the checked program."""

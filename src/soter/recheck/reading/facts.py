@@ -1,0 +1,151 @@
+"""What the program says about one module, as `problem.py` reads it.
+
+Purpose: `Facts`: inputs with their ranges, axes, times; and small questions about them.
+Non-goals: reading them off the program (`problem.py`, `home.py`, `module_times.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+from soter.program.meaning.statements import Evaluator
+from soter.program.model.walk import topic_reads
+from soter.recheck.terms.terms import NotRecheckedError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.program.model import typed
+    from soter.program.model.system import Component, Module, System
+    from soter.recheck.time.paths import Ways
+    from soter.recheck.time.times import Setting, Times
+
+
+class DiffersError(Exception):
+    """The certificate says something else than the program."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Input:
+    """One scalar input: `owner` is a component for states and disturbances, else a topic."""
+
+    kind: str
+    name: str
+    owner: int
+    variable: str
+    leaf: int
+    low: float
+    high: float
+    moves: bool = True
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A discrete plant state without dynamics."""
+
+    name: str
+    owner: int
+    variable: str
+    leaf: int
+    values: tuple[int, ...]
+
+
+@dataclass(eq=False)
+class Facts:
+    """What the program says about one module. States have the range of their initial values."""
+
+    system: System
+    module: Module
+    sc: Component
+    plants: tuple[Component, ...]
+    kind: str
+    flying: System
+    """The system that runs, and the module in it; `system` is another one for an abstraction."""
+    flying_module: Module
+    ways: Ways = field(init=False)
+    setting: Setting = field(init=False)
+    own: Times = field(init=False)
+    """The times that this room derives."""
+    states: list[Input] = field(default_factory=list)
+    controls: list[Input] = field(default_factory=list)
+    disturbances: list[Input] = field(default_factory=list)
+    errors: list[Input] = field(default_factory=list)
+    others: list[Input] = field(default_factory=list)
+    parameters: list[Parameter] = field(default_factory=list)
+    axes: dict[int, tuple[float, float]] = field(default_factory=dict)
+    """State -> its declared extent."""
+    leaves: dict[int, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
+    """State -> the topic leaf that is declared as its axis."""
+    times: dict[str, int] = field(default_factory=dict)
+    """What every claim is held to, by names of the manifest: never less than `own`."""
+    levels: int = 3
+    running: dict[int, int] = field(default_factory=dict)
+    """Topic of the module -> the same in the system that runs."""
+
+    @property
+    def delay_ns(self) -> int:
+        """How old (d) the state behind a command may be when it acts."""
+        return self.times["d_ns"]
+
+    @property
+    def jitter_ns(self) -> int:
+        """By how much (j) the instants vary at which outputs act."""
+        return self.times["j_ns"]
+
+    @property
+    def start_ns(self) -> int:
+        """Until then anything may act: the first output of SC on a state may take so long."""
+        return max(self.times["h0_ns"], self.own.start)
+
+    @property
+    def decide_ns(self) -> int:
+        """From a state to the first verdict in force that has seen it or a later one.
+
+        A read is at most A old: from A after the state on every DM sees it, the next one is due
+        within Delta, starts and answers late.
+        """
+        t = self.times
+        return t["A_ns"] + t["Delta_ns"] + t["J_dm_ns"] + t["R_dm_ns"]
+
+    @property
+    def between_ns(self) -> int:
+        """From the state behind a verdict to that behind the next one, which may be quite new."""
+        return self.times["A_ns"] + self.times["Delta_ns"] + self.times["J_dm_ns"]
+
+    @property
+    def symbol(self) -> typed.ModuleSymbol:
+        """The declaration of the module."""
+        return self.module.symbol
+
+    @property
+    def computed(self) -> bool:
+        """Whether `ttf` and `safer` are left to the prover."""
+        return self.symbol.ttf is None and self.symbol.safer is None
+
+    def cases(self) -> Iterator[tuple[int, ...]]:
+        """Every combination of parameter values."""
+        return product(*(p.values for p in self.parameters))
+
+
+def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.Expr]]:
+    """Topic -> the plant that drives it, and how."""
+    return {
+        c.scope.topics[topic]: (c, expr)
+        for c in facts.plants
+        if c.plant is not None
+        for topic, expr in c.plant.drives
+    }
+
+
+def read_by_sc(sc: Component) -> list[typed.TopicSymbol]:
+    """The topics that the step of SC reads; NotRecheckedError where SC is extern."""
+    if sc.node is None or sc.node.extern:
+        raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
+    return list(topic_reads(*sc.node.step))
+
+
+def number_of(facts: Facts, expr: typed.Expr | None) -> Any:  # noqa: ANN401  a Soter value
+    """The value of a constant expression of the module; 0 where there is none."""
+    return 0 if expr is None else Evaluator(facts.module.scope.params).value(expr)

@@ -1,0 +1,79 @@
+"""Maps: a period of SC, and free phases, as so many steps of the plants.
+
+Purpose: `map_step`, `map_free`: compiled steps for `chains.py`.
+Non-goals: flows, delays (a map has none).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.recheck.reading.model import control_inputs
+from soter.recheck.terms.balls import exact
+from soter.recheck.terms.compiled import compile_step
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from flint import arb
+
+    from soter.recheck.reading.model import Model
+    from soter.recheck.terms.compiled import Step
+    from soter.recheck.terms.terms import Linear
+
+
+def boxes_of(
+    model: Model, states: Sequence[Linear], members: Sequence[int]
+) -> dict[int, tuple[arb, arb]]:
+    """States of other groups range over their grids."""
+    found = {}
+    for i, x in enumerate(states):
+        if i not in members:
+            (atom,) = x.terms
+            low, high = model.extents[i]
+            found[atom] = (exact(low), exact(high))
+    return found
+
+
+def atom_of(x: Linear) -> int:
+    """The atom that an input is."""
+    (found,) = x.terms
+    return found
+
+
+def map_step(model: Model, members: Sequence[int]) -> Step:
+    """One period of SC: so many steps of the map under one command."""
+    terms, states = model.new_terms()
+    commands = model.commands(terms, states)
+    count = model.facts.times["delta_ns"] // model.facts.plants[0].period_ns
+    current, between = states, []
+    for _ in range(count):
+        current = model.next_states(terms, current, commands)
+        between += [current[i] for i in members]
+    return compile_step(
+        terms,
+        [atom_of(states[i]) for i in members],
+        len(members),
+        [current[i] for i in members],
+        ranges=between,
+        must=terms.obligations,
+        boxes=boxes_of(model, states, members),
+    )
+
+
+def map_free(model: Model, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
+    """Steps of the map under any commands, as many as the time has."""
+    period = model.facts.plants[0].period_ns
+    terms, states = model.new_terms()
+    commands = control_inputs(model.facts, terms)
+    after = model.next_states(terms, states, commands)
+    step = compile_step(
+        terms,
+        [atom_of(states[i]) for i in members],
+        len(members),
+        [after[i] for i in members],
+        ranges=[after[i] for i in members],
+        must=terms.obligations,
+        boxes=boxes_of(model, states, members),
+    )
+    return (step,) * -(-time_ns // period)

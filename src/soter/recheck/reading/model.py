@@ -1,0 +1,235 @@
+"""What plant and SC of one case do, as terms over the states.
+
+Purpose: `Model`: for one combination of parameter values the driven topics, the commands of SC, the
+predicates, and the derivative or the next state, each read off the checked tree.
+Non-goals: time (`flows.py`, `maps.py`), sets.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from soter.program.meaning import arith
+from soter.program.model.types import BoolType, FloatType, leaves
+from soter.program.model.walk import topic_reads
+from soter.recheck.reading.locals_of import combinations, one_of
+from soter.recheck.reading.problem import driven_topics
+from soter.recheck.reading.symbolic import Reader, Surroundings, variables_in
+from soter.recheck.reading.values import filled, flat, truth_of
+from soter.recheck.terms.balls import ONE, exact
+from soter.recheck.terms.terms import NotRecheckedError, Terms, negation
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from soter.program.model import typed
+    from soter.program.model.system import Component
+    from soter.recheck.reading.problem import Facts, Input
+    from soter.recheck.terms.terms import Linear, Truth
+
+
+@dataclass(eq=False)
+class Model:
+    """Terms of one case. `extents`: the grid of each state; terms hold on twice that width."""
+
+    facts: Facts
+    parameter: tuple[int, ...]
+    extents: tuple[tuple[float, float], ...]
+
+    def new_terms(self) -> tuple[Terms, list[Linear]]:
+        """Fresh terms, and the states in them."""
+        terms = Terms()
+        states = []
+        for s, (low, high) in zip(self.facts.states, self.extents, strict=True):
+            a, b = exact(low), exact(high)
+            states.append(terms.input("state", s.name, a - (b - a), b + (b - a)))
+        return terms, states
+
+    # ------------------------------------------------------------ plants
+
+    def _variables(
+        self, c: Component, values: Sequence[Linear], extra: Mapping[typed.Variable, Any]
+    ) -> dict[typed.Variable, Any]:
+        """The states of a plant: some are inputs, some parameters."""
+        assert c.plant is not None
+        found: dict[typed.Variable, Any] = dict(extra)
+        by_state = {
+            (s.owner, s.variable, s.leaf): x for s, x in zip(self.facts.states, values, strict=True)
+        }
+        by_parameter = {
+            (p.owner, p.variable, p.leaf): v
+            for p, v in zip(self.facts.parameters, self.parameter, strict=True)
+        }
+        for variable in c.plant.states:
+            parts: list[Any] = []
+            for k, (_, of) in enumerate(leaves(variable.type)):
+                key = (c.index, variable.name, k)
+                if isinstance(of, FloatType):
+                    parts.append(by_state[key])
+                else:
+                    value = by_parameter[key]
+                    parts.append(bool(value) if isinstance(of, BoolType) else value)
+            found[variable] = filled(variable.type, parts)
+        return found
+
+    def _with_lets(
+        self, reader: Reader, c: Component, variables: dict[typed.Variable, Any]
+    ) -> dict[typed.Variable, Any]:
+        assert c.plant is not None
+        for variable, expr in c.plant.lets:
+            known = all(v in variables for v in variables_in(expr))
+            if known and topic_reads(expr).keys() <= reader.around.topics.keys():
+                variables[variable] = reader.expression(expr, variables)
+        return variables
+
+    def topics(self, terms: Terms, states: Sequence[Linear], *, errors: bool) -> dict[int, Any]:
+        """The driven topics in these states; as estimates where `errors`. Then others, too."""
+        found: dict[int, Any] = {}
+        for index, (c, expr) in driven_topics(self.facts).items():
+            around = Surroundings(c.scope.params, {}, _seconds(c.period_ns))
+            reader = Reader(terms, around)
+            variables = self._with_lets(reader, c, self._variables(c, states, {}))
+            value = reader.expression(expr, variables)
+            if errors:
+                value = self._with_errors(terms, index, value)
+            found[index] = value
+        for other in self.facts.others:
+            if other.owner not in found:
+                found[other.owner] = self._free_topic(terms, other.owner, self.facts.others)
+        return found
+
+    def _with_errors(self, terms: Terms, index: int, value: Any) -> Any:  # noqa: ANN401
+        parts = flat(value)
+        for e in self.facts.errors:
+            if e.owner != index:
+                continue
+            error = terms.input("box", e.name, exact(e.low), exact(e.high))
+            x = parts[e.leaf]
+            if isinstance(x, float):
+                x = terms.constant(x)
+            parts[e.leaf] = terms.rounded(terms.add(x, error))
+        return filled(self.facts.system.topics[index].type, parts)
+
+    def _free_topic(self, terms: Terms, index: int, inputs: Sequence[Input]) -> Any:  # noqa: ANN401
+        parts = [
+            terms.input("box", x.name, exact(x.low), exact(x.high))
+            for x in inputs
+            if x.owner == index
+        ]
+        return filled(self.facts.system.topics[index].type, parts)
+
+    # ------------------------------------------------------------ SC and predicates
+
+    def commands(self, terms: Terms, states: Sequence[Linear]) -> list[Linear]:
+        """What SC publishes after a sample of these states, whatever its locals are.
+
+        Obligations are those of its step, for every value of its locals. NotRecheckedError where a
+        step may publish no command.
+        """
+        sc = self.facts.sc
+        assert sc.node is not None
+        values = self.topics(terms, states, errors=True)
+        known = {t: values[i] for t, i in sc.scope.topics.items() if i in values}
+        reader = Reader(terms, Surroundings(sc.scope.params, known, _seconds(sc.period_ns)))
+        published = [
+            {sc.scope.topics[t]: v for t, v in reader.step(sc.node.step, known_locals).items()}
+            for known_locals in combinations(terms, sc.node.locals)
+        ]
+        found = []
+        for control in self.facts.controls:
+            alternatives = []
+            for by_index in published:
+                if control.owner not in by_index:
+                    raise NotRecheckedError(f"SC does not publish `{control.name}` in every step")
+                value = flat(by_index[control.owner])[control.leaf]
+                alternatives.append(terms.constant(value) if isinstance(value, float) else value)
+            command = one_of(terms, alternatives)
+            low = terms.combine(((ONE, command),), -exact(control.low))
+            high = terms.combine(((-ONE, command),), exact(control.high))
+            terms.oblige(negation(terms.below(low)))
+            terms.oblige(negation(terms.below(high)))
+            found.append(command)
+        return found
+
+    def predicate(
+        self, terms: Terms, states: Sequence[Linear], expr: typed.Expr, *, errors: bool
+    ) -> Truth:
+        """A predicate of the module, on the true topics or on estimates."""
+        values = self.topics(terms, states, errors=errors)
+        scope = self.facts.module.scope
+        known = {t: values[i] for t, i in scope.topics.items() if i in values}
+        reader = Reader(terms, Surroundings(scope.params, known))
+        found = reader.expression(expr)
+        return truth_of(found)
+
+    # ------------------------------------------------------------ plants in time
+
+    def rates(
+        self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
+    ) -> tuple[list[Linear], list[Linear]]:
+        """The derivative of every state as a real number, and the disturbances in it."""
+        return self._moved(terms, states, controls, rounded=False)
+
+    def next_states(
+        self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear]
+    ) -> list[Linear]:
+        """The next value of every state of a map, as the machine computes it."""
+        return self._moved(terms, states, controls, rounded=True)[0]
+
+    def _moved(
+        self, terms: Terms, states: Sequence[Linear], controls: Sequence[Linear], *, rounded: bool
+    ) -> tuple[list[Linear], list[Linear]]:
+        flow = self.facts.kind == "flow"
+        by_leaf: dict[tuple[int, str, int], Linear] = {}
+        disturbances = []
+        for c in self.facts.plants:
+            assert c.plant is not None
+            topics = self._inputs_of_plant(c, controls)
+            extra = {}
+            for d in c.disturbances:
+                parts = []
+                for _ in leaves(d.variable.type):
+                    x = terms.input("box", d.variable.name, exact(d.low), exact(d.high))
+                    disturbances.append(x)
+                    parts.append(x)
+                extra[d.variable] = filled(d.variable.type, parts)
+            around = Surroundings(c.scope.params, topics, _seconds(c.period_ns))
+            reader = Reader(terms, around, rounded=rounded)
+            variables = self._with_lets(reader, c, self._variables(c, states, extra))
+            moves = c.plant.der if flow else c.plant.next
+            for variable, expr in moves.items():
+                for k, x in enumerate(flat(reader.expression(expr, variables))):
+                    value = x if not isinstance(x, (int, float)) else terms.constant(float(x))
+                    by_leaf[c.index, variable.name, k] = value
+        found = []
+        for s, x in zip(self.facts.states, states, strict=True):
+            still = terms.constant(0.0) if flow else x
+            found.append(by_leaf.get((s.owner, s.variable, s.leaf), still))
+        return found, disturbances
+
+    def _inputs_of_plant(
+        self, c: Component, controls: Sequence[Linear]
+    ) -> dict[typed.TopicSymbol, Any]:
+        found: dict[typed.TopicSymbol, Any] = {}
+        assert c.plant is not None
+        for topic in c.plant.reads:
+            index = c.scope.topics[topic]
+            parts = [
+                x for s, x in zip(self.facts.controls, controls, strict=True) if s.owner == index
+            ]
+            if not parts:
+                raise NotRecheckedError(
+                    f"plant `{c.name}` reads `{topic.name}`, which is no output of the module"
+                )
+            found[topic] = filled(topic.type, parts)
+        return found
+
+
+def control_inputs(facts: Facts, terms: Terms) -> list[Linear]:
+    """Commands that may be anything in their sets."""
+    return [terms.input("box", c.name, exact(c.low), exact(c.high)) for c in facts.controls]
+
+
+def _seconds(period_ns: int) -> float:
+    return arith.seconds(period_ns)

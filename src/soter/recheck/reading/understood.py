@@ -1,0 +1,205 @@
+"""What the re-checker understands of a program: a positive list.
+
+Purpose: `understood`: every construct of SC, module, plants and the functions they call is on the
+list, with every field that it has; whatever is not, is not rechecked. A construct or field that is
+added to the language is refused until somebody puts it here.
+Non-goals: what the constructs mean (`symbolic.py`, `problem.py`); AC, of which nothing is assumed
+but what the gate enforces.
+"""
+
+from __future__ import annotations
+
+from dataclasses import fields, is_dataclass
+from typing import TYPE_CHECKING, Any
+
+from soter.program.model import typed as t
+from soter.recheck.terms.terms import NotRecheckedError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.program.model.system import Component
+    from soter.recheck.reading.facts import Facts
+
+_EXPR = "type span"
+CODE: dict[type, str] = {
+    t.Literal: f"{_EXPR} value name",
+    t.ParamRead: f"{_EXPR} param",
+    t.VarRead: f"{_EXPR} variable",
+    t.TopicRead: f"{_EXPR} topic",
+    t.PeriodRead: _EXPR,
+    t.Unary: f"{_EXPR} op operand",
+    t.Binary: f"{_EXPR} op left right",
+    t.Vector: f"{_EXPR} op left right",
+    t.Conditional: f"{_EXPR} condition then otherwise",
+    t.Call: f"{_EXPR} fun arguments",
+    t.Builtin: f"{_EXPR} name arguments",
+    t.Field: f"{_EXPR} target index",
+    t.Index: f"{_EXPR} target index",
+    t.Length: f"{_EXPR} target",
+    t.Aggregate: f"{_EXPR} elements order",
+    t.Narrow: f"{_EXPR} operand",
+    t.Place: "variable path type span",
+    t.Declare: "span variable value",
+    t.Assign: "span place value",
+    t.Publish: "span topic value",
+    t.Return: "span value",
+    t.Assert: "span condition message",
+    t.If: "span arms otherwise",
+    t.ForRange: "span variable low high body",
+    t.ForEach: "span variable sequence body",
+    t.FunSymbol: "name span parameters result body extern source prelude",
+    t.Variable: "name type kind span used",
+}
+"""Expressions, statements and functions, each with its fields.
+
+Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age`, `mode`, `truth`,
+`choose`, `push`.
+"""
+DECLARATIONS: dict[type, str] = {
+    t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "
+    "initial assumes guarantees takeover step",
+    t.Subscribed: "topic queue policy span",
+    t.TopicSymbol: "name span type input values default max_age",
+    t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
+    "sc_span",
+    t.VerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
+    "response_sc acts recover late_of response_of dropout span",
+    t.AbstractionLink: "instance name plant value span",
+    t.AxisGroup: "kind axes span",
+    t.GridAxis: "topic path low high cells span instance plant",
+    t.PlantSymbol: "name span period extern source reads drives states initial initial_range "
+    "disturbances lets der next method substeps measured truth read_spans",
+    t.DisturbanceSymbol: "variable low high hold",
+    t.MeasuredSymbol: "topic path within span",
+}
+"""What they are declared with; each field is read by this room, judged below, or without effect on
+a state: names, spans, hints (`core`, `commands`), and what only a simulator does (`method`,
+`substeps`, `hold`: an assumption)."""
+ROLES = ("plant", "dm", "sc", "ac", "node")
+
+
+def understood(facts: Facts) -> None:
+    """`NotRecheckedError` for the first thing that is not on the list."""
+    for declared in (*CODE, *DECLARATIONS):
+        _only_known_fields(declared)
+    module = facts.flying_module
+    if module.forced is not None:
+        raise NotRecheckedError(
+            f"`{module.name}` is forced to {module.forced}: its DM never decides"
+        )
+    assert facts.sc.node is not None
+    _safe_controller(facts.sc.node)
+    _topics(facts)
+    for expr in facts.symbol.predicates:
+        _code(expr, "the predicates of the module")
+    for c in facts.plants:
+        _plant(c)
+    for c in facts.flying.components:
+        if c.role not in ROLES:
+            raise NotRecheckedError(f"`{c.name}` is a {c.role}, which is not known here")
+
+
+def _only_known_fields(of: type) -> None:
+    known = {**CODE, **DECLARATIONS}.get(of)
+    found = {f.name for f in fields(of)} if is_dataclass(of) else set()
+    if known is None or found - set(known.split()):
+        raise NotRecheckedError(f"`{of.__name__}` is not known here as this language has it")
+
+
+# ---------------------------------------------------------------- declarations
+
+
+def _safe_controller(sc: t.NodeSymbol) -> None:
+    """Its step is all it does: nothing else may fault, latch it, or change what it publishes."""
+    if sc.extern:
+        raise NotRecheckedError("SC is not Soter source: nothing is known about its commands")
+    if sc.takeover:
+        raise NotRecheckedError("an SC with `on takeover` is not rechecked yet")
+    for subscribed in sc.subscribes:
+        if subscribed.queue is not None:
+            raise NotRecheckedError(f"SC has a queue of `{subscribed.topic.name}`")
+    for s in sc.step:
+        _code(s, "SC")
+
+
+def _topics(facts: Facts) -> None:
+    """Nobody but the module publishes its outputs, and nothing that it reads is a queue."""
+    module, outputs = facts.flying_module, set(facts.flying_module.outputs)
+    for c in facts.flying.components:
+        if c.index in (module.ac, module.sc):
+            continue
+        written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
+        for topic in written:
+            if c.scope.topics[topic] in outputs:
+                raise NotRecheckedError(f"`{topic.name}` is not published by the module alone")
+    if outputs & {drawn.topic for drawn in facts.flying.inputs}:
+        raise NotRecheckedError("an output of the module is drawn as an input, too")
+    component = facts.flying.components[facts.flying_module.sc]
+    for index in component.scope.topics.values():
+        if facts.flying.topics[index].queue_of is not None:
+            raise NotRecheckedError(f"`{facts.flying.topics[index].name}` is a queue")
+
+
+def _plant(c: Component) -> None:
+    plant = c.plant
+    assert plant is not None
+    if plant.extern:
+        raise NotRecheckedError(f"the plant `{c.name}` is extern")
+    if c.phase_ns != 0:
+        raise NotRecheckedError(f"the plant `{c.name}` does not publish at the start")
+    roots: list[object] = [e for _, e in plant.drives]
+    roots += [e for _, e in plant.lets]
+    roots += [*plant.der.values(), *plant.next.values()]
+    for root in roots:
+        _code(root, f"the plant `{c.name}`")
+
+
+# ---------------------------------------------------------------- code
+
+
+def _code(root: object, where: str) -> None:
+    """Every part of a piece of code, and of every function that it calls."""
+    seen: set[int] = set()
+    todo: list[object] = [root]
+    while todo:
+        part = todo.pop()
+        if id(part) in seen:
+            continue
+        seen.add(id(part))
+        if type(part) not in CODE:
+            name = _SAID.get(type(part), type(part).__name__.lower())
+            raise NotRecheckedError(f"`{name}` in {where} is not rechecked yet")
+        if isinstance(part, t.FunSymbol):
+            if part.extern or part.body is None:
+                raise NotRecheckedError(
+                    f"`{part.name}` is an extern function: its values are unknown"
+                )
+            todo += part.body
+            continue
+        todo += _parts(part)
+
+
+def _parts(part: object) -> Iterator[object]:
+    """What a piece of code is made of: of types, values and spans nothing is asked."""
+    for f in fields(part):  # type: ignore[arg-type]  # those of CODE are dataclasses
+        if f.name in ("type", "span"):
+            continue
+        stack: list[Any] = [getattr(part, f.name)]
+        while stack:
+            v = stack.pop()
+            if isinstance(v, tuple) and not isinstance(part, t.Literal):
+                stack.extend(v)
+            elif isinstance(v, (t.Expr, t.Stmt, t.Place, t.FunSymbol)):
+                yield v
+
+
+_SAID: dict[type, str] = {
+    t.InControl: "in_control",
+    t.TimeRead: "time",
+    t.AgeRead: "age",
+    t.ModeRead: "mode",
+    t.TruthRead: "truth",
+    t.Choose: "choose",
+    t.Push: "push",
+}

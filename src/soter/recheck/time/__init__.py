@@ -1,0 +1,1 @@
+"""The re-checker's own derivation of every time."""

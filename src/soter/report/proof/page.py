@@ -1,0 +1,166 @@
+"""The proof report: one page that a safety engineer can file.
+
+Purpose: verdict, properties with their method, times, vacuity figures, the region figure, what it
+rests on, hashes; in the order in which it is questioned.
+Non-goals: verifying; deciding what to show.
+"""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+from soter.report.html import write_document
+from soter.report.proof.regions import region_svg
+from soter.report.run.wording import prose
+
+if TYPE_CHECKING:
+    import os
+    from pathlib import Path
+
+    from soter.report.proof.record import ModuleProof, ProofPage, PropertyRow, RegionFigure
+
+SIGNS = {"proved": "✓", "refuted": "✕", "undecided": "?", "assumed": "•"}
+REGIONS = (
+    ("r1", "R1", "outside the constraint C (`safe`)"),
+    ("r2", "R2", "inside C, but SC cannot keep it there"),
+    ("r3", "R3 \N{SET MINUS} R4", "core K: SC keeps C; the DM has switched to SC"),
+    (
+        "r4",
+        "R4 \N{SET MINUS} R5",
+        "R(H): AC may act here for H; it keeps control where `ttf` is false",
+    ),
+    ("r5", "R5", "where `safer` may hold: the DM gives control back to AC"),
+)
+
+
+def write_proof(page: ProofPage, path: str | os.PathLike[str]) -> Path:
+    """Write the page to `path`; it needs no script and no network. Raises `ReportError`."""
+    return write_document(page.title, proof_body(page), path)
+
+
+def proof_body(page: ProofPage) -> str:
+    """Return the inside of `<main>`."""
+    sections = [
+        _header(page),
+        *(_module(m) for m in page.modules),
+        _list("What this rests on", page.assumptions, "grounds"),
+        _list("What has to be trusted", page.trusted_base, "grounds"),
+        _provenance(page),
+    ]
+    return "\n".join(s for s in sections if s)
+
+
+def _header(page: ProofPage) -> str:
+    return (
+        f'<header class="top"><p class="kicker">{escape(page.title)}</p>'
+        f"<h1><span>{prose(page.headline)}</span></h1>"
+        f'<p class="subtitle">{prose(page.subtitle)}</p></header>'
+    )
+
+
+def _module(m: ModuleProof) -> str:
+    sign, kind = SIGNS.get(m.verdict, "?"), "but" if m.but else m.verdict
+    but = f'<p class="lead but">Proved, but {prose(m.but)}.</p>' if m.but else ""
+    return (
+        f'<section class="proof"><h2>{escape(m.name)} '
+        f'<span class="badge {escape(kind)}">{sign} {escape(m.verdict)}'
+        f"{', but see below' if m.but else ''}</span></h2>{but}"
+        f'<p class="note lead">{prose(m.headline)}</p>{_properties(m)}'
+        f"{_lines('The run that leaves the safe set', m.counterexample)}"
+        f"{_lines('Where it is undecided, and what would help', m.undecided)}{_leaving(m)}"
+        f'<div class="pair">{_times(m)}{_shares(m)}</div>{_figures(m)}</section>'
+    )
+
+
+def _properties(m: ModuleProof) -> str:
+    rows = "".join(_property(p) for p in m.properties)
+    return (
+        '<div class="scroll"><table class="events proof"><thead><tr><th scope="col">property</th>'
+        '<th scope="col">verdict</th><th scope="col">what it says</th><th scope="col">method</th>'
+        f'<th scope="col" class="number">s</th></tr></thead><tbody>{rows}</tbody></table></div>'
+    )
+
+
+def _property(p: PropertyRow) -> str:
+    detail = f'<br><span class="detail">{prose(p.detail)}</span>' if p.detail else ""
+    return (
+        f'<tr><th scope="row">{prose(p.name)}</th>'
+        f'<td><span class="badge {escape(p.verdict)}">{SIGNS.get(p.verdict, "?")} '
+        f"{escape(p.verdict)}</span></td><td>{prose(p.meaning)}{detail}</td>"
+        f'<td>{prose(p.method)}</td><td class="number">{p.seconds:.2f}</td></tr>'
+    )
+
+
+def _lines(title: str, lines: tuple[str, ...]) -> str:
+    if not lines:
+        return ""
+    items = "".join(f"<li>{prose(text)}</li>" for text in lines)
+    return f'<h3>{escape(title)}</h3><ul class="lines">{items}</ul>'
+
+
+def _times(m: ModuleProof) -> str:
+    rows = "".join(
+        f'<tr><th scope="row">{prose(symbol)}</th><td>{prose(meaning)}</td>'
+        f'<td class="number">{escape(value)}</td></tr>'
+        for symbol, meaning, value in m.times
+    )
+    return f"<div><h3>Times</h3><table class='events'><tbody>{rows}</tbody></table></div>"
+
+
+def _shares(m: ModuleProof) -> str:
+    rows = "".join(
+        f'<tr><td>{prose(what)}</td><td class="number">{escape(share)}</td></tr>'
+        for what, share in m.shares
+    )
+    return (
+        "<div><h3>How much the sets hold</h3><table class='events'><tbody>"
+        f"{rows}</tbody></table></div>"
+    )
+
+
+def _leaving(m: ModuleProof) -> str:
+    """The run of the model that leaves C soonest, drawn."""
+    if not m.leaving:
+        return ""
+    drawn = "".join(_figure(f) for f in m.leaving)
+    return (
+        "<h3>The run of the model that leaves soonest</h3>"
+        f'<p class="note">{prose(m.leaving_text)}</p><ul class="key">'
+        '<li><i class="region r1"></i><span>outside the constraint C</span></li>'
+        '<li><i class="region r2"></i><span>inside C</span></li></ul>'
+        f'<div class="figures">{drawn}</div>'
+    )
+
+
+def _figure(f: RegionFigure) -> str:
+    note = f'<p class="note">{prose(f.note)}</p>' if f.note else ""
+    return f"<figure><figcaption>{prose(f.title)}</figcaption>{region_svg(f)}{note}</figure>"
+
+
+def _figures(m: ModuleProof) -> str:
+    if not m.figures:
+        return ""
+    key = "".join(
+        f'<li><i class="region {code}"></i><span><strong>{name}</strong> {prose(text)}</span></li>'
+        for code, name, text in REGIONS
+    )
+    drawn = "".join(_figure(f) for f in m.figures)
+    return (
+        f'<h3>Regions of operation</h3><ul class="key">{key}</ul><div class="figures">{drawn}</div>'
+    )
+
+
+def _list(title: str, texts: tuple[str, ...], kind: str) -> str:
+    if not texts:
+        return ""
+    items = "".join(f"<li>{prose(text)}</li>" for text in texts)
+    return f'<section class="{kind}"><h2>{escape(title)}</h2><ul>{items}</ul></section>'
+
+
+def _provenance(page: ProofPage) -> str:
+    items = "".join(
+        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
+        for name, value in page.provenance.items()
+    )
+    return f'<section class="provenance"><h2>Provenance</h2><dl>{items}</dl></section>'

@@ -1,0 +1,188 @@
+"""A figure as plain JSON for the drawing library, with named colours.
+
+Purpose: what every figure of the report shares: axes, markers, hover texts, colour names.
+Colours are written as `@name`; the page's script replaces them by the style sheet's
+`--name`, so one figure serves light, dark and paper. A trace may belong to a `group` that the
+reader switches on and off.
+Non-goals: importing the drawing library. Figures are tested, and built, without it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.report.run.wording import prose
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from soter.report.run.record import Decision, Violation
+
+Json = dict[str, object]
+
+AC_COLOUR, SC_COLOUR = "@ac", "@sc"
+TUBE_GROUP = "tubes"
+
+
+@dataclass(frozen=True)
+class Figure:
+    """One drawing: `key` names its place on the page, `label` says what a blind reader misses."""
+
+    key: str
+    label: str
+    data: tuple[Json, ...]
+    layout: Json
+
+    def to_json(self) -> Json:
+        """Return what the page's script hands to the drawing library."""
+        return {"key": self.key, "data": list(self.data), "layout": self.layout}
+
+
+def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
+    """Return (N,) values for JSON, rounded; what is not finite becomes null, a gap in a line."""
+    rounded = np.round(values.astype(np.float64), digits) + 0.0
+    return [value if np.isfinite(value) else None for value in rounded.tolist()]
+
+
+def arm_group(name: str) -> str:
+    """Return the group of one arm's traces."""
+    return f"arm:{name}"
+
+
+def line(colour: str, width: float = 2.0, dash: str = "solid") -> Json:
+    """Return the style of a line."""
+    return {"color": colour, "width": width, "dash": dash}
+
+
+def dot(colour: str, *, filled: bool, size: float = 10.0) -> Json:
+    """Return the style of a decision's dot: filled where SC takes over, a ring where AC returns.
+
+    Shape says what colour says, for readers who do not tell red from green.
+    """
+    if filled:
+        return {
+            "symbol": "circle",
+            "size": size,
+            "color": colour,
+            "line": {"color": "@paper", "width": 1.5},
+        }
+    return {
+        "symbol": "circle",
+        "size": size - 1.5,
+        "color": "@paper",
+        "line": {"color": colour, "width": 2.75},
+    }
+
+
+def crowded(count: int, size: float) -> float:
+    """Return a smaller size for dots that would cover each other."""
+    return size if count <= 24 else max(size * 0.7, 4.0) if count <= 80 else size * 0.45
+
+
+def takeover_dot(size: float = 10.0) -> Json:
+    """Return the red dot: the DM took over, AC→SC."""
+    return dot("@takeover", filled=True, size=size)
+
+
+def giveback_dot(size: float = 10.0) -> Json:
+    """Return the green dot: the DM gave back, SC→AC."""
+    return dot("@giveback", filled=False, size=size)
+
+
+def violation_cross(size: float = 11.0) -> Json:
+    """Return the cross of a violation."""
+    return {
+        "symbol": "x-thin",
+        "size": size,
+        "color": "@violation",
+        "line": {"color": "@violation", "width": 3},
+    }
+
+
+def axis(title: str = "", **more: object) -> Json:
+    """Return a quiet axis: thin grid, outside ticks, no zero line."""
+    return {
+        "title": {"text": title, "font": {"size": 12}, "standoff": 8},
+        "gridcolor": "@grid",
+        "linecolor": "@rule",
+        "tickcolor": "@rule",
+        "zeroline": False,
+        "ticks": "outside",
+        "ticklen": 4,
+        "tickfont": {"size": 11},
+        "automargin": True,
+        **more,
+    }
+
+
+def layout(**more: object) -> Json:
+    """Return what all figures share: transparent ground, the page's font and hover boxes."""
+    return {
+        "paper_bgcolor": "rgba(0,0,0,0)",
+        "plot_bgcolor": "rgba(0,0,0,0)",
+        "font": {"family": "@font", "color": "@muted", "size": 12},
+        "showlegend": False,
+        "autosize": True,
+        "hovermode": "closest",
+        "hoverlabel": {
+            "bgcolor": "@panel",
+            "bordercolor": "@rule",
+            "font": {"family": "@font", "color": "@ink", "size": 12},
+            "align": "left",
+        },
+        "margin": {"l": 52, "r": 16, "t": 8, "b": 40},
+        "modebar": {
+            "bgcolor": "rgba(0,0,0,0)",
+            "color": "@muted",
+            "activecolor": "@ink",
+            "orientation": "h",
+        },
+        "uirevision": "keep",
+        **more,
+    }
+
+
+def predicate_text(value: bool | float) -> str:
+    """Write a predicate's value as people read it."""
+    if isinstance(value, (bool, np.bool_)):
+        return "true" if value else "false"
+    return f"{float(value):.4g}"
+
+
+def predicates_text(predicates: Mapping[str, bool | float]) -> list[str]:
+    """Write each predicate as `name = value`."""
+    return [f"{name} = {predicate_text(value)}" for name, value in predicates.items()]
+
+
+def change_text(decision: Decision) -> str:
+    """Write a change of mode as an arrow."""
+    return "AC → SC" if decision.to == "SC" else "SC → AC"
+
+
+def decision_hover(decision: Decision) -> str:
+    """Return the hover text of a decision: when, which way, why, on which predicates."""
+    verb = "DM took over" if decision.to == "SC" else "DM gave back"
+    lines = [
+        f"<b>{verb}, {change_text(decision)}</b>",
+        escape(f"t = {decision.time_s:.2f} s · {decision.module}"),
+    ]
+    if decision.reason:
+        lines.append(_hover(decision.reason))
+    lines += [escape(text) for text in predicates_text(decision.predicates)]
+    return "<br>".join(lines)
+
+
+def _hover(text: str) -> str:
+    """Without code: a figure knows few tags."""
+    return prose(text.replace("`", ""))
+
+
+def violation_hover(violation: Violation) -> str:
+    """Return the hover text of a violation."""
+    return f"<b>Violation</b><br>t = {violation.time_s:.2f} s<br>{_hover(violation.text)}"

@@ -1,0 +1,365 @@
+"""The report's HTML, section by section, in the order people read: result, evidence, grounds.
+
+Purpose: records in, HTML text out; every text from outside is escaped here.
+Non-goals: drawing (`city_map`, `city_solid`, `timeline`), style and behaviour (`assets/`).
+"""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.report.run.city_map import city_map, dash_of
+from soter.report.run.city_solid import city_solid
+from soter.report.run.figure import TUBE_GROUP, arm_group, change_text, predicates_text
+from soter.report.run.record import Flight
+from soter.report.run.thumbnail import flight_thumbnail, mode_bar
+from soter.report.run.timeline import chart_timeline, flight_timeline
+from soter.report.run.trajectory import place
+from soter.report.run.wording import (
+    count_text,
+    figures,
+    headline,
+    longest_s,
+    prose,
+    value_text,
+    violation_count,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from soter.report.run.figure import Figure
+    from soter.report.run.record import (
+        Cell,
+        Chart,
+        Comparison,
+        Decision,
+        ReportPage,
+        Scene,
+        Violation,
+    )
+
+
+def body(page: ReportPage) -> tuple[str, list[Figure]]:
+    """Return the inside of `<main>` and the figures it has places for."""
+    drawn: list[Figure] = []
+    sections = [
+        _header(page),
+        _arms(page),
+        _comparison(page.comparison),
+        _city(page, drawn),
+        _timelines(page, drawn),
+        _charts(page, drawn),
+        _violations([*page.flights, *page.charts]),
+        _decisions([*page.flights, *page.charts]),
+        _assumptions(page.assumptions),
+        _provenance(page),
+    ]
+    return "\n".join(section for section in sections if section), drawn
+
+
+def _header(page: ReportPage) -> str:
+    """Open with the result."""
+    result = headline(page)
+    sentences = " ".join(f"<span>{prose(sentence)}</span>" for sentence in result)
+    kicker = "" if result == [page.title] else f'<p class="kicker">{escape(page.title)}</p>'
+    subtitle = f'<p class="subtitle">{prose(page.subtitle)}</p>' if page.subtitle else ""
+    return f'<header class="top">{kicker}<h1>{sentences}</h1>{subtitle}</header>'
+
+
+def _arms(page: ReportPage) -> str:
+    """Put the arms side by side: map, bar of control, figures."""
+    arms: list[Flight | Chart] = [*page.flights, *page.charts]
+    if not arms:
+        return ""
+    end_s = longest_s(arms)
+    cards = [
+        _card(
+            flight,
+            flight_thumbnail(page.scene, flight, page.flights),
+            mode_bar(flight.time_s, flight.in_control, end_s),
+        )
+        for flight in page.flights
+        if page.scene is not None
+    ]
+    cards += [_card(chart, "", _chart_bars(chart, end_s)) for chart in page.charts]
+    return f'<section class="arms">{"".join(cards)}</section>{_key_of_bars(arms)}'
+
+
+def _card(arm: Flight | Chart, picture: str, bars: str) -> str:
+    """Show one arm."""
+    violations = violation_count(arm)
+    verdict = "bad" if violations else "good"
+    sign = "✕" if violations else "✓"
+    lap = arm.summary.get("lap_s")
+    lap_text = (
+        f'<p class="lap">{escape(value_text("lap_s", lap))} <span>a lap</span></p>'
+        if lap is not None
+        else ""
+    )
+    items = "".join(
+        f"<div><dt>{escape(caption)}</dt><dd>{escape(value)}</dd></div>"
+        for caption, value in figures(arm.summary)
+    )
+    name = f"<code>{escape(arm.name)}</code>" if arm.name != arm.title else ""
+    return (
+        f'<article class="arm"><header><h2>{escape(arm.title)}</h2>{name}</header>{picture}{bars}'
+        f'<div class="result">{lap_text}<p class="verdict {verdict}"><span>{sign}</span> '
+        f"{escape(count_text(violations, 'violation'))}</p></div><dl>{items}</dl></article>"
+    )
+
+
+def _chart_bars(chart: Chart, end_s: float) -> str:
+    """Show who was in control of each module, named where there are several."""
+    several = len(chart.modes) > 1
+    return "".join(
+        (f'<p class="bar-name">{escape(band.module)}</p>' if several else "")
+        + mode_bar(chart.time_s, band.in_control, end_s)
+        for band in chart.modes
+    )
+
+
+def _key_of_bars(arms: Sequence[Flight | Chart]) -> str:
+    """Explain the marks, once."""
+    entries: list[tuple[str, str]] = [
+        ('<i class="stroke ac"></i>', "AC, the advanced controller, in control"),
+        ('<i class="stroke sc"></i>', "SC, the safe controller, in control"),
+    ]
+    if any(arm.decisions for arm in arms):
+        entries += [
+            ('<i class="mark takeover"></i>', "the DM took over, AC → SC"),
+            ('<i class="mark giveback"></i>', "the DM gave back, SC → AC"),
+        ]
+    if any(arm.violations for arm in arms):
+        entries.append(('<i class="mark cross"></i>', "violation of a system property"))
+    return _key(entries)
+
+
+def _key(entries: Iterable[tuple[str, str]]) -> str:
+    """Return a legend in the text: each entry a sign and what it means."""
+    items = "".join(f"<li>{sign}<span>{text}</span></li>" for sign, text in entries)
+    return f'<ul class="key">{items}</ul>'
+
+
+def _comparison(comparison: Comparison | None) -> str:
+    """Set our figures beside the paper's."""
+    if comparison is None:
+        return ""
+    head = "".join(f'<th scope="col">{escape(title)}</th>' for title in comparison.columns)
+    rows = "".join(
+        f'<tr><th scope="row">{prose(quantity)}</th>{"".join(_cell(cell) for cell in cells)}</tr>'
+        for quantity, cells in comparison.rows
+    )
+    note = f'<p class="note">{prose(comparison.note)}</p>' if comparison.note else ""
+    return (
+        '<section><h2>Beside the paper</h2><div class="scroll"><table class="comparison">'
+        f"<thead><tr><td></td>{head}</tr></thead><tbody>{rows}</tbody></table></div>{note}</section>"
+    )
+
+
+def _cell(cell: Cell) -> str:
+    """Show our figure and the paper's."""
+    paper = f'<span class="paper">paper {escape(cell.paper)}</span>' if cell.paper else ""
+    return f"<td><strong>{escape(cell.ours)}</strong>{paper}</td>"
+
+
+def _city(page: ReportPage, drawn: list[Figure]) -> str:
+    """Show the city from above and in three dimensions."""
+    scene = page.scene
+    if scene is None:
+        return ""
+    above, solid = city_map(scene, page.flights), city_solid(scene, page.flights)
+    drawn += [above, solid]
+    note = f'<p class="note">{prose(scene.note)}</p>' if scene.note else ""
+    credit = f'<p class="note">{escape(scene.credit)}</p>' if scene.credit else ""
+    return (
+        f"<section><h2>The city from above</h2>{_switches(page)}"
+        f"{_place(above, 'map')}{_key_of_scene(scene)}{note}</section>"
+        f"<section><h2>In three dimensions</h2>{_switches(page)}"
+        f"{_place(solid, 'solid')}{credit}</section>"
+    )
+
+
+def _switches(page: ReportPage) -> str:
+    """Let the reader choose arms and regions; both city figures obey.
+
+    At first only arms flown by both controllers are on: the others are in the small maps above.
+    """
+    mixed = [f for f in page.flights if f.in_control.any() != f.in_control.all()]
+    on = mixed or list(page.flights)
+    dashes = dash_of(page.flights)
+    buttons = [
+        f'<button type="button" data-group="{escape(arm_group(flight.name))}" '
+        f'aria-pressed="{str(flight in on).lower()}">'
+        f'<i class="sample {dashes[flight.name]}"></i>{escape(flight.title)}</button>'
+        for flight in page.flights
+    ]
+    if page.scene is not None and page.scene.tubes:
+        buttons.append(
+            f'<button type="button" data-group="{TUBE_GROUP}" aria-pressed="true">'
+            '<i class="sample region"></i>tubes</button>'
+        )
+    return f'<div class="switches" role="group" aria-label="what is shown">{"".join(buttons)}</div>'
+
+
+def _key_of_scene(scene: Scene) -> str:
+    """Explain the regions and the shades of the buildings."""
+    entries: list[tuple[str, str]] = []
+    if scene.tubes:
+        entries += [
+            ('<i class="area safer"></i>', prose("φ_safer: the DM gives back to AC")),
+            ('<i class="area look"></i>', "between: whoever is in control keeps it"),
+            (
+                '<i class="area safe"></i>',
+                prose(
+                    "look-ahead ttf_2Δ: AC could leave φ_safe, the outer edge, within 2Δ; "
+                    "the DM switches to SC"
+                ),
+            ),
+        ]
+    if len(scene.boxes):
+        tops = scene.boxes[:, 1, 2]
+        low, high = float(tops.min()), float(tops.max())
+        entries.append(
+            ('<i class="ramp"></i>', f"buildings, {low:g} to {high:g} m high")
+            if high > low
+            else ('<i class="area box"></i>', f"buildings, {high:g} m high")
+        )
+    return _key(entries)
+
+
+def _place(figure: Figure, kind: str) -> str:
+    """Return the place a figure is drawn into."""
+    height = figure.layout.get("height")
+    style = f' style="height:{height}px"' if height else ""
+    return (
+        f'<div class="plot {kind}" id="figure-{escape(figure.key)}" role="img" '
+        f'aria-label="{escape(figure.label)}"{style}></div>'
+    )
+
+
+def _timelines(page: ReportPage, drawn: list[Figure]) -> str:
+    """Show clearance and speed of each flight on equal axes."""
+    if not page.flights:
+        return ""
+    end_s = longest_s(page.flights)
+    clearances = np.concatenate([flight.clearance_m for flight in page.flights])
+    known = clearances[np.isfinite(clearances)]
+    span = (float(known.min()), float(known.max())) if known.size else (0.0, 1.0)
+    parts: list[str] = []
+    for index, flight in enumerate(page.flights):
+        key = f"time-{index}"
+        figure = flight_timeline(flight, key, end_s=end_s, clearance_range_m=span)
+        drawn.append(figure)
+        parts.append(f"<h3>{escape(flight.title)}</h3>{_place(figure, 'time')}")
+    return f"<section><h2>Clearance, speed and who is in control</h2>{''.join(parts)}</section>"
+
+
+def _charts(page: ReportPage, drawn: list[Figure]) -> str:
+    """Show the signals of each arm of a program without geometry."""
+    if not page.charts:
+        return ""
+    end_s = longest_s(page.charts)
+    parts: list[str] = []
+    for index, chart in enumerate(page.charts):
+        figure = chart_timeline(chart, f"chart-{index}", end_s=end_s)
+        drawn.append(figure)
+        parts.append(f"<h3>{escape(chart.title)}</h3>{_place(figure, 'time')}")
+    return f"<section><h2>Signals and who is in control</h2>{''.join(parts)}</section>"
+
+
+def _violations(arms: Sequence[Flight | Chart]) -> str:
+    """List every violation with the property that failed."""
+    rows = "".join(
+        f'<tr><td class="number">{violation.time_s:.2f}</td><td>{escape(arm.title)}</td>'
+        f"<td>{prose(violation.text)}</td>{_where(arm, violation)}</tr>"
+        for arm in arms
+        for violation in arm.violations
+    )
+    if not rows:
+        return ""
+    where = '<th scope="col">where / m</th>' if isinstance(arms[0], Flight) else ""
+    return (
+        '<section><h2>Violations</h2><div class="scroll tall"><table class="events"><thead><tr>'
+        '<th scope="col" class="number">t / s</th><th scope="col">arm</th>'
+        f'<th scope="col">what failed</th>{where}</tr></thead><tbody>{rows}</tbody></table></div>'
+        "</section>"
+    )
+
+
+def _where(arm: Flight | Chart, event: Decision | Violation) -> str:
+    """Return the cell that says where an event took place, if the arm moves through a scene."""
+    if not isinstance(arm, Flight):
+        return ""
+    x, y, z = place(arm, event.time_s, event.position)
+    return f'<td class="where">{_minus(f"{x:.1f}, {y:.1f}, {z:.1f}")}</td>'
+
+
+def _minus(number: str) -> str:
+    """Set negative numbers with a minus sign."""
+    return number.replace("-", "\N{MINUS SIGN}")
+
+
+def _decisions(arms: Sequence[Flight | Chart]) -> str:
+    """List every decision with its reason."""
+    tables = [_decision_table(arm, several=len(arms) > 1) for arm in arms if arm.decisions]
+    if not tables:
+        return ""
+    return (
+        "<section><h2>Decisions of the DM</h2>"
+        '<p class="note lead">Each step of a decision module that changed who is in control.</p>'
+        f"{''.join(tables)}</section>"
+    )
+
+
+def _decision_table(arm: Flight | Chart, *, several: bool) -> str:
+    """List one arm's decisions."""
+    count = count_text(len(arm.decisions), "decision")
+    title = f"<h3>{escape(arm.title)} <small>{count}</small></h3>" if several else ""
+    modules = {decision.module for decision in arm.decisions}
+    where = '<th scope="col">where / m</th>' if isinstance(arm, Flight) else ""
+    module = '<th scope="col">module</th>' if len(modules) > 1 else ""
+    rows = "".join(
+        _decision_row(arm, decision, with_module=len(modules) > 1) for decision in arm.decisions
+    )
+    return (
+        f'{title}<div class="scroll tall"><table class="events"><thead><tr>'
+        '<th scope="col" class="number">t / s</th><th scope="col">change</th>'
+        f'<th scope="col">why</th><th scope="col">what the DM saw</th>{where}{module}'
+        f"</tr></thead><tbody>{rows}</tbody></table></div>"
+    )
+
+
+def _decision_row(arm: Flight | Chart, decision: Decision, *, with_module: bool) -> str:
+    """Show one decision."""
+    module = f"<td><code>{escape(decision.module)}</code></td>" if with_module else ""
+    kind = "takeover" if decision.to == "SC" else "giveback"
+    seen = "<br>".join(escape(text) for text in predicates_text(decision.predicates))
+    return (
+        f'<tr><td class="number">{decision.time_s:.2f}</td>'
+        f'<td class="change"><i class="mark {kind}"></i>{change_text(decision)}</td>'
+        f'<td class="why">{prose(decision.reason)}</td><td class="seen">{seen}</td>'
+        f"{_where(arm, decision)}{module}</tr>"
+    )
+
+
+def _assumptions(assumptions: Sequence[str]) -> str:
+    """Say what the result rests on."""
+    if not assumptions:
+        return ""
+    items = "".join(f"<li>{prose(text)}</li>" for text in assumptions)
+    return f'<section class="grounds"><h2>What this rests on</h2><ul>{items}</ul></section>'
+
+
+def _provenance(page: ReportPage) -> str:
+    """Say what was run, so that it can be run again."""
+    if not page.provenance:
+        return ""
+    items = "".join(
+        f"<div><dt>{escape(name)}</dt><dd>{escape(value)}</dd></div>"
+        for name, value in page.provenance.items()
+    )
+    return f'<section class="provenance"><h2>Provenance</h2><dl>{items}</dl></section>'

@@ -1,0 +1,239 @@
+"""The records a report is made of: plain data, filled by the caller from a run's trace.
+
+Purpose: the interface of this room. Everything is in SI units; arrays are NumPy; N is the
+number of samples, which share one time axis.
+Non-goals: computing any of it. Clearance, violations and summaries are the engines' findings;
+a report that recomputed them could disagree with the run.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal, NamedTuple
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+Vec3 = tuple[float, float, float]
+Summary = Mapping[str, "float | int | str"]
+Controller = Literal["SC", "AC"]
+
+
+@dataclass(frozen=True, eq=False)
+class Tube:
+    """The regions of one segment w_i→w_f, in the tube frame of the motion-primitive module.
+
+    `start`, `end`: the segment in m. The half widths, in m, hold across the segment in both
+    directions and extend it by as much at either end; each is one number, or an array of any
+    length >= 1 of values at equally spaced stations from `start` to `end`:
+    `half_width_m` of φ_safe, `look_ahead_half_width_m` of the set where ttf_2Δ does not hold
+    (outside it the DM switches AC→SC), `safer_half_width_m` of φ_safer (inside it the DM may
+    give back).
+    """
+
+    start: Vec3
+    end: Vec3
+    half_width_m: float | NDArray[np.float64]
+    look_ahead_half_width_m: float | NDArray[np.float64]
+    safer_half_width_m: float | NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Where the flights took place.
+
+    `lo`, `hi`: corners of the workspace in m, z up. `boxes`: (n, 2, 3) low and high corners of
+    the buildings in m. `ceiling_m`: greatest height flown. `goals`: name and position of each.
+    `tubes`: the segments flown. `note`: what a reader must know about the regions as drawn, such
+    as the speed they hold for. `credit`: whose map it is.
+    """
+
+    lo: Vec3
+    hi: Vec3
+    boxes: NDArray[np.float64]
+    ceiling_m: float
+    goals: tuple[tuple[str, Vec3], ...] = ()
+    tubes: tuple[Tube, ...] = ()
+    note: str = ""
+    credit: str = ""
+
+    def __post_init__(self) -> None:
+        if self.boxes.ndim != 3 or self.boxes.shape[1:] != (2, 3):
+            raise ValueError(f"boxes: shape (n, 2, 3) expected, found {self.boxes.shape}")
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A step of the DM that changed the mode (rules dm1, dm2 of the paper).
+
+    `time_s`; `module`, full dotted name; `to`, who is in control from now on; `reason`, a text
+    for people; `predicates`, name to value as the DM saw them (`ttf`, `safer`, margins ...);
+    `position` of the vehicle in m, None where there is none (then it is read off the flight).
+    """
+
+    time_s: float
+    module: str
+    to: Controller
+    reason: str = ""
+    predicates: Mapping[str, bool | float] = field(default_factory=dict)
+    position: Vec3 | None = None
+
+
+class Violation(NamedTuple):
+    """A system property that failed on the truth: when, which, and where (m) if it has a place."""
+
+    time_s: float
+    text: str
+    position: Vec3 | None = None
+
+
+@dataclass(frozen=True, eq=False)
+class Flight:
+    """One arm of a comparison that moves through a scene.
+
+    `name`: the system's name; `title`: what people call it. `time_s` (N,) increasing;
+    `position` (N, 3) in m; `in_control` (N,) bool, true where AC is in control from this sample
+    to the next; `module`: the RTA module it belongs to; `clearance_m` (N,), distance to the
+    nearest obstacle, the vehicle's radius taken off; `speed` (N,) in m/s.
+    `summary` may hold `lap_s`, `violations`, `switches_to_sc`, `switches_to_ac`, `ac_share`
+    (0..1), `min_clearance_m`, and other figures, which are shown under their own names.
+    """
+
+    name: str
+    title: str
+    time_s: NDArray[np.float64]
+    position: NDArray[np.float64]
+    in_control: NDArray[np.bool_]
+    module: str
+    clearance_m: NDArray[np.float64]
+    speed: NDArray[np.float64]
+    decisions: tuple[Decision, ...] = ()
+    violations: tuple[Violation, ...] = ()
+    summary: Summary = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count = _sample_count(self.time_s)
+        _check_shape("position", self.position, (count, 3))
+        for name in ("in_control", "clearance_m", "speed"):
+            _check_shape(name, getattr(self, name), (count,))
+
+
+@dataclass(frozen=True)
+class Threshold:
+    """A level worth a line in a panel: `value` in the unit of its series."""
+
+    label: str
+    value: float
+
+
+@dataclass(frozen=True, eq=False)
+class Series:
+    """A signal over time: `values` (N,) in `unit`; series of equal `panel` share one panel."""
+
+    name: str
+    unit: str
+    values: NDArray[np.float64]
+    panel: str = ""
+    thresholds: tuple[Threshold, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class ModeBand:
+    """Who is in control of `module`: `in_control` (N,) bool, true where it is AC."""
+
+    module: str
+    in_control: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, eq=False, kw_only=True)
+class Chart:
+    """One arm of a program without geometry, such as the cart before the wall.
+
+    `time_s` (N,) increasing; `series`, `modes` on that axis; `summary` as in `Flight`.
+    """
+
+    name: str
+    title: str
+    time_s: NDArray[np.float64]
+    series: tuple[Series, ...]
+    modes: tuple[ModeBand, ...] = ()
+    decisions: tuple[Decision, ...] = ()
+    violations: tuple[Violation, ...] = ()
+    summary: Summary = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        count = _sample_count(self.time_s)
+        for series in self.series:
+            _check_shape(series.name, series.values, (count,))
+        for band in self.modes:
+            _check_shape(band.module, band.in_control, (count,))
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A figure of ours and the paper's beside it, as texts with units; `paper` may be empty."""
+
+    ours: str
+    paper: str = ""
+
+
+@dataclass(frozen=True)
+class Comparison:
+    """The table beside the paper's figures.
+
+    `columns`: one title an arm; `rows`: a quantity and one cell for each column; `note`: what
+    makes the figures comparable, or not.
+    """
+
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, tuple[Cell, ...]], ...]
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        for quantity, cells in self.rows:
+            if len(cells) != len(self.columns):
+                raise ValueError(
+                    f"{quantity}: {len(self.columns)} cells expected, found {len(cells)}"
+                )
+
+
+@dataclass(frozen=True, eq=False)
+class ReportPage:
+    """Everything one report shows.
+
+    `headline` is the result in a sentence; where empty it is composed from the summaries.
+    `assumptions`: what the result rests on, one text each. `provenance`: program hash, seed,
+    tool versions, command line ..., shown in this order.
+    """
+
+    title: str
+    subtitle: str = ""
+    headline: str = ""
+    comparison: Comparison | None = None
+    scene: Scene | None = None
+    flights: tuple[Flight, ...] = ()
+    charts: tuple[Chart, ...] = ()
+    assumptions: tuple[str, ...] = ()
+    provenance: Mapping[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        if self.flights and self.scene is None:
+            raise ValueError("flights need a scene to fly in")
+
+
+def _sample_count(time_s: NDArray[np.float64]) -> int:
+    """Return N after checking that the time axis is one, has samples and never runs backwards."""
+    if time_s.ndim != 1 or time_s.size == 0:
+        raise ValueError(f"time_s: shape (N,) with N >= 1 expected, found {time_s.shape}")
+    if not bool(np.all(np.diff(time_s) >= 0)):
+        raise ValueError("time_s: must not run backwards")
+    return int(time_s.size)
+
+
+def _check_shape(name: str, array: NDArray[np.generic], shape: tuple[int, ...]) -> None:
+    """Raise `ValueError` naming the array unless it has this shape."""
+    if array.shape != shape:
+        raise ValueError(f"{name}: shape {shape} expected, found {array.shape}")

@@ -1,0 +1,473 @@
+"""Signals over time, with who is in control above them.
+
+Purpose: clearance and speed of a flight; any signals of a program without geometry. A band on
+top shows the mode, the DM's decisions stand on it and can be read by pointing at them.
+Non-goals: several arms in one drawing; each arm has its own time, so each has its own figure.
+"""
+
+from __future__ import annotations
+
+from html import escape
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.report.run.figure import (
+    AC_COLOUR,
+    SC_COLOUR,
+    Figure,
+    Json,
+    axis,
+    crowded,
+    decision_hover,
+    giveback_dot,
+    layout,
+    line,
+    numbers,
+    takeover_dot,
+    violation_cross,
+    violation_hover,
+)
+from soter.report.run.trajectory import (
+    by_controller,
+    flight_indices,
+    givebacks,
+    lowest,
+    mode_edges,
+    nearest_indices,
+    runs,
+    takeovers,
+    thin,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from numpy.typing import NDArray
+
+    from soter.report.run.record import Chart, Decision, Flight, Series, Violation
+
+BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX = 16, 132, 30, 54
+MARGIN_TOP_PX = 12
+LABEL_SHARE = 0.2
+"""Part of a panel's height that the label of a level needs above it."""
+MINUS = "\N{MINUS SIGN}"
+OVERLAYS = (("@ink", "solid"), ("@muted", "dash"), ("@muted", "dot"), ("@muted", "dashdot"))
+DASH_NAMES = {"dash": "dashed", "dot": "dotted", "dashdot": "dash-dotted"}
+
+
+class _Stack:
+    """Rows of a figure from top to bottom, their y axes numbered as the library wants it."""
+
+    def __init__(self, heights_px: Sequence[int], end_s: float) -> None:
+        self.height_px = sum(heights_px) + GAP_PX * (len(heights_px) - 1) + MARGIN_PX
+        inner = self.height_px - MARGIN_PX
+        tops = [sum(heights_px[:row]) + GAP_PX * row for row in range(len(heights_px))]
+        self.domains = [
+            (max(1 - (top + height) / inner, 0.0), min(1 - top / inner, 1.0))
+            for top, height in zip(tops, heights_px, strict=True)
+        ]
+        self.axes: Json = {
+            "xaxis": axis(
+                "time / s",
+                range=[0, end_s],
+                anchor=self.name(len(heights_px) - 1),
+                showgrid=False,
+            )
+        }
+
+    @staticmethod
+    def name(row: int) -> str:
+        """Return the name of a row's y axis as traces and shapes refer to it."""
+        return "y" if row == 0 else f"y{row + 1}"
+
+    def add_axis(self, row: int, **more: object) -> None:
+        """Place a row's y axis."""
+        low, high = self.domains[row]
+        key = "yaxis" if row == 0 else f"yaxis{row + 1}"
+        self.axes[key] = {**axis(domain=[low, high], anchor="x"), **more}
+
+
+def flight_timeline(
+    flight: Flight, key: str, *, end_s: float, clearance_range_m: tuple[float, float]
+) -> Figure:
+    """Draw mode, clearance and speed of one flight over `end_s` seconds.
+
+    `clearance_range_m`: least and greatest clearance of all arms, so that they can be compared.
+    """
+    stack = _Stack([BAND_PX, PANEL_PX, PANEL_PX * 2 // 3], end_s)
+    data: list[Json] = []
+    shapes = _band(stack, 0, flight.time_s, flight.in_control)
+    stack.add_axis(0, visible=False, range=[0, 1], fixedrange=True)
+    chosen = flight_indices(flight)
+    time_s, modes = flight.time_s[chosen], flight.in_control[chosen]
+    data += _two_tone(stack, 1, time_s, flight.clearance_m[chosen], modes, "m")
+    data += _two_tone(stack, 2, time_s, flight.speed[chosen], modes, "m/s")
+    least, greatest = clearance_range_m
+    room = 0.22 * (greatest - min(least, 0.0))
+    stack.add_axis(1, range=[min(least, 0.0) - room, greatest + 0.3 * room], nticks=5)
+    stack.add_axis(2, rangemode="tozero", nticks=4)
+    notes = [_panel_name(stack, 1, "clearance / m"), _panel_name(stack, 2, "speed / (m/s)")]
+    shapes.append(_level(stack, 1, 0.0))
+    index = lowest(flight.clearance_m)
+    if index is not None:
+        mark, note = _lowest_mark(stack, flight, index)
+        data.append(mark)
+        notes.append(note)
+    data += _decision_marks(stack, 0, flight.decisions)
+    data += _violation_marks(stack, 1, flight.violations, flight.time_s, flight.clearance_m)
+    return Figure(
+        key,
+        f"{flight.title}: mode, clearance and speed over time",
+        tuple(data),
+        layout(height=stack.height_px, shapes=shapes, annotations=notes, **_frame(stack)),
+    )
+
+
+def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
+    """Draw a band for each module and a panel for each group of signals."""
+    panels = _panels(chart.series)
+    bands = len(chart.modes)
+    marked = 1 if chart.violations else 0
+    rows = [BAND_PX] * (bands + marked) + [PANEL_PX] * len(panels)
+    stack = _Stack(rows, end_s)
+    chosen = _chart_indices(chart)
+    data: list[Json] = []
+    shapes: list[Json] = []
+    notes: list[Json] = []
+    for row, band in enumerate(chart.modes):
+        shapes += _band(stack, row, chart.time_s, band.in_control)
+        stack.add_axis(row, visible=False, range=[0, 1], fixedrange=True)
+        mine = [d for d in chart.decisions if bands == 1 or d.module == band.module]
+        data += _decision_marks(stack, row, mine)
+        if bands > 1:
+            notes.append(_panel_name(stack, row, band.module))
+    if chart.violations:
+        data.append(_violation_row(stack, bands, chart.violations))
+        stack.add_axis(bands, visible=False, range=[0, 1], fixedrange=True)
+        shapes += [_instant(violation.time_s) for violation in chart.violations]
+        notes.append(_panel_name(stack, bands, "violations"))
+    for index, (title, series) in enumerate(panels):
+        row = bands + marked + index
+        if bands == 1:
+            shapes += _shade(stack, row, chart.time_s, chart.modes[0].in_control)
+        data += _panel(stack, row, chart, series, chosen)
+        stack.add_axis(row, nticks=5, **_range(series))
+        notes.append(_panel_name(stack, row, title))
+        for each in series:
+            for threshold in each.thresholds:
+                shapes.append(_level(stack, row, threshold.value))
+                notes.append(_level_name(stack, row, threshold.label, threshold.value))
+    return Figure(
+        key,
+        f"{chart.title}: mode and signals over time",
+        tuple(data),
+        layout(height=stack.height_px, shapes=shapes, annotations=notes, **_frame(stack)),
+    )
+
+
+def _frame(stack: _Stack) -> Json:
+    """Return the axes and the margins all stacks share."""
+    return {
+        **stack.axes,
+        "margin": {"l": 40, "r": 16, "t": MARGIN_TOP_PX, "b": MARGIN_PX - MARGIN_TOP_PX},
+    }
+
+
+def _panels(series: Iterable[Series]) -> list[tuple[str, list[Series]]]:
+    """Group series by panel, in order of appearance, under a title with unit and overlays."""
+    groups: dict[str, list[Series]] = {}
+    for each in series:
+        groups.setdefault(each.panel or each.name, []).append(each)
+    return [(_panel_title(name, members), members) for name, members in groups.items()]
+
+
+def _panel_title(name: str, members: Sequence[Series]) -> str:
+    """Write a panel's name and unit, and what the lines drawn over the first one are."""
+    unit = members[0].unit
+    title = f"{name} / {_unit(unit)}" if unit else name
+    overlays = [
+        f"{DASH_NAMES[dash]}: {each.name}"
+        for (_, dash), each in zip(OVERLAYS[1:], members[1:], strict=False)
+    ]
+    return f"{title}  ({', '.join(overlays)})" if overlays else title
+
+
+def _unit(unit: str) -> str:
+    """Put a quotient of units in parentheses, as in `speed / (m/s)`."""
+    return f"({unit})" if "/" in unit else unit
+
+
+def _chart_indices(chart: Chart) -> NDArray[np.intp]:
+    """Choose the samples of a chart that are drawn."""
+    events = [decision.time_s for decision in chart.decisions]
+    events += [violation.time_s for violation in chart.violations]
+    keep = nearest_indices(chart.time_s, events)
+    for band in chart.modes:
+        keep += mode_edges(band.in_control)
+    for series in chart.series:
+        extremes = (lowest(series.values), lowest(-series.values))
+        keep += [index for index in extremes if index is not None]
+    return thin(len(chart.time_s), keep)
+
+
+def _panel(
+    stack: _Stack,
+    row: int,
+    chart: Chart,
+    series: Sequence[Series],
+    chosen: NDArray[np.intp],
+) -> list[Json]:
+    """Draw the series of one panel: the first in ink, the others dashed and named at the end."""
+    traces: list[Json] = []
+    for (colour, dash), each in zip(OVERLAYS * len(series), series, strict=False):
+        unit = f" {each.unit}" if each.unit else ""
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines",
+                "x": numbers(chart.time_s[chosen], 4),
+                "y": numbers(each.values[chosen], 5),
+                "yaxis": stack.name(row),
+                "line": line(colour, 1.8 if dash == "solid" else 1.3, dash),
+                "hovertemplate": f"{escape(each.name)} = %{{y:.4g}}{escape(unit)}"
+                "<br>t = %{x:.3f} s<extra></extra>",
+            }
+        )
+    return traces
+
+
+def _two_tone(
+    stack: _Stack,
+    row: int,
+    time_s: NDArray[np.float64],
+    values: NDArray[np.float64],
+    in_control: NDArray[np.bool_],
+    unit: str,
+) -> list[Json]:
+    """Draw a signal in the colour of whoever is in control."""
+    traces: list[Json] = []
+    rows = np.column_stack([time_s, values])
+    for ac, who, colour in ((True, "AC", AC_COLOUR), (False, "SC", SC_COLOUR)):
+        part = by_controller(rows, in_control, ac=ac)
+        if len(part):
+            traces.append(
+                {
+                    "type": "scatter",
+                    "mode": "lines",
+                    "x": numbers(part[:, 0]),
+                    "y": numbers(part[:, 1]),
+                    "yaxis": stack.name(row),
+                    "line": line(colour, 1.8),
+                    "hovertemplate": f"%{{y:.2f}} {unit} at %{{x:.2f}} s, {who}<extra></extra>",
+                }
+            )
+    return traces
+
+
+def _band(
+    stack: _Stack, row: int, time_s: NDArray[np.float64], in_control: NDArray[np.bool_]
+) -> list[Json]:
+    """Fill the mode band."""
+    return [
+        _rectangle(stack, row, time_s, (first, last), AC_COLOUR if is_ac else SC_COLOUR)
+        for first, last, is_ac in runs(in_control)
+        if last > first
+    ]
+
+
+def _shade(
+    stack: _Stack, row: int, time_s: NDArray[np.float64], in_control: NDArray[np.bool_]
+) -> list[Json]:
+    """Tint a panel while SC is in control."""
+    return [
+        _rectangle(stack, row, time_s, (first, last), "@sc-shade")
+        for first, last, is_ac in runs(in_control)
+        if last > first and not is_ac
+    ]
+
+
+def _rectangle(
+    stack: _Stack,
+    row: int,
+    time_s: NDArray[np.float64],
+    stretch: tuple[int, int],
+    colour: str,
+) -> Json:
+    """Return a rectangle over the full height of a row."""
+    low, high = stack.domains[row]
+    return {
+        "type": "rect",
+        "xref": "x",
+        "yref": "paper",
+        "x0": round(float(time_s[stretch[0]]), 4),
+        "x1": round(float(time_s[stretch[1]]), 4),
+        "y0": low,
+        "y1": high,
+        "fillcolor": colour,
+        "line": {"width": 0},
+        "layer": "below",
+    }
+
+
+def _level(stack: _Stack, row: int, value: float) -> Json:
+    """Return a horizontal line across a row."""
+    return {
+        "type": "line",
+        "xref": "paper",
+        "yref": stack.name(row),
+        "x0": 0,
+        "x1": 1,
+        "y0": value,
+        "y1": value,
+        "line": {"color": "@takeover", "width": 1},
+    }
+
+
+def _level_name(stack: _Stack, row: int, label: str, value: float) -> Json:
+    """Return the label at the right end of a level."""
+    return {
+        "text": escape(label),
+        "xref": "paper",
+        "yref": stack.name(row),
+        "x": 1,
+        "y": value,
+        "xanchor": "right",
+        "yanchor": "bottom",
+        "showarrow": False,
+        "font": {"size": 11, "color": "@takeover"},
+    }
+
+
+def _panel_name(stack: _Stack, row: int, name: str) -> Json:
+    """Return the name of a row, written above its left end."""
+    return {
+        "text": escape(name),
+        "xref": "paper",
+        "yref": "paper",
+        "x": 0,
+        "y": stack.domains[row][1],
+        "xanchor": "left",
+        "yanchor": "bottom",
+        "showarrow": False,
+        "font": {"size": 12, "color": "@muted"},
+    }
+
+
+def _lowest_mark(stack: _Stack, flight: Flight, index: int) -> tuple[Json, Json]:
+    """Mark the closest approach and write its value below: a trace and an annotation."""
+    value = float(flight.clearance_m[index])
+    time_s = round(float(flight.time_s[index]), 3)
+    mark: Json = {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [time_s],
+        "y": [round(value, 3)],
+        "yaxis": stack.name(1),
+        "marker": {"symbol": "circle", "size": 5, "color": "@ink"},
+        "hovertemplate": "closest approach: %{y:.3f} m at %{x:.2f} s<extra></extra>",
+    }
+    note: Json = {
+        "text": f"{value:.2f} m".replace("-", MINUS),
+        "x": time_s,
+        "y": round(value, 3),
+        "yref": stack.name(1),
+        "yanchor": "top",
+        "yshift": -5,
+        "borderpad": 0,
+        "showarrow": False,
+        "bgcolor": "@paper",
+        "font": {"size": 11, "color": "@ink"},
+    }
+    return mark, note
+
+
+def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> list[Json]:
+    """Put the decisions on the mode band."""
+    size = crowded(len(decisions), 9)
+    kinds = (
+        (takeovers(decisions), takeover_dot(size)),
+        (givebacks(decisions), giveback_dot(size)),
+    )
+    return [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": [round(decision.time_s, 4) for decision in chosen],
+            "y": [0.5] * len(chosen),
+            "yaxis": stack.name(row),
+            "text": [decision_hover(decision) for decision in chosen],
+            "hovertemplate": "%{text}<extra></extra>",
+            "marker": marker,
+            "cliponaxis": False,
+        }
+        for chosen, marker in kinds
+        if chosen
+    ]
+
+
+def _range(series: Sequence[Series]) -> Json:
+    """Return an axis range in which levels and their labels have room; none without levels."""
+    levels = [threshold.value for each in series for threshold in each.thresholds]
+    if not levels:
+        return {}
+    finite = [each.values[np.isfinite(each.values)] for each in series]
+    values = np.concatenate([np.asarray(levels), *finite])
+    least, greatest = float(values.min()), float(values.max())
+    room = LABEL_SHARE * ((greatest - least) or 1.0)
+    return {"range": [least - 0.3 * room, greatest + room]}
+
+
+def _instant(time_s: float) -> Json:
+    """Return a vertical line through all rows."""
+    return {
+        "type": "line",
+        "xref": "x",
+        "yref": "paper",
+        "x0": round(time_s, 4),
+        "x1": round(time_s, 4),
+        "y0": 0,
+        "y1": 1,
+        "line": {"color": "@violation", "width": 1, "dash": "dot"},
+    }
+
+
+def _violation_row(stack: _Stack, row: int, violations: Sequence[Violation]) -> Json:
+    """Cross out the violations in a row of their own: a property is of no one signal."""
+    return {
+        "type": "scatter",
+        "mode": "markers",
+        "x": [round(violation.time_s, 4) for violation in violations],
+        "y": [0.5] * len(violations),
+        "yaxis": stack.name(row),
+        "text": [violation_hover(violation) for violation in violations],
+        "hovertemplate": "%{text}<extra></extra>",
+        "marker": violation_cross(10),
+        "cliponaxis": False,
+    }
+
+
+def _violation_marks(
+    stack: _Stack,
+    row: int,
+    violations: Sequence[Violation],
+    time_s: NDArray[np.float64],
+    values: NDArray[np.float64],
+) -> list[Json]:
+    """Cross out the violations on a signal."""
+    if not violations:
+        return []
+    indices = nearest_indices(time_s, [violation.time_s for violation in violations])
+    return [
+        {
+            "type": "scatter",
+            "mode": "markers",
+            "x": [round(violation.time_s, 4) for violation in violations],
+            "y": numbers(values[indices], 4),
+            "yaxis": stack.name(row),
+            "text": [violation_hover(violation) for violation in violations],
+            "hovertemplate": "%{text}<extra></extra>",
+            "marker": violation_cross(10),
+            "cliponaxis": False,
+        }
+    ]

@@ -1,0 +1,1 @@
+"""The sequence view of a trace."""

@@ -1,0 +1,79 @@
+"""A replayed trace as a table for a terminal.
+
+Purpose: a line a step; the time stands where it changes, so instants are seen as groups.
+Non-goals: deciding whether colour is wanted; the drawing (`sequence_page`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.report.sequence.view import duration_text
+from soter.report.sequence.words import (
+    clipped,
+    does,
+    explanation,
+    late_text,
+    published_text,
+)
+from soter.report.summary import Styled, table
+from soter.report.visible import visible
+
+if TYPE_CHECKING:
+    from soter.report.sequence.view import SequenceStep, SequenceView
+    from soter.report.summary import Tone
+
+HEADERS = ("step", "time", "actor", "does", "publishes", "")
+CELL_MAX = 64
+"""Columns of a terminal that one cell takes at most; the page and the log show all of it."""
+
+
+def text(view: SequenceView, *, color: bool = False, cell_max: int = CELL_MAX) -> list[str]:
+    """Return the lines to print: a table with a row a step, then why the property fails."""
+    lines = table(HEADERS, rows(view, cell_max=cell_max), color=color).splitlines()
+    why = explanation(view)
+    return [*lines, "", why] if why else lines
+
+
+def rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:
+    """Return the cells of each step under `HEADERS`, clipped to `cell_max` columns."""
+    made: list[list[Styled]] = []
+    time_ns: int | None = None
+    for step in view.steps:
+        made.append(_row(step, cell_max, same_time=step.time_ns == time_ns))
+        time_ns = step.time_ns
+    return made
+
+
+def _row(step: SequenceStep, cell_max: int, *, same_time: bool) -> list[Styled]:
+    tone = _tone(step)
+    return [
+        Styled(str(step.number), "muted"),
+        Styled("" if same_time else duration_text(step.time_ns), "plain"),
+        Styled(clipped(visible(step.lane), cell_max), tone),
+        Styled(clipped(", ".join([*_late(step), *does(step)]), cell_max), _tone_of_deed(step)),
+        Styled(
+            clipped(", ".join(map(published_text, step.published)), cell_max),
+            "muted" if step.gated else "plain",
+        ),
+        Styled("✕ violated", "bad") if step.violates else Styled("", "plain"),
+    ]
+
+
+def _late(step: SequenceStep) -> list[str]:
+    late = late_text(step)
+    return [late] if late else []
+
+
+def _tone(step: SequenceStep) -> Tone:
+    return "bad" if step.violates else "muted" if step.kind == "lost" else "plain"
+
+
+def _tone_of_deed(step: SequenceStep) -> Tone:
+    if step.fault is not None:
+        return "bad"
+    if step.switch is not None:
+        return "strong" if step.switch.after == "SC" else "good"
+    if any(not pick.default for pick in step.choices):
+        return "strong"
+    return "muted" if step.kind == "lost" else "plain"

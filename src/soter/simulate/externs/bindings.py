@@ -1,0 +1,315 @@
+"""Which code answers which extern of a system.
+
+Purpose: what the program says (`from "python:..."`) and what a person says (`--bind X=...`,
+`.bind("X", f)`) become, for one system and one engine, the callables of a run; bindings to C
+reach the generated program. Every mistake is a diagnostic: X001 to X008, U001, U005.
+Non-goals: loading Python (`python_extern.py`), calling C (`c_extern.py`), running.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.lower.steps import lower
+from soter.simulate.externs.python_extern import PythonExtern, instantiated, load_python
+from soter.simulate.settings import did_you_mean, usage_error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from soter.diagnostics.span import Span
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import Component, System
+    from soter.program.model.typed import FunSymbol
+    from soter.simulate.interrupt import StopRequest
+
+KINDS = ("python", "c")
+
+
+@dataclass(eq=False)
+class Extern:
+    """An extern of a system: a node, a plant, or a function that its code calls.
+
+    `bound`: nothing (None), a text `python:file.py:name` or `c:file.c:name`, or any object.
+    """
+
+    name: str
+    kind: str
+    span: Span
+    component: Component | None = None
+    fun: FunSymbol | None = None
+    bound: object = None
+
+
+@dataclass(eq=False)
+class Bindings:
+    """The externs of a system, and Core with the C functions as they are bound."""
+
+    system: System
+    core: CoreSystem
+    externs: list[Extern] = field(default_factory=list)
+
+    def texts(self) -> dict[str, str]:
+        """What each extern is bound to, for people and logs."""
+        return {x.name: _shown(x.bound) for x in self.externs}
+
+
+def check_text(name: str, text: str) -> str:
+    """A binding given as text, its file checked; SoterError U001."""
+    parts = text.split(":")
+    if len(parts) != 3 or parts[0] not in KINDS or not all(parts):
+        raise usage_error(
+            "U001",
+            f"`{name}` cannot be bound to `{text}`",
+            "write NAME=python:file.py:name or NAME=c:file.c:name",
+        )
+    if not Path(parts[1]).is_file():
+        raise usage_error("X003", f"there is no file `{parts[1]}` to bind `{name}` to")
+    return text
+
+
+def check_target(name: str, target: object) -> None:
+    """SoterError U001, X002, X003 for what can answer no extern at all."""
+    if isinstance(target, str):
+        check_text(name, target)
+    elif not isinstance(target, type) and not callable(getattr(target, "step", target)):
+        raise SoterError((_uncallable(name, target),))
+
+
+def require_named(systems: Sequence[System], name: str) -> None:
+    """SoterError U005 where none of a program's systems has an extern of that name."""
+    quick = [(s, list(_components(s))) for s in systems]
+    if not systems or any(_named(externs, name) for _, externs in quick):
+        return
+    externs = [x for s in systems for x in _externs(s, lower(s))]
+    if not _named(externs, name):
+        own = [d for s in systems if (d := _own_code(s, name)) is not None]
+        raise SoterError((own[0] if own else _nowhere("no system of this program", externs, name),))
+
+
+def bind(system: System, given: Mapping[str, object]) -> Bindings:
+    """What every extern of the system is bound to; `given` overrides the program.
+
+    A name is a full one (`d.M.Learned`), the last part of it, or that of the declaration; the
+    most exact wins, and one name may stand for several instances. Bindings to C are entered in
+    the system's components. SoterError U005 for names of nothing that could be bound.
+    """
+    core = lower(system)
+    externs = list(_externs(system, core))
+    problems = [_unknown(system, externs, name) for name in given if not _named(externs, name)]
+    if problems:
+        raise SoterError(tuple(problems))
+    for exactness in (2, 1, 0):
+        for name, target in given.items():
+            for extern in externs:
+                if exactness in _exactness(extern, name):
+                    extern.bound = check_text(name, target) if isinstance(target, str) else target
+    _enter_c(core, externs)
+    return Bindings(system, core, externs)
+
+
+def bind_somewhere(systems: Sequence[System], given: Mapping[str, object]) -> None:
+    """SoterError U005 for a name that no system of a program has an extern for."""
+    problems: list[Diagnostic] = []
+    for name, target in given.items():
+        found = [_problems_of_binding(system, name, target) for system in systems]
+        if all(found):
+            problems += found[0] if found else ()
+    if problems:
+        raise SoterError(tuple(problems))
+
+
+def _problems_of_binding(system: System, name: str, target: object) -> tuple[Diagnostic, ...]:
+    try:
+        bind(system, {name: target})
+    except SoterError as error:
+        return error.diagnostics
+    return ()
+
+
+def callables(bindings: Bindings, engine: str, stop: StopRequest) -> dict[str, object]:
+    """The callables for one run; SoterError where an extern cannot be run on this engine."""
+    problems: list[Diagnostic] = []
+    found: dict[str, object] = {}
+    for extern in bindings.externs:
+        problem = _impossible(extern, engine)
+        if problem is not None:
+            problems.append(problem)
+        elif not _is_c(extern.bound):
+            try:
+                found[extern.name] = PythonExtern(extern.name, _target(extern), stop)
+            except SoterError as error:
+                problems += error.diagnostics
+    if problems:
+        raise SoterError(tuple(problems))
+    if engine == "interp":
+        found.update(_c_callables(bindings))
+    return found
+
+
+# ---------------------------------------------------------------- the externs of a system
+
+
+def _components(system: System) -> Iterable[Extern]:
+    for x in system.components:
+        if x.extern:
+            declared = x.node or x.plant
+            assert declared is not None
+            kind = "plant" if x.plant else "node"
+            yield Extern(x.name, kind, declared.span, component=x, bound=x.binding)
+
+
+def _externs(system: System, core: CoreSystem) -> Iterable[Extern]:
+    yield from _components(system)
+    for f in core.functions:
+        if f.result is None:
+            symbol = system.program.funs[f.source_name]
+            yield Extern(symbol.name, "function", symbol.span, fun=symbol, bound=symbol.source)
+
+
+def _exactness(extern: Extern, name: str) -> tuple[int, ...]:
+    """How exactly a name means an extern, 0 least; empty where it does not."""
+    levels = []
+    if name == extern.name:
+        levels.append(0)  # the last one entered wins
+    if name == extern.name.rpartition(".")[2]:
+        levels.append(1)
+    if name in _declared(extern):
+        levels.append(2)
+    return tuple(levels)
+
+
+def _declared(extern: Extern) -> tuple[str, ...]:
+    x = extern.component
+    symbol = extern.fun or (x.node or x.plant if x else None)
+    return (symbol.name, symbol.name.rpartition(".")[2]) if symbol else ()
+
+
+def _named(externs: list[Extern], name: str) -> bool:
+    return any(_exactness(x, name) for x in externs)
+
+
+def _unknown(system: System, externs: list[Extern], name: str) -> Diagnostic:
+    nowhere = _nowhere(f"system `{system.name}`", externs, name)
+    return _own_code(system, name) or nowhere
+
+
+def _own_code(system: System, name: str) -> Diagnostic | None:
+    """What is to be said of a name that stands for something, but for no extern."""
+    for x in system.components:
+        own = x.node or x.plant
+        if own is not None and name in (x.name, x.name.rpartition(".")[2], own.name):
+            return Diagnostic(
+                "U005",
+                f"`{name}` has code of its own: only an extern can be bound",
+                Label(own.span, "declared here"),
+                helps=("declare it as `extern`, or `replace` it by an extern in a system",),
+            )
+    return None
+
+
+def _nowhere(where: str, externs: list[Extern], name: str) -> Diagnostic:
+    names = list(dict.fromkeys(x.name for x in externs))
+    known = did_you_mean(name, [*names, *(n.rpartition(".")[2] for n in names)])
+    has = "has an" if where.startswith("no ") else "has no"
+    help_ = known or "there are no externs at all"
+    return Diagnostic("U005", f"{where} {has} extern `{name}`", helps=(help_,))
+
+
+# ---------------------------------------------------------------- bindings to C
+
+
+def _is_c(bound: object) -> bool:
+    return isinstance(bound, str) and bound.startswith("c:")
+
+
+def _enter_c(core: CoreSystem, externs: list[Extern]) -> None:
+    """Tell the code generator which externs are C, and which no longer are."""
+    for extern in externs:
+        text = extern.bound if isinstance(extern.bound, str) else None
+        if extern.component is not None:
+            extern.component.binding = text
+    sources = {x.name: x.bound for x in externs if x.fun is not None}
+    core.functions = tuple(
+        [
+            replace(f, source=_c_source(sources[f.source_name])) if f.source_name in sources else f
+            for f in core.functions
+        ]
+    )
+
+
+def _c_source(bound: object) -> str | None:
+    return bound if isinstance(bound, str) and bound.startswith("c:") else None
+
+
+def _c_callables(bindings: Bindings) -> dict[str, object]:
+    from soter.simulate.externs.c_extern import c_externs  # noqa: PLC0415 - compiles: only if needed
+
+    nodes = [x.component for x in bindings.externs if x.component and _is_c(x.bound)]
+    funs = {x.fun: str(x.bound) for x in bindings.externs if x.fun and _is_c(x.bound)}
+    return dict(c_externs(bindings.system, bindings.core, nodes, funs))
+
+
+# ---------------------------------------------------------------- Python
+
+
+def _target(extern: Extern) -> object:
+    bound = extern.bound
+    if isinstance(bound, str):
+        return load_python(bound, extern.span)
+    if isinstance(bound, type):
+        return instantiated(bound, _shown(bound), None)
+    if not callable(getattr(bound, "step", bound)):
+        raise SoterError((_uncallable(extern.name, bound),))
+    return bound
+
+
+def _uncallable(name: str, bound: object) -> Diagnostic:
+    what = f"a `{type(bound).__name__}`, which cannot be called and has no `step`"
+    help_ = "bind a function, a class or an object with `step`, or `python:file.py:name`"
+    return Diagnostic("X002", f"extern `{name}` is bound to {what}", helps=(help_,))
+
+
+def _impossible(extern: Extern, engine: str) -> Diagnostic | None:
+    """Why this extern cannot run on this engine, None where it can."""
+    declared = Label(extern.span, "declared here")
+    short = extern.name.rpartition(".")[2]
+    if extern.bound is None:
+        return Diagnostic(
+            "X001",
+            f"extern {extern.kind} `{extern.name}` is not bound to anything",
+            declared,
+            helps=(
+                f"bind it: --bind {short}=python:file.py:name",
+                'or write `from "python:file.py:name"` in the program',
+            ),
+        )
+    if extern.kind == "plant" and _is_c(extern.bound):
+        return Diagnostic(
+            "X008",
+            f"extern plant `{extern.name}` is bound to C, which is not possible yet",
+            declared,
+            helps=(f"bind it to Python: --bind {short}=python:file.py:name",),
+        )
+    if extern.kind == "function" and engine == "native" and not _is_c(extern.bound):
+        return Diagnostic(
+            "X007",
+            f"extern function `{extern.name}` is bound to Python: compiled code cannot call it",
+            declared,
+            notes=("only the reference interpreter calls Python in the middle of a step",),
+            helps=("use --engine interp", f"or bind it to C: --bind {short}=c:file.c:name"),
+        )
+    return None
+
+
+def _shown(bound: object) -> str:
+    if bound is None:
+        return "nothing"
+    if isinstance(bound, str):
+        return bound
+    module = getattr(bound, "__module__", type(bound).__module__)
+    name = getattr(bound, "__qualname__", type(bound).__qualname__)
+    return f"{module}.{name}"

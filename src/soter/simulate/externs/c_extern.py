@@ -1,0 +1,174 @@
+"""Externs bound to C, called from the reference interpreter.
+
+Purpose: `c:file.c:name` means the same on both engines: the C is compiled as for the native
+engine, and here its functions become callables like those of Python.
+Non-goals: the native engine, which links them in; functions of records, arrays and lists, and
+nodes with locals of their own, which only the native engine runs (X008).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.codegen.interface import answer_fields
+from soter.codegen.unit import generate
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.lower.layout import align_of, arrange, decode_from, encode_into, scalar, size_of
+from soter.native.build import library
+from soter.native.interface import interface, opened
+from soter.program.model.types import BoolType, EnumType, FloatType, IntType
+from soter.program.model.values import from_python, to_python
+from soter.simulate.externs.externs import PlainError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+    from types import SimpleNamespace
+
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import Component, System
+    from soter.program.model.typed import FunSymbol
+    from soter.program.model.types import Type
+
+
+class CFaultError(PlainError):
+    """A C extern said that it failed."""
+
+
+class CExtern:
+    """A linked C function as a step."""
+
+    linked = True
+
+    def __init__(self, step: Callable[..., object]) -> None:
+        self.step = step
+
+
+def c_externs(
+    system: System, core: CoreSystem, nodes: Sequence[Component], funs: dict[FunSymbol, str]
+) -> dict[str, CExtern]:
+    """Callables, by full name, for the nodes and functions of a system that are bound to C."""
+    _refuse_the_impossible(nodes, list(funs))
+    if not nodes and not funs:
+        return {}
+    path = str(library(generate(system, core)))
+    opened(interface(), Path(path), linked_symbols(system, core))  # says what is missing, and where
+    found = {x.name: CExtern(_node(system, x, path)) for x in nodes}
+    found.update({f.name: CExtern(_function(f, source, path)) for f, source in funs.items()})
+    return found
+
+
+def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
+    """The C file that each function of a binding to C is expected in."""
+    texts = [x.binding for x in system.components if x.extern]
+    texts += [f.source for f in core.functions] if core is not None else []
+    parts = [t.split(":") for t in texts if t is not None and t.startswith("c:")]
+    return {name: file for _, file, name in parts}
+
+
+def _refuse_the_impossible(nodes: Sequence[Component], funs: list[FunSymbol]) -> None:
+    problems = []
+    for x in nodes:
+        if x.node is not None and x.node.locals:
+            why = "it keeps locals of its own in the state"
+            problems.append(_only_native(f"extern node `{x.name}`", why, x.node.span))
+    for f in funs:
+        if any(_c_type(t) is None for t in (f.result, *(p.type for p in f.parameters))):
+            why = "only numbers, bools and enums can be handed over"
+            problems.append(_only_native(f"extern function `{f.name}`", why, f.span))
+    if problems:
+        raise SoterError(tuple(problems))
+
+
+def _only_native(what: str, why: str, span: Any) -> Diagnostic:  # noqa: ANN401 - a span
+    return Diagnostic(
+        "X008",
+        f"the interpreter cannot call the C of {what}",
+        Label(span, "declared here"),
+        notes=(why,),
+        helps=("use --engine native",),
+    )
+
+
+# ---------------------------------------------------------------- nodes
+
+
+def _node(system: System, component: Component, path: str) -> Callable[[SimpleNamespace], object]:
+    """`int step(const in *, out *)`: the structs are those of the generated header."""
+    node = component.node
+    assert node is not None
+    assert component.binding is not None
+    ffi, call = _symbol(path, component.binding, "int", ["const void *", "void *"])
+    reads = [
+        (s.topic.name.rpartition(".")[2], system.topics[component.scope.topics[s.topic]].type)
+        for s in node.subscribes
+    ]
+    places, in_size = _in_order([t for _, t in reads])
+    answer = arrange(answer_fields(component))
+    offsets = {m.name: (m.offset, m.type) for m in answer.members}
+    outputs = [t.name.rpartition(".")[2] for t in node.publishes]
+
+    def step(inputs: SimpleNamespace) -> dict[str, object]:
+        given = bytearray(max(in_size, 1))
+        for (name, t), at in zip(reads, places, strict=True):
+            encode_into(given, at, t, from_python(t, getattr(inputs, name)))
+        got = bytearray(max(answer.size, 1))
+        status = call(ffi.from_buffer(bytes(given)), ffi.from_buffer(got))
+        if status != 0:
+            raise CFaultError(f"it returned {status}")
+        return {n: _decoded(got, *offsets[n]) for n in outputs if got[offsets[f"has_{n}"][0]]}
+
+    return step
+
+
+def _decoded(buffer: bytearray, offset: int, t: Type) -> object:
+    return to_python(t, decode_from(buffer, offset, t))
+
+
+def _in_order(types: list[Type]) -> tuple[list[int], int]:
+    """Offsets of members in the order given, placed as a C compiler does, and the size."""
+    at, align, places = 0, 1, []
+    for t in types:
+        own = align_of(t)
+        at = -(-at // own) * own
+        places.append(at)
+        at += size_of(t)
+        align = max(align, own)
+    return places, -(-at // align) * align
+
+
+# ---------------------------------------------------------------- functions
+
+
+def _function(fun: FunSymbol, source: str, path: str) -> Callable[..., object]:
+    types = [p.type for p in fun.parameters]
+    result = _c_type(fun.result)
+    assert result is not None
+    _, call = _symbol(path, source, result, [str(_c_type(t)) for t in types])
+
+    def step(*arguments: object) -> object:
+        values = [from_python(t, a) for t, a in zip(types, arguments, strict=True)]
+        return to_python(fun.result, call(*values))
+
+    return step
+
+
+def _c_type(t: Type) -> str | None:
+    """How the generated prototype spells a scalar; None for all else."""
+    if isinstance(t, FloatType):
+        return "double"
+    if isinstance(t, BoolType):
+        return "_Bool"
+    if isinstance(t, IntType):
+        return "int64_t"
+    stored = scalar(t)
+    return stored.c_type if isinstance(t, EnumType) and stored is not None else None
+
+
+def _symbol(
+    path: str, source: str, result: str, parameters: list[str]
+) -> tuple[Any, Callable[..., Any]]:
+    """The FFI, and the function of the library under the name its binding gives."""
+    name = source.rsplit(":", 1)[1]
+    ffi = interface(f"{result} {name}({', '.join(parameters) or 'void'});")
+    return ffi, getattr(opened(ffi, Path(path)), name)

@@ -1,0 +1,268 @@
+"""Answer extern steps of a compiled program with Python callables.
+
+Purpose: read inputs out of a state, call, write the answer struct; every mishap is the fault
+`extern`, never a traceback.
+Non-goals: finding callables (`bindings.py`), running them elsewhere (`workers/`).
+"""
+
+from __future__ import annotations
+
+import traceback
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.codegen.interface import answer_fields
+from soter.lower.layout import arrange, decode_from, encode_into
+from soter.native.own_files import SOTER
+from soter.program.meaning.arith import FaultKind, StepFault
+from soter.program.model.values import ValueShapeError, inputs_to_python
+from soter.report.visible import visible
+from soter.semantics.externs import Converted, Stop, converted, message_of, said_by, step_of
+from soter.semantics.gate import check_of
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from soter.lower.layout import StateLayout
+    from soter.native.library import Bytes, Library
+    from soter.program.model.system import Component, System
+    from soter.program.model.typed import TopicSymbol
+    from soter.program.model.types import Type, Value
+
+
+OWN_FOLDER = str(SOTER)
+
+
+@dataclass
+class Tally:
+    """How often an extern answered from Python stepped, and in how many steps it said nothing."""
+
+    steps: int = 0
+    silent: int = 0
+
+    def count(self, values: Sequence[Value | None]) -> None:
+        """Add a step that ended well."""
+        self.silent += all(v is None for v in values)
+
+
+class ExternAnswers:
+    """The Python side of one run: which callable answers which component."""
+
+    def __init__(
+        self, system: System, layout: StateLayout, library: Library, bound: Mapping[str, object]
+    ) -> None:
+        self.system = system
+        self.layout = layout
+        self.library = library
+        self.failures: dict[str, str] = {}
+        """First failure of each extern, for the report."""
+        self.steps = {x.index: step_of(bound[x.name]) for x in system.components if x.name in bound}
+        self.tallies = {x.name: Tally() for x in system.components if x.name in bound}
+        self.gates = {x.index: _Gate(system, x) for x in system.components if x.name in bound}
+
+    def answer(self, state: Bytes, due: int) -> None:
+        """Compute and give the answer that is due; `state` (state_size,)."""
+        component = self.system.components[due]
+        self.tallies[component.name].steps += 1
+        try:
+            data = self._call(component, state)
+        except Stop:
+            raise
+        except BaseException as error:  # noqa: BLE001 - whatever an extern does is its fault
+            if component.name not in self.failures:
+                self.failures[component.name] = described(error)
+            self.library.answer(state, due, int(FaultKind.EXTERN), None)
+            return
+        self.library.answer(state, due, 0, data)
+
+    def _topic(
+        self, component: Component, topic: TopicSymbol, raw: memoryview
+    ) -> tuple[str, Type, Value]:
+        index = component.scope.topics[topic]
+        offset, t = self.layout.topic_offset(index), self.system.topics[index].type
+        return topic.name.rpartition(".")[2], t, decode_from(raw, offset, t)
+
+    def _call(self, component: Component, state: Bytes) -> bytes:
+        raw = memoryview(state.data)
+        if component.plant is not None:
+            return self._plant(component, raw)
+        node = component.node
+        assert node is not None
+        inputs = inputs_to_python([self._topic(component, s.topic, raw) for s in node.subscribes])
+        shapes = [(t.name.rpartition(".")[2], t.type) for t in node.publishes]
+        values = converted(shapes, self.steps[component.index](inputs))
+        self.tallies[component.name].count(values)
+        self.gates[component.index].note(values, self.failures)
+        given = {n: v for (n, _), v in zip(shapes, values, strict=True) if v is not None}
+        present: dict[str, Value] = {f"has_{n}": n in given for n, _ in shapes}
+        return _encode(component, {**given, **present})
+
+    def _plant(self, component: Component, raw: memoryview) -> bytes:
+        plant = component.plant
+        assert plant is not None
+        inputs = inputs_to_python([self._topic(component, t, raw) for t in plant.reads])
+        old = [
+            decode_from(raw, self.layout.member(component.index, i)[0], v.type)
+            for i, v in enumerate(plant.states)
+        ]
+        shapes = [(v.name, v.type) for v in plant.states]
+        inputs.state = inputs_to_python(
+            [(n, t, value) for (n, t), value in zip(shapes, old, strict=True)]
+        )
+        new = converted(shapes, self.steps[component.index](inputs))
+        self.tallies[component.name].count(new)
+        moved = [a if b is None else b for a, b in zip(old, new, strict=True)]
+        return _encode(component, {n: v for (n, _), v in zip(shapes, moved, strict=True)})
+
+
+def _encode(component: Component, values: dict[str, Value]) -> bytes:
+    layout = arrange(answer_fields(component))
+    out = bytearray(max(layout.size, 1))
+    for member in layout.members:
+        if member.name in values:
+            encode_into(out, member.offset, member.type, values[member.name])
+    return bytes(out)
+
+
+# ---------------------------------------------------------------- failures in words
+
+
+class PlainError(Exception):
+    """A failure whose message says all; its type is no news to a person."""
+
+
+class _Gate:
+    """What the gate will refuse, noted with leaf, value and bound: a state only keeps the kind."""
+
+    def __init__(self, system: System, component: Component) -> None:
+        self.name = component.name
+        self.span = component.span
+        written = component.node.publishes if component.node is not None else ()
+        self.checks = [check_of(system.topics[component.scope.topics[t]]) for t in written]
+
+    def note(self, values: Sequence[Value | None], failures: dict[str, str]) -> None:
+        """Note the first value that is outside its topic's set."""
+        if self.name in failures:
+            return
+        for check, value in zip(self.checks, values, strict=False):
+            try:
+                if value is not None:
+                    check(value, self.span)
+            except StepFault as fault:
+                failures[self.name] = fault.detail
+                return
+
+
+def described(error: BaseException, *, place: bool = True) -> str:
+    """A failure of an extern in one line, with the line of the person's own file."""
+    if isinstance(error, ValueShapeError):
+        return visible(f"its answer has the wrong shape: {message_of(error)}")
+    if isinstance(error, PlainError):
+        return visible(message_of(error))
+    where = _place(error) if place else ""
+    return f"{said_by(error)} ({visible(where)})" if where else said_by(error)
+
+
+def _place(error: BaseException) -> str:
+    """File and line of the innermost frame in the file whose code was called; "" if unknown."""
+    frames = [
+        (frame.f_code.co_filename, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if not frame.f_code.co_filename.startswith((OWN_FOLDER, "<frozen"))
+    ]
+    if not frames:
+        return ""
+    home = frames[0][0]
+    line = next(n for file, n in reversed(frames) if file == home)
+    path = Path(home)
+    with suppress(ValueError, OSError):
+        path = path.relative_to(Path.cwd())
+    return f"{path}:{line}"
+
+
+def noting(
+    system: System,
+    bound: Mapping[str, object],
+    failures: dict[str, str],
+    tallies: dict[str, Tally],
+) -> dict[str, object]:
+    """`bound` with the first failure and the silences of each noted, for the interpreter.
+
+    Silences are those of Python: what C leaves out only its own engine could see.
+    """
+    found: dict[str, object] = {}
+    components = {x.name: x for x in system.components}
+    for name, target in bound.items():
+        component = components.get(name)
+        if component is None:
+            found[name] = _Noting(name, target, failures)
+            continue
+        tally = Tally()
+        if not getattr(target, "linked", False):
+            tallies[name] = tally
+        gate = _Gate(system, component)
+        found[name] = _NotingComponent(name, target, failures, _shapes(component), tally, gate)
+    return found
+
+
+def _shapes(component: Component) -> list[tuple[str, Type]]:
+    if component.plant is not None:
+        return [(v.name, v.type) for v in component.plant.states]
+    assert component.node is not None
+    return [(t.name.rpartition(".")[2], t.type) for t in component.node.publishes]
+
+
+class _Noting:
+    def __init__(self, name: str, target: object, failures: dict[str, str]) -> None:
+        self.name = name
+        self.failures = failures
+        self._target = target
+        self._step: Callable[..., object] = step_of(target)
+
+    def step(self, *arguments: object) -> object:
+        try:
+            answer = self._look_at(self._step(*arguments))
+        except Stop:
+            raise
+        except BaseException as error:
+            if self.name not in self.failures:
+                self.failures[self.name] = described(error)
+            raise
+        return answer
+
+    def _look_at(self, answer: object) -> object:
+        """The answer of a function is the interpreter's business."""
+        return answer
+
+    def reset(self, seed: int) -> None:
+        start = getattr(self._target, "reset", None)
+        if callable(start):
+            start(seed)
+
+
+class _NotingComponent(_Noting):
+    def __init__(
+        self,
+        name: str,
+        target: object,
+        failures: dict[str, str],
+        shapes: list[tuple[str, Type]],
+        tally: Tally,
+        gate: _Gate,
+    ) -> None:
+        super().__init__(name, target, failures)
+        self.shapes = shapes
+        self.tally = tally
+        self.gate = gate
+
+    def step(self, *arguments: object) -> object:
+        self.tally.steps += 1
+        return super().step(*arguments)
+
+    def _look_at(self, answer: object) -> object:
+        values = Converted(converted(self.shapes, answer))
+        self.tally.count(values)
+        self.gate.note(values, self.failures)
+        return values

@@ -1,0 +1,172 @@
+"""Python code behind an extern: found in its file, loaded, and kept from doing harm.
+
+Purpose: `python:file.py:name` becomes an object whose `step` never raises anything but
+`Exception` and whose file, name and construction errors are diagnostics (X002, X003).
+Non-goals: which extern it answers (`bindings.py`), what its answers mean
+(`program/model/values.py`), crashes of the process and code that never returns (`workers/`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import sys
+import traceback
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.diagnostics.near import closest
+from soter.semantics.externs import Stop, step_of
+from soter.simulate.externs.externs import PlainError, described
+from soter.simulate.externs.surroundings import outside
+
+if TYPE_CHECKING:
+    from types import ModuleType
+
+    from soter.diagnostics.span import Span
+    from soter.simulate.interrupt import StopRequest
+
+
+class ExternEscapeError(PlainError):
+    """An extern tried to end the process."""
+
+
+class PythonExtern:
+    """A bound object as the engines call it: `step`, and `reset(seed)` before every run."""
+
+    def __init__(self, name: str, target: object, stop: StopRequest) -> None:
+        self.name = name
+        self._target = target
+        self._step = step_of(target)
+        self._stop = stop
+
+    def step(self, *arguments: Any) -> object:  # noqa: ANN401 - whatever the extern takes
+        """One step; raises `Exception`s only, but for `Stop`, a person's Ctrl-C.
+
+        What else the extern raises (`SystemExit`, say) becomes an ExternEscapeError.
+        """
+        self._stop.in_extern = True
+        try:
+            return outside(self._step, *arguments)
+        except (Exception, Stop):
+            raise
+        except BaseException as error:  # of an extern a mishap like any other
+            raise ExternEscapeError(described(error)) from error
+        finally:
+            self._stop.in_extern = False
+
+    def reset(self, seed: int) -> None:
+        """Start afresh where the object can; raises as `step` does, ExternEscapeError too."""
+        start = getattr(self._target, "reset", None)
+        if not callable(start):
+            return
+        self._stop.in_extern = True
+        try:
+            outside(start, seed)
+        except (Exception, Stop):
+            raise
+        except BaseException as error:  # of an extern a mishap like any other
+            raise ExternEscapeError(described(error)) from error
+        finally:
+            self._stop.in_extern = False
+
+
+def load_python(source: str, span: Span | None) -> object:
+    """The object that `python:file.py:name` names; a class is instantiated.
+
+    `span`: where the program declares it, for the diagnostics. SoterError X003 where the file
+    cannot be run, X002 where it has no such object, or it cannot be called.
+    """
+    _, file, name = source.split(":")
+    target: Any = _module(Path(file), span)
+    for part in name.split("."):
+        if not hasattr(target, part):
+            raise _problem("X002", f"`{file}` has no `{name}`", span, _near(part, target))
+        target = getattr(target, part)
+    if isinstance(target, type):
+        target = instantiated(target, f"{file}:{name}", span)
+    if not callable(getattr(target, "step", target)):
+        kind = type(target).__name__
+        raise _problem(
+            "X002",
+            f"`{name}` of `{file}` is a `{kind}`: it cannot be called, nor has it a `step`",
+            span,
+            "bind a function, or a class with a method `step`",
+        )
+    return target
+
+
+# ---------------------------------------------------------------- files
+
+
+def _module(path: Path, span: Span | None) -> ModuleType:
+    """The module in a file, executed once a process for each content."""
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        reason = (error.strerror or str(error)).lower()
+        raise _problem("X003", f"cannot read the extern's file `{path}`: {reason}", span) from error
+    digest = hashlib.sha256(content).hexdigest()[:16]
+    full_name = f"soter_extern_{path.stem}_{digest}_{abs(hash(str(path.resolve()))):x}"
+    known = sys.modules.get(full_name)
+    if known is not None:
+        return known
+    spec = importlib.util.spec_from_file_location(full_name, path)
+    if spec is None or spec.loader is None:
+        raise _problem(
+            "X003", f"`{path}` is no Python file", span, "the name of a Python file ends in .py"
+        )
+    module = importlib.util.module_from_spec(spec)
+    folder = str(path.resolve().parent)
+    if folder not in sys.path:
+        sys.path.insert(0, folder)  # so that it finds the files beside it, now and later
+    sys.modules[full_name] = module
+    try:
+        outside(spec.loader.exec_module, module)
+    except KeyboardInterrupt:
+        sys.modules.pop(full_name, None)
+        raise
+    except BaseException as error:
+        sys.modules.pop(full_name, None)
+        message = f"`{path}` cannot be loaded: {described(error, place=False)}"
+        raise _problem("X003", message, span, notes=_where(error, path)) from error
+    return module
+
+
+def instantiated(made_from: type, name: str, span: Span | None) -> object:
+    """An object of a bound class; SoterError X003 where it cannot be made."""
+    try:
+        return outside(made_from)
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
+        message = f"`{name}` cannot be made: {described(error)}"
+        help_ = "a class is instantiated without arguments"
+        raise _problem("X003", message, span, help_) from error
+
+
+def _where(error: BaseException, path: Path) -> tuple[str, ...]:
+    """The line of the extern's own file where it went wrong."""
+    if isinstance(error, SyntaxError):
+        return (f"in line {error.lineno} of `{error.filename}`",)
+    places = {str(path), str(path.absolute())}
+    own = [f for f in traceback.extract_tb(error.__traceback__) if f.filename in places]
+    return (f"in line {own[-1].lineno}: {own[-1].line}",) if own else ()
+
+
+def _near(part: str, target: object) -> str:
+    public = [n for n in dir(target) if not n.startswith("_")]
+    close = closest(part, public)
+    return f"did you mean `{close[0]}`?" if close else ""
+
+
+def _problem(
+    code: str, message: str, span: Span | None, help_: str = "", *, notes: tuple[str, ...] = ()
+) -> SoterError:
+    primary = Label(span, "declared here") if span is not None else None
+    helps = (help_,) if help_ else ()
+    return SoterError((Diagnostic(code, message, primary, notes=notes, helps=helps),))
+
+
+__all__ = ["PythonExtern", "instantiated", "load_python"]

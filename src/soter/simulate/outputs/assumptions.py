@@ -1,0 +1,92 @@
+"""What a result rests on, and what it does not show: assumptions are output.
+
+Purpose: per module which of the paper's properties are proved, and in words everything that a
+run or a check takes for granted.
+Non-goals: proving (`reach/`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.program.flatten.elaborate import show_ns
+
+if TYPE_CHECKING:
+    from soter.program.model.system import Component, Module, System
+
+PROVED = ("P1a", "P1b")
+ASSUMED = ("P1c", "P2a", "P2b", "P3")
+
+
+def verdicts(module: Module) -> dict[str, str]:
+    """Property to `proved` or `assumed`; what is ill-formed never gets this far."""
+    del module  # all alike: nothing is proved here
+    return {**dict.fromkeys(PROVED, "proved"), **dict.fromkeys(ASSUMED, "assumed")}
+
+
+def unproved(system: System) -> list[str]:
+    """What is taken for granted about code: modules that may switch, externs that are trusted."""
+    free = [m for m in system.modules if m.forced is None]
+    found = []
+    if free:
+        names = ", ".join(m.name for m in free)
+        found.append(f"{names}: {' '.join(ASSUMED)} assumed, not checked (`soter verify` does)")
+    trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
+    if trusted:
+        found.append(f"{', '.join(trusted)}: extern and trusted, nothing is known about the code")
+    for m in free:
+        missing = [n for n in ("ttf", "safer") if getattr(m.symbol, n) is None]
+        if missing:
+            found.append(
+                f"{m.name} has no {' and no '.join(missing)}: computed before it runs or is built, "
+                "from the plants and the grid of its `verify` block"
+            )
+    return found
+
+
+def forced(system: System) -> list[str]:
+    """Modules that are an experiment's control arm."""
+    return [
+        f"{m.name} is forced to {m.forced.upper()}: it protects nothing in this system"
+        for m in system.modules
+        if m.forced is not None
+    ]
+
+
+def of_environment(system: System) -> list[str]:
+    """What is taken for granted about the plants and the inputs of a system."""
+    found = []
+    for x in system.components:
+        if x.plant is not None:
+            found += _plant(x)
+    driven = {d.topic for d in system.inputs}
+    inputs = [t for t in system.topics if t.driver == "input" and t.queue_of is None]
+    still = [t.name for t in inputs if t.index not in driven]
+    if still:
+        found.append(
+            f"{', '.join(still)} {'keep' if len(still) > 1 else 'keeps'} the default value"
+        )
+    for d in system.inputs:
+        name, every = system.topics[d.topic].name, show_ns(d.every_ns)
+        which = f"its {len(d.values)} declared values" if d.values else "its set"
+        found.append(f"{name} changes every {every} to a value drawn evenly from {which}")
+    return found
+
+
+def of_run(system: System) -> list[str]:
+    """Everything a run of this system rests on."""
+    return [*unproved(system), *forced(system), *of_environment(system)]
+
+
+def _plant(x: Component) -> list[str]:
+    if x.extern:
+        return [f"{x.name} is an extern plant: a simulation of somebody else's"]
+    found = []
+    if x.disturbances:
+        terms = [f"{d.variable.name} in [{d.low:g}, {d.high:g}]" for d in x.disturbances]
+        found.append(f"{x.name}: {', '.join(terms)}, drawn evenly")
+    if x.measured:
+        bounds = sorted({m.bound for m in x.measured})
+        span = f"{bounds[0]:g}" if len(bounds) == 1 else f"{bounds[0]:g} to {bounds[-1]:g}"
+        found.append(f"{x.name}: measurement errors within {span}, drawn evenly")
+    return found

@@ -1,0 +1,246 @@
+"""A traced run as an MCAP log.
+
+Purpose: one channel a topic, one a plant's true state, modes, and every DM step with its reason,
+all in virtual time (`report/mcap_log.py` writes the file).
+Non-goals: reading logs; locals of nodes, which are nobody's interface.
+"""
+
+from __future__ import annotations
+
+from contextlib import contextmanager
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.lower.layout import decode_from
+from soter.program.model.types import (
+    ArrayType,
+    BoolType,
+    EnumType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+)
+from soter.program.model.values import to_json
+from soter.report.errors import LogError
+from soter.report.mcap_log import (
+    BOOLEAN,
+    DECISIONS_SCHEMA,
+    DECISIONS_TOPIC,
+    INTEGER,
+    MODES_SCHEMA,
+    MODES_TOPIC,
+    NUMBER,
+    Channel,
+    DecisionStep,
+    LogHeader,
+    McapLog,
+    ModeChange,
+    array_schema,
+    decision_message,
+    enum_schema,
+    mode_message,
+    object_schema,
+)
+from soter.simulate import decisions
+from soter.simulate.outputs.figures import truth_value
+from soter.simulate.params import changed
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Mapping, Sequence
+
+    import numpy.typing as npt
+
+    from soter.lower.layout import StateLayout
+    from soter.program.model.system import Component, System, Topic
+    from soter.program.model.types import Type
+    from soter.report.mcap_log import JsonSchema, Message
+    from soter.simulate.observe import ModeChange as ChangeSeen
+    from soter.simulate.result import Run
+
+
+def require_log_package() -> None:
+    """SoterError D007 where the package that writes logs is not installed."""
+    if find_spec("mcap") is None:
+        raise SoterError(
+            (
+                Diagnostic(
+                    "D007",
+                    "logs are written with the package `mcap`, which is not installed",
+                    helps=("install it: pip install 'soter[log]'",),
+                ),
+            )
+        )
+
+
+def write_log(run: Run, path: str | Path, version: str) -> Path:
+    """Write the log of a traced run to `path`; SoterError D006 where it cannot be written."""
+    trace = run.require_trace()
+    log = RunLog(Path(path), version)
+    log.begin(run.system, run.layout, run.seed, run.engine, run.externs)
+    log.see(trace, run.changes)
+    log.end(run, "interrupted" if run.interrupted else "")
+    if log.problem is not None:
+        raise log.problem
+    return Path(path)
+
+
+class RunLog:
+    """The log of a run, written while it goes on: block by block of states.
+
+    `path`, or what gives it for the system that runs. Nothing here fails: `problem` is the
+    SoterError D006 where the log could not be written.
+    """
+
+    def __init__(self, path: Path | Callable[[System], Path], version: str) -> None:
+        require_log_package()
+        self.path = path
+        self.problem: SoterError | None = None
+        self._version = version
+        self._log: McapLog | None = None
+        self._earlier: npt.NDArray[Any] | None = None
+
+    def begin(
+        self,
+        system: System,
+        layout: StateLayout,
+        seed: int,
+        engine: str,
+        externs: Mapping[str, str],
+    ) -> None:
+        """What is going to run. The file is not touched before there is something to log."""
+        self._system, self._layout = system, layout
+        self.path = self.path(system) if callable(self.path) else self.path
+        self.path = self.path.absolute()  # an extern may change the folder
+        plants = [x for x in system.components if x.plant is not None]
+        self._channels = [
+            (MODES_TOPIC, MODES_SCHEMA),
+            (DECISIONS_TOPIC, DECISIONS_SCHEMA),
+            *((t.name, _message_schema(t.type)) for t in system.topics),
+            *((f"{x.name}.truth", _schema(x.plant.truth)) for x in plants if x.plant),
+        ]
+        self._header = LogHeader(
+            system.program.sha256,
+            system.name,
+            seed,
+            self._version,
+            {
+                "engine": engine,
+                **{f"param {name}": text for name, (text, _) in changed(system).items()},
+                **{f"extern {name}": text for name, text in externs.items()},
+            },
+        )
+
+    def see(self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen]) -> None:
+        """The next states, (n,), and the changes of mode among them."""
+        if self.problem is None:
+            with self._kept_problem():
+                self._opened().add(self._blocks(states, changes))
+                self._earlier = states[-1:].copy()
+
+    def end(self, run: Run | None, why: str) -> None:
+        """The run is over; `why` it did not reach its end, "" where it did."""
+        if self.problem is None:
+            hash_ = run.trace_sha256 if run is not None else None
+            ended = f"abnormally: {why}" if why else "at its end"
+            with self._kept_problem():
+                self._opened().close({"ended": ended, "trace_sha256": hash_ or ""})
+
+    def end_by(self, error: BaseException) -> None:
+        """The run was broken off; before its first instant there is nothing to keep."""
+        if self._log is not None:
+            self.end(None, type(error).__name__)
+
+    def _opened(self) -> McapLog:
+        if self._log is None:
+            assert isinstance(self.path, Path)
+            self._log = McapLog(self.path, self._channels, self._header)
+        return self._log
+
+    @contextmanager
+    def _kept_problem(self) -> Iterator[None]:
+        try:
+            yield
+        except LogError as error:
+            self.problem = SoterError((Diagnostic("D006", str(error)),))
+
+    # ------------------------------------------------------------ messages of a block
+
+    def _blocks(self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen]) -> Iterator[Channel]:
+        """What the states add to each channel, in the channels' order."""
+        modules = None if self._earlier is None else self._earlier["modules"][0]
+        steps = decisions.steps(self._system, states, modules)
+        messages = [
+            map(mode_message, self._modes(changes)),
+            (decision_message(_decision(d)) for d in steps),
+            *(self._topic(states, t) for t in self._system.topics),
+            *(self._truth(states, x) for x in self._system.components if x.plant is not None),
+        ]
+        for (name, schema), of in zip(self._channels, messages, strict=True):
+            yield Channel(name, schema, of)
+
+    def _topic(self, states: npt.NDArray[Any], topic: Topic) -> Iterator[Message]:
+        """The first value, and then every publication."""
+        offset = self._layout.topic_offset(topic.index)
+        published = states["stamps"][:, topic.index] == states["header"]["ct"]
+        for time_ns, raw in self._rows(states, published):
+            value = to_json(topic.type, decode_from(raw, offset, topic.type))
+            yield time_ns, _message(topic.type, value)
+
+    def _truth(self, states: npt.NDArray[Any], plant: Component) -> Iterator[Message]:
+        """The true state after every release of a plant."""
+        assert plant.plant is not None
+        truth = plant.plant.truth
+        released = (states["header"]["ct"] - plant.phase_ns) % plant.period_ns == 0
+        for time_ns, raw in self._rows(states, released):
+            value = to_json(truth, truth_value(self._layout, plant, raw))
+            yield time_ns, value
+
+    def _rows(
+        self, states: npt.NDArray[Any], chosen: npt.NDArray[np.bool_]
+    ) -> Iterator[tuple[int, memoryview]]:
+        """Time and image of the run's first state and of all chosen ones."""
+        chosen = chosen.copy()
+        chosen[:1] |= self._earlier is None
+        for row in np.flatnonzero(chosen):
+            yield int(states["header"]["ct"][row]), memoryview(states[row].tobytes())
+
+    def _modes(self, changes: Sequence[ChangeSeen]) -> Iterator[ModeChange]:
+        if self._earlier is None:
+            for m in self._system.modules:
+                yield ModeChange(0, m.name, "AC" if m.forced == "ac" else "SC")
+        for change in changes:
+            d = decisions.of_change(self._system, change)
+            yield ModeChange(d.time_ns, d.module, d.after)
+
+
+def _decision(d: decisions.Decided) -> DecisionStep:
+    return DecisionStep(d.time_ns, d.module, d.before, d.after, d.reason, d.saw.predicates())
+
+
+# ---------------------------------------------------------------- schemas
+
+
+def _message(t: Type, value: object) -> Mapping[str, object]:
+    """A message is always an object."""
+    return value if isinstance(t, RecordType) else {"value": value}  # type: ignore[return-value]
+
+
+def _message_schema(t: Type) -> JsonSchema:
+    return _schema(t) if isinstance(t, RecordType) else object_schema({"value": _schema(t)}, str(t))
+
+
+def _schema(t: Type) -> JsonSchema:
+    if isinstance(t, RecordType):
+        return object_schema({n: _schema(f) for n, f in t.fields}, t.name or "")
+    if isinstance(t, (ArrayType, ListType)):
+        length = t.size if isinstance(t, ArrayType) else t.capacity
+        return array_schema(_schema(t.element), length)
+    if isinstance(t, EnumType):
+        return enum_schema(t.members)
+    scalars: dict[type, JsonSchema] = {FloatType: NUMBER, IntType: INTEGER, BoolType: BOOLEAN}
+    return scalars[type(t)]

@@ -1,0 +1,299 @@
+"""The result of a run: what happened, by the names people use.
+
+Purpose: the final state and, where one was kept, the trace as violations, modules, topics, truths
+and plain arrays; notes on results that look fine and probably are not.
+Non-goals: running (`run.py`), decoding single values (`outputs/figures.py`), drawing.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.lower.layout import group_field
+from soter.program.meaning.arith import FaultKind
+from soter.program.model.types import ArrayType, ListType, RecordType
+from soter.simulate.settings import did_you_mean, usage_error
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    import numpy.typing as npt
+
+    from soter.diagnostics.span import Span
+    from soter.lower.layout import StateLayout
+    from soter.program.model.system import Component, System
+    from soter.program.model.types import Type, Value
+    from soter.simulate.externs.externs import Tally
+    from soter.simulate.observe import FirstFault, ModeChange
+
+TOGETHER_MIN = 4
+"""In so many decisions ttf and safer must have held together before it is worth a note."""
+
+
+@dataclass(frozen=True)
+class Violation:
+    """Something that counts: an onset of a violated property, or a latched component.
+
+    `time_s` is the first onset; `count` how many onsets there were; `span` where the property
+    or the component's declaration stands.
+    """
+
+    what: str
+    kind: str
+    time_s: float | None
+    count: int
+    span: Span | None = None
+
+
+@dataclass(frozen=True)
+class ModuleSummary:
+    """What one module did. `ac_share` is the share of time in mode AC."""
+
+    ac_share: float
+    switches_to_sc: int
+    switches_to_ac: int
+    gate_faults: int
+
+
+@dataclass(eq=False, repr=False, kw_only=True)
+class Run:
+    """The result of a run (docs/python.md).
+
+    `trace` has one record per instant (dtype `state_dtype`), or is None.
+
+    `duration_s` is what was asked for, `reached_s` the time of the last instant; they differ
+    where the run was `interrupted`. `changes` and `first_faults` are filled where the run was
+    hashed or traced.
+    """
+
+    system: System
+    layout: StateLayout
+    dtype: np.dtype[Any]
+    seed: int
+    engine: str
+    final: Any
+    trace: npt.NDArray[Any] | None
+    instants: int
+    duration_s: float
+    wall_s: float
+    trace_sha256: str | None
+    extern_failures: dict[str, str] = field(default_factory=dict)
+    """First failure of each extern that had one."""
+    changes: list[ModeChange] = field(default_factory=list)
+    first_faults: dict[int, FirstFault] = field(default_factory=dict)
+    interrupted: bool = False
+    lag_s_max: float | None = None
+    """How late the latest instant was, where the run was paced against the clock."""
+    externs: dict[str, str] = field(default_factory=dict)
+    """What answered each extern, in words."""
+    computed: list[str] = field(default_factory=list)
+    """A note on each module whose `ttf` and `safer` were computed."""
+    extern_tallies: dict[str, Tally] = field(default_factory=dict)
+    """Steps of each extern that Python answered, and those in which it published nothing."""
+    decided: list[tuple[int, int]] = field(default_factory=list)
+    """By module: DM steps, and those in which ttf and safer held both (hashed or traced runs)."""
+
+    def __repr__(self) -> str:
+        count = f"{self.violations} violation{'' if self.violations == 1 else 's'}"
+        stopped = f" of {self.duration_s:g} s, interrupted" if self.interrupted else ""
+        time_s = self.reached_s if self.interrupted else self.duration_s
+        return f"<soter.Run {self.system.name} seed {self.seed}: {time_s:g} s{stopped}, {count}>"
+
+    @property
+    def notes(self) -> list[str]:
+        """What a person should know about this run, in words."""
+        return _notes_of(self)
+
+    @property
+    def params(self) -> dict[str, Value]:
+        """Every parameter as it was set, by full name; durations in ns."""
+        return dict(self.system.params)
+
+    @property
+    def reached_s(self) -> float:
+        """Time of the last instant, s."""
+        return max(int(self.final["header"]["ct"]), 0) / 1e9
+
+    @property
+    def violations(self) -> int:
+        """Number of violations."""
+        return int(self.final["header"]["violations"])
+
+    @property
+    def violation_list(self) -> list[Violation]:
+        """Each violated property and latched component."""
+        found = []
+        for p in self.system.properties:
+            row = self.final["properties"][p.index]
+            if row["count"]:
+                first_s = int(row["first_ns"]) / 1e9
+                what = f"{p.kind} {p.text}"
+                found.append(Violation(what, "property", first_s, int(row["count"]), p.span))
+        for x in self.system.components:
+            row = self.final["components"][x.index]
+            if row["latched"]:
+                kind = FaultKind(int(row["last_fault"])).name.lower()
+                first = self.first_faults.get(x.index)
+                found.append(
+                    Violation(
+                        f"{x.role} {x.name}: step fault `{kind}`",
+                        "fault",
+                        None if first is None else first.time_ns / 1e9,
+                        1,
+                        _declaration(x),
+                    )
+                )
+        return found
+
+    @property
+    def modules(self) -> dict[str, ModuleSummary]:
+        """Per module: share of time in AC and switches."""
+        found = {}
+        end = int(self.final["header"]["ct"])
+        for m in self.system.modules:
+            row = self.final["modules"][m.index]
+            ac_ns = int(row["ac_ns"])
+            if row["mode"]:
+                ac_ns += end - int(row["mode_since"])
+            share = ac_ns / end if end > 0 else 0.0
+            found[m.name] = ModuleSummary(
+                share, int(row["to_sc"]), int(row["to_ac"]), int(row["gate_faults"])
+            )
+        return found
+
+    # Everything below needs a trace: SoterError U001 without one, or for an unknown name.
+
+    def require_trace(self) -> npt.NDArray[Any]:
+        """The trace, (instants,); SoterError U001 where none was kept."""
+        if self.trace is None:
+            raise usage_error("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
+        return self.trace
+
+    def time_s(self) -> npt.NDArray[np.float64]:
+        """Times of the instants in s, (n,)."""
+        return self.require_trace()["header"]["ct"] / 1e9
+
+    def topic(self, name: str) -> npt.NDArray[Any]:
+        """Values of a topic after every instant, (n,); records have fields.
+
+        `<plant>.truth` is a plant's true state.
+        """
+        return _values(self, name)[1]
+
+    def truth(self, plant: str) -> npt.NDArray[Any]:
+        """True state of a plant after every instant, (n,), a field for each state."""
+        return self.topic(f"{plant}.truth")
+
+    def mode(self, module: str) -> npt.NDArray[np.uint8]:
+        """Mode of a module after every instant, (n,): 1 is AC, 0 is SC."""
+        return _mode(self, module)
+
+    def array(self, path: str) -> npt.NDArray[np.float64]:
+        """A topic, a truth or a part of one (`boat.truth.p`) as plain floats.
+
+        (n,) for a number, (n, k) for records and arrays of k numbers, in declared order.
+        """
+        return _array(self, path)
+
+
+def _declaration(x: Component) -> Span:
+    """Where the code of a component stands, not where a system makes use of it."""
+    declared = x.node or x.plant
+    return declared.span if declared is not None else x.span
+
+
+# ---------------------------------------------------------------- what a trace holds
+
+
+def _values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
+    """Type and values, (n,), of a topic or of a plant's truth; SoterError U001."""
+    trace = run.require_trace()
+    for topic in run.system.topics:
+        if topic.name == name:
+            return topic.type, trace["topics"][name]
+    for group in run.layout.groups:
+        x = run.system.components[group.owner] if group.owner >= 0 else None
+        if x is not None and x.plant is not None and name == f"{x.name}.truth":
+            return x.plant.truth, trace[group_field(group)]
+    raise usage_error(
+        "U001", f"the run has no topic and no truth `{name}`", did_you_mean(name, _names(run))
+    )
+
+
+def _mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
+    """Mode of a module, (n,); SoterError U001."""
+    trace = run.require_trace()
+    for m in run.system.modules:
+        if m.name == module:
+            return trace["modules"]["mode"][:, m.index]
+    known = did_you_mean(module, [m.name for m in run.system.modules])
+    raise usage_error("U001", f"the run has no module `{module}`", known)
+
+
+def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
+    """Floats of a topic, a truth or a part of one: (n,) or (n, k); SoterError U001."""
+    run.require_trace()
+    known = [n for n in _names(run) if path == n or path.startswith(f"{n}.")]
+    name = max(known, key=len, default=path)
+    t, found = _values(run, name)
+    for part in path[len(name) + 1 :].split(".") if len(path) > len(name) else ():
+        fields = dict(t.fields) if isinstance(t, RecordType) else {}
+        if part not in fields:
+            help_ = did_you_mean(part, fields)
+            raise usage_error("U001", f"`{path}`: there is no field `{part}`", help_)
+        t, found = fields[part], found[part]
+    if _has_list(t):
+        raise usage_error("U001", f"`{path}` has a list in it, which is no array", "use run.topic")
+    numbers = _numbers(t, found)
+    return numbers if isinstance(t, (RecordType, ArrayType)) else numbers[:, 0]
+
+
+def _names(run: Run) -> list[str]:
+    truths = [f"{x.name}.truth" for x in run.system.components if x.plant is not None]
+    return [*(t.name for t in run.system.topics), *truths]
+
+
+def _numbers(t: Type, found: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """(..., k): the k numbers of every value."""
+    if isinstance(t, RecordType):
+        return np.concatenate([_numbers(f, found[n]) for n, f in t.fields], axis=-1)
+    if isinstance(t, ArrayType):
+        parts = _numbers(t.element, found)
+        return parts.reshape(*parts.shape[:-2], -1)
+    return found.astype(np.float64)[..., np.newaxis]
+
+
+def _has_list(t: Type) -> bool:
+    if isinstance(t, RecordType):
+        return any(_has_list(f) for _, f in t.fields)
+    return isinstance(t, ListType) or (isinstance(t, ArrayType) and _has_list(t.element))
+
+
+# ---------------------------------------------------------------- what a person should know
+
+
+def _notes_of(run: Run) -> list[str]:
+    """One sentence each."""
+    return [*run.computed, *_silent(run), *_together(run)]
+
+
+def _silent(run: Run) -> Iterator[str]:
+    """Externs without anything to say in more than half of their steps."""
+    plants = {x.name for x in run.system.components if x.plant is not None}
+    for name, tally in run.extern_tallies.items():
+        if 2 * tally.silent > tally.steps:
+            verb = "answered" if name in plants else "published"
+            yield f"{name} {verb} nothing in {tally.silent} of {tally.steps} steps"
+
+
+def _together(run: Run) -> Iterator[str]:
+    """`ttf` says that φ_safe could be left, `safer` that there is room: hardly both."""
+    for module, (steps, together) in zip(run.system.modules, run.decided, strict=False):
+        if together >= TOGETHER_MIN:
+            yield (
+                f"{module.name}: ttf and safer held together in {together} of {steps} decisions: "
+                "one of them is likely the wrong way round"
+            )

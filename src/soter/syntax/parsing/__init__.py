@@ -1,0 +1,1 @@
+"""The storeys of the parser, from a cursor over tokens to systems."""

@@ -1,0 +1,342 @@
+"""Systems and tests: which parts run together, and what is asked of them.
+
+Purpose: the bodies of `system` and `test`, item by item.
+Non-goals: composition and well-formedness (`program/`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.syntax import tree
+from soter.syntax.parsing.bodies import HOMES, LEADERLESS, OnceParts
+from soter.syntax.tokens import EOF, NAME, visible
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.syntax.parsing.bodies import BodyParser
+
+
+@dataclass(slots=True)
+class _SystemParts(OnceParts):
+    instances: list[tree.Instance] = field(default_factory=list)
+    properties: list[tree.Property] = field(default_factory=list)
+    forces: list[tree.Force] = field(default_factory=list)
+    replaces: list[tree.Replace] = field(default_factory=list)
+    sets: list[tree.SetParam] = field(default_factory=list)
+    inputs: list[tree.DriveInput] = field(default_factory=list)
+    faults: list[tree.TimingFault] = field(default_factory=list)
+
+
+def system(parser: BodyParser) -> tree.Decl:
+    """A system."""
+    start = parser.starts[parser.i]
+    parser.i += 1
+    name = parser.declare("the name of the system")
+    default = parser.accept_word("default")
+    parts = _SystemParts()
+    what = f"system `{visible(name.text)}`"
+    parser.body(what, parts, _SYSTEM_ITEMS, _instance)
+    return tree.SystemDecl(
+        name,
+        parser.span_from(start),
+        default=default,
+        instances=tuple(parts.instances),
+        until=parts.once.get("until"),
+        properties=tuple(parts.properties),
+        forces=tuple(parts.forces),
+        replaces=tuple(parts.replaces),
+        sets=tuple(parts.sets),
+        inputs=tuple(parts.inputs),
+    )
+
+
+def _instance(parser: BodyParser, parts: _SystemParts) -> bool:
+    """`name: What;` if that stands here."""
+    i = parser.i
+    _no_leads_to(parser, i)
+    colon = parser.kinds[i + 1] == ":"
+    if colon and parser.texts[i] in _SYSTEM_ITEMS and parser.kinds[i + 2] != NAME:
+        return False
+    if not colon and not _instance_without_colon(parser, i):
+        return False
+    start = parser.starts[i]
+    name = parser.name("the name of an instance")
+    if colon:
+        parser.i += 1
+    else:
+        message = f"expected `:` after the name of the instance, found {parser.found()}"
+        parser.report("S005", message, parser.after_previous(), "`:` is missing here")
+    what = parser.ref("what the instance is made of")
+    renames = _renames_of(parser, what)
+    parser.semicolon("the instance")
+    parts.instances.append(tree.Instance(name, what, None, renames, parser.span_from(start)))
+    return True
+
+
+def _no_leads_to(parser: BodyParser, i: int) -> None:
+    """`p leadsto q within d;` is a property of tests only."""
+    at = i
+    while parser.kinds[at] not in (";", "{", "}", EOF) and parser.texts[at] != "leadsto":
+        at += 1
+    if at > i and parser.texts[at] == "leadsto" and parser.kinds[at] == NAME:
+        raise parser.failure(
+            "S010",
+            "a system cannot ask what `leadsto` what",
+            parser.token_span(at),
+            notes=("`leadsto` and `eventually` belong in a test: only an exploration judges",),
+        )
+
+
+def _instance_without_colon(parser: BodyParser, i: int) -> bool:
+    """`c Cart;`, where `c` is no item word and not nearly one."""
+    if parser.kinds[i] != NAME or parser.kinds[i + 1] != NAME:
+        return False
+    if parser.kinds[i + 2] not in (";", "{", "."):
+        return False
+    word = parser.texts[i]
+    return word not in _SYSTEM_ITEMS and parser.close_word(word, _SYSTEM_ITEMS) is None
+
+
+def _use(parser: BodyParser, parts: _SystemParts) -> None:
+    start = parser.starts[parser.i]
+    kind = "node" if parser.texts[parser.i] == "node" else "module"
+    parser.i += 1
+    what = parser.ref(f"the name of a {kind}")
+    renames = _renames_of(parser, what)
+    parser.semicolon(f"the {kind}")
+    instance = tree.Instance(what.name, what, kind, renames, parser.span_from(start))
+    parts.instances.append(instance)
+
+
+def _renames_of(parser: BodyParser, what: tree.Ref) -> tuple[tuple[tree.Ref, tree.Ref], ...]:
+    if parser.kinds[parser.i] != "{":
+        return ()
+    opener = parser.i
+    parser.i += 1
+    pairs: list[tuple[tree.Ref, tree.Ref]] = []
+    while True:
+        inner = parser.ref(f"a topic of `{visible(what.text)}`")
+        parser.assign("between the two names of a topic")
+        pairs.append((inner, parser.ref("the name of a topic")))
+        if not parser.comma("}", "the renamed topic", opener):
+            return tuple(pairs)
+
+
+def _until(parser: BodyParser, parts: _SystemParts) -> None:
+    at = parser.i
+    parser.i += 1
+    parser.keep_once(parts, "until", parser.time_value("`until`"), at)
+
+
+def _always(parser: BodyParser, parts: _SystemParts) -> None:
+    start = parser.starts[parser.i]
+    kind = "never" if parser.texts[parser.i] == "never" else "always"
+    parser.i += 1
+    condition = parser.value("the property")
+    span = parser.span_from(start)
+    parts.properties.append(tree.Property(kind, None, condition, None, span))
+
+
+def _force(parser: BodyParser, parts: _SystemParts) -> None:
+    start = parser.starts[parser.i]
+    parser.i += 1
+    module = parser.path("the name of a module after `force`")
+    to = parser.texts[parser.i]
+    if to not in ("ac", "sc"):
+        raise parser.failure(
+            "S005", f"expected `ac` or `sc` after the module, found {parser.found()}"
+        )
+    parser.i += 1
+    parser.semicolon("the forced mode")
+    parts.forces.append(tree.Force(module, to, parser.span_from(start)))
+
+
+def _replace(parser: BodyParser, parts: _SystemParts) -> None:
+    start = parser.starts[parser.i]
+    parser.i += 1
+    what = parser.path("the name of what is replaced")
+    parser.expect_word("by", "after what is replaced")
+    by = parser.ref("the name of the replacement")
+    parser.semicolon("the replacement")
+    parts.replaces.append(tree.Replace(what, by, parser.span_from(start)))
+
+
+def _set(parser: BodyParser, parts: _SystemParts) -> None:
+    start = parser.starts[parser.i]
+    parser.i += 1
+    param = parser.ref("the name of a parameter")
+    parser.assign("after the parameter")
+    value = parser.value("the value of the parameter")
+    parts.sets.append(tree.SetParam(param, value, parser.span_from(start)))
+
+
+def _input(parser: BodyParser, parts: _SystemParts) -> None:
+    start = parser.starts[parser.i]
+    parser.i += 1
+    topic = parser.path("the name of an input topic")
+    values = tuple(_values(parser)) if parser.accept("in") else None
+    parser.expect_word("every", "after the input")
+    every = parser.time_value("`every`")
+    item = tree.DriveInput(topic, values, every, parser.span_from(start))
+    parts.inputs.append(item)
+
+
+def _values(parser: BodyParser) -> list[tree.Expr]:
+    """`{ a, b }`: the values of an input."""
+    parser.expect("{", "before the values of the input")
+    if parser.accept("}"):
+        return []  # the checker says what it says of every empty choice
+    values = [parser.expr("a value")]
+    while parser.accept(","):
+        values.append(parser.expr("a value"))
+    if not parser.accept("}"):
+        message = f"expected `,` or `}}` after the value, found {parser.found()}"
+        parser.report("S005", message)
+        parser.damaged = True
+        while parser.kinds[parser.i] not in ("}", ";", EOF):
+            parser.i += 1
+        parser.accept("}")
+        parser.quiet = parser.i
+    return values
+
+
+def test(parser: BodyParser) -> tree.Decl:
+    """A test."""
+    start = parser.starts[parser.i]
+    parser.i += 1
+    name = parser.declare("the name of the test")
+    parts = _SystemParts()
+    parser.body(f"test `{visible(name.text)}`", parts, _TEST_ITEMS, _leads_to)
+    once = parts.once.get
+    return tree.TestDecl(
+        name,
+        parser.span_from(start),
+        system=once("system"),
+        replaces=tuple(parts.replaces),
+        skew=once("skew"),
+        horizon=once("horizon"),
+        properties=tuple(parts.properties),
+        quantum=once("quantum"),
+        faults=tuple(parts.faults),
+        inputs=tuple(parts.inputs),
+    )
+
+
+def _tested_system(parser: BodyParser, parts: _SystemParts) -> None:
+    at = parser.i
+    parser.i += 1
+    system = parser.ref("the name of a system")
+    parser.semicolon("the system")
+    parser.keep_once(parts, "system", system, at)
+
+
+def _test_time(parser: BodyParser, parts: _SystemParts) -> None:
+    at = parser.i
+    word = parser.texts[at] if parser.texts[at] in ("horizon", "quantum") else "skew"
+    parser.i += 1
+    parser.keep_once(parts, word, parser.time_value(f"`{word}`"), at)
+
+
+def _late(parser: BodyParser, parts: _SystemParts) -> None:
+    """`late N by d;` and `overrun N by d;`."""
+    start = parser.starts[parser.i]
+    kind = "overrun" if parser.texts[parser.i] == "overrun" else "late"
+    parser.i += 1
+    component = parser.path(f"the name of a node after `{kind}`")
+    parser.expect_word("by", "and a time after the node")
+    by = parser.time_value("`by`")
+    fault = tree.TimingFault(kind, component, by, None, parser.span_from(start))
+    parts.faults.append(fault)
+
+
+def _skip(parser: BodyParser, parts: _SystemParts) -> None:
+    """`skip N [at most k];`."""
+    start = parser.starts[parser.i]
+    parser.i += 1
+    component = parser.path("the name of a node after `skip`")
+    at_most: tree.Expr | None = None
+    if parser.accept_word("at"):
+        parser.expect_word("most", "after `at`")
+        at_most = parser.value("`at most`")
+    else:
+        parser.semicolon("the node that may skip a step")
+    fault = tree.TimingFault("skip", component, None, at_most, parser.span_from(start))
+    parts.faults.append(fault)
+
+
+def _eventually(parser: BodyParser, parts: _SystemParts) -> None:
+    start = parser.starts[parser.i]
+    parser.i += 1
+    condition = parser.expr("the property")
+    within = _within(parser)
+    span = parser.span_from(start)
+    parts.properties.append(tree.Property("eventually", None, condition, within, span))
+
+
+def _leads_to(parser: BodyParser, parts: _SystemParts) -> bool:
+    """`premise leadsto condition within d;` if that stands here."""
+    i = parser.i
+    kinds, texts = parser.kinds, parser.texts
+    if texts[i] in _TEST_ITEMS and kinds[i + 1] not in (".", "<", "<=", "==", "&&", "||"):
+        return False
+    at = i
+    while kinds[at] not in (";", "}", EOF) and texts[at] != "leadsto":
+        at += 1
+    if texts[at] != "leadsto":
+        return False
+    start = parser.starts[i]
+    premise = parser.expr("the premise")
+    parser.expect_word("leadsto", "after the premise")
+    condition = parser.expr("the property")
+    within = _within(parser)
+    span = parser.span_from(start)
+    parts.properties.append(tree.Property("leadsto", premise, condition, within, span))
+    return True
+
+
+def _within(parser: BodyParser) -> tree.Expr:
+    if parser.accept_word("within"):
+        return parser.time_value("`within`")
+    message = f"expected `within` and a time after the property, found {parser.found()}"
+    parser.report(
+        "S005",
+        message,
+        parser.after_previous(),
+        notes=("a property that may wait forever cannot be tested",),
+    )
+    parser.semicolon("the property")
+    return tree.ErrorExpr(parser.after_previous())
+
+
+_SYSTEM_ITEMS: dict[str, Callable[[BodyParser, _SystemParts], None]] = {
+    "module": _use,
+    "node": _use,
+    "until": _until,
+    "always": _always,
+    "never": _always,
+    "force": _force,
+    "replace": _replace,
+    "set": _set,
+    "input": _input,
+}
+_TEST_ITEMS: dict[str, Callable[[BodyParser, _SystemParts], None]] = {
+    "system": _tested_system,
+    "replace": _replace,
+    "skew": _test_time,
+    "horizon": _test_time,
+    "always": _always,
+    "never": _always,
+    "eventually": _eventually,
+    "quantum": _test_time,
+    "late": _late,
+    "overrun": _late,
+    "skip": _skip,
+    "input": _input,
+}
+LEADERLESS["test"] = ("`p leadsto q`",)
+LEADERLESS["system"] = ("`name: What`",)
+HOMES["a system"] = frozenset(_SYSTEM_ITEMS)
+HOMES["a test"] = frozenset(_TEST_ITEMS)

@@ -1,0 +1,56 @@
+"""Processes that tests start, and that end with the test.
+
+Purpose: `run` and `started` put a process into a group of its own; whatever is left of the group
+is killed when the test is done with it, also where it timed out or failed.
+Non-goals: processes that leave their group.
+"""
+
+from __future__ import annotations
+
+import os
+import signal
+import subprocess
+from contextlib import contextmanager, suppress
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+PIPE = subprocess.PIPE
+Done = subprocess.CompletedProcess[Any]
+TIMEOUT_S = 600.0
+
+
+@contextmanager
+def started(command: Sequence[str | Path], **options: Any) -> Iterator[subprocess.Popen[Any]]:
+    """`subprocess.Popen`; its group is gone when the block is left."""
+    process = subprocess.Popen(command, start_new_session=True, **options)
+    try:
+        yield process
+    finally:
+        with suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+        for stream in (process.stdin, process.stdout, process.stderr):
+            if stream is not None:
+                stream.close()
+
+
+def run(
+    command: Sequence[str | Path],
+    *,
+    timeout: float = TIMEOUT_S,
+    check: bool = False,
+    capture_output: bool = False,
+    **options: Any,
+) -> Done:
+    """`subprocess.run`; raises `TimeoutExpired`, and with `check` `CalledProcessError`."""
+    if capture_output:
+        options |= {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE}
+    with started(command, **options) as process:
+        out, err = process.communicate(timeout=timeout)
+    done = subprocess.CompletedProcess(command, process.returncode, out, err)
+    if check:
+        done.check_returncode()
+    return done

@@ -1,0 +1,300 @@
+"""What an extern does to its process never becomes a verdict, nor two of them."""
+
+from __future__ import annotations
+
+import json
+import os
+import signal
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+from mcap.reader import make_reader
+
+import processes
+from json_documents import problems_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from processes import Done
+
+SOTER = (sys.executable, "-m", "soter.cli.main")
+ROBOT = """
+soter 1;
+topic u: float in [-1.0, 1.0];
+extern node Learned period 20ms { publishes u; failsafe u = 0.0; }
+system S { node Learned; until 1s; always abs(u) < 0.9; }
+"""
+POLICIES = """
+import atexit, os, sys, threading, time
+
+calls = []
+
+def leaves(inputs):
+    os._exit(0)
+
+def execs(inputs):
+    os.execv("/bin/true", ["true"])
+
+def crashes(inputs):
+    os.kill(os.getpid(), 11)
+
+def later(inputs):
+    threading.Timer(0.0, os._exit, (0,)).start()
+    time.sleep(1)
+
+def at_the_end(inputs):
+    atexit.register(os._exit, 0)
+    return 1.0
+
+def closes(inputs):
+    os.closerange(3, 100)
+    return 1.0
+
+def forks(inputs):
+    if not calls:
+        calls.append(os.fork())
+    return 0.5
+
+def lives_on(inputs):
+    if not calls:
+        calls.append(threading.Thread(target=time.sleep, args=(600,)))
+        calls[0].start()
+    return 0.5
+
+def moves(inputs):
+    os.chdir("/")
+    return 0.5
+
+def shallow(inputs):
+    for limit in range(20, 1000):
+        try:
+            sys.setrecursionlimit(limit)
+        except RecursionError:
+            continue
+        return 0.5
+
+def colours(inputs):
+    raise ValueError("\x1b[2J\x1b[31mred")
+"""
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    (tmp_path / "robot.soter").write_text(ROBOT)
+    (tmp_path / "policies.py").write_text(POLICIES)
+    return tmp_path
+
+
+def run(folder: Path, policy: str, *options: str) -> Done:
+    command = [*SOTER, "run", "robot.soter", "--bind", f"Learned=python:policies.py:{policy}"]
+    done = processes.run(
+        [*command, *options], cwd=folder, capture_output=True, text=True, timeout=60
+    )
+    assert "Traceback" not in done.stderr
+    return done
+
+
+@pytest.mark.parametrize("policy", ["leaves", "execs", "crashes", "later"])
+def test_a_missing_verdict_is_no_success(folder: Path, policy: str) -> None:
+    done = run(folder, policy)
+    assert done.returncode == 1
+    assert "error[X011]" in done.stderr
+    assert done.stdout == ""
+
+
+def test_a_missing_verdict_is_one_document(folder: Path) -> None:
+    done = run(folder, "leaves", "--json")
+    document = json.loads(done.stdout)
+    assert problems_of(document) == []
+    assert document["exit"] == done.returncode == 1
+    assert [d["code"] for d in document["diagnostics"]] == ["X011"]
+
+
+@pytest.mark.parametrize("policy", ["at_the_end", "closes"])
+def test_a_violation_stays_one(folder: Path, policy: str) -> None:
+    done = run(folder, policy)
+    assert done.returncode == 3
+    assert "VIOLATED" in done.stdout
+
+
+HARMLESS = ["forks", "lives_on", "moves", "shallow"]
+
+
+@pytest.mark.parametrize("engine", ["native", "interp"])
+@pytest.mark.parametrize("policy", HARMLESS)
+def test_one_summary_and_the_log_is_saved(folder: Path, policy: str, engine: str) -> None:
+    done = run(folder, policy, "--engine", engine, "--log")
+    assert done.returncode == 0
+    assert done.stdout.count("no violation in this run") == 1
+    assert [p.name for p in (folder / ".soter").iterdir()] == ["robot-S-1.mcap"]
+
+
+def test_no_escape_sequence_reaches_the_terminal(folder: Path) -> None:
+    done = run(folder, "colours")
+    assert done.returncode == 3
+    assert r"ValueError: \x1b[2J\x1b[31mred" in done.stdout
+    assert "\x1b" not in done.stdout + done.stderr
+
+
+C_FORKS = """
+#include "robot.h"
+#include <unistd.h>
+int forks(const robot_Learned_in *in, robot_Learned_out *out) {
+  static int done;
+  (void)in;
+  if (!done++) { (void)!fork(); }
+  out->u = 0.5;
+  out->has_u = 1;
+  return 0;
+}
+"""
+
+
+@pytest.mark.parametrize("engine", ["native", "interp"])
+def test_a_copy_made_in_c_tells_nothing(folder: Path, engine: str) -> None:
+    (folder / "forks.c").write_text(C_FORKS)
+    command = [*SOTER, "run", "robot.soter", "--bind", "Learned=c:forks.c:forks"]
+    done = processes.run(
+        [*command, "--engine", engine], cwd=folder, capture_output=True, text=True, timeout=60
+    )
+    assert done.returncode == 0
+    assert done.stdout.count("no violation in this run") == 1
+
+
+def test_a_program_without_externs_runs_in_the_process_itself(folder: Path) -> None:
+    (folder / "plain.soter").write_text(
+        "soter 1;\ntopic n: int in [0, 9];\n"
+        "node N period 10ms { publishes n; step { publish n = 1; } }\n"
+        "system S { node N; until 1s; always n < 9; }\n"
+    )
+    code = (
+        "import os, sys; os.fork = None\n"
+        "from soter.cli.main import main\n"
+        "sys.argv = ['soter', 'run', 'plain.soter']\n"
+        "sys.exit(main())"
+    )
+    done = processes.run([sys.executable, "-c", code], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+
+
+def test_the_page_says_what_is_not_guarded(folder: Path) -> None:
+    command = [*SOTER, "explain", "X011"]
+    done = processes.run(command, cwd=folder, capture_output=True, text=True, env=dict(os.environ))
+    assert "os._exit" in done.stdout
+
+
+# ---------------------------------------------------------------- logs of runs that were broken off
+
+
+SLOW = """
+import os, time
+
+def slow(inputs):
+    time.sleep(0.0005)
+    return 0.5
+
+class Dies:
+    steps = 0
+    def step(self, inputs):
+        self.steps += 1
+        if self.steps > 60_000:
+            os._exit(0)
+        return 0.001 * (self.steps % 500)
+"""
+
+
+def logged(path: Path) -> tuple[int, dict[str, str]]:
+    """Last time in the log, ns, and what its end says."""
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        ends = [m.metadata for m in reader.iter_metadata() if m.name == "soter.end"]
+        times = [m.log_time for _, _, m in reader.iter_messages()]
+    assert times == sorted(times)
+    (end,) = ends
+    return times[-1], end
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_a_signal_closes_the_log(folder: Path, number: signal.Signals) -> None:
+    (folder / "slow.py").write_text(SLOW)
+    command = [*SOTER, "run", "robot.soter", "--bind", "Learned=python:slow.py:slow"]
+    command += ["--until", "9h", "--log", "a.mcap"]
+    with processes.started(
+        command, cwd=folder, stdout=processes.PIPE, stderr=processes.PIPE, text=True
+    ) as process:
+        while not list(folder.glob(".a.mcap.*.part")):
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.send_signal(number)
+        out, err = process.communicate(timeout=60)
+    assert process.returncode == 130
+    assert "Traceback" not in err
+    assert out.count("INTERRUPTED  stopped at ") == 1
+    last_ns, end = logged(folder / "a.mcap")
+    assert end["ended"] == f"abnormally: {number.name}"
+    assert f"{last_ns / 1e9:.3f} s of" in out
+    assert list(folder.glob(".a.mcap.*")) == []
+
+
+def test_a_log_of_a_process_that_died_is_kept_up_to_its_last_chunk(folder: Path) -> None:
+    (folder / "slow.py").write_text(SLOW)
+    command = [*SOTER, "run", "robot.soter", "--bind", "Learned=python:slow.py:Dies"]
+    command += ["--until", "9h", "--log", "a.mcap"]
+    done = processes.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    assert done.returncode == 1
+    assert "the log until then is `a.mcap`" in done.stderr
+    last_ns, end = logged(folder / "a.mcap")
+    assert 500e9 < last_ns < 60_000 * 20e6
+    assert end["ended"] == "abnormally: the process died"
+
+
+def test_a_run_to_the_end_says_so_in_its_log(folder: Path) -> None:
+    done = run(folder, "moves", "--log", "a.mcap", "--json")
+    last_ns, end = logged(folder / "a.mcap")
+    assert last_ns == 1e9
+    assert end == {"ended": "at its end", "trace_sha256": json.loads(done.stdout)["trace_sha256"]}
+
+
+def test_sigterm_closes_the_log_of_a_script_and_ends_it(folder: Path) -> None:
+    (folder / "slow.py").write_text(SLOW)
+    code = (
+        "import soter, slow; program = soter.load('robot.soter').bind('Learned', slow.slow)\n"
+        "program.simulate(until='9h', log='a.mcap')"
+    )
+    with processes.started([sys.executable, "-c", code], cwd=folder) as process:
+        while not list(folder.glob(".a.mcap.*.part")):
+            assert process.poll() is None
+            time.sleep(0.05)
+        process.terminate()
+        assert process.wait(60) == -signal.SIGTERM
+    assert logged(folder / "a.mcap")[1]["ended"] == "abnormally: SIGTERM"
+
+
+C_HANGS = """
+#include "robot.h"
+int hangs(const robot_Learned_in *in, robot_Learned_out *out) {
+  volatile int going = 1;
+  (void)in;
+  (void)out;
+  while (going) { }
+  return 0;
+}
+"""
+
+
+def test_a_second_ctrl_c_ends_code_that_hears_no_signals(folder: Path) -> None:
+    (folder / "hangs.c").write_text(C_HANGS)
+    command = [*SOTER, "run", "robot.soter", "--bind", "Learned=c:hangs.c:hangs", "--json"]
+    with processes.started(
+        command, cwd=folder, stdout=processes.PIPE, stderr=processes.PIPE, text=True
+    ) as process:
+        time.sleep(6)  # compiled, and hanging
+        process.send_signal(signal.SIGINT)
+        time.sleep(1.5)
+        assert process.poll() is None
+        process.send_signal(signal.SIGINT)
+        out, _ = process.communicate(timeout=30)
+    assert process.returncode == json.loads(out)["exit"] == 130

@@ -1,0 +1,36 @@
+"""One table of strategies, storages and reductions: the C and the documents say the same."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+from soter.explore.methods import REDUCTIONS, STORAGES, STRATEGIES, constant
+
+ROOT = Path(__file__).resolve().parents[3]
+HEADER = ROOT / "src" / "soter" / "explore" / "engine" / "c" / "soter_explore.h"
+
+
+def enum(name: str) -> list[str]:
+    found = re.search(rf"typedef enum \{{([^}}]*)\}} {name};", HEADER.read_text(encoding="utf-8"))
+    assert found is not None
+    return re.findall(r"\bSOTER_\w+", found[1])
+
+
+def test_the_c_has_a_constant_for_each() -> None:
+    assert [constant(s) for s in STRATEGIES] == enum("soter_strategy")
+    assert [constant(s) for s in STORAGES] == enum("soter_storage")
+
+
+def test_the_schema_of_results_names_them_all() -> None:
+    page = (ROOT / "docs" / "json.md").read_text(encoding="utf-8")
+    for what, names in (("strategy", STRATEGIES), ("storage", STORAGES), ("reduction", REDUCTIONS)):
+        listed = ", ".join(f'"{n}"' for n in names)
+        assert f'"{what}": {{ "enum": [{listed}] }}' in page
+
+
+def test_the_page_about_python_names_them_all() -> None:
+    page = (ROOT / "docs" / "python.md").read_text(encoding="utf-8")
+    for what, names in (("strategy", STRATEGIES), ("storage", STORAGES), ("reduction", REDUCTIONS)):
+        line = next(x for x in page.splitlines() if x.strip().startswith(f'{what}="'))
+        assert all(name in line for name in names), what

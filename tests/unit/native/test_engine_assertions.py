@@ -1,0 +1,85 @@
+"""What must be so inside an engine and is not ends the process as a defect: it is no verdict."""
+
+from __future__ import annotations
+
+import os
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+import processes
+from soter.explore.engine.engine import FLAGS as EXPLORER
+from soter.native.build import NEVER_SHIPPED, RUNTIME
+from soter.native.compiler import STRICT, WARNINGS, find
+from soter.native.own_files import SOTER
+from soter.reach.enclose.library import FLAGS as SETS
+from soter.targets.c99 import KERNEL
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SWITCH = "-DSOTER_CHECKED"
+C = """#include "soter_check.h"
+static int half(int n) {
+  SOTER_CHECK(n % 2 == 0);
+  return n / 2;
+}
+int main(int argc, char** argv) {
+  (void)argv;
+  return half(argc + 1) + half(argc + 2);
+}
+"""
+REVERSED = """
+import numpy as np
+from soter.reach.grid.sets import GridGroup, GridInputs
+from unit.reach_grids.units import hill
+inputs = GridInputs(kind="map", states=((-2.0, 2.0), (-2.0, 2.0)),
+    controls=((-1.0, 1.0),), period_ns=10**9)
+edges = np.linspace(-1, 1, 5)
+group = GridGroup(hill(1.0, 1.0), inputs, [(0, edges), (1, edges)])
+group.enclosures(np.array([0.5, 0.0]), np.array([0.25, 0.0]), 1)
+print("undecided")
+"""
+
+
+def _run(command: list[str]) -> processes.Done:
+    path = os.pathsep.join((str(SOTER.parent), str(SOTER.parents[1] / "tests")))
+    return processes.run(
+        command,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        env={**os.environ, "PYTHONPATH": path},
+    )
+
+
+@pytest.mark.parametrize(("flags", "code"), [((SWITCH,), 70), ((), 2)])
+def test_the_switch_decides_whether_assertions_are_checked(
+    tmp_path: Path, flags: tuple[str, ...], code: int
+) -> None:
+    (tmp_path / "odd.c").write_text(C, encoding="utf-8")
+    made = str(tmp_path / "odd")
+    build = [*find().command, *STRICT, *WARNINGS, *flags, f"-I{NEVER_SHIPPED}", "-o", made]
+    built = _run([*build, str(tmp_path / "odd.c")])
+    assert built.returncode == 0, built.stderr
+    done = _run([made])
+    assert done.returncode == code
+    assert done.stderr == (
+        "error[I001]: soter has a defect, sorry: in half: not n % 2 == 0\n" if flags else ""
+    )
+
+
+def test_a_broken_invariant_of_the_set_engine_ends_the_process_with_70() -> None:
+    done = _run([sys.executable, "-c", REVERSED])
+    assert done.returncode == 70
+    assert "soter has a defect, sorry: in soter_reach_start: not lo[i] <= hi[i]" in done.stderr
+    assert done.stdout == ""
+
+
+def test_engines_are_checked_and_what_is_deployed_has_no_assertions() -> None:
+    assert SWITCH in SETS
+    assert SWITCH in EXPLORER
+    for name in KERNEL:
+        assert "SOTER_CHECK(" not in (RUNTIME / name).read_text(encoding="utf-8"), name

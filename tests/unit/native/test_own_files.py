@@ -1,0 +1,30 @@
+from __future__ import annotations
+
+import inspect
+from pathlib import Path
+
+import pytest
+
+import soter
+from soter.native.own_files import SOTER, files_below
+from soter.program import build
+from soter.reach.deploy import complete
+
+
+def test_a_folder_without_such_files_is_a_defect_and_no_empty_list(tmp_path: Path) -> None:
+    (tmp_path / "deeper").mkdir()
+    with pytest.raises(FileNotFoundError, match="soter is not whole"):
+        files_below(tmp_path, "*.c")
+    (tmp_path / "deeper" / "a.c").touch()
+    assert files_below(tmp_path, "*.c", "*.h") == [tmp_path / "deeper" / "a.c"]
+
+
+def test_kept_sets_depend_on_every_file_of_the_engine_however_deep() -> None:
+    found = set(complete.engine_files())
+    assert Path(inspect.getfile(soter)).parent == SOTER
+    for module in (complete, build):
+        assert Path(inspect.getfile(module)) in found
+    engine = list(SOTER.rglob("soter_reach*.[ch]"))
+    assert len(engine) > 10
+    assert set(engine) <= found
+    assert set((SOTER / "reach").rglob("*.py")) <= found

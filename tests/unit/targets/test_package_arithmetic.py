@@ -1,0 +1,92 @@
+"""What flags of a compiler cannot do to a package: take the gate, the DM and the monitors away."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+import soter
+from generators.packages import CART, command, make, package, trace
+from soter.native.compiler import find
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+OWN_MAIN = """#include "soter.h"
+#include <fenv.h>
+#include <stdio.h>
+int main(void) {
+  const char* wrong = soter_self_test();
+  if (wrong != NULL) { (void)puts(wrong); return 1; }
+  (void)fesetround(FE_UPWARD);
+  wrong = soter_self_test();
+  (void)puts(wrong != NULL ? wrong : "nothing is wrong");
+  return 0;
+}
+"""
+
+
+@pytest.fixture
+def cart(tmp_path: Path) -> Path:
+    package(CART, tmp_path / "out")
+    return tmp_path / "out"
+
+
+def is_gcc_on_x86(folder: Path) -> bool:
+    asked = [*find().command, "-dM", "-E", "-x", "c", "/dev/null"]
+    said = command(asked, folder).stdout
+    return "__x86_64__" in said and "__clang__" not in said
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [
+        "-ffast-math",
+        "-O2 -ffinite-math-only",
+        "-O2 -funsafe-math-optimizations",
+        "-ffp-contract=fast",
+    ],
+)
+def test_the_flags_of_the_meaning_win_over_those_of_a_person(cart: Path, flags: str) -> None:
+    built = make(cart, f"CFLAGS={flags}")
+    assert built.returncode == 0, built.stderr
+    ran = command(["./cart"], cart)
+    assert ran.returncode == 0, ran.stderr
+    assert trace(ran.stdout) == soter.load(CART).simulate().trace_sha256
+
+
+@pytest.mark.parametrize("flag", ["-ffast-math", "-Ofast", "-ffinite-math-only"])
+def test_without_the_makefile_the_header_refuses_them(cart: Path, flag: str) -> None:
+    sources = sorted(p.name for p in cart.glob("*.c"))
+    built = command([*find().command, "-std=c99", flag, *sources, "-o", "cart", "-lm"], cart)
+    assert built.returncode != 0
+    assert re.search(r"error.*soter: -f[a-z-]+.* removes the gate and the monitors", built.stderr)
+    assert not (cart / "cart").exists()
+
+
+def test_the_header_refuses_more_precision_than_double(cart: Path) -> None:
+    if not is_gcc_on_x86(cart):
+        pytest.skip("needs gcc on x86, which still has the x87")
+    built = make(cart, "CFLAGS=-mfpmath=387")
+    assert built.returncode != 0
+    assert "soter: doubles are computed in another precision" in built.stderr
+
+
+def test_a_build_that_flushes_small_numbers_says_so_and_does_not_run(cart: Path) -> None:
+    if not is_gcc_on_x86(cart):
+        pytest.skip("needs gcc on x86, which links other start code for -Ofast")
+    assert make(cart, "CFLAGS=-Ofast").returncode == 0
+    ran = command(["./cart"], cart)
+    assert (ran.returncode, ran.stdout) == (1, "")
+    assert "not run: small numbers are flushed to zero" in ran.stderr
+
+
+def test_ones_own_main_may_ask_whether_the_machine_computes_as_it_should(cart: Path) -> None:
+    (cart / "own.c").write_text(OWN_MAIN)
+    compiler = [*find().command, "-std=c99", "-frounding-math", "-I."]
+    built = command([*compiler, "own.c", "soter_self_test.c", "-o", "own", "-lm"], cart)
+    assert built.returncode == 0, built.stderr
+    ran = command(["./own"], cart)
+    assert (ran.returncode, "rounded to the nearest" in ran.stdout) == (0, True), ran.stdout

@@ -1,0 +1,32 @@
+"""No test leaves a process behind."""
+
+from __future__ import annotations
+
+import os
+import sys
+from pathlib import Path
+from subprocess import TimeoutExpired
+
+import pytest
+
+import processes
+
+TESTS = Path(__file__).resolve().parents[1]
+GRANDCHILD = "import os, time; os.fork(); time.sleep(600)"
+
+
+def test_what_a_process_started_ends_with_it() -> None:
+    read, write = os.pipe()
+    with pytest.raises(TimeoutExpired):
+        processes.run([sys.executable, "-c", GRANDCHILD], timeout=1, pass_fds=[write])
+    os.close(write)
+    assert os.read(read, 1) == b"", "nobody holds the other end"
+    os.close(read)
+
+
+def test_every_test_starts_its_processes_so() -> None:
+    own = {TESTS / "processes.py", Path(__file__)}
+    found = [
+        p for p in TESTS.rglob("*.py") if p not in own and "import subprocess" in p.read_text()
+    ]
+    assert found == []
