@@ -45,13 +45,17 @@ def _done(command: str, folder: Path) -> processes.Done:
     )
 
 
+SHORTER = {"advise": " --factors 1,2 --levels 3"}
+"""What a command is given besides, so that it tries less of the same: a table has one row fewer."""
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
     for folder in ("wall", "drone", "testing"):
         shutil.copytree(ROOT / "examples" / folder, tmp_path / "examples" / folder)
     before = [c for c in COMMANDS if c.endswith("late_sc.soter")] if "replay" in command else []
     for each in (*before, command):  # a trace is written before it is replayed
-        done = _done(each, tmp_path)
+        done = _done(each + SHORTER.get(each.split()[1], ""), tmp_path)
     violates = "Unprotected" in command or command.endswith("late_sc.soter")
     expected = VIOLATED if violates else 0
     assert done.returncode == expected, done.stdout + done.stderr

@@ -33,9 +33,9 @@ FLAGS = (
     "-O1", "-g", "-fsanitize=address,undefined", "-fsanitize=float-cast-overflow",
     "-fno-sanitize-recover=all",
 )  # fmt: skip
-INSTANTS = 1000
+INSTANTS = 400
 CHUNKS = 4
-PROGRAMS_A_CHUNK = 10
+PROGRAMS_A_CHUNK = 7
 
 
 @pytest.fixture(scope="module")

@@ -107,7 +107,7 @@ class Body:
     def expr(self, e: core.Expr) -> c.CExpr:
         """A pure expression."""
         if isinstance(e, core.Const):
-            return self.types.constant(e.type, e.value, e.name)
+            return self.types.named_constant(e.type, e.value, e.name)
         if isinstance(e, core.Var):
             return c.Name(self.local(e.name))
         if isinstance(e, core.Get):
@@ -217,8 +217,6 @@ class Body:
         """One statement."""
         if isinstance(s, core.Let):
             value = self.expr(s.value)
-            if isinstance(s.value, core.Const) and s.mutable and isinstance(value, c.Name):
-                value = self.types.constant(s.value.type, s.value.value, "default")
             declared = self._declare(s.name, s.value.type, value, const=not s.mutable)
             return self._marked(declared, s.name, used)
         if isinstance(s, core.Checked):

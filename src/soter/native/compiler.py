@@ -51,11 +51,6 @@ class Compiler:
     command: tuple[str, ...]
     identity: str
 
-    @property
-    def is_zig(self) -> bool:
-        """Whether this is zig's clang, which lacks the sanitizers."""
-        return "zig" in self.identity
-
 
 def _identity(command: tuple[str, ...]) -> str | None:
     path = shutil.which(command[0])

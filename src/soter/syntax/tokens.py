@@ -49,11 +49,6 @@ UNIT_NS = {
     "h": 3_600_000_000_000,
 }
 
-#: Operators of other languages, kept whole so that the parser can say what to write instead.
-FOREIGN = (
-    "===", "!==", "**=", ":=", "+=", "-=", "*=", "/=", "%=", "->", "=>", "**", "++", "<>", "::",
-)  # fmt: skip
-
 _ERRORS_MAX = 100  # after so many lexical errors the file is not Soter: stop reading
 
 _LOOK_AHEAD = 5  # tokens the parser may look ahead without asking for the end

@@ -10,7 +10,7 @@ import pytest
 
 import processes
 from soter.explore.engine.engine import FLAGS as EXPLORER
-from soter.native.build import NEVER_SHIPPED, RUNTIME
+from soter.native.build import NEVER_SHIPPED, RUNTIME, include_flags
 from soter.native.compiler import STRICT, WARNINGS, find
 from soter.native.own_files import SOTER
 from soter.reach.enclose.library import FLAGS as SETS
@@ -30,6 +30,29 @@ int main(int argc, char** argv) {
   return half(argc + 1) + half(argc + 2);
 }
 """
+FORMS = """#define SOTER_INPUTS 2
+#include "soter_form.h"
+int main(void) {
+  const soter_form one = {.lo = 1.0, .hi = 2.0, .c = 1.5, .r = 0.5};
+  soter_form other = one;
+  const int64_t items[3] = {1, 2, 3};
+  soter_truth undecided = 3U;
+  (void)items;
+  (void)undecided;
+  soter_form_shift(&other, &one, 0.0, 1.0);
+  %s;
+  return other.lo <= other.hi ? 0 : 1;
+}
+"""
+BROKEN = {
+    "soter_n_range": "soter_form_range(&other, 2.0, 1.0)",
+    "soter_n_shift": "soter_form_shift(&other, &one, 1.0, 0.0)",
+    "soter_not": "(void)soter_not(0U)",
+    "soter_both": "(void)soter_both(undecided, 4U)",
+    "soter_ints_of": "(void)soter_ints_of(1, 0)",
+    "soter_ints_table": "(void)soter_ints_table(items, (soter_ints){.lo = 2, .hi = 1})",
+    "soter_n_widen": "soter_n_widen(SOTER_INPUTS, &other, -1.0)",
+}
 REVERSED = """
 import numpy as np
 from soter.reach.grid.sets import GridGroup, GridInputs
@@ -76,6 +99,19 @@ def test_a_broken_invariant_of_the_set_engine_ends_the_process_with_70() -> None
     assert done.returncode == 70
     assert "soter has a defect, sorry: in soter_reach_start: not lo[i] <= hi[i]" in done.stderr
     assert done.stdout == ""
+
+
+@pytest.mark.parametrize(("where", "call"), [("", "(void)0"), *BROKEN.items()])
+def test_a_form_that_encloses_nothing_is_a_defect(tmp_path: Path, where: str, call: str) -> None:
+    (tmp_path / "forms.c").write_text(FORMS % call, encoding="utf-8")
+    made = str(tmp_path / "forms")
+    headers = include_flags(SOTER / "reach" / "engine" / "soter_form.h")
+    build = [*find().command, *STRICT, *WARNINGS, SWITCH, *headers, "-o", made]
+    built = _run([*build, str(tmp_path / "forms.c"), "-lm"])
+    assert built.returncode == 0, built.stderr
+    done = _run([made])
+    assert done.returncode == (70 if where else 0)
+    assert f"in {where}: not" in done.stderr if where else done.stderr == ""
 
 
 def test_engines_are_checked_and_what_is_deployed_has_no_assertions() -> None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     Change = Callable[[Callable[[dict[str, Any]], None]], Path]
 
-CORRUPTIONS = 24
+CORRUPTIONS = 16
 
 
 def reason_of(folder: Path) -> str:

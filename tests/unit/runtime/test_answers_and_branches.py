@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 from dataclasses import dataclass
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 import pytest
@@ -43,6 +44,7 @@ system S { node N; node Other; input x every 10ms; until 1s; }
 class Covered(Subject):
     """A program whose nodes note their branches."""
 
+    @cached_property
     def unit(self) -> Unit:
         return generate(self.system, prefix=self.name, branches=True)
 
@@ -94,7 +96,7 @@ def test_only_what_is_evaluated_is_asked(made: tuple[Covered, Path]) -> None:
 
 
 def taken(made: tuple[Covered, Path], x: int, *picks: int) -> set[tuple[int, bool]]:
-    branches = made[0].unit().branches
+    branches = made[0].unit.branches
     assert {b.component for b in branches} == {"N"}
     engine, _ = native(made, x, *picks)
     return {(branches[i].span.line, branches[i].taken) for i in engine.branches}
@@ -104,7 +106,7 @@ def test_branches_are_noted_by_line_and_side(made: tuple[Covered, Path]) -> None
     assert taken(made, 0) == {(8, True)}
     assert taken(made, 5, 0) == {(8, False), (10, False), (15, False)}
     assert taken(made, 5, 1, 1) == {(8, False), (10, False), (15, True)}
-    numbered = {(b.span.line, b.taken) for b in made[0].unit().branches}
+    numbered = {(b.span.line, b.taken) for b in made[0].unit.branches}
     assert numbered == {(line, side) for line in (8, 10, 13, 15) for side in (True, False)}
 
 

@@ -44,6 +44,7 @@ class TypeTable:
         self.unique = unique
         self._names: dict[Type, str] = {}
         self._pool: dict[tuple[Type, str], str] = {}
+        self._macros: dict[tuple[str, str], str] = {}
         self._checks: dict[tuple[Type, tuple[object, ...]], str] = {}
         self._canonical: dict[Type, str] = {}
 
@@ -112,6 +113,19 @@ class TypeTable:
             self._pool[key] = known
             initial = self.initializer(t, value)
             self.constants.append(c.VariableDef(self.stored(t), known, initial))
+        return c.Name(known)
+
+    def named_constant(self, t: Type, value: Value, name: str | None) -> c.CExpr:
+        """The same; a number by the name that the source gives it: `#define cart_WALL 10.0`."""
+        number = self.constant(t, value, name)
+        if name is None or not isinstance(number, c.Number):
+            return number
+        key = (name, number.text)
+        known = self._macros.get(key)
+        if known is None:
+            known = self._macros[key] = self.unique(f"{self.prefix}_{name}")
+            text = f"({number.text})" if number.text.startswith("-") else number.text
+            self.constants.append(c.Define(known, text))
         return c.Name(known)
 
     def initializer(self, t: Type, value: Value) -> c.CExpr:

@@ -29,6 +29,7 @@
 #include <float.h>
 
 #include "soter.h"
+#include "soter_check.h"
 
 #ifndef SOTER_INPUTS
 #error "define SOTER_INPUTS, the number of inputs, before including soter_form.h"
@@ -74,6 +75,11 @@ SOTER_INLINE double soter_below_product(double x) {
 
 SOTER_INLINE double soter_above_product(double x) {
   return -soter_below_product(-x);
+}
+
+/* Whether [lo, hi] holds a number: no form is empty, so that none encloses by enclosing nothing. */
+SOTER_INLINE bool soter_holds(double lo, double hi) {
+  return lo <= hi;
 }
 
 SOTER_INLINE double soter_least(double a, double b) {
@@ -134,6 +140,7 @@ SOTER_INLINE void soter_n_top(int n, soter_form* out) {
 
 /* Some number in [lo, hi], independent of the inputs; lo = hi: exactly that one. */
 SOTER_INLINE void soter_n_range(int n, soter_form* out, double lo, double hi) {
+  SOTER_CHECK(soter_holds(lo, hi));
   out->lo = lo;
   out->hi = hi;
   soter_n_plain(n, out);
@@ -155,6 +162,7 @@ SOTER_INLINE void soter_n_settle(int n, soter_form* out, double rounds) {
   const double r =
       (out->r + (fabs(out->c) + sum + rounds * size) * 0x1p-52 + SOTER_TINY) * SOTER_GROW;
   double reach = 0.0;
+  SOTER_CHECK(!(out->r < 0.0));
   if (!(sum + fabs(out->c) + r <= DBL_MAX) || !(size <= DBL_MAX)) {
     soter_n_range(n, out, out->lo, out->hi); /* NaN and infinity end here, too */
     return;
@@ -163,6 +171,7 @@ SOTER_INLINE void soter_n_settle(int n, soter_form* out, double rounds) {
   reach = (sum + r) * SOTER_GROW;
   out->lo = soter_most(out->lo, soter_below(out->c - reach));
   out->hi = soter_least(out->hi, soter_above(out->c + reach));
+  SOTER_CHECK(soter_holds(out->lo, out->hi)); /* both parts enclose the same numbers */
 }
 
 /* Sets the ends; makes it "anything" and says so where they are not numbers. */
@@ -185,6 +194,7 @@ SOTER_INLINE int soter_symbols(const soter_form in[], const int read[], int coun
   bool used[SOTER_INPUTS] = {false};
   int n = 0;
   for (int k = 0; k < count; k++) {
+    SOTER_CHECK(read[k] >= 0 && read[k] < SOTER_INPUTS);
     for (int i = 0; i < SOTER_INPUTS; i++) {
       used[i] = used[i] || in[read[k]].g[i] != 0.0;
     }
@@ -203,6 +213,7 @@ SOTER_INLINE void soter_n_take(int n, soter_form* out, const soter_form* a, cons
   out->c = a->c;
   out->r = a->r;
   for (int i = 0; i < n; i++) {
+    SOTER_CHECK(symbols[i] >= i && symbols[i] < SOTER_INPUTS); /* they rise */
     out->g[i] = a->g[symbols[i]];
   }
 }
@@ -216,6 +227,7 @@ SOTER_INLINE void soter_n_give(int n, soter_form* out, const soter_form* a, cons
     out->g[i] = 0.0;
   }
   for (int i = 0; i < n; i++) {
+    SOTER_CHECK(symbols[i] >= i && symbols[i] < SOTER_INPUTS);
     out->g[symbols[i]] = a->g[i];
   }
 }
@@ -249,6 +261,7 @@ SOTER_INLINE void soter_n_sub(int n, soter_form* out, const soter_form* a, const
 /* a + k for some k in [lo, hi]. */
 SOTER_INLINE void soter_n_shift(int n, soter_form* out, const soter_form* a, double lo, double hi) {
   const double k = lo == hi ? lo : 0.5 * lo + 0.5 * hi;
+  SOTER_CHECK(soter_holds(lo, hi));
   if (!soter_n_ends(n, out, soter_below(a->lo + lo), soter_above(a->hi + hi))) {
     return;
   }
@@ -278,6 +291,7 @@ SOTER_INLINE bool soter_corners(double p, double q, double s, double t, double* 
   }
   *lo = soter_below_product(soter_least(soter_least(p, q), soter_least(s, t)));
   *hi = soter_above_product(soter_most(soter_most(p, q), soter_most(s, t)));
+  SOTER_CHECK(soter_holds(*lo, *hi));
   return true;
 }
 
@@ -289,6 +303,7 @@ SOTER_INLINE void soter_signed(double a, double b, double c, double d, double* l
   if ((a >= 0.0 && d <= 0.0) || (b <= 0.0 && c >= 0.0)) {
     *hi = soter_least(*hi, 0.0);
   }
+  SOTER_CHECK(soter_holds(*lo, *hi)); /* the sign that is exact is among those that were bounded */
 }
 
 /* The ends of [a, b] * [c, d], outward; false where 0 * inf may happen. */
@@ -357,6 +372,7 @@ SOTER_INLINE void soter_n_line(int n, soter_form* out, const soter_form* a, doub
   const double middle = lo == hi ? lo : 0.5 * lo + 0.5 * hi;
   const double p = alpha * a->c;
   const double beside = lo == hi ? 0.0 : soter_above_product(soter_most(hi - middle, middle - lo));
+  SOTER_CHECK(!(lo > hi) && !(beside < 0.0));
   if (soter_form_wild(out)) {
     soter_n_top(n, out);
     return;
@@ -438,6 +454,7 @@ SOTER_INLINE void soter_n_div(int n, soter_form* out, const soter_form* a, const
   if (hi < out->hi) {
     out->hi = hi;
   }
+  SOTER_CHECK(soter_holds(out->lo, out->hi));
 }
 
 /* ------------------------------------------------------------------ abs, min, max, floor, sqrt */
@@ -465,6 +482,7 @@ SOTER_INLINE void soter_n_abs(int n, soter_form* out, const soter_form* a) {
     const double slope = soter_most(-1.0, soter_least(1.0, (a->lo + a->hi) / (a->hi - a->lo)));
     const double most =
         soter_most(soter_rest_above(-a->lo, slope, a->lo), soter_rest_above(a->hi, slope, a->hi));
+    SOTER_CHECK(most >= 0.0); /* of both ends, and the minimum is 0 */
     out->lo = 0.0;
     out->hi = soter_most(-a->lo, a->hi);
     soter_n_line(n, out, a, slope, 0.0, most, 0.0);
@@ -483,6 +501,7 @@ SOTER_INLINE void soter_n_at_least(int n, soter_form* out, const soter_form* a, 
     const double slope = soter_most(0.0, soter_least(1.0, (a->hi - k) / (a->hi - a->lo)));
     const double most =
         soter_most(soter_rest_above(k, slope, a->lo), soter_rest_above(a->hi, slope, a->hi));
+    SOTER_CHECK(soter_holds(k, a->hi));
     out->lo = k;
     out->hi = a->hi;
     soter_n_line(n, out, a, slope, soter_rest_below(k, slope, k), most, 0.0);
@@ -501,6 +520,7 @@ SOTER_INLINE void soter_n_at_most(int n, soter_form* out, const soter_form* a, d
     const double slope = soter_most(0.0, soter_least(1.0, (k - a->lo) / (a->hi - a->lo)));
     const double least =
         soter_least(soter_rest_below(k, slope, a->hi), soter_rest_below(a->lo, slope, a->lo));
+    SOTER_CHECK(soter_holds(a->lo, k));
     out->lo = a->lo;
     out->hi = k;
     soter_n_line(n, out, a, slope, least, soter_rest_above(k, slope, k), 0.0);
@@ -528,6 +548,7 @@ SOTER_INLINE void soter_n_max(int n, soter_form* out, const soter_form* a, const
     soter_n_add(n, out, b, &excess);
     out->lo = soter_most(out->lo, soter_most(a->lo, b->lo));
     out->hi = soter_least(out->hi, soter_most(a->hi, b->hi));
+    SOTER_CHECK(soter_holds(out->lo, out->hi));
   }
 }
 
@@ -552,6 +573,7 @@ SOTER_INLINE void soter_n_min(int n, soter_form* out, const soter_form* a, const
     soter_n_add(n, out, b, &excess);
     out->lo = soter_most(out->lo, soter_least(a->lo, b->lo));
     out->hi = soter_least(out->hi, soter_least(a->hi, b->hi));
+    SOTER_CHECK(soter_holds(out->lo, out->hi));
   }
 }
 
@@ -575,6 +597,7 @@ SOTER_INLINE void soter_n_sqrt(int n, soter_form* out, const soter_form* a) {
   }
   const double l = sqrt(a->lo), h = sqrt(a->hi);
   const double slope = 1.0 / (l + h);
+  SOTER_CHECK(soter_holds(l, h));
   out->lo = soter_most(0.0, soter_below_product(l));
   out->hi = a->hi > 0.0 ? soter_above_product(h) : 0.0;
   if (!(slope > 0.0 && slope <= DBL_MAX)) {
@@ -594,6 +617,7 @@ SOTER_INLINE void soter_n_join(int n, soter_form* out, const soter_form* a, cons
   double apart = fabs(a->c - b->c);
   out->lo = soter_least(a->lo, b->lo);
   out->hi = soter_most(a->hi, b->hi);
+  SOTER_CHECK(soter_holds(out->lo, out->hi));
   if (!(a->r <= DBL_MAX && b->r <= DBL_MAX) || soter_form_wild(out)) {
     soter_n_range(n, out, out->lo, out->hi);
     return;
@@ -613,6 +637,7 @@ SOTER_INLINE void soter_n_join(int n, soter_form* out, const soter_form* a, cons
 /* `then` where t may only be true, `otherwise` where it may only be false, else their join. */
 SOTER_INLINE void soter_n_select(int n, soter_form* out, soter_truth t, const soter_form* then,
                                  const soter_form* otherwise) {
+  SOTER_CHECK(t >= 1U && t <= 3U);
   if (t == 2U) {
     soter_n_copy(n, out, then);
   } else if (t == 1U) {
@@ -624,6 +649,7 @@ SOTER_INLINE void soter_n_select(int n, soter_form* out, soter_truth t, const so
 
 /* The same into what a branch before may have left in `out`: with t undecided it is joined. */
 SOTER_INLINE void soter_n_merge(int n, soter_form* out, soter_truth t, const soter_form* a) {
+  SOTER_CHECK(t >= 1U && t <= 3U);
   if (t == 3U) {
     soter_form before;
     soter_n_copy(n, &before, out);
@@ -636,6 +662,7 @@ SOTER_INLINE void soter_n_merge(int n, soter_form* out, soter_truth t, const sot
 /* One of the items whose number is in `at`, which lies in [0, n - 1]. */
 SOTER_INLINE void soter_n_gather(int n, soter_form* out, const soter_form* const items[],
                                  soter_ints at) {
+  SOTER_CHECK(at.lo >= 0 && at.lo <= at.hi);
   soter_n_copy(n, out, items[at.lo]);
   for (int64_t k = at.lo + 1; k <= at.hi; k++) {
     soter_n_merge(n, out, 3U, items[k]);
@@ -646,6 +673,7 @@ SOTER_INLINE void soter_n_gather(int n, soter_form* out, const soter_form* const
 SOTER_INLINE void soter_n_table(int n, soter_form* out, const double items[], soter_ints at) {
   double lo = items[at.lo], hi = items[at.lo];
   bool nan = lo != lo;
+  SOTER_CHECK(at.lo >= 0 && at.lo <= at.hi);
   for (int64_t k = at.lo + 1; k <= at.hi; k++) {
     lo = soter_least(lo, items[k]);
     hi = soter_most(hi, items[k]);
@@ -661,27 +689,33 @@ SOTER_INLINE void soter_n_table(int n, soter_form* out, const double items[], so
 /* ------------------------------------------------------------------ truth */
 
 SOTER_INLINE soter_truth soter_truth_of(bool may_be_true, bool may_be_false) {
+  SOTER_CHECK(may_be_true || may_be_false);
   return (soter_truth)((may_be_true ? 2U : 0U) | (may_be_false ? 1U : 0U));
 }
 
 SOTER_INLINE soter_truth soter_not(soter_truth t) {
+  SOTER_CHECK(t >= 1U && t <= 3U);
   return (soter_truth)(((t & 1U) << 1U) | (unsigned)(t >> 1U));
 }
 
 SOTER_INLINE soter_truth soter_both(soter_truth a, soter_truth b) {
+  SOTER_CHECK(a >= 1U && a <= 3U && b >= 1U && b <= 3U);
   return (soter_truth)((a & b & 2U) | ((a | b) & 1U));
 }
 
 SOTER_INLINE soter_truth soter_either(soter_truth a, soter_truth b) {
+  SOTER_CHECK(a >= 1U && a <= 3U && b >= 1U && b <= 3U);
   return (soter_truth)(((a | b) & 2U) | (a & b & 1U));
 }
 
 SOTER_INLINE soter_truth soter_truth_select(soter_truth t, soter_truth then,
                                             soter_truth otherwise) {
+  SOTER_CHECK(t >= 1U && t <= 3U);
   return t == 2U ? then : t == 1U ? otherwise : (soter_truth)(then | otherwise);
 }
 
 SOTER_INLINE void soter_truth_merge(soter_truth* out, soter_truth t, soter_truth a) {
+  SOTER_CHECK(t >= 1U && t <= 3U && a >= 1U && a <= 3U);
   *out = t == 3U ? (soter_truth)(*out | a) : a;
 }
 
@@ -725,6 +759,7 @@ SOTER_INLINE soter_truth soter_equal(const soter_form* a, const soter_form* b) {
 /* ------------------------------------------------------------------ faults and the gate */
 
 SOTER_INLINE void soter_possible(soter_truth holds, unsigned* fault) {
+  SOTER_CHECK(holds >= 1U && holds <= 3U);
   if ((holds & 1U) != 0U) {
     *fault |= 1U;
   }
@@ -739,6 +774,7 @@ SOTER_INLINE void soter_n_gate(int n, soter_form* out, const soter_form* a, doub
     out->lo = soter_least(soter_most(a->lo, lo), hi);
     out->hi = soter_most(soter_least(a->hi, hi), lo);
   }
+  SOTER_CHECK(soter_holds(out->lo, out->hi) && out->lo >= lo && out->hi <= hi);
 }
 
 #include "soter_form_ints.h"

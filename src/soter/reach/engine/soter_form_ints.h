@@ -8,6 +8,7 @@
 
 SOTER_INLINE soter_ints soter_ints_of(int64_t lo, int64_t hi) {
   soter_ints out;
+  SOTER_CHECK(lo <= hi);
   out.lo = lo;
   out.hi = hi;
   return out;
@@ -25,6 +26,7 @@ SOTER_INLINE soter_truth soter_ints_equal(soter_ints a, soter_ints b) {
 }
 
 SOTER_INLINE soter_ints soter_ints_select(soter_truth t, soter_ints a, soter_ints b) {
+  SOTER_CHECK(t >= 1U && t <= 3U);
   if (t == 2U) {
     return a;
   }
@@ -32,6 +34,7 @@ SOTER_INLINE soter_ints soter_ints_select(soter_truth t, soter_ints a, soter_int
 }
 
 SOTER_INLINE void soter_ints_merge(soter_ints* out, soter_truth t, soter_ints a) {
+  SOTER_CHECK(t >= 1U && t <= 3U);
   *out = t == 3U ? soter_ints_select(3U, *out, a) : a;
 }
 
@@ -44,6 +47,7 @@ SOTER_INLINE soter_ints soter_ints_max(soter_ints a, soter_ints b) {
 
 SOTER_INLINE soter_ints soter_ints_table(const int64_t items[], soter_ints at) {
   soter_ints out = soter_ints_of(items[at.lo], items[at.lo]);
+  SOTER_CHECK(at.lo >= 0 && at.lo <= at.hi);
   for (int64_t k = at.lo + 1; k <= at.hi; k++) {
     out = soter_ints_select(3U, out, soter_ints_of(items[k], items[k]));
   }
@@ -132,11 +136,13 @@ SOTER_INLINE soter_ints soter_ints_mod(soter_ints a, soter_ints b, unsigned* fau
   }
   const int64_t size = soter_max_int(soter_max_int(soter_size_int(b.lo), soter_size_int(b.hi)), 1);
   const int64_t limit = size == INT64_MAX ? size : size - 1;
+  SOTER_CHECK(size >= 1 && limit >= 0);
   return soter_ints_of(a.lo >= 0 ? 0 : soter_max_int(a.lo, -limit),
                        a.hi <= 0 ? 0 : soter_min_int(a.hi, limit));
 }
 
 SOTER_INLINE soter_ints soter_ints_narrow(soter_ints a, int64_t lo, int64_t hi, unsigned* fault) {
+  SOTER_CHECK(lo <= hi);
   if (a.lo < lo || a.hi > hi) {
     *fault |= 1U;
   }
@@ -148,6 +154,7 @@ SOTER_INLINE soter_ints soter_ints_narrow(soter_ints a, int64_t lo, int64_t hi, 
 SOTER_INLINE soter_ints soter_ints_index(soter_ints a, soter_ints limit, int64_t capacity,
                                          unsigned* fault) {
   const int64_t last = soter_max_int(soter_min_int(capacity, limit.hi), 1) - 1;
+  SOTER_CHECK(capacity >= 1 && last < capacity);
   if (a.lo < 0 || a.hi >= limit.lo) {
     *fault |= 1U;
   }

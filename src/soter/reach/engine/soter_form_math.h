@@ -33,6 +33,7 @@ SOTER_INLINE void soter_n_mean(int n, soter_form* out, const soter_form* a, doub
                                double least, double most, double off) {
   const double slope = 0.5 * least + 0.5 * most;
   const double beside = soter_most(most - slope, slope - least);
+  SOTER_CHECK(soter_holds(least, most) && m >= a->lo && m <= a->hi && off > 0.0);
   const double reach = soter_above(soter_most(a->hi - m, m - a->lo));
   const double apart = beside * reach * (1.0 + 0x1p-49) + soter_size(out) * off + SOTER_TINY;
   const double lo = soter_rest_below(soter_lower(v, off), slope, m) - apart;
@@ -48,6 +49,7 @@ SOTER_INLINE double soter_middle(const soter_form* a) {
 /* A form that encloses an exact value, widened by a relative deviation. */
 SOTER_INLINE void soter_n_widen(int n, soter_form* out, double off) {
   const double apart = soter_size(out) * off + SOTER_TINY;
+  SOTER_CHECK(apart > 0.0);
   if (soter_n_ends(n, out, soter_below(out->lo - apart), soter_above(out->hi + apart))) {
     out->r += apart * (1.0 + 0x1p-49);
   }
@@ -58,6 +60,7 @@ SOTER_INLINE void soter_n_widen(int n, soter_form* out, double off) {
 /* Whether [lo, hi] contains phase + 2 pi k for some k, or nearly does; |lo|, |hi| <= 1e5. */
 SOTER_INLINE bool soter_meets(double lo, double hi, double phase) {
   const double turn = 2.0 * SOTER_MATH_PI;
+  SOTER_CHECK(soter_holds(lo, hi) && lo >= -1.0e5 && hi <= 1.0e5);
   return floor((hi - phase) / turn + 1e-9) >= ceil((lo - phase) / turn - 1e-9);
 }
 
@@ -70,6 +73,7 @@ SOTER_INLINE void soter_wave(double lo, double hi, bool quarter, double off, dou
                ? -1.0
                : soter_most(-1.0, soter_lower(soter_least(a, b), off));
   *most = soter_meets(lo, hi, top) ? 1.0 : soter_least(1.0, soter_upper(soter_most(a, b), off));
+  SOTER_CHECK(-1.0 <= *least && *least <= *most && *most <= 1.0);
 }
 
 SOTER_INLINE void soter_n_wave(int n, soter_form* out, const soter_form* a, bool quarter,
@@ -124,6 +128,7 @@ SOTER_INLINE void soter_n_exp(int n, soter_form* out, const soter_form* a, doubl
   }
   out->lo = soter_most(0.0, soter_lower(exp(a->lo), off));
   out->hi = soter_upper(exp(a->hi), off);
+  SOTER_CHECK(soter_holds(out->lo, out->hi));
   soter_n_mean(n, out, a, m, exp(m), out->lo, out->hi, off);
 }
 
@@ -136,6 +141,7 @@ SOTER_INLINE void soter_n_log(int n, soter_form* out, const soter_form* a, doubl
   /* Near 1 the error of libm is relative to the logarithm, which is small; so is that here. */
   out->lo = a->lo > 0.0 ? soter_lower(log(a->lo), off) : -SOTER_INF;
   out->hi = a->hi > 0.0 ? soter_upper(log(a->hi), off) : -SOTER_INF;
+  SOTER_CHECK(soter_holds(out->lo, out->hi));
   if (soter_form_wild(out) || !(a->lo > 0.0)) {
     soter_n_plain(n, out);
     return;
@@ -159,6 +165,7 @@ SOTER_INLINE void soter_n_tanh(int n, soter_form* out, const soter_form* a, doub
   const double near = tanh(soter_nearest(a)), far = tanh(soter_size(a));
   out->lo = soter_most(-1.0, soter_lower(tanh(a->lo), off));
   out->hi = soter_least(1.0, soter_upper(tanh(a->hi), off));
+  SOTER_CHECK(soter_holds(out->lo, out->hi));
   soter_n_mean(n, out, a, m, tanh(m), soter_most(0.0, 1.0 - far * far - 4.0 * off),
                soter_least(1.0, 1.0 - near * near + 4.0 * off), off);
 }
@@ -173,6 +180,7 @@ SOTER_INLINE void soter_n_atan(int n, soter_form* out, const soter_form* a, doub
   const double near = soter_nearest(a), far = soter_size(a);
   out->lo = soter_lower(atan(a->lo), off);
   out->hi = soter_upper(atan(a->hi), off);
+  SOTER_CHECK(soter_holds(out->lo, out->hi));
   soter_n_mean(n, out, a, m, atan(m), 1.0 / (1.0 + far * far) * (1.0 - 0x1p-49),
                1.0 / (1.0 + near * near) * (1.0 + 0x1p-49), off);
 }
@@ -187,6 +195,7 @@ SOTER_INLINE void soter_n_asin(int n, soter_form* out, const soter_form* a, doub
   const double near = soter_nearest(a), far = soter_size(a);
   out->lo = soter_lower(asin(a->lo), off);
   out->hi = soter_upper(asin(a->hi), off);
+  SOTER_CHECK(soter_holds(out->lo, out->hi));
   soter_n_mean(n, out, a, m, asin(m), 1.0 / sqrt((1.0 - near) * (1.0 + near)) * (1.0 - 0x1p-49),
                1.0 / sqrt((1.0 - far) * (1.0 + far)) * (1.0 + 0x1p-49), off);
 }
@@ -200,6 +209,7 @@ SOTER_INLINE void soter_n_acos(int n, soter_form* out, const soter_form* a, doub
   const double near = soter_nearest(a), far = soter_size(a);
   out->lo = soter_most(0.0, soter_lower(acos(a->hi), off));
   out->hi = soter_upper(acos(a->lo), off);
+  SOTER_CHECK(soter_holds(out->lo, out->hi));
   soter_n_mean(n, out, a, m, acos(m), -1.0 / sqrt((1.0 - far) * (1.0 + far)) * (1.0 + 0x1p-49),
                -1.0 / sqrt((1.0 - near) * (1.0 + near)) * (1.0 - 0x1p-49), off);
 }
@@ -252,6 +262,7 @@ SOTER_INLINE void soter_n_hypot(int n, soter_form* out, const soter_form* a, con
   }
   out->lo = soter_most(out->lo, soter_lower(hypot(soter_nearest(a), soter_nearest(b)), off));
   out->hi = soter_least(out->hi, soter_upper(hypot(soter_size(a), soter_size(b)), off));
+  SOTER_CHECK(soter_holds(out->lo, out->hi));
   soter_n_widen(n, out, off);
   out->lo = soter_most(out->lo, 0.0);
 }
@@ -278,6 +289,7 @@ SOTER_INLINE void soter_n_pow(int n, soter_form* out, const soter_form* x, const
   out->lo = soter_most(soter_most(out->lo, 0.0),
                        soter_lower(soter_least(soter_least(p, q), soter_least(s, t)), off));
   out->hi = soter_least(out->hi, soter_upper(soter_most(soter_most(p, q), soter_most(s, t)), off));
+  SOTER_CHECK(soter_holds(out->lo, out->hi));
 }
 
 #endif

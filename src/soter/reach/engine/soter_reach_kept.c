@@ -33,6 +33,7 @@ unsigned soter_reach_stands(const soter_reach_group* g, soter_scratch* s, const 
     const int k = g->axis[i];
     const double more = soter_up(g->scheme * rate[i]);
     const double low = soter_down(lo[i] - more), high = soter_up(hi[i] + more);
+    SOTER_CHECK(!(lo[i] > hi[i]) && !(rate[i] < 0)); /* `rate`: sizes */
     if (!(low >= g->low[k] && high <= g->high[k])) {
       return 0;
     }
@@ -40,6 +41,7 @@ unsigned soter_reach_stands(const soter_reach_group* g, soter_scratch* s, const 
   }
   for (int a = 0; a < g->commands; a++) {
     const int k = g->states + g->command[a];
+    SOTER_CHECK(!(ulo[a] > uhi[a]));
     soter_range(&s->in[k], k, ulo[a], uhi[a]);
   }
   if (g->rate(s->in, g->param, s->out)) {

@@ -2,6 +2,7 @@
 #define _POSIX_C_SOURCE 200809L
 
 #include "soter_reach_pool.h"
+#include "soter_check.h"
 
 #include <string.h>
 #include <time.h>
@@ -19,6 +20,7 @@ static void work(soter_crew* crew, int who) {
     const int64_t k = __atomic_fetch_add(&crew->next, CHUNK, __ATOMIC_SEQ_CST);
     const int64_t end = __atomic_load_n(&crew->end, __ATOMIC_SEQ_CST);
     const int64_t stop = k + CHUNK < end ? k + CHUNK : end;
+    SOTER_CHECK(k >= 0 && (who == 0 || who == 1));
     if (k >= end) {
       return;
     }
@@ -55,6 +57,7 @@ static void* helper(void* argument) {
     }
     work(crew, 1);
     (void)pthread_mutex_lock(&crew->lock);
+    SOTER_CHECK(crew->busy == 1 && crew->round == seen); /* nobody begins before this one ended */
     __atomic_store_n(&crew->busy, 0, __ATOMIC_RELEASE);
     (void)pthread_cond_signal(&crew->done);
     (void)pthread_mutex_unlock(&crew->lock);
@@ -63,6 +66,7 @@ static void* helper(void* argument) {
 
 int soter_crew_begin(soter_crew* crew, void (*task)(soter_crew*, int, int64_t), void* job,
                      double seconds, int threads) {
+  SOTER_CHECK(threads <= SOTER_REACH_THREADS);
   memset(crew, 0, sizeof *crew);
   crew->task = task;
   crew->job = job;
@@ -81,6 +85,7 @@ int soter_crew_begin(soter_crew* crew, void (*task)(soter_crew*, int, int64_t), 
 
 static void start(soter_crew* crew) {
   (void)pthread_mutex_lock(&crew->lock);
+  SOTER_CHECK(crew->threads > 1 && crew->busy == 0);
   crew->busy = 1;
   __atomic_store_n(&crew->round, crew->round + 1, __ATOMIC_RELEASE);
   (void)pthread_cond_signal(&crew->wake);
@@ -89,6 +94,7 @@ static void start(soter_crew* crew) {
 
 /* Does the tasks begin..end-1; returns the first one that was not begun. */
 int64_t soter_crew_run(soter_crew* crew, int64_t begin, int64_t end) {
+  SOTER_CHECK(begin >= 0 && crew->task != 0);
   if (crew->threads < 2 || end - begin < ALONE) {
     int64_t k = begin;
     for (; k < end; k++) {
@@ -110,6 +116,7 @@ int64_t soter_crew_run(soter_crew* crew, int64_t begin, int64_t end) {
     (void)pthread_cond_wait(&crew->done, &crew->lock);
   }
   (void)pthread_mutex_unlock(&crew->lock);
+  SOTER_CHECK(crew->end <= end && crew->next >= crew->end); /* what is below was begun */
   return crew->end;
 }
 

@@ -22,6 +22,7 @@ typedef int (*box_test)(cell_job* job, int who, const int* first, const int* las
 static void edges_of(const soter_reach_group* g, const int* first, const int* last, double* lo,
                      double* hi) {
   for (int a = 0; a < g->axes; a++) {
+    SOTER_CHECK(0 <= first[a] && first[a] <= last[a] && last[a] < g->cells[a]);
     lo[a] = g->edges[a][first[a]];
     hi[a] = g->edges[a][last[a] + 1];
   }
@@ -36,6 +37,7 @@ static void fill(cell_job* job, const int* first, const int* last, uint8_t value
     for (int i = 0; i < g->axes; i++) {
       cell = cell * g->cells[i] + at[i];
     }
+    SOTER_CHECK(cell >= 0 && last[g->axes - 1] < g->cells[g->axes - 1]);
     memset(job->out + cell, value, (size_t)(last[g->axes - 1] - first[g->axes - 1] + 1));
     for (a = g->axes - 2; a >= 0 && at[a] == last[a]; a--) {
       at[a] = first[a];
@@ -53,6 +55,7 @@ enum { FEW = 16 };
 static void divide(cell_job* job, int who, box_test test, const int* first, const int* last) {
   int widest = 0, size = 1, mid_last[AXES], mid_first[AXES];
   const int value = test(job, who, first, last);
+  SOTER_CHECK(value >= 0 && (job->test == 0 || (value & 3) != 0)); /* true or false at least */
   for (int a = 0; a < job->g->axes; a++) {
     widest = last[a] - first[a] > last[widest] - first[widest] ? a : widest;
   }
@@ -97,6 +100,7 @@ static int tube_inside(const cell_job* job, const double* lo, const double* hi) 
         high[i] += most;
         size += fabs(least) + fabs(most);
       }
+      SOTER_CHECK(!(low[i] > high[i]) && !(size < 0));
       low[i] -= 8 * EPS * size + TINY;
       high[i] += 8 * EPS * size + TINY;
     }
@@ -118,6 +122,7 @@ static int walk_inside(const cell_job* job, int who, const double* lo, const dou
   held.held_low = g->low + g->states; /* any command of U, and any other one at the next step */
   held.held_high = g->high + g->states;
   held.delay = held.jitter = 0;
+  SOTER_CHECK(job->steps >= 1 && job->tube == 0);
   held.hold_steps = 1;
   soter_reach_start(g, lo, hi, &x);
   if (!soter_reach_cover(g, x.lo, x.hi, box) || !soter_reach_inside(g, job->target, box, 0)) {
@@ -142,6 +147,7 @@ static int safe_box(cell_job* job, int who, const int* first, const int* last) {
     box[2 * a] = (uint16_t)first[a];
     box[2 * a + 1] = (uint16_t)last[a];
   }
+  SOTER_CHECK(job->test == 0);
   if (!soter_reach_inside(g, job->target, box, 0)) {
     return soter_reach_inside(g, job->target, box, 1) ? 8 : 0;
   }
@@ -161,12 +167,14 @@ static int truth_box(cell_job* job, int who, const int* first, const int* last) 
   soter_truth answer[1] = {3};
   double lo[AXES], hi[AXES];
   edges_of(g, first, last, lo, hi);
+  SOTER_CHECK(0 <= who && who < SOTER_REACH_THREADS);
   for (int a = 0; a < g->axes; a++) {
     soter_range(&s->in[g->axis[a]], g->axis[a], lo[a], hi[a]);
   }
   if (job->test(s->in, g->param, answer)) {
     return 8 | 4 | 3; /* a step fault is possible */
   }
+  SOTER_CHECK(answer[0] >= 1 && answer[0] <= 3);
   return answer[0] == 3 ? 8 | 3 : answer[0] & 3;
 }
 
@@ -186,6 +194,7 @@ static int64_t over_tiles(cell_job* job, int64_t first_tile, double seconds, int
   (void)soter_crew_begin(&crew, safe_tile, job, seconds, threads);
   done = soter_crew_run(&crew, first_tile, tiles);
   soter_crew_end(&crew);
+  SOTER_CHECK(done >= first_tile || first_tile >= tiles);
   return done;
 }
 

@@ -58,11 +58,6 @@ class HalfSpaces:
         below = [tuple(-x for x in row) for row in units]
         return [*self.rows, *units, *below], [*self.bounds, *self.high, *(-x for x in self.low)]
 
-    @property
-    def is_box(self) -> bool:
-        """Whether there is nothing but the box."""
-        return not self.rows
-
     def boxed_in(self, other: HalfSpaces) -> bool:
         """Whether its box is part of another one."""
         return all(a >= b for a, b in zip(self.low, other.low, strict=True)) and all(

@@ -10,6 +10,7 @@ void soter_search_deepening(soter_search* s) {
   for (uint32_t bound = 1U;; bound++) {
     soter_stack t;
     const bool opened = soter_stack_open(&t, s);
+    SOTER_CHECK(bound > 0U); /* no world is that deep: a round that cuts nothing comes before */
     if (opened) {
       s->result->states = 0U; /* of the last round; transitions of all */
       soter_stack_run(&t, bound);

@@ -17,8 +17,10 @@ typedef struct {
 } pct;
 
 static uint32_t decide(soter_walk* w, uint32_t kind, uint32_t count) {
+  const uint32_t chosen = soter_walk_random(w, count);
   (void)kind;
-  return soter_walk_random(w, count);
+  SOTER_CHECK(count >= 1U && chosen < count);
+  return chosen;
 }
 
 static uint32_t highest(const pct* p, uint64_t enabled) {

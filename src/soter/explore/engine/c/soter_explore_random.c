@@ -2,8 +2,10 @@
 #include "soter_explore_walk.h"
 
 static uint32_t decide(soter_walk* w, uint32_t kind, uint32_t count) {
+  const uint32_t chosen = soter_walk_random(w, count);
   (void)kind;
-  return soter_walk_random(w, count);
+  SOTER_CHECK(count >= 1U && chosen < count);
+  return chosen;
 }
 
 static void begin(soter_walk* w, uint64_t run) {
