@@ -1,9 +1,10 @@
 """The figures of the house, and what the recut did to the time of commands.
 
-    .venv/bin/python bench/house.py [--against COMMIT] [--runs 5]
+    .venv/bin/python bench/house.py [--against COMMIT] [--assertions] [--runs 5]
 
 Purpose: counts over src/ as the tests assert them; with `--against` the same commands on that
-commit and on this one, in turns, medians of CPU time.
+commit and on this one, in turns, medians of CPU time; with `--assertions` the same commands with
+the assertions of the C engines compiled out and in.
 Non-goals: judging; the counting itself (tests/unit/test_house_figures.py, test_c_figures.py).
 """
 
@@ -33,6 +34,23 @@ COMMANDS = {
     "run, drone, 60 s": ("run", "examples/drone/motion_primitive.soter", "--until", "60s"),
     "check, drone": ("check", "examples/drone/motion_primitive.soter"),
 }
+
+ENGINES = {
+    "verify, cart": ("verify", "examples/wall/cart.soter", "--no-refute"),
+    "verify, drone": ("verify", "examples/drone/motion_primitive.soter", "--no-refute"),
+    "test, two modules": ("test", "examples/testing/two_modules.soter", "--reduction", "sleep"),
+}
+UNCHECKED = """
+import sys
+from soter.explore.engine import engine
+from soter.reach.enclose import library
+for module in (engine, library):
+    assert "-DSOTER_CHECKED" in module.FLAGS
+    module.FLAGS = tuple(f for f in module.FLAGS if f != "-DSOTER_CHECKED")
+from soter.cli.main import main
+sys.exit(main(sys.argv[1:]))
+"""
+"""The command line with engines that assert nothing."""
 
 
 def counts() -> dict[str, object]:
@@ -65,12 +83,18 @@ def counts() -> dict[str, object]:
     }
 
 
-def cpu(command: tuple[str, ...], root: Path, cache: str) -> float:
+def cpu(
+    command: tuple[str, ...],
+    root: Path,
+    cache: str,
+    started: tuple[str, ...] = ("-m", "soter.cli.main"),
+) -> float:
     """CPU seconds of a command with the sources of a checkout."""
     environment = {**os.environ, "PYTHONPATH": str(root / "src"), "XDG_CACHE_HOME": cache}
     before = resource.getrusage(resource.RUSAGE_CHILDREN)
-    words = [sys.executable, "-m", "soter.cli.main", *command]
-    subprocess.run(words, cwd=root, env=environment, capture_output=True, check=False)
+    words = [sys.executable, *started, *command]
+    done = subprocess.run(words, cwd=root, env=environment, capture_output=True, check=False)
+    assert done.returncode in {0, 3, 4}, done.stderr.decode()
     after = resource.getrusage(resource.RUSAGE_CHILDREN)
     return after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
 
@@ -98,16 +122,39 @@ def against(commit: str, runs: int) -> None:
             subprocess.run([*git, "remove", "--force", str(old)], check=True)
 
 
+def assertions(runs: int) -> None:
+    """What the assertions of the engines cost, in turns; the first run of each compiles.
+
+    Sets that were computed before are not reused: every run begins with the compiled engines only.
+    """
+    with tempfile.TemporaryDirectory() as at:
+        for name, command in ENGINES.items():
+            found: list[list[float]] = [[], []]
+            for run in range(runs + 1):
+                for k, started in enumerate((("-c", UNCHECKED), ("-m", "soter.cli.main"))):
+                    cache = Path(at) / f"cache-{k}"
+                    for kept in cache.glob("**/*.npz"):
+                        kept.unlink()
+                    took = cpu(command, ROOT, str(cache), started)
+                    if run:
+                        found[k].append(took)
+            a, b = (statistics.median(times) for times in found)
+            print(f"{name:20} CPU {a:6.2f} s unchecked, {b:6.2f} s checked, ratio {b / a:.2f}")
+
+
 def main() -> int:
     """Print the counts, and the times where there is a commit to compare with."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--against", help="a commit to compare times with")
+    parser.add_argument("--assertions", action="store_true", help="compare with and without")
     parser.add_argument("--runs", type=int, default=5)
     arguments = parser.parse_args()
     for what, figure in counts().items():
         print(f"{what:50} {figure}")
     if arguments.against:
         against(arguments.against, arguments.runs)
+    if arguments.assertions:
+        assertions(arguments.runs)
     return 0
 
 
