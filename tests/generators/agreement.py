@@ -17,6 +17,7 @@ from generators.small_programs import small_program
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.engine.engine import Engine, Settings
 from soter.explore.engine.search import Search
+from soter.explore.methods import EXHAUSTIVE
 from soter.explore.results import Options
 from soter.program.build import check_file, system_of_test
 
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from soter.program.model.system import System
 
 WHAT = ("property", "contract", "fault", "timed")
-STRATEGIES = ("bfs", "dfs")
 REDUCTIONS = ("none", "sleep", "ample", "all")
 MOST = 6_000
 """Transitions of a small program, at most."""
@@ -86,7 +86,7 @@ def compared(s: Small, extra: tuple[str, ...] = ()) -> Compared:
     told = Compared(s.seed)
     engine = Engine(s.system, extra=extra)
     try:
-        for strategy in STRATEGIES:
+        for strategy in EXHAUSTIVE:
             for reduction in REDUCTIONS:
                 _one(s, engine, Settings(strategy=strategy, reduction=reduction), told)
         _one(s, engine, Settings(strategy="bfs", reduction="none", threads=2), told)

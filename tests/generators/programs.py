@@ -48,6 +48,7 @@ from soter.program.model.types import (
     RecordType,
     is_vector,
 )
+from soter.syntax.schemes import SCHEMES
 
 if TYPE_CHECKING:
     from hypothesis.strategies import DrawFn
@@ -467,7 +468,7 @@ class ProgramMaker:
         lines += self._dynamics(states, disturbances, sight)
         if choose.chance(60):
             steps = f" substeps {choose.count(1, 3)}" if choose.chance(50) else ""
-            lines.append(f"  integrate {choose.pick(('rk4', 'euler'))}{steps};")
+            lines.append(f"  integrate {choose.pick(tuple(SCHEMES))}{steps};")
         for topic in drives:
             careful = topic.values.bounds and choose.chance(92)
             value = (

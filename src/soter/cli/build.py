@@ -12,6 +12,7 @@ from soter.api import load
 from soter.cli.terminal.outcome import Outcome
 from soter.cli.terminal.parser import Parser, add_file, add_settings
 from soter.cli.terminal.progress import Progress
+from soter.targets.build import TARGETS
 
 if TYPE_CHECKING:
     import argparse
@@ -30,7 +31,9 @@ def parser() -> Parser:
     """The command line."""
     made = Parser("build", "Write C99, or a package for a target.", EXAMPLES)
     add_file(made)
-    made.add_argument("--target", metavar="T", default="c", help="c (the default)")
+    default = next(iter(TARGETS))
+    names = " or ".join(f"{t} (the default)" if t == default else t for t in TARGETS)
+    made.add_argument("--target", metavar="T", default=default, help=names)
     made.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     add_settings(made)
@@ -61,8 +64,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
 
 
 def _say(package: Package, console: Console) -> None:
-    count = len(package.written)
-    console.say(f"{console.paint('green', 'built')}  {package.folder}  {count} files, target c")
+    what = f"{len(package.written)} files, target {package.target}"
+    console.say(f"{console.paint('green', 'built')}  {package.folder}  {what}")
     for name in package.kept:
         console.say(f"kept   {package.folder / name}, which is yours")
     for note in package.notes:

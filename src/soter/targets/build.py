@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     Maker = Callable[[System, CoreSystem, Path], Package]
 
 TARGETS: dict[str, Maker] = {"c": c99_package}
+"""The default first."""
 COMING = ("posix", "cortex-m", "ros1", "dds", "zenoh", "mavlink")
 
 
@@ -46,4 +47,6 @@ def build_package(target: str, system: System, core: CoreSystem, folder: Path) -
                 ),
             )
         )
-    return make(system, core, folder).write()
+    package = make(system, core, folder)
+    package.target = target
+    return package.write()

@@ -37,7 +37,7 @@ STATE, PROGRAM, UNTIL = "APP_STATE", "APP_PROGRAM", "APP_UNTIL_NS"
 
 def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
     """The package; externs without C are bound to `externs.c` here."""
-    package = Package("c", folder)
+    package = Package(folder)
     stubs = _bind_stubs(system)
     unit = generate(system, core)
     linked = [s for s in unit.c_sources if s != STUBS]

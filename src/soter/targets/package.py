@@ -34,16 +34,17 @@ class File:
 class Package:
     """What a target is: files, and what a person must know about them.
 
-    `written` and `kept` are filled by `write`: paths in `folder`.
+    `written` and `kept` are filled by `write`: paths in `folder`. `target` is filled in from the
+    table of targets (`build.py`), so that one made over another is not called by its name.
     """
 
-    target: str
     folder: Path
     files: list[File] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     commands: list[str] = field(default_factory=list)
     written: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
+    target: str = ""
 
     def write(self) -> Package:
         """Write everything; SoterError D006, D008, the latter before anything is written."""

@@ -9,11 +9,17 @@ import pytest
 import processes
 from soter.codegen.c.names import program_prefix
 from soter.native.compiler import WARNINGS, find
+from soter.targets.build import COMING, TARGETS
+from soter.targets.c99 import c99_package
+from soter.targets.package import File, Package
 
 if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
     from typing import Any
+
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import System
 
     Soter = Callable[..., Any]
 
@@ -165,6 +171,26 @@ def test_targets_that_are_not_there(soter: Soter) -> None:
     for target in ("posix", "cortex-m", "nonsense"):
         done = soter("build", "cart.soter", "--target", target, "-o", "out", "--json")
         assert (done.exit, done.codes) == (2, ["U001"])
+
+
+def test_another_target_is_called_by_its_own_name(
+    soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def toy(system: System, core: CoreSystem, folder: Path) -> Package:
+        package = c99_package(system, core, folder)
+        package.files.append(File("TOY.txt", "a toy"))
+        return package
+
+    monkeypatch.setitem(TARGETS, "toy", toy)
+    assert "c (the default) or toy" in " ".join(soter("build", "--help").out.split())
+    assert "target toy" in soter("build", "cart.soter", "--target", "toy", "-o", "out").out
+    assert (here / "out" / "TOY.txt").read_text() == "a toy"
+    done = soter("build", "cart.soter", "--target", "toy", "-o", "out", "--json")
+    assert done.document["target"] == "toy"
+
+
+def test_no_target_is_there_and_still_to_come() -> None:
+    assert TARGETS.keys().isdisjoint(COMING)
 
 
 def test_files_of_others_are_not_overwritten(soter: Soter, here: Path) -> None:

@@ -15,6 +15,7 @@ import pytest
 
 import soter as soter_package
 from json_documents import SCHEMAS, _check
+from soter.explore.methods import STRATEGIES
 from soter.explore.results import THREADS_BFS
 
 if TYPE_CHECKING:
@@ -139,7 +140,7 @@ def test_what_a_verdict_rests_on_follows_from_how_it_was_found(soter: Soter, cor
     assert hashed["states"] > plain["states"]
 
 
-@pytest.mark.parametrize("strategy", ["bfs", "dfs", "deepening", "random", "pct", "coverage"])
+@pytest.mark.parametrize("strategy", STRATEGIES)
 def test_every_strategy_finds_it_and_the_trace_is_the_shortest(
     soter: Soter, corridor: str, strategy: str
 ) -> None:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.explore.engine.engine import Engine, Progress, Settings, sources
+from soter.explore.methods import EXHAUSTIVE, STRATEGIES
 from soter.native.own_files import SOTER
 from soter.program.build import check_file, system_of_test
 
@@ -84,9 +85,13 @@ def test_remembered_steps_and_steps_that_are_run_reach_the_same_worlds(test: str
     engine.close()
 
 
-def test_all_strategies_and_reductions_say_the_same(two: Engine) -> None:
-    assert two.explore(Settings()).status == "exhausted"
-    assert two.explore(Settings(strategy="dfs")).status == "exhausted"
+@pytest.mark.parametrize("strategy", STRATEGIES)
+def test_exhaustive_strategies_end_and_samples_never_say_so(two: Engine, strategy: str) -> None:
+    wanted = "exhausted" if strategy in EXHAUSTIVE else "runs"
+    assert two.explore(Settings(strategy=strategy, runs=10)).status == wanted
+
+
+def test_all_reductions_and_storages_say_the_same(two: Engine) -> None:
     assert two.explore(Settings(reduction="sleep")).status == "exhausted"
     assert two.explore(Settings(storage="fingerprint", threads=2)).status == "exhausted"
 

@@ -5,11 +5,11 @@ from __future__ import annotations
 import pytest
 
 from soter.explore.command import Told, explore_test
+from soter.explore.methods import EXHAUSTIVE
 from soter.explore.results import Options
 from unit.explore.random_walks import system_of_text
 
 TOLD = Told("small.soter", {})
-EXHAUSTIVE = ("bfs", "dfs", "deepening")
 
 OTHER = "topic z: bool; node B period 10ms { publishes z; step { publish z = true; } }"
 LATE_START = (

@@ -3,10 +3,14 @@
 from __future__ import annotations
 
 import math
+import re
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
 
+import soter
+from generators.programs import program
 from soter.lower import core
 from soter.lower import plants as lowered
 from soter.lower.footprint import walk
@@ -19,6 +23,9 @@ from soter.syntax.schemes import SCHEMES
 if TYPE_CHECKING:
     from soter.program.model.system import System
     from soter.syntax.schemes import Scheme
+
+
+DOCS = Path(__file__).resolve().parents[3] / "docs"
 
 
 def growing(scheme: str, substeps: int = 1) -> System:
@@ -45,6 +52,37 @@ def test_a_scheme_has_the_stages_and_the_order_of_the_list(scheme: Scheme) -> No
         c, _ = Interpreter(growing(scheme.name, substeps)).run()
         errors.append(abs(c.L[0][0] - math.e))
     assert math.log2(errors[0] / errors[1]) == pytest.approx(scheme.order, abs=0.2)
+
+
+@pytest.mark.parametrize("scheme", SCHEMES)
+def test_both_engines_compute_a_scheme_to_the_last_bit(scheme: str, tmp_path: Path) -> None:
+    (tmp_path / "swing.soter").write_text(f"""soter 1; topic y: float;
+    plant P period 10ms {{
+      drives y = x; state x: float = 0.3; state w: float = -0.2; let pull = -9.81 * sin(x);
+      der x = w; der w = pull - 0.1 * w * w; integrate {scheme} substeps 3;
+    }}
+    system S {{ p: P; until 1s; }}""")
+    program = soter.load(tmp_path / "swing.soter")
+    native, interpreted = (program.simulate(engine=e) for e in ("native", "interp"))
+    assert native.trace_sha256 == interpreted.trace_sha256
+
+
+def test_random_programs_are_integrated_by_every_scheme() -> None:
+    texts = [program(number) for number in range(60)]
+    assert {s for s in SCHEMES if any(f"integrate {s}" in text for text in texts)} == set(SCHEMES)
+
+
+def test_the_documents_name_every_scheme_and_say_what_it_computes() -> None:
+    grammar = (DOCS / "grammar.ebnf").read_text(encoding="utf-8")
+    written = re.search(r"'integrate' \(([^)]*)\)", grammar)
+    assert written is not None
+    assert re.findall(r"'(\w+)'", written[1]) == list(SCHEMES)
+    semantics = (DOCS / "semantics.md").read_text(encoding="utf-8")
+    assert set(re.findall(r"^(\w+): +(?:k1 = f\(x\)|x \+ h)", semantics, re.MULTILINE)) == set(
+        SCHEMES
+    )
+    language = (DOCS / "language.md").read_text(encoding="utf-8")
+    assert [s for s in SCHEMES if f"`integrate {s}`" not in language] == []
 
 
 def test_a_scheme_that_an_engine_does_not_know_is_an_error_and_not_another_one() -> None:

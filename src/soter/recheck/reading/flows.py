@@ -27,6 +27,9 @@ if TYPE_CHECKING:
 PIECES = 16
 """Into how many pieces a span of time is cut where a kernel may change its sign."""
 TAYLOR = 24
+ORDERS = {"euler": 1, "rk4": 4}
+"""Schemes whose step `_scheme` knows, with their order p: those of p stages, for which the step is
+the series of the solution up to h^p and no other polynomial. Others are not rechecked."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -308,7 +311,8 @@ def _scheme(model: Model, a: Matrix) -> tuple[Matrix, Matrix]:
     One step of the scheme is P x + Q v, the solution Phi x + Gamma v, with the state x at its
     beginning and v = B u + c + W w held. The rate r, constant over the step, solves Gamma r =
     (P - Phi) x + (Q - Gamma) v. All are series in A: E_x has entries only along paths of A, E_v
-    these and the diagonal.
+    these and the diagonal. NotRecheckedError for plants with several schemes, or one that is not
+    in ORDERS.
     """
     n = len(a)
     schemes = {
@@ -317,9 +321,11 @@ def _scheme(model: Model, a: Matrix) -> tuple[Matrix, Matrix]:
     if len(schemes) != 1:
         raise NotRecheckedError("plants with different schemes or periods")
     method, period_ns, substeps = schemes.pop()
+    order = ORDERS.get(method)
+    if order is None:
+        raise NotRecheckedError(f"plants that are integrated by `{method}`")
     machine = Fraction(float(period_ns) / 1e9 / substeps)
     true = Fraction(period_ns, 10**9 * substeps)
-    order = {"euler": 1, "rk4": 4}[method]
     phi, gamma = exponential(a, true, true), integral(a, true)
     h = exact(machine)
     p = [[ONE if i == j else ZERO for j in range(n)] for i in range(n)]

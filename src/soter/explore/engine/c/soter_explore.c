@@ -5,9 +5,30 @@
  */
 #include "soter_explore_in.h"
 
-static soter_strategy_fn* const STRATEGY[] = {soter_search_bfs,       soter_search_dfs,
-                                              soter_search_deepening, soter_search_random,
-                                              soter_search_pct,       soter_search_coverage};
+/* By name: a strategy that was forgotten here ends the process, and none stands in for another. */
+static void search(soter_search* s) {
+  switch (s->o->strategy) {
+    case SOTER_BFS:
+      soter_search_bfs(s);
+      return;
+    case SOTER_DFS:
+      soter_search_dfs(s);
+      return;
+    case SOTER_DEEPENING:
+      soter_search_deepening(s);
+      return;
+    case SOTER_RANDOM:
+      soter_search_random(s);
+      return;
+    case SOTER_PCT:
+      soter_search_pct(s);
+      return;
+    case SOTER_COVERAGE:
+      soter_search_coverage(s);
+      return;
+  }
+  SOTER_CHECK(!"a strategy without a search");
+}
 
 #define BIRTHS 65536U /* that are looked at; with more it is not known */
 
@@ -35,7 +56,7 @@ void soter_explore(const soter_model* m, const soter_explore_options* o,
                    soter_explore_result* result, soter_trace_step* trace, uint32_t room) {
   (void)memset(result, 0, sizeof *result);
   soter_search s = {m, o, progress, coverage, result, trace, room};
-  STRATEGY[o->strategy](&s);
+  search(&s);
   progress->states = result->states;
   progress->transitions = result->transitions;
   progress->depth = result->depth;

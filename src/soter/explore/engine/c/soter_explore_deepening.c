@@ -18,8 +18,13 @@ void soter_search_deepening(soter_search* s) {
     } else {
       s->result->status = SOTER_NO_MEMORY;
     }
+    const bool enough = t.broke && !s->o->go_on;
+    const bool last = !opened || !t.cut || t.status != SOTER_EXHAUSTED || enough;
+    if (last && opened && s->o->keep && s->o->storage == SOTER_EXACT) {
+      s->result->kept = soter_keep(NULL, &t.store);
+    }
     soter_stack_close(&t);
-    if (!opened || !t.cut || s->result->status != SOTER_EXHAUSTED) {
+    if (last) {
       return;
     }
   }
