@@ -38,7 +38,7 @@ def require_plain() -> None:
                     "X012",
                     f"this process does not compute as programs mean it: {wrong}",
                     notes=("what it computed since then is not what the program means",),
-                    helps=("a library built with `-Ofast` does that as it is loaded; `fesetround`",),
+                    helps=("look for libraries built with `-Ofast`, and for `fesetround`",),
                 ),
             )
         )
