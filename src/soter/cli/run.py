@@ -214,8 +214,8 @@ def _files(
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     if log is not None:
-        for path in log.unfinished:
-            where = os.path.relpath(path, args.home)
+        for part in log.unfinished:
+            where = os.path.relpath(part, args.home)
             console.note(
                 f"an unfinished log of an earlier run: `{where}` (`mcap recover` reads it)"
             )
