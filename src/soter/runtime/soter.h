@@ -236,9 +236,9 @@ uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, con
 int64_t soter_next_instant(const soter_program* p, const void* state);
 
 /* Environment-Input: `topic` takes the value at `given` (p->topic[topic].size bytes, as it lies in
- * the state), measured at `time`; it is stamped so and goes into the topic's queues. Between
- * instants, or while one waits for an answer. A refused value leaves the topic as it was; what
- * comes back is SOTER_OK, or
+ * the state), measured at `time`; it is stamped so and goes into the topic's queues. After
+ * soter_start, between instants or while one waits for an answer. A refused value leaves the topic
+ * as it was; what comes back is SOTER_OK, or
  *   SOTER_NONFINITE, SOTER_RANGE   the value is not in the topic's set;
  *   SOTER_EXTERN_FAULT             it is no value of the topic's type, the topic is not the
  *                                  environment's, or `time` is before its stamp or after the next

@@ -9,6 +9,7 @@ import pytest
 
 import processes
 import soter
+from generators.packages import CART
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.compiler import find
 from soter.program.meaning.processor import changed, put_back
@@ -96,3 +97,11 @@ def test_a_process_that_rounds_otherwise_runs_nothing(
     library.rounds_up()
     with pytest.raises(SoterError, match="not rounded to the nearest"):
         program.simulate(engine=engine)
+
+
+def test_nor_does_it_prove_or_check_a_certificate(library: ctypes.CDLL, tmp_path: Path) -> None:
+    library.rounds_up()
+    for does in (soter.load(CART).verify, lambda: soter.recheck(tmp_path)):
+        with pytest.raises(SoterError) as caught:
+            does()
+        assert [d.code for d in caught.value.diagnostics] == ["X012"]
