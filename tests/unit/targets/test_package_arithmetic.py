@@ -41,7 +41,9 @@ def cart(tmp_path: Path) -> Path:
 
 
 def predefined(folder: Path, *flags: str) -> str:
-    return command([*find().command, *flags, "-dM", "-E", "-x", "c", "/dev/null"], folder).stdout
+    asked = [*find().command, *flags, "-dM", "-E", "-x", "c", "/dev/null"]
+    said: str = command(asked, folder).stdout
+    return said
 
 
 def is_gcc_on_x86(folder: Path) -> bool:
