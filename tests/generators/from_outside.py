@@ -44,6 +44,7 @@ typedef struct soter_program soter_program;
 void soter_start(const soter_program *p, void *state, uint64_t seed);
 int64_t soter_next_instant(const soter_program *p, const void *state);
 int soter_instant(const soter_program *p, void *state, uint32_t *due);
+void soter_progress(const soter_program *p, void *state);
 int soter_publish(const soter_program *p, void *state, uint32_t topic, const void *given,
                   int64_t time);
 void soter_answer(const soter_program *p, void *state, uint32_t component, int fault,
@@ -96,6 +97,10 @@ class Outside:
     def next_instant(self) -> int:
         """When it is, ns."""
         return int(self.lib.soter_next_instant(self.program, self._pointer))
+
+    def progress(self) -> None:
+        """Time moves to the next instant, which has not ended then."""
+        self.lib.soter_progress(self.program, self._pointer)
 
     def instant(self) -> int | None:
         """One instant, or the rest of one; the component that waits for an answer."""

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.program.meaning.processor import require_plain
 
 if TYPE_CHECKING:
     from soter.api.given import Progress
@@ -23,7 +24,7 @@ def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckRepo
 
     A certificate that is wrong, or uses what the re-checker does not know, is a report that is not
     `accepted`, with the reason. `SoterError` D009 where there is no certificate, D007 where
-    python-flint is not installed.
+    python-flint is not installed, X012 where the process does not compute as programs mean it.
     """
     if find_spec("flint") is None:
         raise SoterError(
@@ -35,6 +36,7 @@ def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckRepo
                 ),
             )
         )
+    require_plain()
     from soter.recheck.certificate.folder import NotACertificateError  # noqa: PLC0415 - an extra
     from soter.recheck.rechecker import recheck as check  # noqa: PLC0415 - an extra
 

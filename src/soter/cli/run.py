@@ -130,7 +130,7 @@ def _finish(
     from soter.simulate.outputs.figures import run_figures  # noqa: PLC0415 - needs NumPy
 
     console.say(summary(result, args.file, console))
-    written, problems = _files(program, result, args, log)
+    written, problems = _files(program, result, args, log, console)
     lines = [f"{kind:<7} {path}" for kind, path in written.items()]
     if result.trace_sha256:
         lines.append(console.paint("muted", f"trace   {result.trace_sha256}"))
@@ -204,12 +204,21 @@ def _rescued(args: argparse.Namespace, process: int) -> tuple[str, ...]:
 
 
 def _files(
-    program: Program, result: Run, args: argparse.Namespace, log: RunLog | None
+    program: Program,
+    result: Run,
+    args: argparse.Namespace,
+    log: RunLog | None,
+    console: Console,
 ) -> tuple[dict[str, str], tuple[Diagnostic, ...]]:
     """Paths of what was written, by kind, and what could not be."""
     written: dict[str, str] = {}
     problems: list[Diagnostic] = []
     if log is not None:
+        for part in log.unfinished:
+            where = os.path.relpath(part, args.home)
+            console.note(
+                f"an unfinished log of an earlier run: `{where}` (`mcap recover` reads it)"
+            )
         if log.problem is None:
             written["log"] = _path(args, result.system, "log", ".mcap")
         else:

@@ -91,6 +91,7 @@ class TableEmitter:
                 *((name, c.Number(f"{len(items)}U")) for name, items in counted),
                 *tables,
                 ("init", c.Name(f"{p}_init")),
+                ("self_test", c.Name("soter_computes")),
             )
         )
         self.found.append(c.VariableDef("soter_program", f"{p}_program", program, static=False))

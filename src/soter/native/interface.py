@@ -12,6 +12,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.program.meaning.processor import require_plain
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -56,8 +57,11 @@ def opened(
 ) -> Any:  # noqa: ANN401 - the same
     """The library; SoterError X004 where a function it needs is nowhere.
 
+    X012 where this thread does not compute as what is loaded takes for granted.
+
     `owners`: the C file in which each linked function was to be found.
     """
+    require_plain()
     try:
         return ffi.dlopen(str(path))
     except OSError as error:

@@ -8,6 +8,7 @@ Non-goals: locking; of two writers of one path the last to finish wins.
 from __future__ import annotations
 
 import os
+import re
 import secrets
 from contextlib import contextmanager, suppress
 from typing import IO, TYPE_CHECKING
@@ -55,6 +56,29 @@ def left_behind(folder: Path, process: int) -> list[tuple[Path, Path]]:
         (part, part.with_name(part.name[1 : part.name.rindex(mark)]))
         for part in sorted(folder.glob(f".*{mark}*{PART}"))
     ]
+
+
+def unfinished(path: Path) -> list[Path]:
+    """What processes that are gone, and did not tidy up, had written of the file at `path`."""
+    target = path.resolve()
+    named = re.compile(rf"\.{re.escape(target.name)}\.([0-9]+)-[0-9a-f]{{8}}{re.escape(PART)}")
+    with suppress(OSError):
+        parts = [(p, named.fullmatch(p.name)) for p in sorted(target.parent.iterdir())]
+        return [p for p, found in parts if found and not _runs(int(found.group(1)))]
+    return []
+
+
+def _runs(process: int) -> bool:
+    """Whether there is such a process; what cannot be asked for is believed to run."""
+    if os.name != "posix":
+        return True  # there, 0 is a signal that ends it
+    try:
+        os.kill(process, 0)
+    except (ProcessLookupError, OverflowError):
+        return False
+    except OSError:
+        pass
+    return True
 
 
 def reason(error: OSError) -> str:

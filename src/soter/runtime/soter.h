@@ -210,6 +210,7 @@ typedef struct {
   const soter_topic_info* topic;
   const soter_input_info* input;
   void (*init)(void* state, const void* answer); /* defaults of topics, locals and plants */
+  const char* (*self_test)(void); /* soter_computes, as the program's own file was compiled */
 } soter_program;
 
 /* ------------------------------------------------------------------ the kernel */
@@ -235,9 +236,9 @@ uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, con
 int64_t soter_next_instant(const soter_program* p, const void* state);
 
 /* Environment-Input: `topic` takes the value at `given` (p->topic[topic].size bytes, as it lies in
- * the state), measured at `time`; it is stamped so and goes into the topic's queues. Between
- * instants, or while one waits for an answer. A refused value leaves the topic as it was; what
- * comes back is SOTER_OK, or
+ * the state), measured at `time`; it is stamped so and goes into the topic's queues. After
+ * soter_start, between instants or while one waits for an answer. A refused value leaves the topic
+ * as it was; what comes back is SOTER_OK, or
  *   SOTER_NONFINITE, SOTER_RANGE   the value is not in the topic's set;
  *   SOTER_EXTERN_FAULT             it is no value of the topic's type, the topic is not the
  *                                  environment's, or `time` is before its stamp or after the next
@@ -265,8 +266,9 @@ soter_property* soter_properties_of(const soter_program* p, void* state);
 int64_t* soter_stamps_of(const soter_program* p, void* state);
 
 /* NULL where this machine computes as programs mean it, else what is wrong, in words: compilers do
- * not tell of every flag, nor what was linked. A driver's `main` calls it first of all. */
-const char* soter_self_test(void);
+ * not tell of every flag, nor what was linked. It looks at the flags of two files, its own and that
+ * of the program, which may be others. A driver's `main` calls it first of all. */
+const char* soter_self_test(const soter_program* p);
 
 /* ------------------------------------------------------------------ the virtual-time driver */
 
@@ -424,6 +426,69 @@ SOTER_INLINE void soter_check_int(int64_t x, int64_t low, int64_t high, soter_fa
 
 SOTER_INLINE double soter_seconds(int64_t ns) {
   return (double)ns / 1e9;
+}
+
+/* ------------------------------------------------------------------ does this file compute? */
+
+/* The same number; what is made of it is computed when it runs, not by the compiler. */
+SOTER_INLINE double soter_at_run_time(double x) {
+  volatile double kept = x;
+  return kept;
+}
+
+SOTER_INLINE bool soter_catches(double x) {
+  soter_fault fault = SOTER_OK;
+  soter_check_finite(x, &fault);
+  return fault == SOTER_NONFINITE;
+}
+
+SOTER_INLINE const char* soter_compares(void) {
+  const double zero = soter_at_run_time(0.0);
+  const double nan = zero / zero;
+  const double inf = soter_at_run_time(1.0) / zero;
+  if (nan == nan || nan < 1.0 || nan >= 1.0 || !(nan != nan) || !(inf > DBL_MAX)) {
+    return "comparisons with NaN or infinity are wrong (-ffast-math, -ffinite-math-only?)";
+  }
+  if (!soter_catches(nan) || !soter_catches(inf) || !soter_catches(-inf) || soter_catches(zero)) {
+    return "the gate does not see NaN or infinity (-ffast-math, -ffinite-math-only?)";
+  }
+  if (!(soter_at_run_time(1.0) / -zero < 0.0)) {
+    return "the sign of zero is lost (-fno-signed-zeros?)";
+  }
+  return NULL;
+}
+
+SOTER_INLINE const char* soter_rounds(void) {
+  const double one = soter_at_run_time(1.0);
+  const double half = soter_at_run_time(DBL_EPSILON / 2.0);
+  const double odd = soter_at_run_time(1.0 + DBL_EPSILON);
+  const double large = soter_at_run_time(1e16);
+  if (sizeof(1.0) != sizeof(double)) {
+    return "constants are of single precision (-fsingle-precision-constant?)";
+  }
+  if (soter_at_run_time(one + half) != 1.0 || soter_at_run_time(odd + half) - odd != DBL_EPSILON ||
+      soter_at_run_time(-one - half) != -1.0) {
+    return "sums are not rounded to the nearest double, once (fesetround, x87?)";
+  }
+  if (odd * odd - (one + 2.0 * DBL_EPSILON) != 0.0) {
+    return "a product and a sum are rounded together (-ffp-contract=fast?)";
+  }
+  const double small = soter_at_run_time(soter_at_run_time(DBL_MIN) / 2.0);
+  if (!(small > 0.0) || soter_at_run_time(small * 2.0) != DBL_MIN) {
+    return "small numbers are flushed to zero (linked with -ffast-math or -Ofast?)";
+  }
+  const double two = one + one;
+  if ((one + large) - large != 0.0 || (two + one) / 10.0 == (two + one) * 0.1 ||
+      sqrt(two) * sqrt(two) == two) {
+    return "operations are replaced by others (-funsafe-math-optimizations?)";
+  }
+  return NULL;
+}
+
+/* NULL where the file that this is compiled in computes as programs mean it, else what is wrong. */
+SOTER_INLINE const char* soter_computes(void) {
+  const char* const wrong = soter_compares();
+  return wrong != NULL ? wrong : soter_rounds();
 }
 
 /* ------------------------------------------------------------------ random draws */

@@ -120,7 +120,7 @@ int main(int count, char** words) {
   const soter_program* const p = APP_PROGRAM;
   int64_t until_ns = APP_UNTIL_NS;
   uint64_t seed = 1;
-  const char* const wrong = soter_self_test();
+  const char* const wrong = soter_self_test(p);
   if (wrong != NULL) {
     (void)fprintf(stderr, "%s: not run: %s\n", words[0], wrong);
     return EXIT_FAILURE;

@@ -29,18 +29,25 @@ if TYPE_CHECKING:
 
 
 def refusal(
-    machine: Machine, c: Configuration, topic: int, value: Value, time_ns: int
+    machine: Machine,
+    c: Configuration,
+    topic: int,
+    value: Value,
+    time_ns: int,
+    *,
+    within: bool = False,
 ) -> FaultKind | None:
     """Why `topic` does not take `value`, measured at `time_ns`; None where it does.
 
     EXTERN: the topic is not the environment's, the value is none of its type, or the time is before
     the topic's stamp or after the next instant (while one waits: after ct). NONFINITE, RANGE: the
-    value is not in the topic's set.
+    value is not in the topic's set. `within`: time has moved to an instant that is not over, though
+    FN may be empty: nobody is released when only an input is drawn.
     """
     topics = machine.system.topics
     if topic not in environment_topics(machine.system):
         return FaultKind.EXTERN
-    latest = c.ct if c.FN else next_release(machine, c.ct)
+    latest = c.ct if c.FN or within else next_release(machine, c.ct)
     if not c.stamps[topic] <= time_ns <= latest or not is_value(topics[topic].type, value):
         return FaultKind.EXTERN
     try:

@@ -147,13 +147,15 @@ class Interpreter:
         return publish(self.system.topics, c, published)
 
     def publish_input(
-        self, c: Configuration, topic: int, value: Value, time_ns: int
+        self, c: Configuration, topic: int, value: Value, time_ns: int, *, within: bool = False
     ) -> tuple[Configuration, FaultKind | None]:
         """A value from outside, measured at `time_ns`: `soter_publish` of `soter.h`.
 
         Stamped so where the topic takes it; else nothing changes and the kind says why (`refusal`).
+        `within`: for a driver that moved time and has not ended the instant. C knows by itself; a
+        configuration with FN empty looks the same before and after.
         """
-        refused = refusal(self.machine, c, topic, value, time_ns)
+        refused = refusal(self.machine, c, topic, value, time_ns, within=within)
         if refused is not None:
             return c, refused
         return environment_input(self.machine, c, topic, value, time_ns), None

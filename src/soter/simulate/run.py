@@ -19,6 +19,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.lower.layout import state_dtype, state_layout
 from soter.native.build import library
 from soter.native.library import Library, RunStatus
+from soter.program.meaning.processor import require_plain
 from soter.semantics.externs import ExternResetError, Stop, reset
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_release
@@ -95,6 +96,7 @@ class NativeProgram:
         `also` is given what a hashed or traced run observes, block by block: records (n,) and the
         changes of mode in them.
         """
+        require_plain()
         bound = bound or {}
         _reset_all(bound, seed)
         observer = None
@@ -185,7 +187,7 @@ class _Drive:
         """Run to `limit_ns`, a full trace, or an extern, which is answered; True at the limit."""
         part = self.buffer[self.filled :] if self.buffer is not None else None
         status, written, due = self.library.run(self.state, limit_ns, part)
-        end_copy(self.process)
+        _undisturbed(self.process)
         self.filled += written
         if status is RunStatus.EXTERN:
             self.answers.answer(self.state, due)
@@ -231,7 +233,7 @@ def run_interpreted(
             waiting.clear()
 
     def observe(c: Configuration, record: Record) -> None:
-        end_copy(process)
+        _undisturbed(process)
         waiting.append(image(system, layout, c, record, seed))
         if len(waiting) == BATCH:
             flush()
@@ -277,6 +279,7 @@ def _interpret(
     interpreter: Interpreter, until_ns: int, observe: Callable[[Configuration, Record], None]
 ) -> bool:
     """Run; False where a stop was wanted before the end."""
+    require_plain()
     try:
         interpreter.run(until_ns, observe)
     except Stop:
@@ -284,6 +287,12 @@ def _interpret(
     except ExternResetError as error:
         raise _reset_failed(error) from error
     return True
+
+
+def _undisturbed(process: int) -> None:
+    """What externs were called for is done, in this process, which computes as before."""
+    end_copy(process)
+    require_plain()
 
 
 def _reset_all(bound: Mapping[str, object], seed: int) -> None:

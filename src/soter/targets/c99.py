@@ -302,7 +302,7 @@ Written by soter from `{PurePath(system.program.path).name}` (program {system.pr
 runs the program in virtual time and prints verdict, modules and `trace_sha256`, which is that of
 `soter run` with the same seed. `--seed N`, `--until SECONDS`; exits 0 safe, 3 violated, 2 usage, 1
 where this machine does not compute as the program means (`soter_self_test` says it; your own `main`
-may call it too).
+may call it too, with the program: both files are looked at).
 
 | file | what |
 |---|---|

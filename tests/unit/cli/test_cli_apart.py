@@ -251,6 +251,39 @@ def test_a_log_of_a_process_that_died_is_kept_up_to_its_last_chunk(folder: Path)
     assert end["ended"] == "abnormally: the process died"
 
 
+@pytest.mark.parametrize("where", [["--log", "a.mcap"], ["--log"]])
+def test_what_both_processes_left_of_a_log_is_named_by_the_next_run(
+    folder: Path, where: list[str]
+) -> None:
+    (folder / "slow.py").write_text(SLOW)
+    command = [*SOTER, "run", "robot.soter", "--bind", "Learned=python:slow.py:slow", *where]
+    with processes.started([*command, "--until", "9h"], cwd=folder) as process:
+        while not (parts := list(folder.rglob(".*.mcap.*.part"))):
+            assert process.poll() is None
+            time.sleep(0.05)
+        running = run(folder, "moves", *where)
+        os.killpg(process.pid, signal.SIGKILL)
+        process.wait()
+    (part,) = parts
+    wait_for_the_end_of(int(part.name.split(".")[-2].split("-")[0]))
+    content = part.read_bytes()
+    done = run(folder, "moves", *where)
+    assert "unfinished" not in running.stderr
+    assert f"unfinished log of an earlier run: `{part.relative_to(folder)}`" in done.stderr
+    assert done.returncode == 0
+    assert part.read_bytes() == content
+
+
+def wait_for_the_end_of(process: int) -> None:
+    for _ in range(200):
+        try:
+            os.kill(process, 0)
+        except ProcessLookupError:
+            return
+        time.sleep(0.05)
+    raise AssertionError(process)
+
+
 def test_a_run_to_the_end_says_so_in_its_log(folder: Path) -> None:
     done = run(folder, "moves", "--log", "a.mcap", "--json")
     last_ns, end = logged(folder / "a.mcap")

@@ -53,6 +53,7 @@ NOT_STATIC = {
     "X007": "what an engine cannot do",
     "X008": "what an engine cannot do yet",
     "X011": "a run with externs that ends without a verdict",
+    "X012": "what an extern does to the processor",
     "P1c": "an assumption of the report of `soter check`",
     "P2a": "an assumption of the report of `soter check`",
     "P2b": "an assumption of the report of `soter check`",

@@ -153,8 +153,13 @@ node Add period 20ms {
 }
 system S { w: World; n: Add; until 1s; }
 """
-    left = derived.without_plants(system_of(check_file("queue.soter", text), "S"))
+    system = system_of(check_file("queue.soter", text), "S")
+    left = derived.without_plants(system)
     assert [t.driver for t in left.topics if t.queue_of is not None] == [derived.OUTSIDE]
+    hit = system.topic("hit")
+    twice, twin = derived.with_topic(system, hit, hit.symbol, "hit")
+    assert twice.topics[hit.index].queues == hit.queues != ()
+    assert twin.queues == (), "its values are no publications on the other"
 
 
 def test_both_engines_run_a_system_without_its_plants(three: System, tmp_path: Path) -> None:

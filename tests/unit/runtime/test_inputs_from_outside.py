@@ -207,6 +207,23 @@ def test_while_an_instant_waits_nothing_is_newer_than_now(made: tuple[Subject, P
         assert engine.publish(0, 0.5, 5 * MS) == 0
 
 
+def test_nor_in_an_instant_that_releases_nobody(tmp_path: Path) -> None:
+    text = PROGRAM.replace("input x every 10ms", "input x every 3ms")
+    s = subject("drawn", text, 3, 10)
+    native = Outside(compile_library([s], tmp_path, "-O1"), s)
+    interpreted = Interpreted(s)
+    native.instant()
+    interpreted.instant()
+    native.progress()
+    it = interpreted.it
+    c = discrete_time_progress_step(it.machine, interpreted.c)
+    assert (c.ct, c.FN) == (3 * MS, ())
+    for time_ns, kind in ((3 * MS, 0), (3 * MS + 1, FaultKind.EXTERN)):
+        assert native.publish(0, 0.5, time_ns) == kind
+        _, refused = it.publish_input(c, 0, 0.5, time_ns, within=True)
+        assert (refused or 0) == kind
+
+
 def test_what_is_published_goes_into_the_queues(engine: Engine) -> None:
     x, queue = index(engine, X), index(engine, "Reader.x.queue")
     for k, value in enumerate((0.1, 0.2, 7.0, 0.3, 0.4)):

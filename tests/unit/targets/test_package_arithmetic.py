@@ -18,14 +18,20 @@ OWN_MAIN = """#include "soter.h"
 #include <fenv.h>
 #include <stdio.h>
 int main(void) {
-  const char* wrong = soter_self_test();
+  const char* wrong = soter_self_test(NULL);
   if (wrong != NULL) { (void)puts(wrong); return 1; }
   (void)fesetround(FE_UPWARD);
-  wrong = soter_self_test();
+  wrong = soter_self_test(NULL);
   (void)puts(wrong != NULL ? wrong : "nothing is wrong");
   return 0;
 }
 """
+
+
+UNSAFE_WITHOUT_A_MACRO = (
+    "-funsafe-math-optimizations -fno-reciprocal-math -fno-associative-math -fsigned-zeros "
+    "-ftrapping-math"
+)
 
 
 @pytest.fixture
@@ -34,9 +40,14 @@ def cart(tmp_path: Path) -> Path:
     return tmp_path / "out"
 
 
+def predefined(folder: Path, *flags: str) -> str:
+    asked = [*find().command, *flags, "-dM", "-E", "-x", "c", "/dev/null"]
+    said: str = command(asked, folder).stdout
+    return said
+
+
 def is_gcc_on_x86(folder: Path) -> bool:
-    asked = [*find().command, "-dM", "-E", "-x", "c", "/dev/null"]
-    said = command(asked, folder).stdout
+    said = predefined(folder)
     return "__x86_64__" in said and "__clang__" not in said
 
 
@@ -81,6 +92,31 @@ def test_a_build_that_flushes_small_numbers_says_so_and_does_not_run(cart: Path)
     ran = command(["./cart"], cart)
     assert (ran.returncode, ran.stdout) == (1, "")
     assert "not run: small numbers are flushed to zero" in ran.stderr
+
+
+@pytest.mark.parametrize(
+    ("flags", "said"),
+    [
+        ("-std=gnu11 -march=native", "rounded together"),
+        ("-std=c99 -march=native -ffp-contract=fast", "rounded together"),
+        ("-std=c99 -fsingle-precision-constant", "single precision"),
+        (f"-std=c99 {UNSAFE_WITHOUT_A_MACRO}", "replaced by others"),
+    ],
+)
+def test_flags_of_the_programs_own_file_are_found_too(cart: Path, flags: str, said: str) -> None:
+    if not is_gcc_on_x86(cart):
+        pytest.skip("these are flags of gcc on x86")
+    if "march" in flags and "__FMA__" not in predefined(cart, "-march=native"):
+        pytest.skip("needs a processor with a fused multiply-add")
+    compiler = [*find().command, "-I.", "-O2", "-c"]
+    sources = sorted(p.name for p in cart.glob("*.c"))
+    assert command([*compiler, "-std=c99", *sources], cart).returncode == 0
+    assert command([*compiler, *flags.split(), "cart.c"], cart).returncode == 0
+    objects = [s.replace(".c", ".o") for s in sources]
+    assert command([*find().command, *objects, "-o", "cart", "-lm"], cart).returncode == 0
+    ran = command(["./cart"], cart)
+    assert (ran.returncode, ran.stdout) == (1, "")
+    assert said in ran.stderr
 
 
 def test_ones_own_main_may_ask_whether_the_machine_computes_as_it_should(cart: Path) -> None:

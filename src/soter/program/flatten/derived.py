@@ -42,8 +42,9 @@ def only(system: System, kept: Collection[int]) -> System:
 
     The three parts of a module stay or go together. Properties stay that speak only of what stays;
     topics stay, also those that nobody drives any more, and so do their draws. A node that reads
-    the mode of a module that went is answered from outside. `hyperperiod_ns` stays a multiple of
-    what is left. A test plan goes: it is about the whole.
+    the mode of a module that went is answered from outside; a DM whose predicates read one cannot
+    be run or proved (R007). `hyperperiod_ns` stays a multiple of what is left. A test plan goes: it
+    is about the whole.
     """
     at = {old: new for new, old in enumerate(sorted(kept))}
     modules = [m for m in system.modules if {m.dm, m.ac, m.sc} <= at.keys()]
@@ -178,12 +179,16 @@ def forced(system: System, module: int, who: str) -> System:
 def with_topic(
     system: System, like: Topic, symbol: typed.TopicSymbol, name: str, **changes: object
 ) -> tuple[System, Topic]:
-    """With one more topic, as `like` but for its symbol and `changes`; its names are made new."""
+    """With one more topic, as `like` but for its symbol and `changes`; its names are made new.
+
+    Nobody reads it in a queue yet: those of `like` collect what is published on `like`.
+    """
     taken = {t.name for t in system.topics} | {t.symbol.name for t in system.topics}
     symbol = replace(symbol, name=_fresh(symbol.name, taken))
     index = len(system.topics)
     name = _fresh(name, taken)
-    made = replace(like, index=index, name=name, symbol=symbol, **changes)  # type: ignore[arg-type]
+    new = {"queues": (), **changes}
+    made = replace(like, index=index, name=name, symbol=symbol, **new)  # type: ignore[arg-type]
     return replace(system, topics=(*system.topics, made)), made
 
 

@@ -1,8 +1,9 @@
 """What a call of somebody else's Python may change of the process, put back after it.
 
 Purpose: the current folder and the depth of recursion that an extern sets are the externs' own:
-they find them again in the next call, and soter keeps its own. A copy of the process that an
-extern forks ends where the call ends: there is one run.
+they find them again in the next call, and soter keeps its own. How the processor rounds, which
+loading a library may change, is put back. A copy of the process that an extern forks ends where
+the call ends: there is one run.
 Non-goals: threads, signals and files that an extern leaves behind; exceptions
 (`python_extern.py`); isolation (`workers/`).
 """
@@ -13,6 +14,8 @@ import os
 import sys
 from contextlib import suppress
 from typing import TYPE_CHECKING
+
+from soter.program.meaning.processor import put_back
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -36,6 +39,7 @@ def outside(call: Callable[..., object], *arguments: object) -> object:
         return call(*arguments)
     finally:
         end_copy(process)
+        put_back()
         _Theirs.depth = sys.getrecursionlimit()
         sys.setrecursionlimit(depth)
         there = _folder()

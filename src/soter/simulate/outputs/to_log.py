@@ -46,6 +46,7 @@ from soter.report.mcap_log import (
     mode_message,
     object_schema,
 )
+from soter.report.whole_file import unfinished
 from soter.simulate import decisions
 from soter.simulate.outputs.figures import truth_value
 from soter.simulate.params import changed
@@ -93,13 +94,15 @@ class RunLog:
     """The log of a run, written while it goes on: block by block of states.
 
     `path`, or what gives it for the system that runs. Nothing here fails: `problem` is the
-    SoterError D006 where the log could not be written.
+    SoterError D006 where the log could not be written. `unfinished` is what lies beside it of
+    earlier runs whose processes died.
     """
 
     def __init__(self, path: Path | Callable[[System], Path], version: str) -> None:
         require_log_package()
         self.path = path
         self.problem: SoterError | None = None
+        self.unfinished: list[Path] = []
         self._version = version
         self._log: McapLog | None = None
         self._earlier: npt.NDArray[Any] | None = None
@@ -116,6 +119,7 @@ class RunLog:
         self._system, self._layout = system, layout
         self.path = self.path(system) if callable(self.path) else self.path
         self.path = self.path.absolute()  # an extern may change the folder
+        self.unfinished = unfinished(self.path)
         plants = [x for x in system.components if x.plant is not None]
         self._channels = [
             (MODES_TOPIC, MODES_SCHEMA),
