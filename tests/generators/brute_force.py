@@ -12,11 +12,11 @@ violations in one configuration the first counts, `always` and `never` before th
 
 from __future__ import annotations
 
-import math
 from collections import deque
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
+from soter.program.flatten.grid import quantum_of
 from soter.program.meaning.arith import StepFault
 from soter.program.meaning.statements import Evaluator
 from soter.program.model import typed
@@ -202,7 +202,7 @@ class BruteForce:
         self.interpreter = Interpreter(system, draws=self.answers)
         self.machine = self.interpreter.machine
         self.actors = actors_of(system)
-        self.quantum = quantum_of(system, self.actors)
+        self.quantum = quantum_of(system)
         self.sees = _Sight(system)
         self.timely = self._is_timely()
         self.instants = [p for p in system.properties if p.component is None]
@@ -569,16 +569,6 @@ def actors_of(system: System) -> tuple[Actor, ...]:
         )
     found += [Actor("input", i, d.every_ns, 0) for i, d in enumerate(system.inputs)]
     return tuple(found)
-
-
-def quantum_of(system: System, actors: tuple[Actor, ...]) -> int:
-    """As declared, or the greatest common divisor of all periods, phases, skew, fault times."""
-    assert system.test is not None
-    if system.test.quantum_ns is not None:
-        return system.test.quantum_ns
-    times = [system.test.skew_ns, *(f.by_ns for f in system.test.faults)]
-    times += [t for a in actors for t in (a.period, a.phase)]
-    return math.gcd(*times)
 
 
 # ---------------------------------------------------------------- what can be seen

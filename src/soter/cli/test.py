@@ -13,8 +13,9 @@ from soter.api import load
 from soter.cli.terminal.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, seconds, seed, whole
 from soter.cli.terminal.progress import LineOfProgress
-from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.explore.methods import EXHAUSTIVE, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
+from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
     import argparse
@@ -32,6 +33,7 @@ EXAMPLES = """\
   soter test two.soter --strategy random --runs 1000  where it is too large
   soter test two.soter --skew 2ms --horizon 1s        in place of the test's own
   soter test late_sc.soter --json | jq '.tests[].verdict'
+  soter test late_sc.soter --junit results.xml        for CI
   soter replay .soter/late_sc-Late.trace.json         a trace again
 
 exit codes: 0 exhausted and clean, 3 violated, 4 a bound was reached, 1 diagnostics, 2 usage,
@@ -98,6 +100,7 @@ def parser() -> Parser:
         help="folder of traces and pages; by default .soter",
     )
     made.add_argument("--html", action="store_true", help="write a page for every trace")
+    made.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML, for CI")
     return made
 
 
@@ -132,8 +135,23 @@ def run(args: Options, console: Console) -> Outcome:
         items = (*warnings, *error.diagnostics)
         return Outcome(exit_of(items), items, {"file": args.file})
     _say(report, console)
+    if args.junit is not None:
+        _write_junit(report, args.junit, console)
     code = INTERRUPTED if report.interrupted else EXITS[report.verdict]
     return Outcome(code, warnings, _fields(report))
+
+
+def _write_junit(report: ExploreReport, path: str, console: Console) -> None:
+    """Write the verdicts as XML; `SoterError` D006."""
+    from soter.explore.junit import write  # noqa: PLC0415 - only then
+    from soter.report.errors import ReportError  # noqa: PLC0415 - the same
+
+    try:
+        written = write(report, path)
+    except ReportError as error:
+        raise SoterError((Diagnostic("D006", str(error)),)) from error
+    console.say()
+    console.say(f"junit  {written}")
 
 
 def progress_text(looked: object) -> str:
@@ -245,6 +263,8 @@ def _figures(test: TestResult) -> str:
     how += f", {options.threads_run} thread{'s'[: options.threads_run > 1]}"
     if options.why_fewer:
         how += f" of {options.threads} asked for: {options.why_fewer}"
+    if test.quantum_ns is not None:
+        how += f"; times at multiples of {show_ns(test.quantum_ns)}"
     if test.parts > 1:
         how += f"; {test.parts} parts that share nothing, explored apart"
     return f"{', '.join(parts)}\n{how}"
@@ -333,6 +353,7 @@ def _test(t: TestResult) -> dict[str, object]:
         "storage": o.storage,
         "reduction": o.reduction,
         "parts": t.parts,
+        "quantum_ns": t.quantum_ns,
         "threads": o.threads_run,
         "threads_asked": o.threads,
         "threads_fewer": o.why_fewer or None,

@@ -9,31 +9,58 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.explore.trace.schedule import plan_of
+from soter.program.flatten.derived import OUTSIDE
 from soter.program.flatten.elaborate import show_ns
 from soter.program.model.types import FloatType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from soter.explore.model.plan import Times
     from soter.explore.results import Options
     from soter.program.model.system import System
 
 FINGERPRINT_BITS = 64
+PLACES = 3
+"""So many places of the program are named."""
 
 
 def of_test(
-    system: System, options: Options, states: int, replaced: Sequence[tuple[str, str]]
+    system: System,
+    options: Options,
+    states: int,
+    replaced: Sequence[tuple[str, str]],
+    times: Times | None,
 ) -> tuple[str, ...]:
-    """Everything; `replaced`: components and what stands in their place."""
-    return tuple(_all(system, options, states, replaced))
+    """Everything; `replaced`: components and what stands in their place.
+
+    `times`: the grid of them; None where no step could choose.
+    """
+    return tuple(_all(system, options, states, replaced, times))
+
+
+def undriven(system: System) -> list[str]:
+    """Inputs that somebody reads and nobody draws."""
+    drawn = {d.topic for d in system.inputs}
+    return [
+        t.name
+        for t in system.topics
+        if t.driver == OUTSIDE and t.queue_of is None and t.index not in drawn
+    ]
 
 
 def _all(
-    system: System, options: Options, states: int, replaced: Sequence[tuple[str, str]]
+    system: System,
+    options: Options,
+    states: int,
+    replaced: Sequence[tuple[str, str]],
+    times: Times | None,
 ) -> Iterator[str]:
     plan = plan_of(system)
     yield f"nothing is said about times after the horizon, {show_ns(plan.horizon_ns)}"
-    yield _orders(plan.skew_ns)
+    yield _orders(plan.skew_ns, times)
+    for name in undriven(system):
+        yield f"{name} keeps its default: the test has no `input {name} every ...;`"
     for f in plan.faults:
         name = system.components[f.component].name
         if f.kind == "skip":
@@ -45,6 +72,7 @@ def _all(
         yield f"{name} is replaced by {by}: said of whatever does only what {by} may do"
     yield "steps are atomic: a step reads, computes and publishes at one time, unless it overruns"
     yield "the compiled steps are those that `soter build` deploys: the same C, the same arithmetic"
+    yield from _calculated(times)
     if any(p.kind in ("eventually", "leadsto") for p in plan.timed):
         yield "deadlines beyond the horizon are not judged"
     if not system.properties and not plan.timed:
@@ -55,12 +83,28 @@ def _all(
         yield _missed(states)
 
 
-def _orders(skew_ns: int) -> str:
+def _orders(skew_ns: int, times: Times | None) -> str:
     if skew_ns == 0:
-        return "steps happen at their release, in every order within an instant (skew 0)"
+        said = "steps happen at their release, in every order within an instant (skew 0)"
+    else:
+        said = f"every step happens within {show_ns(skew_ns)} of its release"
+    if times is None:
+        return said
     return (
-        f"every step happens within {show_ns(skew_ns)} of its release: no other schedule was tried"
+        f"{said}; a step that may be late happens as early as it can or at a multiple of "
+        f"{show_ns(times.quantum_ns)}: no other times were tried"
     )
+
+
+def _calculated(times: Times | None) -> Iterator[str]:
+    """Where the program calculates with times, or passes them on."""
+    places = [f"{s.source.name.rsplit('/', 1)[-1]}:{s.line}" for s in times.open] if times else []
+    if places:
+        more = f" and {len(places) - PLACES} more places" if len(places) > PLACES else ""
+        yield (
+            f"the time is calculated with in {', '.join(places[:PLACES])}{more}: times between "
+            "those of the grid may do otherwise (`quantum ...;` takes a grid for granted)"
+        )
 
 
 def _s(count: int) -> str:

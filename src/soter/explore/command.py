@@ -19,6 +19,7 @@ from soter.explore.methods import SAMPLING
 from soter.explore.results import (
     BOUND,
     EXHAUSTED,
+    GRID,
     INTERRUPTED,
     LIMIT,
     MEMORY,
@@ -27,6 +28,8 @@ from soter.explore.results import (
     RUNS,
     SAMPLED,
     STATES,
+    UNDRIVEN,
+    UNJUDGED,
     UNSHOWN,
     VIOLATED,
     TestResult,
@@ -41,6 +44,7 @@ from soter.program.model.durations import show_ns
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from soter.explore.engine.coverage import Coverage
     from soter.explore.engine.search import Found, Search
     from soter.explore.judge.replay import Replayed
     from soter.explore.results import Looked, Options
@@ -146,7 +150,8 @@ def explore_test(
 
     with Engine(system, options, progress) as search:
         found = search.run()
-        verdict, bound = _verdict(found, options, sampled=search.sampled)
+        coverage = search.coverage()
+        verdict, bound = _verdict(found, options, _short_of(system, search, coverage))
         result = TestResult(
             name=plan_of(system).name,
             system=system,
@@ -162,22 +167,36 @@ def explore_test(
             parts=search.parts,
             table_bytes=found.table_bytes,
             frontier_bytes=found.frontier_bytes,
-            coverage=search.coverage(),
-            assumptions=assumptions.of_test(system, options, found.states, told.replaced),
+            quantum_ns=None if search.times is None else search.times.quantum_ns,
+            coverage=coverage,
+            assumptions=assumptions.of_test(
+                system, options, found.states, told.replaced, search.times
+            ),
         )
         if verdict == VIOLATED:
             _explain(result, search, found, told)
     return result
 
 
-def _verdict(found: Found, options: Options, *, sampled: bool) -> tuple[str, str | None]:
-    """The verdict, and which bound was reached."""
+def _short_of(system: System, search: Search, coverage: Coverage) -> str | None:
+    """What an exhaustive search of a test does not cover; None where it is every execution."""
+    if not coverage.properties.reached:
+        return UNJUDGED
+    if assumptions.undriven(system):
+        return UNDRIVEN
+    if search.times is not None and search.times.open:
+        return GRID
+    return SAMPLED if search.sampled else None
+
+
+def _verdict(found: Found, options: Options, short_of: str | None) -> tuple[str, str | None]:
+    """The verdict, and which bound was reached; `short_of`: the bound of a search that ended."""
     if found.status == "violated":
         return VIOLATED, None
     if found.status == "exhausted":
         if options.strategy in SAMPLING:
             return BOUND, RUNS
-        return (BOUND, SAMPLED) if sampled else (EXHAUSTED, None)
+        return (EXHAUSTED, None) if short_of is None else (BOUND, short_of)
     return BOUND, _BOUNDS[found.status]
 
 

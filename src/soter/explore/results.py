@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
+UNJUDGED, UNDRIVEN, GRID = "unjudged", "undriven", "grid"
 MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED, LIMIT, UNSHOWN = (
     "memory",
     "states",
@@ -33,6 +34,9 @@ MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED, LIMIT, UNSHOWN = (
 )
 PATIENCE, NOT_ASKED = "patience", "not_asked"
 BOUNDS = {
+    UNJUDGED: "nothing was judged: no property of the test was ever looked at",
+    UNDRIVEN: "an input keeps its default all the time: other values of it were not tried",
+    GRID: "the program calculates with times: a grid of them, which was tried, is not all of them",
     MEMORY: "the memory that was allowed is full (--memory)",
     STATES: "as many configurations as were allowed are stored (--max-states)",
     RUNS: "random executions never cover everything (--runs; --strategy bfs does)",
@@ -137,6 +141,8 @@ class TestResult:
     bits: int
     table_bytes: int
     frontier_bytes: int
+    quantum_ns: int | None = None
+    """The grid on which steps that may be late chose their times; None where none had a choice."""
     parts: int = 1
     """How many parts of the system, which share nothing, were explored apart."""
     coverage: Coverage = field(default_factory=Coverage)

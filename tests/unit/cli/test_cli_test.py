@@ -10,6 +10,7 @@ from _thread import interrupt_main
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
 
 import pytest
 
@@ -384,3 +385,29 @@ def test_an_interruption_prints_what_was_covered(soter: Soter, corridor: str) ->
     assert (test["verdict"], test["bound"]) == ("bound", "interrupted")
     assert test["transitions"] > 0
     assert test["coverage"]["actors"]["reached"] == test["coverage"]["actors"]["total"]
+
+
+def test_the_verdicts_are_written_as_junit_xml(soter: Soter, here: Path) -> None:
+    text = CORRIDOR + "test Idle { system S; horizon 60ms; }\n"
+    (here / "corridor.soter").write_text(text, encoding="utf-8")
+    done = soter("test", "corridor.soter", "--junit", "out/results.xml")
+    assert done.exit == 3
+    (suite,) = ET.parse(here / "out" / "results.xml").getroot()  # noqa: S314 - our own
+    assert [suite.get(k) for k in ("tests", "failures", "errors")] == ["3", "1", "1"]
+    far, near, idle = suite
+    assert [(c.get("name"), c[0].tag) for c in (far, near, idle)] == [
+        ("Far", "failure"),
+        ("Near", "system-out"),
+        ("Idle", "error"),
+    ]
+    assert far[0].get("message") == "always abs(robot.truth.at) <= END"
+    assert idle[0].get("type") == "unjudged"
+    assert "junit  out/results.xml" in done.out
+
+
+def test_a_junit_file_that_cannot_be_written_is_a_diagnostic(soter: Soter, here: Path) -> None:
+    (here / "corridor.soter").write_text(CORRIDOR, encoding="utf-8")
+    (here / "there").write_text("", encoding="utf-8")
+    done = soter("test", "corridor.soter", "--junit", "there/results.xml", "--json")
+    assert done.exit == 1
+    assert done.codes == ["D006"]

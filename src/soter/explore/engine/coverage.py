@@ -44,8 +44,13 @@ class Part:
 
 @dataclass(frozen=True)
 class Coverage:
-    """What a search reached. The parts in this order wherever they are shown."""
+    """What a search reached. The parts in this order wherever they are shown.
 
+    `properties`: those that were judged at least once: a contract as its node stepped, an `always`
+    where time may pass, a `leadsto` where its premise held and its deadline came before the end.
+    """
+
+    properties: Part = field(default_factory=Part)
     actors: Part = field(default_factory=Part)
     modes: Part = field(default_factory=Part)
     switches: Part = field(default_factory=Part)
@@ -54,6 +59,7 @@ class Coverage:
 
     def parts(self) -> Iterator[tuple[str, Part]]:
         """Name and part."""
+        yield "properties", self.properties
         yield "actors", self.actors
         yield "modes", self.modes
         yield "switches", self.switches

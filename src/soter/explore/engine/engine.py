@@ -150,7 +150,7 @@ class Seen:
     """Coverage, added up over all searches of an engine; see `soter_explore_coverage`.
 
     `branches`: one word for 64 branches; `classes`: (leaves, 256); `modes` and `switches`:
-    (modules, 2), SC first; `fired`: (actors,).
+    (modules, 2), SC first; `fired`: (actors,); `judged`: (properties and timed ones,).
     """
 
     branches: Words
@@ -158,6 +158,7 @@ class Seen:
     modes: Bytes
     switches: Bytes
     fired: Bytes
+    judged: Bytes
 
 
 class Engine:
@@ -189,6 +190,7 @@ class Engine:
             np.zeros((modules, 2), dtype=np.uint8),
             np.zeros((modules, 2), dtype=np.uint8),
             np.zeros(len(self.actors), dtype=np.uint8),
+            np.zeros(len(system.properties) + len(system.test.timed) + 1, dtype=np.uint8),
         )
 
     def close(self) -> None:
@@ -327,6 +329,7 @@ class Engine:
                 "modes": cast("uint8_t *", seen.modes.ctypes.data),
                 "switches": cast("uint8_t *", seen.switches.ctypes.data),
                 "fired": cast("uint8_t *", seen.fired.ctypes.data),
+                "judged": cast("uint8_t *", seen.judged.ctypes.data),
             },
         )
 

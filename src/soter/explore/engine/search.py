@@ -61,6 +61,7 @@ class Search:
         self._streams = {fnv(name): name for name in _streams(system)}
         self.bits = self._engine.bits
         self.sampled = self._engine.plan.sampled
+        self.times = self._engine.plan.times
         self.parts = 1
         """How many parts of the system the last search explored apart."""
 
@@ -174,6 +175,7 @@ class Search:
         )
         branches = self._engine.generated.unit.branches
         return Coverage(
+            properties=part_of(self._judged()),
             actors=part_of(
                 (self._actor(i), bool(fired)) for i, fired in enumerate(seen.fired.tolist())
             ),
@@ -182,6 +184,19 @@ class Search:
             branches=branches_part([branch_name(b) for b in branches], seen.branches.tolist()),
             values=values_part(list(self._leaves()), self._classes()),
         )
+
+    def _judged(self) -> Iterator[tuple[str, bool]]:
+        """What the test and its nodes state, and whether it was ever judged."""
+        seen, system = self._engine.seen, self._system
+        judged = [bool(x) for x in seen.judged.tolist()]
+        fired = {
+            a.component for a, once in zip(self._engine.actors, seen.fired, strict=True) if once
+        }
+        for p in system.properties:
+            once = judged[p.index] if p.component is None else p.component in fired
+            yield f"{p.kind} {p.text}", once
+        for t in plan_of(system).timed:
+            yield t.text, judged[len(system.properties) + t.index]
 
     def _classes(self) -> list[list[int]]:
         """Per leaf and class: whether a value of it was published, or is the topic's default."""

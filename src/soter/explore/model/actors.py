@@ -20,9 +20,10 @@ import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.explore.model.plan import Actor, Plan
+from soter.explore.model.plan import Actor, Plan, Times
 from soter.lower import core
 from soter.lower.footprint import walk
+from soter.program.flatten.grid import quantum_of, times_read
 from soter.program.model.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
@@ -94,17 +95,20 @@ def plan_of(system: System, lowered: core.CoreSystem) -> Plan:
         )
         for i, (x, own) in enumerate(zip(calendars, effects, strict=True))
     )
-    quantum, tick = _grid(system, system.test, calendars)
+    times = times_read(system)
+    quantum, tick = _grid(system, system.test, calendars, quantum_of(system, times))
     overrun = any(x.overrun_ns for x in calendars)
     spread = overrun or any(x.window_ns for x in calendars)
+    timely = overrun or (spread and footprints.time_matters())
     read = {r[1] for e in effects for r in e.reads if r[0] == "topic"}
     read |= {r[1] for r in seen if r[0] == "topic"}
     return Plan(
         actors=actors,
-        timely=overrun or (spread and footprints.time_matters()),
+        timely=timely,
         sampled=is_sampled(system, lowered),
         tick_ns=tick,
         quantum_ns=quantum,
+        times=Times(quantum, () if system.test.quantum_ns else times.open) if timely else None,
         horizon_ns=system.test.horizon_ns,
         read=frozenset(read | {t.index for t in system.topics if t.queue_of is not None}),
         aged=frozenset(f.index for f in footprints.facts if f.fact == "age"),
@@ -145,12 +149,13 @@ def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
         yield found
 
 
-def _grid(system: System, test: TestPlan, calendars: list[_Calendar]) -> tuple[int, int]:
+def _grid(
+    system: System, test: TestPlan, calendars: list[_Calendar], quantum: int
+) -> tuple[int, int]:
     """(quantum, tick): where times are chosen, and what every time is a multiple of."""
     times = [test.skew_ns, *(f.by_ns for f in test.faults)]
     for x in calendars:
         times += [x.period_ns, x.phase_ns]
-    quantum = test.quantum_ns or math.gcd(*times) or 1
     spans = [t.within_ns for t in test.timed]
     spans += [2 * system.modules[t.module].period_ns for t in test.timed if t.module is not None]
     return quantum, math.gcd(quantum, *times, *spans)

@@ -11,6 +11,8 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from soter.diagnostics.span import Span
+
     Label = tuple[str, int] | tuple[str, int, str]
     """A piece of a configuration: kind, index, name; see `explore/model/actors.py`."""
 
@@ -40,12 +42,24 @@ class Actor:
     writes: frozenset[Label]
 
 
+@dataclass(frozen=True)
+class Times:
+    """The grid that steps which may be late choose their times on.
+
+    `open`: where the time is read so that no grid does justice to it, and none was declared.
+    """
+
+    quantum_ns: int
+    open: tuple[Span, ...]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Plan:
     """What is explored, and what of a configuration can matter.
 
     `read`: topics that anything reads; `aged`: topics whose age is read; `limited`: module inputs
-    whose `max_age` decides; `may_fault`: components whose step may fault.
+    whose `max_age` decides; `may_fault`: components whose step may fault; `times`: None where no
+    step has a choice.
     """
 
     actors: tuple[Actor, ...]
@@ -53,6 +67,7 @@ class Plan:
     sampled: bool
     tick_ns: int
     quantum_ns: int
+    times: Times | None
     horizon_ns: int
     read: frozenset[int]
     aged: frozenset[int]

@@ -7,11 +7,11 @@ Non-goals: what a step does (`reach/attack/counterexample.py`), enumerating exec
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.explore.trace.trace import BEGIN, EFFECT, LOST, START
+from soter.program.flatten.grid import quantum_of
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
@@ -85,15 +85,6 @@ def plan_of(system: System) -> TestPlan:
     return system.test
 
 
-def quantum_of(system: System, actors: tuple[Actor, ...]) -> int:
-    """The grid of times in ns: as declared, or the greatest common divisor of every time."""
-    plan = plan_of(system)
-    if plan.quantum_ns:
-        return plan.quantum_ns
-    times = [t for a in actors for t in (a.period_ns, a.phase_ns)]
-    return math.gcd(*times, plan.skew_ns, *(f.by_ns for f in plan.faults)) or 1
-
-
 class Schedule:
     """The place of one execution in its calendar; `take` moves on by a step that is allowed."""
 
@@ -101,7 +92,7 @@ class Schedule:
         self.actors = actors_of(system)
         self.number = {a.name: i for i, a in enumerate(self.actors)}
         self.horizon_ns = plan_of(system).horizon_ns
-        self.quantum_ns = quantum_of(system, self.actors)
+        self.quantum_ns = quantum_of(system)
         self.now = -1
         self._born = False
         self.done = [0] * len(self.actors)

@@ -197,6 +197,8 @@ typedef struct {
   uint8_t* modes;   /* [modules * 2] seen; */
   uint8_t* switches; /* [modules * 2] to SC, to AC */
   uint8_t* fired;    /* [actors] */
+  uint8_t* judged;   /* [properties + timeds]: an always or never was looked at where time may pass;
+                        what a timed property promises was due within the horizon */
 } soter_explore_coverage;
 
 /* Searches. `trace` has room for `room` steps. `coverage` is added to. */

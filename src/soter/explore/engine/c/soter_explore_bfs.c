@@ -304,8 +304,9 @@ static bool coverage_open(soter_explore_coverage* c, const soter_model* m) {
   c->modes = calloc(m->program->modules * 2U + 1U, 1U);
   c->switches = calloc(m->program->modules * 2U + 1U, 1U);
   c->fired = calloc(m->actors + 1U, 1U);
+  c->judged = calloc((size_t)m->program->properties + m->timeds + 1U, 1U);
   return c->branches != NULL && c->classes != NULL && c->modes != NULL && c->switches != NULL &&
-         c->fired != NULL;
+         c->fired != NULL && c->judged != NULL;
 }
 
 static void coverage_close(soter_explore_coverage* c) {
@@ -314,6 +315,7 @@ static void coverage_close(soter_explore_coverage* c) {
   free(c->modes);
   free(c->switches);
   free(c->fired);
+  free(c->judged);
 }
 
 static bool open_worker(layered* all, uint32_t id) {

@@ -310,6 +310,20 @@ static int64_t due_after(const soter_place* x, const soter_timed* t, int64_t due
   return begins ? now + t->within_ns : due;
 }
 
+/* Notes that a property (`number`: of all, the timed ones last) was judged. */
+static void note_judged(const soter_place* x, uint32_t number) {
+  SOTER_CHECK(number < x->p->properties + x->m->timeds);
+  if (x->coverage != NULL) {
+    x->coverage->judged[number] = 1U;
+  }
+}
+
+/* Whether what a property promises is asked for here, and its end lies before the horizon. */
+static bool asks(const soter_place* x, const soter_timed* t, int64_t now) {
+  return t->kind == SOTER_EVENTUALLY ||
+         (now + t->within_ns <= x->m->horizon_ns && t->premise(x->there));
+}
+
 /* What is owed changes where it can be seen: obligations are part of the world. */
 static void keep_obligations(soter_place* x) {
   const soter_model* const m = x->m;
@@ -321,6 +335,10 @@ static void keep_obligations(soter_place* x) {
   for (uint32_t i = 0; i < m->timeds; i++) {
     const soter_timed* const t = &m->timed[i];
     if (t->kind != SOTER_INVARIANT && due[i] >= now) { /* a missed deadline stays missed */
+      if (x->coverage != NULL && x->coverage->judged[x->p->properties + i] == 0U &&
+          asks(x, t, now)) {
+        note_judged(x, x->p->properties + i);
+      }
       due[i] = due_after(x, t, due[i], now);
     }
   }
@@ -386,6 +404,9 @@ static bool invariant_fails(soter_place* x, const soter_timed* t) {
 static bool timed_fails(soter_place* x, uint32_t i, bool observable) {
   const soter_timed* const t = &x->m->timed[i];
   if (t->kind == SOTER_INVARIANT) {
+    if (observable) {
+      note_judged(x, x->p->properties + i);
+    }
     return observable && invariant_fails(x, t);
   }
   const int64_t due = soter_due_of(x->p, x->there)[i];
@@ -401,7 +422,11 @@ bool soter_violates(soter_place* x, soter_broken* broken) {
   if (observable) {
     for (uint32_t i = 0; i < x->p->properties; i++) {
       const soter_property_info* const q = &x->p->property[i];
-      if (q->when == SOTER_AT_INSTANT && is_in(x->properties, i) && q->violated(x->there)) {
+      if (q->when != SOTER_AT_INSTANT || !is_in(x->properties, i)) {
+        continue;
+      }
+      note_judged(x, i);
+      if (q->violated(x->there)) {
         broken->what = 0U;
         broken->index = i;
         return true;
@@ -491,6 +516,9 @@ void soter_merge_coverage(const soter_model* m, soter_explore_coverage* into,
   }
   for (uint32_t i = 0; i < m->actors; i++) {
     into->fired[i] |= from->fired[i];
+  }
+  for (uint32_t i = 0; i < m->program->properties + m->timeds; i++) {
+    into->judged[i] |= from->judged[i];
   }
 }
 

@@ -1,0 +1,111 @@
+"""No test is clean for want of looking: nothing judged, inputs left alone, times off the grid."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from generators.empty_tests import CALCULATED, GRIDDED, NOTHING_JUDGED, UNDRIVEN
+from soter.explore.command import Told, explore_test
+from soter.explore.results import Options, TestResult
+from soter.program.build import check_file, system_of_test
+from soter.program.flatten.grid import quantum_of, times_read
+
+if TYPE_CHECKING:
+    from soter.program.model.system import System
+
+MS = 1_000_000
+FINE = "quantum 250us; "
+
+
+def system(text: str) -> System:
+    checked = check_file("small.soter", text)
+    assert checked.ok, [(d.code, d.message) for d in checked.diagnostics.items]
+    return system_of_test(checked, "T")
+
+
+def found(text: str, **options: float) -> TestResult:
+    chosen = replace(Options(minimise=0), **options)  # type: ignore[arg-type]
+    return explore_test(system(text), chosen, Told("small.soter", {}))
+
+
+def finer(text: str) -> str:
+    return text.replace("test T { system S; ", f"test T {{ system S; {FINE}")
+
+
+@pytest.mark.parametrize("text", NOTHING_JUDGED.values(), ids=list(NOTHING_JUDGED))
+def test_where_nothing_was_judged_nothing_is_clean(text: str) -> None:
+    result = found(text)
+    assert (result.verdict, result.bound) == ("bound", "unjudged")
+    assert result.coverage.properties.reached == 0
+
+
+@pytest.mark.parametrize("text", UNDRIVEN.values(), ids=list(UNDRIVEN))
+def test_an_input_that_keeps_its_default_is_a_bound(text: str) -> None:
+    result = found(text)
+    assert (result.verdict, result.bound) == ("bound", "undriven")
+    assert any("wish keeps its default" in line for line in result.assumptions)
+    driven = text.replace("test T { system S; ", "test T { system S; input wish every 10ms; ")
+    assert found(driven).bound is None
+
+
+@pytest.mark.parametrize("text", GRIDDED.values(), ids=list(GRIDDED))
+def test_times_that_a_program_tells_apart_are_tried(text: str) -> None:
+    assert found(text).verdict == "violated"
+    assert found(finer(text)).verdict == "violated", "the finer grid is the judge"
+
+
+@pytest.mark.parametrize("text", GRIDDED.values(), ids=list(GRIDDED))
+def test_the_grid_of_the_calendar_alone_would_miss_it(text: str) -> None:
+    coarse = text.replace("test T { system S; ", "test T { system S; quantum 10ms; ")
+    result = found(coarse)
+    assert result.verdict == "exhausted"
+    assert result.quantum_ns == 10 * MS
+    assert any("a multiple of 10 ms: no other times" in line for line in result.assumptions)
+
+
+@pytest.mark.parametrize("text", CALCULATED.values(), ids=list(CALCULATED))
+def test_what_calculates_with_times_is_never_clean_on_a_grid_of_ours(text: str) -> None:
+    result = found(text)
+    assert result.verdict == "violated" or result.bound == "grid"
+    assert found(finer(text)).verdict == "violated"
+    coarse = text.replace("test T { system S; ", "test T { system S; quantum 5ms; ")
+    assert found(coarse).bound != "grid", "who declares a grid takes it for granted"
+
+
+def test_some_of_several_properties_may_never_be_judged() -> None:
+    text = NOTHING_JUDGED["a premise that is never true"].replace(
+        "horizon 50ms;", "horizon 50ms; always x < 9;"
+    )
+    result = found(text)
+    assert result.verdict == "exhausted"
+    assert result.coverage.properties.unreached == ("x > 8 leadsto y within 10ms",)
+
+
+@pytest.mark.parametrize("strategy", ["dfs", "deepening"])
+def test_every_exhaustive_strategy_notes_what_it_judged(strategy: str) -> None:
+    text = GRIDDED["an age between"].replace("always !y", "always x >= 0")
+    result = found(text, strategy=strategy)  # type: ignore[arg-type]
+    assert result.verdict == "exhausted"
+    assert result.coverage.properties.unreached == ()
+
+
+@pytest.mark.parametrize(
+    ("name", "thresholds", "quantum"),
+    [
+        ("an age between", (3 * MS, 7 * MS), MS),
+        ("a constant", (4 * MS, 6 * MS), 2 * MS // 2),
+        ("neighbours", (3 * MS, 4 * MS), MS // 2),
+        ("an offset", (3 * MS, 7 * MS), MS),
+    ],
+)
+def test_thresholds_are_in_the_grid_and_something_lies_between_them(
+    name: str, thresholds: tuple[int, ...], quantum: int
+) -> None:
+    flat = system(GRIDDED[name])
+    read = times_read(flat)
+    assert set(thresholds) <= set(read.thresholds_ns)
+    assert quantum_of(flat) <= quantum
+    assert all(t % quantum_of(flat) == 0 for t in read.thresholds_ns)
