@@ -85,7 +85,7 @@ def parser() -> Parser:
         type=seconds,
         default=30.0,
         metavar="SECONDS",
-        help="for the shortest trace of a violation; by default 30, 0: do not",
+        help="to minimise or shrink the trace of a violation; by default 30, 0: do not",
     )
     made.add_argument("--skew", metavar="TIME", help="in place of the test's own, such as 2ms")
     made.add_argument("--horizon", metavar="TIME", help="likewise, such as 500ms")
@@ -328,6 +328,7 @@ def _test(t: TestResult) -> dict[str, object]:
         "steps": None if t.replayed is None else len(t.replayed.steps),
         "minimal": t.minimal if t.replayed is not None else None,
         "not_shortest": t.not_shortest or None,
+        "shrunk_from": t.shrunk_from or None,
         "minimise_s": t.minimise_s,
         "strategy": o.strategy,
         "storage": o.storage,

@@ -8,6 +8,7 @@ Non-goals: the search itself (`explore/engine/c/soter_explore*.c`, `search.py`),
 from __future__ import annotations
 
 import re
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -187,7 +188,7 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     what, index = found.broken
     result.broken = broken_of(result.system, BROKEN_KINDS[what], index)
     assert result.broken is not None, found.broken
-    steps = _least(result, search, found) or found.steps
+    steps = _smallest(result, search, found)
     if not steps:  # what was not replayed is no verdict, but it is not kept silent either
         result.verdict, result.bound = BOUND, UNSHOWN
         return
@@ -198,22 +199,56 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     result.replayed = with_values(replayed)
 
 
-def _least(result: TestResult, search: Search, found: Found) -> tuple[Step, ...]:
-    """The least trace to the violation that was found; none where it was not had, and why."""
+def _smallest(result: TestResult, search: Search, found: Found) -> tuple[Step, ...]:
+    """The least trace to the violation that was found, or the smallest that was had, and why.
+
+    What was sampled is long: it is shrunk first. Otherwise the search for the least comes first,
+    and shrinking where it does not end. Each has half of the time, and what the other has left.
+    """
     if found.stopped:
         result.least_bound = INTERRUPTED
-        return ()
-    if result.options.minimise == 0:
+        return found.steps
+    until = time.perf_counter() + result.options.minimise
+    half = result.options.minimise / 2
+    if half == 0:
         result.least_bound = NOT_ASKED
-        return ()
-    least = search.least(found)
-    result.minimise_s = least.seconds
+        return found.steps
+    smaller = found
+    first = result.options.strategy in SAMPLING
+    if first:
+        smaller = _shrunk(result, search, found, half)
+    if result.least_bound is None:
+        least = _least(result, search, found, until - time.perf_counter() if first else half)
+        if result.minimal:
+            result.shrunk_from = 0
+            return least
+    if not first and result.least_bound != INTERRUPTED:
+        smaller = _shrunk(result, search, found, until - time.perf_counter())
+    return smaller.steps
+
+
+def _least(result: TestResult, search: Search, found: Found, patience_s: float) -> tuple[Step, ...]:
+    """The least trace to the violation that was found; none where it was not had, and why."""
+    least = search.least(found, patience_s)
+    result.minimise_s += least.seconds
     result.minimal = least.status == "violated" and bool(least.steps)
     if not result.minimal:
         patience = least.stopped == "patience"
         result.least_bound = PATIENCE if patience else _BOUNDS.get(least.status, LIMIT)
         return ()
     return least.steps
+
+
+def _shrunk(result: TestResult, search: Search, found: Found, patience_s: float) -> Found:
+    """What was found, or something smaller."""
+    made = search.shrunk(found, patience_s) if found.steps else None
+    if made is None:
+        return found
+    result.minimise_s += made.seconds
+    if made.stopped == "interrupted":
+        result.least_bound = INTERRUPTED
+    result.shrunk_from = len(found.steps) if len(made.steps) < len(found.steps) else 0
+    return made
 
 
 def trace_of(result: TestResult, told: Told, steps: Sequence[Step]) -> Trace:
@@ -236,6 +271,7 @@ def trace_of(result: TestResult, told: Told, steps: Sequence[Step]) -> Trace:
             "" if result.least_bound is None else why_not_shortest(result.least_bound, options)
         ),
         assumptions=result.assumptions,
+        shrunk_from=result.shrunk_from,
     )
 
 

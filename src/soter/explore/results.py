@@ -45,7 +45,7 @@ BOUNDS = {
 }
 """Why a search that has no violation to show did not cover everything."""
 NOT_SHORTEST = {
-    PATIENCE: "the search for it took longer than {minimise:g} s (--minimise)",
+    PATIENCE: "the search for it took longer than its part of {minimise:g} s (--minimise)",
     NOT_ASKED: "it was not looked for (--minimise 0)",
     MEMORY: "the search for it needs more memory than was allowed (--memory)",
     STATES: "the search for it needs more configurations than were allowed (--max-states)",
@@ -118,7 +118,7 @@ class TestResult:
 
     `broken`, `replayed` and `trace` (the file) are there where it is violated; `minimal` says
     that no execution to that violation has fewer steps. `least_bound`: why that was not shown.
-    `minimise_s`: seconds that were spent on that. A violation that no execution shows (bound
+    `minimise_s`: seconds that were spent on that and on shrinking. A violation that no execution shows (bound
     "unshown") has `broken` alone.
     """
 
@@ -146,6 +146,8 @@ class TestResult:
     minimal: bool = False
     least_bound: str | None = None
     minimise_s: float = 0.0
+    shrunk_from: int = 0
+    """Steps of the trace that was found, the start included, where its own is shrunk; else 0."""
     trace: Path | None = None
     page: Path | None = None
 

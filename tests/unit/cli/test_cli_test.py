@@ -182,8 +182,8 @@ def test_what_the_interpreter_does_not_see_is_a_defect_of_soter(
 
     honest = search.Search.least
 
-    def lies(self: Any, found: Any) -> Any:
-        least = honest(self, found)
+    def lies(self: Any, *given: Any) -> Any:
+        least = honest(self, *given)
         return replace(least, steps=least.steps[:-1])
 
     monkeypatch.setattr(search.Search, "least", lies)
@@ -214,7 +214,9 @@ def stop_before_the_least(monkeypatch: pytest.MonkeyPatch, **how: object) -> Non
     """Searches for the least trace end like that."""
     from soter.explore.engine import search
 
-    monkeypatch.setattr(search.Search, "least", lambda _, found: replace(found, steps=(), **how))
+    monkeypatch.setattr(
+        search.Search, "least", lambda _, found, *__: replace(found, steps=(), **how)
+    )
 
 
 def test_ctrl_c_while_the_shortest_is_looked_for_keeps_the_trace(

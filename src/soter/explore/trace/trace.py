@@ -90,6 +90,8 @@ class Trace:
     """Why it may not be the shortest one, for people; empty where it is, or nobody knows."""
     assumptions: tuple[str, ...] = ()
     """What the verdict rests on; for people."""
+    shrunk_from: int = 0
+    """Steps of the trace that this one was shrunk from, the start included; 0: of none."""
     path: Path | None = field(default=None, compare=False)
     """The file that it was read from."""
 
@@ -121,6 +123,7 @@ def to_document(trace: Trace, folder: Path | None = None) -> dict[str, object]:
         },
         "minimal": trace.minimal,
         "not_shortest": trace.not_shortest,
+        "shrunk_from": trace.shrunk_from,
         "assumptions": list(trace.assumptions),
         "steps": [_step_document(s) for s in trace.steps],
     }
@@ -266,6 +269,10 @@ class _Reader:
             raise DamagedError(f"{self._name(name)} is out of range")
         return found
 
+    def number_or_none(self, name: str, low: int, high: int) -> int | None:
+        """A number that may be missing."""
+        return self.number(name, low, high) if name in self._given else None
+
     def truth(self, name: str) -> bool:
         found: bool = self._field(name, bool, "bool")
         return found
@@ -312,6 +319,7 @@ def _trace(d: _Reader, path: Path) -> Trace:
         minimal=d.truth("minimal"),
         not_shortest=d.text_or_none("not_shortest"),
         assumptions=d.texts("assumptions"),
+        shrunk_from=d.number_or_none("shrunk_from", 0, COUNT_MAX) or 0,
         path=path,
     )
 

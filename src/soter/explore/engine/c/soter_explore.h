@@ -228,6 +228,26 @@ uint32_t soter_explore_complete(const soter_model* m, const soter_explore_option
                                 const soter_trace_step* part, uint32_t length,
                                 soter_trace_step* whole, uint32_t room, soter_broken* broken);
 
+/* Steps that are wished, and where it is written down what comes of them. The first `begin` wishes
+ * are taken for made, and led to the world `from`. `made`, `unusual` (how many choices of a step
+ * are not the default one, its time and loss among them) and `worlds` (the world after each step;
+ * NULL: nobody wants them) have room for `limit` steps; more are not made. */
+typedef struct {
+  uint64_t seed;
+  soter_broken wanted;
+  const soter_trace_step* wish;
+  uint32_t length, begin, limit;
+  const void* from;
+  soter_trace_step* made;
+  uint32_t* unusual;
+  void* worlds;
+} soter_guide;
+
+/* Makes an execution of the whole system that follows wishes as far as that is possible, by default
+ * steps otherwise, until something is violated: `violates` says whether `wanted` is. Returns how
+ * many steps it has, those before `begin` among them. */
+uint32_t soter_explore_guided(const soter_model* m, const soter_guide* g, bool* violates);
+
 /* All worlds that a search with exact storage stored, written to `worlds` one after the other
  * (NULL: nothing is written); returns how many there are. */
 uint64_t soter_explore_kept(const soter_model* m, const void* kept, void* worlds);

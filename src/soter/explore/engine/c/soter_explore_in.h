@@ -4,7 +4,7 @@
  * soter_explore_reduce.c sleep sets and ample sets
  * soter_explore_store.c the table of packed worlds
  * one file per strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _replay; _least
- * minimises
+ * minimises, _guided runs what shrinking tries
  */
 #ifndef SOTER_EXPLORE_IN_H
 #define SOTER_EXPLORE_IN_H
