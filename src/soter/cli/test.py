@@ -326,6 +326,7 @@ def _test(t: TestResult) -> dict[str, object]:
         "trace": None if t.trace is None else str(t.trace),
         "page": None if t.page is None else str(t.page),
         "steps": None if t.replayed is None else len(t.replayed.steps),
+        "steps_that_matter": t.steps_that_matter,
         "minimal": t.minimal if t.replayed is not None else None,
         "not_shortest": t.not_shortest or None,
         "shrunk_from": t.shrunk_from or None,

@@ -196,7 +196,7 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     replayed = replay(trace, result.system)
     if not replayed.reproduced:
         raise UnreproducedError(replayed)
-    result.replayed = with_values(replayed)
+    result.replayed = with_marks(with_values(replayed), search.matters(replayed, found))
 
 
 def _smallest(result: TestResult, search: Search, found: Found) -> tuple[Step, ...]:
@@ -282,6 +282,13 @@ def with_values(found: Replayed) -> Replayed:
         for step, done in zip(found.trace.steps, found.steps, strict=True)
     )
     return replace(found, trace=replace(found.trace, steps=steps))
+
+
+def with_marks(found: Replayed, matters: Sequence[bool]) -> Replayed:
+    """The same, its trace and its steps with whether each of them matters."""
+    told = [replace(s, matters=m) for s, m in zip(found.trace.steps, matters, strict=True)]
+    done = [replace(s, matters=m) for s, m in zip(found.steps, matters, strict=True)]
+    return replace(found, trace=replace(found.trace, steps=tuple(told)), steps=tuple(done))
 
 
 # ---------------------------------------------------------------- files

@@ -118,8 +118,8 @@ class TestResult:
 
     `broken`, `replayed` and `trace` (the file) are there where it is violated; `minimal` says
     that no execution to that violation has fewer steps. `least_bound`: why that was not shown.
-    `minimise_s`: seconds that were spent on that and on shrinking. A violation that no execution shows (bound
-    "unshown") has `broken` alone.
+    `minimise_s`: seconds that were spent on that and on shrinking. A violation that no execution
+    shows (bound "unshown") has `broken` alone.
     """
 
     __test__ = False  # not a test of pytest's
@@ -168,6 +168,13 @@ class TestResult:
         if self.replayed is None or self.least_bound is None:
             return ""
         return why_not_shortest(self.least_bound, self.options)
+
+    @property
+    def steps_that_matter(self) -> int | None:
+        """How many steps of its trace its violation depends on; None where there is no trace."""
+        if self.replayed is None:
+            return None
+        return len([s for s in self.replayed.steps if s.matters is not False])
 
     @property
     def interrupted(self) -> bool:

@@ -159,6 +159,7 @@ def _step(
         observable=s.observable,
         violates=found.names(s.violated),
         note=_note(s, found),
+        matters=s.matters is not False or not found.reproduced,
     )
 
 

@@ -33,6 +33,7 @@ from soter.explore.engine.engine import (
 )
 from soter.explore.engine.guided import Guided, array_of, steps_of
 from soter.explore.engine.shrink import Shrinker
+from soter.explore.engine.slice import Slicer
 from soter.explore.methods import EXHAUSTIVE
 from soter.explore.results import Looked
 from soter.explore.trace.choices import ENDING
@@ -47,6 +48,7 @@ if TYPE_CHECKING:
 
     from soter.codegen.body import Branch
     from soter.explore.engine.engine import Searched
+    from soter.explore.judge.replay import Replayed
     from soter.explore.model.parts import Part
     from soter.explore.results import Options
     from soter.program.model.system import System
@@ -143,6 +145,13 @@ class Search:
         return replace(
             found, steps=steps, transitions=made.tried, seconds=seconds, stopped=made.stopped
         )
+
+    def matters(self, replayed: Replayed, found: Found) -> tuple[bool, ...]:
+        """For each step of a trace whether what was found to be violated depends on it."""
+        assert found.broken is not None
+        raw = [self._raw(s) for s in replayed.trace.steps]
+        slicer = Slicer(self._engine)
+        return slicer.matters(raw, replayed.steps, found.broken, self._settings.seed)
 
     def _raw(self, s: Step) -> RawStep:
         numbers = {self._actor(i): i for i in range(len(self._engine.actors))}

@@ -49,8 +49,9 @@ class Shrunk:
 
 
 def cost_of(made: Made) -> Cost:
-    """Steps, changes of actor, choices that are not the default one; then, of equal ones, how often
-    the deployed order is left, and how late all steps are together, ns.
+    """Steps, changes of actor, choices that are not the default one; then what settles ties.
+
+    That is how often the deployed order is left, and how late all steps are together, ns.
     """
     s = made.steps[made.steps["actor"] != NOBODY]
     actor, at = s["actor"].astype(np.int64), s["time"]
@@ -71,8 +72,9 @@ class Shrinker:
         deadline_s: float,
         look: Callable[[int, int], None] | None = None,
     ) -> None:
-        """`deadline_s`: when to end, of `time.perf_counter`. `look`: is told how many executions
-        were tried and how long the best one is.
+        """`deadline_s`: when to end, of `time.perf_counter`.
+
+        `look` is told how many executions were tried and how long the best one is.
         """
         self._guided, self._look, self._deadline_s = guided, look, deadline_s
         self._period = np.array([a.period_ns for a in actors], dtype=np.int64)

@@ -56,6 +56,8 @@ class Step:
     release_ns: int
     time_ns: int
     choices: tuple[Choice, ...] = ()
+    matters: bool | None = None
+    """Whether the violation depends on it; None: nobody said."""
 
 
 @dataclass(frozen=True)
@@ -133,13 +135,14 @@ def _step_document(s: Step) -> dict[str, object]:
     choices = [
         {"stream": c.stream, "pick": c.pick, "of": c.of, "value": c.value} for c in s.choices
     ]
-    return {
+    document: dict[str, object] = {
         "actor": s.actor,
         "kind": s.kind,
         "release_ns": s.release_ns,
         "time_ns": s.time_ns,
         "choices": choices,
     }
+    return document if s.matters is None else document | {"matters": s.matters}
 
 
 def _relative(program: str, folder: Path | None) -> str:
@@ -277,6 +280,10 @@ class _Reader:
         found: bool = self._field(name, bool, "bool")
         return found
 
+    def truth_or_none(self, name: str) -> bool | None:
+        """A truth value that may be missing."""
+        return self.truth(name) if name in self._given else None
+
     def part(self, name: str) -> _Reader:
         return _Reader(self._field(name, dict, "object"), self._path(name))
 
@@ -331,6 +338,7 @@ def _step(d: _Reader) -> Step:
         release_ns=d.number("release_ns", -1, TIME_MAX),
         time_ns=d.number("time_ns", -1, TIME_MAX),
         choices=tuple([_choice(c) for c in d.objects("choices")]),
+        matters=d.truth_or_none("matters"),
     )
 
 
