@@ -168,7 +168,44 @@ def explore_test(
         )
         if verdict == VIOLATED:
             _explain(result, search, found, told)
+        if result.replayed is not None and options.all_properties and not result.interrupted:
+            _go_on(result, search, found, told)
     return result
+
+
+def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None:
+    """Look for other properties that can be violated, one search for each."""
+    assert found.broken is not None
+    known, others = [found.broken], []
+    while True:
+        found = search.run(tuple(known))
+        verdict, bound = _verdict(found, result.options, sampled=search.sampled)
+        if verdict != VIOLATED:
+            result.others_bound = bound
+            break
+        assert found.broken is not None
+        assert found.broken not in known, found.broken
+        known.append(found.broken)
+        other = replace(
+            result,
+            minimal=False,
+            least_bound=None,
+            minimise_s=0.0,
+            shrunk_from=0,
+            states=found.states,
+            transitions=found.transitions,
+            runs=found.runs,
+            seconds=found.seconds,
+            depth=found.depth,
+            replayed=None,
+        )
+        _explain(other, search, found, told)
+        others.append(other)
+        if other.interrupted or other.replayed is None:
+            result.others_bound = other.bound or other.least_bound
+            break
+    result.others = tuple(others)
+    result.coverage = search.coverage()
 
 
 def _verdict(found: Found, options: Options, *, sampled: bool) -> tuple[str, str | None]:
@@ -295,11 +332,18 @@ def with_marks(found: Replayed, matters: Sequence[bool]) -> Replayed:
 
 
 def save(result: TestResult, folder: Path = FOLDER) -> Path | None:
-    """Write the trace of a violated test; `SoterError` D006. None where there is nothing."""
+    """Write the trace of a violated test; `SoterError` D006. None where there is nothing.
+
+    Those of other properties are beside it, `-2` after the name and so on.
+    """
     if result.replayed is None:
         return None
-    trace = result.replayed.trace
-    result.trace = write_trace(trace, folder / f"{file_stem(trace)}{ENDING}")
+    stem = file_stem(result.replayed.trace)
+    result.trace = write_trace(result.replayed.trace, folder / f"{stem}{ENDING}")
+    for number, other in enumerate(result.others, 2):
+        if other.replayed is not None:
+            path = folder / f"{stem}-{number}{ENDING}"
+            other.trace = write_trace(other.replayed.trace, path)
     return result.trace
 
 

@@ -79,6 +79,9 @@ class Options:
     minimise: float = 30.0
     """Seconds that the search for the shortest execution to a violation may take; 0: none."""
 
+    all_properties: bool = False
+    """Go on after a violation, to find which other properties can be violated."""
+
     @property
     def threads_run(self) -> int:
         """How many threads search, of those asked for."""
@@ -150,6 +153,10 @@ class TestResult:
     """Steps of the trace that was found, the start included, where its own is shrunk; else 0."""
     trace: Path | None = None
     page: Path | None = None
+    others: tuple[TestResult, ...] = ()
+    """Of other properties that can be violated, each with a trace (`Options.all_properties`)."""
+    others_bound: str | None = None
+    """Why that may not be all of them; None: the search for more ended, or there was none."""
 
     @property
     def states_per_s(self) -> float:
@@ -170,6 +177,14 @@ class TestResult:
         return why_not_shortest(self.least_bound, self.options)
 
     @property
+    def violated_there(self) -> tuple[str, ...]:
+        """Every property that is violated at the end of its trace, its own first."""
+        if self.replayed is None or self.broken is None:
+            return ()
+        found = [b.text for b in self.replayed.steps[-1].violated if b != self.broken]
+        return (self.broken.text, *found)
+
+    @property
     def steps_that_matter(self) -> int | None:
         """How many steps of its trace its violation depends on; None where there is no trace."""
         if self.replayed is None:
@@ -179,7 +194,7 @@ class TestResult:
     @property
     def interrupted(self) -> bool:
         """Whether somebody stopped it, or the search for its least trace."""
-        return INTERRUPTED in (self.bound, self.least_bound)
+        return INTERRUPTED in (self.bound, self.least_bound, self.others_bound)
 
     def __repr__(self) -> str:
         what = f" {self.broken.text}" if self.broken else f" {self.bound}" if self.bound else ""

@@ -21,6 +21,8 @@ from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TE
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from soter.explore.judge.replay import Replayed
     from soter.program.model.system import System
 
@@ -99,13 +101,12 @@ def test_what_does_not_matter_may_choose_otherwise(text: str) -> None:
             assert all(again.stays(random, matters=False) for _ in range(TRIES)), name
 
 
-@pytest.mark.parametrize("chunk", range(4))
 @pytest.mark.parametrize("make", [small_program, program_apart])
 def test_what_does_not_matter_may_choose_otherwise_in_random_programs(
-    chunk: int, make: type[str]
+    make: Callable[[int], str],
 ) -> None:
     free = removed = 0
-    for number in range(chunk, PROGRAMS, 4):
+    for number in range(PROGRAMS):
         try:
             system = system_of_text(make(number), "T")
         except (SoterError, AssertionError):

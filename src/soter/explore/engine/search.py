@@ -86,11 +86,14 @@ class Search:
 
     # ------------------------------------------------------------ searching
 
-    def run(self) -> Found:
-        """The search that was asked for; with all reductions, part by part."""
-        settings = self._settings
+    def run(self, known: tuple[tuple[int, int], ...] = ()) -> Found:
+        """The search that was asked for; with all reductions, part by part.
+
+        With `known` violations it looks for others, in all of the system.
+        """
+        settings = replace(self._settings, known=known)
         parts: tuple[Part | None, ...] = (None,)
-        if settings.reduction == "all" and settings.strategy in EXHAUSTIVE:
+        if settings.reduction == "all" and settings.strategy in EXHAUSTIVE and not known:
             apart = len(self._engine.parts) > 1 and not self._engine.starts_broken()
             parts = self._engine.parts if apart else (None,)
         self.parts = len(parts)

@@ -1,4 +1,4 @@
-"""Which steps of a trace matter to its violation: a slice, backwards (docs/testing.md, "The slice").
+"""Which steps of a trace matter to its violation: a slice (docs/testing.md, "The slice").
 
 Purpose: from what the property reads back to the steps that may have changed it, by what steps of
 each actor read and write (`explore/model/actors.py`) and by what they did change. Whatever the

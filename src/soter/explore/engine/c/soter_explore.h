@@ -129,6 +129,12 @@ typedef enum { SOTER_EXACT = 0, SOTER_FINGERPRINT = 1 } soter_storage;
 #define SOTER_REDUCE_SLEEP 1U
 #define SOTER_REDUCE_AMPLE 2U
 
+/* What is violated: `what` 0 always/never (`index` property), 1 a contract (property), 2 a trusted
+ * component faulted (component), 3 a timed property (timed). */
+typedef struct {
+  uint32_t what, index;
+} soter_broken;
+
 typedef struct {
   soter_strategy strategy;
   soter_storage storage;
@@ -145,6 +151,8 @@ typedef struct {
   uint64_t timeds;
   bool plainly; /* never remember steps: run every one (a check of the explorer itself) */
   bool go_on;   /* do not stop at a violation: what violates is not expanded */
+  const soter_broken* known; /* [knowns]: nor at one of these: others are looked for */
+  uint32_t knowns;
 } soter_explore_options;
 
 typedef enum {
@@ -157,12 +165,6 @@ typedef enum {
   SOTER_NO_MEMORY = 6, /* not even enough to begin */
   SOTER_LIMIT = 7      /* more choices in a step, or deeper, than there is room for */
 } soter_explore_status;
-
-/* What is violated: `what` 0 always/never (`index` property), 1 a contract (property), 2 a trusted
- * component faulted (component), 3 a timed property (timed). */
-typedef struct {
-  uint32_t what, index;
-} soter_broken;
 
 /* One step of a trace. `kind`: 0 step, 1 lost release (skip), 2 start of an overrunning step, 3 its
  * publications take effect, 4 the start of the world (choices of initial values). */

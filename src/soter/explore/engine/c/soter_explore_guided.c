@@ -188,28 +188,6 @@ static bool make_as_wished(soter_place* x, const soter_move* move, const soter_t
 
 /* ------------------------------------------------------------------ the end of it */
 
-static bool is_wanted(const soter_broken* a, const soter_broken* b) {
-  return a->what == b->what && a->index == b->index;
-}
-
-/* Whether what is looked for is violated, maybe among others. */
-static bool breaks(guided* d, bool fine, const soter_broken* found) {
-  soter_place* const x = &d->x;
-  const soter_broken* const wanted = &d->g->wanted;
-  if (is_wanted(found, wanted)) {
-    return true;
-  }
-  if (!fine) {
-    return wanted->what == 1U && wanted->index < x->p->properties &&
-           soter_properties_of(x->p, x->there)[wanted->index].count > 0U;
-  }
-  soter_broken other;
-  const uint64_t bit = wanted->index < 64U ? UINT64_C(1) << wanted->index : 0U;
-  x->properties = wanted->what == 0U ? bit : 0U;
-  x->timeds = wanted->what == 3U ? bit : 0U;
-  return soter_violates(x, &other) && is_wanted(&other, wanted);
-}
-
 static void write(guided* d, uint32_t made, const soter_move* move, uint32_t number) {
   soter_place* const x = &d->x;
   const soter_guide* const g = d->g;
@@ -231,6 +209,7 @@ static uint32_t follow(guided* d, bool* violates) {
   const soter_guide* const g = d->g;
   uint32_t made = g->begin;
   uint32_t at = g->begin;
+  x->wanted = &g->wanted; /* what is violated with it does not hide it */
   if (g->begin > 0U) {
     (void)memcpy(x->here, (const uint8_t*)g->from, x->size);
   }
@@ -253,7 +232,7 @@ static uint32_t follow(guided* d, bool* violates) {
     const bool fine = make_as_wished(x, &move, wish, &broken);
     write(d, made++, &move, number);
     if (!fine || soter_violates(x, &broken)) {
-      *violates = breaks(d, fine, &broken);
+      *violates = soter_same_broken(&broken, &g->wanted);
       break;
     }
     (void)memcpy(x->here, x->there, x->size);
