@@ -333,7 +333,7 @@ def _going_on(steps: Steps) -> Steps:
     groups = np.split(np.arange(len(steps)), np.flatnonzero(np.diff(steps["time"])) + 1)
     actor = steps["actor"]
     order: list[int] = []
-    for g, after in zip(groups, [*groups[1:], []], strict=True):
+    for g, after in zip(groups, [*groups[1:], groups[0][:0]], strict=True):
         comes = set(actor[after].tolist())
         last = int(actor[order[-1]]) if order else -1
         own = sorted(g.tolist(), key=lambda i: int(actor[i]))
