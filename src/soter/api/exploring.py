@@ -50,7 +50,8 @@ def explore(
         result = explore_test(system, options, Told(path, told, replaced_in(symbol)), progress)
         results.append(result)
         if output is not None and save(result, Path(output)) is not None and html:
-            write_test_page(result)
+            for one in (result, *(o for o in result.others if o.trace is not None)):
+                write_test_page(one)
         if result.interrupted:
             break
     not_started = tuple([t.name for t in tests[len(results) :]])

@@ -168,4 +168,5 @@ def _step(s: Stepped) -> dict[str, object]:
         "modes": dict(s.modes),
         "topics": dict(s.topics),
         "truth": dict(s.truth),
+        "matters": s.matters,
     }

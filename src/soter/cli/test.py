@@ -87,7 +87,12 @@ def parser() -> Parser:
         type=seconds,
         default=30.0,
         metavar="SECONDS",
-        help="for the shortest trace of a violation; by default 30, 0: do not",
+        help="to minimise or shrink the trace of a violation; by default 30, 0: do not",
+    )
+    made.add_argument(
+        "--all",
+        action="store_true",
+        help="go on after a violation: which other properties can be violated, each with a trace",
     )
     made.add_argument("--skew", metavar="TIME", help="in place of the test's own, such as 2ms")
     made.add_argument("--horizon", metavar="TIME", help="likewise, such as 500ms")
@@ -128,6 +133,7 @@ def run(args: Options, console: Console) -> Outcome:
                 output=args.output,
                 html=args.html,
                 minimise=args.minimise,
+                all_properties=args.all,
                 progress=None if line is None else lambda looked: line(progress_text(looked)),
                 partial=True,
             )
@@ -223,6 +229,10 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     lines += ["", *_coverage(test, console)]
     if test.replayed is not None:
         lines += ["", *_trace(test, console)]
+    for other in test.others:
+        lines += ["", *_other(other, console)]
+    if test.options.all_properties and test.replayed is not None:
+        lines += ["", console.paint("muted", _rest(test))]
     lines += ["", "rests on"]
     lines += [console.paint(muted, f"  {text}") for text in test.assumptions]
     return lines
@@ -286,6 +296,24 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
     return lines
 
 
+def _other(test: TestResult, console: Console) -> list[str]:
+    """Another property that can be violated, with its trace."""
+    word, colour, said = _verdict(test)
+    head = f"{console.paint('bold', 'also')}  {console.paint(colour, word)}  {said}"
+    return [head, "", *_trace(test, console)] if test.replayed is not None else [head]
+
+
+def _rest(test: TestResult) -> str:
+    """What the search for violations of other properties came to."""
+    from soter.explore.results import BOUNDS  # noqa: PLC0415 - only then
+
+    found = 1 + len(test.others)
+    head = f"{found} {'property' if found == 1 else 'properties'} violated"
+    if test.others_bound is None:
+        return f"{head}; the search for violations of others ended without one"
+    return f"{head}; there may be others: {BOUNDS.get(test.others_bound, test.others_bound)}"
+
+
 def _trace(test: TestResult, console: Console) -> list[str]:
     from soter import __version__  # noqa: PLC0415 - only then
     from soter.explore.to_report import view_of  # noqa: PLC0415 - the same
@@ -329,6 +357,26 @@ def _fields(report: ExploreReport) -> dict[str, object]:
     }
 
 
+def _shown(t: TestResult) -> dict[str, object]:
+    """Another property that can be violated."""
+    assert t.broken is not None
+    there = list(t.violated_there)
+    return {"violated": t.broken.text, "violated_there": there, **_trace_fields(t)}
+
+
+def _trace_fields(t: TestResult) -> dict[str, object]:
+    return {
+        "trace": None if t.trace is None else str(t.trace),
+        "page": None if t.page is None else str(t.page),
+        "steps": None if t.replayed is None else len(t.replayed.steps),
+        "steps_that_matter": t.steps_that_matter,
+        "minimal": t.minimal if t.replayed is not None else None,
+        "not_shortest": t.not_shortest or None,
+        "shrunk_from": t.shrunk_from or None,
+        "minimise_s": t.minimise_s,
+    }
+
+
 def _test(t: TestResult) -> dict[str, object]:
     o = t.options
     return {
@@ -337,18 +385,16 @@ def _test(t: TestResult) -> dict[str, object]:
         "verdict": t.verdict,
         "bound": t.bound,
         "violated": None if t.broken is None else t.broken.text,
+        "violated_there": list(t.violated_there),
+        "others": [_shown(other) for other in t.others],
+        "others_bound": t.others_bound,
         "states": t.states,
         "transitions": t.transitions,
         "runs": t.runs,
         "seconds": t.seconds,
         "states_per_s": t.states_per_s,
         "depth": t.depth,
-        "trace": None if t.trace is None else str(t.trace),
-        "page": None if t.page is None else str(t.page),
-        "steps": None if t.replayed is None else len(t.replayed.steps),
-        "minimal": t.minimal if t.replayed is not None else None,
-        "not_shortest": t.not_shortest or None,
-        "minimise_s": t.minimise_s,
+        **_trace_fields(t),
         "strategy": o.strategy,
         "storage": o.storage,
         "reduction": o.reduction,

@@ -8,6 +8,7 @@ Non-goals: the search itself (`explore/engine/c/soter_explore*.c`, `search.py`),
 from __future__ import annotations
 
 import re
+import time
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -175,6 +176,8 @@ def explore_test(
         )
         if verdict == VIOLATED:
             _explain(result, search, found, told)
+        if result.replayed is not None and options.all_properties and not result.interrupted:
+            _go_on(result, search, found, told)
     return result
 
 
@@ -187,6 +190,43 @@ def _short_of(system: System, search: Search, coverage: Coverage) -> str | None:
     if search.times is not None and search.times.open:
         return GRID
     return SAMPLED if search.sampled else None
+
+
+def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None:
+    """Look for other properties that can be violated, one search for each."""
+    assert found.broken is not None
+    known, others = [found.broken], []
+    while True:
+        found = search.run(tuple(known))
+        verdict, bound = _verdict(
+            found, result.options, _short_of(result.system, search, search.coverage())
+        )
+        if verdict != VIOLATED:
+            result.others_bound = bound
+            break
+        assert found.broken is not None
+        assert found.broken not in known, found.broken
+        known.append(found.broken)
+        other = replace(
+            result,
+            minimal=False,
+            least_bound=None,
+            minimise_s=0.0,
+            shrunk_from=0,
+            states=found.states,
+            transitions=found.transitions,
+            runs=found.runs,
+            seconds=found.seconds,
+            depth=found.depth,
+            replayed=None,
+        )
+        _explain(other, search, found, told)
+        others.append(other)
+        if other.interrupted or other.replayed is None:
+            result.others_bound = other.bound or other.least_bound
+            break
+    result.others = tuple(others)
+    result.coverage = search.coverage()
 
 
 def _verdict(found: Found, options: Options, short_of: str | None) -> tuple[str, str | None]:
@@ -206,7 +246,7 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     what, index = found.broken
     result.broken = broken_of(result.system, BROKEN_KINDS[what], index)
     assert result.broken is not None, found.broken
-    steps = _least(result, search, found) or found.steps
+    steps = _smallest(result, search, found)
     if not steps:  # what was not replayed is no verdict, but it is not kept silent either
         result.verdict, result.bound = BOUND, UNSHOWN
         return
@@ -214,25 +254,59 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     replayed = replay(trace, result.system)
     if not replayed.reproduced:
         raise UnreproducedError(replayed)
-    result.replayed = with_values(replayed)
+    result.replayed = with_marks(with_values(replayed), search.matters(replayed, found))
 
 
-def _least(result: TestResult, search: Search, found: Found) -> tuple[Step, ...]:
-    """The least trace to the violation that was found; none where it was not had, and why."""
+def _smallest(result: TestResult, search: Search, found: Found) -> tuple[Step, ...]:
+    """The least trace to the violation that was found, or the smallest that was had, and why.
+
+    What was sampled is long: it is shrunk first. Otherwise the search for the least comes first,
+    and shrinking where it does not end. Each has half of the time, and what the other has left.
+    """
     if found.stopped:
         result.least_bound = INTERRUPTED
-        return ()
-    if result.options.minimise == 0:
+        return found.steps
+    until = time.perf_counter() + result.options.minimise
+    half = result.options.minimise / 2
+    if half == 0:
         result.least_bound = NOT_ASKED
-        return ()
-    least = search.least(found)
-    result.minimise_s = least.seconds
+        return found.steps
+    smaller = found
+    first = result.options.strategy in SAMPLING
+    if first:
+        smaller = _shrunk(result, search, found, half)
+    if result.least_bound is None:
+        least = _least(result, search, found, until - time.perf_counter() if first else half)
+        if result.minimal:
+            result.shrunk_from = 0
+            return least
+    if not first and result.least_bound != INTERRUPTED:
+        smaller = _shrunk(result, search, found, until - time.perf_counter())
+    return smaller.steps
+
+
+def _least(result: TestResult, search: Search, found: Found, patience_s: float) -> tuple[Step, ...]:
+    """The least trace to the violation that was found; none where it was not had, and why."""
+    least = search.least(found, patience_s)
+    result.minimise_s += least.seconds
     result.minimal = least.status == "violated" and bool(least.steps)
     if not result.minimal:
         patience = least.stopped == "patience"
         result.least_bound = PATIENCE if patience else _BOUNDS.get(least.status, LIMIT)
         return ()
     return least.steps
+
+
+def _shrunk(result: TestResult, search: Search, found: Found, patience_s: float) -> Found:
+    """What was found, or something smaller."""
+    made = search.shrunk(found, patience_s) if found.steps else None
+    if made is None:
+        return found
+    result.minimise_s += made.seconds
+    if made.stopped == "interrupted":
+        result.least_bound = INTERRUPTED
+    result.shrunk_from = len(found.steps) if len(made.steps) < len(found.steps) else 0
+    return made
 
 
 def trace_of(result: TestResult, told: Told, steps: Sequence[Step]) -> Trace:
@@ -255,6 +329,7 @@ def trace_of(result: TestResult, told: Told, steps: Sequence[Step]) -> Trace:
             "" if result.least_bound is None else why_not_shortest(result.least_bound, options)
         ),
         assumptions=result.assumptions,
+        shrunk_from=result.shrunk_from,
     )
 
 
@@ -267,15 +342,29 @@ def with_values(found: Replayed) -> Replayed:
     return replace(found, trace=replace(found.trace, steps=steps))
 
 
+def with_marks(found: Replayed, matters: Sequence[bool]) -> Replayed:
+    """The same, its trace and its steps with whether each of them matters."""
+    told = [replace(s, matters=m) for s, m in zip(found.trace.steps, matters, strict=True)]
+    done = [replace(s, matters=m) for s, m in zip(found.steps, matters, strict=True)]
+    return replace(found, trace=replace(found.trace, steps=tuple(told)), steps=tuple(done))
+
+
 # ---------------------------------------------------------------- files
 
 
 def save(result: TestResult, folder: Path = FOLDER) -> Path | None:
-    """Write the trace of a violated test; `SoterError` D006. None where there is nothing."""
+    """Write the trace of a violated test; `SoterError` D006. None where there is nothing.
+
+    Those of other properties are beside it, `-2` after the name and so on.
+    """
     if result.replayed is None:
         return None
-    trace = result.replayed.trace
-    result.trace = write_trace(trace, folder / f"{file_stem(trace)}{ENDING}")
+    stem = file_stem(result.replayed.trace)
+    result.trace = write_trace(result.replayed.trace, folder / f"{stem}{ENDING}")
+    for number, other in enumerate(result.others, 2):
+        if other.replayed is not None:
+            path = folder / f"{stem}-{number}{ENDING}"
+            other.trace = write_trace(other.replayed.trace, path)
     return result.trace
 
 

@@ -49,7 +49,7 @@ BOUNDS = {
 }
 """Why a search that has no violation to show did not cover everything."""
 NOT_SHORTEST = {
-    PATIENCE: "the search for it took longer than {minimise:g} s (--minimise)",
+    PATIENCE: "the search for it took longer than its part of {minimise:g} s (--minimise)",
     NOT_ASKED: "it was not looked for (--minimise 0)",
     MEMORY: "the search for it needs more memory than was allowed (--memory)",
     STATES: "the search for it needs more configurations than were allowed (--max-states)",
@@ -82,6 +82,9 @@ class Options:
     bug_depth: int = 3
     minimise: float = 30.0
     """Seconds that the search for the shortest execution to a violation may take; 0: none."""
+
+    all_properties: bool = False
+    """Go on after a violation, to find which other properties can be violated."""
 
     @property
     def threads_run(self) -> int:
@@ -122,8 +125,8 @@ class TestResult:
 
     `broken`, `replayed` and `trace` (the file) are there where it is violated; `minimal` says
     that no execution to that violation has fewer steps. `least_bound`: why that was not shown.
-    `minimise_s`: seconds that were spent on that. A violation that no execution shows (bound
-    "unshown") has `broken` alone.
+    `minimise_s`: seconds that were spent on that and on shrinking. A violation that no execution
+    shows (bound "unshown") has `broken` alone.
     """
 
     __test__ = False  # not a test of pytest's
@@ -152,8 +155,14 @@ class TestResult:
     minimal: bool = False
     least_bound: str | None = None
     minimise_s: float = 0.0
+    shrunk_from: int = 0
+    """Steps of the trace that was found, the start included, where its own is shrunk; else 0."""
     trace: Path | None = None
     page: Path | None = None
+    others: tuple[TestResult, ...] = ()
+    """Of other properties that can be violated, each with a trace (`Options.all_properties`)."""
+    others_bound: str | None = None
+    """Why that may not be all of them; None: the search for more ended, or there was none."""
 
     @property
     def states_per_s(self) -> float:
@@ -174,9 +183,24 @@ class TestResult:
         return why_not_shortest(self.least_bound, self.options)
 
     @property
+    def violated_there(self) -> tuple[str, ...]:
+        """Every property that is violated at the end of its trace, its own first."""
+        if self.replayed is None or self.broken is None:
+            return ()
+        found = [b.text for b in self.replayed.steps[-1].violated if b != self.broken]
+        return (self.broken.text, *found)
+
+    @property
+    def steps_that_matter(self) -> int | None:
+        """How many steps of its trace its violation depends on; None where there is no trace."""
+        if self.replayed is None:
+            return None
+        return len([s for s in self.replayed.steps if s.matters is not False])
+
+    @property
     def interrupted(self) -> bool:
         """Whether somebody stopped it, or the search for its least trace."""
-        return INTERRUPTED in (self.bound, self.least_bound)
+        return INTERRUPTED in (self.bound, self.least_bound, self.others_bound)
 
     def __repr__(self) -> str:
         what = f" {self.broken.text}" if self.broken else f" {self.bound}" if self.bound else ""

@@ -30,6 +30,7 @@ def options_of(
     runs: int,
     seed: int,
     minimise: float = 30.0,
+    all_properties: bool = False,
 ) -> Options:
     """The options of a search; `SoterError` U001 with all mistakes at once."""
     problems: list[Diagnostic] = []
@@ -71,6 +72,7 @@ def options_of(
         runs=runs,
         seed=seed,
         minimise=float(minimise),
+        all_properties=bool(all_properties),
     )
 
 

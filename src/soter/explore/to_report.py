@@ -100,7 +100,12 @@ def _remark(found: Replayed) -> str:
     if found.trace.minimal:
         return "No execution violates it in fewer steps; the interpreter has replayed it."
     why = found.trace.not_shortest or "the file of the trace does not say why"
-    return f"Perhaps not the shortest execution: {why}; the interpreter has replayed it."
+    perhaps = f"erhaps not the shortest execution: {why}; the interpreter has replayed it."
+    before, after = found.trace.shrunk_from, len(found.trace.steps)
+    if not before:
+        return f"P{perhaps}"
+    born = len([s for s in found.trace.steps if s.kind == START])
+    return f"Shrunk from {before - born:,} steps to {after - born:,}; p{perhaps}"
 
 
 def _count(n: int, noun: str) -> str:
@@ -154,6 +159,7 @@ def _step(
         observable=s.observable,
         violates=found.names(s.violated),
         note=_note(s, found),
+        matters=s.matters is not False or not found.reproduced,
     )
 
 

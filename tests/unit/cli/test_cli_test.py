@@ -184,8 +184,8 @@ def test_what_the_interpreter_does_not_see_is_a_defect_of_soter(
 
     honest = search.Search.least
 
-    def lies(self: Any, found: Any) -> Any:
-        least = honest(self, found)
+    def lies(self: Any, *given: Any) -> Any:
+        least = honest(self, *given)
         return replace(least, steps=least.steps[:-1])
 
     monkeypatch.setattr(search.Search, "least", lies)
@@ -216,7 +216,9 @@ def stop_before_the_least(monkeypatch: pytest.MonkeyPatch, **how: object) -> Non
     """Searches for the least trace end like that."""
     from soter.explore.engine import search
 
-    monkeypatch.setattr(search.Search, "least", lambda _, found: replace(found, steps=(), **how))
+    monkeypatch.setattr(
+        search.Search, "least", lambda _, found, *__: replace(found, steps=(), **how)
+    )
 
 
 def test_ctrl_c_while_the_shortest_is_looked_for_keeps_the_trace(
@@ -252,6 +254,38 @@ def test_a_violation_without_a_trace_is_not_lost(
     assert "BOUND REACHED  a violation was found, but memory or patience ended before" in said
     assert "no violation was found" not in said
     assert "always abs(robot.truth.at) <= END" in said
+
+
+def test_all_properties_that_can_be_violated_are_told(soter: Soter, here: Path) -> None:
+    (here / "two.soter").write_text(TWO, "utf-8")
+    done = soter("test", "two.soter", "--all", "--html")
+    assert done.exit == 3
+    assert "also  VIOLATED  never x == 2" in done.out
+    assert (
+        "3 properties violated; the search for violations of others ended without one" in done.out
+    )
+    assert (here / ".soter" / "two-T-2.html").is_file()
+    assert soter("replay", ".soter/two-T-2.trace.json").exit == 0
+    (test,) = soter("test", "two.soter", "--all", "--json").document["tests"]
+    assert (
+        list(_check(SCHEMAS["test"], soter("test", "two.soter", "--all", "--json").document, ""))
+        == []
+    )
+    assert test["violated"] == "never x == 1"
+    assert test["violated_there"] == ["never x == 1", "never x < 2 && x > 0"]
+    assert {o["violated"] for o in test["others"]} == {"never x == 2", "never x < 2 && x > 0"}
+    assert all(o["minimal"] for o in test["others"])
+    assert test["others_bound"] is None
+    (alone,) = soter("test", "two.soter", "--json").document["tests"]
+    assert alone["others"] == []
+
+
+TWO = """soter 1;
+topic x: int in [0, 3];
+node Picks period 10ms { publishes x; step { publish x = choose [0, 2]; } }
+system S { picks: Picks; until 1s; }
+test T { system S; horizon 20ms; never x == 1; never x == 2; never x < 2 && x > 0; }
+"""
 
 
 def test_who_does_not_want_the_shortest_trace_gets_the_one_that_was_found(

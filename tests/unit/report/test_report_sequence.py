@@ -351,3 +351,23 @@ def test_the_same_view_gives_the_same_log(tmp_path: Path) -> None:
     one, two = (write_log(hostile(), tmp_path / name) for name in ("a.mcap", "b.mcap"))
     assert one.read_bytes() == two.read_bytes()
     write_log(sample.large(), tmp_path / "c.mcap")
+
+
+def test_steps_that_do_not_matter_are_told_and_pale() -> None:
+    view = sample.small()
+    assert "matter" not in "\n".join(text(view))
+    steps = tuple(dataclasses.replace(s, matters=s.number in {5, 7, 13}) for s in view.steps)
+    told = dataclasses.replace(view, steps=steps)
+    assert "3 of 14 steps matter (5, 7, 13): whatever the others choose" in "\n".join(text(told))
+    written = page(told)
+    assert "3 of 14 steps matter" in written
+    assert written.count(" aside") > written.count("row violates")
+    assert re.search(r'class="row aside" id="row-6"', written)
+    assert re.search(r'class="row violates" id="row-13"', written)
+    assert re.search(r'<tr id="step-6" class="overrun aside">', written)
+    assert 'class="row aside"' not in page(view)
+    assert {c.tone for c in rows(told)[6]} == {"muted"}
+    many = dataclasses.replace(
+        view, steps=tuple(dataclasses.replace(s, matters=s.number == 13) for s in view.steps)
+    )
+    assert "1 of 14 steps matters (13):" in "\n".join(text(many))

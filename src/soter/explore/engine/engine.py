@@ -108,6 +108,8 @@ class Settings(Options):
     go_on: bool = False
     part: Part | None = None
     """Only this part of the system; None: all of it."""
+    known: tuple[tuple[int, int], ...] = ()
+    """Violations (what, index) at which a search does not stop: it looks for others."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -298,6 +300,8 @@ class Engine:
         return stopped
 
     def _options(self, s: Settings) -> Any:  # noqa: ANN401 - cdata
+        known = [{"what": what, "index": index} for what, index in s.known]
+        self._known = self.ffi.new("soter_broken[]", known)  # lives as long as the options
         return self.ffi.new(
             "soter_explore_options *",
             {
@@ -316,6 +320,8 @@ class Engine:
                 "keep": s.keep,
                 "plainly": s.plainly,
                 "go_on": s.go_on,
+                "known": self._known,
+                "knowns": len(s.known),
             },
         )
 

@@ -23,7 +23,17 @@ from soter.explore.engine.coverage import (
     part_of,
     values_part,
 )
-from soter.explore.engine.engine import Engine, SearchResult, Settings
+from soter.explore.engine.engine import (
+    Engine,
+    Progress,
+    RawChoice,
+    RawStep,
+    SearchResult,
+    Settings,
+)
+from soter.explore.engine.guided import Guided, array_of, steps_of
+from soter.explore.engine.shrink import Shrinker
+from soter.explore.engine.slice import Slicer
 from soter.explore.methods import EXHAUSTIVE
 from soter.explore.results import Looked
 from soter.explore.trace.choices import ENDING
@@ -37,11 +47,15 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
     from soter.codegen.body import Branch
-    from soter.explore.engine.engine import Progress, RawStep, Searched
+    from soter.explore.engine.engine import Searched
+    from soter.explore.judge.replay import Replayed
     from soter.explore.model.parts import Part
     from soter.explore.results import Options
     from soter.program.model.system import System
 
+
+TOLD = 64
+"""Executions between two looks at how far shrinking is."""
 
 Found = SearchResult[Step]
 """What a search found, steps with names."""
@@ -54,8 +68,8 @@ class Search:
         self, system: System, options: Options, progress: Callable[[Looked], None] | None = None
     ) -> None:
         self._system = system
+        self.options = options
         self._settings = Settings(**vars(options))
-        self._patience_s = options.minimise
         self._progress = progress
         self._engine = Engine(system)
         self._streams = {fnv(name): name for name in _streams(system)}
@@ -73,11 +87,14 @@ class Search:
 
     # ------------------------------------------------------------ searching
 
-    def run(self) -> Found:
-        """The search that was asked for; with all reductions, part by part."""
-        settings = self._settings
+    def run(self, known: tuple[tuple[int, int], ...] = ()) -> Found:
+        """The search that was asked for; with all reductions, part by part.
+
+        With `known` violations it looks for others, in all of the system.
+        """
+        settings = replace(self._settings, known=known)
         parts: tuple[Part | None, ...] = (None,)
-        if settings.reduction == "all" and settings.strategy in EXHAUSTIVE:
+        if settings.reduction == "all" and settings.strategy in EXHAUSTIVE and not known:
             apart = len(self._engine.parts) > 1 and not self._engine.starts_broken()
             parts = self._engine.parts if apart else (None,)
         self.parts = len(parts)
@@ -100,15 +117,51 @@ class Search:
             found[-1] = replace(found[-1], status="states")  # the other parts were not looked at
         return self._named(_sum(found))
 
-    def least(self, found: Found) -> Found:
+    def least(self, found: Found, patience_s: float) -> Found:
         """The least execution to the same violation; `status` is "violated" where it is one.
 
-        It takes at most as long as `Options.minimise` says.
+        It takes at most `patience_s` seconds.
         """
         assert found.broken is not None
         look = self._look(minimising=True)
-        settings, patience_s = self._settings, self._patience_s
-        return self._named(self._engine.least(settings, found.broken, look, patience_s))
+        return self._named(self._engine.least(self._settings, found.broken, look, patience_s))
+
+    def shrunk(self, found: Found, patience_s: float) -> Found | None:
+        """Something that is not larger and violates the same, sought for so long.
+
+        None where what was found violates nothing. `transitions` are the executions tried.
+        """
+        assert found.broken is not None
+        look = self._look(minimising=True)
+        guided = Guided(self._engine, self._settings.seed, found.broken)
+        began = time.perf_counter()
+
+        def told(tried: int, length: int) -> None:
+            if look is not None and tried % TOLD == 0:
+                look(Progress(0, tried, length, time.perf_counter() - began))
+
+        shrinker = Shrinker(guided, self._engine.actors, deadline_s=began + patience_s, look=told)
+        made = shrinker.run(array_of([self._raw(s) for s in found.steps]))
+        if made is None:
+            return None
+        steps = tuple([self._step(raw) for raw in steps_of(made.steps)])
+        seconds = time.perf_counter() - began
+        return replace(
+            found, steps=steps, transitions=made.tried, seconds=seconds, stopped=made.stopped
+        )
+
+    def matters(self, replayed: Replayed, found: Found) -> tuple[bool, ...]:
+        """For each step of a trace whether what was found to be violated depends on it."""
+        assert found.broken is not None
+        raw = [self._raw(s) for s in replayed.trace.steps]
+        slicer = Slicer(self._engine)
+        return slicer.matters(raw, replayed.steps, found.broken, self._settings.seed)
+
+    def _raw(self, s: Step) -> RawStep:
+        numbers = {self._actor(i): i for i in range(len(self._engine.actors))}
+        choices = tuple([RawChoice(fnv(c.stream), c.of, c.pick) for c in s.choices])
+        kind = STEP_KINDS.index(s.kind)
+        return RawStep(numbers.get(s.actor, -1), kind, s.release_ns, s.time_ns, choices)
 
     def _look(self, *, minimising: bool) -> Callable[[Progress], None] | None:
         progress = self._progress

@@ -87,6 +87,8 @@ class Stepped:
     """For each of `violated`, what failed, a clause; empty where it says itself."""
     dropped: tuple[Dropped, ...] = ()
     """What full queues lost as this step published."""
+    matters: bool | None = None
+    """Whether the violation depends on it, as the trace says; None: it does not."""
 
 
 @dataclass(frozen=True)
@@ -352,6 +354,7 @@ class _Run:
                 truth=self._truth(),
                 reasons=tuple([event.reasons.get(b, "") for b in broken]),
                 dropped=tuple(event.dropped),
+                matters=step.matters,
             )
         )
 

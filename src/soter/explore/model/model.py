@@ -51,7 +51,8 @@ KINDS = {
 class Model:
     """The generated unit with its model.
 
-    `world_size` in bytes; `leaves`: topic and path of the leaves for coverage, as numbered.
+    `world_size` in bytes; `leaves`: topic and path of the leaves for coverage, as numbered;
+    `fields`: of a packed world, what it is of, first bit and width.
     """
 
     unit: Unit
@@ -60,6 +61,7 @@ class Model:
     world_size: int
     bits: int
     leaves: tuple[tuple[int, tuple[str, ...]], ...]
+    fields: tuple[tuple[Label, int, int], ...] = ()
 
 
 def generate_model(
@@ -76,6 +78,7 @@ def generate_model(
         builder.world_size,
         builder.bits,
         tuple((x.topic, x.path) for x in builder.leaves),
+        builder.fields,
     )
 
 
@@ -98,6 +101,7 @@ class _ModelBuilder(UnitBuilder):
         self.world_size = 0
         self.bits = 0
         self.leaves: list[_Leaf] = []
+        self.fields: tuple[tuple[Label, int, int], ...] = ()
         self.held_at: dict[int, int] = {}
         self.symbol = ""
         self.world = ""
@@ -113,6 +117,7 @@ class _ModelBuilder(UnitBuilder):
         struct, packing = worlds.struct(), worlds.packing
         self.world = worlds.name
         self.world_size, self.bits, self.held_at = worlds.size, packing.bits, worlds.held_at
+        self.fields = tuple(packing.labelled)
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
         predicates, timed = self._timed()
         leaf = self._leaves()

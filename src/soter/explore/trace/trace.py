@@ -56,6 +56,8 @@ class Step:
     release_ns: int
     time_ns: int
     choices: tuple[Choice, ...] = ()
+    matters: bool | None = None
+    """Whether the violation depends on it; None: nobody said."""
 
 
 @dataclass(frozen=True)
@@ -90,6 +92,8 @@ class Trace:
     """Why it may not be the shortest one, for people; empty where it is, or nobody knows."""
     assumptions: tuple[str, ...] = ()
     """What the verdict rests on; for people."""
+    shrunk_from: int = 0
+    """Steps of the trace that this one was shrunk from, the start included; 0: of none."""
     path: Path | None = field(default=None, compare=False)
     """The file that it was read from."""
 
@@ -121,6 +125,7 @@ def to_document(trace: Trace, folder: Path | None = None) -> dict[str, object]:
         },
         "minimal": trace.minimal,
         "not_shortest": trace.not_shortest,
+        "shrunk_from": trace.shrunk_from,
         "assumptions": list(trace.assumptions),
         "steps": [_step_document(s) for s in trace.steps],
     }
@@ -130,13 +135,14 @@ def _step_document(s: Step) -> dict[str, object]:
     choices = [
         {"stream": c.stream, "pick": c.pick, "of": c.of, "value": c.value} for c in s.choices
     ]
-    return {
+    document: dict[str, object] = {
         "actor": s.actor,
         "kind": s.kind,
         "release_ns": s.release_ns,
         "time_ns": s.time_ns,
         "choices": choices,
     }
+    return document if s.matters is None else document | {"matters": s.matters}
 
 
 def _relative(program: str, folder: Path | None) -> str:
@@ -266,9 +272,17 @@ class _Reader:
             raise DamagedError(f"{self._name(name)} is out of range")
         return found
 
+    def number_or_none(self, name: str, low: int, high: int) -> int | None:
+        """A number that may be missing."""
+        return self.number(name, low, high) if name in self._given else None
+
     def truth(self, name: str) -> bool:
         found: bool = self._field(name, bool, "bool")
         return found
+
+    def truth_or_none(self, name: str) -> bool | None:
+        """A truth value that may be missing."""
+        return self.truth(name) if name in self._given else None
 
     def part(self, name: str) -> _Reader:
         return _Reader(self._field(name, dict, "object"), self._path(name))
@@ -312,6 +326,7 @@ def _trace(d: _Reader, path: Path) -> Trace:
         minimal=d.truth("minimal"),
         not_shortest=d.text_or_none("not_shortest"),
         assumptions=d.texts("assumptions"),
+        shrunk_from=d.number_or_none("shrunk_from", 0, COUNT_MAX) or 0,
         path=path,
     )
 
@@ -323,6 +338,7 @@ def _step(d: _Reader) -> Step:
         release_ns=d.number("release_ns", -1, TIME_MAX),
         time_ns=d.number("time_ns", -1, TIME_MAX),
         choices=tuple([_choice(c) for c in d.objects("choices")]),
+        matters=d.truth_or_none("matters"),
     )
 
 

@@ -248,6 +248,7 @@ def _row(p: Plan, row: Row) -> str:
     """Draw one step: it leads to its row in the table, with or without a script."""
     step = row.step
     kind = " violates" if step.violates else ""
+    kind += "" if step.matters else " aside"
     x = p.centres.get(step.lane)
     inside = _start(p, row) if x is None else _lane_step(p, row, x)
     return (
@@ -267,6 +268,7 @@ def _title(step: SequenceStep) -> str:
         *map(published_text, step.published),
         *([visible(step.note)] if step.note else []),
         *(["the property is violated here"] if step.violates else []),
+        *([] if step.matters else ["does not matter to the violation"]),
     ]
     return "\n".join(lines)
 

@@ -52,6 +52,7 @@ STEPS_SCHEMA = object_schema(
         "dropped": array_schema(STRING),
         "observable": BOOLEAN,
         "violates": BOOLEAN,
+        "matters": BOOLEAN,
         "note": STRING,
     },
     "a step of a replayed trace; `fault` is empty where there was none",
@@ -104,6 +105,7 @@ def _step_message(step: SequenceStep) -> Message:
         "dropped": list(step.dropped),
         "observable": step.observable,
         "violates": step.violates,
+        "matters": step.matters,
         "note": step.note,
     }
 

@@ -22,7 +22,7 @@ from soter.report.sequence.drawing import (
     plan,
     unread,
 )
-from soter.report.sequence.view import duration_text, violating
+from soter.report.sequence.view import duration_text, matter_text, violating
 from soter.report.sequence.words import does, explanation, late_text, published_text
 from soter.report.visible import visible
 
@@ -66,8 +66,13 @@ def _header(view: SequenceView) -> str:
     return (
         f'<header class="top"><p class="kicker">{kicker}</p>'
         f"<h1><span>{_unbroken(prose(visible(view.verdict)))}</span></h1>"
-        f"{says if view.property_text else ''}{_why(view)}{_remark(view)}</header>"
+        f"{says if view.property_text else ''}{_why(view)}{_matter(view)}{_remark(view)}</header>"
     )
+
+
+def _matter(view: SequenceView) -> str:
+    said = matter_text(view)
+    return f'<p class="note">{_unbroken(prose(said))}</p>' if said else ""
 
 
 def _remark(view: SequenceView) -> str:
@@ -195,6 +200,10 @@ def _marks(view: SequenceView) -> list[tuple[bool, tuple[str, str]]]:
             any(step.observable for step in steps),
             ('<i class="sample-checked"></i>', "properties are checked here"),
         ),
+        (
+            bool(matter_text(view)),
+            ('<i class="sample-step aside"></i>', "pale: a step that does not matter"),
+        ),
         (violating(view) is not None, ('<i class="mark cross"></i>', "the violation")),
     ]
 
@@ -224,7 +233,8 @@ def _step(step: SequenceStep) -> str:
         *(['<span class="detail">checked</span>'] if step.observable else []),
     ]  # fmt: skip
     return (
-        f'<tr id="step-{step.number}" class="{"violates" if step.violates else step.kind}">'
+        f'<tr id="step-{step.number}" class="{"violates" if step.violates else step.kind}'
+        f'{"" if step.matters else " aside"}">'
         f'<td class="number"><a href="#row-{step.number}">{step.number}</a></td>'
         f'<td class="where">{time}{f"<br><span class=late>{late}</span>" if late else ""}</td>'
         f"<td>{_name(step.lane)}</td><td><ul>{''.join(deeds)}</ul></td>"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.report.sequence.view import duration_text
+from soter.report.sequence.view import duration_text, matter_text
 from soter.report.sequence.words import (
     clipped,
     does,
@@ -31,8 +31,8 @@ CELL_MAX = 64
 def text(view: SequenceView, *, color: bool = False, cell_max: int = CELL_MAX) -> list[str]:
     """Return the lines to print: a table with a row a step, then why the property fails."""
     lines = table(HEADERS, rows(view, cell_max=cell_max), color=color).splitlines()
-    why = explanation(view)
-    return [*lines, "", why] if why else lines
+    said = [line for line in (explanation(view), matter_text(view)) if line]
+    return [*lines, "", *said] if said else lines
 
 
 def rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:
@@ -40,7 +40,8 @@ def rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:
     made: list[list[Styled]] = []
     time_ns: int | None = None
     for step in view.steps:
-        made.append(_row(step, cell_max, same_time=step.time_ns == time_ns))
+        row = _row(step, cell_max, same_time=step.time_ns == time_ns)
+        made.append(row if step.matters else [Styled(cell.text, "muted") for cell in row])
         time_ns = step.time_ns
     return made
 

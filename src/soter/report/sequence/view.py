@@ -21,6 +21,10 @@ Kind = Literal["start", "step", "lost", "overrun", "effect"]
 is lost, a step that starts and whose publications come later, these taking effect."""
 
 
+NAMED = 12
+"""Steps that matter are named where they are no more."""
+
+
 @dataclass(frozen=True)
 class Lane:
     """An actor. `name`: its full dotted name. `module`: the RTA module it belongs to, if any."""
@@ -87,7 +91,8 @@ class SequenceStep:
     where it is known. `fault`: what went wrong in the step. `dropped`: what was lost as it
     published, a clause each.
     `observable`: time may pass after it, so properties are checked. `violates`: the property is
-    violated here. `note`: one sentence for the reader, free.
+    violated here. `note`: one sentence for the reader, free. `matters`: whether the violation
+    depends on it; of steps that do not, the view makes little.
     """
 
     number: int
@@ -105,6 +110,7 @@ class SequenceStep:
     observable: bool = False
     violates: bool = False
     note: str = ""
+    matters: bool = True
 
 
 @dataclass(frozen=True)
@@ -137,6 +143,20 @@ class SequenceView:
 def violating(view: SequenceView) -> SequenceStep | None:
     """Return the first step that violates the property."""
     return next((step for step in view.steps if step.violates), None)
+
+
+def matter_text(view: SequenceView) -> str:
+    """Write how many steps matter, and which if they are few; empty where all do."""
+    steps = [step for step in view.steps if step.kind != "start"]
+    those = [str(step.number) for step in steps if step.matters]
+    if not those or len(those) == len(steps):
+        return ""
+    named = f" ({', '.join(those)})" if len(those) <= NAMED else ""
+    verb = "matters" if len(those) == 1 else "matter"
+    return (
+        f"{len(those):,} of {len(steps):,} steps {verb}{named}: "
+        "whatever the others choose, it is violated all the same."
+    )
 
 
 def reached(step: SequenceStep) -> tuple[Published, ...]:

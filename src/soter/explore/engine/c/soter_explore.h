@@ -129,6 +129,12 @@ typedef enum { SOTER_EXACT = 0, SOTER_FINGERPRINT = 1 } soter_storage;
 #define SOTER_REDUCE_SLEEP 1U
 #define SOTER_REDUCE_AMPLE 2U
 
+/* What is violated: `what` 0 always/never (`index` property), 1 a contract (property), 2 a trusted
+ * component faulted (component), 3 a timed property (timed). */
+typedef struct {
+  uint32_t what, index;
+} soter_broken;
+
 typedef struct {
   soter_strategy strategy;
   soter_storage storage;
@@ -145,6 +151,8 @@ typedef struct {
   uint64_t timeds;
   bool plainly; /* never remember steps: run every one (a check of the explorer itself) */
   bool go_on;   /* do not stop at a violation: what violates is not expanded */
+  const soter_broken* known; /* [knowns]: nor at one of these: others are looked for */
+  uint32_t knowns;
 } soter_explore_options;
 
 typedef enum {
@@ -157,12 +165,6 @@ typedef enum {
   SOTER_NO_MEMORY = 6, /* not even enough to begin */
   SOTER_LIMIT = 7      /* more choices in a step, or deeper, than there is room for */
 } soter_explore_status;
-
-/* What is violated: `what` 0 always/never (`index` property), 1 a contract (property), 2 a trusted
- * component faulted (component), 3 a timed property (timed). */
-typedef struct {
-  uint32_t what, index;
-} soter_broken;
 
 /* One step of a trace. `kind`: 0 step, 1 lost release (skip), 2 start of an overrunning step, 3 its
  * publications take effect, 4 the start of the world (choices of initial values). */
@@ -229,6 +231,26 @@ bool soter_explore_starts_broken(const soter_model* m);
 uint32_t soter_explore_complete(const soter_model* m, const soter_explore_options* o,
                                 const soter_trace_step* part, uint32_t length,
                                 soter_trace_step* whole, uint32_t room, soter_broken* broken);
+
+/* Steps that are wished, and where it is written down what comes of them. The first `begin` wishes
+ * are taken for made, and led to the world `from`. `made`, `unusual` (how many choices of a step
+ * are not the default one, its time and loss among them) and `worlds` (the world after each step;
+ * NULL: nobody wants them) have room for `limit` steps; more are not made. */
+typedef struct {
+  uint64_t seed;
+  soter_broken wanted;
+  const soter_trace_step* wish;
+  uint32_t length, begin, limit;
+  const void* from;
+  soter_trace_step* made;
+  uint32_t* unusual;
+  void* worlds;
+} soter_guide;
+
+/* Makes an execution of the whole system that follows wishes as far as that is possible, by default
+ * steps otherwise, until something is violated: `violates` says whether `wanted` is. Returns how
+ * many steps it has, those before `begin` among them. */
+uint32_t soter_explore_guided(const soter_model* m, const soter_guide* g, bool* violates);
 
 /* All worlds that a search with exact storage stored, written to `worlds` one after the other
  * (NULL: nothing is written); returns how many there are. */

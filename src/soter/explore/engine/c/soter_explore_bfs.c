@@ -102,7 +102,9 @@ static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint
     w->full = true;
   }
   if (soter_is_broken(&w->expander, packed, &broken)) {
-    break_off(w, &broken, SOTER_NO_DEADLINE);
+    if (!soter_is_known(&w->expander.place, &broken)) {
+      break_off(w, &broken, SOTER_NO_DEADLINE);
+    }
     return;
   }
   if (!soter_row_put(&w->next, packed, sleep, UINT64_MAX)) {

@@ -51,7 +51,7 @@ static void take_in(soter_stack* t, const uint64_t* packed, uint64_t sleep) {
     soter_broken broken;
     t->states++;
     if (soter_is_broken(&t->expander, packed, &broken)) {
-      if (!t->broke) {
+      if (!t->broke && !soter_is_known(&t->expander.place, &broken)) {
         t->broke = true;
         t->broken = broken;
         t->by_a_move = false;

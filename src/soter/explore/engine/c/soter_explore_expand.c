@@ -73,8 +73,10 @@ static void make_one(soter_expander* e, const soter_move* move, uint64_t sleep) 
   soter_broken broken;
   e->transitions++;
   if (!soter_make(x, move, &broken)) {
-    e->broken = e->broke ? e->broken : broken;
-    e->broke = true;
+    if (!e->broke && !soter_is_known(x, &broken)) {
+      e->broken = broken;
+      e->broke = true;
+    }
     return;
   }
   soter_cover(x, move->actor);

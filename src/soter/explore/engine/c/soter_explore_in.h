@@ -4,7 +4,7 @@
  * soter_explore_reduce.c sleep sets and ample sets
  * soter_explore_store.c the table of packed worlds
  * one file per strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _replay; _least
- * minimises
+ * minimises, _guided runs what shrinking tries
  */
 #ifndef SOTER_EXPLORE_IN_H
 #define SOTER_EXPLORE_IN_H
@@ -58,7 +58,10 @@ typedef struct {
   soter_explore_coverage* coverage;
   uint64_t seed;
   uint64_t actors, properties, timeds; /* the part of the system that is looked at */
-  bool too_many;                       /* a step asked for more choices than there is room for */
+  const soter_broken* known;           /* [knowns]: what does not end the search */
+  uint32_t knowns;
+  const soter_broken* wanted; /* nothing else is news; NULL: whatever is not known */
+  bool too_many;              /* a step asked for more choices than there is room for */
 } soter_place;
 
 /* `o` NULL: the whole system, seed 0. */
@@ -105,7 +108,24 @@ SOTER_INLINE bool soter_next_picks(soter_place* x) {
   return true;
 }
 
-/* Whether the world in `there` violates a property. Also marks what is covered. */
+SOTER_INLINE bool soter_same_broken(const soter_broken* a, const soter_broken* b) {
+  return a->what == b->what && a->index == b->index;
+}
+
+/* Whether it is known already that this can be violated: then it does not end the search. */
+SOTER_INLINE bool soter_is_known(const soter_place* x, const soter_broken* broken) {
+  if (x->wanted != NULL) {
+    return !soter_same_broken(x->wanted, broken);
+  }
+  for (uint32_t i = 0; i < x->knowns; i++) {
+    if (soter_same_broken(&x->known[i], broken)) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/* Whether the world in `there` violates a property, and which: one that is not known, if any. */
 bool soter_violates(soter_place* x, soter_broken* broken);
 void soter_cover(soter_place* x, uint32_t actor);
 

@@ -126,7 +126,7 @@ static uint32_t unusual(const soter_place* x, const soter_move* move, uint32_t n
 }
 
 static bool is_wanted(const ways* l, const soter_broken* b) {
-  return b->what == l->wanted.what && b->index == l->wanted.index;
+  return soter_same_broken(b, &l->wanted);
 }
 
 static void arrive(ways* l, const way* w, bool by_a_move) {
@@ -326,6 +326,7 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
   if (m->words <= SOTER_WORDS && soter_place_open(&l.x, m, o, NULL)) {
     if (soter_store_open(&l.seen, m, SOTER_EXACT, false, o->memory) && more_slots(&l)) {
       (void)memcpy(l.x.here, l.x.started, l.x.size);
+      l.x.wanted = &l.wanted; /* what is violated with it does not hide it */
       result->status = search(&l);
       result->broken = broken;
       result->states = l.count;

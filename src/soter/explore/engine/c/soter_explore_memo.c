@@ -348,8 +348,10 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
   do {
     soter_broken broken;
     if (!soter_make(x, &move, &broken)) {
-      found.broken = found.broke ? found.broken : broken;
-      found.broke = true;
+      if (!found.broke && !soter_is_known(x, &broken)) {
+        found.broken = broken;
+        found.broke = true;
+      }
       continue;
     }
     soter_cover(x, p->actor);

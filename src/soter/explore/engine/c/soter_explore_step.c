@@ -19,6 +19,8 @@ bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_
   x->actors = whole ? UINT64_MAX : o->actors;
   x->properties = whole ? UINT64_MAX : o->properties;
   x->timeds = whole ? UINT64_MAX : o->timeds;
+  x->known = o == NULL ? NULL : o->known;
+  x->knowns = o == NULL ? 0U : o->knowns;
   x->coverage = coverage;
   x->started = calloc(3U, x->size);
   if (x->started == NULL) {
@@ -194,15 +196,16 @@ static bool look_for_faults(soter_place* x, uint32_t actor, soter_broken* broken
     return true;
   }
   const soter_property* const q = soter_properties_of(x->p, x->there);
+  const soter_broken fault = {2U, x->m->actor[actor].component};
+  *broken = fault;
+  bool contract = false;
   for (uint32_t i = 0; i < x->p->properties; i++) {
-    if (q[i].count > 0U) {
-      broken->what = 1U;
-      broken->index = i;
-      return false;
+    const soter_broken one = {1U, i};
+    if (q[i].count > 0U && (!contract || soter_is_known(x, broken))) {
+      *broken = one;
+      contract = true;
     }
   }
-  broken->what = 2U;
-  broken->index = x->m->actor[actor].component;
   return false;
 }
 
@@ -417,30 +420,39 @@ static bool timed_fails(soter_place* x, uint32_t i, bool observable) {
   return due < now || (now >= 0 && at_the_end(x));
 }
 
+/* Something that is violated: the first of it, and of that the first that is not known. Whether it
+ * is one that is not known: then no other is looked for. */
+static bool tell(const soter_place* x, uint32_t what, uint32_t index, bool* any,
+                 soter_broken* broken) {
+  const soter_broken found = {what, index};
+  const bool news = !soter_is_known(x, &found);
+  if (news || !*any) {
+    *broken = found;
+  }
+  *any = true;
+  return news;
+}
+
 bool soter_violates(soter_place* x, soter_broken* broken) {
   const bool observable = is_observable(x);
-  if (observable) {
-    for (uint32_t i = 0; i < x->p->properties; i++) {
-      const soter_property_info* const q = &x->p->property[i];
-      if (q->when != SOTER_AT_INSTANT || !is_in(x->properties, i)) {
-        continue;
-      }
-      note_judged(x, i);
-      if (q->violated(x->there)) {
-        broken->what = 0U;
-        broken->index = i;
-        return true;
-      }
+  bool any = false;
+  bool news = false;
+  for (uint32_t i = 0; observable && !news && i < x->p->properties; i++) {
+    const soter_property_info* const q = &x->p->property[i];
+    if (q->when != SOTER_AT_INSTANT || !is_in(x->properties, i)) {
+      continue;
+    }
+    note_judged(x, i);
+    if (q->violated(x->there)) {
+      news = tell(x, 0U, i, &any, broken);
     }
   }
-  for (uint32_t i = 0; i < x->m->timeds; i++) {
+  for (uint32_t i = 0; !news && i < x->m->timeds; i++) {
     if (is_in(x->timeds, i) && timed_fails(x, i, observable)) {
-      broken->what = 3U;
-      broken->index = i;
-      return true;
+      news = tell(x, 3U, i, &any, broken);
     }
   }
-  return false;
+  return any;
 }
 
 /* ------------------------------------------------------------------ coverage */
@@ -534,19 +546,15 @@ void soter_write_step(const soter_place* x, const soter_move* move, soter_trace_
   (void)memcpy(to->choice, x->choice, x->taken * sizeof to->choice[0]);
 }
 
-static bool same_broken(const soter_broken* a, const soter_broken* b) {
-  return a->what == b->what && a->index == b->index;
-}
-
 /* Whether the move just made is the one that is looked for. */
 static bool is_wanted(soter_place* x, bool fine, const soter_broken* found, const uint64_t* to,
                       const soter_broken* broken) {
   if (!fine) {
-    return to == NULL && same_broken(found, broken);
+    return to == NULL && soter_same_broken(found, broken);
   }
   if (to == NULL) {
     soter_broken seen;
-    return soter_violates(x, &seen) && same_broken(&seen, broken);
+    return soter_violates(x, &seen) && soter_same_broken(&seen, broken);
   }
   uint64_t packed[SOTER_WORDS];
   x->m->pack(x->there, packed);

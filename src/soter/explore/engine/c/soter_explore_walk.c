@@ -102,14 +102,14 @@ bool soter_walk_once(soter_walk* w) {
     write_step(w, &move);
     w->transitions += move.kind != SOTER_BIRTH ? 1U : 0U;
     if (!fine) {
-      return true;
+      return !soter_is_known(x, broken);
     }
     if (move.kind != SOTER_BIRTH) {
       soter_cover(x, move.actor);
     }
     meet(w);
     if (soter_violates(x, broken)) {
-      return true;
+      return !soter_is_known(x, broken);
     }
     (void)memcpy(x->here, x->there, x->size);
     soter_look(x);

@@ -1,0 +1,350 @@
+"""A violating execution made smaller, greedily (docs/testing.md, "Shrinking").
+
+Purpose: where the search for the least execution does not end, one that is smaller than what was
+found: fewer steps, then fewer changes of actor, then fewer choices that are not the default one.
+A part of the trace is changed, the engine makes an execution of that (`guided.py`), and if this
+violates the same property and is less, it takes the trace's place.
+Non-goals: the least one; that no smaller one exists is never claimed.
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from soter.explore.engine.guided import EFFECT, NOBODY, SKIPPED, STEPS
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    import numpy.typing as npt
+
+    from soter.explore.engine.guided import Guided, Made, Steps
+    from soter.explore.model.plan import Actor
+
+    Change = Callable[[Steps], Steps]
+    Cost = tuple[int, int, int, int, int]
+    Numbers = npt.NDArray[np.int64]
+
+PARTS = (32, 2**32)
+"""Into how many a trace is cut at most where larger choices are tried: at first, at last."""
+PICKS = 16
+"""Alternatives of a question that are tried at most."""
+
+
+class OverError(Exception):
+    """The time is over."""
+
+
+@dataclass(frozen=True)
+class Shrunk:
+    """What shrinking came to; `tried`: executions. `stopped`: "patience", "interrupted" or ""."""
+
+    steps: Steps
+    tried: int
+    stopped: str
+
+
+def cost_of(made: Made) -> Cost:
+    """Steps, changes of actor, choices that are not the default one; then what settles ties.
+
+    That is how often the deployed order is left, and how late all steps are together, ns.
+    """
+    s = made.steps[made.steps["actor"] != NOBODY]
+    actor, at = s["actor"].astype(np.int64), s["time"]
+    changes = int(np.count_nonzero(np.diff(actor)))
+    back = int(np.count_nonzero((np.diff(actor) < 0) & (np.diff(at) == 0)))
+    late = int((at - s["release"]).sum())
+    return len(made.steps), changes, int(made.unusual.sum()), back, late
+
+
+class Shrinker:
+    """Of one execution; `best` is the smallest so far."""
+
+    def __init__(
+        self,
+        guided: Guided,
+        actors: Sequence[Actor],
+        *,
+        deadline_s: float,
+        look: Callable[[int, int], None] | None = None,
+    ) -> None:
+        """`deadline_s`: when to end, of `time.perf_counter`.
+
+        `look` is told how many executions were tried and how long the best one is.
+        """
+        self._guided, self._look, self._deadline_s = guided, look, deadline_s
+        self._period = np.array([a.period_ns for a in actors], dtype=np.int64)
+        self._phase = np.array([a.phase_ns for a in actors], dtype=np.int64)
+        self._window = np.array([a.window_ns for a in actors], dtype=np.int64)
+        self._skips = np.array([a.skips > 0 for a in actors])
+        self._overrun = np.array([a.overrun_ns for a in actors], dtype=np.int64)
+        self._parts = PARTS[0]
+        self.tried = 0
+
+    def run(self, found: Steps) -> Shrunk | None:
+        """Something that is not larger; None where `found` is no such execution.
+
+        (n,) -> at most n steps.
+        """
+        self.best = self._guided.run(found, len(found))
+        self.cost = cost_of(self.best)
+        if not self.best.violates:
+            return None
+        stopped = ""
+        try:
+            for self._parts in PARTS:
+                self._until_nothing_helps()
+        except OverError:
+            stopped = "patience"
+        except KeyboardInterrupt:
+            stopped = "interrupted"
+        return Shrunk(self.best.steps, self.tried, stopped)
+
+    def _until_nothing_helps(self) -> None:
+        passes = (self._leave_out, self._larger, self._order, self._defaults, self._in_time)
+        before: Cost | None = None
+        while before != self.cost:
+            before = self.cost
+            for one in passes:
+                one()
+
+    def _try(self, wish: Steps, begin: int) -> bool:
+        """Whether what comes of a trace that is changed from step `begin` on is less.
+
+        It is the best one then.
+        """
+        if time.perf_counter() > self._deadline_s:
+            raise OverError
+        best = self.best
+        begin = min(begin, len(best.steps) - 1)  # what violates is no world to go on from
+        made = self._guided.run(wish, len(best.steps), best, begin)
+        self.tried += 1
+        if self._look is not None:
+            self._look(self.tried, len(best.steps))
+        if not made.violates:
+            return False
+        cost = cost_of(made)
+        if cost >= self.cost:
+            return False
+        self.best, self.cost = made, cost
+        return True
+
+    def _in_blocks(self, change: Change, finest: int = 1) -> None:
+        """Try a change of all of the trace, of its halves, ..., at last of `finest` steps.
+
+        `change` gives the changed part, of the same length.
+        """
+        size = len(self.best.steps)
+        while size >= finest:
+            begin = 0
+            while begin < len(self.best.steps):
+                part = self.best.steps[begin : begin + size]
+                changed = change(part.copy())
+                if changed.tobytes() != part.tobytes():
+                    wish = self.best.steps.copy()
+                    wish[begin : begin + size] = changed
+                    self._try(wish, begin)
+                begin += size
+            size = (size + 1) // 2 if size > 1 else 0
+
+    # ------------------------------------------------------------ fewer steps
+
+    def _leave_out(self) -> None:
+        """Releases of a span of time left out; what comes after comes sooner."""
+        least = int(self._period.min())
+        span = max(self._end() // 2, least)
+        while span >= least:
+            begin = 0
+            while begin < self._end():
+                if not self._try(*self._without(begin, span)):
+                    begin += span
+            span = max(span // 2, least) if span > least else 0
+
+    def _end(self) -> int:
+        return int(self.best.steps["time"].max(initial=0)) + 1
+
+    def _without(self, begin: int, span: int) -> tuple[Steps, int]:
+        """The steps without releases from `begin` on, `span` ns long; the first that changes."""
+        steps = self.best.steps
+        born = steps["actor"] == NOBODY
+        actor = np.where(born, 0, steps["actor"])
+        period, phase = self._period[actor], self._phase[actor]
+
+        def releases(until: int) -> Numbers:
+            before: Numbers = np.maximum(-((phase - until) // period), 0)
+            return before
+
+        first, last = releases(begin), releases(begin + span)
+        number = (steps["release"] - phase) // period
+        wish = steps.copy()
+        shift = np.where(~born & (number >= last), (last - first) * period, 0)
+        wish["release"] -= shift
+        wish["time"] -= shift
+        kept = born | (number < first) | (number >= last)
+        changed = np.flatnonzero(~kept | (shift > 0))
+        return wish[kept], int(changed[0]) if len(changed) else len(steps)
+
+    def _larger(self) -> None:
+        """Choices, losses and lateness that are not the default, for long: sooner violated."""
+        finest = max(len(self.best.steps) // self._parts, 1)
+        for change in self._pushes():
+            self._in_blocks(change, finest)
+
+    def _pushes(self) -> Iterator[Change]:
+        """Each question with each of its answers; each actor lost, late, long, first, last."""
+        asked = self.best.steps["choice"][_asked(self.best.steps)]
+        kinds = zip(asked["stream"].tolist(), asked["count"].tolist(), strict=True)
+        for stream, count in sorted(set(kinds)):
+            for pick in range(min(count, PICKS)):
+                yield _always(stream, count, pick)
+        for i in np.flatnonzero(self._skips).tolist():
+            yield _lost(i)
+        for i in np.flatnonzero((self._window > 0) | (self._overrun > 0)).tolist():
+            yield self._late(i)
+        for i in range(len(self._period)):
+            yield _first(i)
+            yield _last(i)
+
+    def _late(self, actor: int) -> Change:
+        window, overrun = self._window[actor], self._overrun[actor]
+
+        def change(steps: Steps) -> Steps:
+            own = steps["actor"] == actor
+            ends = own & (steps["kind"] == EFFECT)
+            steps["time"][own] = steps["release"][own] + window
+            steps["time"][ends] += overrun
+            return steps[np.argsort(steps["time"], kind="stable")]
+
+        return change
+
+    # ------------------------------------------------------------ fewer changes of actor
+
+    def _order(self) -> None:
+        """The deployed order; whoever moved last in an instant goes on in the next."""
+        self._in_blocks(_deployed)
+        self._in_blocks(_by_release)
+        self._in_blocks(_going_on, 2)
+        i = 0
+        while i < len(self.best.steps) - 2:
+            self._together(i)
+            i += 1
+
+    def _together(self, i: int) -> None:
+        """The next step of the actor of step i comes right after it, or step i right before."""
+        actor = self.best.steps["actor"]
+        near = actor[i + 1 : i + 2 + 2 * len(self._period)]
+        again = np.flatnonzero(near == actor[i])
+        if len(again) == 0 or again[0] == 0:
+            return
+        j = i + 1 + int(again[0])
+        if not self._try(_moved(self.best.steps, j, i + 1), i):
+            self._try(_moved(self.best.steps, i, j - 1), i)
+
+    # ------------------------------------------------------------ fewer choices
+
+    def _defaults(self) -> None:
+        """Choices back to the default, in parts, then one by one."""
+        self._in_blocks(_plain)
+        i = 0
+        while i < len(self.best.steps):
+            picks = self.best.steps["choice"]["pick"][i]
+            places = np.flatnonzero(picks[: int(self.best.steps["choices"][i])])
+            for k in places.tolist() if len(places) > 1 else ():
+                if i < len(self.best.steps):
+                    wish = self.best.steps.copy()
+                    wish["choice"]["pick"][i, k] = 0
+                    self._try(wish, i)
+            i += 1
+
+    def _in_time(self) -> None:
+        """Nothing lost, nothing late, nothing that takes long."""
+        self._in_blocks(_kept)
+        self._in_blocks(_early)
+
+
+def _asked(steps: Steps) -> npt.NDArray[np.bool_]:
+    """Which choices there are. (n,) -> (n, CHOICES)."""
+    room = steps["choice"].shape[1]
+    found: npt.NDArray[np.bool_] = np.arange(room)[None, :] < steps["choices"][:, None]
+    return found
+
+
+# ---------------------------------------------------------------- changes of a part
+
+
+def _always(stream: int, count: int, pick: int) -> Change:
+    """This question has this answer, wherever it is asked."""
+
+    def change(steps: Steps) -> Steps:
+        choice = steps["choice"]
+        own = (choice["stream"] == stream) & (choice["count"] == count) & _asked(steps)
+        choice["pick"][own] = pick
+        return steps
+
+    return change
+
+
+def _lost(actor: int) -> Change:
+    def change(steps: Steps) -> Steps:
+        steps["kind"][(steps["actor"] == actor) & (steps["kind"] != EFFECT)] = SKIPPED
+        return steps
+
+    return change
+
+
+def _plain(steps: Steps) -> Steps:
+    steps["choice"]["pick"] = 0
+    return steps
+
+
+def _kept(steps: Steps) -> Steps:
+    steps["kind"][steps["kind"] == SKIPPED] = STEPS
+    return steps
+
+
+def _early(steps: Steps) -> Steps:
+    steps["time"] = steps["release"]
+    return steps[np.argsort(steps["time"], kind="stable")]
+
+
+def _first(actor: int) -> Change:
+    """The actor is the first of every instant."""
+    return lambda steps: steps[np.lexsort((steps["actor"] != actor, steps["time"]))]
+
+
+def _last(actor: int) -> Change:
+    return lambda steps: steps[np.lexsort((steps["actor"] == actor, steps["time"]))]
+
+
+def _deployed(steps: Steps) -> Steps:
+    return steps[np.lexsort((steps["actor"], steps["time"]))]
+
+
+def _by_release(steps: Steps) -> Steps:
+    return steps[np.lexsort((steps["actor"], steps["release"]))]
+
+
+def _going_on(steps: Steps) -> Steps:
+    """Instant by instant: first who moved last, last who moves in the next one as well."""
+    groups = np.split(np.arange(len(steps)), np.flatnonzero(np.diff(steps["time"])) + 1)
+    actor = steps["actor"]
+    order: list[int] = []
+    for g, after in zip(groups, [*groups[1:], groups[0][:0]], strict=True):
+        comes = set(actor[after].tolist())
+        last = int(actor[order[-1]]) if order else -1
+        own = sorted(g.tolist(), key=lambda i: int(actor[i]))
+        first = [i for i in own if actor[i] == last]
+        rest = [i for i in own if actor[i] != last]
+        goes_on = [i for i in rest if int(actor[i]) in comes][-1:]
+        order += [*first, *(i for i in rest if i not in goes_on), *goes_on]
+    return steps[order]
+
+
+def _moved(steps: Steps, of: int, to: int) -> Steps:
+    """The same steps, number `of` in place `to`."""
+    order = np.insert(np.delete(np.arange(len(steps)), of), to, of)
+    return steps[order]

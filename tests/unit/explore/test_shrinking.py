@@ -1,0 +1,187 @@
+"""A trace that is too long to be minimised is shrunk: smaller, the same violation, replayed."""
+
+from __future__ import annotations
+
+import os
+import time
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from generators.small_programs import small_program
+from soter.diagnostics.diagnostic import SoterError
+from soter.explore.command import Told, explore_test, trace_of
+from soter.explore.engine.guided import Guided, array_of, steps_of
+from soter.explore.engine.search import Search
+from soter.explore.engine.shrink import Shrinker, cost_of
+from soter.explore.judge.replay import replay
+from soter.explore.results import Options
+from unit.explore.explored_programs import CONTRACTS, FAULTS, QUEUED, STARTS, TESTED
+from unit.explore.random_walks import system_of_text
+
+if TYPE_CHECKING:
+    from soter.explore.engine.guided import Steps
+    from soter.explore.engine.search import Found
+    from soter.explore.engine.shrink import Cost
+    from soter.explore.judge.replay import Replayed
+    from soter.explore.results import TestResult
+    from soter.program.model.system import System
+
+TOLD = Told("small.soter", {})
+CART = """
+soter 1;
+topic pos: float;
+topic u: float in [-1.0, 1.0] = 0.0;
+plant Cart period 10ms {
+  reads u; drives pos = x;
+  state x: float = 0.0;
+  state v: float = 0.0;
+  disturbance wind: float in [-1.0, 1.0];
+  der x = v;
+  der v = u - 0.5 * v + wind;
+  measured pos within 0.05;
+}
+node Stay period 20ms {
+  subscribes pos; publishes u;
+  step {
+    var gust = choose { false, true };
+    publish u = gust ? 0.0 : -clamp(pos, -1.0, 1.0);
+  }
+}
+system S { p: Cart; n: Stay; until 20s; }
+test Drifts { system S; horizon 20s; always abs(p.truth.x) < 0.3; }
+"""
+PROGRAMS = int(os.environ.get("SOTER_SHRUNK_PROGRAMS", "24"))
+
+
+def searched(
+    system: System, strategy: str = "random", seed: int = 1, runs: int = 300
+) -> tuple[Search, Found]:
+    """A search, to be closed by the caller, and what it found."""
+    options = replace(Options(), strategy=strategy, seed=seed, runs=runs)
+    search = Search(system, options)
+    return search, search.run()
+
+
+def costs(search: Search, found: Found, steps: tuple[object, ...]) -> Cost:
+    """What a trace costs; it violates what was found."""
+    assert found.broken is not None
+    raw = array_of([search._raw(s) for s in steps])  # type: ignore[arg-type]
+    made = Guided(search._engine, search._settings.seed, found.broken).run(raw, len(raw))
+    assert made.violates
+    assert steps_of(made.steps) == steps_of(raw)
+    return cost_of(made)
+
+
+def replayed(result: TestResult) -> Replayed:
+    assert result.replayed is not None
+    return result.replayed
+
+
+def test_a_long_trace_over_floats_is_shrunk_where_minimising_ends_in_vain() -> None:
+    system = system_of_text(CART, "Drifts")
+    options = replace(Options(), strategy="random", seed=3, minimise=4.0)
+    as_found = explore_test(system, replace(options, minimise=0.0), TOLD)
+    assert len(replayed(as_found).steps) > 2_000
+    began = time.perf_counter()
+    found = explore_test(system, options, TOLD)
+    assert time.perf_counter() - began < 4.0 + 6.0
+    assert not found.minimal
+    assert len(replayed(found).steps) < 150
+    assert replayed(found).reproduced
+    assert found.broken == as_found.broken
+    assert found.shrunk_from == len(replayed(as_found).steps)
+    assert replayed(found).trace.shrunk_from == found.shrunk_from
+
+
+def test_shrinking_gives_the_same_trace_twice() -> None:
+    system = system_of_text(CART, "Drifts")
+    search, found = searched(system, seed=3)
+    with search:
+        first, second = search.shrunk(found, 60.0), search.shrunk(found, 60.0)
+    assert first is not None
+    assert second is not None
+    assert not first.stopped
+    assert first.steps == second.steps
+
+
+@pytest.mark.parametrize("text", [TESTED, FAULTS, STARTS, CONTRACTS, QUEUED])
+def test_what_is_shrunk_is_not_larger_and_nearly_least(text: str) -> None:
+    for test in (line.split()[1] for line in text.splitlines() if line.startswith("test ")):
+        system = system_of_text(text, test)
+        search, found = searched(system, "dfs")
+        with search:
+            if found.status != "violated":
+                continue
+            shrunk, least = search.shrunk(found, 60.0), search.least(found, 60.0)
+            assert shrunk is not None
+            least_cost = costs(search, found, least.steps)
+            cost = costs(search, found, shrunk.steps)
+            assert least_cost[:3] <= cost[:3] <= costs(search, found, found.steps)[:3]
+            assert cost[0] <= 2 * least_cost[0], test
+
+
+@pytest.mark.parametrize("chunk", range(4))
+def test_shrunk_traces_of_random_programs_replay_and_violate_the_same(chunk: int) -> None:
+    shrunk_some = 0
+    for number in range(chunk, PROGRAMS, 4):
+        try:
+            system = system_of_text(small_program(number), "T")
+        except (SoterError, AssertionError):
+            continue
+        search, found = searched(system, seed=number + 1)
+        with search:
+            if found.status != "violated":
+                continue
+            shrunk = search.shrunk(found, 60.0)
+            assert shrunk is not None
+            cost, before = (costs(search, found, f.steps) for f in (shrunk, found))
+            assert cost <= before
+            shrunk_some += cost < before
+            least = search.least(found, 60.0)
+            if least.status == "violated":
+                assert costs(search, found, least.steps)[:3] <= cost[:3]
+        result = explore_test(system, replace(search.options, minimise=0.0), TOLD)
+        assert replay(trace_of(result, TOLD, shrunk.steps), system).reproduced, number
+    assert shrunk_some > 0
+
+
+def test_time_ends_shrinking_with_the_best_until_then() -> None:
+    system = system_of_text(CART, "Drifts")
+    search, found = searched(system, seed=3)
+    with search:
+        shrunk = search.shrunk(found, 0.02)
+        assert shrunk is not None
+        assert shrunk.stopped == "patience"
+        assert costs(search, found, shrunk.steps) <= costs(search, found, found.steps)
+        assert shrunk.seconds < 2.0
+
+
+def test_ctrl_c_ends_shrinking_with_the_best_until_then(monkeypatch: pytest.MonkeyPatch) -> None:
+    honest, calls = Guided.run, []
+
+    def cut(self: Guided, *given: object) -> object:
+        calls.append(1)
+        if len(calls) == 20:
+            raise KeyboardInterrupt
+        return honest(self, *given)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Guided, "run", cut)
+    system = system_of_text(CART, "Drifts")
+    options = replace(Options(), strategy="random", seed=3)
+    found = explore_test(system, options, TOLD)
+    assert found.interrupted
+    assert found.verdict == "violated"
+    assert 2 < len(replayed(found).steps) < 2_000
+
+
+def test_what_violates_something_else_is_not_taken() -> None:
+    system = system_of_text(TESTED, "Skips")
+    search, found = searched(system)
+    with search:
+        assert found.broken is not None
+        other = Guided(search._engine, 1, (found.broken[0], found.broken[1] + 1))
+        raw: Steps = array_of([search._raw(s) for s in found.steps])
+        shrinker = Shrinker(other, search._engine.actors, deadline_s=time.perf_counter() + 60)
+        assert shrinker.run(raw) is None
