@@ -6,6 +6,8 @@ Non-goals: exploring them (`tests/unit/explore/test_empty_tests.py`, `bench/test
 
 from __future__ import annotations
 
+from random import Random
+
 HEAD = """soter 1;
 topic x: int in [0, 9] = 0;
 topic y: bool = false;
@@ -136,3 +138,28 @@ CALCULATED = {
     "the square": timed("let a = age(x); publish y = abs(a - 0.005) < 0.002;"),
 }
 """Where the time is calculated with: no grid is known to be enough."""
+
+
+def watching(seed: int) -> str:
+    """A random program that compares ages, the time and a timer with random thresholds."""
+    dice = Random(seed)  # noqa: S311 - the same programs every time are wanted
+    steps = [f"let held = age(x) {dice.choice('+-')} {dice.choice((0.0, 0.001, 0.0025))};"]
+    timer = "var last: float = 0.0;\n"
+    steps.append(f"if x > {dice.randrange(9)} && time - last > {_ms(dice)} {{ last = time; }}")
+    clocks = ("age(x)", "time", "held", "time - last", "age(x)")
+    compared = [
+        f"{dice.choice(clocks)} {dice.choice(('<', '<=', '>', '>=', '=='))} {_ms(dice)}"
+        for _ in range(dice.choice((2, 2, 3, 4)))
+    ]
+    steps.append(f"publish y = {dice.choice((' && ', ' && ', ' || ')).join(compared)};")
+    text = judged(
+        f"horizon {dice.choice((12, 22))}ms; skew {dice.choice((2, 3, 4))}ms; "
+        f"{dice.choice(('late B by 4ms;', 'overrun A by 2ms;', '', ''))} never y && x > "
+        f"{dice.randrange(4)};",
+        step=" ".join(steps),
+    )
+    return text.replace("publishes y;\n  step", f"publishes y;\n  {timer}  step")
+
+
+def _ms(dice: Random) -> float:
+    return dice.choice((1, 2, 3, 4, 5, 7, 10, 12, 15)) / 1000

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.empty_tests import CALCULATED, GRIDDED, NOTHING_JUDGED, UNDRIVEN
+from generators.empty_tests import CALCULATED, GRIDDED, NOTHING_JUDGED, UNDRIVEN, watching
 from soter.explore.command import Told, explore_test
 from soter.explore.results import Options, TestResult
 from soter.program.build import check_file, system_of_test
@@ -109,3 +109,21 @@ def test_thresholds_are_in_the_grid_and_something_lies_between_them(
     assert set(thresholds) <= set(read.thresholds_ns)
     assert quantum_of(flat) <= quantum
     assert all(t % quantum_of(flat) == 0 for t in read.thresholds_ns)
+
+
+@pytest.mark.parametrize("chunk", range(4))
+def test_half_the_quantum_finds_no_more(chunk: int) -> None:
+    """On random programs that only compare times."""
+    for seed in range(chunk, 24, 4):
+        text = watching(seed)
+        first = found(text)
+        assert first.verdict in ("violated", "exhausted"), (seed, first.bound)
+        assert first.quantum_ns is not None
+        half = f"quantum {first.quantum_ns // 2}ns; "
+        again = found(text.replace("test T { system S; ", f"test T {{ system S; {half}"))
+        assert again.verdict == first.verdict, (seed, text)
+
+
+def test_such_programs_are_violated_and_clean() -> None:
+    verdicts = {found(watching(seed)).verdict for seed in range(24)}
+    assert verdicts == {"violated", "exhausted"}
