@@ -153,8 +153,8 @@ def watching(seed: int) -> str:
     ]
     steps.append(f"publish y = {dice.choice((' && ', ' && ', ' || ')).join(compared)};")
     text = judged(
-        f"horizon {dice.choice((12, 22))}ms; skew {dice.choice((2, 3, 4))}ms; "
-        f"{dice.choice(('late B by 4ms;', 'overrun A by 2ms;', '', ''))} never y && x > "
+        f"horizon {dice.choice((12, 22))}ms; skew {dice.choice((5, 5, 10))}ms; "
+        f"{dice.choice(('late B by 5ms;', '', '', ''))} never y && x > "
         f"{dice.randrange(4)};",
         step=" ".join(steps),
     )
