@@ -414,6 +414,7 @@ class Program:
         output: str | Path | None = ".soter",
         html: bool = False,
         minimise: float = 30.0,
+        time: float | None = None,
         progress: Callable[[Looked], None] | None = None,
         partial: bool = False,
     ) -> ExploreReport:
@@ -425,9 +426,9 @@ class Program:
         `skew` and `horizon`: seconds or text, in place of the test's own. A violation comes with
         a trace that the reference interpreter has replayed: the least one, where the search for it
         takes no longer than `minimise` seconds (0: it is not looked for). It is written to the
-        folder `output` (None: not at all), with `html` also as a page. `progress` is told how far
-        the search is. Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was
-        covered.
+        folder `output` (None: not at all), with `html` also as a page. `time`: seconds that the
+        search of a test may take, None for no such bound. `progress` is told how far the search is.
+        Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was covered.
         """
         from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.explore.settings import options_of  # noqa: PLC0415 - the same
@@ -443,6 +444,7 @@ class Program:
             runs=runs,
             seed=seed,
             minimise=minimise,
+            time=time,
         )
         report = explore(
             self._checked,

@@ -8,27 +8,32 @@ Non-goals: the search itself (`explore/engine/c/soter_explore*.c`, `search.py`),
 from __future__ import annotations
 
 import re
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.explore import assumptions
 from soter.explore.judge.replay import broken_of, replay
-from soter.explore.methods import SAMPLING
+from soter.explore.methods import SAMPLING, STEPS_MAX
 from soter.explore.results import (
     BOUND,
+    BOUNDS,
+    CHOICES,
     EXHAUSTED,
     INTERRUPTED,
-    LIMIT,
+    LENGTH,
     MEMORY,
     NOT_ASKED,
+    PART,
     PATIENCE,
     RUNS,
     SAMPLED,
     STATES,
-    UNSHOWN,
+    TIME,
     VIOLATED,
+    WIDTH,
     TestResult,
     why_not_shortest,
 )
@@ -39,7 +44,7 @@ from soter.program.flatten.tested import MAX_STEPS
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.explore.engine.search import Found, Search
     from soter.explore.judge.replay import Replayed
@@ -58,8 +63,19 @@ _BOUNDS = {
     "runs": RUNS,
     "stopped": INTERRUPTED,
     "no_memory": MEMORY,
-    "limit": LIMIT,
+    "choices": CHOICES,
+    "width": WIDTH,
+    "length": LENGTH,
 }
+LONG = 500
+"""Steps that are replayed even where somebody waits for an answer."""
+
+
+class Interruptions(Protocol):
+    """Who listens to signals: `wanted`, the end; while `running` no exception says so."""
+
+    wanted: bool
+    running: bool
 
 
 class UnreproducedError(RuntimeError):
@@ -139,35 +155,65 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
 
 
 def explore_test(
-    system: System, options: Options, told: Told, progress: Progress | None = None
+    system: System,
+    options: Options,
+    told: Told,
+    progress: Progress | None = None,
+    listener: Interruptions | None = None,
 ) -> TestResult:
-    """Explore a flattened test. A violation is minimised and replayed: `UnreproducedError`."""
+    """Explore a flattened test. A violation is minimised and replayed: `UnreproducedError`.
+
+    Once it is compiled, who interrupts it gets what was covered.
+    """
     from soter.explore.engine.search import Search as Engine  # noqa: PLC0415 - needs a compiler
 
-    with Engine(system, options, progress) as search:
-        found = search.run()
-        verdict, bound = _verdict(found, options, sampled=search.sampled)
-        result = TestResult(
-            name=plan_of(system).name,
-            system=system,
-            options=options,
-            verdict=verdict,
-            bound=bound,
-            states=found.states,
-            transitions=found.transitions,
-            runs=found.runs,
-            seconds=found.seconds,
-            depth=found.depth,
-            bits=search.bits,
-            parts=search.parts,
-            table_bytes=found.table_bytes,
-            frontier_bytes=found.frontier_bytes,
-            coverage=search.coverage(),
-            assumptions=assumptions.of_test(system, options, found.states, told.replaced),
-        )
+    def wanted() -> bool:
+        return listener is not None and listener.wanted
+
+    with Engine(system, options, progress, wanted) as search:
+        with _quiet(listener):
+            found = search.run()
+            verdict, bound = _verdict(found, options, sampled=search.sampled)
+            result = TestResult(
+                name=plan_of(system).name,
+                system=system,
+                options=options,
+                verdict=verdict,
+                bound=bound,
+                states=found.states,
+                transitions=found.transitions,
+                runs=found.runs,
+                seconds=found.seconds,
+                depth=found.depth,
+                bits=search.bits,
+                parts=search.parts,
+                table_bytes=found.table_bytes,
+                frontier_bytes=found.frontier_bytes,
+                total_bytes=found.total_bytes,
+                threads=found.threads,
+                why=_why(bound, search, found),
+                coverage=search.coverage(),
+                assumptions=assumptions.of_test(system, options, found.states, told.replaced),
+            )
         if verdict == VIOLATED:
-            _explain(result, search, found, told)
+            try:
+                _explain(result, search, found, told)
+            except KeyboardInterrupt:
+                result.unshown = INTERRUPTED
     return result
+
+
+@contextmanager
+def _quiet(listener: Interruptions | None) -> Iterator[None]:
+    """Inside, nothing is raised by signals."""
+    if listener is None:
+        yield
+        return
+    listener.running = True
+    try:
+        yield
+    finally:
+        listener.running = False
 
 
 def _verdict(found: Found, options: Options, *, sampled: bool) -> tuple[str, str | None]:
@@ -178,7 +224,16 @@ def _verdict(found: Found, options: Options, *, sampled: bool) -> tuple[str, str
         if options.strategy in SAMPLING:
             return BOUND, RUNS
         return (BOUND, SAMPLED) if sampled else (EXHAUSTED, None)
-    return BOUND, _BOUNDS[found.status]
+    return BOUND, TIME if found.stopped == TIME else _BOUNDS[found.status]
+
+
+def _why(bound: str | None, search: Search, found: Found) -> str:
+    """The bound for people."""
+    if bound is None:
+        return ""
+    if found.status == "no_memory" and found.needed_bytes:
+        return f"{BOUNDS[MEMORY]}: the first tables alone take {found.needed_bytes:,} bytes"
+    return BOUNDS[bound].format(who=search.chooser(found), words=search.words)
 
 
 def _explain(result: TestResult, search: Search, found: Found, told: Told) -> None:
@@ -188,8 +243,9 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     result.broken = broken_of(result.system, BROKEN_KINDS[what], index)
     assert result.broken is not None, found.broken
     steps = _least(result, search, found) or found.steps
-    if not steps:  # what was not replayed is no verdict, but it is not kept silent either
-        result.verdict, result.bound = BOUND, UNSHOWN
+    interrupted = INTERRUPTED in (found.stopped, result.least_bound)
+    if not steps or (interrupted and len(steps) > LONG):
+        result.unshown = _why_unshown(found, interrupted=interrupted)
         return
     trace = trace_of(result, told, steps)
     replayed = replay(trace, result.system)
@@ -198,9 +254,20 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     result.replayed = with_values(replayed)
 
 
+def _why_unshown(found: Found, *, interrupted: bool) -> str:
+    """Why there is no execution that shows a violation."""
+    if interrupted:
+        return INTERRUPTED
+    if found.stopped == TIME:
+        return TIME
+    if found.apart:
+        return PART
+    return LENGTH if found.depth >= STEPS_MAX else MEMORY
+
+
 def _least(result: TestResult, search: Search, found: Found) -> tuple[Step, ...]:
     """The least trace to the violation that was found; none where it was not had, and why."""
-    if found.stopped:
+    if found.stopped == INTERRUPTED:
         result.least_bound = INTERRUPTED
         return ()
     if result.options.minimise == 0:
@@ -210,8 +277,8 @@ def _least(result: TestResult, search: Search, found: Found) -> tuple[Step, ...]
     result.minimise_s = least.seconds
     result.minimal = least.status == "violated" and bool(least.steps)
     if not result.minimal:
-        patience = least.stopped == "patience"
-        result.least_bound = PATIENCE if patience else _BOUNDS.get(least.status, LIMIT)
+        patience = least.stopped == TIME
+        result.least_bound = PATIENCE if patience else _BOUNDS.get(least.status, LENGTH)
         return ()
     return least.steps
 

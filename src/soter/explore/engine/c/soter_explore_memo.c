@@ -9,10 +9,12 @@
 #include "soter_explore_in.h"
 
 #define FIRST_SLOTS 1024U
+#define WIDE 32U /* words: fewer slots then */
 #define MOST_SLOTS (UINT32_C(1) << 22)
 #define EMPTY UINT32_MAX
 #define MANY 1024U      /* outcomes of a step that are compared with each other, */
 #define TOO_MANY 65536U /* and that are remembered */
+#define LONG 4096U      /* answers of a step: a violation need not wait for the rest */
 
 /* One way that a step may end: it breaks something, or these bits of `writes` are the new ones. */
 typedef struct {
@@ -77,7 +79,7 @@ static void* push(list* l, uint32_t many) {
 }
 
 static bool map_open(map* m, uint32_t words) {
-  m->slots = FIRST_SLOTS;
+  m->slots = words > WIDE ? FIRST_SLOTS / 64U : FIRST_SLOTS;
   m->used = 0U;
   m->key = malloc((size_t)m->slots * words * sizeof *m->key);
   m->number = malloc(m->slots * sizeof *m->number);
@@ -227,7 +229,7 @@ static uint64_t map_bytes(const struct soter_memo* memo, const map* m) {
   return (uint64_t)m->slots * (memo->words * sizeof *m->key + sizeof *m->number);
 }
 
-static bool is_too_large(const struct soter_memo* memo) {
+uint64_t soter_memo_bytes(const struct soter_memo* memo) {
   const list* const lists[] = {&memo->effects, &memo->values, &memo->calendars,
                                &memo->plans,   &memo->bits,   &memo->verdicts};
   uint64_t bytes = map_bytes(memo, &memo->when) + map_bytes(memo, &memo->seen);
@@ -237,7 +239,11 @@ static bool is_too_large(const struct soter_memo* memo) {
   for (uint32_t a = 0; a < 2U * memo->actors; a++) {
     bytes += map_bytes(memo, &memo->steps[a]);
   }
-  return bytes > memo->memory;
+  return bytes;
+}
+
+static bool is_too_large(const struct soter_memo* memo) {
+  return soter_memo_bytes(memo) > memo->memory;
 }
 
 static bool is_first(const soter_model* m, const soter_move* move) {
@@ -314,7 +320,8 @@ static bool keep_outcome(soter_place* x, struct soter_memo* memo, const uint64_t
   const uint64_t* const writes = m->actor[actor].writes;
   uint64_t after[SOTER_WORDS];
   m->pack(x->there, after);
-  uint64_t* const value = found->count < TOO_MANY ? push(&memo->values, 1U) : NULL;
+  const bool fits = found->count < TOO_MANY && (found->count % 256U != 255U || !is_too_large(memo));
+  uint64_t* const value = fits ? push(&memo->values, 1U) : NULL;
   if (value == NULL) {
     return false;
   }
@@ -334,7 +341,15 @@ static bool keep_outcome(soter_place* x, struct soter_memo* memo, const uint64_t
   return true;
 }
 
-/* Runs the step of a plan in `here` with all picks, and keeps what it writes. */
+/* Whether the outcome just kept, one of very many answers, violates something: then the search
+ * ends, and the other answers need not be tried. */
+static bool is_enough(const soter_expander* e, soter_place* x, const effect* found) {
+  soter_broken unused;
+  return !e->go_on && x->tried >= LONG && (found->broke || soter_violates(x, &unused));
+}
+
+/* Runs the step of a plan in `here` with all picks, and keeps what it writes. Stopped, it keeps
+ * what it has: the search ends with that. */
 static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uint64_t* packed,
                            const plan* p, map* steps) {
   soter_place* const x = &e->place;
@@ -345,18 +360,24 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
     return false;
   }
   x->given = 0U;
+  bool enough = false;
   do {
     soter_broken broken;
+    const uint32_t before = found.count;
     if (!soter_make(x, &move, &broken)) {
       found.broken = found.broke ? found.broken : broken;
       found.broke = true;
+      enough = is_enough(e, x, &found);
       continue;
     }
     soter_cover(x, p->actor);
     if (!keep_outcome(x, memo, packed, p->actor, &found)) {
+      soter_tell_answers(x, true);
       return false;
     }
-  } while (soter_next_picks(x));
+    enough = found.count > before && is_enough(e, x, &found);
+  } while (!enough && soter_next_picks(x));
+  soter_tell_answers(x, true);
   effect* const to = push(&memo->effects, 1U);
   if (to == NULL) {
     return false;
@@ -416,7 +437,8 @@ SOTER_INLINE const effect* effect_of(soter_expander* e, const uint64_t* packed, 
   return (const effect*)memo->effects.item + steps->number[slot];
 }
 
-/* The heirs by a step: schedule's bits, and what was written. False: there is no memory. */
+/* The heirs by a step: schedule's bits, and what was written. False: there is no memory, or no room
+ * for so many at once. */
 SOTER_INLINE bool add_outcomes(soter_expander* e, const uint64_t* packed, const plan* p,
                                const uint64_t* bits, const effect* done, uint64_t asleep,
                                const uint32_t words) {
@@ -428,6 +450,9 @@ SOTER_INLINE bool add_outcomes(soter_expander* e, const uint64_t* packed, const 
     e->broken = e->broke ? e->broken : done->broken;
     e->broke = true;
     e->transitions++;
+  }
+  if ((uint64_t)(e->heirs.count + done->count) * words * sizeof *value > e->memory) {
+    return false;
   }
   for (uint32_t o = 0; o < done->count; o++) {
     for (uint32_t k = 0; k < words; k++) {
@@ -484,7 +509,7 @@ SOTER_INLINE bool expand(soter_expander* e, const uint64_t* packed, uint64_t sle
     const uint64_t* const bits = (const uint64_t*)memo->bits.item + (size_t)(c.first + i) * words;
     if (p.lost ? !add_lost(e, packed, bits, asleep, words)
                : !add_outcomes(e, packed, &p, bits, done, asleep, words)) {
-      return true;
+      return e->no_memory || give_up(e);
     }
   }
   return true;
