@@ -148,7 +148,8 @@ uint64_t soter_enabled(const soter_place* x);
 /* ------------------------------------------------------------------ the table */
 
 typedef struct {
-  uint8_t* base;  /* as allocated */
+  uint8_t* base;  /* as allocated, */
+  uint64_t bytes; /* so many */
   uint8_t* entry; /* at the beginning of a line */
   uint64_t buckets, count;
   uint64_t homes;  /* buckets that hashes say */

@@ -7,8 +7,12 @@
  * fifths full and never has to exist twice. Non-goals: deletion; sharing between threads (each has
  * a table of its own).
  */
+#define _DEFAULT_SOURCE /* MAP_ANONYMOUS */
+#include <sys/mman.h>
+
 #include "soter_explore_in.h"
 
+#define PAGES 65536U /* bytes: segments as large as this are pages of their own */
 #define SEGMENTS 256U
 #define FEW_SEGMENTS 8U  /* of wide entries: */
 #define WIDE 512U        /* bytes */
@@ -144,6 +148,24 @@ SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, con
 
 /* ------------------------------------------------------------------ opening, growing */
 
+/* Zeros. Segments that have grown out of their memory give it back to the machine at once: in the
+ * heap they would leave holes, which no other segment fits into. */
+static uint8_t* zeros(uint64_t bytes) {
+  if (bytes < PAGES) {
+    return calloc(bytes, 1U);
+  }
+  void* const found = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  return found == MAP_FAILED ? NULL : found;
+}
+
+static void give_back(const soter_segment* g) {
+  if (g->base == NULL || g->bytes < PAGES) {
+    free(g->base);
+  } else {
+    (void)munmap(g->base, g->bytes);
+  }
+}
+
 static bool segment_open(const soter_store* s, soter_segment* g, uint64_t buckets) {
   g->buckets = buckets;
   g->homes =
@@ -151,7 +173,8 @@ static bool segment_open(const soter_store* s, soter_segment* g, uint64_t bucket
   SOTER_CHECK(buckets >= FIRST_BUCKETS && g->homes >= 1U);
   g->count = g->before = 0U;
   g->idle = 0U;
-  g->base = calloc(buckets * BUCKET * s->bytes + TAIL + LINE, 1U);
+  g->bytes = buckets * BUCKET * s->bytes + TAIL + LINE;
+  g->base = zeros(g->bytes);
   if (g->base == NULL) {
     return false;
   }
@@ -197,7 +220,7 @@ uint64_t soter_store_least(const soter_model* m, soter_storage storage, bool sle
 
 void soter_store_close(soter_store* s) {
   for (uint32_t i = 0; s->segment != NULL && i < s->segments; i++) {
-    free(s->segment[i].base);
+    give_back(&s->segment[i]);
   }
   free(s->segment);
   s->segment = NULL;
@@ -267,7 +290,7 @@ static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
     if (fits) {
       break;
     }
-    free(other.base); /* the last buckets overflow */
+    give_back(&other); /* the last buckets overflow */
     if (is_stopped(s)) {
       return false;
     }
@@ -276,7 +299,7 @@ static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
   s->room = s->room - g->buckets * BUCKET + other.buckets * BUCKET;
   other.count = other.before = g->count;
   SOTER_CHECK(other.count <= other.buckets * BUCKET);
-  free(g->base);
+  give_back(g);
   *g = other;
   return true;
 }
