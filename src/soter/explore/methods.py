@@ -19,6 +19,8 @@ WORDS_MAX = 4096
 """Words of 64 bits of a packed configuration (`SOTER_WORDS`)."""
 THREADS_BFS = 16
 """So many threads breadth-first search has room for (`SOTER_THREADS`)."""
+LEAVES_MAX = 4096
+"""Leaves of topics that are told apart for coverage."""
 STEPS_MAX = 65_536
 """Steps of a trace."""
 REDUCTIONS = {"none": 0, "sleep": 1, "ample": 2, "all": 3}

@@ -399,11 +399,11 @@ static void close_worker(worker* w) {
   soter_expander_close(&w->expander);
   soter_store_close(&w->store);
   free(w->key);
-  free(w->here.item);
-  free(w->next.item);
-  free(w->links.item);
+  soter_row_close(&w->here);
+  soter_row_close(&w->next);
+  soter_row_close(&w->links);
   for (uint32_t k = 0; k < THREADS; k++) {
-    free(w->out[k].item);
+    soter_row_close(&w->out[k]);
   }
 }
 

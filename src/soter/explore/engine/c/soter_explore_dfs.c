@@ -28,7 +28,7 @@ bool soter_stack_open(soter_stack* t, soter_search* s) {
 void soter_stack_close(soter_stack* t) {
   soter_expander_close(&t->expander);
   soter_store_close(&t->store);
-  free(t->row.item);
+  soter_row_close(&t->row);
 }
 
 static bool out_of_bounds(soter_stack* t) {

@@ -44,21 +44,26 @@ bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore
 void soter_expander_close(soter_expander* e) {
   soter_memo_close(e->memo);
   soter_place_close(&e->place);
-  free(e->heirs.packed);
+  soter_give(e->heirs.packed, (uint64_t)e->heirs.room * e->words * sizeof *e->heirs.packed);
   free(e->heirs.sleep);
 }
 
 static bool more_heirs(soter_expander* e) {
   soter_heirs* const h = &e->heirs;
   const uint32_t room = h->room == 0U ? FIRST_HEIRS : h->room * 2U;
-  uint64_t* const packed = realloc(h->packed, (size_t)room * e->words * sizeof *packed);
-  h->packed = packed != NULL ? packed : h->packed;
-  uint64_t* const sleep = realloc(h->sleep, room * sizeof *sleep);
-  h->sleep = sleep != NULL ? sleep : h->sleep;
+  const uint64_t each = e->words * sizeof *h->packed;
+  uint64_t* const packed = soter_regrow(h->packed, h->room * each, room * each);
+  uint64_t* const sleep = packed != NULL ? realloc(h->sleep, room * sizeof *sleep) : NULL;
   if (packed == NULL || sleep == NULL) {
+    soter_give(packed, packed != NULL ? room * each : 0U);
+    h->packed = packed != NULL ? NULL : h->packed;
+    h->count = packed != NULL ? 0U : h->count;
+    h->room = packed != NULL ? 0U : h->room;
     e->no_memory = true;
     return false;
   }
+  h->packed = packed;
+  h->sleep = sleep;
   SOTER_CHECK(h->count < room);
   h->room = room;
   return true;
@@ -180,10 +185,16 @@ void soter_expand_birth(soter_expander* e) {
   soter_tell_answers(x, true);
 }
 
+void soter_row_close(soter_row* r) {
+  soter_give(r->item, r->room * r->width * sizeof *r->item);
+  r->item = NULL;
+}
+
 bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only) {
   if (r->count == r->room) {
     const uint64_t room = r->room == 0U ? 1024U : r->room + r->room / 2U;
-    uint64_t* const item = realloc(r->item, room * r->width * sizeof *item);
+    const uint64_t each = r->width * sizeof *r->item;
+    uint64_t* const item = soter_regrow(r->item, r->room * each, room * each);
     if (item == NULL) {
       return false;
     }

@@ -2,7 +2,7 @@
  *
  * soter_explore_step.c  which moves a world has, what a move does, what is violated then
  * soter_explore_reduce.c sleep sets and ample sets
- * soter_explore_store.c the table of packed worlds
+ * soter_explore_store.c the table of packed worlds; soter_explore_room.c its memory
  * one file per strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _replay; _least
  * minimises
  */
@@ -144,6 +144,14 @@ uint64_t soter_ample(const soter_place* x, uint64_t enabled);
 
 /* All actors that may move in `here`. */
 uint64_t soter_enabled(const soter_place* x);
+
+/* ------------------------------------------------------------------ memory */
+
+/* Zeros; NULL: there is no memory. */
+void* soter_take(uint64_t bytes);
+/* The same with more room; NULL: there is no memory, and it is as it was. */
+void* soter_regrow(void* piece, uint64_t before, uint64_t bytes);
+void soter_give(void* piece, uint64_t bytes);
 
 /* ------------------------------------------------------------------ the table */
 
@@ -313,6 +321,7 @@ typedef struct {
 
 /* Appends; false: there is no memory. `only` is left out where the row has no place for it. */
 bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only);
+void soter_row_close(soter_row* r);
 
 SOTER_INLINE uint64_t* soter_row_at(const soter_row* r, uint64_t i) {
   SOTER_CHECK(i < r->room);

@@ -7,12 +7,8 @@
  * fifths full and never has to exist twice. Non-goals: deletion; sharing between threads (each has
  * a table of its own).
  */
-#define _DEFAULT_SOURCE /* MAP_ANONYMOUS */
-#include <sys/mman.h>
-
 #include "soter_explore_in.h"
 
-#define PAGES 65536U /* bytes: segments as large as this are pages of their own */
 #define SEGMENTS 256U
 #define FEW_SEGMENTS 8U  /* of wide entries: */
 #define WIDE 512U        /* bytes */
@@ -148,24 +144,6 @@ SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, con
 
 /* ------------------------------------------------------------------ opening, growing */
 
-/* Zeros. Segments that have grown out of their memory give it back to the machine at once: in the
- * heap they would leave holes, which no other segment fits into. */
-static uint8_t* zeros(uint64_t bytes) {
-  if (bytes < PAGES) {
-    return calloc(bytes, 1U);
-  }
-  void* const found = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
-  return found == MAP_FAILED ? NULL : found;
-}
-
-static void give_back(const soter_segment* g) {
-  if (g->base == NULL || g->bytes < PAGES) {
-    free(g->base);
-  } else {
-    (void)munmap(g->base, g->bytes);
-  }
-}
-
 static bool segment_open(const soter_store* s, soter_segment* g, uint64_t buckets) {
   g->buckets = buckets;
   g->homes =
@@ -174,7 +152,7 @@ static bool segment_open(const soter_store* s, soter_segment* g, uint64_t bucket
   g->count = g->before = 0U;
   g->idle = 0U;
   g->bytes = buckets * BUCKET * s->bytes + TAIL + LINE;
-  g->base = zeros(g->bytes);
+  g->base = soter_take(g->bytes);
   if (g->base == NULL) {
     return false;
   }
@@ -220,7 +198,7 @@ uint64_t soter_store_least(const soter_model* m, soter_storage storage, bool sle
 
 void soter_store_close(soter_store* s) {
   for (uint32_t i = 0; s->segment != NULL && i < s->segments; i++) {
-    give_back(&s->segment[i]);
+    soter_give(s->segment[i].base, s->segment[i].bytes);
   }
   free(s->segment);
   s->segment = NULL;
@@ -284,13 +262,13 @@ static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
     if ((s->room + buckets * BUCKET) * s->bytes > s->memory || !segment_open(s, &other, buckets)) {
       return false;
     }
-    uint8_t* const filled = calloc(other.buckets, 1U);
+    uint8_t* const filled = soter_take(other.buckets);
     const bool fits = filled != NULL && move_all(s, g, &other, filled);
-    free(filled);
+    soter_give(filled, other.buckets);
     if (fits) {
       break;
     }
-    give_back(&other); /* the last buckets overflow */
+    soter_give(other.base, other.bytes); /* the last buckets overflow */
     if (is_stopped(s)) {
       return false;
     }
@@ -299,7 +277,7 @@ static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
   s->room = s->room - g->buckets * BUCKET + other.buckets * BUCKET;
   other.count = other.before = g->count;
   SOTER_CHECK(other.count <= other.buckets * BUCKET);
-  give_back(g);
+  soter_give(g->base, g->bytes);
   *g = other;
   return true;
 }
