@@ -6,6 +6,7 @@ Non-goals: exploring one test (`explore/command.py`), options (`explore/settings
 
 from __future__ import annotations
 
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -15,11 +16,12 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.explore.command import Told, chosen, explore_test, replaced_in, save, with_times
 from soter.explore.results import ExploreReport
 from soter.program.build import system_of_test
+from soter.simulate.interrupt import listening, stop_request
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from soter.explore.results import Looked, Options
+    from soter.explore.results import Looked, Options, TestResult
     from soter.program.build import Checked
     from soter.program.model.system import System
     from soter.program.model.types import Value
@@ -38,24 +40,40 @@ def explore(
     html: bool,
     progress: Callable[[Looked], None] | None,
 ) -> ExploreReport:
-    """Explore every test of a sound program, or one, as `Program.explore` says."""
+    """Explore every test of a sound program, or one, as `Program.explore` says.
+
+    Whoever interrupts it gets what was covered until then.
+    """
     program = checked.program
     assert program is not None
     tests = chosen(checked.tests, path, test)
     values = values_of(program, params)
     systems = _tests(checked, [t.name for t in tests], values, skew, horizon)
     told = params_as_json(program, values)
-    results = []
-    for symbol, system in zip(tests, systems, strict=True):
-        result = explore_test(system, options, Told(path, told, replaced_in(symbol)), progress)
-        results.append(result)
-        if output is not None and save(result, Path(output)) is not None and html:
-            for one in (result, *(o for o in result.others if o.trace is not None)):
-                write_test_page(one)
-        if result.interrupted:
-            break
+    results: list[TestResult] = []
+    listener = stop_request()
+    with listening(listener), _until_interrupted(results, tests):
+        for symbol, system in zip(tests, systems, strict=True):
+            about = Told(path, told, replaced_in(symbol))
+            result = explore_test(system, options, about, progress, listener)
+            results.append(result)
+            if output is not None and save(result, Path(output)) is not None and html:
+                for one in (result, *(o for o in result.others if o.trace is not None)):
+                    write_test_page(one)
+            if result.interrupted or listener.wanted:
+                break
     not_started = tuple([t.name for t in tests[len(results) :]])
     return ExploreReport(path, program.sha256, tuple(results), not_started)
+
+
+@contextmanager
+def _until_interrupted(results: Sequence[object], tests: Sequence[object]) -> Iterator[None]:
+    """What was found so far is kept, unless only its files are missing."""
+    try:
+        yield
+    except KeyboardInterrupt:
+        if len(results) == len(tests):
+            raise
 
 
 def _tests(

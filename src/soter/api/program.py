@@ -415,6 +415,7 @@ class Program:
         html: bool = False,
         minimise: float = 30.0,
         all_properties: bool = False,
+        time: float | None = None,
         progress: Callable[[Looked], None] | None = None,
         partial: bool = False,
     ) -> ExploreReport:
@@ -427,9 +428,9 @@ class Program:
         a trace that the reference interpreter has replayed: the least one, where the search for it
         takes no longer than `minimise` seconds (0: it is not looked for). It is written to the
         folder `output` (None: not at all), with `html` also as a page. `all_properties`: after a
-        violation go on, to find which others can be violated. `progress` is told how far the
-        search is. Ctrl-C raises `KeyboardInterrupt`, or, where `partial`, gives back what was
-        covered.
+        violation go on, to find which others can be violated. `time`: seconds that the search of a
+        test may take, None for no such bound. `progress` is told how far the search is. Ctrl-C
+        raises `KeyboardInterrupt`, or, where `partial`, gives back what was covered.
         """
         from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.explore.settings import options_of  # noqa: PLC0415 - the same
@@ -446,6 +447,7 @@ class Program:
             seed=seed,
             minimise=minimise,
             all_properties=all_properties,
+            time=time,
         )
         report = explore(
             self._checked,

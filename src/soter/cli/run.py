@@ -77,7 +77,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     program = load(args.file)
     if program.externs:
         apart(console, lambda process: _rescued(args, process))
-    _listen(console)
+    console.listen()
     args.home = Path.cwd()  # an extern may leave another
     for name, target in args.bindings:
         program.bind(name, target)
@@ -90,13 +90,6 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         items = (*warnings, *error.diagnostics)
         return Outcome(exit_of(items), items, {"file": args.file})
     return _finish(program, result, args, console, warnings, log)
-
-
-def _listen(console: Console) -> None:
-    """From here to the end Ctrl-C, SIGTERM and SIGHUP keep what was reached."""
-    from soter.simulate.interrupt import ANY_END, StopRequest, listening  # noqa: PLC0415 - NumPy
-
-    console.during(listening(StopRequest(), ANY_END))
 
 
 def _simulate(

@@ -37,7 +37,7 @@ EXAMPLES = """\
   soter replay .soter/late_sc-Late.trace.json         a trace again
 
 exit codes: 0 exhausted and clean, 3 violated, 4 a bound was reached, 1 diagnostics, 2 usage,
-            130 interrupted (what was covered until then is printed)
+            130 interrupted by Ctrl-C, SIGTERM or SIGHUP (what was covered until then is printed)
 """
 EXITS = {"exhausted": FINE, "violated": VIOLATED, "bound": UNDECIDED}
 PAINTS = {"exhausted": "green", "violated": "red", "bound": "yellow"}
@@ -70,10 +70,16 @@ def parser() -> Parser:
         "--reduction", default="all", metavar="R", help=_named(REDUCTIONS, "all", " or ")
     )
     made.add_argument(
-        "--threads", type=whole, default=1, metavar="N", help="of bfs, 1 or 2; by default 1"
+        "--threads", type=whole, default=1, metavar="N", help="of bfs, up to 16; by default 1"
     )
     made.add_argument(
-        "--memory", default="2G", metavar="SIZE", help="what tables may take; by default 2G"
+        "--memory", default="2G", metavar="SIZE", help="for all that it keeps; by default 2G"
+    )
+    made.add_argument(
+        "--time",
+        type=seconds,
+        metavar="SECONDS",
+        help="for the search of a test; by default no end",
     )
     made.add_argument(
         "--max-states", type=whole, default=0, metavar="N", help="stop after so many configurations"
@@ -111,6 +117,7 @@ def parser() -> Parser:
 
 def run(args: Options, console: Console) -> Outcome:
     """Explore."""
+    console.listen()
     program = load(args.file)
     for name, target in args.bindings:
         program.bind(name, target)
@@ -134,6 +141,7 @@ def run(args: Options, console: Console) -> Outcome:
                 html=args.html,
                 minimise=args.minimise,
                 all_properties=args.all,
+                time=args.time,
                 progress=None if line is None else lambda looked: line(progress_text(looked)),
                 partial=True,
             )
@@ -170,9 +178,10 @@ def progress_text(looked: object) -> str:
     rate = count / looked.seconds if looked.seconds > 0 else 0.0
     doing = "  violated: looking for a trace" if looked.tracing else ""
     doing = "  violated: looking for the shortest trace" if looked.minimising else doing
+    within = f", {looked.answers:,} answers of one step" if looked.answers else ""
     return (
         f"{looked.test}{doing}  {count:,} {noun}, {rounded(rate)}/s, depth {looked.depth}, "
-        f"{size(looked.bytes)}"
+        f"{size(looked.bytes)}{within}"
     )
 
 
@@ -217,8 +226,6 @@ def _verdict(test: TestResult) -> tuple[str, str, str]:
     if test.verdict == "exhausted":
         return "EXHAUSTED AND CLEAN", "green", ""
     word = "INTERRUPTED" if test.interrupted else "BOUND REACHED"
-    if test.broken is not None:
-        return word, "yellow", f"violated, but no trace to show: {test.broken.text}"
     return word, "yellow", "" if test.bound == "interrupted" else str(test.bound)
 
 
@@ -239,17 +246,13 @@ def _lines(test: TestResult, console: Console) -> list[str]:
 
 
 def _headline(test: TestResult, console: Console) -> str:
-    from soter.explore.results import BOUNDS, UNSHOWN  # noqa: PLC0415 - only then
-
     word, colour, said = _verdict(test)
     if test.verdict == "exhausted":
         said = "every execution was covered, none violates a property"
-    elif test.bound == UNSHOWN:
-        assert test.broken is not None
-        said = f"{BOUNDS[UNSHOWN]}: {test.broken.text}"
+    elif test.unshown:
+        said = f"{said}\n{test.not_shown}"
     elif test.verdict == "bound":
-        assert test.bound is not None
-        why = "not everything was covered" if test.interrupted else BOUNDS[test.bound]
+        why = "not everything was covered" if test.interrupted else test.why
         said = f"no violation was found; {why}"
     return f"{console.paint('bold', test.name)}  {console.paint(colour, word)}  {said}"
 
@@ -266,11 +269,11 @@ def _figures(test: TestResult) -> str:
         parts.append(f"shortest trace {found}{test.minimise_s:.2f} s")
     parts.append(f"{rounded(test.states_per_s)} {'states' if test.states else 'steps'}/s")
     if test.states:
-        parts.append(f"{test.bits} bits a state, {size(test.table_bytes)}")
+        parts.append(f"{test.bits} bits a state, {size(test.total_bytes)}")
     how = f"{options.strategy}, {options.storage} storage, reduction {options.reduction}"
     if options.strategy in SAMPLING:
         how = f"{options.strategy}, seed {options.seed}"
-    how += f", {options.threads_run} thread{'s'[: options.threads_run > 1]}"
+    how += f", {test.threads} thread{'s'[: test.threads > 1]}"
     if options.why_fewer:
         how += f" of {options.threads} asked for: {options.why_fewer}"
     if test.quantum_ns is not None:
@@ -372,6 +375,7 @@ def _trace_fields(t: TestResult) -> dict[str, object]:
         "steps_that_matter": t.steps_that_matter,
         "minimal": t.minimal if t.replayed is not None else None,
         "not_shortest": t.not_shortest or None,
+        "unshown": t.not_shown or None,
         "shrunk_from": t.shrunk_from or None,
         "minimise_s": t.minimise_s,
     }
@@ -400,13 +404,14 @@ def _test(t: TestResult) -> dict[str, object]:
         "reduction": o.reduction,
         "parts": t.parts,
         "quantum_ns": t.quantum_ns,
-        "threads": o.threads_run,
+        "threads": t.threads,
         "threads_asked": o.threads,
         "threads_fewer": o.why_fewer or None,
         "seed": o.seed,
         "memory": {
             "table_bytes": t.table_bytes,
             "frontier_bytes": t.frontier_bytes,
+            "total_bytes": t.total_bytes,
             "bytes_per_state": t.bytes_per_state,
             "packed_bits": t.bits,
         },

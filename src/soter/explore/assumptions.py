@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.explore.methods import LEAVES_MAX
 from soter.explore.trace.schedule import plan_of
 from soter.program.flatten.derived import OUTSIDE
 from soter.program.flatten.elaborate import show_ns
@@ -77,6 +78,7 @@ def _all(
         yield "deadlines beyond the horizon are not judged"
     if not system.properties and not plan.timed:
         yield "the test states no property: only step faults of trusted components were looked for"
+    yield from _uncounted(system)
     yield from _sampled(system)
     yield from _held(system, options.seed)
     if options.storage == "fingerprint":
@@ -105,6 +107,14 @@ def _calculated(times: Times | None) -> Iterator[str]:
             f"the time is calculated with in {', '.join(places[:PLACES])}{more}: times between "
             "those of the grid may do otherwise (`quantum ...;` takes a grid for granted)"
         )
+
+
+def _uncounted(system: System) -> Iterator[str]:
+    """Scalars of topics that coverage has no room for."""
+    told = [t for t in system.topics if t.queue_of is None]
+    scalars = sum("[]" not in path for t in told for path, _ in leaves(t.type))
+    if scalars > LEAVES_MAX:
+        yield f"what was reached counts the first {LEAVES_MAX:,} scalars of topics, of {scalars:,}"
 
 
 def _s(count: int) -> str:

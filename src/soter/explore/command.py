@@ -9,30 +9,35 @@ from __future__ import annotations
 
 import re
 import time
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.explore import assumptions
 from soter.explore.judge.replay import broken_of, replay
-from soter.explore.methods import SAMPLING
+from soter.explore.methods import SAMPLING, STEPS_MAX
 from soter.explore.results import (
     BOUND,
+    BOUNDS,
+    CHOICES,
     EXHAUSTED,
     GRID,
     INTERRUPTED,
-    LIMIT,
+    LENGTH,
     MEMORY,
     NOT_ASKED,
+    PART,
     PATIENCE,
     RUNS,
     SAMPLED,
     STATES,
+    TIME,
     UNDRIVEN,
     UNJUDGED,
-    UNSHOWN,
     VIOLATED,
+    WIDTH,
     TestResult,
     why_not_shortest,
 )
@@ -43,7 +48,7 @@ from soter.program.flatten.tested import MAX_STEPS
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from soter.explore.engine.coverage import Coverage
     from soter.explore.engine.search import Found, Search
@@ -63,8 +68,19 @@ _BOUNDS = {
     "runs": RUNS,
     "stopped": INTERRUPTED,
     "no_memory": MEMORY,
-    "limit": LIMIT,
+    "choices": CHOICES,
+    "width": WIDTH,
+    "length": LENGTH,
 }
+LONG = 500
+"""Steps that are replayed even where somebody waits for an answer."""
+
+
+class Interruptions(Protocol):
+    """Who listens to signals: `wanted`, the end; while `running` no exception says so."""
+
+    wanted: bool
+    running: bool
 
 
 class UnreproducedError(RuntimeError):
@@ -144,41 +160,83 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
 
 
 def explore_test(
-    system: System, options: Options, told: Told, progress: Progress | None = None
+    system: System,
+    options: Options,
+    told: Told,
+    progress: Progress | None = None,
+    listener: Interruptions | None = None,
 ) -> TestResult:
-    """Explore a flattened test. A violation is minimised and replayed: `UnreproducedError`."""
+    """Explore a flattened test. A violation is minimised and replayed: `UnreproducedError`.
+
+    Once it is compiled, who interrupts it gets what was covered.
+    """
     from soter.explore.engine.search import Search as Engine  # noqa: PLC0415 - needs a compiler
 
-    with Engine(system, options, progress) as search:
-        found = search.run()
-        coverage = search.coverage()
-        verdict, bound = _verdict(found, options, _short_of(system, search, coverage))
-        result = TestResult(
-            name=plan_of(system).name,
-            system=system,
-            options=options,
-            verdict=verdict,
-            bound=bound,
-            states=found.states,
-            transitions=found.transitions,
-            runs=found.runs,
-            seconds=found.seconds,
-            depth=found.depth,
-            bits=search.bits,
-            parts=search.parts,
-            table_bytes=found.table_bytes,
-            frontier_bytes=found.frontier_bytes,
-            quantum_ns=None if search.times is None else search.times.quantum_ns,
-            coverage=coverage,
-            assumptions=assumptions.of_test(
-                system, options, found.states, told.replaced, search.times
-            ),
-        )
+    def wanted() -> bool:
+        return listener is not None and listener.wanted
+
+    with Engine(system, options, progress, wanted) as search:
+        with _quiet(listener):
+            found = search.run()
+            coverage = search.coverage()
+            verdict, bound = _verdict(found, options, _short_of(system, search, coverage))
+            result = TestResult(
+                name=plan_of(system).name,
+                system=system,
+                options=options,
+                verdict=verdict,
+                bound=bound,
+                states=found.states,
+                transitions=found.transitions,
+                runs=found.runs,
+                seconds=found.seconds,
+                depth=found.depth,
+                bits=search.bits,
+                parts=search.parts,
+                table_bytes=found.table_bytes,
+                frontier_bytes=found.frontier_bytes,
+                total_bytes=found.total_bytes,
+                threads=found.threads,
+                why=_why(bound, search, found),
+                quantum_ns=None if search.times is None else search.times.quantum_ns,
+                coverage=coverage,
+                assumptions=assumptions.of_test(
+                    system, options, found.states, told.replaced, search.times
+                ),
+            )
         if verdict == VIOLATED:
-            _explain(result, search, found, told)
-        if result.replayed is not None and options.all_properties and not result.interrupted:
-            _go_on(result, search, found, told)
+            try:
+                _explain(result, search, found, told)
+                if (
+                    result.replayed is not None
+                    and options.all_properties
+                    and not result.interrupted
+                ):
+                    _go_on(result, search, found, told)
+            except KeyboardInterrupt:
+                _interrupted(result)
     return result
+
+
+@contextmanager
+def _quiet(listener: Interruptions | None) -> Iterator[None]:
+    """Inside, nothing is raised by signals."""
+    if listener is None:
+        yield
+        return
+    listener.running = True
+    try:
+        yield
+    finally:
+        listener.running = False
+
+
+def _interrupted(result: TestResult) -> None:
+    """Somebody stopped what comes after a violation was found: what was had until then counts."""
+    if result.replayed is None:
+        result.unshown = INTERRUPTED
+    else:
+        result.others_bound = INTERRUPTED
 
 
 def _short_of(system: System, search: Search, coverage: Coverage) -> str | None:
@@ -213,6 +271,7 @@ def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None
             least_bound=None,
             minimise_s=0.0,
             shrunk_from=0,
+            unshown=None,
             states=found.states,
             transitions=found.transitions,
             runs=found.runs,
@@ -223,7 +282,7 @@ def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None
         _explain(other, search, found, told)
         others.append(other)
         if other.interrupted or other.replayed is None:
-            result.others_bound = other.bound or other.least_bound
+            result.others_bound = other.unshown or other.least_bound
             break
     result.others = tuple(others)
     result.coverage = search.coverage()
@@ -237,7 +296,16 @@ def _verdict(found: Found, options: Options, short_of: str | None) -> tuple[str,
         if options.strategy in SAMPLING:
             return BOUND, RUNS
         return (EXHAUSTED, None) if short_of is None else (BOUND, short_of)
-    return BOUND, _BOUNDS[found.status]
+    return BOUND, TIME if found.stopped == TIME else _BOUNDS[found.status]
+
+
+def _why(bound: str | None, search: Search, found: Found) -> str:
+    """The bound for people."""
+    if bound is None:
+        return ""
+    if found.status == "no_memory" and found.needed_bytes:
+        return f"{BOUNDS[MEMORY]}: the first tables alone take {found.needed_bytes:,} bytes"
+    return BOUNDS[bound].format(who=search.chooser(found), words=search.words)
 
 
 def _explain(result: TestResult, search: Search, found: Found, told: Told) -> None:
@@ -247,8 +315,9 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     result.broken = broken_of(result.system, BROKEN_KINDS[what], index)
     assert result.broken is not None, found.broken
     steps = _smallest(result, search, found)
-    if not steps:  # what was not replayed is no verdict, but it is not kept silent either
-        result.verdict, result.bound = BOUND, UNSHOWN
+    interrupted = INTERRUPTED in (found.stopped, result.least_bound)
+    if not steps or (interrupted and len(steps) > LONG):
+        result.unshown = _why_unshown(found, interrupted=interrupted)
         return
     trace = trace_of(result, told, steps)
     replayed = replay(trace, result.system)
@@ -257,13 +326,24 @@ def _explain(result: TestResult, search: Search, found: Found, told: Told) -> No
     result.replayed = with_marks(with_values(replayed), search.matters(replayed, found))
 
 
+def _why_unshown(found: Found, *, interrupted: bool) -> str:
+    """Why there is no execution that shows a violation."""
+    if interrupted:
+        return INTERRUPTED
+    if found.stopped == TIME:
+        return TIME
+    if found.apart:
+        return PART
+    return LENGTH if found.depth >= STEPS_MAX else MEMORY
+
+
 def _smallest(result: TestResult, search: Search, found: Found) -> tuple[Step, ...]:
     """The least trace to the violation that was found, or the smallest that was had, and why.
 
     What was sampled is long: it is shrunk first. Otherwise the search for the least comes first,
     and shrinking where it does not end. Each has half of the time, and what the other has left.
     """
-    if found.stopped:
+    if found.stopped == INTERRUPTED:
         result.least_bound = INTERRUPTED
         return found.steps
     until = time.perf_counter() + result.options.minimise
@@ -291,8 +371,8 @@ def _least(result: TestResult, search: Search, found: Found, patience_s: float) 
     result.minimise_s += least.seconds
     result.minimal = least.status == "violated" and bool(least.steps)
     if not result.minimal:
-        patience = least.stopped == "patience"
-        result.least_bound = PATIENCE if patience else _BOUNDS.get(least.status, LIMIT)
+        patience = least.stopped == TIME
+        result.least_bound = PATIENCE if patience else _BOUNDS.get(least.status, LENGTH)
         return ()
     return least.steps
 

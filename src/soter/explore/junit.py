@@ -11,7 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
-from soter.explore.results import BOUND, BOUNDS, VIOLATED
+from soter.explore.results import BOUND, VIOLATED
 from soter.report.html import write_text
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ def _case(suite: ET.Element, report: ExploreReport, test: TestResult) -> None:
         failure.text = "" if test.trace is None else f"soter replay {test.trace}"
     elif test.verdict == BOUND:
         assert test.bound is not None
-        told = {"type": test.bound, "message": BOUNDS[test.bound]}
+        told = {"type": test.bound, "message": test.why}
         ET.SubElement(case, "error", told).text = "; ".join(
             f"{name} {part.reached}/{part.total}" for name, part in test.coverage.parts()
         )

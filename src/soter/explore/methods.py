@@ -2,7 +2,7 @@
 
 Purpose: the one table of each; the command line, the checks of options and the engine read it, and
 `soter_explore.h` has a constant for each strategy and storage (`SOTER_DFS`).
-Non-goals: what they do (`explore/engine/c/`, docs/testing.md).
+Also what the C has room for. Non-goals: what they do (`explore/engine/c/`, docs/testing.md).
 """
 
 from __future__ import annotations
@@ -13,6 +13,16 @@ STRATEGIES = (*EXHAUSTIVE, *SAMPLING)
 """The default first."""
 STORAGES = ("exact", "fingerprint")
 """The default first."""
+CHOICES_MAX = 256
+"""Choices of one step (`SOTER_CHOICES`)."""
+WORDS_MAX = 4096
+"""Words of 64 bits of a packed configuration (`SOTER_WORDS`)."""
+THREADS_BFS = 16
+"""So many threads breadth-first search has room for (`SOTER_THREADS`)."""
+LEAVES_MAX = 4096
+"""Leaves of topics that are told apart for coverage."""
+STEPS_MAX = 65_536
+"""Steps of a trace."""
 REDUCTIONS = {"none": 0, "sleep": 1, "ample": 2, "all": 3}
 """As bits: 1 sleep sets, 2 ample sets. The default last."""
 

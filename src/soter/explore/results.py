@@ -7,11 +7,19 @@ Non-goals: finding anything, printing.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.explore.engine.coverage import Coverage
-from soter.explore.methods import STORAGES, STRATEGIES
+from soter.explore.methods import (
+    CHOICES_MAX,
+    STEPS_MAX,
+    STORAGES,
+    STRATEGIES,
+    THREADS_BFS,
+    WORDS_MAX,
+)
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -23,15 +31,8 @@ if TYPE_CHECKING:
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
 UNJUDGED, UNDRIVEN, GRID = "unjudged", "undriven", "grid"
-MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED, LIMIT, UNSHOWN = (
-    "memory",
-    "states",
-    "runs",
-    "sampled",
-    "interrupted",
-    "limit",
-    "unshown",
-)
+MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED = "memory", "states", "runs", "sampled", "interrupted"
+TIME, CHOICES, WIDTH, LENGTH, PART = "time", "choices", "width", "length", "part"
 PATIENCE, NOT_ASKED = "patience", "not_asked"
 BOUNDS = {
     UNJUDGED: "nothing was judged: no property of the test was ever looked at",
@@ -42,9 +43,14 @@ BOUNDS = {
     RUNS: "random executions never cover everything (--runs; --strategy bfs does)",
     SAMPLED: "a continuum is sampled at three values: what lies between was not looked at",
     INTERRUPTED: "interrupted",
-    LIMIT: "a step has more choices, or an execution more steps, than the explorer has room for",
-    UNSHOWN: (
-        "a violation was found, but memory or patience ended before an execution that shows it"
+    TIME: "the time that was allowed is over (--time)",
+    CHOICES: (
+        f"{{who}} asks for more than {CHOICES_MAX} choices, and the explorer has room for no more: "
+        "draw less in one step"
+    ),
+    WIDTH: (
+        "a configuration takes {words:,} words of 64 bits, and the explorer has room for "
+        f"{WORDS_MAX:,}: give what it stores narrower ranges, or make arrays and queues shorter"
     ),
 }
 """Why a search that has no violation to show did not cover everything."""
@@ -54,18 +60,25 @@ NOT_SHORTEST = {
     MEMORY: "the search for it needs more memory than was allowed (--memory)",
     STATES: "the search for it needs more configurations than were allowed (--max-states)",
     INTERRUPTED: "the search for it was interrupted",
-    LIMIT: "the search for it needs more choices or steps than the explorer has room for",
+    CHOICES: f"a step asks for more than {CHOICES_MAX} choices: not all of them were tried",
+    LENGTH: f"the explorer has room for traces of {STEPS_MAX:,} steps",
 }
 """Why the execution that shows a violation may not be the shortest one."""
-
-
-THREADS_BFS = 2
-"""So many threads breadth-first search has room for (THREADS of `soter_explore_bfs.c`)."""
+UNSHOWN = {
+    MEMORY: "it needs more memory than was allowed: more --memory, --strategy dfs or a shorter "
+    "--horizon may show one",
+    TIME: "the time that was allowed is over: more --time shows one",
+    INTERRUPTED: "the search was interrupted: let it end",
+    LENGTH: f"it has more than {STEPS_MAX:,} steps: a shorter --horizon may show one with fewer",
+    PART: "what one part of the system does could not be completed to an execution of all of it: "
+    "--reduction ample looks at the whole",
+}
+"""Why no execution can be shown that violates what is violated, and how to get one."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How to search. `reduction`: none, sleep, ample or all; `memory`: bytes of the tables.
+    """How to search. `reduction`: none, sleep, ample or all; `memory`: bytes of all that it keeps.
 
     `max_states` 0: no bound of its own. `runs` and `seed` are of the random strategies; `seed`
     also draws what stays left to chance. `bug_depth` is the d of PCT.
@@ -82,6 +95,8 @@ class Options:
     bug_depth: int = 3
     minimise: float = 30.0
     """Seconds that the search for the shortest execution to a violation may take; 0: none."""
+    time: float = math.inf
+    """Seconds that the search of a test may take."""
 
     all_properties: bool = False
     """Go on after a violation, to find which other properties can be violated."""
@@ -106,7 +121,8 @@ class Looked:
     """How far a search is: for a line of progress.
 
     It has found a violation: `tracing`, it looks for an execution that shows it; `minimising`, for
-    the shortest one.
+    the shortest one. `bytes`: of all that it keeps. `answers`: of the one step that it tries, where
+    they are very many.
     """
 
     test: str
@@ -117,6 +133,7 @@ class Looked:
     seconds: float
     minimising: bool = False
     tracing: bool = False
+    answers: int = 0
 
 
 @dataclass(eq=False)
@@ -126,7 +143,8 @@ class TestResult:
     `broken`, `replayed` and `trace` (the file) are there where it is violated; `minimal` says
     that no execution to that violation has fewer steps. `least_bound`: why that was not shown.
     `minimise_s`: seconds that were spent on that and on shrinking. A violation that no execution
-    shows (bound "unshown") has `broken` alone.
+    shows has `broken` alone, and `unshown` says why: the compiled steps found it, no interpreter
+    has replayed it.
     """
 
     __test__ = False  # not a test of pytest's
@@ -146,6 +164,12 @@ class TestResult:
     frontier_bytes: int
     quantum_ns: int | None = None
     """The grid on which steps that may be late chose their times; None where none had a choice."""
+    total_bytes: int = 0
+    """Of tables, frontiers and remembered steps: what `Options.memory` bounds."""
+    threads: int = 1
+    """That searched."""
+    why: str = ""
+    """Which bound was reached, for people."""
     parts: int = 1
     """How many parts of the system, which share nothing, were explored apart."""
     coverage: Coverage = field(default_factory=Coverage)
@@ -154,6 +178,7 @@ class TestResult:
     replayed: Replayed | None = None
     minimal: bool = False
     least_bound: str | None = None
+    unshown: str | None = None
     minimise_s: float = 0.0
     shrunk_from: int = 0
     """Steps of the trace that was found, the start included, where its own is shrunk; else 0."""
@@ -198,9 +223,19 @@ class TestResult:
         return len([s for s in self.replayed.steps if s.matters is not False])
 
     @property
+    def not_shown(self) -> str:
+        """Why no execution shows its violation, and how to get one; empty where one does."""
+        if self.unshown is None:
+            return ""
+        why = UNSHOWN[self.unshown]
+        return (
+            f"found by the compiled steps, not replayed: no execution of it can be shown, as {why}"
+        )
+
+    @property
     def interrupted(self) -> bool:
         """Whether somebody stopped it, or the search for its least trace."""
-        return INTERRUPTED in (self.bound, self.least_bound, self.others_bound)
+        return INTERRUPTED in (self.bound, self.least_bound, self.unshown, self.others_bound)
 
     def __repr__(self) -> str:
         what = f" {self.broken.text}" if self.broken else f" {self.bound}" if self.bound else ""
@@ -227,13 +262,13 @@ class ExploreReport:
     @property
     def verdict(self) -> str:
         """The worst: violated, then bound, then exhausted."""
-        found = {t.verdict for t in self.tests}
+        found = {t.verdict for t in self.tests} | {BOUND for _ in self.not_started}
         return next((v for v in (VIOLATED, BOUND) if v in found), EXHAUSTED)
 
     @property
     def interrupted(self) -> bool:
         """Whether somebody stopped it; later tests are then missing."""
-        return any(t.interrupted for t in self.tests)
+        return any(t.interrupted for t in self.tests) or bool(self.not_started)
 
     def __getitem__(self, test: str) -> TestResult:
         """The result of one test by name; KeyError where there is none."""

@@ -6,6 +6,7 @@ Non-goals: lengths of time and parameters, which others read as well.
 
 from __future__ import annotations
 
+import math
 import re
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -31,6 +32,7 @@ def options_of(
     seed: int,
     minimise: float = 30.0,
     all_properties: bool = False,
+    time: float | None = None,
 ) -> Options:
     """The options of a search; `SoterError` U001 with all mistakes at once."""
     problems: list[Diagnostic] = []
@@ -55,6 +57,11 @@ def options_of(
     ):
         message = f"`minimise` cannot be `{str(minimise)[:40]}`"
         problems.append(_problem(message, f"seconds from 0 (do not) to {SECONDS_MAX:,}"))
+    if time is not None and (
+        isinstance(time, bool) or not isinstance(time, (int, float)) or not 0 < time <= SECONDS_MAX
+    ):
+        message = f"`time` cannot be `{str(time)[:40]}`"
+        problems.append(_problem(message, f"seconds, more than 0 and at most {SECONDS_MAX:,}"))
     size = bytes_of(memory)
     if size is None or not MEMORY_MIN <= size < 2**63:
         message = f"`memory` cannot be `{str(memory)[:40]}`"
@@ -73,6 +80,7 @@ def options_of(
         seed=seed,
         minimise=float(minimise),
         all_properties=bool(all_properties),
+        time=math.inf if time is None else float(time),
     )
 
 

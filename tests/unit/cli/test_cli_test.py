@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import json
 import re
+import signal
+import subprocess
+import sys
 import threading
 import time
 from _thread import interrupt_main
 from dataclasses import replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 import pytest
 
-import soter as soter_package
 from json_documents import SCHEMAS, _check
 from soter.explore.methods import STRATEGIES
-from soter.explore.results import THREADS_BFS
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+    from pathlib import Path
     from typing import Any
 
     Soter = Callable[..., Any]
@@ -242,18 +243,23 @@ def test_a_violation_without_a_trace_is_not_lost(
     from soter.explore.engine import search
 
     honest = search.Search.run
-    monkeypatch.setattr(search.Search, "run", lambda self: replace(honest(self), steps=()))
+    monkeypatch.setattr(search.Search, "run", lambda self, *_: replace(honest(self), steps=()))
     stop_before_the_least(monkeypatch, status="memory")
     done = soter("test", corridor, "--test", "Far", "--json")
-    assert done.exit == 4
+    assert done.exit == 3
     (test,) = done.document["tests"]
-    assert (test["verdict"], test["bound"]) == ("bound", "unshown")
+    assert (test["verdict"], test["bound"]) == ("violated", None)
     assert test["violated"] == "always abs(robot.truth.at) <= END"
     assert test["trace"] is test["minimal"] is None
-    said = soter("test", corridor, "--test", "Far").out
-    assert "BOUND REACHED  a violation was found, but memory or patience ended before" in said
-    assert "no violation was found" not in said
-    assert "always abs(robot.truth.at) <= END" in said
+    sentence = (
+        "found by the compiled steps, not replayed: no execution of it can be shown, as it needs "
+        "more memory than was allowed: more --memory, --strategy dfs or a shorter --horizon may "
+        "show one"
+    )
+    assert test["unshown"] == sentence
+    said = soter("test", corridor, "--test", "Far")
+    assert said.exit == 3
+    assert f"Far  VIOLATED  always abs(robot.truth.at) <= END\n{sentence}\n" in said.out
 
 
 def test_all_properties_that_can_be_violated_are_told(soter: Soter, here: Path) -> None:
@@ -327,27 +333,20 @@ def test_times_in_messages_have_readable_units(soter: Soter, corridor: str) -> N
 @pytest.mark.parametrize(
     ("strategy", "ran", "said"),
     [
-        ("bfs", 2, "2 threads of 8 asked for: breadth first searches on at most 2"),
-        ("dfs", 1, "1 thread of 8 asked for: only bfs searches on more than one, dfs does not"),
+        ("bfs", 16, "16 threads of 20 asked for: breadth first searches on at most 16"),
+        ("dfs", 1, "1 thread of 20 asked for: only bfs searches on more than one, dfs does not"),
     ],
 )
 def test_the_threads_told_are_those_that_ran(
     soter: Soter, corridor: str, strategy: str, ran: int, said: str
 ) -> None:
-    command = ("test", corridor, "--test", "Far", "--threads", "8", "--strategy", strategy)
+    command = ("test", corridor, "--test", "Far", "--threads", "20", "--strategy", strategy)
     assert said in soter(*command).out
     (told,) = soter(*command, "--json").document["tests"]
-    assert (told["threads"], told["threads_asked"]) == (ran, 8)
+    assert (told["threads"], told["threads_asked"]) == (ran, 20)
     assert told["threads_fewer"] in said
     (told,) = soter("test", corridor, "--test", "Far", "--json").document["tests"]
     assert (told["threads"], told["threads_asked"], told["threads_fewer"]) == (1, 1, None)
-
-
-def test_the_threads_there_is_room_for_are_those_of_the_engine() -> None:
-    source = (
-        Path(soter_package.__file__).parent / "explore" / "engine" / "c" / "soter_explore_bfs.c"
-    )
-    assert f"#define THREADS {THREADS_BFS}U" in source.read_text()
 
 
 # ---------------------------------------------------------------- mistakes and interruptions
@@ -373,6 +372,9 @@ def test_the_threads_there_is_room_for_are_those_of_the_engine() -> None:
         (("--minimise", "-1"), "U001"),
         (("--minimise", "nan"), "U001"),
         (("--minimise", "long"), "U003"),
+        (("--time", "0"), "U001"),
+        (("--time", "nan"), "U001"),
+        (("--time", "long"), "U003"),
     ],
 )
 def test_mistakes_of_the_command_line(
@@ -445,3 +447,80 @@ def test_a_junit_file_that_cannot_be_written_is_a_diagnostic(soter: Soter, here:
     done = soter("test", "corridor.soter", "--junit", "there/results.xml", "--json")
     assert done.exit == 1
     assert done.codes == ["D006"]
+
+
+# ---------------------------------------------------------------- whoever ends it
+
+
+WIDE = """soter 1;
+topic n: int in [0, 3];
+node Wide period 10ms { publishes n; step { var s: int = 0;
+"""
+WIDE += "if choose bool { s = min(s + 1, 3); }\n" * 70
+WIDE += """publish n = s; } }
+system S { w: Wide; until 100ms; }
+test First { system S; horizon 20ms; always n <= 3; }
+test Second { system S; horizon 20ms; always n <= 3; }
+"""
+
+
+@pytest.fixture
+def wide(here: Path, soter: Soter) -> str:
+    (here / "wide.soter").write_text(WIDE)
+    soter("test", "wide.soter", "--time", "0.1")  # compiles
+    return "wide.soter"
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM, signal.SIGHUP])
+def test_whatever_signal_ends_it_what_was_covered_is_printed(
+    wide: str, here: Path, number: signal.Signals
+) -> None:
+    command = [sys.executable, "-m", "soter.cli.main", "test", wide, "--json"]
+    running = subprocess.Popen(command, cwd=here, stdout=subprocess.PIPE, text=True)
+    time.sleep(4.0)
+    began = time.perf_counter()
+    running.send_signal(number)
+    out, _ = running.communicate(timeout=30)
+    assert time.perf_counter() - began < 1.0
+    assert running.returncode == 130
+    document = json.loads(out)
+    assert document["interrupted"] is True
+    assert document["not_started"] == ["Second"]
+    (test,) = document["tests"]
+    assert (test["verdict"], test["bound"]) == ("bound", "interrupted")
+    assert test["states"] > 0
+    assert test["coverage"]["actors"]["reached"] == 1
+
+
+def test_a_signal_while_the_second_test_is_compiled_keeps_the_first(
+    soter: Soter, corridor: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from soter.explore.engine import search
+
+    honest, made = search.Search.__init__, []
+
+    def compile_(self: Any, *args: Any) -> None:
+        made.append(self)
+        if len(made) > 1:
+            signal.raise_signal(signal.SIGTERM)
+        honest(self, *args)
+
+    monkeypatch.setattr(search.Search, "__init__", compile_)
+    done = soter("test", corridor, "--json")
+    assert done.exit == 130
+    assert [t["name"] for t in done.document["tests"]] == ["Far"]
+    assert done.document["not_started"] == ["Near"]
+
+
+def test_the_time_of_a_search_is_a_bound_of_its_own(soter: Soter, wide: str) -> None:
+    done = soter("test", wide, "--time", "0.3", "--json")
+    assert done.exit == 4
+    assert [t["bound"] for t in done.document["tests"]] == ["time", "time"]
+    said = soter("test", wide, "--time", "0.3", "--test", "First").out
+    assert "no violation was found; the time that was allowed is over (--time)" in said
+
+
+def test_the_memory_is_told_with_the_frontier(soter: Soter, corridor: str) -> None:
+    (test,) = soter("test", corridor, "--test", "Near", "--json").document["tests"]
+    memory = test["memory"]
+    assert memory["total_bytes"] >= memory["table_bytes"] + memory["frontier_bytes"] > 0

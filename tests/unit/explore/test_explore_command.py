@@ -126,8 +126,46 @@ def test_ctrl_c_while_a_trace_is_looked_for_does_not_go_on_minimising(
     monkeypatch.setattr(search.Search, "run", cut)
     monkeypatch.delattr(search.Search, "least")
     found = explored(FAULTS, "Overflows")
-    assert (found.verdict, found.bound) == ("bound", "unshown")
+    assert (found.verdict, found.bound, found.unshown) == ("violated", None, "interrupted")
     assert found.broken is not None
+    assert found.interrupted
+
+
+@pytest.mark.parametrize(
+    ("how", "why", "help_"),
+    [
+        ({}, "memory", "--memory"),
+        ({"stopped": "time"}, "time", "--time"),
+        ({"depth": 65_536}, "length", "--horizon"),
+        ({"apart": True}, "part", "--reduction ample"),
+    ],
+)
+def test_a_violation_that_no_execution_shows_is_one(
+    how: dict[str, object], why: str, help_: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    from soter.explore.engine import search
+
+    honest = search.Search.run
+
+    def cut(self: search.Search) -> search.Found:
+        return replace(honest(self), steps=(), **how)  # type: ignore[arg-type]
+
+    monkeypatch.setattr(search.Search, "run", cut)
+    found = explored(FAULTS, "Overflows", minimise=0.0)
+    assert (found.verdict, found.unshown, found.interrupted) == ("violated", why, False)
+    assert found.not_shown.startswith("found by the compiled steps, not replayed: no execution")
+    assert help_ in found.not_shown
+
+
+def test_whoever_interrupts_the_replay_still_gets_the_violation(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    def pressed(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("soter.explore.command.replay", pressed)
+    found = explored(FAULTS, "Overflows")
+    assert (found.verdict, found.unshown) == ("violated", "interrupted")
     assert found.interrupted
 
 

@@ -67,6 +67,16 @@ class Console:
         """Enter a context that lasts as long as the command."""
         self._during.enter_context(context)
 
+    def listen(self) -> None:
+        """From here to the end Ctrl-C, SIGTERM and SIGHUP keep what was reached."""
+        from soter.simulate.interrupt import (  # noqa: PLC0415 - NumPy
+            ANY_END,
+            StopRequest,
+            listening,
+        )
+
+        self.during(listening(StopRequest(), ANY_END))
+
     # ------------------------------------------------------------ a child that prints nothing
 
     def leave_to(self, verdict: Verdict) -> None:

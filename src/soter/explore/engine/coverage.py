@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
 EACH_VALUE_MAX = 64
 """An int with at most so many values has a class for each of them."""
+MEMBERS = 256
+"""Members of an enum that have a class: the first ones."""
 EACH = 8
 """The engine's number of the first value of a small set of ints."""
 
@@ -97,7 +99,7 @@ def classes_of(leaf: Leaf) -> list[tuple[int, str]]:
     if isinstance(leaf.type, BoolType):
         return [(0, f"{leaf.name} = false"), (1, f"{leaf.name} = true")]
     if isinstance(leaf.type, EnumType):
-        members = list(enumerate(leaf.type.members))[:256]
+        members = list(enumerate(leaf.type.members))[:MEMBERS]
         return [(i, f"{leaf.name} = {member}") for i, member in members]
     if isinstance(leaf.type, IntType) and leaf.high - leaf.low < EACH_VALUE_MAX:
         count = int(leaf.high - leaf.low) + 1
@@ -106,9 +108,12 @@ def classes_of(leaf: Leaf) -> list[tuple[int, str]]:
 
 
 def class_of(leaf: Leaf, value: float) -> int:
-    """The engine's number of the class of a value (`class_of` in soter_explore_step.c)."""
+    """The engine's number of the class of a value (`class_of` in soter_explore_step.c).
+
+    -1: none; it has room for the first members of an enum only.
+    """
     if isinstance(leaf.type, (BoolType, EnumType)):
-        return int(value) & 255
+        return int(value) if value < MEMBERS else -1
     if isinstance(leaf.type, IntType) and leaf.high - leaf.low < EACH_VALUE_MAX:
         return EACH + int(value - leaf.low)
     if value in (leaf.low, leaf.high):

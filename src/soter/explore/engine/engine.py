@@ -1,8 +1,8 @@
 """The explorer as a shared library: a system's generated C, its model and `soter_explore*.c`.
 
 Purpose: compile them together, once for each content, and reach the explorer through cffi: plain
-numbers in, plain numbers out. A search runs in a thread of its own, so that Ctrl-C ends it in
-order, with what it has found until then.
+numbers in, plain numbers out. A search runs in a thread of its own, so that Ctrl-C, or whoever else
+wants it to end, ends it in order, with what it has found until then.
 Non-goals: names of actors and streams, verdicts, reports (`search.py`, `command.py`).
 """
 
@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from soter.explore.methods import REDUCTIONS, constant
+from soter.explore.methods import REDUCTIONS, STEPS_MAX, constant
 from soter.explore.model.actors import plan_of
 from soter.explore.model.model import generate_model
 from soter.explore.model.parts import Part, parts_of
@@ -47,12 +47,11 @@ STATUSES = (
     "runs",
     "stopped",
     "no_memory",
-    "limit",
+    "choices",
+    "width",
+    "length",
 )
-ROOM = 65_536
-"""Steps of a trace, at most."""
-CHOICES = 64
-"""`SOTER_CHOICES`: choices of a step, at most."""
+ROOM = STEPS_MAX
 FLAGS = ("-pthread", "-DSOTER_CHECKED")
 LOOK_S = 0.1
 """Seconds between two looks at how far a search is."""
@@ -130,7 +129,17 @@ class SearchResult(Generic[S]):
     seconds: float
     steps: tuple[S, ...]
     stopped: str = ""
-    """What ended it before its end: "interrupted" (Ctrl-C), "patience" (its time was over)."""
+    """What ended it before its end: "interrupted" (Ctrl-C), "time" (its time was over)."""
+    total_bytes: int = 0
+    """Of tables, frontiers and remembered steps, all that `memory` bounds."""
+    needed_bytes: int = 0
+    """Status "no_memory": what the first tables take."""
+    threads: int = 1
+    """That searched."""
+    chooser: int = -1
+    """Status "choices": the actor that asks for too many, -1: the start."""
+    apart: bool = False
+    """Its steps are of one part of the system, and no execution of the whole was made of them."""
 
 
 Searched = SearchResult[RawStep]
@@ -138,13 +147,19 @@ Searched = SearchResult[RawStep]
 
 @dataclass(frozen=True)
 class Progress:
-    """How far a search is. `tracing`: something is violated, a way to it is looked for."""
+    """How far a search is. `tracing`: something is violated, a way to it is looked for.
+
+    `bytes` of tables, frontiers and remembered steps; `answers` of the one step that is tried,
+    where they are very many.
+    """
 
     states: int
     transitions: int
     depth: int
     seconds: float
     tracing: bool = False
+    bytes: int = 0
+    answers: int = 0
 
 
 @dataclass(frozen=True)
@@ -185,6 +200,8 @@ class Engine:
         self.words = int(self.model.words)
         self.world_size = int(self.model.world_size)
         self._kept = self.ffi.NULL
+        self.wanted: Callable[[], bool] = lambda: False
+        """Whether somebody wants searches to end; asked ten times a second."""
         modules, leaves = len(system.modules), int(self.model.leaves)
         self.seen = Seen(
             np.zeros(-(-int(self.model.branches) // 64) or 1, dtype=np.uint64),
@@ -204,15 +221,21 @@ class Engine:
     # ------------------------------------------------------------ searching
 
     def explore(
-        self, settings: Settings, look: Callable[[Progress], None] | None = None
+        self,
+        settings: Settings,
+        look: Callable[[Progress], None] | None = None,
+        patience_s: float = math.inf,
     ) -> Searched:
-        """Search until the end, a bound or Ctrl-C. `look` is told ten times a second."""
+        """Search until the end, a bound or Ctrl-C. `look` is told ten times a second.
+
+        After `patience_s` seconds the search ends.
+        """
         coverage = self._coverage()
 
         def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
             self.lib.soter_explore(self.model, options, progress, coverage, result, trace, ROOM)
 
-        return self._run(settings, look, search)
+        return self._run(settings, look, search, patience_s)
 
     def least(
         self,
@@ -248,25 +271,38 @@ class Engine:
         size = self.ffi.sizeof("soter_trace_step")
         room = np.zeros(ROOM * size, dtype=np.uint8)  # untouched pages cost nothing
         trace = self.ffi.cast("soter_trace_step *", room.ctypes.data)
+        began = time.perf_counter()
+        stopped = self._apart(
+            lambda: search(options, progress, result, trace), progress, look, patience_s
+        )
+        seconds = time.perf_counter() - began
+        self._kept = result.kept
+        return replace(self._searched(result, trace, seconds), stopped=stopped)
+
+    def _apart(
+        self,
+        do: Callable[[], object],
+        progress: Any,  # noqa: ANN401 - cdata
+        look: Callable[[Progress], None] | None,
+        patience_s: float,
+    ) -> str:
+        """Do it in a thread of its own; what ended it before its end, "" where nothing did."""
         failures: list[BaseException] = []
         done = threading.Event()
 
         def work() -> None:
             try:
-                search(options, progress, result, trace)
+                do()
             except BaseException as error:  # noqa: BLE001 - raised again below
                 failures.append(error)
             finally:
                 done.set()
 
-        began = time.perf_counter()
         threading.Thread(target=work, name="soter explorer").start()
         stopped = self._watch(done, progress, look, patience_s)
-        seconds = time.perf_counter() - began
         if failures:
             raise failures[0]
-        self._kept = result.kept
-        return replace(self._searched(result, trace, seconds), stopped=stopped)
+        return stopped
 
     def _watch(
         self,
@@ -284,10 +320,10 @@ class Engine:
         stopped, began = "", time.perf_counter()
         while not done.is_set():
             try:
-                while not done.wait(LOOK_S):
+                while not done.wait(max(min(LOOK_S, patience_s), 0.001)):
                     seconds = time.perf_counter() - began
-                    if seconds > patience_s and not progress.stop:
-                        progress.stop, stopped = 1, "patience"
+                    if not progress.stop and (self.wanted() or seconds > patience_s):
+                        progress.stop, stopped = 1, "interrupted" if self.wanted() else "time"
                     if look is not None and not progress.stop:
                         look(_progress(progress, seconds))
             except KeyboardInterrupt:
@@ -353,6 +389,10 @@ class Engine:
             depth=int(r.depth),
             seconds=seconds,
             steps=tuple(self._step(trace[i]) for i in range(min(int(r.length), ROOM))),
+            total_bytes=int(r.table_bytes) + int(r.frontier_bytes) + int(r.memo_bytes),
+            needed_bytes=int(r.needed_bytes),
+            threads=int(r.threads),
+            chooser=int(r.chooser) if r.chooser < len(self.actors) else -1,
         )
 
     def _step(self, s: Any) -> RawStep:  # noqa: ANN401 - cdata
@@ -408,13 +448,19 @@ class Engine:
             steps=made,
         )
 
-    def starts_broken(self) -> bool:
-        """Whether a start, before any step, violates a property, deadlines aside.
+    def starts_broken(self, patience_s: float = math.inf) -> bool:
+        """Whether a start, before any step, violates a property, deadlines aside; True if stopped.
 
         It is seen only where others step before the part that the property looks at: then parts
         must not be explored alone.
         """
-        return bool(self.lib.soter_explore_starts_broken(self.model))
+        progress = self.ffi.new("soter_explore_progress *")
+        found: list[bool] = []
+
+        def look() -> None:
+            found.append(bool(self.lib.soter_explore_starts_broken(self.model, progress)))
+
+        return bool(self._apart(look, progress, None, patience_s)) or found[0]
 
     def _raw(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
         trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
@@ -452,5 +498,12 @@ class Engine:
 
 
 def _progress(p: Any, seconds: float) -> Progress:  # noqa: ANN401 - cdata
-    made = int(p.transitions)
-    return Progress(int(p.states), made, int(p.depth), seconds, tracing=bool(p.tracing))
+    return Progress(
+        states=int(p.states),
+        transitions=int(p.transitions),
+        depth=int(p.depth),
+        seconds=seconds,
+        tracing=bool(p.tracing),
+        bytes=int(p.bytes),
+        answers=int(p.answers),
+    )

@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.explore.engine.engine import CHOICES, RawChoice, RawStep
+from soter.explore.engine.engine import RawChoice, RawStep
+from soter.explore.methods import CHOICES_MAX
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -38,7 +39,7 @@ STEP = np.dtype(
         ("release", "i8"),
         ("time", "i8"),
         ("choices", "u4"),
-        ("choice", CHOICE, (CHOICES,)),
+        ("choice", CHOICE, (CHOICES_MAX,)),
     ],
     align=True,
 )

@@ -65,15 +65,23 @@ class Search:
     """Searches of one flattened test. A context: leaving it gives back what the engine holds."""
 
     def __init__(
-        self, system: System, options: Options, progress: Callable[[Looked], None] | None = None
+        self,
+        system: System,
+        options: Options,
+        progress: Callable[[Looked], None] | None = None,
+        wanted: Callable[[], bool] | None = None,
     ) -> None:
+        """`wanted`: whether somebody wants it to end; asked ten times a second."""
         self._system = system
         self.options = options
         self._settings = Settings(**vars(options))
         self._progress = progress
+        self._time_s = options.time
         self._engine = Engine(system)
+        self._engine.wanted = wanted or self._engine.wanted
         self._streams = {fnv(name): name for name in _streams(system)}
         self.bits = self._engine.bits
+        self.words = self._engine.words
         self.sampled = self._engine.plan.sampled
         self.times = self._engine.plan.times
         self.parts = 1
@@ -93,20 +101,22 @@ class Search:
         With `known` violations it looks for others, in all of the system.
         """
         settings = replace(self._settings, known=known)
+        until = time.perf_counter() + self._time_s
         parts: tuple[Part | None, ...] = (None,)
         if settings.reduction == "all" and settings.strategy in EXHAUSTIVE and not known:
-            apart = len(self._engine.parts) > 1 and not self._engine.starts_broken()
+            apart = len(self._engine.parts) > 1 and not self._engine.starts_broken(self._time_s)
             parts = self._engine.parts if apart else (None,)
         self.parts = len(parts)
         found: list[Searched] = []
         for part in parts:
             left = settings.max_states - sum(f.states for f in found)
             once = replace(settings, part=part, max_states=left if settings.max_states else 0)
-            found.append(self._engine.explore(once, self._look(minimising=False)))
+            left_s = max(until - time.perf_counter(), 0.0)
+            found.append(self._engine.explore(once, self._look(minimising=False), left_s))
             if found[-1].status == "violated" and part is not None:
                 whole = self._engine.complete(once, found[-1].steps)
                 if whole is None:  # its steps alone are no execution of the system
-                    found[-1] = replace(found[-1], steps=())
+                    found[-1] = replace(found[-1], steps=(), apart=bool(found[-1].steps))
                 else:
                     found[-1] = replace(found[-1], steps=whole.steps, broken=whole.broken)
             if found[-1].status != "exhausted" or (
@@ -170,7 +180,6 @@ class Search:
         name, began = plan_of(self._system).name, time.perf_counter()
 
         def look(p: Progress) -> None:
-            stored = p.states * self._engine.words * 8
             spent = time.perf_counter() - began
             progress(
                 Looked(
@@ -178,10 +187,11 @@ class Search:
                     p.states,
                     p.transitions,
                     p.depth,
-                    stored,
+                    p.bytes,
                     spent,
                     minimising=minimising,
                     tracing=p.tracing,
+                    answers=p.answers,
                 )
             )
 
@@ -202,12 +212,21 @@ class Search:
             seconds=s.seconds,
             steps=tuple([self._step(raw) for raw in s.steps]),
             stopped=s.stopped,
+            total_bytes=s.total_bytes,
+            needed_bytes=s.needed_bytes,
+            threads=s.threads,
+            chooser=s.chooser,
+            apart=s.apart,
         )
 
     def _step(self, raw: RawStep) -> Step:
         choices = tuple([Choice(self._streams[c.stream], c.pick, c.count) for c in raw.choices])
         name = self._actor(raw.actor) if raw.actor >= 0 else ""
         return Step(name, STEP_KINDS[raw.kind], raw.release_ns, raw.time_ns, choices)
+
+    def chooser(self, found: Found) -> str:
+        """Who asks for too many choices in a step."""
+        return f"a step of {self._actor(found.chooser)}" if found.chooser >= 0 else "the start"
 
     def _actor(self, number: int) -> str:
         actor = self._engine.actors[number]
@@ -257,8 +276,8 @@ class Search:
         given = [(self._system.topics[i], path) for i, path in self._engine.generated.leaves]
         for row, leaf, (topic, path) in zip(found, self._leaves(), given, strict=True):
             value = leaf_value(topic.type, topic.default, path)
-            if isinstance(value, (bool, int, float)):
-                row[class_of(leaf, value)] = 1
+            if isinstance(value, (bool, int, float)) and (number := class_of(leaf, value)) >= 0:
+                row[number] = 1
         return found
 
     def _leaves(self) -> Iterator[Leaf]:
@@ -281,6 +300,7 @@ def _sum(found: list[Searched]) -> Searched:
         transitions=sum(f.transitions for f in found),
         table_bytes=sum(f.table_bytes for f in found),
         frontier_bytes=max(f.frontier_bytes for f in found),
+        total_bytes=max(f.total_bytes for f in found),
         depth=max(f.depth for f in found),
         seconds=sum(f.seconds for f in found),
     )

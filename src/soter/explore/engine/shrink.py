@@ -267,7 +267,7 @@ class Shrinker:
 
 
 def _asked(steps: Steps) -> npt.NDArray[np.bool_]:
-    """Which choices there are. (n,) -> (n, CHOICES)."""
+    """Which choices there are. (n,) -> (n, CHOICES_MAX)."""
     room = steps["choice"].shape[1]
     found: npt.NDArray[np.bool_] = np.arange(room)[None, :] < steps["choices"][:, None]
     return found

@@ -15,6 +15,7 @@ from soter.codegen import decisions
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.unit import Unit, UnitBuilder
+from soter.explore.methods import LEAVES_MAX
 from soter.explore.model.packing import word
 from soter.explore.model.worlds import WorldEmitter, within
 from soter.lower.layout import scalar, size_of, struct_of
@@ -38,8 +39,6 @@ if TYPE_CHECKING:
     from soter.program.model.system import Bound, System, Topic
     from soter.program.model.types import Type
 
-LEAVES_MAX = 4096
-"""Leaves of topics that are told apart for coverage, at most."""
 KINDS = {
     "eventually": "SOTER_EVENTUALLY",
     "leadsto": "SOTER_LEADSTO",

@@ -32,9 +32,9 @@ static void search(soter_search* s) {
 
 #define BIRTHS 65536U /* that are looked at; with more it is not known */
 
-bool soter_explore_starts_broken(const soter_model* m) {
+bool soter_explore_starts_broken(const soter_model* m, soter_explore_progress* progress) {
   soter_place x;
-  bool broken = !soter_place_open(&x, m, NULL, NULL);
+  bool broken = !soter_place_open(&x, m, NULL, progress, NULL);
   if (!broken) {
     uint32_t births = 0U;
     x.given = 0U;
@@ -46,6 +46,7 @@ bool soter_explore_starts_broken(const soter_model* m) {
         broken = broken || (q->when == SOTER_AT_INSTANT && q->violated(x.there));
       }
     } while (!broken && soter_next_picks(&x));
+    broken = broken || x.cut || x.too_many;
   }
   soter_place_close(&x);
   return broken;
@@ -56,6 +57,11 @@ void soter_explore(const soter_model* m, const soter_explore_options* o,
                    soter_explore_result* result, soter_trace_step* trace, uint32_t room) {
   (void)memset(result, 0, sizeof *result);
   soter_search s = {m, o, progress, coverage, result, trace, room};
+  result->threads = 1U;
+  if (m->words > SOTER_WORDS) {
+    result->status = SOTER_WIDE;
+    return;
+  }
   search(&s);
   progress->states = result->states;
   progress->transitions = result->transitions;

@@ -9,8 +9,10 @@
 
 #include "soter.h"
 
-#define SOTER_ACTORS 64U  /* at most: a set of actors is one word */
-#define SOTER_CHOICES 64U /* choices in one step, at most */
+#define SOTER_ACTORS 64U   /* at most: a set of actors is one word */
+#define SOTER_CHOICES 256U /* choices in one step, at most */
+#define SOTER_WORDS 4096U  /* of a packed world, at most */
+#define SOTER_THREADS 16U  /* of breadth-first search, at most */
 #define SOTER_INPUT \
   0x80000000U /* in `component` of an actor: input number (component & ~SOTER_INPUT) */
 
@@ -140,7 +142,7 @@ typedef struct {
   soter_storage storage;
   uint32_t reduce; /* SOTER_REDUCE_... */
   uint32_t threads;
-  uint64_t memory;     /* bytes that tables and frontiers may take */
+  uint64_t memory;     /* bytes that tables, frontiers and remembered steps may take together */
   uint64_t max_states; /* 0: no bound */
   uint64_t seed;
   uint64_t runs;       /* of the random strategies */
@@ -163,7 +165,9 @@ typedef enum {
   SOTER_RUNS = 4,
   SOTER_STOPPED = 5,
   SOTER_NO_MEMORY = 6, /* not even enough to begin */
-  SOTER_LIMIT = 7      /* more choices in a step, or deeper, than there is room for */
+  SOTER_CHOOSY = 7,    /* a step asks for more than SOTER_CHOICES choices */
+  SOTER_WIDE = 8,      /* a packed world takes more than SOTER_WORDS words */
+  SOTER_LONG = 9       /* the trace has more steps than there is room for */
 } soter_explore_status;
 
 /* One step of a trace. `kind`: 0 step, 1 lost release (skip), 2 start of an overrunning step, 3 its
@@ -180,16 +184,22 @@ typedef struct {
   soter_broken broken;
   uint64_t states, transitions, runs;
   uint64_t table_bytes, frontier_bytes;
-  uint32_t depth;  /* steps of the longest execution seen */
-  uint32_t length; /* of the trace */
-  void* kept;      /* options.keep: for soter_explore_kept, until soter_explore_free */
+  uint64_t memo_bytes;   /* of steps that are remembered, and of what one step leads to */
+  uint64_t needed_bytes; /* SOTER_NO_MEMORY: to begin */
+  uint32_t threads;      /* that searched */
+  uint32_t chooser;      /* SOTER_CHOOSY: the actor; UINT32_MAX: the start */
+  uint32_t depth;        /* steps of the longest execution seen */
+  uint32_t length;       /* of the trace */
+  void* kept;            /* options.keep: for soter_explore_kept, until soter_explore_free */
 } soter_explore_result;
 
 typedef struct {
   volatile int stop; /* set by another thread: the search ends in order */
   volatile uint64_t states, transitions;
   volatile uint32_t depth;
-  volatile int tracing; /* something is violated: a way to it is looked for */
+  volatile int tracing;      /* something is violated: a way to it is looked for */
+  volatile uint64_t bytes;   /* of tables, frontiers and remembered steps */
+  volatile uint64_t answers; /* of one step that were tried so far, where they are very many */
 } soter_explore_progress;
 
 typedef struct {
@@ -221,8 +231,8 @@ uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_t
                               uint32_t length, void* worlds, bool* violates, soter_broken* broken);
 
 /* Whether a world at the start, before any step, violates an always or never (or whether that is
- * not known: no memory, too many of them). */
-bool soter_explore_starts_broken(const soter_model* m);
+ * not known: no memory, too many of them, stopped). */
+bool soter_explore_starts_broken(const soter_model* m, soter_explore_progress* progress);
 
 /* Makes an execution of the whole system out of one of a part of it (options.actors): the others'
  * steps are put in where the order asks for them, with default choices, until something is

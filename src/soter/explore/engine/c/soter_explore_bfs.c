@@ -1,4 +1,4 @@
-/* soter_explore_bfs.c: breadth first, on one or two threads.
+/* soter_explore_bfs.c: breadth first, on up to SOTER_THREADS threads.
  *
  * Purpose: all worlds, layer by layer; the shortest violation comes first. Each thread owns the
  * worlds whose hash says so: it has a table and a frontier of its own, and hands the others what is
@@ -11,9 +11,10 @@
 
 #include "soter_explore_dfs.h"
 
-#define THREADS 2U
-#define AHEAD 32U  /* worlds that are expanded at once, */
-#define HEIRS 256U /* unless they have so many heirs */
+#define THREADS SOTER_THREADS
+#define AHEAD 32U   /* worlds that are expanded at once, */
+#define HEIRS 256U  /* unless they have so many heirs */
+#define LOOK 32768U /* worlds taken in between two looks at the bounds */
 
 typedef struct worker {
   struct layered* all;
@@ -23,7 +24,10 @@ typedef struct worker {
   soter_explore_coverage coverage;
   soter_row here, next, out[THREADS];
   uint64_t count, moved;
-  uint64_t* key; /* of heirs that are about to be put */
+  uint64_t first;          /* the world of the frontier that is expanded */
+  uint64_t taken;          /* heirs since the bounds were looked at */
+  volatile uint64_t bytes; /* of all that is this worker's */
+  uint64_t* key;           /* of heirs that are about to be put */
   uint32_t keys;
   bool broke, full;
   soter_broken broken;
@@ -35,11 +39,13 @@ typedef struct worker {
 typedef struct layered {
   soter_search* s;
   uint32_t threads, words;
+  uint32_t opened;
   bool link;
   worker w[THREADS];
   pthread_mutex_t mutex;
   pthread_cond_t turn;
   uint32_t waiting, turns; /* a barrier: not every system has one */
+  bool open;               /* the workers may begin */
   bool done;
   soter_explore_status status;
   uint32_t depth;
@@ -61,8 +67,8 @@ static bool more_keys(worker* w, uint32_t count) {
 }
 
 static uint64_t frontier_of(const worker* w) {
-  uint64_t bytes =
-      soter_row_bytes(&w->here) + soter_row_bytes(&w->next) + soter_row_bytes(&w->links);
+  uint64_t bytes = soter_row_bytes(&w->here) + soter_row_bytes(&w->next) +
+                   soter_row_bytes(&w->links) + (uint64_t)w->keys * w->all->words * sizeof *w->key;
   for (uint32_t k = 0; k < THREADS; k++) {
     bytes += soter_row_bytes(&w->out[k]);
   }
@@ -129,7 +135,7 @@ static bool stops(const layered* all) {
 }
 
 /* Gives every heir to its owner, of which this worker may be one. */
-static void hand_on(worker* w, uint64_t first) {
+static void hand_on(worker* w) {
   layered* const all = w->all;
   const uint32_t words = all->words;
   const soter_heirs* const h = &w->expander.heirs;
@@ -138,40 +144,17 @@ static void hand_on(worker* w, uint64_t first) {
     soter_store_key(&w->store, packed, w->key + (size_t)k * words);
     soter_store_hint(&w->store, packed, w->key + (size_t)k * words);
   }
+  w->taken += h->count;
   for (uint32_t k = 0; k < h->count && !w->full; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * words;
     const uint32_t owner = owner_of(all, packed);
     SOTER_CHECK(owner < all->threads);
     if (owner == w->id) {
-      take_in(w, packed, w->key + (size_t)k * words, h->sleep[k], w->moved + first);
+      take_in(w, packed, w->key + (size_t)k * words, h->sleep[k], w->moved + w->first);
     } else if (!soter_row_put(&w->out[owner], packed, h->sleep[k], 0U)) {
       w->full = true;
     }
   }
-}
-
-/* Expands worlds of the frontier, from number `first`: as many as are looked for at once, so that
- * the machine can fetch the places of their heirs while others are computed. Returns how many. */
-static uint64_t expand_some(worker* w, uint64_t first) {
-  layered* const all = w->all;
-  const uint32_t words = all->words;
-  const uint64_t most = all->link ? 1U : AHEAD;
-  soter_heirs* const h = &w->expander.heirs;
-  uint64_t i = first;
-  SOTER_CHECK(first < w->here.count);
-  soter_forget(&w->expander);
-  for (; i < w->here.count && i - first < most && h->count < HEIRS; i++) {
-    const uint64_t* const item = soter_row_at(&w->here, i);
-    soter_expand(&w->expander, item, item[words], item[words + 1U]);
-    if (w->expander.broke) {
-      break_off(w, &w->expander.broken, w->moved + i);
-    }
-  }
-  if (more_keys(w, h->count)) {
-    hand_on(w, first);
-    w->full = w->full || w->expander.no_memory;
-  }
-  return i - first;
 }
 
 static bool over(const worker* w) {
@@ -179,8 +162,29 @@ static bool over(const worker* w) {
   return w->full || w->expander.place.too_many || stops(w->all) || (w->broke && !s->o->go_on);
 }
 
+/* Memory is one budget: what tables, frontiers and remembered steps of all workers take together.
+ * The table may grow into this worker's share of what is left. */
+static void weigh(worker* w) {
+  layered* const all = w->all;
+  const uint64_t memory = all->s->o->memory;
+  const uint64_t table = soter_store_bytes(&w->store);
+  w->bytes = table + frontier_of(w) + soter_expander_bytes(&w->expander);
+  uint64_t bytes = 0U;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    bytes += all->w[k].bytes;
+  }
+  const uint64_t left = memory > bytes ? (memory - bytes) / all->threads : 0U;
+  w->store.memory = table + left;
+  w->full = w->full || bytes > memory;
+  w->taken = 0U;
+  if (w->id == 0U) {
+    all->s->progress->bytes = bytes;
+  }
+}
+
 static void tell(worker* w) {
   soter_search* const s = w->all->s;
+  weigh(w);
   if (w->id != 0U) {
     return;
   }
@@ -193,10 +197,42 @@ static void tell(worker* w) {
   s->progress->states = states;
   s->progress->transitions = transitions;
   s->progress->depth = w->all->depth;
-  if ((s->o->max_states > 0U && states >= s->o->max_states) ||
-      (frontier_of(w) + w->store.room * w->store.bytes) * w->all->threads > s->o->memory) {
-    w->full = true;
+  w->full = w->full || (s->o->max_states > 0U && states >= s->o->max_states);
+}
+
+/* Heirs of one world, or of a few, go to their owners; false: no more are wanted. */
+static bool take_away(void* to) {
+  worker* const w = to;
+  if (more_keys(w, w->expander.heirs.count)) {
+    hand_on(w);
+    w->full = w->full || w->expander.no_memory;
   }
+  if (w->taken >= LOOK) {
+    tell(w);
+  }
+  return !over(w);
+}
+
+/* Expands worlds of the frontier, from number `first`: as many as are looked for at once, so that
+ * the machine can fetch the places of their heirs while others are computed. Returns how many. */
+static uint64_t expand_some(worker* w, uint64_t first) {
+  layered* const all = w->all;
+  const uint32_t words = all->words;
+  const uint64_t most = all->link ? 1U : AHEAD;
+  soter_heirs* const h = &w->expander.heirs;
+  uint64_t i = first;
+  SOTER_CHECK(first < w->here.count);
+  soter_forget(&w->expander);
+  w->first = first;
+  for (; i < w->here.count && i - first < most && h->count < HEIRS && !over(w); i++) {
+    const uint64_t* const item = soter_row_at(&w->here, i);
+    soter_expand(&w->expander, item, item[words], item[words + 1U]);
+    if (w->expander.broke) {
+      break_off(w, &w->expander.broken, w->moved + i);
+    }
+  }
+  (void)take_away(w);
+  return i - first;
 }
 
 /* ------------------------------------------------------------------ layers */
@@ -235,8 +271,11 @@ static void receive(worker* w) {
   layered* const all = w->all;
   for (uint32_t k = 0; k < all->threads; k++) {
     soter_row* const q = &all->w[k].out[w->id];
-    for (uint64_t i = 0; i < q->count && !w->full; i++) {
+    for (uint64_t i = 0; i < q->count && !w->full && !stops(all); i++) {
       const uint64_t* const item = soter_row_at(q, i);
+      if (++w->taken >= LOOK) {
+        weigh(w);
+      }
       uint64_t key[SOTER_WORDS];
       soter_store_key(&w->store, item, key);
       take_in(w, item, key, item[all->words], 0U);
@@ -251,11 +290,14 @@ static soter_explore_status status_of(const layered* all, const worker* w) {
   if (w->broke && !s->o->go_on) {
     return SOTER_VIOLATED;
   }
+  if (stops(all)) {
+    return SOTER_STOPPED;
+  }
   if (w->full) {
     const bool many = s->o->max_states > 0U && s->progress->states >= s->o->max_states;
     return many ? SOTER_STATES : SOTER_MEMORY;
   }
-  return w->expander.place.too_many ? SOTER_LIMIT : SOTER_EXHAUSTED;
+  return w->expander.place.too_many ? SOTER_CHOOSY : SOTER_EXHAUSTED;
 }
 
 /* A violation counts before all else, then what the first worker says. */
@@ -269,15 +311,26 @@ static void decide(layered* all) {
       all->status = said;
     }
   }
-  if (all->status == SOTER_EXHAUSTED && stops(all)) {
-    all->status = SOTER_STOPPED;
-  }
   all->done = all->done || all->status != SOTER_EXHAUSTED || waiting == 0U;
+}
+
+/* The first worker opens the gate, when it is known how many there are. */
+static void wait_at_the_gate(worker* w) {
+  layered* const all = w->all;
+  if (w->id == 0U) {
+    return;
+  }
+  (void)pthread_mutex_lock(&all->mutex);
+  while (!all->open) {
+    (void)pthread_cond_wait(&all->turn, &all->mutex);
+  }
+  (void)pthread_mutex_unlock(&all->mutex);
 }
 
 static void* work(void* argument) {
   worker* const w = argument;
   layered* const all = w->all;
+  wait_at_the_gate(w);
   while (!all->done) {
     expand_layer(w);
     wait_for_others(all);
@@ -332,12 +385,16 @@ static bool open_worker(layered* all, uint32_t id) {
     w->out[k].words = all->words;
     w->out[k].width = all->words + 1U;
   }
-  const bool fine = coverage_open(&w->coverage, s->m) &&
-                    soter_expander_open(&w->expander, s->m, s->o, &w->coverage) &&
-                    soter_store_open(&w->store, s->m, s->o->storage,
-                                     (w->expander.reduce & SOTER_REDUCE_SLEEP) != 0U,
-                                     s->o->memory / all->threads);
+  const bool fine =
+      coverage_open(&w->coverage, s->m) &&
+      soter_expander_open(&w->expander, s, &w->coverage, s->o->memory / 4U / all->threads) &&
+      soter_store_open(&w->store, s->m, s->o->storage,
+                       (w->expander.reduce & SOTER_REDUCE_SLEEP) != 0U,
+                       s->o->memory / all->threads);
   w->store.growth = 4U; /* settled when their time is over */
+  w->store.stop = &s->progress->stop;
+  w->expander.spill = take_away;
+  w->expander.to = w;
   return fine;
 }
 
@@ -346,11 +403,11 @@ static void close_worker(worker* w) {
   soter_expander_close(&w->expander);
   soter_store_close(&w->store);
   free(w->key);
-  free(w->here.item);
-  free(w->next.item);
-  free(w->links.item);
+  soter_row_close(&w->here);
+  soter_row_close(&w->next);
+  soter_row_close(&w->links);
   for (uint32_t k = 0; k < THREADS; k++) {
-    free(w->out[k].item);
+    soter_row_close(&w->out[k]);
   }
 }
 
@@ -361,29 +418,47 @@ static bool open_all(layered* all, soter_search* s, uint32_t threads, bool link)
   all->threads = threads < 1U ? 1U : threads > THREADS ? THREADS : threads;
   all->link = link;
   bool fine = true;
+  all->opened = all->threads;
   for (uint32_t k = 0; k < all->threads; k++) {
     fine = open_worker(all, k) && fine;
+    weigh(&all->w[k]);
   }
   return fine;
 }
 
 static void close_all(layered* all) {
-  for (uint32_t k = 0; k < all->threads; k++) {
+  for (uint32_t k = 0; k < all->opened; k++) {
     close_worker(&all->w[k]);
   }
 }
 
-static void be_born(layered* all) {
-  worker* const w = &all->w[0];
-  soter_expand_birth(&w->expander);
-  const soter_heirs* const h = &w->expander.heirs;
-  for (uint32_t k = 0; k < h->count; k++) {
+/* Before anybody moves, whatever the owner: there are no queues yet that it would look at. */
+static bool take_births(void* to) {
+  worker* const first = to;
+  layered* const all = first->all;
+  const soter_heirs* const h = &first->expander.heirs;
+  bool fine = true;
+  for (uint32_t k = 0; fine && k < h->count; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * all->words;
     uint64_t key[SOTER_WORDS];
     worker* const owner = &all->w[owner_of(all, packed)];
     soter_store_key(&owner->store, packed, key);
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
+    if (++owner->taken >= LOOK) {
+      tell(owner);
+    }
+    fine = !over(owner);
   }
+  return fine;
+}
+
+static void be_born(layered* all) {
+  worker* const w = &all->w[0];
+  w->expander.spill = take_births;
+  soter_expand_birth(&w->expander);
+  (void)take_births(w);
+  soter_forget(&w->expander);
+  w->expander.spill = take_away;
   for (uint32_t k = 0; k < all->threads; k++) {
     const soter_row swap = all->w[k].here;
     all->w[k].here = all->w[k].next;
@@ -391,20 +466,25 @@ static void be_born(layered* all) {
   }
 }
 
+/* On as many threads as the machine gives. */
 static void run(layered* all) {
-  be_born(all);
-  if (all->threads == 1U) {
-    (void)work(&all->w[0]);
-    return;
-  }
-  pthread_t other;
+  pthread_t other[THREADS];
+  const uint32_t wanted = all->threads;
+  uint32_t made = 1U;
   (void)pthread_mutex_init(&all->mutex, NULL);
   (void)pthread_cond_init(&all->turn, NULL);
-  if (pthread_create(&other, NULL, work, &all->w[1]) != 0) {
-    all->status = SOTER_NO_MEMORY;
-  } else {
-    (void)work(&all->w[0]);
-    (void)pthread_join(other, NULL);
+  while (made < wanted && pthread_create(&other[made], NULL, work, &all->w[made]) == 0) {
+    made++;
+  }
+  all->threads = made;
+  be_born(all);
+  (void)pthread_mutex_lock(&all->mutex);
+  all->open = true;
+  (void)pthread_cond_broadcast(&all->turn);
+  (void)pthread_mutex_unlock(&all->mutex);
+  (void)work(&all->w[0]);
+  for (uint32_t k = 1; k < made; k++) {
+    (void)pthread_join(other[k], NULL);
   }
   (void)pthread_cond_destroy(&all->turn);
   (void)pthread_mutex_destroy(&all->mutex);
@@ -413,12 +493,17 @@ static void run(layered* all) {
 static void sum_up(layered* all, soter_explore_result* r) {
   r->status = all->status;
   r->depth = all->depth;
+  r->threads = all->threads;
   for (uint32_t k = 0; k < all->threads; k++) {
     worker* const w = &all->w[k];
     r->states += w->count;
     r->transitions += w->expander.transitions;
-    r->table_bytes += w->store.room * w->store.bytes;
+    r->table_bytes += soter_store_bytes(&w->store);
     r->frontier_bytes += frontier_of(w);
+    r->memo_bytes += soter_expander_bytes(&w->expander);
+    if (w->expander.place.too_many) {
+      r->chooser = w->expander.place.chooser;
+    }
     if (w->broke) {
       r->broken = w->broken;
       r->status = SOTER_VIOLATED;
@@ -432,7 +517,7 @@ static void sum_up(layered* all, soter_explore_result* r) {
 static bool write_links(layered* all, soter_search* s, uint64_t last, const soter_broken* broken) {
   worker* const w = &all->w[0];
   soter_place x;
-  if (!soter_place_open(&x, s->m, s->o, NULL)) {
+  if (!soter_place_open(&x, s->m, s->o, s->progress, NULL)) {
     return false;
   }
   uint64_t* const way = malloc((s->room + 1U) * sizeof *way);
@@ -520,6 +605,10 @@ void soter_search_bfs(soter_search* s) {
   }
   if (!open_all(all, s, s->o->threads, false)) {
     s->result->status = SOTER_NO_MEMORY;
+    s->result->needed_bytes = 0U;
+    for (uint32_t k = 0; k < all->threads; k++) {
+      s->result->needed_bytes += soter_store_bytes(&all->w[k].store);
+    }
     close_all(all);
     free(all);
     return;

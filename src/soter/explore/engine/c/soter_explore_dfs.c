@@ -6,29 +6,43 @@
  */
 #include "soter_explore_dfs.h"
 
+#define LOOK 32768U /* heirs between two looks at the bounds */
+
+static bool take_away(void* to);
+
 bool soter_stack_open(soter_stack* t, soter_search* s) {
   (void)memset(t, 0, sizeof *t);
   t->s = s;
   t->words = t->row.words = s->m->words;
   t->row.width = t->words + 2U;
-  return soter_expander_open(&t->expander, s->m, s->o, s->coverage) &&
-         soter_store_open(&t->store, s->m, s->o->storage,
-                          (t->expander.reduce & SOTER_REDUCE_SLEEP) != 0U, s->o->memory);
+  const bool fine = soter_expander_open(&t->expander, s, s->coverage, s->o->memory / 4U) &&
+                    soter_store_open(&t->store, s->m, s->o->storage,
+                                     (t->expander.reduce & SOTER_REDUCE_SLEEP) != 0U, s->o->memory);
+  t->store.stop = &s->progress->stop;
+  t->expander.spill = take_away;
+  t->expander.to = t;
+  s->result->needed_bytes = soter_store_bytes(&t->store);
+  return fine;
 }
 
 void soter_stack_close(soter_stack* t) {
   soter_expander_close(&t->expander);
   soter_store_close(&t->store);
-  free(t->row.item);
+  soter_row_close(&t->row);
 }
 
 static bool out_of_bounds(soter_stack* t) {
   soter_search* const s = t->s;
-  const uint64_t bytes = t->store.room * t->store.bytes + soter_row_bytes(&t->row);
+  const uint64_t table = soter_store_bytes(&t->store);
+  const uint64_t bytes = table + soter_row_bytes(&t->row) + soter_expander_bytes(&t->expander);
+  t->store.memory = s->o->memory > bytes ? table + (s->o->memory - bytes) : table;
+  s->progress->bytes = bytes;
   if (s->progress->stop != 0) {
     t->status = SOTER_STOPPED;
   } else if (t->full || t->expander.no_memory || bytes > s->o->memory) {
     t->status = SOTER_MEMORY;
+  } else if (t->expander.place.too_many) {
+    t->status = SOTER_CHOOSY;
   } else if (s->o->max_states > 0U && t->states >= s->o->max_states) {
     t->status = SOTER_STATES;
   }
@@ -70,7 +84,7 @@ static void take_in(soter_stack* t, const uint64_t* packed, uint64_t sleep) {
 static bool write_way(soter_stack* t) {
   soter_search* const s = t->s;
   soter_place x;
-  if (s->trace == NULL || !soter_place_open(&x, s->m, s->o, NULL)) {
+  if (s->trace == NULL || !soter_place_open(&x, s->m, s->o, s->progress, NULL)) {
     return false;
   }
   const uint64_t* before = NULL;
@@ -100,41 +114,54 @@ static bool found(const soter_stack* t) {
   return t->broke && !t->s->o->go_on;
 }
 
-/* Every now and then: tells how far it is, and whether it goes on. */
-static bool go_on(soter_stack* t) {
+/* Tells how far it is, and whether it goes on. */
+static bool look(soter_stack* t) {
   soter_search* const s = t->s;
-  if ((++t->turns & 1023U) != 0U) {
-    return true;
-  }
   s->progress->states = t->states;
   s->progress->transitions = t->expander.transitions;
   s->progress->depth = t->deepest;
+  t->taken = 0U;
   return !out_of_bounds(t);
+}
+
+/* Every now and then; whether it is stopped, always. */
+static bool go_on(soter_stack* t) {
+  const bool now = (++t->turns & 1023U) == 0U || t->taken >= LOOK || t->s->progress->stop != 0;
+  return !now || look(t);
+}
+
+/* The heirs of a world lie on the stack then, the first one on top; false: no more are wanted. */
+static bool take_away(void* to) {
+  soter_stack* const t = to;
+  const soter_heirs* const h = &t->expander.heirs;
+  t->taken += h->count;
+  for (uint32_t k = h->count; k > 0U && !found(t) && !t->full; k--) {
+    take_in(t, h->packed + (size_t)(k - 1U) * t->words, h->sleep[k - 1U]);
+  }
+  return !found(t) && !t->full && (t->taken < LOOK || look(t));
 }
 
 /* Expands the world on top of the stack, which is on the way now. */
 static void expand_top(soter_stack* t, uint64_t* top) {
+  uint64_t here[SOTER_WORDS]; /* the stack may move */
+  const uint64_t sleep = top[t->words];
   const uint64_t only = top[t->words + 1U];
+  soter_copy_words(here, top, t->words);
   top[t->words + 1U] = ON_THE_WAY;
   soter_forget(&t->expander);
-  soter_expand(&t->expander, top, top[t->words], only);
+  soter_expand(&t->expander, here, sleep, only);
   if (t->expander.broke && !t->broke) {
     t->broke = true;
     t->broken = t->expander.broken;
     t->by_a_move = true;
   }
-  for (uint32_t k = t->expander.heirs.count; k > 0U && !found(t) && !t->full; k--) {
-    take_in(t, t->expander.heirs.packed + (size_t)(k - 1U) * t->words,
-            t->expander.heirs.sleep[k - 1U]);
-  }
+  (void)take_away(t);
 }
 
 void soter_stack_run(soter_stack* t, uint32_t bound) {
   uint32_t depth = 0U;
   soter_expand_birth(&t->expander);
-  for (uint32_t k = 0; k < t->expander.heirs.count; k++) {
-    take_in(t, t->expander.heirs.packed + (size_t)k * t->words, 0U);
-  }
+  (void)take_away(t);
   while (t->row.count > 0U && !found(t)) {
     uint64_t* const top = soter_row_at(&t->row, t->row.count - 1U);
     if (top[t->words + 1U] == ON_THE_WAY) {
@@ -168,15 +195,21 @@ void soter_stack_run(soter_stack* t, uint32_t bound) {
 void soter_stack_sum_up(soter_stack* t, soter_explore_result* r) {
   if (t->status == SOTER_EXHAUSTED) { /* what ends between two looks at the bounds */
     const bool full = t->full || t->expander.no_memory;
-    t->status = full ? SOTER_MEMORY : t->expander.place.too_many ? SOTER_LIMIT : t->status;
+    t->status = t->expander.place.cut        ? SOTER_STOPPED
+                : full                       ? SOTER_MEMORY
+                : t->expander.place.too_many ? SOTER_CHOOSY
+                                             : t->status;
   }
   r->status = t->broke ? SOTER_VIOLATED : t->status;
   r->broken = t->broken;
   r->states += t->states;
   r->transitions += t->expander.transitions;
   r->depth = t->deepest;
-  r->table_bytes = t->store.room * t->store.bytes;
+  r->chooser = t->expander.place.chooser;
+  r->threads = 1U;
+  r->table_bytes = soter_store_bytes(&t->store);
   r->frontier_bytes = soter_row_bytes(&t->row);
+  r->memo_bytes = soter_expander_bytes(&t->expander);
 }
 
 void soter_search_dfs(soter_search* s) {

@@ -11,6 +11,7 @@ typedef struct {
   soter_row row; /* which moves: none left for those on the way */
   uint32_t words;
   uint64_t states, turns;
+  uint64_t taken; /* heirs since the bounds were looked at */
   uint32_t deepest;
   bool full, broke, by_a_move;
   bool cut; /* something lies deeper than the bound */

@@ -6,13 +6,21 @@
 #include "soter_explore_in.h"
 
 #define FIRST_HEIRS 256U
+#define MOST_BYTES (UINT32_C(1) << 23) /* of heirs, before they are taken away, */
+#define FEWEST 64U                     /* but so many */
+#define LONG 4096U /* answers of a step: a violation need not wait for the rest */
 
-bool soter_expander_open(soter_expander* e, const soter_model* m, const soter_explore_options* o,
-                         soter_explore_coverage* coverage) {
+bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore_coverage* coverage,
+                         uint64_t memory) {
+  const soter_model* const m = s->m;
+  const soter_explore_options* const o = s->o;
   (void)memset(e, 0, sizeof *e);
   e->reduce = o->reduce;
   e->words = m->words;
-  e->memory = o->memory;
+  e->memory = memory;
+  e->go_on = o->go_on;
+  e->most = MOST_BYTES / (m->words > 0U ? m->words * (uint32_t)sizeof(uint64_t) : 1U);
+  e->most = e->most < FEWEST ? FEWEST : e->most;
   if (m->timely) {
     e->reduce &= ~SOTER_REDUCE_SLEEP; /* moving first changes at which times others may move */
   }
@@ -21,35 +29,41 @@ bool soter_expander_open(soter_expander* e, const soter_model* m, const soter_ex
       e->reduce &= ~SOTER_REDUCE_AMPLE; /* it may add observations, and these keep promises */
     }
   }
-  if (m->words > SOTER_WORDS || !soter_place_open(&e->place, m, o, coverage)) {
+  SOTER_CHECK(m->words <= SOTER_WORDS);
+  if (!soter_place_open(&e->place, m, o, s->progress, coverage)) {
     return false;
   }
-  e->memo = m->plain && !m->timely && !o->plainly ? soter_memo_open(e, o->memory / 4U) : NULL;
+  e->memo = m->plain && !m->timely && !o->plainly ? soter_memo_open(e, e->memory) : NULL;
+  if (e->memo != NULL && soter_memo_bytes(e->memo) > e->memory) {
+    soter_memo_close(e->memo); /* it would be given up at once */
+    e->memo = NULL;
+  }
   return true;
 }
 
 void soter_expander_close(soter_expander* e) {
   soter_memo_close(e->memo);
   soter_place_close(&e->place);
-  free(e->heirs.packed);
+  soter_give(e->heirs.packed, (uint64_t)e->heirs.room * e->words * sizeof *e->heirs.packed);
   free(e->heirs.sleep);
 }
 
 static bool more_heirs(soter_expander* e) {
   soter_heirs* const h = &e->heirs;
   const uint32_t room = h->room == 0U ? FIRST_HEIRS : h->room * 2U;
-  if (room > FIRST_HEIRS && 4U * (uint64_t)room * e->words * sizeof *h->packed > e->memory) {
-    e->no_memory = true; /* one world may have very many: the values of an input */
-    return false;
-  }
-  uint64_t* const packed = realloc(h->packed, (size_t)room * e->words * sizeof *packed);
-  h->packed = packed != NULL ? packed : h->packed;
-  uint64_t* const sleep = realloc(h->sleep, room * sizeof *sleep);
-  h->sleep = sleep != NULL ? sleep : h->sleep;
+  const uint64_t each = e->words * sizeof *h->packed;
+  uint64_t* const packed = soter_regrow(h->packed, h->room * each, room * each);
+  uint64_t* const sleep = packed != NULL ? realloc(h->sleep, room * sizeof *sleep) : NULL;
   if (packed == NULL || sleep == NULL) {
+    soter_give(packed, packed != NULL ? room * each : 0U);
+    h->packed = packed != NULL ? NULL : h->packed;
+    h->count = packed != NULL ? 0U : h->count;
+    h->room = packed != NULL ? 0U : h->room;
     e->no_memory = true;
     return false;
   }
+  h->packed = packed;
+  h->sleep = sleep;
   SOTER_CHECK(h->count < room);
   h->room = room;
   return true;
@@ -67,6 +81,25 @@ bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint64_t sleep) {
   return true;
 }
 
+uint64_t soter_expander_bytes(const soter_expander* e) {
+  const uint64_t each = e->words * sizeof *e->heirs.packed + sizeof *e->heirs.sleep;
+  return e->heirs.room * each + (e->memo != NULL ? soter_memo_bytes(e->memo) : 0U);
+}
+
+/* One world may have very many heirs: the answers of a step, the values of an input. */
+static void spill(soter_expander* e) {
+  if (e->heirs.count >= e->most && e->spill != NULL) {
+    e->enough = e->enough || !e->spill(e->to);
+    soter_forget(e);
+    e->begin = 0U;
+  }
+}
+
+static bool wants_more(const soter_expander* e) {
+  const bool broke = e->broke && !e->go_on && e->place.tried >= LONG;
+  return !e->no_memory && !e->enough && !broke;
+}
+
 static void make_one(soter_expander* e, const soter_move* move, uint64_t sleep) {
   soter_place* const x = &e->place;
   uint64_t packed[SOTER_WORDS];
@@ -82,6 +115,16 @@ static void make_one(soter_expander* e, const soter_move* move, uint64_t sleep) 
   soter_cover(x, move->actor);
   x->m->pack(x->there, packed);
   (void)soter_add_heir(e, packed, sleep);
+  spill(e);
+}
+
+/* All answers of a move, or as many as are wanted. */
+static void make_all(soter_expander* e, const soter_move* move, uint64_t sleep) {
+  e->place.given = 0U;
+  do {
+    make_one(e, move, sleep);
+  } while (wants_more(e) && soter_next_picks(&e->place));
+  soter_tell_answers(&e->place, true);
 }
 
 void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only) {
@@ -89,6 +132,7 @@ void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uin
   e->begin = e->heirs.count;
   SOTER_CHECK(e->words == x->m->words);
   e->broke = false;
+  e->enough = false;
   if (e->memo != NULL && soter_memo_expand(e, packed, sleep, only)) {
     return;
   }
@@ -107,11 +151,9 @@ void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uin
     const uint64_t asleep =
         (e->reduce & SOTER_REDUCE_SLEEP) != 0U ? soter_still_asleep(x->m, a, sleep, before) : 0U;
     soter_move move;
-    for (uint32_t n = 0; soter_move_of(x, a, n, &move); n++) {
-      x->given = 0U;
-      do {
-        make_one(e, &move, asleep);
-      } while (!e->no_memory && soter_next_picks(x));
+    for (uint32_t n = 0; !x->cut && wants_more(e) && soter_move_of(x, a, n, &move); n++) {
+      make_all(e, &move, asleep);
+      x->cut = x->cut || soter_is_stopped(x);
     }
     before |= bit;
   }
@@ -134,18 +176,27 @@ void soter_expand_birth(soter_expander* e) {
   uint64_t packed[SOTER_WORDS];
   e->heirs.count = 0U;
   e->broke = false;
+  e->enough = false;
   x->given = 0U;
   do {
     soter_be_born(x);
     x->m->pack(x->there, packed);
     (void)soter_add_heir(e, packed, 0U);
-  } while (!e->no_memory && soter_next_picks(x));
+    spill(e);
+  } while (wants_more(e) && soter_next_picks(x));
+  soter_tell_answers(x, true);
+}
+
+void soter_row_close(soter_row* r) {
+  soter_give(r->item, r->room * r->width * sizeof *r->item);
+  r->item = NULL;
 }
 
 bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only) {
   if (r->count == r->room) {
     const uint64_t room = r->room == 0U ? 1024U : r->room + r->room / 2U;
-    uint64_t* const item = realloc(r->item, room * r->width * sizeof *item);
+    const uint64_t each = r->width * sizeof *r->item;
+    uint64_t* const item = soter_regrow(r->item, r->room * each, room * each);
     if (item == NULL) {
       return false;
     }
@@ -159,6 +210,7 @@ bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_
     to[r->words + 1U] = only;
   }
   r->count++;
+  r->most = r->count > r->most ? r->count : r->most;
   SOTER_CHECK(r->count <= r->room && r->width > r->words);
   return true;
 }

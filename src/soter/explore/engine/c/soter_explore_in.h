@@ -2,7 +2,7 @@
  *
  * soter_explore_step.c  which moves a world has, what a move does, what is violated then
  * soter_explore_reduce.c sleep sets and ample sets
- * soter_explore_store.c the table of packed worlds
+ * soter_explore_store.c the table of packed worlds; soter_explore_room.c its memory
  * one file per strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _replay; _least
  * minimises, _guided runs what shrinking tries
  */
@@ -16,7 +16,6 @@
 #include "soter_explore.h"
 
 #define SOTER_NO_DEADLINE INT64_MAX
-#define SOTER_WORDS 512U /* of a packed world, at most */
 #define SOTER_NOTHING UINT32_MAX
 
 /* ------------------------------------------------------------------ moves */
@@ -60,13 +59,18 @@ typedef struct {
   uint64_t actors, properties, timeds; /* the part of the system that is looked at */
   const soter_broken* known;           /* [knowns]: what does not end the search */
   uint32_t knowns;
-  const soter_broken* wanted; /* nothing else is news; NULL: whatever is not known */
-  bool too_many;              /* a step asked for more choices than there is room for */
+  const soter_broken* wanted;       /* nothing else is news; NULL: whatever is not known */
+  soter_explore_progress* progress; /* NULL: nobody stops it, nobody looks */
+  uint64_t tried;                   /* answers of the step that is being made */
+  bool cut;                         /* stopped before all answers of a step were tried */
+  bool many;     /* the step just made asked for more choices than there is room for */
+  bool too_many; /* some step did: */
+  uint32_t chooser;
 } soter_place;
 
 /* `o` NULL: the whole system, seed 0. */
 bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_options* o,
-                      soter_explore_coverage* coverage);
+                      soter_explore_progress* progress, soter_explore_coverage* coverage);
 void soter_place_close(soter_place* x);
 
 /* Those who are not looked at have always done what they must: their part of a world never changes.
@@ -93,16 +97,36 @@ bool soter_move_of(const soter_place* x, uint32_t actor, uint32_t number, soter_
  * where a contract is violated or a trusted component faults: then there is no world after it. */
 bool soter_make(soter_place* x, const soter_move* move, soter_broken* broken);
 
-/* The next sequence of picks for the same move; false: all were made. Begin with given = 0. */
+/* Whether somebody wants the search to end. */
+SOTER_INLINE bool soter_is_stopped(const soter_place* x) {
+  return x->progress != NULL && x->progress->stop != 0;
+}
+
+/* Tells how many answers of a step were tried, where that takes long. */
+SOTER_INLINE void soter_tell_answers(soter_place* x, bool all) {
+  const uint64_t many = UINT64_C(1) << 16;
+  if (x->progress != NULL && x->tried >= many && (all || x->tried % many == 0U)) {
+    x->progress->answers = all ? 0U : x->tried;
+  }
+  x->tried = all ? 0U : x->tried;
+}
+
+/* The next sequence of picks for the same move; false: all were made, or (`cut`) it is stopped: the
+ * answers of one step may be more than can ever be tried. Of a step that asks for too many choices
+ * the first answer is made. Begin with given = 0. */
 SOTER_INLINE bool soter_next_picks(soter_place* x) {
   uint32_t i = x->taken;
   SOTER_CHECK(i <= SOTER_CHOICES);
   while (i > 0U && x->choice[i - 1U].pick + 1U >= x->choice[i - 1U].count) {
     i--;
   }
-  if (i == 0U) {
+  if (i == 0U || x->many || soter_is_stopped(x)) {
+    x->cut = x->cut || (i > 0U && !x->many);
+    soter_tell_answers(x, true);
     return false;
   }
+  x->tried++;
+  soter_tell_answers(x, false);
   x->choice[i - 1U].pick++;
   x->given = i;
   return true;
@@ -141,10 +165,19 @@ uint64_t soter_ample(const soter_place* x, uint64_t enabled);
 /* All actors that may move in `here`. */
 uint64_t soter_enabled(const soter_place* x);
 
+/* ------------------------------------------------------------------ memory */
+
+/* Zeros; NULL: there is no memory. */
+void* soter_take(uint64_t bytes);
+/* The same with more room; NULL: there is no memory, and it is as it was. */
+void* soter_regrow(void* piece, uint64_t before, uint64_t bytes);
+void soter_give(void* piece, uint64_t bytes);
+
 /* ------------------------------------------------------------------ the table */
 
 typedef struct {
-  uint8_t* base;  /* as allocated */
+  uint8_t* base;  /* as allocated, */
+  uint64_t bytes; /* so many */
   uint8_t* entry; /* at the beginning of a line */
   uint64_t buckets, count;
   uint64_t homes;  /* buckets that hashes say */
@@ -166,11 +199,18 @@ typedef struct {
   uint64_t memory; /* most bytes that it may take */
   bool fingerprint;
   uint32_t growth; /* a segment grows by this part of itself */
+  uint32_t segments;
+  const volatile int* stop; /* growing may take seconds; NULL: it always ends */
 } soter_store;
 
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
                       uint64_t memory);
 void soter_store_close(soter_store* s);
+/* Bytes of an empty table. */
+uint64_t soter_store_least(const soter_model* m, soter_storage storage, bool sleep);
+SOTER_INLINE uint64_t soter_store_bytes(const soter_store* s) {
+  return s->room * s->bytes;
+}
 
 /* Puts a packed world in. Returns 1 if it is new, 0 if it was there, -1 if there is no memory left.
  * With sleep sets *sleep is the set on arrival; after: of a new world the same; of an old one the
@@ -245,12 +285,16 @@ typedef struct {
   uint32_t begin; /* the first heir of the world last expanded */
   bool broke;     /* a move of the world last expanded violates `broken`: no world comes after it */
   soter_broken broken;
-  uint64_t memory; /* bytes that heirs, and what is remembered, may take each */
+  uint64_t memory; /* bytes that what is remembered may take */
   bool no_memory;
+  bool go_on; /* also behind a violation */
+  /* Takes the heirs away where one world has very many; false: no more are wanted. */
+  bool (*spill)(void* to);
+  void* to;
+  uint32_t most; /* heirs, before that */
+  bool enough;   /* no more heirs of this world */
 } soter_expander;
 
-bool soter_expander_open(soter_expander* e, const soter_model* m, const soter_explore_options* o,
-                         soter_explore_coverage* coverage);
 void soter_expander_close(soter_expander* e);
 
 /* All moves of a world that the reduction asks for: `only` says which actors (a mask), `sleep`
@@ -273,6 +317,9 @@ bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint64_t sleep);
 /* At most `memory` bytes, more or less. */
 struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory);
 void soter_memo_close(struct soter_memo* memo);
+uint64_t soter_memo_bytes(const struct soter_memo* memo);
+/* Bytes of the heirs, and of what is remembered. */
+uint64_t soter_expander_bytes(const soter_expander* e);
 bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
 bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);
 
@@ -288,11 +335,13 @@ SOTER_INLINE uint64_t soter_still_asleep(const soter_model* m, uint32_t actor, u
 typedef struct {
   uint64_t* item;
   uint64_t count, room;
+  uint64_t most; /* items that it ever had: so much memory is in use */
   uint32_t words, width;
 } soter_row;
 
 /* Appends; false: there is no memory. `only` is left out where the row has no place for it. */
 bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only);
+void soter_row_close(soter_row* r);
 
 SOTER_INLINE uint64_t* soter_row_at(const soter_row* r, uint64_t i) {
   SOTER_CHECK(i < r->room);
@@ -300,7 +349,7 @@ SOTER_INLINE uint64_t* soter_row_at(const soter_row* r, uint64_t i) {
 }
 
 SOTER_INLINE uint64_t soter_row_bytes(const soter_row* r) {
-  return r->room * r->width * sizeof *r->item;
+  return r->most * r->width * sizeof *r->item;
 }
 
 /* ------------------------------------------------------------------ strategies */
@@ -314,6 +363,10 @@ typedef struct {
   soter_trace_step* trace;
   uint32_t room;
 } soter_search;
+
+/* `memory`: bytes that what it remembers may take. */
+bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore_coverage* coverage,
+                         uint64_t memory);
 
 typedef void soter_strategy_fn(soter_search* s);
 soter_strategy_fn soter_search_bfs, soter_search_dfs, soter_search_deepening, soter_search_random,

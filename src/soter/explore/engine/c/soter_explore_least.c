@@ -35,7 +35,7 @@ static bool is_less(const way* a, const way* b) {
 }
 
 static uint64_t bytes_of(const ways* l) {
-  return l->seen.room * l->seen.bytes + (uint64_t)l->room * (l->words * 8U + sizeof(way)) +
+  return soter_store_bytes(&l->seen) + (uint64_t)l->room * (l->words * 8U + sizeof(way)) +
          l->slots * sizeof *l->slot;
 }
 
@@ -176,6 +176,7 @@ static void expand(ways* l, uint32_t from) {
         judge(l, fine, &found, &w);
         l->s->result->transitions++;
       } while (!l->full && soter_next_picks(x));
+      soter_tell_answers(x, true);
     }
   }
 }
@@ -188,7 +189,8 @@ static void birth(ways* l) {
     soter_be_born(x);
     const way w = {NONE, NONE, 0U, unusual(x, &none, 0U)};
     judge(l, true, NULL, &w);
-  } while (soter_next_picks(x));
+  } while (!l->full && soter_next_picks(x));
+  soter_tell_answers(x, true);
 }
 
 static soter_explore_status bounded(ways* l) {
@@ -196,6 +198,7 @@ static soter_explore_status bounded(ways* l) {
   s->progress->states = l->seen.count;
   s->progress->transitions = s->result->transitions;
   s->progress->depth = s->result->depth;
+  s->progress->bytes = bytes_of(l);
   if (s->progress->stop != 0) {
     return SOTER_STOPPED;
   }
@@ -240,8 +243,11 @@ static soter_explore_status search(ways* l) {
     l->s->result->depth++;
     begin = end;
   }
+  if (l->x.cut) {
+    return SOTER_STOPPED;
+  }
   if (l->x.too_many) {
-    return SOTER_LIMIT; /* what was not tried may be less */
+    return SOTER_CHOOSY; /* what was not tried may be less */
   }
   return l->broke ? SOTER_VIOLATED : SOTER_EXHAUSTED;
 }
@@ -322,16 +328,17 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
   l.s = &s;
   l.words = m->words;
   l.wanted = broken;
-  result->status = SOTER_NO_MEMORY;
-  if (m->words <= SOTER_WORDS && soter_place_open(&l.x, m, o, NULL)) {
+  result->threads = 1U;
+  result->status = m->words > SOTER_WORDS ? SOTER_WIDE : SOTER_NO_MEMORY;
+  if (m->words <= SOTER_WORDS && soter_place_open(&l.x, m, o, progress, NULL)) {
     if (soter_store_open(&l.seen, m, SOTER_EXACT, false, o->memory) && more_slots(&l)) {
       (void)memcpy(l.x.here, l.x.started, l.x.size);
       l.x.wanted = &l.wanted; /* what is violated with it does not hide it */
       result->status = search(&l);
       result->broken = broken;
       result->states = l.count;
-      if (result->status == SOTER_VIOLATED && !write_all(&l)) {
-        result->status = SOTER_LIMIT;
+      if (result->status == SOTER_VIOLATED && (!write_all(&l) || l.x.cut)) {
+        result->status = progress->stop != 0 ? SOTER_STOPPED : SOTER_LONG;
       }
     }
     soter_store_close(&l.seen);

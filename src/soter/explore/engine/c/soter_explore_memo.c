@@ -9,10 +9,12 @@
 #include "soter_explore_in.h"
 
 #define FIRST_SLOTS 1024U
+#define WIDE 32U /* words: fewer slots then */
 #define MOST_SLOTS (UINT32_C(1) << 22)
 #define EMPTY UINT32_MAX
 #define MANY 1024U      /* outcomes of a step that are compared with each other, */
 #define TOO_MANY 65536U /* and that are remembered */
+#define LONG 4096U      /* answers of a step: a violation need not wait for the rest */
 
 /* One way that a step may end: it breaks something, or these bits of `writes` are the new ones. */
 typedef struct {
@@ -63,7 +65,7 @@ static void* push(list* l, uint32_t many) {
     while (room < l->count + many) {
       room *= 2U;
     }
-    void* const item = realloc(l->item, room * l->size);
+    void* const item = soter_regrow(l->item, l->room * l->size, room * l->size);
     if (item == NULL) {
       return NULL;
     }
@@ -77,10 +79,10 @@ static void* push(list* l, uint32_t many) {
 }
 
 static bool map_open(map* m, uint32_t words) {
-  m->slots = FIRST_SLOTS;
+  m->slots = words > WIDE ? FIRST_SLOTS / 64U : FIRST_SLOTS;
   m->used = 0U;
-  m->key = malloc((size_t)m->slots * words * sizeof *m->key);
-  m->number = malloc(m->slots * sizeof *m->number);
+  m->key = soter_take((uint64_t)m->slots * words * sizeof *m->key);
+  m->number = soter_take(m->slots * sizeof *m->number);
   if (m->key == NULL || m->number == NULL) {
     return false;
   }
@@ -88,9 +90,13 @@ static bool map_open(map* m, uint32_t words) {
   return true;
 }
 
-static void map_close(map* m) {
-  free(m->key);
-  free(m->number);
+static void map_close(map* m, uint32_t words) {
+  soter_give(m->key, (uint64_t)m->slots * words * sizeof *m->key);
+  soter_give(m->number, m->slots * sizeof *m->number);
+}
+
+static void list_close(list* l) {
+  soter_give(l->item, l->room * l->size);
 }
 
 /* The slot of a key: where it stands, or where it would. */
@@ -123,10 +129,10 @@ static bool map_grow(map* m, uint32_t words) {
   if (larger.slots > MOST_SLOTS) {
     return false;
   }
-  larger.key = malloc((size_t)larger.slots * words * sizeof *larger.key);
-  larger.number = malloc(larger.slots * sizeof *larger.number);
+  larger.key = soter_take((uint64_t)larger.slots * words * sizeof *larger.key);
+  larger.number = soter_take(larger.slots * sizeof *larger.number);
   if (larger.key == NULL || larger.number == NULL) {
-    map_close(&larger);
+    map_close(&larger, words);
     return false;
   }
   (void)memset(larger.number, 0xff, larger.slots * sizeof *larger.number);
@@ -138,14 +144,34 @@ static bool map_grow(map* m, uint32_t words) {
       larger.number[to] = m->number[i];
     }
   }
-  map_close(m);
+  map_close(m, words);
   *m = larger;
   return true;
 }
 
-static bool map_put(map* m, const uint64_t* packed, const uint64_t* mask, uint32_t words,
-                    uint32_t number) {
-  if (m->used * 2U >= m->slots && !map_grow(m, words)) {
+static uint64_t map_bytes(const struct soter_memo* memo, const map* m) {
+  return (uint64_t)m->slots * (memo->words * sizeof *m->key + sizeof *m->number);
+}
+
+uint64_t soter_memo_bytes(const struct soter_memo* memo) {
+  const list* const lists[] = {&memo->effects, &memo->values, &memo->calendars,
+                               &memo->plans,   &memo->bits,   &memo->verdicts};
+  uint64_t bytes = map_bytes(memo, &memo->when) + map_bytes(memo, &memo->seen);
+  for (uint32_t i = 0; i < sizeof lists / sizeof lists[0]; i++) {
+    bytes += lists[i]->room * lists[i]->size;
+  }
+  for (uint32_t a = 0; a < 2U * memo->actors; a++) {
+    bytes += map_bytes(memo, &memo->steps[a]);
+  }
+  return bytes;
+}
+
+/* False: there is no memory for more. */
+static bool map_put(const struct soter_memo* memo, map* m, const uint64_t* packed,
+                    const uint64_t* mask, uint32_t number) {
+  const uint32_t words = memo->words;
+  if (m->used * 2U >= m->slots &&
+      (soter_memo_bytes(memo) + 2U * map_bytes(memo, m) > memo->memory || !map_grow(m, words))) {
     return false;
   }
   const uint32_t i = slot_of(m, packed, mask, words);
@@ -205,39 +231,26 @@ void soter_memo_close(struct soter_memo* memo) {
   }
   if (memo->steps != NULL) {
     for (uint32_t a = 0; a < 2U * memo->actors; a++) { /* those not opened have NULL pointers */
-      map_close(&memo->steps[a]);
+      map_close(&memo->steps[a], memo->words);
     }
   }
-  map_close(&memo->when);
-  map_close(&memo->seen);
+  map_close(&memo->when, memo->words);
+  map_close(&memo->seen, memo->words);
   free(memo->steps);
   free(memo->clear);
-  free(memo->effects.item);
-  free(memo->values.item);
-  free(memo->calendars.item);
-  free(memo->plans.item);
-  free(memo->bits.item);
-  free(memo->verdicts.item);
+  list_close(&memo->effects);
+  list_close(&memo->values);
+  list_close(&memo->calendars);
+  list_close(&memo->plans);
+  list_close(&memo->bits);
+  list_close(&memo->verdicts);
   free(memo);
 }
 
 /* ------------------------------------------------------------------ computing */
 
-static uint64_t map_bytes(const struct soter_memo* memo, const map* m) {
-  return (uint64_t)m->slots * (memo->words * sizeof *m->key + sizeof *m->number);
-}
-
 static bool is_too_large(const struct soter_memo* memo) {
-  const list* const lists[] = {&memo->effects, &memo->values, &memo->calendars,
-                               &memo->plans,   &memo->bits,   &memo->verdicts};
-  uint64_t bytes = map_bytes(memo, &memo->when) + map_bytes(memo, &memo->seen);
-  for (uint32_t i = 0; i < sizeof lists / sizeof lists[0]; i++) {
-    bytes += lists[i]->room * lists[i]->size;
-  }
-  for (uint32_t a = 0; a < 2U * memo->actors; a++) {
-    bytes += map_bytes(memo, &memo->steps[a]);
-  }
-  return bytes > memo->memory;
+  return soter_memo_bytes(memo) > memo->memory;
 }
 
 static bool is_first(const soter_model* m, const soter_move* move) {
@@ -288,7 +301,7 @@ static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const u
     return false;
   }
   *to = c;
-  return map_put(&memo->when, packed, m->scheduled, m->words, memo->calendars.count - 1U);
+  return map_put(memo, &memo->when, packed, m->scheduled, memo->calendars.count - 1U);
 }
 
 /* Whether the same was written with other picks. */
@@ -314,7 +327,8 @@ static bool keep_outcome(soter_place* x, struct soter_memo* memo, const uint64_t
   const uint64_t* const writes = m->actor[actor].writes;
   uint64_t after[SOTER_WORDS];
   m->pack(x->there, after);
-  uint64_t* const value = found->count < TOO_MANY ? push(&memo->values, 1U) : NULL;
+  const bool fits = found->count < TOO_MANY && (found->count % 256U != 255U || !is_too_large(memo));
+  uint64_t* const value = fits ? push(&memo->values, 1U) : NULL;
   if (value == NULL) {
     return false;
   }
@@ -334,7 +348,8 @@ static bool keep_outcome(soter_place* x, struct soter_memo* memo, const uint64_t
   return true;
 }
 
-/* Runs the step of a plan in `here` with all picks, and keeps what it writes. */
+/* Runs the step of a plan in `here` with all picks, and keeps what it writes. Stopped, it keeps
+ * what it has: the search ends with that. */
 static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uint64_t* packed,
                            const plan* p, map* steps) {
   soter_place* const x = &e->place;
@@ -345,26 +360,32 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
     return false;
   }
   x->given = 0U;
+  bool breaks = false; /* some outcome does: of very many answers the others need not be tried */
   do {
     soter_broken broken;
+    const uint32_t before = found.count;
     if (!soter_make(x, &move, &broken)) {
       if (!found.broke && !soter_is_known(x, &broken)) {
         found.broken = broken;
         found.broke = true;
       }
+      breaks = true;
       continue;
     }
     soter_cover(x, p->actor);
     if (!keep_outcome(x, memo, packed, p->actor, &found)) {
+      soter_tell_answers(x, true);
       return false;
     }
-  } while (soter_next_picks(x));
+    breaks = breaks || (found.count > before && soter_violates(x, &broken));
+  } while ((!breaks || e->go_on || x->tried < LONG) && soter_next_picks(x));
+  soter_tell_answers(x, true);
   effect* const to = push(&memo->effects, 1U);
   if (to == NULL) {
     return false;
   }
   *to = found;
-  return map_put(steps, packed, m->actor[p->actor].reads, m->words, memo->effects.count - 1U);
+  return map_put(memo, steps, packed, m->actor[p->actor].reads, memo->effects.count - 1U);
 }
 
 /* ------------------------------------------------------------------ expanding */
@@ -418,7 +439,8 @@ SOTER_INLINE const effect* effect_of(soter_expander* e, const uint64_t* packed, 
   return (const effect*)memo->effects.item + steps->number[slot];
 }
 
-/* The heirs by a step: schedule's bits, and what was written. False: there is no memory. */
+/* The heirs by a step: schedule's bits, and what was written. False: there is no memory, or no room
+ * for so many at once. */
 SOTER_INLINE bool add_outcomes(soter_expander* e, const uint64_t* packed, const plan* p,
                                const uint64_t* bits, const effect* done, uint64_t asleep,
                                const uint32_t words) {
@@ -430,6 +452,9 @@ SOTER_INLINE bool add_outcomes(soter_expander* e, const uint64_t* packed, const 
     e->broken = e->broke ? e->broken : done->broken;
     e->broke = true;
     e->transitions++;
+  }
+  if ((uint64_t)(e->heirs.count + done->count) * words * sizeof *value > e->memory) {
+    return false;
   }
   for (uint32_t o = 0; o < done->count; o++) {
     for (uint32_t k = 0; k < words; k++) {
@@ -486,7 +511,7 @@ SOTER_INLINE bool expand(soter_expander* e, const uint64_t* packed, uint64_t sle
     const uint64_t* const bits = (const uint64_t*)memo->bits.item + (size_t)(c.first + i) * words;
     if (p.lost ? !add_lost(e, packed, bits, asleep, words)
                : !add_outcomes(e, packed, &p, bits, done, asleep, words)) {
-      return true;
+      return e->no_memory || give_up(e);
     }
   }
   return true;
@@ -520,7 +545,7 @@ SOTER_INLINE bool is_broken(soter_expander* e, const uint64_t* packed, soter_bro
   effect* const to = c != NULL ? push(&memo->verdicts, 1U) : NULL;
   if (to != NULL) {
     *to = found;
-    if (!map_put(&memo->seen, packed, m->observed, words, memo->verdicts.count - 1U)) {
+    if (!map_put(memo, &memo->seen, packed, m->observed, memo->verdicts.count - 1U)) {
       memo->verdicts.count--;
     }
   }

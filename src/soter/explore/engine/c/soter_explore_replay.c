@@ -46,7 +46,7 @@ uint32_t soter_explore_replay(const soter_model* m, uint64_t seed, const soter_t
   (void)memset(&o, 0, sizeof o);
   o.seed = seed;
   *violates = false;
-  if (!soter_place_open(&x, m, &o, NULL)) {
+  if (!soter_place_open(&x, m, &o, NULL, NULL)) {
     return 0U;
   }
   while (done < length && !*violates) {
@@ -153,7 +153,7 @@ uint32_t soter_explore_complete(const soter_model* m, const soter_explore_option
   c.whole = whole;
   c.room = room;
   c.broken = broken;
-  bool fine = soter_place_open(&c.x, m, &all, NULL);
+  bool fine = soter_place_open(&c.x, m, &all, NULL, NULL);
   for (uint32_t i = 0; fine && !c.broke && i < length; i++) {
     fine = add_own(&c, o->actors, &part[i]);
   }

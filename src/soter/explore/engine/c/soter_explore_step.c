@@ -9,9 +9,10 @@
 /* ------------------------------------------------------------------ a place to work */
 
 bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_options* o,
-                      soter_explore_coverage* coverage) {
+                      soter_explore_progress* progress, soter_explore_coverage* coverage) {
   (void)memset(x, 0, sizeof *x);
   x->m = m;
+  x->progress = progress;
   x->p = m->program;
   x->size = m->world_size;
   const bool whole = o == NULL || o->actors == 0U;
@@ -54,8 +55,10 @@ static void answer(soter_place* x) {
   x->taken = 0U;
 }
 
-static void answered(soter_place* x) {
-  if (x->taken > SOTER_CHOICES) {
+static void answered(soter_place* x, uint32_t actor) {
+  x->many = x->taken > SOTER_CHOICES;
+  if (x->many) {
+    x->chooser = x->too_many ? x->chooser : actor;
     x->too_many = true;
     x->taken = SOTER_CHOICES;
   }
@@ -66,7 +69,7 @@ void soter_be_born(soter_place* x) {
   (void)memset(x->there, 0, x->size);
   answer(x);
   soter_start_with(x->p, x->there, x->seed, &x->answers);
-  answered(x);
+  answered(x, SOTER_NOTHING);
   soter_schedule_of(x->p, x->there)->now = -1;
   int64_t* const due = soter_due_of(x->p, x->there);
   for (uint32_t i = 0; i < m->timeds; i++) {
@@ -356,6 +359,7 @@ bool soter_make(soter_place* x, const soter_move* move, soter_broken* broken) {
   soter_schedule_of(x->p, x->there)->now = move->time;
   soter_keep_others(x, x->there);
   x->taken = 0U;
+  x->many = false;
   bool fine = true;
   if (move->kind == SOTER_EFFECT) {
     take_effect(x, move->actor, move->time);
@@ -382,7 +386,7 @@ bool soter_make(soter_place* x, const soter_move* move, soter_broken* broken) {
         }
         note_module(x, a->component, published, enabled);
       }
-      answered(x);
+      answered(x, move->actor);
     }
   }
   if (fine && m->timeds > 0U) {
@@ -457,6 +461,8 @@ bool soter_violates(soter_place* x, soter_broken* broken) {
 
 /* ------------------------------------------------------------------ coverage */
 
+#define CLASSES 256U /* of a leaf; further members of an enum have none */
+
 static double leaf_value(const soter_leaf* leaf, const void* world) {
   const uint8_t* const at = (const uint8_t*)world + leaf->offset;
   if (leaf->kind == 2U) {
@@ -476,7 +482,7 @@ static double leaf_value(const soter_leaf* leaf, const void* world) {
 
 static uint32_t class_of(const soter_leaf* leaf, double v) {
   if (leaf->kind == 0U) {
-    return (uint32_t)v & 255U;
+    return v < (double)CLASSES ? (uint32_t)v : SOTER_NOTHING;
   }
   if (leaf->kind == 1U && leaf->high - leaf->low < 64.0) {
     return 8U + (uint32_t)(v - leaf->low); /* every value of a small set */
@@ -500,7 +506,10 @@ void soter_cover(soter_place* x, uint32_t actor) {
   c->fired[actor] = 1U;
   for (uint32_t k = 0; k < a->outputs; k++) {
     for (uint32_t i = a->leaf[k]; i < m->leaves && m->leaf[i].topic == a->output[k]; i++) {
-      c->classes[(size_t)i * 256U + class_of(&m->leaf[i], leaf_value(&m->leaf[i], x->there))] = 1U;
+      const uint32_t number = class_of(&m->leaf[i], leaf_value(&m->leaf[i], x->there));
+      if (number < CLASSES) {
+        c->classes[(size_t)i * CLASSES + number] = 1U;
+      }
     }
   }
   if ((a->component & SOTER_INPUT) == 0U && x->p->component[a->component].role == SOTER_ROLE_DM) {

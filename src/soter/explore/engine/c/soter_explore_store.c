@@ -10,6 +10,9 @@
 #include "soter_explore_in.h"
 
 #define SEGMENTS 256U
+#define FEW_SEGMENTS 8U  /* of wide entries: */
+#define WIDE 512U        /* bytes */
+#define MOVED 4096U      /* buckets, between two looks at whether it is stopped */
 #define BUCKET 8U        /* entries */
 #define FIRST_BUCKETS 4U /* of a segment */
 #define IDLE 3U          /* layers without a new entry: a segment is settled */
@@ -85,7 +88,7 @@ SOTER_INLINE uint64_t load(const uint8_t* from, uint64_t mask) {
  * explore/model/packing.py): a search goes through time, and what it has left behind need not be in
  * the machine's caches. */
 SOTER_INLINE soter_segment* segment_of(const soter_store* s, const uint64_t* packed) {
-  return &s->segment[packed[0] >> 1 & (SEGMENTS - 1U)];
+  return &s->segment[packed[0] >> 1 & (s->segments - 1U)];
 }
 
 SOTER_INLINE uint64_t bucket_of(const soter_store* s, const soter_segment* g, uint64_t first) {
@@ -148,7 +151,8 @@ static bool segment_open(const soter_store* s, soter_segment* g, uint64_t bucket
   SOTER_CHECK(buckets >= FIRST_BUCKETS && g->homes >= 1U);
   g->count = g->before = 0U;
   g->idle = 0U;
-  g->base = calloc(buckets * BUCKET * s->bytes + TAIL + LINE, 1U);
+  g->bytes = buckets * BUCKET * s->bytes + TAIL + LINE;
+  g->base = soter_take(g->bytes);
   if (g->base == NULL) {
     return false;
   }
@@ -173,21 +177,28 @@ bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storag
   SOTER_CHECK(s->bytes > 0U && s->words <= SOTER_WORDS);
   s->memory = memory;
   s->growth = 8U;
-  s->room = (uint64_t)SEGMENTS * FIRST_BUCKETS * BUCKET;
-  if (s->room * s->bytes > memory) {
+  s->segments = s->bytes > WIDE ? FEW_SEGMENTS : SEGMENTS;
+  s->room = (uint64_t)s->segments * FIRST_BUCKETS * BUCKET;
+  if (soter_store_bytes(s) > memory) {
     return false;
   }
-  s->segment = calloc(SEGMENTS, sizeof *s->segment);
+  s->segment = calloc(s->segments, sizeof *s->segment);
   bool fine = s->segment != NULL;
-  for (uint32_t i = 0; fine && i < SEGMENTS; i++) {
+  for (uint32_t i = 0; fine && i < s->segments; i++) {
     fine = segment_open(s, &s->segment[i], FIRST_BUCKETS);
   }
   return fine;
 }
 
+uint64_t soter_store_least(const soter_model* m, soter_storage storage, bool sleep) {
+  soter_store s;
+  (void)soter_store_open(&s, m, storage, sleep, 0U); /* which says how much it is */
+  return soter_store_bytes(&s);
+}
+
 void soter_store_close(soter_store* s) {
-  for (uint32_t i = 0; s->segment != NULL && i < SEGMENTS; i++) {
-    free(s->segment[i].base);
+  for (uint32_t i = 0; s->segment != NULL && i < s->segments; i++) {
+    soter_give(s->segment[i].base, s->segment[i].bytes);
   }
   free(s->segment);
   s->segment = NULL;
@@ -214,12 +225,19 @@ SOTER_INLINE void copy_entry(uint8_t* to, const uint8_t* from, uint32_t bytes) {
   }
 }
 
-/* Moves all entries to a larger segment; `false` where its last buckets overflow. `filled` counts
- * what each of its buckets has. */
+static bool is_stopped(const soter_store* s) {
+  return s->stop != NULL && *s->stop != 0;
+}
+
+/* Moves all entries to a larger segment; `false` where its last buckets overflow, and where it is
+ * stopped. `filled` counts what each of its buckets has. */
 static bool move_all(const soter_store* s, const soter_segment* from, soter_segment* to,
                      uint8_t* filled) {
   const uint8_t* e = from->entry;
   for (uint64_t i = 0; i < from->buckets * BUCKET; i++, e += s->bytes) {
+    if (i % (MOVED * BUCKET) == 0U && is_stopped(s)) {
+      return false;
+    }
     if (is_empty(s, e)) {
       continue;
     }
@@ -244,19 +262,22 @@ static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
     if ((s->room + buckets * BUCKET) * s->bytes > s->memory || !segment_open(s, &other, buckets)) {
       return false;
     }
-    uint8_t* const filled = calloc(other.buckets, 1U);
+    uint8_t* const filled = soter_take(other.buckets);
     const bool fits = filled != NULL && move_all(s, g, &other, filled);
-    free(filled);
+    soter_give(filled, other.buckets);
     if (fits) {
       break;
     }
-    free(other.base); /* the last buckets overflow */
+    soter_give(other.base, other.bytes); /* the last buckets overflow */
+    if (is_stopped(s)) {
+      return false;
+    }
     buckets += buckets / 128U + 4U;
   }
   s->room = s->room - g->buckets * BUCKET + other.buckets * BUCKET;
   other.count = other.before = g->count;
   SOTER_CHECK(other.count <= other.buckets * BUCKET);
-  free(g->base);
+  soter_give(g->base, g->bytes);
   *g = other;
   return true;
 }
@@ -275,7 +296,7 @@ static bool grow(soter_store* s, soter_segment* g) {
 }
 
 void soter_store_settle(soter_store* s) {
-  for (uint32_t i = 0; i < SEGMENTS; i++) {
+  for (uint32_t i = 0; i < s->segments && !is_stopped(s); i++) {
     soter_segment* const g = &s->segment[i];
     g->idle = g->count == g->before ? g->idle + 1U : 0U;
     g->before = g->count;
@@ -358,7 +379,7 @@ bool soter_store_has(const soter_store* s, const uint64_t* packed) {
 uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
                           void* to) {
   uint64_t count = 0U;
-  for (uint32_t g = 0; g < SEGMENTS; g++) {
+  for (uint32_t g = 0; g < s->segments; g++) {
     for (uint64_t i = 0; i < s->segment[g].buckets * BUCKET; i++) {
       const uint8_t* const e = s->segment[g].entry + i * s->bytes;
       uint64_t packed[SOTER_WORDS];
@@ -392,7 +413,8 @@ void* soter_keep(void* others, soter_store* s) {
     return others;
   }
   k->store = *s;
-  s->segment = NULL; /* it is no longer the search's */
+  k->store.stop = NULL; /* which ends with the search */
+  s->segment = NULL;    /* it is no longer the search's */
   k->next = others;
   return k;
 }

@@ -13,8 +13,11 @@ bool soter_walk_open(soter_walk* w, soter_search* s) {
   w->s = s;
   w->random = soter_mix(s->o->seed + UINT64_C(0x5851f42d4c957f2d));
   w->counting = true;
-  return s->m->words <= SOTER_WORDS && soter_place_open(&w->x, s->m, s->o, s->coverage) &&
-         soter_store_open(&w->seen, s->m, SOTER_FINGERPRINT, false, s->o->memory / SHARE);
+  const bool fine =
+      soter_place_open(&w->x, s->m, s->o, s->progress, s->coverage) &&
+      soter_store_open(&w->seen, s->m, SOTER_FINGERPRINT, false, s->o->memory / SHARE);
+  s->result->needed_bytes = soter_store_bytes(&w->seen) * SHARE;
+  return fine;
 }
 
 void soter_walk_close(soter_walk* w) {
@@ -132,6 +135,7 @@ void soter_walk_all(soter_walk* w, void (*begin)(soter_walk* w, uint64_t run),
     s->progress->states = w->states;
     s->progress->transitions = w->transitions;
     s->progress->depth = w->longest;
+    s->progress->bytes = soter_store_bytes(&w->seen);
     if (broke) {
       r->status = SOTER_VIOLATED;
       r->length = w->steps <= s->room ? w->steps : 0U;
@@ -152,5 +156,5 @@ void soter_walk_all(soter_walk* w, void (*begin)(soter_walk* w, uint64_t run),
   r->states = w->states;
   r->transitions = w->transitions;
   r->depth = w->longest;
-  r->table_bytes = w->seen.room * w->seen.bytes;
+  r->table_bytes = soter_store_bytes(&w->seen);
 }

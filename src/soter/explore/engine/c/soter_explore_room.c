@@ -1,0 +1,44 @@
+/* soter_explore_room.c: memory for what grows.
+ *
+ * Purpose: what has been outgrown goes back to the machine at once. In the heap it would leave
+ * holes that nothing larger fits into, and the process would take far more than `memory` says.
+ * Large pieces are pages of their own, therefore; small ones come from the heap.
+ */
+#define _GNU_SOURCE /* mremap */
+#include <sys/mman.h>
+
+#include "soter_explore_in.h"
+
+#define PAGES 16384U /* bytes: pieces as large as this are pages of their own */
+
+void* soter_take(uint64_t bytes) {
+  if (bytes < PAGES) {
+    return calloc(bytes, 1U);
+  }
+  void* const found = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS, -1, 0);
+  return found == MAP_FAILED ? NULL : found;
+}
+
+void soter_give(void* piece, uint64_t bytes) {
+  if (bytes < PAGES || piece == NULL) {
+    free(piece);
+  } else {
+    (void)munmap(piece, bytes);
+  }
+}
+
+void* soter_regrow(void* piece, uint64_t before, uint64_t bytes) {
+  SOTER_CHECK(bytes >= before);
+#if defined(__linux__)
+  if (piece != NULL && before >= PAGES) {
+    void* const moved = mremap(piece, before, bytes, MREMAP_MAYMOVE);
+    return moved == MAP_FAILED ? NULL : moved;
+  }
+#endif
+  void* const larger = soter_take(bytes);
+  if (larger != NULL && piece != NULL) {
+    (void)memcpy(larger, piece, before);
+    soter_give(piece, before);
+  }
+  return larger;
+}

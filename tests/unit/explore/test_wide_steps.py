@@ -1,0 +1,283 @@
+"""Steps that are too wide to be tried to the end, and what the explorer has no room for."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import time
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.explore.command import Told, explore_test
+from soter.explore.engine.engine import Engine, Settings
+from soter.explore.methods import CHOICES_MAX, THREADS_BFS, WORDS_MAX
+from soter.explore.results import Options
+from unit.explore.random_walks import system_of_text
+
+if TYPE_CHECKING:
+    from soter.explore.engine.engine import Progress
+    from soter.explore.results import TestResult
+
+TOLD = Told("wide.soter", {})
+HEADER = Path(__file__).resolve().parents[3] / "src/soter/explore/engine/c/soter_explore.h"
+EXHAUSTIVE = ("bfs", "dfs", "deepening")
+ANSWER_S = 1.0
+"""Whoever interrupts a search waits no longer."""
+
+
+def choosing(count: int, most: int) -> str:
+    """A step with so many choices, which end in four worlds."""
+    asked = "\n".join(f"if choose bool {{ s = min(s + 1, {most}); }}" for _ in range(count))
+    return f"""soter 1;
+topic n: int in [0, {most}];
+node Wide period 10ms {{ publishes n; step {{ var s: int = 0; {asked} publish n = s; }} }}
+system S {{ w: Wide; until 100ms; }}
+test Clean {{ system S; horizon 20ms; always n <= {most}; }}
+test Broken {{ system S; horizon 20ms; always n <= 2; }}
+"""
+
+
+BIRTHS = """soter 1;
+topic pos: float;
+plant Point period 10ms { drives pos = a0;
+"""
+BIRTHS += "".join(f"state a{i}: float in [-1.0, 1.0]; next a{i} = 0.0;\n" for i in range(40))
+BIRTHS += """}
+system S { p: Point; until 100ms; }
+test T { system S; horizon 20ms; always pos <= 2.0; }
+"""
+GUARANTEE = """soter 1;
+topic n: int in [0, 9];
+node Wide period 10ms { publishes n; guarantees n < 3; step { var s: int = 0;
+"""
+GUARANTEE += "if choose bool { s = min(s + 1, 9); }\n" * 70
+GUARANTEE += """publish n = s; } }
+system S { w: Wide; until 100ms; }
+test T { system S; horizon 20ms; }
+"""
+
+
+def interrupted(text: str, test: str, after_s: float = 0.5, **how: object) -> tuple[object, float]:
+    """What a search found that was interrupted, and how long it took to end."""
+    engine = Engine(system_of_text(text, test))
+    pressed = [0.0]
+
+    def press(progress: Progress) -> None:
+        if progress.seconds > after_s:
+            pressed[0] = time.perf_counter()
+            raise KeyboardInterrupt
+
+    found = engine.explore(replace(Settings(), **how), press)  # type: ignore[arg-type]
+    return found, time.perf_counter() - pressed[0]
+
+
+# ---------------------------------------------------------------- interrupting
+
+
+@pytest.mark.parametrize("plainly", [False, True])
+@pytest.mark.parametrize("strategy", EXHAUSTIVE)
+def test_a_step_that_never_ends_can_be_interrupted(strategy: str, plainly: bool) -> None:
+    found, waited = interrupted(choosing(70, 3), "Clean", strategy=strategy, plainly=plainly)
+    assert found.status == "stopped"  # type: ignore[attr-defined]
+    assert found.stopped == "interrupted"  # type: ignore[attr-defined]
+    assert found.states >= 5  # type: ignore[attr-defined]
+    assert waited < ANSWER_S
+
+
+def test_a_start_that_never_ends_can_be_interrupted() -> None:
+    found, waited = interrupted(BIRTHS, "T", memory=2**40, max_states=2**60)
+    assert found.status == "stopped"  # type: ignore[attr-defined]
+    assert found.states > 0  # type: ignore[attr-defined]
+    assert waited < ANSWER_S
+
+
+def test_the_answers_of_a_long_step_are_counted_while_they_are_tried() -> None:
+    engine = Engine(system_of_text(choosing(70, 3), "Clean"))
+    looks: list[Progress] = []
+
+    def look(progress: Progress) -> None:
+        looks.append(progress)
+        if progress.answers > 0:
+            raise KeyboardInterrupt
+
+    assert engine.explore(Settings(), look, 30.0).stopped == "interrupted"
+    assert looks[-1].answers >= 2**16
+
+
+def test_the_least_trace_of_a_step_that_never_ends_is_given_up() -> None:
+    engine = Engine(system_of_text(choosing(70, 3), "Broken"))
+    began = time.perf_counter()
+    assert engine.least(Settings(), (0, 0), None, 0.3).status == "stopped"
+    assert time.perf_counter() - began < 0.3 + ANSWER_S
+
+
+@pytest.mark.parametrize("strategy", EXHAUSTIVE)
+@pytest.mark.parametrize(("text", "test"), [(choosing(70, 3), "Broken"), (GUARANTEE, "T")])
+def test_a_violation_in_a_step_that_never_ends_is_found(
+    text: str, test: str, strategy: str
+) -> None:
+    found = explored(text, test, strategy=strategy, minimise=0.0, time=30.0)
+    assert found.verdict == "violated"
+    assert found.replayed is not None
+
+
+# ---------------------------------------------------------------- time
+
+
+def explored(text: str, test: str, **options: object) -> TestResult:
+    made = replace(Options(), **options)  # type: ignore[arg-type]
+    return explore_test(system_of_text(text, test), made, TOLD)
+
+
+@pytest.mark.parametrize("strategy", [*EXHAUSTIVE, "random"])
+def test_the_time_of_a_search_can_be_bounded(strategy: str) -> None:
+    text = choosing(70, 3)
+    found = explored(text, "Clean", strategy=strategy, time=0.4, runs=10**12)
+    assert (found.verdict, found.bound) == ("bound", "time")
+    assert "--time" in found.why
+    assert 0.4 <= found.seconds < 0.4 + ANSWER_S
+    assert not found.interrupted
+
+
+def test_a_search_that_ends_in_time_says_nothing_of_it() -> None:
+    assert explored(choosing(3, 3), "Clean", time=60.0).verdict == "exhausted"
+
+
+# ---------------------------------------------------------------- limits
+
+
+@pytest.mark.parametrize("strategy", EXHAUSTIVE)
+def test_more_choices_than_there_is_room_for_name_the_step(strategy: str) -> None:
+    found = explored(choosing(CHOICES_MAX + 1, 3), "Clean", strategy=strategy)
+    assert (found.verdict, found.bound) == ("bound", "choices")
+    assert f"a step of w asks for more than {CHOICES_MAX} choices" in found.why
+    assert found.states > 0
+
+
+def test_as_many_choices_as_there_is_room_for_are_no_limit() -> None:
+    found = explored(choosing(CHOICES_MAX, 3), "Clean", time=0.3)
+    assert found.bound == "time"
+
+
+def floats(count: int) -> str:
+    zeros = ", ".join(["0.0"] * count)
+    return f"""soter 1;
+topic n: int in [0, 1];
+node N period 10ms {{ publishes n; var a: float[{count}] = [{zeros}];
+  step {{ a[0] = a[0] + 1.0; publish n = choose [0, 1]; }} }}
+system S {{ n: N; until 100ms; }}
+test T {{ system S; horizon 20ms; always n < 2; }}
+"""
+
+
+@pytest.mark.parametrize("strategy", [*EXHAUSTIVE, "random"])
+def test_a_configuration_wider_than_there_is_room_for_says_so(strategy: str) -> None:
+    found = explored(floats(WORDS_MAX), "T", strategy=strategy)
+    assert (found.verdict, found.bound) == ("bound", "width")
+    assert f"takes {WORDS_MAX + 1:,} words of 64 bits" in found.why
+    assert f"room for {WORDS_MAX:,}" in found.why
+
+
+def test_a_wide_configuration_is_explored() -> None:
+    assert explored(floats(1000), "T").verdict == "exhausted"
+
+
+def test_memory_that_is_too_little_to_begin_says_how_much_is_needed() -> None:
+    found = explored(floats(1000), "T", memory=2**20)
+    assert (found.verdict, found.bound) == ("bound", "memory")
+    assert re.search(r"the first tables alone take [0-9,]{9,} bytes", found.why)
+
+
+def test_what_there_is_room_for_is_what_the_c_says() -> None:
+    header = HEADER.read_text(encoding="utf-8")
+    named = {"CHOICES": CHOICES_MAX, "WORDS": WORDS_MAX, "THREADS": THREADS_BFS}
+    for name, value in named.items():
+        assert re.search(rf"^#define SOTER_{name} {value}U\b", header, re.MULTILINE), name
+
+
+MEMBERS = ", ".join(f"M{i}" for i in range(300))
+MANY_MEMBERS = f"""soter 1;
+type Many = enum {{ {MEMBERS} }};
+topic m: Many = Many.M5;
+node N period 10ms {{ publishes m; step {{ publish m = Many.M256; }} }}
+system S {{ n: N; until 100ms; }}
+test T {{ system S; horizon 20ms; never m == Many.M7; }}
+"""
+
+
+def test_a_member_that_has_no_class_is_not_taken_for_another() -> None:
+    assert "m = M0" in explored(MANY_MEMBERS, "T").coverage.values.unreached
+
+
+def test_scalars_that_coverage_has_no_room_for_are_told() -> None:
+    text = floats(3).replace("topic n:", "topic grid: float[5000];\ntopic n:")
+    assert any(
+        "the first 4,096 scalars of topics, of 5,001" in a for a in explored(text, "T").assumptions
+    )
+
+
+# ---------------------------------------------------------------- threads and memory
+
+COUNTERS = "soter 1; type K = int in [0, 1000000];" + "".join(
+    f"topic t{i}: K; node N{i} period 10ms {{ publishes t{i}; var n: K = 0;"
+    f" step {{ n = choose {{ n, n + 1, n + 2 }}; publish t{i} = n; }} }}"
+    for i in range(4)
+)
+COUNTERS += (
+    "system S { node N0; node N1; node N2; node N3; never t0 + t1 + t2 + t3 >= 100000; }"
+    " test T { system S; horizon 30ms; } test Long { system S; horizon 300ms; }"
+)
+
+
+@pytest.mark.parametrize("threads", [3, 8, THREADS_BFS])
+def test_as_many_threads_search_as_are_asked_for(threads: int) -> None:
+    engine = Engine(system_of_text(COUNTERS, "T"))
+    alone = engine.explore(Settings(reduction="none"))
+    found = engine.explore(Settings(reduction="none", threads=threads))
+    assert (alone.threads, found.threads) == (1, threads)
+    assert found.status == alone.status == "exhausted"
+    assert (found.states, found.transitions) == (alone.states, alone.transitions)
+
+
+MEASURE = """
+import sys
+sys.path.insert(0, {tests!r})
+from soter.explore.engine.engine import Engine, Settings
+from unit.explore.random_walks import system_of_text
+from unit.explore.test_wide_steps import COUNTERS
+
+def resident(what):
+    lines = open("/proc/self/status").read().splitlines()
+    return 1024 * int(next(x for x in lines if x.startswith(what)).split()[1])
+
+engine = Engine(system_of_text(COUNTERS, "Long"))
+before, told = resident("VmRSS"), []
+how = Settings(memory={memory}, strategy={strategy!r}, threads={threads})
+found = engine.explore(how, lambda p: told.append(p.bytes))
+print(found.status, resident("VmHWM") - before, found.total_bytes, max(told, default=0))
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="reads /proc")
+@pytest.mark.parametrize(("strategy", "threads"), [("bfs", 1), ("bfs", 4), ("dfs", 1)])
+def test_memory_bounds_what_the_process_takes(strategy: str, threads: int) -> None:
+    memory = 160 * 2**20
+    tests = str(Path(__file__).resolve().parents[2])
+    code = MEASURE.format(tests=tests, memory=memory, strategy=strategy, threads=threads)
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    status, peak, total, told = done.stdout.split()
+    assert status == "memory"
+    assert 0.8 * memory <= int(peak) <= 1.2 * memory
+    assert 0.8 * memory <= int(total) <= memory
+    assert int(told) <= memory
+
+
+def test_the_memory_told_has_the_frontier_in_it() -> None:
+    engine = Engine(system_of_text(COUNTERS, "Long"))
+    found = engine.explore(Settings(max_states=300_000))
+    assert found.frontier_bytes > 0
+    assert found.total_bytes >= found.table_bytes + found.frontier_bytes
