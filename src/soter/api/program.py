@@ -424,13 +424,12 @@ class Program:
         `strategy`: bfs, dfs, deepening, random, pct or coverage; `storage`: exact or fingerprint;
         `reduction`: none, sleep, ample or all. `memory`: bytes, or a text such as `"512M"`.
         `max_states`: 0 for no bound of its own; `runs` and `seed` are of the random strategies.
-        `skew` and `horizon`: seconds or text, in place of the test's own. A violation comes with
-        a trace that the reference interpreter has replayed: the least one, where the search for it
-        takes no longer than `minimise` seconds (0: it is not looked for). It is written to the
-        folder `output` (None: not at all), with `html` also as a page. `all_properties`: after a
-        violation go on, to find which others can be violated. `time`: seconds that the search of a
-        test may take, None for no such bound. `progress` is told how far the search is. Ctrl-C
-        raises `KeyboardInterrupt`, or, where `partial`, gives back what was covered.
+        `skew` and `horizon`: seconds or text, in place of the test's own. A violation has a trace
+        that the reference interpreter has replayed: the least one, where the search for it takes
+        at most `minimise` seconds (0: none). It is written to the folder `output` (None: not), with
+        `html` also as a page. `all_properties`: find which others can be violated.
+        `time`: seconds that the search of a test may take. `progress` is told how far it is. Ctrl-C
+        raises `KeyboardInterrupt`; where `partial` it gives back what was covered.
         """
         from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.explore.settings import options_of  # noqa: PLC0415 - the same

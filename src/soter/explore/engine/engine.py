@@ -120,14 +120,14 @@ class SearchResult(Generic[S]):
 
     status: str
     broken: tuple[int, int] | None
-    states: int
-    transitions: int
-    runs: int
-    table_bytes: int
-    frontier_bytes: int
-    depth: int
-    seconds: float
     steps: tuple[S, ...]
+    states: int = 0
+    transitions: int = 0
+    runs: int = 0
+    table_bytes: int = 0
+    frontier_bytes: int = 0
+    depth: int = 0
+    seconds: float = 0.0
     stopped: str = ""
     """What ended it before its end: "interrupted" (Ctrl-C), "time" (its time was over)."""
     total_bytes: int = 0
@@ -435,18 +435,7 @@ class Engine:
             return None
         made = tuple(self._step(whole[i]) for i in range(length))
         found = (int(broken.what), int(broken.index))
-        return Searched(
-            status="violated",
-            broken=found,
-            states=0,
-            transitions=0,
-            runs=0,
-            table_bytes=0,
-            frontier_bytes=0,
-            depth=length,
-            seconds=0.0,
-            steps=made,
-        )
+        return Searched(status="violated", broken=found, depth=length, steps=made)
 
     def starts_broken(self, patience_s: float = math.inf) -> bool:
         """Whether a start, before any step, violates a property, deadlines aside; True if stopped.

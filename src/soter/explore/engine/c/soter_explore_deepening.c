@@ -6,6 +6,17 @@
  */
 #include "soter_explore_dfs.h"
 
+/* Whether a deeper round would find nothing else, or cannot be. */
+static bool is_last(const soter_stack* t) {
+  return !t->cut || t->status != SOTER_EXHAUSTED || (t->broke && !t->s->o->go_on);
+}
+
+static void keep_worlds(const soter_search* s, soter_stack* t) {
+  if (s->o->keep && s->o->storage == SOTER_EXACT) {
+    s->result->kept = soter_keep(NULL, &t->store);
+  }
+}
+
 void soter_search_deepening(soter_search* s) {
   for (uint32_t bound = 1U;; bound++) {
     soter_stack t;
@@ -18,10 +29,9 @@ void soter_search_deepening(soter_search* s) {
     } else {
       s->result->status = SOTER_NO_MEMORY;
     }
-    const bool enough = t.broke && !s->o->go_on;
-    const bool last = !opened || !t.cut || t.status != SOTER_EXHAUSTED || enough;
-    if (last && opened && s->o->keep && s->o->storage == SOTER_EXACT) {
-      s->result->kept = soter_keep(NULL, &t.store);
+    const bool last = !opened || is_last(&t);
+    if (last && opened) {
+      keep_worlds(s, &t);
     }
     soter_stack_close(&t);
     if (last) {

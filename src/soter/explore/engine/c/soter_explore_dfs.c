@@ -81,6 +81,14 @@ static void take_in(soter_stack* t, const uint64_t* packed, uint64_t sleep) {
  */
 #define ON_THE_WAY UINT64_C(0)
 
+/* The last step of the way: into the world that violates, or the move that does. */
+static bool write_last(soter_stack* t, soter_place* x, const uint64_t* before, uint32_t written) {
+  soter_search* const s = t->s;
+  const uint64_t* const last = t->by_a_move ? NULL : t->last;
+  return written < s->room &&
+         soter_find_move(x, before, last, t->by_a_move ? &t->broken : NULL, &s->trace[written]);
+}
+
 static bool write_way(soter_stack* t) {
   soter_search* const s = t->s;
   soter_place x;
@@ -99,14 +107,9 @@ static bool write_way(soter_stack* t) {
     written++;
     before = here;
   }
-  if (fine) {
-    const uint64_t* const last = t->by_a_move ? NULL : t->last;
-    fine = written < s->room &&
-           soter_find_move(&x, before, last, t->by_a_move ? &t->broken : NULL, &s->trace[written]);
-    written++;
-  }
+  fine = fine && write_last(t, &x, before, written);
   soter_place_close(&x);
-  s->result->length = fine ? written : 0U;
+  s->result->length = fine ? written + 1U : 0U;
   return fine;
 }
 

@@ -10,25 +10,31 @@
 #define FEWEST 64U                     /* but so many */
 #define LONG 4096U /* answers of a step: a violation need not wait for the rest */
 
+/* The reductions that are sound for a model, of those asked for. */
+static uint32_t reductions(const soter_model* m, uint32_t asked) {
+  uint32_t sound = asked;
+  if (m->timely) {
+    sound &= ~SOTER_REDUCE_SLEEP; /* moving first changes at which times others may move */
+  }
+  for (uint32_t i = 0; i < m->timeds; i++) {
+    if (m->timely && m->timed[i].kind != SOTER_INVARIANT) {
+      sound &= ~SOTER_REDUCE_AMPLE; /* it may add observations, and these keep promises */
+    }
+  }
+  return sound;
+}
+
 bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore_coverage* coverage,
                          uint64_t memory) {
   const soter_model* const m = s->m;
   const soter_explore_options* const o = s->o;
   (void)memset(e, 0, sizeof *e);
-  e->reduce = o->reduce;
+  e->reduce = reductions(m, o->reduce);
   e->words = m->words;
   e->memory = memory;
   e->go_on = o->go_on;
   e->most = MOST_BYTES / (m->words > 0U ? m->words * (uint32_t)sizeof(uint64_t) : 1U);
   e->most = e->most < FEWEST ? FEWEST : e->most;
-  if (m->timely) {
-    e->reduce &= ~SOTER_REDUCE_SLEEP; /* moving first changes at which times others may move */
-  }
-  for (uint32_t i = 0; i < m->timeds; i++) {
-    if (m->timely && m->timed[i].kind != SOTER_INVARIANT) {
-      e->reduce &= ~SOTER_REDUCE_AMPLE; /* it may add observations, and these keep promises */
-    }
-  }
   SOTER_CHECK(m->words <= SOTER_WORDS);
   if (!soter_place_open(&e->place, m, o, s->progress, coverage)) {
     return false;

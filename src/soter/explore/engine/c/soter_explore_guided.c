@@ -25,7 +25,7 @@ static bool open(guided* d, const soter_model* m) {
   const uint32_t length = d->g->length;
   d->after = calloc(length + 1U, sizeof *d->after);
   d->used = calloc(length + 1U, sizeof *d->used);
-  if (!soter_place_open(&d->x, m, &o, NULL) || d->after == NULL || d->used == NULL) {
+  if (!soter_place_open(&d->x, m, &o, NULL, NULL) || d->after == NULL || d->used == NULL) {
     return false;
   }
   for (uint32_t a = 0; a < SOTER_ACTORS; a++) {

@@ -350,6 +350,25 @@ static bool keep_outcome(soter_place* x, struct soter_memo* memo, const uint64_t
 
 /* Runs the step of a plan in `here` with all picks, and keeps what it writes. Stopped, it keeps
  * what it has: the search ends with that. */
+/* An outcome that breaks something: the first that is not known is told. */
+static void note_broken(const soter_place* x, effect* found, const soter_broken* broken) {
+  if (!found->broke && !soter_is_known(x, broken)) {
+    found->broken = *broken;
+    found->broke = true;
+  }
+}
+
+/* Whether the world after a move violates what is not known. */
+static bool breaks_news(soter_place* x) {
+  soter_broken broken;
+  return soter_violates(x, &broken) && !soter_is_known(x, &broken);
+}
+
+/* Whether the next answer of a step is to be tried, too: of very many the rest need not be. */
+static bool more_answers(const soter_expander* e, bool breaks) {
+  return !breaks || e->go_on || e->place.tried < LONG;
+}
+
 static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uint64_t* packed,
                            const plan* p, map* steps) {
   soter_place* const x = &e->place;
@@ -360,16 +379,13 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
     return false;
   }
   x->given = 0U;
-  bool breaks = false; /* some outcome does: of very many answers the others need not be tried */
+  bool breaks = false; /* some outcome does */
   do {
     soter_broken broken;
     const uint32_t before = found.count;
     if (!soter_make(x, &move, &broken)) {
-      if (!found.broke && !soter_is_known(x, &broken)) {
-        found.broken = broken;
-        found.broke = true;
-      }
-      breaks = true;
+      note_broken(x, &found, &broken);
+      breaks = breaks || found.broke;
       continue;
     }
     soter_cover(x, p->actor);
@@ -377,8 +393,8 @@ static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uin
       soter_tell_answers(x, true);
       return false;
     }
-    breaks = breaks || (found.count > before && soter_violates(x, &broken));
-  } while ((!breaks || e->go_on || x->tried < LONG) && soter_next_picks(x));
+    breaks = breaks || (found.count > before && breaks_news(x));
+  } while (more_answers(e, breaks) && soter_next_picks(x));
   soter_tell_answers(x, true);
   effect* const to = push(&memo->effects, 1U);
   if (to == NULL) {

@@ -437,17 +437,22 @@ static bool tell(const soter_place* x, uint32_t what, uint32_t index, bool* any,
   return news;
 }
 
+/* Whether an always or never that is looked at is violated. */
+static bool instant_fails(soter_place* x, uint32_t i) {
+  const soter_property_info* const q = &x->p->property[i];
+  if (q->when != SOTER_AT_INSTANT || !is_in(x->properties, i)) {
+    return false;
+  }
+  note_judged(x, i);
+  return q->violated(x->there);
+}
+
 bool soter_violates(soter_place* x, soter_broken* broken) {
   const bool observable = is_observable(x);
   bool any = false;
   bool news = false;
   for (uint32_t i = 0; observable && !news && i < x->p->properties; i++) {
-    const soter_property_info* const q = &x->p->property[i];
-    if (q->when != SOTER_AT_INSTANT || !is_in(x->properties, i)) {
-      continue;
-    }
-    note_judged(x, i);
-    if (q->violated(x->there)) {
+    if (instant_fails(x, i)) {
       news = tell(x, 0U, i, &any, broken);
     }
   }
