@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.explore import assumptions
 from soter.explore.command import Told, explore_test
 from soter.explore.engine.engine import Engine, Settings
 from soter.explore.methods import CHOICES_MAX, THREADS_BFS, WORDS_MAX
@@ -213,11 +214,12 @@ def test_a_member_that_has_no_class_is_not_taken_for_another() -> None:
     assert "m = M0" in explored(MANY_MEMBERS, "T").coverage.values.unreached
 
 
-def test_scalars_that_coverage_has_no_room_for_are_told() -> None:
-    text = floats(3).replace("topic n:", "topic grid: float[5000];\ntopic n:")
-    assert any(
-        "the first 4,096 scalars of topics, of 5,001" in a for a in explored(text, "T").assumptions
-    )
+def test_scalars_that_coverage_has_no_room_for_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    system = system_of_text(COUNTERS, "T")
+    sentence = "what was reached counts the first 3 scalars of topics, of 4"
+    assert sentence not in assumptions.of_test(system, Options(), 0, ())
+    monkeypatch.setattr(assumptions, "LEAVES_MAX", 3)
+    assert sentence in assumptions.of_test(system, Options(), 0, ())
 
 
 # ---------------------------------------------------------------- threads and memory

@@ -146,13 +146,12 @@ static bool take_away(void* to) {
 
 /* Expands the world on top of the stack, which is on the way now. */
 static void expand_top(soter_stack* t, uint64_t* top) {
-  uint64_t here[SOTER_WORDS]; /* the stack may move */
   const uint64_t sleep = top[t->words];
   const uint64_t only = top[t->words + 1U];
-  soter_copy_words(here, top, t->words);
+  soter_copy_words(t->here, top, t->words); /* the stack may move */
   top[t->words + 1U] = ON_THE_WAY;
   soter_forget(&t->expander);
-  soter_expand(&t->expander, here, sleep, only);
+  soter_expand(&t->expander, t->here, sleep, only);
   if (t->expander.broke && !t->broke) {
     t->broke = true;
     t->broken = t->expander.broken;

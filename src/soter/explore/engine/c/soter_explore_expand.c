@@ -75,16 +75,14 @@ static bool more_heirs(soter_expander* e) {
   return true;
 }
 
-bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint64_t sleep) {
+uint64_t* soter_next_heir(soter_expander* e, uint64_t sleep) {
   soter_heirs* const h = &e->heirs;
   if (h->count == h->room && !more_heirs(e)) {
-    return false;
+    return NULL;
   }
-  soter_copy_words(h->packed + (size_t)h->count * e->words, packed, e->words);
   SOTER_CHECK(h->count < h->room);
   h->sleep[h->count] = sleep;
-  h->count++;
-  return true;
+  return h->packed + (size_t)h->count++ * e->words;
 }
 
 uint64_t soter_expander_bytes(const soter_expander* e) {
@@ -108,7 +106,6 @@ static bool wants_more(const soter_expander* e) {
 
 static void make_one(soter_expander* e, const soter_move* move, uint64_t sleep) {
   soter_place* const x = &e->place;
-  uint64_t packed[SOTER_WORDS];
   soter_broken broken;
   e->transitions++;
   if (!soter_make(x, move, &broken)) {
@@ -119,8 +116,10 @@ static void make_one(soter_expander* e, const soter_move* move, uint64_t sleep) 
     return;
   }
   soter_cover(x, move->actor);
-  x->m->pack(x->there, packed);
-  (void)soter_add_heir(e, packed, sleep);
+  uint64_t* const heir = soter_next_heir(e, sleep);
+  if (heir != NULL) {
+    x->m->pack(x->there, heir);
+  }
   spill(e);
 }
 
@@ -179,15 +178,16 @@ bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* br
 
 void soter_expand_birth(soter_expander* e) {
   soter_place* const x = &e->place;
-  uint64_t packed[SOTER_WORDS];
   e->heirs.count = 0U;
   e->broke = false;
   e->enough = false;
   x->given = 0U;
   do {
     soter_be_born(x);
-    x->m->pack(x->there, packed);
-    (void)soter_add_heir(e, packed, 0U);
+    uint64_t* const heir = soter_next_heir(e, 0U);
+    if (heir != NULL) {
+      x->m->pack(x->there, heir);
+    }
     spill(e);
   } while (wants_more(e) && soter_next_picks(x));
   soter_tell_answers(x, true);

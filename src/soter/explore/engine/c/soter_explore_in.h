@@ -200,14 +200,13 @@ typedef struct {
   bool fingerprint;
   uint32_t growth; /* a segment grows by this part of itself */
   uint32_t segments;
+  uint64_t* own;            /* a key: on the stack its room costs time */
   const volatile int* stop; /* growing may take seconds; NULL: it always ends */
 } soter_store;
 
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
                       uint64_t memory);
 void soter_store_close(soter_store* s);
-/* Bytes of an empty table. */
-uint64_t soter_store_least(const soter_model* m, soter_storage storage, bool sleep);
 SOTER_INLINE uint64_t soter_store_bytes(const soter_store* s) {
   return s->room * s->bytes;
 }
@@ -311,8 +310,8 @@ bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* br
 /* The worlds at the start, as heirs. */
 void soter_expand_birth(soter_expander* e);
 
-/* Adds one heir. */
-bool soter_add_heir(soter_expander* e, const uint64_t* packed, uint64_t sleep);
+/* The place of one more heir; NULL: there is no memory. */
+uint64_t* soter_next_heir(soter_expander* e, uint64_t sleep);
 
 /* At most `memory` bytes, more or less. */
 struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory);

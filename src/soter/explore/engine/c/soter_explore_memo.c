@@ -463,7 +463,6 @@ SOTER_INLINE bool add_outcomes(soter_expander* e, const uint64_t* packed, const 
   const struct soter_memo* const memo = e->memo;
   const uint64_t* const clear = memo->clear + (size_t)p->actor * words;
   const uint64_t* value = (const uint64_t*)memo->values.item + (size_t)done->first * words;
-  uint64_t heir[SOTER_WORDS];
   if (done->broke) {
     e->broken = e->broke ? e->broken : done->broken;
     e->broke = true;
@@ -473,14 +472,15 @@ SOTER_INLINE bool add_outcomes(soter_expander* e, const uint64_t* packed, const 
     return false;
   }
   for (uint32_t o = 0; o < done->count; o++) {
+    uint64_t* const heir = soter_next_heir(e, asleep);
+    if (heir == NULL) {
+      return false;
+    }
     for (uint32_t k = 0; k < words; k++) {
       heir[k] = (packed[k] & ~clear[k]) | bits[k] | value[k];
     }
     value += words;
     e->transitions++;
-    if (!soter_add_heir(e, heir, asleep)) {
-      return false;
-    }
   }
   return true;
 }
@@ -489,12 +489,12 @@ SOTER_INLINE bool add_outcomes(soter_expander* e, const uint64_t* packed, const 
 SOTER_INLINE bool add_lost(soter_expander* e, const uint64_t* packed, const uint64_t* bits,
                            uint64_t asleep, const uint32_t words) {
   const uint64_t* const scheduled = e->place.m->scheduled;
-  uint64_t heir[SOTER_WORDS];
-  for (uint32_t k = 0; k < words; k++) {
+  uint64_t* const heir = soter_next_heir(e, asleep);
+  for (uint32_t k = 0; heir != NULL && k < words; k++) {
     heir[k] = (packed[k] & ~scheduled[k]) | bits[k];
   }
   e->transitions++;
-  return soter_add_heir(e, heir, asleep);
+  return heir != NULL;
 }
 
 SOTER_INLINE bool expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only,

@@ -183,17 +183,12 @@ bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storag
     return false;
   }
   s->segment = calloc(s->segments, sizeof *s->segment);
-  bool fine = s->segment != NULL;
+  s->own = malloc(s->words * sizeof *s->own);
+  bool fine = s->segment != NULL && s->own != NULL;
   for (uint32_t i = 0; fine && i < s->segments; i++) {
     fine = segment_open(s, &s->segment[i], FIRST_BUCKETS);
   }
   return fine;
-}
-
-uint64_t soter_store_least(const soter_model* m, soter_storage storage, bool sleep) {
-  soter_store s;
-  (void)soter_store_open(&s, m, storage, sleep, 0U); /* which says how much it is */
-  return soter_store_bytes(&s);
 }
 
 void soter_store_close(soter_store* s) {
@@ -201,7 +196,9 @@ void soter_store_close(soter_store* s) {
     soter_give(s->segment[i].base, s->segment[i].bytes);
   }
   free(s->segment);
+  free(s->own);
   s->segment = NULL;
+  s->own = NULL;
 }
 
 /* memcpy of an entry: a call costs more than most entries. */
@@ -326,9 +323,8 @@ void soter_store_hint(const soter_store* s, const uint64_t* packed, const uint64
 }
 
 int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uint64_t* again) {
-  uint64_t key[SOTER_WORDS];
-  soter_store_key(s, packed, key);
-  return soter_store_put_key(s, packed, key, sleep, again);
+  soter_store_key(s, packed, s->own);
+  return soter_store_put_key(s, packed, s->own, sleep, again);
 }
 
 int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
@@ -367,10 +363,9 @@ int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* 
 }
 
 bool soter_store_has(const soter_store* s, const uint64_t* packed) {
-  uint64_t key[SOTER_WORDS];
   bool found;
-  soter_store_key(s, packed, key);
-  (void)place_of(s, segment_of(s, packed), key, &found);
+  soter_store_key(s, packed, s->own);
+  (void)place_of(s, segment_of(s, packed), s->own, &found);
   return found;
 }
 
@@ -415,6 +410,7 @@ void* soter_keep(void* others, soter_store* s) {
   k->store = *s;
   k->store.stop = NULL; /* which ends with the search */
   s->segment = NULL;    /* it is no longer the search's */
+  s->own = NULL;
   k->next = others;
   return k;
 }
