@@ -425,11 +425,10 @@ class Program:
         `reduction`: none, sleep, ample or all. `memory`: bytes, or a text such as `"512M"`.
         `max_states`: 0 for no bound of its own; `runs` and `seed` are of the random strategies.
         `skew` and `horizon`: seconds or text, in place of the test's own. A violation has a trace
-        that the reference interpreter has replayed: the least one, where the search for it takes
-        at most `minimise` seconds (0: none). It is written to the folder `output` (None: not), with
-        `html` also as a page. `all_properties`: find which others can be violated.
-        `time`: seconds that the search of a test may take. `progress` is told how far it is. Ctrl-C
-        raises `KeyboardInterrupt`; where `partial` it gives back what was covered.
+        that the reference interpreter has replayed: the least one, where that is found within
+        `minimise` seconds (0: none). It is written to the folder `output` (None: not), with `html`
+        also as a page. `all_properties`: find which others can be violated. `time`: seconds for the
+        search of a test. Ctrl-C raises `KeyboardInterrupt`, or gives what was covered: `partial`.
         """
         from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.explore.settings import options_of  # noqa: PLC0415 - the same
