@@ -217,9 +217,9 @@ def test_a_member_that_has_no_class_is_not_taken_for_another() -> None:
 def test_scalars_that_coverage_has_no_room_for_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     system = system_of_text(COUNTERS, "T")
     sentence = "what was reached counts the first 3 scalars of topics, of 4"
-    assert sentence not in assumptions.of_test(system, Options(), 0, ())
+    assert sentence not in assumptions.of_test(system, Options(), 0, (), None)
     monkeypatch.setattr(assumptions, "LEAVES_MAX", 3)
-    assert sentence in assumptions.of_test(system, Options(), 0, ())
+    assert sentence in assumptions.of_test(system, Options(), 0, (), None)
 
 
 # ---------------------------------------------------------------- threads and memory

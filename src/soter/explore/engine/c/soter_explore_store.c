@@ -161,6 +161,16 @@ static bool segment_open(const soter_store* s, soter_segment* g, uint64_t bucket
   return true;
 }
 
+static bool segments_open(soter_store* s) {
+  s->segment = calloc(s->segments, sizeof *s->segment);
+  s->own = malloc(s->words * sizeof *s->own);
+  bool fine = s->segment != NULL && s->own != NULL;
+  for (uint32_t i = 0; fine && i < s->segments; i++) {
+    fine = segment_open(s, &s->segment[i], FIRST_BUCKETS);
+  }
+  return fine;
+}
+
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
                       uint64_t memory) {
   (void)memset(s, 0, sizeof *s);
@@ -179,16 +189,7 @@ bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storag
   s->growth = 8U;
   s->segments = s->bytes > WIDE ? FEW_SEGMENTS : SEGMENTS;
   s->room = (uint64_t)s->segments * FIRST_BUCKETS * BUCKET;
-  if (soter_store_bytes(s) > memory) {
-    return false;
-  }
-  s->segment = calloc(s->segments, sizeof *s->segment);
-  s->own = malloc(s->words * sizeof *s->own);
-  bool fine = s->segment != NULL && s->own != NULL;
-  for (uint32_t i = 0; fine && i < s->segments; i++) {
-    fine = segment_open(s, &s->segment[i], FIRST_BUCKETS);
-  }
-  return fine;
+  return soter_store_bytes(s) <= memory && segments_open(s);
 }
 
 void soter_store_close(soter_store* s) {
