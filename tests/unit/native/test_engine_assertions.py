@@ -114,6 +114,30 @@ def test_a_form_that_encloses_nothing_is_a_defect(tmp_path: Path, where: str, ca
     assert f"in {where}: not" in done.stderr if where else done.stderr == ""
 
 
+@pytest.mark.parametrize("operation", ["sub", "mul", "div"])
+def test_what_may_be_no_number_is_anything(tmp_path: Path, operation: str) -> None:
+    """Infinity less infinity, times nothing, by infinity."""
+    operands = {
+        "sub": "{.lo = SOTER_INF, .hi = SOTER_INF, .r = SOTER_INF}",
+        "mul": "{.lo = 0.0, .hi = SOTER_INF, .r = SOTER_INF}",
+        "div": "{.lo = SOTER_INF, .hi = SOTER_INF, .r = SOTER_INF}",
+    }
+    call = (
+        f"const soter_form wide = {operands[operation]};\n"
+        f"  soter_form_{operation}(&other, &wide, &wide);\n"
+        "  if (!soter_form_wild(&other)) { return 3; }"
+    )
+    source = FORMS.replace("return other.lo <= other.hi ? 0 : 1;", "return 0;") % call
+    (tmp_path / "wild.c").write_text(source, encoding="utf-8")
+    made = str(tmp_path / "wild")
+    headers = include_flags(SOTER / "reach" / "engine" / "soter_form.h")
+    build = [*find().command, *STRICT, *WARNINGS, SWITCH, *headers, "-o", made]
+    built = _run([*build, str(tmp_path / "wild.c"), "-lm"])
+    assert built.returncode == 0, built.stderr
+    done = _run([made])
+    assert (done.returncode, done.stderr) == (0, "")
+
+
 def test_engines_are_checked_and_what_is_deployed_has_no_assertions() -> None:
     assert SWITCH in SETS
     assert SWITCH in EXPLORER
