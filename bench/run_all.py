@@ -208,11 +208,38 @@ BENCHMARKS = (
         "the edited program is proved anew; `written` is what `soter verify` writes of those.",
     ),
     Benchmark(
+        "soter test: tests that judge nothing, and times off the grid",
+        ("bench/testing_vacuous.py",),
+        "Each test would be clean for want of looking. Those that compare times are searched on "
+        "the grid that soter chooses and on one of half a millisecond.",
+    ),
+    Benchmark(
+        "soter test: wide steps",
+        ("bench/testing_wide.py",),
+        "100 tests with very many choices, topics, words, inputs or starts, each searched with "
+        "`--time 0.3` and in a process that gets SIGINT or SIGTERM in the middle of it. None can "
+        "be covered, so *clean* would be wrong.",
+    ),
+    Benchmark(
         "soter test against SPIN",
         ("bench/testing_spin.py",),
-        "The same configurations of examples/testing/two_modules.soter and the same verdict, one "
-        "core, exact storage, alternating runs; the best of SPIN's models, with and without its "
-        "reduction.",
+        "Five models, each with a Promela twin of the same configurations and verdict (two in "
+        "which times are chosen); one core, exact storage, alternating runs. *none*: no reduction "
+        "on either side; *reduced*: the best that each tool has for the model.",
+    ),
+    Benchmark(
+        "soter test: size",
+        ("bench/testing_size.py",),
+        "One robot of a surveillance program (11 actors) and two (20 actors) that a property "
+        "joins: as `soter test` searches, undivided, and with the reductions that there were "
+        "before. Bytes are the most of table and frontier, and of all, for each configuration.",
+    ),
+    Benchmark(
+        "soter test: seeded bugs in float programs",
+        ("bench/testing_falsify.py", "--quick"),
+        "Twenty bugs whose sizes were fixed by directed schedules before any search; 10 s of CPU "
+        "time a search, three seeds; `unguided` is `falsify` without its guide. `known` is the "
+        "shortest execution that anything found.",
     ),
     Benchmark(
         "soter test: what the reductions leave out",
@@ -224,11 +251,12 @@ BENCHMARKS = (
     Benchmark(
         "soter test: memory",
         ("bench/testing_memory.py",),
-        "Bytes of the table for each stored configuration, exact and as fingerprints.",
+        "Bytes of the table for each stored configuration, exact and as fingerprints, depth first "
+        "(a breadth-first table has one layer: see size).",
     ),
     Benchmark(
         "soter test against the brute-force enumerator",
-        ("bench/testing_soundness.py",),
+        ("bench/testing_soundness.py", "--programs", "600"),
         "Random small programs with every feature of docs/testing.md: verdicts, configurations or "
         "observations, and lengths of least traces, with every strategy and reduction.",
     ),
@@ -237,6 +265,17 @@ BENCHMARKS = (
         ("bench/testing_soundness.py", "--apart", "--programs", "400"),
         "The same comparison on programs made to depend on which moments are observed: late and "
         "skewed nodes beside clocks that let time pass, under deadlines and invariants.",
+    ),
+    Benchmark(
+        "soter test and groups of actors within an instant",
+        ("bench/testing_soundness.py", "--instants", "--programs", "300"),
+        "The same comparison on programs whose actors fall into groups that meet at the end of an "
+        "instant: middles that are read, queues, contracts, choices, several starts.",
+    ),
+    Benchmark(
+        "soter test and parts that only properties join",
+        ("bench/testing_soundness.py", "--joined", "--programs", "100"),
+        "The same comparison on parts that share nothing but a property.",
     ),
     Benchmark(
         "soter test: bugs seeded in the examples",

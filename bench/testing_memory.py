@@ -2,10 +2,10 @@
 
     .venv/bin/python bench/testing_memory.py [--json FILE]
 
-The table of the explorer after an exhaustive search without reduction, divided by what it
-stores; the packed size is the bits of a configuration in whole bytes. Beside it the frontier (what
-is still to be expanded), at its largest. A table grows in steps, so the figure depends on where a
-search ends: it is measured over several horizons.
+The table of the explorer after an exhaustive depth-first search without reduction, divided by what
+it stores (breadth-first search keeps two layers only: testing_size.py); the packed size is the bits
+of a configuration in whole bytes. Beside it the stack, at its largest. A table grows in steps, so
+the figure depends on where a search ends: it is measured over several horizons.
 
 Purpose: the memory figure of issue 4. Non-goals: the memory of the process (Python, numpy, the
 cache).
@@ -86,7 +86,7 @@ def main() -> int:
     for name, system in subjects():
         engine = Engine(system)
         for storage in TARGETS:
-            found = engine.explore(Settings(strategy="bfs", storage=storage, reduction="none"))
+            found = engine.explore(Settings(strategy="dfs", storage=storage, reduction="none"))
             assert found.status == "exhausted", found
             row, figures[f"{name}, {storage}"] = line(name, engine, storage, found)
             rows.append(row)

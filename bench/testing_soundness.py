@@ -1,6 +1,7 @@
 """The explorer against the brute-force enumerator on random small programs.
 
     .venv/bin/python bench/testing_soundness.py [--programs 500] [--first SEED] [--json FILE]
+                                                       [--apart | --instants | --joined]
 
 Per program every exhaustive strategy and every reduction, two threads, fingerprints, and the
 least trace to every violation; tests/generators/agreement.py says what has to be equal.
@@ -23,6 +24,10 @@ sys.path.insert(0, str(ROOT / "tests"))
 
 from generators.agreement import REDUCTIONS, compared, small_ones  # noqa: E402 - from tests/
 from generators.programs_apart import program_apart  # noqa: E402 - from tests/
+from generators.programs_in_instants import (  # noqa: E402 - from tests/
+    program_in_instants,
+    program_joined,
+)
 from generators.small_programs import small_program  # noqa: E402 - from tests/
 from soter.report.summary import table  # noqa: E402 - after the path
 
@@ -32,6 +37,8 @@ def main() -> int:
     parser.add_argument("--programs", type=int, default=500)
     parser.add_argument("--first", type=int, default=0)
     parser.add_argument("--apart", action="store_true", help="parts that share nothing but time")
+    parser.add_argument("--instants", action="store_true", help="groups of actors in an instant")
+    parser.add_argument("--joined", action="store_true", help="parts that properties join")
     parser.add_argument("--flags", nargs="*", default=("-O1",), help="for the C compiler")
     parser.add_argument("--json", type=Path)
     arguments = parser.parse_args()
@@ -39,8 +46,10 @@ def main() -> int:
     states: Counter[str] = Counter()
     kinds: Counter[str] = Counter()
     different: dict[int, list[str]] = {}
-    largest = violated = finer = 0
+    largest = violated = finer = ends = joined = 0
     make = program_apart if arguments.apart else small_program
+    make = program_in_instants if arguments.instants else make
+    make = program_joined if arguments.joined else make
     for s in islice(small_ones(arguments.first, make), arguments.programs):
         told = compared(s, tuple(arguments.flags))
         if told.complaints:
@@ -51,13 +60,17 @@ def main() -> int:
             states.update(told.states)
         kinds.update({what for what, _ in s.found.least})
         finer += told.twice > 0
+        ends += told.ends
+        joined += told.joined
         largest = max(largest, len(s.found.configurations))
     rows = [(r, f"{states[r]:,}", f"{states[r] / states['none']:.2f}") for r in REDUCTIONS]
     print(table(("reduction", "configurations of the clean programs", "share"), rows))
     found = ", ".join(f"{what} {n}" for what, n in sorted(kinds.items()))
     print(
         f"{arguments.programs} programs, {violated} of them violated ({found}), at most "
-        f"{largest:,} configurations; {finer} stored more finely than needed; "
+        f"{largest:,} configurations; {ends} where only ends of instants are stored, "
+        f"{joined} with parts that only properties join; "
+        f"{finer} stored more finely than needed; "
         f"{len(different)} differ (target: none); "
         f"{time.perf_counter() - began:.0f} s"
     )

@@ -166,7 +166,10 @@ def test_the_printer_keeps_the_meaning(chunk: int) -> None:
 LEAST_SHARES = {
     "any fault": 0.5,
     "any latched": 0.2,
+    "burst": 0.12,
+    "burst into a queue": 0.03,
     "choice": 0.3,
+    "choice of a plant": 0.1,
     "clean steps owed": 0.3,
     "contract violated": 0.1,
     "fair choice": 0.1,
@@ -181,6 +184,7 @@ LEAST_SHARES = {
     "gate fault in control": 0.15,
     "input driven": 0.5,
     "latched sc": 0.03,
+    "module above a module": 0.15,
     "plant": 0.6,
     "property violated": 0.15,
     "queue": 0.2,

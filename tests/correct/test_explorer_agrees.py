@@ -10,16 +10,23 @@ tests/generators/brute_force.py. More programs: bench/testing_soundness.py.
 from __future__ import annotations
 
 import os
+from typing import TYPE_CHECKING
 
 import pytest
 
 from generators.agreement import compared, enumerated, small
 from generators.brute_force import BruteForce, TooLargeError
 from generators.programs_apart import program_apart
+from generators.programs_in_instants import program_in_instants, program_joined
+from generators.small_fleets import small_fleet
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
 
 CHUNKS = 6
 PROGRAMS = int(os.environ.get("SOTER_EXPLORED_PROGRAMS", "60"))
 ONLY = os.environ.get("SOTER_EXPLORED_ONLY")
+INSTANTS = int(os.environ.get("SOTER_EXPLORED_INSTANTS", "36"))
 FAST = ("-O0",)
 APART = (48, 212, 269, 304)
 """Programs that a wrong reduction of ours got wrong."""
@@ -46,6 +53,29 @@ def test_explorer_and_enumerator_agree(chunk: int) -> None:
 def test_they_agree_on_parts_that_share_only_time(chunk: int) -> None:
     for seed in (*range(chunk, 30, CHUNKS), *APART[chunk::CHUNKS]):
         s = small(seed, make=program_apart)
+        if s is None:
+            continue
+        told = compared(s, FAST)
+        assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
+
+
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_they_agree_on_instances_with_parameters_and_wires(chunk: int) -> None:
+    for seed in seeds(chunk):
+        s = small(seed, make=small_fleet)
+        if s is None:
+            continue
+        told = compared(s, FAST)
+        assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
+
+
+@pytest.mark.parametrize("make", [program_in_instants, program_joined])
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_they_agree_where_actors_fall_into_groups_within_an_instant(
+    chunk: int, make: Callable[[int], str]
+) -> None:
+    for seed in range(chunk, INSTANTS, CHUNKS):
+        s = small(seed, make=make)
         if s is None:
             continue
         told = compared(s, FAST)

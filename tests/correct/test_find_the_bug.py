@@ -106,7 +106,18 @@ def test_the_cart_in_the_wind_reaches_a_bound(tmp_path: Path) -> None:
     _shows(done.stdout, _said(5)[0])
 
 
-@pytest.mark.parametrize("strategy", ["random", "pct", "coverage"])
+def test_the_sled_gets_far_by_plans_and_not_by_chance(tmp_path: Path) -> None:
+    (tmp_path / "sled.soter").write_text(_block("sled.soter"), encoding="utf-8")
+    chance, plans = _said(5)[1:]
+    done = _soter(tmp_path, "test", "sled.soter", "--strategy", "random", "--runs", "2000")
+    assert done.returncode == 4, done.stderr
+    _shows(done.stdout, chance)
+    done = _soter(tmp_path, "test", "sled.soter", "--strategy", "falsify", "--minimise", "1")
+    assert done.returncode == 3, done.stderr
+    _shows(done.stdout, [line.removesuffix("...") for line in plans])
+
+
+@pytest.mark.parametrize("strategy", ["random", "pct", "coverage", "falsify"])
 def test_samples_find_the_bug_and_never_say_clean(tmp_path: Path, strategy: str) -> None:
     options = ("--strategy", strategy, "--runs", "500")
     assert _test(tmp_path, HOIST, *options).returncode == 4

@@ -7,6 +7,7 @@ Non-goals: making programs (`small_programs.py`), deciding how many.
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field, replace
 from itertools import count
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from generators.explored import Decoder
 from generators.small_programs import small_program
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.engine.engine import Engine, Settings
+from soter.explore.engine.joined import Joined
 from soter.explore.engine.search import Search
 from soter.explore.methods import EXHAUSTIVE
 from soter.explore.results import Options
@@ -24,11 +26,11 @@ from soter.program.build import check_file, system_of_test
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from generators.brute_force import Broken, Canonical, Found
+    from generators.brute_force import Broken, Canonical, Found, World
     from soter.program.model.system import System
 
 WHAT = ("property", "contract", "fault", "timed")
-REDUCTIONS = ("none", "sleep", "ample", "all")
+REDUCTIONS = ("none", "sleep", "ample", "instants", "groups", "all")
 MOST = 6_000
 """Transitions of a small program, at most."""
 
@@ -56,6 +58,10 @@ class Compared:
     complaints: list[str] = field(default_factory=list)
     states: dict[str, int] = field(default_factory=dict)
     twice: int = 0
+    ends: bool = False
+    """Whether only ends of instants were stored where that was asked for."""
+    joined: bool = False
+    """Whether parts were explored alone that properties join."""
 
 
 def small(seed: int, most: int = MOST, make: Callable[[int], str] = small_program) -> Small | None:
@@ -90,9 +96,13 @@ def compared(s: Small, extra: tuple[str, ...] = ()) -> Compared:
             for reduction in REDUCTIONS:
                 _one(s, engine, Settings(strategy=strategy, reduction=reduction), told)
         _one(s, engine, Settings(strategy="bfs", reduction="none", threads=2), told)
+        _one(s, engine, Settings(strategy="bfs", reduction="all", threads=2), told)
+        _one(s, engine, Settings(strategy="bfs", reduction="groups", threads=2), told)
+        _one(s, engine, Settings(strategy="bfs", reduction="instants", plainly=True), told)
         _one(s, engine, Settings(strategy="bfs", reduction="none", plainly=True), told)
         _fingerprints(engine, told)
         _as_a_user(s, told)
+        _joined(s, engine, told)
         _least(s, engine, told)
     finally:
         engine.close()
@@ -120,6 +130,7 @@ def _one(s: Small, engine: Engine, how: Settings, told: Compared) -> None:
     if len(stored) != all_of_it.states:
         told.complaints.append(f"{name}: {all_of_it.states} states, {len(stored)} kept")
     _check_set(s, name, set(stored), how.reduction, told)
+    _check_ends(s, name, how, worlds, told)
     seen = {s.judge.sees.projection(w) for w in worlds if s.judge.observable(w)}
     if not seen <= s.found.observed or (not s.found.least and seen != s.found.observed):
         told.complaints.append(
@@ -141,6 +152,26 @@ def _check_set(s: Small, name: str, stored: set[Canonical], reduction: str, told
         told.complaints.append(
             f"{name}: {_difference(wanted, stored)} configurations of {len(wanted)}"
             f"{_example(wanted, stored)}"
+        )
+
+
+def _check_ends(s: Small, name: str, how: Settings, worlds: list[World], told: Compared) -> None:
+    """Where all windows are points, what is stored is observable, but for the start.
+
+    And all that is observable is stored; with ample and sleep sets as long as nothing is violated.
+    """
+    if how.reduction not in {"instants", "groups", "all"} or how.strategy == "deepening":
+        return
+    plan = s.system.test
+    assert plan is not None
+    told.ends = not plan.skew_ns and all(f.kind == "skip" for f in plan.faults)
+    middle = sum(w.c.ct >= 0 and not s.judge.observable(w) for w in worlds)
+    if told.ends and middle:
+        told.complaints.append(f"{name}: {middle} stored in the middle of an instant")
+    stored = {s.judge.canonical(w) for w in worlds if w.c.ct >= 0}
+    if told.ends and stored != s.found.ends and (how.reduction != "all" or not s.found.least):
+        told.complaints.append(
+            f"{name}: {_difference(s.found.ends, stored)} ends of {len(s.found.ends)}"
         )
 
 
@@ -176,6 +207,24 @@ def _as_a_user(s: Small, told: Compared) -> None:
     _check_broken(s, name, found.broken, told)
 
 
+def _joined(s: Small, engine: Engine, told: Compared) -> None:
+    """Parts that properties join: the same verdict, and an execution that breaks what it says."""
+    if not Joined.fits(engine, Settings()) or engine.starts_broken():
+        return
+    found = Joined(engine, Settings(), None).run(math.inf)
+    if found is None:
+        return
+    told.joined = True
+    wanted = "violated" if s.found.least else "exhausted"
+    if found[-1].status != wanted:
+        told.complaints.append(f"joined: {found[-1].status}, not {wanted}: {s.found.least}")
+    _check_broken(s, "joined", found[-1].broken, told)
+    if found[-1].broken is not None:
+        possible, broken, _ = engine.replay(found[-1].steps)
+        if possible != len(found[-1].steps) or broken != found[-1].broken or not possible:
+            told.complaints.append(f"joined: {possible} of {len(found[-1].steps)} steps, {broken}")
+
+
 def _fingerprints(engine: Engine, told: Compared) -> None:
     """64 bits tell as many configurations apart as whole ones do, here."""
     exact = engine.explore(Settings(strategy="bfs", storage="exact", reduction="none", go_on=True))
@@ -187,7 +236,10 @@ def _fingerprints(engine: Engine, told: Compared) -> None:
 
 
 def _least(s: Small, engine: Engine, told: Compared) -> None:
-    """The least trace to every violation is as long as the shortest that there is."""
+    """The least trace to every violation is as long as the shortest that there is.
+
+    Where several properties fail at once a replay names the first of them.
+    """
     for (what, index), moves in s.found.least.items():
         broken = (WHAT.index(what), index)
         least = engine.least(Settings(), broken)
@@ -198,7 +250,8 @@ def _least(s: Small, engine: Engine, told: Compared) -> None:
         if length != moves:
             told.complaints.append(f"least trace to {what} {index}: {length} steps, not {moves}")
         possible, seen, _worlds = engine.replay(least.steps)
-        if possible != len(least.steps) or seen != broken:
+        at_once = seen is not None and s.found.least.get(_named(seen)) == moves
+        if possible != len(least.steps) or not (seen == broken or at_once):
             told.complaints.append(
                 f"least trace to {what} {index}: {possible} of {len(least.steps)} steps, {seen}"
             )

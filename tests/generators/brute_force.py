@@ -160,10 +160,11 @@ class Found:
     """What the enumeration found.
 
     `least`: per violation the moves of the shortest execution that ends in it. `observed`: what
-    the properties read, over all observable configurations.
+    the properties read, over all observable configurations, which are `ends`.
     """
 
     configurations: set[Canonical] = field(default_factory=set)
+    ends: set[Canonical] = field(default_factory=set)
     observed: set[Canonical] = field(default_factory=set)
     transitions: int = 0
     least: dict[Broken, int] = field(default_factory=dict)
@@ -239,6 +240,8 @@ class BruteForce:
                 return
             seen.add(key)
             found.configurations.add(self.canonical(w))
+            if self.observable(w):
+                found.ends.add(self.canonical(w))
             broken = self._judged(w, found)
             if broken is None:
                 todo.append((w, moves))

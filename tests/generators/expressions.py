@@ -226,7 +226,7 @@ class ExpressionMaker:
     def chosen(self, t: Type, at: Sight, depth: int, *, flows: bool = True) -> str:
         """`choose`: one of a few values, a whole type, or an interval."""
         choose = self.choose
-        word = "fair choose" if choose.chance(40) else "choose"
+        word = "fair choose" if at.has_fair and choose.chance(40) else "choose"
         if choose.chance(35):
             if isinstance(t, BoolType):
                 return f"({word} bool)"

@@ -100,6 +100,8 @@ class ProgramMaker:
         self.topics: list[Topic] = []
         self.parts: list[Part] = []
         self.module_names: list[str] = []
+        self.queued: set[str] = set()
+        self.bursting: set[str] = set()
 
     def run(self) -> str:
         """The text of the program."""
@@ -246,8 +248,9 @@ class ProgramMaker:
         topics = self._subscribed(outputs)
         modules = self._modes()
         risk = choose.pick((0, 0, 4, 15) if role == "ac" else (0, 0, 0, 0, 0, 2))
-        rolled = {t.name: self._queue(role) for t in topics if not has_list(t.type)}
+        rolled = {t.name: self._queue(role, t) for t in topics if not has_list(t.type)}
         queues = {name: queue for name, queue in rolled.items() if queue}
+        self.queued |= set(queues)
         seen = [
             Seen(t.name, ListType(t.type, queues[t.name][0])) if t.name in queues else t.seen
             for t in topics
@@ -261,8 +264,11 @@ class ProgramMaker:
         if topics:
             reads = [t.name + queues.get(t.name, (0, ""))[1] for t in topics]
             lines.append(f"  subscribes {', '.join(reads)};")
+        bursts = {t.name: choose.pick((1, 3, 4)) for t in outputs if self._bursts(role, t)}
+        self.bursting |= set(bursts)
         if outputs:
-            lines.append(f"  publishes {', '.join([t.name for t in choose.shuffled(outputs)])};")
+            told = [t.name + self._messages(t, bursts) for t in choose.shuffled(outputs)]
+            lines.append(f"  publishes {', '.join(told)};")
         lines += [
             f"  failsafe {t.name} = {self.expressions.fixed(t.type, t.values)};"
             for t in outputs
@@ -271,7 +277,7 @@ class ProgramMaker:
         counter = self._locals(lines, sight)
         own = {f.name for f in sight.locals()}
         lines += self._contracts(seen, [t.seen for t in outputs], modules, own)
-        published = [Output(t.name, t.type, t.values) for t in outputs]
+        published = [Output(t.name, t.type, t.values, bursts.get(t.name, 1)) for t in outputs]
         if role in {"ac", "sc"} and choose.chance(35):
             sight.has_control, sight.modules = False, []
             lines += ["  on takeover {", *self.statements.takeover(sight), "  }"]
@@ -287,10 +293,18 @@ class ProgramMaker:
         lines += [*self.statements.step(sight, published, conditions), "  }", "}"]
         self.text.append(lines)
 
-    def _queue(self, role: str) -> tuple[int, str] | None:
+    def _bursts(self, role: str, topic: Topic) -> bool:
+        """Whether a step of a node may publish several messages on a topic."""
+        share = 75 if topic.name in self.queued else 35
+        return role == "node" and not has_list(topic.type) and self.choose.chance(share)
+
+    def _messages(self, topic: Topic, bursts: dict[str, int]) -> str:
+        return f"[<={bursts[topic.name]}]" if topic.name in bursts else ""
+
+    def _queue(self, role: str, topic: Topic) -> tuple[int, str] | None:
         """Whether a topic is read as a queue: how many values it holds, and how it is written."""
         choose = self.choose
-        if not choose.chance(15):
+        if not choose.chance(60 if topic.name in self.bursting else 15):
             return None
         size = choose.pick((1, 2, 3, 8))
         hard = choose.chance(40 if role == "ac" else 12)
@@ -381,12 +395,34 @@ class ProgramMaker:
         ttf, safer = self._predicates(sight)
         lines = [f"rta {name} {{", f"  ac {ac};", f"  sc {sc};", f"  period {period}us;"]
         lines.append(f"  safe {self.expressions.make(BOOL, sight, 1)};")
-        if not choose.chance(4):  # without them the module never trusts its AC
+        trusts = not choose.chance(4)  # without them the module never trusts its AC
+        if trusts:
             lines += [f"  ttf {ttf};", f"  safer {safer};"]
         if choose.chance(60):
             lines.append(f"  clean {choose.pick((1, 2, 5))};")
         self.text.append([*lines, "}"])
-        self.parts.append(Part("module", name, outputs))
+        top = self._above(name, period, outputs) if trusts else name  # (M019)
+        self.parts.append(Part("module", top, outputs))
+
+    def _above(self, name: str, period: int, outputs: list[Topic]) -> str:
+        """The name of what the system has: the module, or one above it, or one above that."""
+        choose = self.choose
+        while choose.chance(30):
+            top, sc = self.names.fresh("module"), self.names.fresh("node")
+            period += choose.pick((0, 0, 10_000))
+            small = [p for p in PERIODS_US if p <= period]
+            self._node(sc, choose.pick(small), outputs, role="sc")
+            sight = self._sight(
+                topics=[t.seen for t in self.topics], modules=self._modes(), fuel=40
+            )
+            ttf, safer = self._predicates(sight)
+            lines = [f"rta {top} {{", f"  ac module {name};", f"  sc {sc};"]
+            lines += [f"  period {period}us;", f"  ttf {ttf};", f"  safer {safer};"]
+            lines += [f"  safe {self.expressions.make(BOOL, sight, 1)};", "}"]
+            self.text.append(lines)
+            self.module_names.append(top)
+            name = top
+        return name
 
     def _predicates(self, sight: Sight) -> tuple[str, str]:
         """`ttf` and `safer`: mostly a threshold with hysteresis on something that moves."""
@@ -458,10 +494,17 @@ class ProgramMaker:
         )  # fmt: skip
         states = self._states(lines, sight)
         disturbances = self._disturbances(lines, sight)
+        sight.has_fair, sight.has_choice = False, choose.chance(40)
         for _ in range(choose.count(0, 2)):
             typed = choose.chance(50)
             t = self.types.any() if typed else choose.pick((FLOAT, INT, BOOL))
-            value = self.expressions.make(t, sight, 2, flows=typed)
+            chosen = sight.has_choice and choose.chance(60)
+            make = self.expressions
+            value = (
+                make.chosen(t, sight, 2, flows=typed)
+                if chosen
+                else make.make(t, sight, 2, flows=typed)
+            )
             own = self.statements.local_name(sight)
             lines.append(f"  let {own}{': ' + text_of(t) if typed else ''} = {value};")
             sight.declare(Seen(own, t))
@@ -516,11 +559,13 @@ class ProgramMaker:
         choose = self.choose
         lines = []
         for state in choose.shuffled(states):
-            t = state.type
+            t, chooses = state.type, sight.has_choice
             if (t == FLOAT or is_vector(t)) and not choose.chance(25):
+                sight.has_choice = False
                 lines.append(
                     f"  der {state.name} = {self._derivative(state, states, disturbances, sight)};"
                 )
+                sight.has_choice = chooses
             elif choose.chance(85):
                 lines.append(f"  next {state.name} = {self._next(state, sight)};")
         return lines
@@ -603,13 +648,14 @@ class ProgramMaker:
         choose = self.choose
         truths: list[Seen] = []
         lines = []
+        self.module_names = [p.name for p in self.parts if p.kind == "module"]  # none below another
         for part in choose.shuffled(self.parts):
             name = part.name
             if part.kind == "plant" or choose.chance(30):
                 name = self.names.fresh("instance")
-                lines.append(f"  {name}: {part.name};")
+                lines.append(f"  {name}: {part.name}{self._inside([])};")
             else:
-                lines.append(f"  {part.kind} {part.name};")
+                lines.append(f"  {part.kind} {part.name}{self._inside([])};")
             if part.kind == "module":
                 self.module_names = [name if m == part.name else m for m in self.module_names]
             if part.kind == "plant":
@@ -620,10 +666,25 @@ class ProgramMaker:
                 for topic in part.drives:
                     copy = self._topic(topic.type, complete=False, like=topic)
                     renames.append(f"{topic.name} = {copy.name}")
-                lines.append(f"  {again}: {part.name} {{ {', '.join(renames)} }};")
+                lines.append(f"  {again}: {part.name}{self._inside(renames)};")
                 if part.kind == "plant":
                     truths.append(self._truth(again, part))
         return truths, lines
+
+    def _inside(self, wires: list[str]) -> str:
+        """`{ wires and settings }` of an instance, or nothing."""
+        inside = [*wires, *self._own()]
+        return f" {{ {', '.join(inside)} }}" if inside else ""
+
+    def _own(self) -> list[str]:
+        """Parameters that an instance has of its own."""
+        if not self.choose.chance(20):
+            return []
+        return [
+            f"set {p.name} = {self._setting(p)}"
+            for p in self.world.parameters
+            if self.choose.chance(60)
+        ]
 
     def _truth(self, instance: str, part: Part) -> Seen:
         return Seen(f"{instance}.truth", RecordType(tuple((s.name, s.type) for s in part.states)))
@@ -682,15 +743,25 @@ class ProgramMaker:
         one, two = self.names.fresh("instance"), self.names.fresh("instance")
         used = self._mentioned()
         renamed = [t for t in used if choose.chance(25)]
-        table = f" {{ {', '.join([f'{t.name} = {t.name}' for t in renamed])} }}" if renamed else ""
-        lines = [f"  {one}: {sub};", f"  {two}: {sub}{table};"]
+        wired = [t for t in used if t.input and t not in renamed and choose.chance(25)]
+        if choose.chance(50):
+            wires = [f"{t.name} = {one}.{t.name}" for t in wired]
+            table = self._inside([*(f"{t.name} = {t.name}" for t in renamed), *wires])
+            lines = [f"  {two}: {sub}{table};", f"  {one}: {sub}{self._inside([])};"]
+        else:
+            array, i = one, two
+            one, two = f"{array}[0]", f"{array}[1]"
+            wires = [f"{t.name} = {array}[1 - {i}].{t.name}" for t in wired]
+            table = self._inside([*(f"{t.name} = {t.name}" for t in renamed), *wires])
+            items = f"{array}[{i} - 1]: {sub}{self._inside([])}; {array}[{i}]: {sub}{table};"
+            lines = [f"  for {i} in 1..2 {{ {items} }}"]
         topics = [Seen(f"{one}.{t.name}", t.type) for t in used]
         topics += [Seen(t.name if t in renamed else f"{two}.{t.name}", t.type) for t in used]
         inputs = [
             f"{i}.{t.name}"
             for i in (one, two)
             for t in used
-            if t.input and not (i == two and t in renamed)
+            if t.input and not (i == two and (t in renamed or t in wired))
         ]
         inputs += [t.name for t in renamed if t.input]
         inner = [Seen(f"{i}.{t.name}", t.type) for i in (one, two) for t in truths]

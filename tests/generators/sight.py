@@ -61,6 +61,7 @@ class Sight:
     has_period: bool = False
     has_control: bool = False
     has_choice: bool = False
+    has_fair: bool = True
     constant: bool = False
     """Only constants can be seen, and nothing may fault."""
     risk: int = 0

@@ -57,9 +57,13 @@ class Program:
     """Paths that timing faults may name, with what is published there; nothing: a DM."""
     queued: set[str] = field(default_factory=set)
     """Topics that somebody reads from a queue."""
+    bursts: set[str] = field(default_factory=set)
+    """Topics of which a step may publish several messages."""
     replaced: list[str] = field(default_factory=list)
     """Items of the test."""
     modules: list[str] = field(default_factory=list)
+    tops: list[str] = field(default_factory=list)
+    """The modules that stand below none."""
     truths: list[Seen] = field(default_factory=list)
     actors: int = 0
 
@@ -69,6 +73,8 @@ class Maker:
 
     def __init__(self, random: Random) -> None:
         self.random = random
+        self.more = Random(random.getstate()[1][7])  # noqa: S311
+        """For what was added later, so that programs keep their numbers."""
         self.p = Program()
         self.timed = random.random() < 0.35
         self.risky = random.random() < 0.4
@@ -197,7 +203,7 @@ class Maker:
         """The lines, and what the step sees of it."""
         parts, sees = [], []
         for t in reads:
-            if self.chance(0.15):
+            if self.chance(0.15) or (t.name in self.p.bursts and self.more.random() < 0.8):
                 size, policy = self.pick((1, 2)), self.pick(("", " drop_oldest", " drop_newest"))
                 if self.risky and self.chance(0.3):
                     policy = " fault"
@@ -276,8 +282,32 @@ class Maker:
         period = self._period()
         phase = self.pick((0, 0, 0, TICK // 2, period - TICK))
         self._body(name, period, phase, [topic], "node")
+        if self.more.random() < 0.5:
+            self.p.text[-1] = self._burst(self.p.text[-1], topic)
         self.p.nodes[name] = [topic]
         self.p.items.append(f"node {name};")
+
+    def _burst(self, node: str, topic: Topic) -> str:
+        """The node, of which a step may publish several messages; seldom one too many."""
+        self.p.bursts.add(topic.name)
+        most = self.more.choice((2, 2, 3))
+        times = most + (self.more.random() < 0.15) - (self.more.random() < 0.3)
+        head, mark, rest = node.partition(f"publish {topic.name} = ")
+        value = rest.partition(";")[0]
+        if self.more.random() < 0.5:
+            again = f"for m in 0..{times} {{ publish {topic.name} = {value}; }}"
+        else:
+            first = self._literal_of(topic.type)
+            again = f"publish {topic.name} = {first}; publish {topic.name} = {value};"
+        head = head.replace(f"publishes {topic.name};", f"publishes {topic.name}[<={most}];")
+        return head + again + rest.removeprefix(f"{value};") if mark else node
+
+    def _literal_of(self, t: str) -> str:
+        if t == "bool":
+            return self.more.choice(("true", "false"))
+        if t == "Color":
+            return self.more.choice(COLORS)
+        return str(self.more.randint(0, RANGES[t][1]))
 
     def _module(self, topic: Topic) -> None:
         name = f"M{len(self.p.text)}"
@@ -296,11 +326,30 @@ class Maker:
             f"  safe {safe};\n  ttf {self._bool(sees, 1)};\n  safer {self._bool(sees, 1)};\n"
             f"{clean}}}"
         )
-        self.p.items.append(f"module {name};")
-        self.p.nodes |= {f"{name}.{name}Ac": outputs, f"{name}.{name}Sc": outputs}
-        self.p.nodes[f"{name}.dm"] = []
-        self.p.modules.append(name)
         self.p.actors += 1
+        top = self._above(name, period, outputs) if self.more.random() < 0.35 else name
+        self.p.items.append(f"module {top};")
+        full = name if top == name else f"{top}.{name}"
+        self.p.nodes |= {f"{full}.{name}Ac": outputs, f"{full}.{name}Sc": outputs}
+        self.p.nodes[f"{full}.dm"] = []
+        self.p.modules.append(name)
+        self.p.tops.append(top)
+
+    def _above(self, name: str, period: int, outputs: list[Topic]) -> str:
+        """A module above this one, whose AC it is; gives its name."""
+        top, most = f"{name}Top", self.more.choice((period, period + TICK))
+        own = self.more.choice(range(TICK, most + 1, TICK))
+        self._body(f"{top}Sc", own, 0, outputs, "sc")
+        sees = [Seen(t.name, t.type) for t in self._seen_by_a_module(outputs)]
+        self.p.text.append(
+            f"rta {top} {{\n  ac module {name};\n  sc {top}Sc;\n  period {most}ms;\n"
+            f"  safe {self._likely(sees)};\n  ttf {self._bool(sees, 1)};\n"
+            f"  safer {self._likely(sees)};\n}}"
+        )
+        self.p.nodes |= {f"{top}.{top}Sc": outputs, f"{top}.dm": []}
+        self.p.modules.append(top)
+        self.p.actors += 1
+        return top
 
     def _advanced(self, name: str, outputs: list[Topic]) -> str:
         """The name of the node that is tested as AC: perhaps in place of code nobody has."""
@@ -310,7 +359,7 @@ class Maker:
             f"extern node {name}Ac period {TICK}ms {{\n"
             f"  publishes {', '.join(t.name for t in outputs)};\n}}"
         )
-        self.p.replaced.append(f"replace {name}.{name}Ac by {name}Any;")
+        self.p.replaced.append(f"replace {name}Ac by {name}Any;")
         return f"{name}Any"
 
     def _seen_by_a_module(self, outputs: list[Topic]) -> list[Topic]:
@@ -335,9 +384,25 @@ class Maker:
             f"  state s: {topic.type} = {self._literal(topic.type)};\n"
             f"  next s = {self._value(topic.type, sees)};\n}}"
         )
+        if self.more.random() < 0.4:
+            self.p.text[-1] = self._choosing(self.p.text[-1], topic)
         self.p.items.append(f"p{len(self.p.text)}: {name};")
         self.p.truths.append(Seen(f"p{len(self.p.text)}.truth.s", topic.type))
         self.p.actors += 1
+
+    def _choosing(self, plant: str, topic: Topic) -> str:
+        """The plant, which chooses: in a `let`, in `next` or in what it drives, or in several."""
+        more, drives = self.more, f"drives {topic.name} = "
+        literal = self._literal_of(topic.type)
+        options = f"choose {{ s, {literal} }}"
+        if more.random() < 0.5:
+            let = f"  let odd = choose bool;\n  next s = odd ? {options} : "
+            plant = plant.replace("  next s = ", let)
+            if more.random() < 0.5:
+                return plant.replace(f"{drives}s;", f"{drives}odd ? s : {literal};")
+            if more.random() < 0.5:
+                return plant
+        return plant.replace(f"{drives}s;", f"{drives}{options};")
 
     def _clock_apart(self) -> None:
         """A plant that shares nothing with the others but time."""
@@ -422,7 +487,7 @@ class Maker:
             return f"{self._bool(sees, 1)} leadsto {self._likely(sees)} within {d};"
         if self.chance(0.5):
             return "always invariants;"
-        return f"always invariant({self.pick(self.p.modules)});"
+        return f"always invariant({self.pick(self.p.tops)});"
 
     def _mostly(self, sees: list[Seen]) -> str:
         """A condition that fails in few configurations, or in none."""

@@ -53,6 +53,8 @@ class Output:
     name: str
     type: Type
     values: ValueSet
+    most: int = 1
+    """How many messages a step may publish."""
 
 
 class StatementMaker:
@@ -354,7 +356,17 @@ class StatementMaker:
                 if whole and choose.chance(25)
                 else self.expressions.inside(output.type, output.values, at)
             )
-        self.put(f"publish {output.name} = {value};")
+        self._messages(output, f"publish {output.name} = {value};", at)
+
+    def _messages(self, output: Output, line: str, at: Sight) -> None:
+        """One message, or several where the node may publish several: seldom one too many."""
+        choose = self.choose
+        if output.most > 1 and choose.chance(60):
+            times = output.most + (1 if choose.chance(10) else -1 if choose.chance(50) else 0)
+            with self.braces(f"for {self._new_name(at)} in 0..{times}", at):
+                self.put(line)
+        else:
+            self.put(line)
 
     def _mischief(self, at: Sight, outputs: list[Output]) -> None:
         """One way to go wrong, of each kind of fault."""

@@ -9,11 +9,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.program.meaning.arith import FaultKind
+from soter.program.model.walk import chooses, plant_code
 
 if TYPE_CHECKING:
     from collections import Counter
 
     from generators.engines import Bytes, Subject
+    from soter.program.model.system import Component
 
 
 def happened(s: Subject, trace: Bytes) -> set[str]:
@@ -32,6 +34,7 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "any fault": bool(kinds),
         "any latched": bool(latched),
         "module": len(s.system.modules) > 0,
+        "module above a module": any(m.over is not None for m in s.system.modules),
         "two modules": len(s.system.modules) > 1,
         "switch to AC": bool((last["modules"]["to_ac"] > 0).any()),
         "switch to SC": bool((last["modules"]["to_sc"] > 0).any()),
@@ -45,8 +48,13 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "plant": "plant" in roles,
         "queue": bool(queues),
         "queue overflow": bool((states["stamps"][:, queues] == 0).any()) if queues else False,
+        "choice of a plant": any(
+            n.plant is not None and chooses(*plant_code(n.plant)) for n in s.system.components
+        ),
         "contract": bool(contracts),
         "contract violated": bool((last["properties"]["count"][contracts] > 0).any()),
+        "burst": any(n.node is not None and n.node.bursts for n in s.system.components),
+        "burst into a queue": any(_is_queued_burst(s, n) for n in s.system.components),
         "choice": "choose " in s.text,
         "fair choice": "fair choose " in s.text,
         "input driven": bool(s.system.inputs),
@@ -55,6 +63,12 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "still moving": bool((trace[-1, :] != trace[-100, :]).sum() > 40),
     }
     return found | {name for name, holds in facts.items() if holds}
+
+
+def _is_queued_burst(s: Subject, n: Component) -> bool:
+    """Whether somebody has a queue of what a node publishes several messages a step of."""
+    bursts = () if n.node is None else n.node.bursts
+    return any(s.system.topics[n.scope.topics[t]].queues for t in bursts)
 
 
 def table(counts: Counter[str], programs: int) -> str:

@@ -1,27 +1,30 @@
 """The tests of a program, explored one after the other.
 
 Purpose: which tests, their flat systems, their traces and pages, and one report.
-Non-goals: exploring one test (`explore/command.py`), options (`explore/settings.py`).
+Non-goals: exploring one test (`explore/command.py`), options (`explore/settings.py`), checkpoints
+(`explore/checkpoint/`).
 """
 
 from __future__ import annotations
 
 from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.api.files import write_test_page
 from soter.api.given import complete, params_as_json, time_ns, values_of
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.explore.checkpoint.asked import asked, checkpoints
 from soter.explore.command import Told, chosen, explore_test, replaced_in, save, with_times
 from soter.explore.results import ExploreReport
+from soter.explore.settings import options_of
 from soter.program.build import system_of_test
 from soter.simulate.interrupt import listening, stop_request
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from soter.explore.results import Looked, Options, TestResult
+    from soter.explore.results import Looked, TestResult
     from soter.program.build import Checked
     from soter.program.model.system import System
     from soter.program.model.types import Value
@@ -30,7 +33,6 @@ if TYPE_CHECKING:
 def explore(
     checked: Checked,
     path: str,
-    options: Options,
     *,
     test: str | None,
     skew: float | str | None,
@@ -39,23 +41,30 @@ def explore(
     output: str | Path | None,
     html: bool,
     progress: Callable[[Looked], None] | None,
+    checkpoint: str | Path | None,
+    checkpoint_every: float,
+    resume: str | Path | None,
+    **how: Any,  # noqa: ANN401 - as `options_of` says
 ) -> ExploreReport:
     """Explore every test of a sound program, or one, as `Program.explore` says.
 
     Whoever interrupts it gets what was covered until then.
     """
+    options = options_of(**how)
+    wanted = asked(checkpoint, checkpoint_every, resume, options)
     program = checked.program
     assert program is not None
     tests = chosen(checked.tests, path, test)
     values = values_of(program, params)
     systems = _tests(checked, [t.name for t in tests], values, skew, horizon)
     told = params_as_json(program, values)
+    kept = checkpoints(wanted, systems, options, told)
     results: list[TestResult] = []
     listener = stop_request()
     with listening(listener), _until_interrupted(results, tests):
-        for symbol, system in zip(tests, systems, strict=True):
+        for symbol, system, place in zip(tests, systems, kept, strict=True):
             about = Told(path, told, replaced_in(symbol))
-            result = explore_test(system, options, about, progress, listener)
+            result = explore_test(system, options, about, progress, listener, place)
             results.append(result)
             if output is not None and save(result, Path(output)) is not None and html:
                 for one in (result, *(o for o in result.others if o.trace is not None)):
@@ -89,7 +98,7 @@ def _tests(
     systems = []
     for name in names:
         try:
-            system = system_of_test(checked, name, values)
+            system = system_of_test(checked, name, values, exact=len(names) == 1)
         except SoterError as error:
             for d in error.diagnostics:
                 found.add(d)

@@ -87,7 +87,12 @@ def params_as_json(program: TypedProgram, values: Mapping[str, Value]) -> dict[s
     """Parameters for a trace: durations in ns."""
     from soter.program.model.values import to_json  # noqa: PLC0415 - see `soter.api`
 
-    return {n: to_json(program.params[n].type, v) for n, v in values.items()}
+    found: dict[str, object] = {}
+    for name, value in values.items():
+        param = program.param(name)
+        assert param is not None
+        found[name] = to_json(param.type, value)
+    return found
 
 
 def params_from_json(
@@ -99,10 +104,11 @@ def params_from_json(
 
     found: dict[str, Value] = {}
     for name, value in given.items():
-        if name not in program.params:
+        param = program.param(name)
+        if param is None:
             raise no_trace(file, f"its program has no parameter `{name}`")
         try:
-            found[name] = from_json(program.params[name].type, value, name)
+            found[name] = from_json(param.type, value, name)
         except ValueShapeError as error:
             raise no_trace(file, f"a parameter: {error}") from error
     return found

@@ -93,7 +93,7 @@ class Program:
         """What is known about a sound program; `SoterError` with every error otherwise."""
         self._require_sound()
         values = self._values(params)
-        flat = {name: system_of(self._checked, name, values) for name in self.systems}
+        flat = {n: system_of(self._checked, n, values, exact=False) for n in self.systems}
         return check_report(self.path, self._checked, flat, self._bound)
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
@@ -330,8 +330,7 @@ class Program:
                     report=report,
                     progress=progress,
                 )
-        if report is not None:
-            require_writers(None, report)
+        require_writers(None, report)
         return verify(
             self._checked,
             module=module,
@@ -363,11 +362,8 @@ class Program:
         self._require_sound()
         own = Path(self.path)
         target = own.with_name(f"{own.stem}_sc.soter") if output is None else Path(output)
-        return tuple(
-            synthesize(
-                self._checked, target, module=module, system=system, params=self._values(params)
-            )
-        )
+        values = self._values(params)
+        return tuple(synthesize(self._checked, target, module=module, system=system, params=values))
 
     def advise(
         self,
@@ -416,25 +412,31 @@ class Program:
         minimise: float = 30.0,
         all_properties: bool = False,
         time: float | None = None,
+        checkpoint: str | Path | None = None,
+        checkpoint_every: float = 60.0,
+        resume: str | Path | None = None,
         progress: Callable[[Looked], None] | None = None,
         partial: bool = False,
     ) -> ExploreReport:
         """Explore every execution of every test, or of one (docs/testing.md).
 
-        `strategy`: bfs, dfs, deepening, random, pct or coverage; `storage`: exact or fingerprint;
-        `reduction`: none, sleep, ample or all. `memory`: bytes, or a text such as `"512M"`.
+        `strategy`: bfs, dfs, deepening; random, pct, coverage, falsify. `storage`: exact or
+        fingerprint; `reduction`: none, sleep, ample, instants, groups, all. `memory`: as `"512M"`.
         `max_states`: 0 for no bound of its own; `runs` and `seed` are of the random strategies.
         `skew` and `horizon`: seconds or text, in place of the test's own. A violation has a trace
-        that the reference interpreter has replayed: the least one, where that is found within
-        `minimise` seconds (0: none). It is written to the folder `output` (None: not), with `html`
-        also as a page. `all_properties`: find which others can be violated. `time`: seconds for the
-        search of a test. Ctrl-C raises `KeyboardInterrupt`, or gives what was covered: `partial`.
+        that the interpreter has replayed: the least one, where that is found within `minimise`
+        seconds (0: none). It is written to the folder `output` (None: not), with `html` also as a
+        page. `all_properties`: find which others can be violated. `time`: seconds for each search.
+        `checkpoint`: a folder to write searches to, all `checkpoint_every` seconds and as they end;
+        `resume`: to go on from. Ctrl-C raises `KeyboardInterrupt`, or gives what was covered
+        (`partial`).
         """
         from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
-        from soter.explore.settings import options_of  # noqa: PLC0415 - the same
 
         self._require_sound()
-        options = options_of(
+        report = explore(
+            self._checked,
+            self.path,
             strategy=strategy,
             storage=storage,
             reduction=reduction,
@@ -446,17 +448,15 @@ class Program:
             minimise=minimise,
             all_properties=all_properties,
             time=time,
-        )
-        report = explore(
-            self._checked,
-            self.path,
-            options,
             test=test,
             skew=skew,
             horizon=horizon,
             params=params,
             output=output,
             html=html,
+            checkpoint=checkpoint,
+            checkpoint_every=checkpoint_every,
+            resume=resume,
             progress=progress,
         )
         if report.interrupted and not partial:

@@ -14,7 +14,7 @@ from soter.cli.terminal.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, O
 from soter.cli.terminal.parser import Parser, add_file, add_settings, seconds, seed, whole
 from soter.cli.terminal.progress import LineOfProgress
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.explore.methods import EXHAUSTIVE, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
+from soter.explore.methods import EXHAUSTIVE, FALSIFY, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.cli.terminal.console import Console
-    from soter.explore.results import ExploreReport, TestResult
+    from soter.explore.results import ExploreReport, Kept, TestResult
 
     Options = argparse.Namespace
 
@@ -32,6 +32,8 @@ EXAMPLES = """\
   soter test two.soter --storage fingerprint          16 bytes a configuration
   soter test two.soter --strategy random --runs 1000  where it is too large
   soter test two.soter --skew 2ms --horizon 1s        in place of the test's own
+  soter test two.soter --checkpoint save/             written every 60 s, and when it ends,
+  soter test two.soter --resume save/ --memory 8G     and gone on from, with more if wanted
   soter test late_sc.soter --json | jq '.tests[].verdict'
   soter test late_sc.soter --junit results.xml        for CI
   soter replay .soter/late_sc-Late.trace.json         a trace again
@@ -58,7 +60,8 @@ def parser() -> Parser:
         "--strategy",
         default=STRATEGIES[0],
         metavar="S",
-        help=f"{_named(EXHAUSTIVE, STRATEGIES[0], ', ')}; {', '.join(SAMPLING)}: samples",
+        help=f"{_named(EXHAUSTIVE, STRATEGIES[0], ', ')}; {', '.join(SAMPLING)}: samples, "
+        f"{FALSIFY} towards a violation",
     )
     made.add_argument(
         "--storage",
@@ -85,7 +88,11 @@ def parser() -> Parser:
         "--max-states", type=whole, default=0, metavar="N", help="stop after so many configurations"
     )
     made.add_argument(
-        "--runs", type=whole, default=10_000, metavar="N", help="of the sampling strategies"
+        "--runs",
+        type=whole,
+        default=10_000,
+        metavar="N",
+        help="of the sampling strategies; by default 10,000",
     )
     made.add_argument("--seed", type=seed, default=1, metavar="N", help="likewise; by default 1")
     made.add_argument(
@@ -112,7 +119,23 @@ def parser() -> Parser:
     )
     made.add_argument("--html", action="store_true", help="write a page for every trace")
     made.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML, for CI")
+    _add_checkpoints(made)
     return made
+
+
+def _add_checkpoints(made: Parser) -> None:
+    """Where searches are written, and gone on from."""
+    made.add_argument(
+        "--checkpoint", metavar="DIR", help="folder to write searches to, to go on later (bfs)"
+    )
+    made.add_argument(
+        "--checkpoint-every",
+        type=seconds,
+        default=60.0,
+        metavar="SECONDS",
+        help="between two checkpoints; by default 60",
+    )
+    made.add_argument("--resume", metavar="DIR", help="go on from there, and write there")
 
 
 def run(args: Options, console: Console) -> Outcome:
@@ -142,6 +165,9 @@ def run(args: Options, console: Console) -> Outcome:
                 minimise=args.minimise,
                 all_properties=args.all,
                 time=args.time,
+                checkpoint=args.checkpoint,
+                checkpoint_every=args.checkpoint_every,
+                resume=args.resume,
                 progress=None if line is None else lambda looked: line(progress_text(looked)),
                 partial=True,
             )
@@ -178,10 +204,14 @@ def progress_text(looked: object) -> str:
     rate = count / looked.seconds if looked.seconds > 0 else 0.0
     doing = "  violated: looking for a trace" if looked.tracing else ""
     doing = "  violated: looking for the shortest trace" if looked.minimising else doing
-    within = f", {looked.answers:,} answers of one step" if looked.answers else ""
+    more = f", covered to {show_ns(looked.covered_ns)}" if looked.covered_ns else ""
+    more += f", {looked.answers:,} answers of one step" if looked.answers else ""
+    more += f", checkpoint at {looked.saved:,}" if looked.saved else ""
+    if looked.nearest is not None:
+        more += f", least robustness {looked.nearest:.3g}"
     return (
         f"{looked.test}{doing}  {count:,} {noun}, {rounded(rate)}/s, depth {looked.depth}, "
-        f"{size(looked.bytes)}{within}"
+        f"{size(looked.bytes)}{more}"
     )
 
 
@@ -233,7 +263,8 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     """Everything about one test."""
     muted = "muted"
     lines = [_headline(test, console), console.paint(muted, _figures(test))]
-    lines += ["", *_coverage(test, console)]
+    lines += _checkpoint(test, console)
+    lines += ["", *_coverage(test, console), *_robustness(test, console)]
     if test.replayed is not None:
         lines += ["", *_trace(test, console)]
     for other in test.others:
@@ -254,7 +285,24 @@ def _headline(test: TestResult, console: Console) -> str:
     elif test.verdict == "bound":
         why = "not everything was covered" if test.interrupted else test.why
         said = f"no violation was found; {why}"
+        if test.covered:
+            said += f"\n{test.covered}"
     return f"{console.paint('bold', test.name)}  {console.paint(colour, word)}  {said}"
+
+
+def _checkpoint(test: TestResult, console: Console) -> list[str]:
+    """Where the search was written down, and what it went on from."""
+    kept = test.checkpoint
+    if kept is None:
+        return []
+    lines = []
+    if kept.resumed:
+        lines.append(console.paint("muted", f"went on from {kept.resumed:,} states"))
+    if kept.states:
+        lines.append(f"checkpoint  {kept.path}, {kept.states:,} states")
+    if kept.problem:
+        lines.append(console.paint("yellow", f"no later checkpoint: {kept.problem}"))
+    return lines
 
 
 def _figures(test: TestResult) -> str:
@@ -279,7 +327,7 @@ def _figures(test: TestResult) -> str:
     if test.quantum_ns is not None:
         how += f"; times at multiples of {show_ns(test.quantum_ns)}"
     if test.parts > 1:
-        how += f"; {test.parts} parts that share nothing, explored apart"
+        how += f"; {test.parts} parts that share no data, explored apart"
     return f"{', '.join(parts)}\n{how}"
 
 
@@ -297,6 +345,18 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
         if rest > 0:
             lines.append(console.paint("muted", f"         and {rest} more {name}"))
     return lines
+
+
+def _robustness(test: TestResult, console: Console) -> list[str]:
+    """How near `falsify` came to violating each property."""
+    lines = []
+    for one in test.robustness:
+        said = f"{one.text}  not guided: it compares no numbers, or is judged as a node steps"
+        if one.guided:
+            met = "never looked at" if one.least is None else f"{one.least:.3g}"
+            said = f"{one.text}  least robustness {met}"
+        lines.append(said if one.guided else console.paint("yellow", said))
+    return [f"{'' if i else 'nearest':<8} {line}" for i, line in enumerate(lines)]
 
 
 def _other(test: TestResult, console: Console) -> list[str]:
@@ -333,7 +393,7 @@ def _trace(test: TestResult, console: Console) -> list[str]:
 def rounded(x: float) -> str:
     """A rate: `1.4 M`, `23 k`, `840`."""
     for unit, factor in (("G", 1e9), ("M", 1e6), ("k", 1e3)):
-        if x >= factor:
+        if x >= 0.9995 * factor:
             return f"{x / factor:.3g} {unit}"
     return f"{x:.0f}"
 
@@ -341,7 +401,7 @@ def rounded(x: float) -> str:
 def size(count: int) -> str:
     """A size: `9.6 MB`."""
     for unit, factor in (("GB", 2**30), ("MB", 2**20), ("kB", 2**10)):
-        if count >= factor:
+        if count >= 0.9995 * factor:
             return f"{count / factor:.3g} {unit}"
     return f"{count} bytes"
 
@@ -381,6 +441,15 @@ def _trace_fields(t: TestResult) -> dict[str, object]:
     }
 
 
+def _kept(k: Kept) -> dict[str, object]:
+    return {
+        "path": str(k.path),
+        "states": k.states,
+        "problem": k.problem or None,
+        "resumed_states": k.resumed,
+    }
+
+
 def _test(t: TestResult) -> dict[str, object]:
     o = t.options
     return {
@@ -404,6 +473,9 @@ def _test(t: TestResult) -> dict[str, object]:
         "reduction": o.reduction,
         "parts": t.parts,
         "quantum_ns": t.quantum_ns,
+        "covered_ns": t.covered_ns,
+        "checkpoint": None if t.checkpoint is None else _kept(t.checkpoint),
+        "short_of": t.short_of,
         "threads": t.threads,
         "threads_asked": o.threads,
         "threads_fewer": o.why_fewer or None,
@@ -419,5 +491,8 @@ def _test(t: TestResult) -> dict[str, object]:
             name: {"reached": p.reached, "total": p.total, "unreached": list(p.unreached)}
             for name, p in t.coverage.parts()
         },
+        "robustness": [
+            {"property": r.text, "guided": r.guided, "least": r.least} for r in t.robustness
+        ],
         "assumptions": list(t.assumptions),
     }

@@ -61,10 +61,14 @@ class Branch:
 
 @dataclass
 class Choices:
-    """What the choices of the step that is being emitted are named by; `branches` collects."""
+    """What the choices of the step that is being emitted are named by; `branches` collects.
+
+    With `chance` nobody is asked: the driver's answer to an extern is something else.
+    """
 
     component: str
     branches: list[Branch] | None = None
+    chance: bool = False
 
 
 def stream_key(stream: str) -> c.CExpr:
@@ -248,10 +252,10 @@ class Body:
             body = self._inner(s.body, used)
             return [c.For(self.local(s.variable), int_number(s.low), int_number(s.high), body)]
         assert isinstance(s, core.Publish)
-        return [
-            c.Assign(self.out(s.output), self.expr(s.value)),
-            c.Assign(self.has(s.output), c.Name("true")),
-        ]
+        has = c.Assign(self.has(s.output), c.Name("true"))
+        if s.limit is None:
+            return [c.Assign(self.out(s.output), self.expr(s.value)), has]
+        return [*self._append(self.out(s.output), ListType(s.value.type, s.limit), s.value), has]
 
     def _branch(self, s: core.If, *, taken: bool) -> list[c.CStmt]:
         """Note for coverage that one side of an `if` was taken, where that is wanted."""
@@ -267,7 +271,8 @@ class Body:
         header = c.Unary("&", c.Arrow(c.Name("s"), "header"))
         key = stream_key(f"{self.choices.component}.choose")
         made = c.Unary("&", c.Name("made"))
-        arguments: tuple[c.CExpr, ...] = (header, c.Name("answer"), key, c.Name("release"), made)
+        whom = c.Name("NULL" if self.choices.chance else "answer")
+        arguments: tuple[c.CExpr, ...] = (header, whom, key, c.Name("release"), made)
         function = "soter_choose"
         if s.ages is not None:
             function = "soter_choose_fair"
@@ -334,8 +339,12 @@ class Body:
     def _push(self, s: core.Push) -> list[c.CStmt]:
         target, t = self._target(s.name, s.type, s.path)
         assert isinstance(t, ListType)
+        return self._append(target, t, s.value)
+
+    def _append(self, target: c.CExpr, t: ListType, e: core.Expr) -> list[c.CStmt]:
+        """A value at the end of a list; a fault where that is full."""
         length = c.Member(target, "len")
-        value = self.types.to_store(t.element, self.expr(s.value))
+        value = self.types.to_store(t.element, self.expr(e))
         room = c.Binary("<", length, c.Number(str(t.capacity)))
         return [
             c.Do(c.CallExpr("soter_guard", (room, c.Name("SOTER_CAPACITY"), FAULT))),

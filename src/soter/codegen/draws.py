@@ -11,12 +11,15 @@ from typing import TYPE_CHECKING
 from soter.codegen.body import stream_key
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
-from soter.codegen.c.types import float_number
-from soter.codegen.frame import HEADER
+from soter.codegen.c.types import float_number, int_number
+from soter.codegen.frame import CT, HEADER
+from soter.lower import core
+from soter.lower.footprint import walk
 from soter.program.model.types import ArrayType, RecordType
 
 if TYPE_CHECKING:
     from soter.codegen.c.types import TypeTable
+    from soter.program.model.system import Component
     from soter.program.model.types import Type
 
 DRAW_PARAMETERS = (("void *", "state"), ("const void *", "answer"))
@@ -63,3 +66,15 @@ def assemble(types: TypeTable, t: Type, values: object) -> c.CExpr:
     value = next(values)  # type: ignore[call-overload]
     assert isinstance(value, c.CExpr)
     return value
+
+
+def choosing(component: Component, statements: tuple[core.Stmt, ...]) -> list[c.CStmt]:
+    """What choices need: how many were made in this step, and which release it is."""
+    if not any(isinstance(n, core.Choose) for n in walk(statements)):
+        return []
+    since = c.Binary("-", CT, int_number(component.phase_ns)) if component.phase_ns else CT
+    release = c.Binary("/", since, int_number(component.period_ns))
+    return [
+        c.Declare("uint32_t", "made", c.Number("0U")),
+        c.Declare("int64_t", "release", release, const=True),
+    ]

@@ -142,9 +142,7 @@ class Frame:
         found: list[c.CStmt] = []
         for k, output in enumerate(outputs):
             stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(output.topic)))
-            value = self.types.to_store(output.type, self.body.out(k))
-            stores: list[c.CStmt] = [c.Assign(self.topic(output.topic), value), c.Assign(stamp, CT)]
-            stores += self.push_on(output.topic)
+            stores = [*self._store_output(k, output), c.Assign(stamp, CT)]
             bit = c.Number(f"{1 << k}U")
             published = c.Unary("*", c.Name("published"))
             note = c.Assign(published, c.Binary("|", published, bit))
@@ -152,6 +150,16 @@ class Frame:
                 stores = [c.IfStmt(enabled("SOTER_ENABLED"), tuple(stores))]
             found.append(c.IfStmt(self.body.has(k), (note, *stores)))
         return found
+
+    def _store_output(self, k: int, output: core.Output) -> list[c.CStmt]:
+        """What output `k` gave reaches the topic and its queues: a value, or all of a burst."""
+        topic, out = self.topic(output.topic), self.body.out(k)
+        if not output.burst:
+            value = self.types.to_store(output.type, out)
+            return [c.Assign(topic, value), *self.push_on(output.topic)]
+        message = c.IndexExpr(c.Member(out, "items"), c.Name("message"))
+        each = (c.Assign(topic, message), *self.push_on(output.topic))
+        return [c.For("message", c.Number("0"), c.Member(out, "len"), each)]
 
     def pushed(self, topic: int) -> str:
         """The function that puts a topic's value into the queues behind it."""

@@ -26,7 +26,7 @@ def answer_fields(component: Component) -> tuple[tuple[str, Type], ...]:
     if component.plant is not None:
         return tuple((v.name, v.type) for v in component.plant.states)
     assert component.node is not None
-    short = [(t.name.rsplit(".", 1)[-1], t.type) for t in component.node.publishes]
+    short = component.node.answers
     return (*short, *((f"has_{n}", BOOL) for n, _ in short))
 
 

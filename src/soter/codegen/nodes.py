@@ -12,18 +12,18 @@ from typing import TYPE_CHECKING
 from soter.codegen.body import Choices, used_names
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
-from soter.codegen.c.types import FAULT, int_number
+from soter.codegen.c.types import FAULT
+from soter.codegen.draws import choosing
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, S, enabled, where
 from soter.codegen.queues import empty, forgive, must_not_lose
 from soter.codegen.received import received
-from soter.lower import core
-from soter.lower.footprint import walk
 from soter.program.model.system import queues_of
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.codegen.frame import Frame
+    from soter.lower import core
     from soter.program.model.system import Component
     from soter.program.model.typed import NodeSymbol
 
@@ -51,7 +51,7 @@ def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str
     else:
         body += frame.declare_outputs(step.outputs)
         body += nothing_lost
-        body += [*_choosing(component, step), *takeover, *frame.body.block(step.body)]
+        body += [*choosing(component, step.body), *takeover, *frame.body.block(step.body)]
     body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault")]
     body += frame.check_outputs(step.outputs)
     failed = (*forgive(frame, component), c.Return(c.Name("status")))
@@ -66,18 +66,6 @@ def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str
     frame.body.choices = None
     doc = f"{component.role} {component.node.name}, {where(step.span)}"
     return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, tuple(body), doc)
-
-
-def _choosing(component: Component, step: core.NodeStep) -> list[c.CStmt]:
-    """What choices need: how many were made in this step, and which release it is."""
-    if not any(isinstance(n, core.Choose) for n in walk(step.body)):
-        return []
-    since = c.Binary("-", CT, int_number(component.phase_ns)) if component.phase_ns else CT
-    release = c.Binary("/", since, int_number(component.period_ns))
-    return [
-        c.Declare("uint32_t", "made", c.Number("0U")),
-        c.Declare("int64_t", "release", release, const=True),
-    ]
 
 
 def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
@@ -120,7 +108,7 @@ def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) 
         found += received(x.type, c.Member(c.Name("kept"), field_name(x.cell.name)))
     for topic in node.publishes:
         short = topic.name.rsplit(".", 1)[-1]
-        cleaned = received(topic.type, c.Member(c.Name("got"), field_name(short)))
+        cleaned = received(node.given(topic), c.Member(c.Name("got"), field_name(short)))
         has = c.Member(c.Name("got"), field_name(f"has_{short}"))
         if cleaned:
             found.append(c.IfStmt(c.Binary("!=", has, c.Number("0")), tuple(cleaned)))
@@ -155,7 +143,10 @@ def _given(frame: Frame, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> li
             c.Assign(frame.body.out(k), part(field_name(short))),
             c.Assign(frame.body.has(k), c.Name("true")),
         )
-        has = c.Binary("!=", part(field_name(f"has_{short}")), c.Number("0"))
+        has: c.CExpr = c.Binary("!=", part(field_name(f"has_{short}")), c.Number("0"))
+        if topic in node.bursts:  # no message is no publication
+            some = c.Binary(">", c.Member(part(field_name(short)), "len"), c.Number("0"))
+            has = c.Binary("&&", has, some)
         found.append(c.IfStmt(has, taken))
     return found
 

@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.codegen.body import used_names
+from soter.codegen.body import Choices, used_names
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import int_number
-from soter.codegen.draws import assemble, in_order, uniform
+from soter.codegen.draws import assemble, choosing, in_order, uniform
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, enabled, where
 from soter.program.model.types import ArrayType, RecordType, leaves
 
@@ -35,10 +35,14 @@ def plant_step(
         *frame.fault_pointer(),
         c.Declare("bool", "first", enabled("SOTER_FIRST"), const=True),
     ]
-    used = used_names((step.integrate, step.publish))
+    code = (*step.choose, *step.integrate, *step.publish)
+    used = used_names(code)
+    frame.body.choices = Choices(component.name, chance=step.extern)
     body += frame.load(step.states, used)
     body += _disturbances(frame, component, step, used)
     body += frame.declare_outputs(step.outputs)
+    body += choosing(component, code)
+    body += frame.body.block(step.choose, step.integrate, step.publish)
     if step.extern:
         body += _new_states(frame, step, name)
     elif step.integrate:
@@ -52,6 +56,7 @@ def plant_step(
     body += frame.store(step.states)
     body += frame.publish(step.outputs, gated=False)
     body.append(c.Return(OK))
+    frame.body.choices = None
     doc = f"plant {component.plant.name}, {where(step.span)}"
     return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, tuple(body), doc)
 

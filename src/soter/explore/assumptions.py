@@ -143,13 +143,18 @@ def _sampled(system: System) -> Iterator[str]:
         yield f"of these floats only the middle, the least, the largest value: {', '.join(names)}"
 
 
-def _held(system: System, seed: int) -> Iterator[str]:
-    names = [
+def held(system: System) -> list[str]:
+    """Disturbances that are drawn by chance from the seed, for all executions the same."""
+    return [
         f"{c.name}.{d.variable.name}"
         for c in system.components
         for d in c.disturbances
-        if d.hold_ns
+        if d.hold_ns and d.low < d.high
     ]
+
+
+def _held(system: System, seed: int) -> Iterator[str]:
+    names = held(system)
     if names:
         yield f"drawn by chance once, with seed {seed}: {', '.join(names)}"
 

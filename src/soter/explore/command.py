@@ -22,6 +22,7 @@ from soter.explore.results import (
     BOUND,
     BOUNDS,
     CHOICES,
+    DRAWN,
     EXHAUSTED,
     GRID,
     INTERRUPTED,
@@ -38,6 +39,7 @@ from soter.explore.results import (
     UNJUDGED,
     VIOLATED,
     WIDTH,
+    Kept,
     TestResult,
     why_not_shortest,
 )
@@ -50,6 +52,7 @@ from soter.program.model.durations import show_ns
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
+    from soter.explore.checkpoint.saver import Checkpoint
     from soter.explore.engine.coverage import Coverage
     from soter.explore.engine.search import Found, Search
     from soter.explore.judge.replay import Replayed
@@ -165,21 +168,24 @@ def explore_test(
     told: Told,
     progress: Progress | None = None,
     listener: Interruptions | None = None,
+    checkpoint: Checkpoint | None = None,
 ) -> TestResult:
     """Explore a flattened test. A violation is minimised and replayed: `UnreproducedError`.
 
-    Once it is compiled, who interrupts it gets what was covered.
+    Once it is compiled, who interrupts it gets what was covered. `SoterError` D006, D012, D014
+    where a checkpoint cannot be written or is none.
     """
     from soter.explore.engine.search import Search as Engine  # noqa: PLC0415 - needs a compiler
 
     def wanted() -> bool:
         return listener is not None and listener.wanted
 
-    with Engine(system, options, progress, wanted) as search:
+    with Engine(system, options, progress, wanted, checkpoint) as search:
         with _quiet(listener):
             found = search.run()
             coverage = search.coverage()
-            verdict, bound = _verdict(found, options, _short_of(system, search, coverage))
+            short_of = _short_of(system, search, coverage)
+            verdict, bound = _verdict(found, options, short_of)
             result = TestResult(
                 name=plan_of(system).name,
                 system=system,
@@ -196,10 +202,14 @@ def explore_test(
                 table_bytes=found.table_bytes,
                 frontier_bytes=found.frontier_bytes,
                 total_bytes=found.total_bytes,
+                covered_ns=_covered(found, system, options),
+                checkpoint=_kept(checkpoint),
+                short_of=short_of if short_of not in (bound, UNJUDGED) else None,
                 threads=found.threads,
                 why=_why(bound, search, found),
                 quantum_ns=None if search.times is None else search.times.quantum_ns,
                 coverage=coverage,
+                robustness=search.robustness(),
                 assumptions=assumptions.of_test(
                     system, options, found.states, told.replaced, search.times
                 ),
@@ -245,6 +255,8 @@ def _short_of(system: System, search: Search, coverage: Coverage) -> str | None:
         return UNJUDGED
     if assumptions.undriven(system):
         return UNDRIVEN
+    if assumptions.held(system):
+        return DRAWN
     if search.times is not None and search.times.open:
         return GRID
     return SAMPLED if search.sampled else None
@@ -285,7 +297,7 @@ def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None
             result.others_bound = other.unshown or other.least_bound
             break
     result.others = tuple(others)
-    result.coverage = search.coverage()
+    result.coverage, result.robustness = search.coverage(), search.robustness()
 
 
 def _verdict(found: Found, options: Options, short_of: str | None) -> tuple[str, str | None]:
@@ -297,6 +309,17 @@ def _verdict(found: Found, options: Options, short_of: str | None) -> tuple[str,
             return BOUND, RUNS
         return (EXHAUSTED, None) if short_of is None else (BOUND, short_of)
     return BOUND, TIME if found.stopped == TIME else _BOUNDS[found.status]
+
+
+def _covered(found: Found, system: System, options: Options) -> int | None:
+    """Before which time everything was judged; None where executions are drawn by chance."""
+    if options.strategy in SAMPLING:
+        return None
+    return min(found.covered_ns, plan_of(system).horizon_ns)
+
+
+def _kept(c: Checkpoint | None) -> Kept | None:
+    return None if c is None else Kept(c.path, c.states, c.problem, c.resumed)
 
 
 def _why(bound: str | None, search: Search, found: Found) -> str:

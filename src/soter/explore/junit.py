@@ -61,7 +61,7 @@ def _case(suite: ET.Element, report: ExploreReport, test: TestResult) -> None:
         failure.text = "" if test.trace is None else f"soter replay {test.trace}"
     elif test.verdict == BOUND:
         assert test.bound is not None
-        told = {"type": test.bound, "message": test.why}
+        told = {"type": test.bound, "message": "; ".join(filter(None, (test.why, test.covered)))}
         ET.SubElement(case, "error", told).text = "; ".join(
             f"{name} {part.reached}/{part.total}" for name, part in test.coverage.parts()
         )

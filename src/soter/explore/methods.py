@@ -8,11 +8,26 @@ Also what the C has room for. Non-goals: what they do (`explore/engine/c/`, docs
 from __future__ import annotations
 
 EXHAUSTIVE = ("bfs", "dfs", "deepening")
-SAMPLING = ("random", "pct", "coverage")
+FALSIFY = "falsify"
+SAMPLING = ("random", "pct", "coverage", FALSIFY)
 STRATEGIES = (*EXHAUSTIVE, *SAMPLING)
 """The default first."""
 STORAGES = ("exact", "fingerprint")
 """The default first."""
+STATUSES = (
+    "exhausted",
+    "violated",
+    "memory",
+    "states",
+    "runs",
+    "stopped",
+    "no_memory",
+    "choices",
+    "width",
+    "length",
+    "damaged",
+)
+"""How a search ends: `soter_explore_status`, in order."""
 CHOICES_MAX = 256
 """Choices of one step (`SOTER_CHOICES`)."""
 WORDS_MAX = 4096
@@ -23,8 +38,8 @@ LEAVES_MAX = 4096
 """Leaves of topics that are told apart for coverage."""
 STEPS_MAX = 65_536
 """Steps of a trace."""
-REDUCTIONS = {"none": 0, "sleep": 1, "ample": 2, "all": 3}
-"""As bits: 1 sleep sets, 2 ample sets. The default last."""
+REDUCTIONS = {"none": 0, "sleep": 1, "ample": 2, "instants": 4, "groups": 12, "all": 15}
+"""As bits: 1 sleep sets, 2 ample sets, 4 only ends of instants, 8 by groups. The default last."""
 
 
 def constant(name: str) -> str:

@@ -20,6 +20,7 @@ from soter.explore.methods import (
     THREADS_BFS,
     WORDS_MAX,
 )
+from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -30,7 +31,7 @@ if TYPE_CHECKING:
 
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
-UNJUDGED, UNDRIVEN, GRID = "unjudged", "undriven", "grid"
+UNJUDGED, UNDRIVEN, GRID, DRAWN = "unjudged", "undriven", "grid", "drawn"
 MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED = "memory", "states", "runs", "sampled", "interrupted"
 TIME, CHOICES, WIDTH, LENGTH, PART = "time", "choices", "width", "length", "part"
 PATIENCE, NOT_ASKED = "patience", "not_asked"
@@ -38,6 +39,8 @@ BOUNDS = {
     UNJUDGED: "nothing was judged: no property of the test was ever looked at",
     UNDRIVEN: "an input keeps its default all the time: other values of it were not tried",
     GRID: "the program calculates with times: a grid of them, which was tried, is not all of them",
+    DRAWN: "a disturbance that holds its value was drawn by chance, once for all executions: no "
+    "other was tried (without `hold`, in a plant of its own with that period, they are)",
     MEMORY: "the memory that was allowed is full (--memory)",
     STATES: "as many configurations as were allowed are stored (--max-states)",
     RUNS: "random executions never cover everything (--runs; --strategy bfs does)",
@@ -54,6 +57,8 @@ BOUNDS = {
     ),
 }
 """Why a search that has no violation to show did not cover everything."""
+ENDED = frozenset({UNJUDGED, UNDRIVEN, GRID, DRAWN, SAMPLED})
+"""Bounds of a search that came to its end."""
 NOT_SHORTEST = {
     PATIENCE: "the search for it took longer than its part of {minimise:g} s (--minimise)",
     NOT_ASKED: "it was not looked for (--minimise 0)",
@@ -78,7 +83,7 @@ UNSHOWN = {
 
 @dataclass(frozen=True, kw_only=True)
 class Options:
-    """How to search. `reduction`: none, sleep, ample or all; `memory`: bytes of all that it keeps.
+    """How to search. `reduction`: a name of REDUCTIONS; `memory`: bytes of all that it keeps.
 
     `max_states` 0: no bound of its own. `runs` and `seed` are of the random strategies; `seed`
     also draws what stays left to chance. `bug_depth` is the d of PCT.
@@ -100,6 +105,8 @@ class Options:
 
     all_properties: bool = False
     """Go on after a violation, to find which other properties can be violated."""
+    unguided: bool = False
+    """`falsify` without what guides it: to measure what that is worth; no person asks for it."""
 
     @property
     def threads_run(self) -> int:
@@ -122,7 +129,7 @@ class Looked:
 
     It has found a violation: `tracing`, it looks for an execution that shows it; `minimising`, for
     the shortest one. `bytes`: of all that it keeps. `answers`: of the one step that it tries, where
-    they are very many.
+    they are very many. `nearest`: least robustness of a property so far; None: nobody looks.
     """
 
     test: str
@@ -134,6 +141,38 @@ class Looked:
     minimising: bool = False
     tracing: bool = False
     answers: int = 0
+    covered_ns: int = 0
+    """What is observed before was judged, in all executions (breadth first)."""
+    saved: int = 0
+    """Configurations of its last checkpoint; 0: there is none."""
+    nearest: float | None = None
+
+
+@dataclass(frozen=True)
+class Kept:
+    """The checkpoint of a search: its file, and how many configurations it has (0: there is none).
+
+    `problem`: why a later one could not be written, or empty; `resumed`: configurations that were
+    there when it went on.
+    """
+
+    path: Path
+    states: int
+    problem: str
+    resumed: int
+
+
+@dataclass(frozen=True)
+class Robustness:
+    """How near `falsify` came to violating a property (docs/testing.md).
+
+    `least`: the least robustness of it in any execution, negative where it is violated; None where
+    it was never looked at, or is not `guided`: a contract, or one that compares no numbers.
+    """
+
+    text: str
+    least: float | None
+    guided: bool
 
 
 @dataclass(eq=False)
@@ -166,12 +205,21 @@ class TestResult:
     """The grid on which steps that may be late chose their times; None where none had a choice."""
     total_bytes: int = 0
     """Of tables, frontiers and remembered steps: what `Options.memory` bounds."""
+    covered_ns: int | None = 0
+    """What is observed before that time was judged in all executions; None: of a sampling strategy.
+
+    The horizon, where the search came to its end.
+    """
+    checkpoint: Kept | None = None
+    """Where it was written down; None: nowhere."""
+    short_of: str | None = None
+    """What is left out besides, where the search did not end: one of ENDED."""
     threads: int = 1
     """That searched."""
     why: str = ""
     """Which bound was reached, for people."""
     parts: int = 1
-    """How many parts of the system, which share nothing, were explored apart."""
+    """How many parts of the system, which share no data, were explored apart."""
     coverage: Coverage = field(default_factory=Coverage)
     assumptions: tuple[str, ...] = ()
     broken: Broken | None = None
@@ -186,6 +234,8 @@ class TestResult:
     page: Path | None = None
     others: tuple[TestResult, ...] = ()
     """Of other properties that can be violated, each with a trace (`Options.all_properties`)."""
+    robustness: tuple[Robustness, ...] = ()
+    """Of `falsify`: how near it came to violating each property."""
     others_bound: str | None = None
     """Why that may not be all of them; None: the search for more ended, or there was none."""
 
@@ -231,6 +281,20 @@ class TestResult:
         return (
             f"found by the compiled steps, not replayed: no execution of it can be shown, as {why}"
         )
+
+    @property
+    def covered(self) -> str:
+        """How far every execution was covered, a sentence; empty where it is not a bound."""
+        if self.bound is None or self.covered_ns is None:
+            return ""
+        assert self.system.test is not None
+        of = show_ns(self.system.test.horizon_ns)
+        if self.bound in ENDED:
+            return f"but for that, all executions up to {of} were covered"
+        also = f"; also, {BOUNDS[self.short_of]}" if self.short_of in ENDED else ""
+        if self.covered_ns == 0:
+            return f"no part of {of} was covered in all executions{also}"
+        return f"all executions were covered before {show_ns(self.covered_ns)} of {of}{also}"
 
     @property
     def interrupted(self) -> bool:

@@ -13,7 +13,6 @@ from soter.lower import core
 from soter.lower.expressions import ExpressionBuilder
 from soter.program.check.stmt import always_returns
 from soter.program.meaning.arith import FaultKind
-from soter.program.meaning.statements import Evaluator
 from soter.program.model import typed
 from soter.program.model.types import (
     BOOL,
@@ -23,18 +22,27 @@ from soter.program.model.types import (
     RecordType,
     default_value,
 )
+from soter.program.model.walk import nodes
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.diagnostics.span import Span
     from soter.program.model.system import Scope, System
-    from soter.program.model.types import Type
+    from soter.program.model.types import Type, Value
 
 
 class Builder(ExpressionBuilder):
     """Lowers the body of one function, step or predicate."""
 
-    def __init__(self, functions: FunctionTable, system: System, scope: Scope | None) -> None:
-        super().__init__(functions, system, scope)
+    def __init__(
+        self,
+        functions: FunctionTable,
+        system: System,
+        scope: Scope | None,
+        params: Mapping[typed.ParamSymbol, Value] | None = None,
+    ) -> None:
+        super().__init__(functions, system, scope, params)
         self.outputs: dict[typed.TopicSymbol, int] = {}
         self._result: tuple[str, Type] | None = None
         self._done: str | None = None
@@ -97,7 +105,7 @@ class Builder(ExpressionBuilder):
             variable = s.place.variable
             self.emit(core.Push(s.span, self.names[variable], variable.type, path, value))
         elif isinstance(s, typed.Publish):
-            self.emit(core.Publish(s.span, self.outputs[s.topic], self.expr(s.value)))
+            self.emit(core.Publish(s.span, self.outputs[s.topic], self.expr(s.value), s.limit))
         elif isinstance(s, typed.Return):
             assert self._result is not None
             value = self.expr(s.value)
@@ -230,10 +238,9 @@ class FunctionTable:
 
     def __init__(self, system: System) -> None:
         self.system = system
-        params = {p: system.params[p.name] for p in system.program.params.values()}
-        self.evaluator = Evaluator(params)
         self.by_name: dict[str, core.Function] = {}
-        self._by_symbol: dict[typed.FunSymbol, core.Function] = {}
+        self._made: dict[object, core.Function] = {}
+        self._reads: dict[typed.FunSymbol, frozenset[typed.ParamSymbol]] = {}
 
     def unique(self, base: str) -> str:
         """A function name not taken yet."""
@@ -247,12 +254,18 @@ class FunctionTable:
         """Enter a function that did not come from a `fun` declaration."""
         self.by_name[function.name] = function
 
-    def require(self, fun: typed.FunSymbol) -> core.Function:
-        """The Core function of a source function."""
-        known = self._by_symbol.get(fun)
+    def require(
+        self, fun: typed.FunSymbol, params: Mapping[typed.ParamSymbol, Value]
+    ) -> core.Function:
+        """The Core function of a source function where parameters have these values.
+
+        One for all places in which those that it reads are the same.
+        """
+        key = fun, *sorted((p.name, repr(params[p])) for p in self._reads_of(fun))
+        known = self._made.get(key)
         if known is not None:
             return known
-        builder = Builder(self, self.system, None)
+        builder = Builder(self, self.system, None, params)
         parameters = tuple(core.Parameter(builder.bind(p), p.type) for p in fun.parameters)
         if fun.body is None:
             body: tuple[core.Stmt, ...] = ()
@@ -272,6 +285,16 @@ class FunctionTable:
             source=fun.source,
             can_fault=can_fault,
         )
-        self._by_symbol[fun] = function
+        self._made[key] = function
         self.by_name[function.name] = function
         return function
+
+    def _reads_of(self, fun: typed.FunSymbol) -> frozenset[typed.ParamSymbol]:
+        """The parameters that a function reads, itself or in what it calls."""
+        known = self._reads.get(fun)
+        if known is None:
+            body = list(nodes(fun.body or ()))
+            found = {n.param for n in body if isinstance(n, typed.ParamRead)}
+            found |= {p for n in body if isinstance(n, typed.Call) for p in self._reads_of(n.fun)}
+            known = self._reads[fun] = frozenset(found)
+        return known

@@ -250,10 +250,14 @@ class Loop(Stmt):
 
 @dataclass(frozen=True)
 class Publish(Stmt):
-    """Remember a publication: output number `output` of the step."""
+    """Remember a publication: output number `output` of the step.
+
+    With a `limit` after those that the step made before; faults where there are as many already.
+    """
 
     output: int
     value: Expr
+    limit: int | None = None
 
 
 # ---------------------------------------------------------------- functions, steps, systems
@@ -294,11 +298,16 @@ class LocalCopy:
 
 @dataclass(eq=False)
 class Output:
-    """One output of a step: the topic and its bounds per leaf (None: finite is enough)."""
+    """One output of a step: the topic and its bounds per leaf (None: finite is enough).
+
+    `type` is that of the topic; of a `burst`, of which a step may publish several messages, the
+    list of them.
+    """
 
     topic: int
     type: Type
     bounds: tuple[Bound | None, ...]
+    burst: bool = False
 
 
 @dataclass(eq=False)
@@ -336,8 +345,9 @@ class Draw:
 
 @dataclass(eq=False, kw_only=True)
 class PlantStep:
-    """A plant: integrate, then publish.
+    """A plant: choose, integrate (but for the first release), then publish.
 
+    `choose`: statements with the lets that choose, on the states that the step begins with.
     `disturbances`: temporaries, each built from its draws in leaf order. `derivative` is a
     function (states..., disturbances..., ) -> record of the `der` states, None without any.
     `next`: statements computing one temporary per `next` state from the old states.
@@ -347,6 +357,7 @@ class PlantStep:
     component: int
     states: tuple[LocalCopy, ...]
     disturbances: tuple[tuple[str, Type, tuple[Draw, ...]], ...]
+    choose: tuple[Stmt, ...]
     integrate: tuple[Stmt, ...]
     publish: tuple[Stmt, ...]
     outputs: tuple[Output, ...]

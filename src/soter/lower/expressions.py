@@ -25,13 +25,12 @@ from soter.program.model.types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from soter.diagnostics.span import Span
-    from soter.program.meaning.statements import Evaluator
     from soter.program.model import typed
     from soter.program.model.system import Scope, System
-    from soter.program.model.types import Type
+    from soter.program.model.types import Type, Value
 
 INT_OPS = {"+": "add", "-": "sub", "*": "mul", "/": "div", "%": "mod"}
 
@@ -39,20 +38,28 @@ INT_OPS = {"+": "add", "-": "sub", "*": "mul", "/": "div", "%": "mod"}
 class Functions(Protocol):
     """What expressions ask of the functions of their system."""
 
-    evaluator: Evaluator
     by_name: dict[str, core.Function]
 
-    def require(self, fun: typed.FunSymbol) -> core.Function:
-        """The Core function of a source function."""
+    def require(
+        self, fun: typed.FunSymbol, params: Mapping[typed.ParamSymbol, Value]
+    ) -> core.Function:
+        """The Core function of a source function where parameters have these values."""
 
 
 class ExpressionBuilder:
     """Lowers expressions, and keeps the blocks that they emit statements into."""
 
-    def __init__(self, functions: Functions, system: System, scope: Scope | None) -> None:
+    def __init__(
+        self,
+        functions: Functions,
+        system: System,
+        scope: Scope | None,
+        params: Mapping[typed.ParamSymbol, Value] | None = None,
+    ) -> None:
         self.functions = functions
         self.system = system
         self.scope = scope
+        self.params = scope.params if params is None and scope is not None else params or {}
         self.names: dict[typed.Variable, str] = {}
         self._taken: set[str] = set()
         self._blocks: list[list[core.Stmt]] = [[]]
@@ -126,8 +133,7 @@ class ExpressionBuilder:
         return core.Const(core_type(e.type), e.value, e.name)
 
     def _paramread(self, e: typed.ParamRead) -> core.Expr:
-        value = self.functions.evaluator.value(e)
-        return core.Const(core_type(e.type), value, e.param.name)
+        return core.Const(core_type(e.type), self.params[e.param], e.param.name)
 
     def _varread(self, e: typed.VarRead) -> core.Expr:
         return core.Var(e.type, self.names[e.variable])
@@ -258,7 +264,7 @@ class ExpressionBuilder:
 
     def _call(self, e: typed.Call) -> core.Expr:
         arguments = tuple(self.expr(a) for a in e.arguments)
-        function = self.functions.require(e.fun)
+        function = self.functions.require(e.fun, self.params)
         name = self.fresh(e.fun.name.rsplit(".", 1)[-1].lower())
         self.emit(core.Call(e.span, name, function.name, arguments, e.type))
         return core.Var(e.type, name)

@@ -14,6 +14,7 @@ from soter.lower.builder import Builder
 from soter.lower.footprint import footprint_of, written_topics
 from soter.lower.shapes import rebuild, select
 from soter.program.model.types import FLOAT, RecordType
+from soter.program.model.walk import chosen_lets, first_lets
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -40,6 +41,7 @@ class _Plant:
         self.builder = Builder(functions, system, component.scope)
         self.builder.period_ns = component.period_ns
         self.copies: list[core.LocalCopy] = []
+        self.chosen = chosen_lets(component.plant)
 
     def run(self) -> core.PlantStep:
         b, plant = self.builder, self.plant
@@ -53,6 +55,9 @@ class _Plant:
             name = b.bind(d.variable)
             draws = tuple(core.Draw(s, d.low, d.high, d.hold_ns) for s in d.streams)
             disturbances.append((name, d.variable.type, draws))
+        for variable, value in first_lets(plant):
+            self._let(variable, value)
+        choose = b.finish()
         integrate: tuple[core.Stmt, ...] = ()
         if not plant.extern:
             self._integrate()
@@ -69,7 +74,7 @@ class _Plant:
             (by_topic[m.topic], m.leaf, core.Draw(m.stream, -m.bound, m.bound, -1))
             for m in self.component.measured
         )
-        footprint = footprint_of((*integrate, *publish))
+        footprint = footprint_of((*choose, *integrate, *publish))
         for c in self.copies:
             footprint.reads.add(c.cell)
             if c.written:
@@ -80,6 +85,7 @@ class _Plant:
             component=self.component.index,
             states=tuple(self.copies),
             disturbances=tuple(disturbances),
+            choose=choose,
             integrate=integrate,
             publish=publish,
             outputs=tuple(outputs),
@@ -90,11 +96,15 @@ class _Plant:
         )
 
     def _lets(self) -> None:
-        """All lets on the present states; each use gets fresh temporaries."""
+        """All lets on the present states, but for those that chose; fresh temporaries each time."""
         for variable, value in self.plant.lets:
-            e = self.builder.expr(value)
-            name = self.builder.bind(variable)
-            self.builder.emit(core.Let(self.plant.span, name, e))
+            if variable not in self.chosen:
+                self._let(variable, value)
+
+    def _let(self, variable: typed.Variable, value: typed.Expr) -> None:
+        e = self.builder.expr(value)
+        name = self.builder.bind(variable)
+        self.builder.emit(core.Let(self.plant.span, name, e))
 
     def _integrate(self) -> None:
         b, plant, span = self.builder, self.plant, self.plant.span
@@ -176,6 +186,7 @@ class _Plant:
             inner.emit(core.Let(span, name, core.Field(v.type, core.Var(record, "x"), i)))
         others = [v for v in plant.states if v not in plant.der]
         others += [d.variable for d in self.component.disturbances]
+        others += self.chosen
         for v in others:
             parameters.append(core.Parameter(inner.bind(v), v.type))
             extra.append(core.Var(v.type, outer.names[v]))
@@ -188,8 +199,9 @@ class _Plant:
         parameters.append(core.Parameter(inner.time, FLOAT))
         extra.append(core.Fact(FLOAT, "time"))
         for variable, value in plant.lets:
-            e = inner.expr(value)
-            inner.emit(core.Let(span, inner.bind(variable), e))
+            if variable not in self.chosen:
+                e = inner.expr(value)
+                inner.emit(core.Let(span, inner.bind(variable), e))
         values = tuple(inner.expr(e) for e in plant.der.values())
         for index, name in inner.ages.items():
             parameters.append(core.Parameter(name, FLOAT))

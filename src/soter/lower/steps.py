@@ -21,9 +21,14 @@ if TYPE_CHECKING:
     from soter.program.model.system import Component, Property, Scope, System, TimedProperty
 
 
-def outputs_of(system: System, topics: tuple[int, ...]) -> tuple[core.Output, ...]:
-    """Outputs with the bounds the gate checks."""
-    return tuple(core.Output(i, system.topics[i].type, system.topics[i].bounds) for i in topics)
+def outputs_of(system: System, component: Component) -> tuple[core.Output, ...]:
+    """Outputs of a node with the bounds the gate checks."""
+    node, topics = component.node, component.scope.topics
+    assert node is not None
+    return tuple(
+        core.Output(topics[t], node.given(t), system.topics[topics[t]].bounds, t in node.bursts)
+        for t in node.publishes
+    )
 
 
 def lower_node(functions: FunctionTable, system: System, component: Component) -> core.NodeStep:
@@ -45,7 +50,7 @@ def lower_node(functions: FunctionTable, system: System, component: Component) -
         core.LocalCopy(core.Cell("local", component.index, v.name), name, v.type, name in written)
         for v, name in names
     )
-    outputs = outputs_of(system, tuple(component.scope.topics[t] for t in node.publishes))
+    outputs = outputs_of(system, component)
     footprint = footprint_of((*takeover, *body))
     for copy in copies:
         footprint.reads.add(copy.cell)

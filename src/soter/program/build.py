@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.program.check.checker import check
 from soter.program.flatten.elaborate import Elaborator, implicit_system
+from soter.program.flatten.parameters import has_param
 from soter.program.flatten.tested import elaborate_test
 from soter.program.flatten.wellformed import check_declaration, check_periods
 from soter.program.load.loader import load
@@ -142,14 +143,15 @@ def _check_the_rest(
             todo += [i.what for i in what.instances]
             todo += [by for _, by, _ in what.replaces]
         elif isinstance(what, ModuleSymbol):
-            todo += [what.ac, what.sc]
+            todo += [what.ac, what.sc, *what.below]
     rest = [
         s
         for table in (program.plants, program.modules, program.nodes)
         for n, s in table.items()
         if "." not in n and s not in placed
     ]
-    used = {n for s in rest if isinstance(s, ModuleSymbol) for n in (s.ac, s.sc)}
+    modules = [s for s in rest if isinstance(s, ModuleSymbol)]
+    used = {n for s in modules for n in (s.ac, s.sc, *s.below)}
     instances = tuple(InstanceSymbol(s.name, s, {}, {}, s.span) for s in rest if s not in used)
     topics = [t for n, t in program.topics.items() if "." not in n]
     if not instances and not topics:
@@ -187,9 +189,17 @@ def _one_default(systems: Mapping[str, SystemSymbol], diagnostics: Diagnostics) 
 
 
 def system_of(
-    checked: Checked, name: str | None, overrides: Mapping[str, Value] | None = None
+    checked: Checked,
+    name: str | None,
+    overrides: Mapping[str, Value] | None = None,
+    *,
+    exact: bool = True,
 ) -> System:
-    """The flattened system to run; SoterError when there is no such or it has errors."""
+    """The flattened system to run; SoterError when there is no such or it has errors.
+
+    Parameters of instances that it does not have are an error (U004), unless not `exact`: then they
+    are those of other systems.
+    """
     if not checked.ok:
         raise SoterError(checked.diagnostics.items)
     assert checked.program is not None
@@ -199,15 +209,24 @@ def system_of(
         _no_system(checked, name, diagnostics)
         raise SoterError(diagnostics.items)
     flat = _flatten(checked.program, symbol, overrides or {}, diagnostics)
+    if exact:
+        _all_meant(checked.program, symbol, overrides or {}, diagnostics)
     if flat is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     return flat
 
 
 def system_of_test(
-    checked: Checked, name: str, overrides: Mapping[str, Value] | None = None
+    checked: Checked,
+    name: str,
+    overrides: Mapping[str, Value] | None = None,
+    *,
+    exact: bool = True,
 ) -> System:
-    """The system that a test explores, `System.test` set; SoterError when it has errors."""
+    """The system that a test explores, `System.test` set; SoterError when it has errors.
+
+    `exact` as of `system_of`.
+    """
     if not checked.ok:
         raise SoterError(checked.diagnostics.items)
     assert checked.program is not None
@@ -218,9 +237,23 @@ def system_of_test(
         diagnostics.error("U010", f"there is no test `{name}`", notes=(f"there are: {known}",))
         raise SoterError(diagnostics.items)
     flat = elaborate_test(checked.program, test, overrides or {}, diagnostics)
-    if flat is None:
+    if exact:
+        _all_meant(checked.program, test.system, overrides or {}, diagnostics)
+    if flat is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
     return flat
+
+
+def _all_meant(
+    program: Program,
+    system: SystemSymbol,
+    overrides: Mapping[str, Value],
+    diagnostics: Diagnostics,
+) -> None:
+    """U004 for parameters of instances that are not in a system."""
+    for name in overrides:
+        if not has_param(program, [system], name):
+            diagnostics.error("U004", f"system `{system.name}` has no instance of `{name}`")
 
 
 def _no_system(checked: Checked, name: str | None, diagnostics: Diagnostics) -> None:

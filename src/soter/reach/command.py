@@ -115,12 +115,14 @@ def modules_of(
     names = [system] if system else list(checked.systems)
     if not system and preferred is not None:
         names.sort(key=lambda n: n != preferred.name)
-        names.sort(key=lambda n: any(m.forced for m in system_of(checked, n, params).modules))
+        names.sort(
+            key=lambda n: any(m.forced for m in system_of(checked, n, params, exact=False).modules)
+        )
     found: list[tuple[System, Module]] = []
     known: list[str] = []
     seen: set[object] = set()
     for name in names or [""]:
-        flat = system_of(checked, name, params)
+        flat = system_of(checked, name, params, exact=system is not None)
         here: set[object] = set()
         for m in flat.modules:
             known.append(m.name)

@@ -32,7 +32,7 @@ def coverage_of(
     also, rest = [], []
     taken = {(flat.name, m.name) for flat, m in chosen}
     for name in checked.systems or [""]:
-        flat = system_of(checked, name, params)
+        flat = system_of(checked, name, params, exact=False)
         for module in flat.modules:
             if (flat.name, module.name) in taken:
                 continue
@@ -149,6 +149,7 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[Guarantee]:
     for leaf in dict.fromkeys(o.owner for o in problem.quantities.others):
         topic = problem.system.topics[leaf]
         there = [t for t in flat.topics if t.symbol is topic.symbol]
+        there.sort(key=lambda t: not t.name.startswith(module.name.rpartition(".")[0]))
         by = (there[0] if there else topic).driver or "nobody (its default)"
         what = f"{topic.name} lies in its declared set"
         found.append(Guarantee(problem.name, what, by, "enforced"))

@@ -27,8 +27,9 @@ def parameters_of(system: System) -> dict[str, str]:
     """Every parameter of the program with the value that it has in a system."""
     found = {}
     for name, value in system.params.items():
-        of = system.program.params[name].type
-        plain = show_ns(value) if isinstance(of, DurationType) else str(value).lower()
+        param = system.program.param(name)
+        assert param is not None
+        plain = show_ns(value) if isinstance(param.type, DurationType) else str(value).lower()
         found[name] = plain if isinstance(value, (bool, int)) else repr(value)
     return found
 
@@ -55,7 +56,7 @@ def _modules(
     known = {(f.flying.name, f.flying_module.name) for f in covered}
     for name in checked.systems:
         try:
-            system = system_of(checked, name, overrides)
+            system = system_of(checked, name, overrides, exact=False)
         except SoterError:
             yield Said(f"system {name}", f"system {name}, which has errors with these parameters")
             continue

@@ -120,7 +120,7 @@ def _check(
         share = partial(_share, progress, k, len(modules))
         facts = _facts(checked, overrides, entry)
         if any(
-            (f.flying.name, f.module.name) == (facts.flying.name, facts.module.name)
+            (f.flying.name, f.flying_module.name) == (facts.flying.name, facts.flying_module.name)
             for f in covered
         ):
             raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
@@ -162,7 +162,8 @@ def _facts(checked: Checked, overrides: dict[str, Any], entry: dict[str, Any]) -
     with _understood("a module"):
         if entry["system"] not in checked.systems:
             raise RejectedError(f"the program has no system `{entry['system']}`")
-        facts = read_facts(system_of(checked, entry["system"], overrides), entry["module"])
+        flat = system_of(checked, entry["system"], overrides, exact=False)
+        facts = read_facts(flat, entry["module"])
     understood(facts)
     survives_the_start(facts)
     return facts

@@ -87,7 +87,7 @@ typedef struct {
   int64_t next; /* next release, ns */
   uint32_t faults;
   uint8_t last_fault;
-  uint8_t oe; /* OE: outputs enabled */
+  uint8_t oe; /* OE: outputs enabled; of a DM: those of its module */
   uint8_t latched;
   uint8_t had_control;
   uint8_t pending; /* member of FN */
@@ -165,6 +165,7 @@ typedef struct {
   const char* name;
   int64_t period_ns;
   uint32_t dm, ac, sc; /* component indices */
+  int32_t over;        /* the module in the place of AC, whose AC `ac` is; -1: a node is AC */
   uint32_t clean;      /* clean outputs AC needs after a gate fault */
   bool forced;
   soter_mode start;

@@ -30,6 +30,26 @@ int64_t* soter_stamps_of(const soter_program* p, void* state) {
 
 /* ------------------------------------------------------------------ start */
 
+/* OE of the controllers of a module, and of those of a module in the place of its AC. */
+static void give_control(const soter_program* p, void* state, uint32_t module) {
+  const soter_module* const m = soter_modules_of(p, state);
+  soter_component* const c = soter_components_of(state);
+  const soter_module_info* info = &p->module[module];
+  bool on = c[info->dm].oe != 0U;
+  for (;;) {
+    const soter_mode mode = (soter_mode)m[module].mode;
+    c[info->sc].oe = on && mode == SOTER_SC;
+    on = on && mode == SOTER_AC;
+    if (info->over < 0) {
+      break;
+    }
+    module = (uint32_t)info->over;
+    info = &p->module[module];
+    c[info->dm].oe = on;
+  }
+  c[info->ac].oe = on;
+}
+
 void soter_start(const soter_program* p, void* state, uint64_t seed) {
   soter_start_with(p, state, seed, NULL);
 }
@@ -50,8 +70,9 @@ void soter_start_with(const soter_program* p, void* state, uint64_t seed, const 
   soter_module* const m = soter_modules_of(p, state);
   for (uint32_t i = 0; i < p->modules; i++) {
     m[i].mode = (uint8_t)p->module[i].start;
-    c[p->module[i].ac].oe = p->module[i].start == SOTER_AC;
-    c[p->module[i].sc].oe = p->module[i].start == SOTER_SC;
+  }
+  for (uint32_t i = 0; i < p->modules; i++) {
+    give_control(p, state, i);
   }
   soter_property* const q = soter_properties_of(p, state);
   for (uint32_t i = 0; i < p->properties; i++) {
@@ -122,8 +143,7 @@ soter_fault soter_publish(const soter_program* p, void* state, uint32_t topic, c
 
 static void dm_step(const soter_program* p, void* state, uint32_t module) {
   const soter_module_info* const info = &p->module[module];
-  soter_header* const h = soter_header_of(state);
-  soter_component* const c = soter_components_of(state);
+  const soter_header* const h = soter_header_of(state);
   soter_module* const m = soter_modules_of(p, state) + module;
   m->saw_gate_fault = m->gate_fault;
   const soter_mode decided = info->decide(state);
@@ -139,8 +159,7 @@ static void dm_step(const soter_program* p, void* state, uint32_t module) {
   }
   m->mode = (uint8_t)decided;
   m->mode_since = h->ct;
-  c[info->ac].oe = decided == SOTER_AC; /* dm1, dm2 */
-  c[info->sc].oe = decided == SOTER_SC;
+  give_control(p, state, module); /* dm1, dm2 */
 }
 
 /* ------------------------------------------------------------------ AC-or-SC-Step and plants */

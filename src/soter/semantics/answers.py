@@ -75,7 +75,8 @@ class AnsweredDraws:
 
     def choice(self, stream: str, index: int, count: int) -> int:
         """One of `count` alternatives."""
-        del index
+        if stream in self._by_chance:
+            return self._chance.choice(stream, index, count)
         pick: int = self._ask(stream, count, int)
         return pick
 
@@ -103,3 +104,5 @@ def _drawn_by_chance(system: System) -> Iterable[str]:
                 yield from d.streams
         if component.extern:
             yield from (m.stream for m in component.measured)
+        if component.extern and component.plant is not None:
+            yield f"{component.name}.choose"

@@ -105,14 +105,14 @@ def extern_node(topics: Sequence[Topic], component: Component, step: Step) -> Ex
     for s in component.node.subscribes:  # a queue is a list of what the topic holds
         name, _, index = _named(s.topic, scope)
         reads.append((name, topics[index].type, index))
-    writes = [_named(topic, scope) for topic in component.node.publishes]
-    shapes = [(name, t) for name, t, _ in writes]
+    writes = [(scope[topic], topic in component.node.bursts) for topic in component.node.publishes]
+    shapes = component.node.answers
 
     def run(env: Environment) -> None:
         inputs = inputs_to_python([(name, t, env.topics[i]) for name, t, i in reads])
         answers = converted(shapes, step(inputs))
-        for (_, _, index), value in zip(writes, answers, strict=True):
-            if value is not None:
+        for (index, burst), value in zip(writes, answers, strict=True):
+            if value is not None and not (burst and not value):  # no message is no publication
                 env.published[index] = value
 
     return _guarded(component, run)

@@ -16,7 +16,7 @@ from soter.program.model.types import ArrayType, FloatType, IntType, ListType, R
 from soter.semantics.configuration import LOST, NEVER, put
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from soter.diagnostics.span import Span
     from soter.program.model.system import Bound, Module, Topic
@@ -75,15 +75,26 @@ def _check_leaf(t: Type, bound: Bound | None, name: str) -> Check:
 
 
 def check_publications(
-    checks: tuple[Check, ...], outputs: Iterable[int], published: Mapping[int, Value], span: Span
+    checks: tuple[Check, ...],
+    outputs: Iterable[int],
+    published: Mapping[int, Value],
+    span: Span,
+    bursts: Collection[int] = (),
 ) -> None:
     """Refuse, by a step fault, publications outside their topics' sets.
 
-    In the order of `outputs` (a node's `publishes`, a plant's `drives`), leaves in declared order.
+    In the order of `outputs` (a node's `publishes`, a plant's `drives`), the messages of `bursts`
+    in theirs, leaves in declared order.
     """
     for topic in outputs:
         if topic in published:
-            checks[topic](published[topic], span)
+            for value in messages(topic, published[topic], bursts):
+                checks[topic](value, span)
+
+
+def messages(topic: int, published: Value, bursts: Collection[int]) -> tuple[Value, ...]:
+    """What a step published on a topic, in order: one value, or several where it may burst."""
+    return published if topic in bursts else (published,)
 
 
 # ---------------------------------------------------------------- publishing, latching, counting
@@ -94,19 +105,22 @@ def publish(
     c: Configuration,
     published: Mapping[int, Value],
     time_ns: int | None = None,
+    bursts: Collection[int] = (),
 ) -> Configuration:
     """Topics' = out united with Topics[T without dom(out)]; stamped `time_ns`, None is ct.
 
-    Every value also goes into the queues behind its topic.
+    Every value also goes into the queues behind its topic; of `bursts` every message does, and the
+    topic holds the last one.
     """
     if not published:
         return c
     values, stamps = list(c.Topics), list(c.stamps)
-    for topic, value in published.items():
-        values[topic] = value
+    for topic, out in published.items():
         stamps[topic] = c.ct if time_ns is None else time_ns
-        for queue in topics[topic].queues:
-            _push(topics[queue], values, stamps, value)
+        for value in messages(topic, out, bursts):
+            values[topic] = value
+            for queue in topics[topic].queues:
+                _push(topics[queue], values, stamps, value)
     return replace(c, Topics=tuple(values), stamps=tuple(stamps))
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from soter.program.model.system import Bound
 from soter.program.model.types import leaf_count
 from soter.semantics.configuration import NEVER, Configuration
+from soter.semantics.control import enabled_at_first
 from soter.semantics.externs import reset
 from soter.semantics.gate import publish
 from soter.semantics.inputs import refusal
@@ -77,7 +78,7 @@ class Interpreter:
         components, modules = self.system.components, self.system.modules
         return Configuration(
             L=tuple([self._first_state(n) for n in components]),
-            OE=tuple([self._first_enabled(n) for n in components]),
+            OE=enabled_at_first(self.system, [_first_mode(m) for m in modules]),
             ct=-1,
             FN=(),
             Topics=tuple([topic.default for topic in self.system.topics]),
@@ -115,13 +116,6 @@ class Interpreter:
         return chosen_value(
             state.type, bounds, self.machine.draws, f"{n.name}.{state.name}.start", 0
         )
-
-    def _first_enabled(self, n: Component) -> bool:
-        if n.role == "ac":
-            return _first_mode(self._module_of(n)) == AC
-        if n.role == "sc":
-            return _first_mode(self._module_of(n)) == SC
-        return True
 
     def _module_of(self, n: Component) -> Module:
         assert n.module is not None, n.name

@@ -45,7 +45,8 @@ STACK_DEPTH = 10_000
 class NodeCode:
     """The code of a node: `outputs` are topic indices in the order of its `publishes`.
 
-    `queues` are the queues that it reads.
+    `queues` are the queues that it reads, `bursts` the outputs of which a step may publish several
+    messages.
     """
 
     locals: tuple[Variable, ...]
@@ -54,6 +55,7 @@ class NodeCode:
     step: Executed
     outputs: tuple[int, ...]
     queues: tuple[int, ...]
+    bursts: tuple[int, ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,6 +180,7 @@ class Machine:
             step=step,
             outputs=tuple([component.scope.topics[topic] for topic in node.publishes]),
             queues=queues_of(self.system, component),
+            bursts=tuple([component.scope.topics[topic] for topic in node.bursts]),
         )
 
     def _property(self, prop: Property) -> tuple[Compiled, bool]:

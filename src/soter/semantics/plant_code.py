@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.program.meaning import vectors
 from soter.program.model.types import leaves
+from soter.program.model.walk import chosen_lets, first_lets
 from soter.semantics.storing import storer
 
 if TYPE_CHECKING:
@@ -48,11 +49,17 @@ class Reading:
 
 @dataclass(frozen=True, slots=True)
 class PlantCode:
-    """The code of a plant; `move` replaces the motion of an extern one."""
+    """The code of a plant; `move` replaces the motion of an extern one.
+
+    `first`: the lets that a step evaluates first of all; `chosen`: those that it does not evaluate
+    again, as they choose.
+    """
 
     component: Component
     states: tuple[Variable, ...]
     store: Callable[[tuple[Value, ...]], tuple[Value, ...]]
+    first: Named
+    chosen: frozenset[Variable]
     lets: Named
     der: Named
     next: Named
@@ -78,6 +85,8 @@ def compile_plant(
         component=component,
         states=plant.states,
         store=storer(v.type for v in plant.states),
+        first=named(first_lets(plant)),
+        chosen=frozenset(chosen_lets(plant)),
         lets=named(plant.lets),
         der=named(tuple(plant.der.items())),
         next=named(tuple(plant.next.items())),

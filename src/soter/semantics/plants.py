@@ -15,7 +15,7 @@ from soter.program.meaning.arith import StepFault
 from soter.program.meaning.statements import replaced
 from soter.semantics.configuration import put
 from soter.semantics.gate import check_publications, latch, publish
-from soter.semantics.random_draws import assemble
+from soter.semantics.random_draws import assemble, chooser
 from soter.semantics.record import Outcome
 
 if TYPE_CHECKING:
@@ -53,6 +53,8 @@ def plant_step(machine: Machine, c: Configuration, n: int) -> tuple[Configuratio
     try:
         env.variables.update(_disturbances(component, machine.draws, c.ct if moves else None))
         states = c.L[n]
+        env.choose = chooser(machine.draws, component, c.ct)
+        _choose_lets(code, env, states)
         if moves:
             states = code.store(_moved(code, env, states))
         out = _measured(code, env, states, machine.draws, c.ct)
@@ -168,5 +170,16 @@ def _set_states(code: PlantCode, env: Environment, states: tuple[Value, ...]) ->
 
 
 def _evaluate_lets(code: PlantCode, env: Environment) -> None:
+    """All but those that chose at the beginning of the step."""
     for variable, value in code.lets:
+        if variable not in code.chosen:
+            env.variables[variable] = value(env)
+
+
+def _choose_lets(code: PlantCode, env: Environment, states: tuple[Value, ...]) -> None:
+    """The lets that choose, once a step, on the states that it begins with."""
+    if not code.first:
+        return
+    _set_states(code, env, states)
+    for variable, value in code.first:
         env.variables[variable] = value(env)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from functools import lru_cache
+from itertools import count
 from typing import TYPE_CHECKING, Protocol
 
 from soter.program.model.types import (
@@ -22,9 +23,9 @@ from soter.program.model.types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
-    from soter.program.model.system import Bound
+    from soter.program.model.system import Bound, Component
     from soter.program.model.types import Type, Value
 
 _MASK = 2**64 - 1
@@ -77,7 +78,7 @@ class Draws(Protocol):
 
 
 CHOICES_A_STEP = 4096
-"""Indices of the stream of a node's choices that belong to one release."""
+"""Indices of the stream of a component's choices that belong to one release."""
 
 
 @dataclass(frozen=True)
@@ -97,6 +98,13 @@ class SeededDraws:
     def choice(self, stream: str, index: int, count: int) -> int:
         """A uniform choice."""
         return draw_bits(self.seed, stream, index) % count
+
+
+def chooser(draws: Draws, component: Component, ct: int) -> Callable[[int], int]:
+    """Who answers the `choose`s of one step at `ct`: `draws`, one index after the other."""
+    stream = f"{component.name}.choose"
+    indices = count((ct - component.phase_ns) // component.period_ns * CHOICES_A_STEP)
+    return lambda alternatives: draws.choice(stream, next(indices), alternatives)
 
 
 def chosen_value(

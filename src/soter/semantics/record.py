@@ -42,7 +42,8 @@ class Outcome:
 
     `published` holds what reached the topics, by topic index. `module` is set for a gate fault:
     the module whose AC it was. `latched` says that this step latched the component. `judged` has
-    the contracts that were checked, by property index: whether each was violated.
+    the contracts that were checked, by property index: whether each was violated. `bursts` has all
+    messages of topics of which a step may publish several; `published` the last.
     """
 
     component: int
@@ -51,6 +52,7 @@ class Outcome:
     module: int | None = None
     latched: bool = False
     judged: Mapping[int, bool] = field(default_factory=dict)
+    bursts: Mapping[int, tuple[Value, ...]] = field(default_factory=dict)
 
     @property
     def broken(self) -> tuple[int, ...]:

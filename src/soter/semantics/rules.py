@@ -11,11 +11,11 @@ Every rule assumes its premises; `FN` is the set of components that remain to be
 from __future__ import annotations
 
 from dataclasses import replace
-from itertools import count
 from typing import TYPE_CHECKING
 
 from soter.program.meaning.arith import FaultKind, StepFault
 from soter.semantics.configuration import put
+from soter.semantics.control import enabled
 from soter.semantics.gate import (
     check_publications,
     earn,
@@ -27,12 +27,10 @@ from soter.semantics.gate import (
     refuse,
 )
 from soter.semantics.properties import judged
-from soter.semantics.random_draws import CHOICES_A_STEP
+from soter.semantics.random_draws import chooser
 from soter.semantics.record import AC, SC, Outcome, Verdict
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from soter.program.meaning.environment import Environment
     from soter.program.meaning.expressions import Compiled
     from soter.program.model.system import Component, Module
@@ -82,12 +80,12 @@ def dm_step(machine: Machine, c: Configuration, dm: int) -> tuple[Configuration,
             after = SC
         elif mode == SC and safer and not stale and c.clean_needed[module.index] == 0:
             after = AC
-    en = after == AC  # dm1: ITE(l' = AC, en = true, en = false)
-    oe = put(put(c.OE, module.ac, en), module.sc, not en)  # dm2
+    locals_ = put(c.L, dm, after)
+    modes = [locals_[m.dm] for m in machine.system.modules]
     c = replace(
         c,
-        L=put(c.L, dm, after),
-        OE=oe,
+        L=locals_,
+        OE=enabled(machine.system, c.OE, modes, module),  # dm1, dm2
         FN=_without(c.FN, dm),
         gate_fault=put(c.gate_fault, module.index, False),
     )
@@ -107,7 +105,7 @@ def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configura
     assumed = judged(machine, c, component, "assumes")
     try:
         kept, out = _transition(machine, c, component)  # (l, in, l', out) in T(n)
-        check_publications(machine.checks, code.outputs, out, component.span)
+        check_publications(machine.checks, code.outputs, out, component.span, code.bursts)
     except StepFault as fault:
         c, outcome = _faulted(machine, c, component, fault)
         return c, replace(outcome, judged=assumed)
@@ -118,9 +116,11 @@ def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configura
     if not oe:
         return c, Outcome(n, {}, judged=assumed)
     # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
-    c = publish(machine.system.topics, c, out)
+    c = publish(machine.system.topics, c, out, bursts=code.bursts)
     guaranteed = {} if any(assumed.values()) else judged(machine, c, component, "guarantees")
-    return c, Outcome(n, out, judged={**assumed, **guaranteed})
+    several = {t: out[t] for t in code.bursts if t in out}
+    last = {**out, **{t: of_step[-1] for t, of_step in several.items()}}
+    return c, Outcome(n, last, judged={**assumed, **guaranteed}, bursts=several)
 
 
 # ---------------------------------------------------------------- premises
@@ -182,7 +182,7 @@ def _transition(
     code = machine.nodes[n]
     env = machine.environment(c, component)
     env.variables.update(zip(code.locals, c.L[n], strict=True))
-    env.choose = _chooser(machine, c, component)
+    env.choose = chooser(machine.draws, component, c.ct)
     control_is_new = c.OE[n] and not c.had_control[n]
     takeover = code.takeover if control_is_new else None
     if not component.extern:
@@ -195,13 +195,6 @@ def _transition(
         if takeover is not None:
             takeover(env)
     return code.store(tuple([env.variables[v] for v in code.locals])), env.published
-
-
-def _chooser(machine: Machine, c: Configuration, component: Component) -> Callable[[int], int]:
-    """Who answers the `choose`s of one step: the machine's draws, one index after the other."""
-    stream = f"{component.name}.choose"
-    indices = count((c.ct - component.phase_ns) // component.period_ns * CHOICES_A_STEP)
-    return lambda alternatives: machine.draws.choice(stream, next(indices), alternatives)
 
 
 def _faulted(

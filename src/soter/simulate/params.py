@@ -19,12 +19,18 @@ if TYPE_CHECKING:
 
 
 def changed(system: System) -> dict[str, tuple[str, str]]:
-    """Value and default, as text, of every parameter that is not at its default."""
+    """Value and default, as text, of every parameter that is not at its default.
+
+    Those of an instance (`r[0].GAIN`) with what they would be without their own value.
+    """
     basic = Evaluator({})
     found = {}
     for name, value in system.params.items():
-        param = system.program.params[name]
+        param = system.program.param(name)
+        assert param is not None
         default = basic.value(param.default)
+        if name != param.name:
+            default = system.params[param.name]
         if value != default:
             found[name] = (shown(param.type, value), shown(param.type, default))
     return found
@@ -43,6 +49,8 @@ def as_json(system: System) -> dict[str, object]:
     """Every parameter; durations in s."""
     found = {}
     for name, value in system.params.items():
-        t = system.program.params[name].type
+        param = system.program.param(name)
+        assert param is not None
+        t = param.type
         found[name] = value / 1e9 if isinstance(t, DurationType) else to_json(t, value)
     return found

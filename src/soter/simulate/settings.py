@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.near import closest
+from soter.program.flatten.parameters import has_param
 from soter.program.model.types import BoolType, DurationType, EnumType, FloatType, IntType
 from soter.program.model.values import ValueShapeError, from_python
 from soter.syntax.tokens import UNIT_NS
@@ -119,7 +120,12 @@ def param_values(program: Program, given: Mapping[str, object]) -> dict[str, Val
     values: dict[str, Value] = {}
     problems: list[Diagnostic] = []
     for name, value in given.items():
-        param = program.params.get(name)
+        param = program.param(name)
+        if param is not None and not has_param(program, program.systems.values(), name):
+            path = name[: -len(param.name) - 1]
+            text = f"no system has an instance `{path}`, whose `{param.name}` could be set"
+            problems.append(Diagnostic("U004", text))
+            continue
         if param is None:
             help_ = did_you_mean(name, program.params) or "the program declares no `param`"
             problems.append(Diagnostic("U004", f"there is no parameter `{name}`", helps=(help_,)))

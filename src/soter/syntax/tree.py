@@ -52,6 +52,13 @@ class Path:
 
 
 @dataclass(frozen=True, slots=True)
+class ElementName(Name):
+    """`r[i]` in a path: an element of an array of instances; `text` is the name of the array."""
+
+    indices: tuple[Expr, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Expr:
     """Any expression."""
 
@@ -444,6 +451,15 @@ class Subscription:
 
 
 @dataclass(frozen=True, slots=True)
+class Publication:
+    """A published topic; `burst`: how many messages a step may publish, where it is said."""
+
+    topic: Ref
+    burst: int | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
 class LocalVar:
     """`var name: type [= initial];` of a node."""
 
@@ -463,7 +479,7 @@ class NodeDecl(Decl):
     source: str | None
     source_span: Span | None
     subscribes: tuple[Subscription, ...]
-    publishes: tuple[Ref, ...]
+    publishes: tuple[Publication, ...]
     failsafe: tuple[tuple[Ref, Expr], ...]
     locals: tuple[LocalVar, ...]
     assumes: tuple[Expr, ...]
@@ -536,6 +552,14 @@ class VerifyBlock:
 
 
 @dataclass(frozen=True, slots=True)
+class ModuleAsAc:
+    """`ac module Keep;`: a whole module in the place of an advanced controller."""
+
+    module: Ref
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
 class Synthesized:
     """`sc synthesized period 10ms;`: a controller that `soter verify --synthesize` finds."""
 
@@ -547,7 +571,7 @@ class Synthesized:
 class RtaDecl(Decl):
     """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
 
-    ac: Ref | None
+    ac: Ref | ModuleAsAc | None
     sc: Ref | Synthesized | None
     period: Expr | None
     safe: Expr | None
@@ -612,25 +636,56 @@ class PlantDecl(Decl):
 
 
 @dataclass(frozen=True, slots=True)
-class Instance:
-    """`name: What { topic = other };`; `kind` is None for that form, else "module" or "node"."""
+class Repeated:
+    """`for i in low..high { items }` of a system or a test: its items of one kind, in order.
+
+    A loop is a `Repeated` for each kind of item in it, all with the same span; loops nest.
+    """
 
     name: Name
-    what: Ref
-    kind: str | None
-    renames: tuple[tuple[Ref, Ref], ...]
+    low: Expr
+    high: Expr
+    items: tuple[object, ...]
     span: Span
 
 
 @dataclass(frozen=True, slots=True)
+class SetParam:
+    """`set K = 3;`, `set r[0].K = 3;`."""
+
+    param: Path
+    value: Expr
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Instance:
+    """`name: What { topic = other, set K = 3 };`; `kind` is None there, else "module" or "node".
+
+    `name` is an `ElementName` where it is `r[i]: What;`.
+    """
+
+    name: Name
+    what: Ref
+    kind: str | None
+    renames: tuple[tuple[Ref, Path], ...]
+    span: Span
+    sets: tuple[SetParam, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
 class Property:
-    """`always e;`, `never e;`, `eventually e within d;`, `p leadsto e within d;`."""
+    """`always e;`, `never e;`, `eventually e within d;`, `p leadsto e within d;`.
+
+    `in_loop`: it stood in a loop, whose variables are filled in.
+    """
 
     kind: str
     premise: Expr | None
     condition: Expr
     within: Expr | None
     span: Span
+    in_loop: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -648,15 +703,6 @@ class Replace:
 
     what: Path
     by: Ref
-    span: Span
-
-
-@dataclass(frozen=True, slots=True)
-class SetParam:
-    """`set K = 3;`."""
-
-    param: Ref
-    value: Expr
     span: Span
 
 
@@ -686,13 +732,13 @@ class SystemDecl(Decl):
     """`system Name [default] {...}`."""
 
     default: bool
-    instances: tuple[Instance, ...]
+    instances: tuple[Instance | Repeated, ...]
     until: Expr | None
-    properties: tuple[Property, ...]
-    forces: tuple[Force, ...]
-    replaces: tuple[Replace, ...]
-    sets: tuple[SetParam, ...]
-    inputs: tuple[DriveInput, ...]
+    properties: tuple[Property | Repeated, ...]
+    forces: tuple[Force | Repeated, ...]
+    replaces: tuple[Replace | Repeated, ...]
+    sets: tuple[SetParam | Repeated, ...]
+    inputs: tuple[DriveInput | Repeated, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -700,13 +746,14 @@ class TestDecl(Decl):
     """`test Name {...}`: read by `soter test`."""
 
     system: Ref | None
-    replaces: tuple[Replace, ...]
+    replaces: tuple[Replace | Repeated, ...]
     skew: Expr | None
     horizon: Expr | None
-    properties: tuple[Property, ...]
+    properties: tuple[Property | Repeated, ...]
     quantum: Expr | None = None
-    faults: tuple[TimingFault, ...] = ()
-    inputs: tuple[DriveInput, ...] = ()
+    faults: tuple[TimingFault | Repeated, ...] = ()
+    inputs: tuple[DriveInput | Repeated, ...] = ()
+    sets: tuple[SetParam | Repeated, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)

@@ -286,6 +286,20 @@ def test_all_properties_that_can_be_violated_are_told(soter: Soter, here: Path) 
     assert alone["others"] == []
 
 
+def test_falsify_tells_how_near_it_came(soter: Soter, here: Path) -> None:
+    (here / "two.soter").write_text(TWO.replace("never x == 1", "never x > 6"), "utf-8")
+    options = ("test", "two.soter", "--strategy", "falsify", "--runs", "20", "--minimise", "0")
+    done = soter(*options)
+    assert "nearest  never x > 6  least robustness 1" in done.out
+    document = soter(*options, "--json").document
+    assert list(_check(SCHEMAS["test"], document, "")) == []
+    (test,) = document["tests"]
+    told = {r["property"]: r for r in test["robustness"]}
+    assert told["never x > 6"] == {"property": "never x > 6", "guided": True, "least": 1.0}
+    (other,) = soter("test", "two.soter", "--json").document["tests"]
+    assert other["robustness"] == []
+
+
 TWO = """soter 1;
 topic x: int in [0, 3];
 node Picks period 10ms { publishes x; step { publish x = choose [0, 2]; } }

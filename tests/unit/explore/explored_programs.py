@@ -124,3 +124,24 @@ system S { source: Source; slow: Slow; until 100ms; }
 test Fits { system S; late slow by 20ms; horizon 80ms; always sum <= 3; }
 test Slowly { system S; overrun slow by 15ms; horizon 80ms; always sum <= 3; }
 """
+SEVERAL = """
+soter 1;
+topic x: int in [0, 9];
+topic sum: int in [0, 99];
+node Source period 10ms {
+  publishes x[<=2];
+  step { publish x = choose [1, 2]; if choose bool { publish x = 3; } }
+}
+node Slow period 30ms {
+  subscribes x queue 4 drop_newest; publishes sum;
+  step { var s = 0; for v in x { s = s + v; } publish sum = s; }
+}
+node Wild period 10ms {
+  publishes x[<=2];
+  step { publish x = 1; publish x = 2; if choose bool { publish x = 3; } }
+}
+system S { source: Source; slow: Slow; until 100ms; }
+test Many { system S; horizon 80ms; always sum < 9; }
+test Fewer { system S; horizon 80ms; always sum <= 11; }
+test Faults { system S; replace source by Wild; horizon 20ms; always true; }
+"""

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.program.model.system import System
+    from soter.semantics.configuration import Configuration
 
 KINDS = {"step": STEP, "lost": LOST, "begins": BEGIN, "effect": EFFECT}
 
@@ -57,11 +58,15 @@ class _Recording(Answers):
 
 @dataclass
 class Walk:
-    """An execution and what the enumerator says of its end; `topics` after every step."""
+    """An execution and what the enumerator says of its end.
+
+    `topics`, `configurations`: after every step.
+    """
 
     trace: Trace
     broken: tuple[str, int] | None
     topics: list[tuple[Any, ...]]
+    configurations: list[Configuration]
 
 
 def walk(system: System, seed: int, longest: int = 10_000) -> Walk:
@@ -74,7 +79,7 @@ def walk(system: System, seed: int, longest: int = 10_000) -> Walk:
     brute.machine.draws = answers
     world, asked = rng.choice([(w, list(answers.asked)) for w in brute._births()])
     steps = [Step("", START, -1, -1, _choices(asked, ""))]
-    topics = [world.c.Topics]
+    there = [world.c]
     broken: tuple[str, int] | None = None
     while broken is None and len(steps) < longest:
         moves = list(brute.moves(world))
@@ -97,9 +102,9 @@ def walk(system: System, seed: int, longest: int = 10_000) -> Walk:
         steps.append(Step(name, KINDS[move.kind], release, move.time, picks))
         if after is not None:
             world = after
-            topics.append(world.c.Topics)
+            there.append(world.c)
             broken = brute._judged(world, _Nothing())  # type: ignore[arg-type]
-    return Walk(_trace(system, broken, steps), broken, topics)
+    return Walk(_trace(system, broken, steps), broken, [c.Topics for c in there], there)
 
 
 class _Nothing:

@@ -126,3 +126,23 @@ def test_half_a_millisecond_finds_no_more(chunk: int) -> None:
 def test_such_programs_are_violated_and_clean() -> None:
     verdicts = {found(watching(seed)).verdict for seed in range(24)}
     assert verdicts == {"violated", "exhausted"}
+
+
+def test_a_disturbance_that_holds_its_value_is_a_bound_of_its_own() -> None:
+    """It is drawn once, by chance: not even its ends are tried."""
+    text = """soter 1;
+topic x: float;
+plant P period 10ms {{
+  drives x = s;
+  state s: float;
+  disturbance w: float in [-2.0, 2.0]{hold};
+  der s = w;
+}}
+system S {{ p: P; until 1s; always abs(x) < 0.05; }}
+test T {{ system S; horizon 30ms; }}
+"""
+    result = found(text.format(hold=" hold 30ms"))
+    assert (result.verdict, result.bound) == ("bound", "drawn")
+    assert "drawn by chance" in result.why
+    assert any(line.endswith("p.w") for line in result.assumptions)
+    assert found(text.format(hold="")).verdict == "violated", "as every step is tried"

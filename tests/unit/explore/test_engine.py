@@ -8,13 +8,14 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from soter.explore.engine.engine import Engine, Progress, Settings, sources
+from soter.explore.engine.engine import Engine, Settings, sources
 from soter.explore.methods import EXHAUSTIVE, STRATEGIES
 from soter.native.own_files import SOTER
 from soter.program.build import check_file, system_of_test
 
 if TYPE_CHECKING:
     from soter.explore.engine.engine import Searched
+    from soter.explore.engine.progress import Progress
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples" / "testing"
 PLAIN = """soter 1;

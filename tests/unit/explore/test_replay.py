@@ -15,6 +15,7 @@ from unit.explore.explored_programs import (
     CONTRACTS,
     FAULTS,
     QUEUED,
+    SEVERAL,
     STARTS,
     TESTED,
 )
@@ -41,6 +42,7 @@ CASES = [
     (CONTRACTS, "Kept"),
     (QUEUED, "Fits"),
     (QUEUED, "Slowly"),
+    (SEVERAL, "Many"),
     (STARTS, "Drifts"),
 ]
 SEEDS = range(25)

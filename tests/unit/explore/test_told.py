@@ -178,3 +178,24 @@ def test_the_heading_is_short_and_does_not_repeat_the_property() -> None:
     html = page(replace(seen, verdict="Violated after 3 steps, at 80 ms."))
     assert "at 80&nbsp;ms." in html
     assert html.split("</header>")[0].count("abs(robot.truth.at)") == 1
+
+
+@pytest.mark.parametrize(
+    ("second", "said"),
+    [
+        ("choose { 2, 3 }", ["choose { 2, 3 }: 3", "choose { 2, 3 }: 3"]),
+        ("choose { 0, 3 }", ["n.choose: alternative 1 of 2", "n.choose: alternative 1 of 2"]),
+        ("choose { 0, 1, 3 }", ["choose { 2, 3 }: 3", "choose { 0, 1, 3 }: 3"]),
+    ],
+)
+def test_a_choice_is_told_in_its_words_where_no_other_one_could_be_meant(
+    second: str, said: list[str]
+) -> None:
+    source = f"""soter 1;
+topic a: int in [0, 9];
+node N period 10ms {{ publishes a; step {{ publish a = choose {{ 2, 3 }} + {second}; }} }}
+system S {{ n: N; until 1s; }}
+test T {{ system S; horizon 10ms; always a < 6; }}
+"""
+    step = view(source, "T").steps[-1]
+    assert list(does(step)) == said

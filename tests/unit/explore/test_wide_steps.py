@@ -20,7 +20,7 @@ from soter.explore.results import Options
 from unit.explore.random_walks import system_of_text
 
 if TYPE_CHECKING:
-    from soter.explore.engine.engine import Progress
+    from soter.explore.engine.progress import Progress
     from soter.explore.results import TestResult
 
 TOLD = Told("wide.soter", {})
@@ -234,6 +234,9 @@ COUNTERS += (
     " test T { system S; horizon 30ms; } test Long { system S; horizon 300ms; }"
 )
 
+TREE = COUNTERS.replace("n + 1, n + 2", "3 * n + 1, 3 * n + 2").replace("{ n,", "{ 3 * n,")
+"""No configuration is reached twice: memory is full soon, though a layer is all that is kept."""
+
 
 @pytest.mark.parametrize("threads", [3, 8, THREADS_BFS])
 def test_as_many_threads_search_as_are_asked_for(threads: int) -> None:
@@ -250,13 +253,13 @@ import sys
 sys.path.insert(0, {tests!r})
 from soter.explore.engine.engine import Engine, Settings
 from unit.explore.random_walks import system_of_text
-from unit.explore.test_wide_steps import COUNTERS
+from unit.explore.test_wide_steps import COUNTERS, TREE
 
 def resident(what):
     lines = open("/proc/self/status").read().splitlines()
     return 1024 * int(next(x for x in lines if x.startswith(what)).split()[1])
 
-engine = Engine(system_of_text(COUNTERS, "Long"))
+engine = Engine(system_of_text(COUNTERS if {strategy!r} == "dfs" else TREE, "Long"))
 before, told = resident("VmRSS"), []
 how = Settings(memory={memory}, strategy={strategy!r}, threads={threads})
 found = engine.explore(how, lambda p: told.append(p.bytes))

@@ -72,7 +72,7 @@ def functions(
         if fun.body is None or fun.span.source.name.startswith("<prelude>"):
             continue
         if sum(leaf_count(p.type) for p in fun.parameters) <= INPUTS:
-            lowered = table.require(fun)
+            lowered = table.require(fun, params)
 
             def made(name: str, table: FunctionTable = table, lowered: Any = lowered) -> Enclosure:
                 return enclosure(name, table.by_name, lowered, statics)

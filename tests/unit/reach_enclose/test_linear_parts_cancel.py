@@ -87,7 +87,7 @@ def test_predictor_coordinates_come_back(function: str, coordinate: str, tmp_pat
     system = system_of(check_file("predictor.soter", PROGRAM), None)
     table = FunctionTable(system)
     statics: Statics = {}
-    lowered = table.require(system.program.funs[function])
+    lowered = table.require(system.program.funs[function], {})
     made = enclosure("soter_f0", table.by_name, lowered, statics)
     compiled = Compiled([made], statics, tmp_path)
     forms = compiled.inputs([(0.0, 0.0)] * INPUTS)

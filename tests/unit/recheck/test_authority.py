@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from dataclasses import fields
+from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
@@ -13,6 +14,7 @@ from soter.api import recheck
 from soter.cli.main import main
 from soter.program.model import typed
 from soter.recheck.reading import understood
+from soter.recheck.terms.terms import NotRecheckedError
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
@@ -41,6 +43,25 @@ NOT_UNDERSTOOD = {
         SYSTEM.replace("until", "force SafeCart ac; until"),
         "forced",
     ),
+    "a plant that chooses": (
+        "drives motion = { x: x, v: v };",
+        "drives motion = { x: choose { x, x + 0.5 }, v: v };",
+        "`choose` in the plant `c`",
+    ),
+    "another plant that chooses": (
+        SYSTEM,
+        "topic door: bool;\nplant Door period 1s "
+        "{ drives door = choose bool; state s: bool; next s = s; }\n"
+        + SYSTEM.replace("until", "door: Door; until"),
+        "`door` chooses",
+    ),
+    "a module above it": (
+        SYSTEM,
+        "node Brake period 50ms { publishes accel; step { publish accel = 0.0; } }\n"
+        "rta Above { ac module SafeCart; sc Brake; period 500ms; safe true; ttf false; "
+        "safer true; }\n" + SYSTEM.replace("module SafeCart", "module Above"),
+        "has no module `SafeCart`",
+    ),
     "mode": (CAREFUL, f"{CAREFUL} assert mode(SafeCart) == Mode.SC;", "mode"),
     "time": (CAREFUL, f"{CAREFUL} assert time < 5.0;", "time"),
     "age": (CAREFUL, f"{CAREFUL} assert age(motion) < 5.0;", "age"),
@@ -58,6 +79,14 @@ def test_what_is_not_on_the_list_is_not_rechecked(copied: Path, name: str) -> No
     report = recheck(copied)
     assert not report.accepted
     assert why in report.reason
+
+
+@pytest.mark.parametrize("over", [(None, 0), (1, None)])
+def test_a_module_above_or_below_another_one_is_refused(over: tuple[int | None, ...]) -> None:
+    modules = [SimpleNamespace(index=i, over=o, forced=None, name="M") for i, o in enumerate(over)]
+    facts: Any = SimpleNamespace(flying_module=modules[0], flying=SimpleNamespace(modules=modules))
+    with pytest.raises(NotRecheckedError, match="`M` stands above or below another module"):
+        understood.understood(facts)
 
 
 def test_a_construct_with_a_field_more_is_refused(

@@ -42,6 +42,8 @@ if TYPE_CHECKING:
 sample = importlib.import_module("sequence_sample")
 VOID = {"meta", "br", "wbr", "link", "img", "hr"}
 HOSTILE = "\x1b[1m<script>alert(1)</script>\"'&amp;</style>\x1b[31m\u202e`code`"
+LETTER_PX = 11
+"""The highest letter of a label over its line, brackets included."""
 SIZES = ((1, 2), (2, 12), (5, 60), (20, 200))
 
 
@@ -175,6 +177,23 @@ def test_an_arrow_ends_at_every_reader_and_nowhere_else(number: int, topic: str)
     tips = {float(x) for x in re.findall(r"M([\d.]+)", heads)}
     (readers,) = [flow.readers for flow in view.topics if flow.name == topic]
     assert tips == {laid.centres[name] for name in readers}
+
+
+def test_a_box_stands_on_no_label_of_its_step() -> None:
+    lanes = (Lane("net", "node"), Lane("b", "node"))
+    values = tuple(Published(name, "1") for name in ("a", "b", "c"))
+    chosen = SequenceStep(0, 0, "net", choices=(Pick("choose", "1"),), published=values)
+    plain = SequenceStep(1, 0, "net", published=values)
+    document = page(SequenceView("f", "S", "T", "p", "v", lanes, (chosen, plain)))
+    drawn = re.findall(r'id="row-[01]".*?</a>', document, re.DOTALL)
+    baselines = [
+        [float(y) for y in re.findall(r'class="value[^"]*"[^>]* y="([\d.]+)"', row)]
+        for row in drawn
+    ]
+    (box,) = re.findall(r'class="box [^>]* y="([\d.]+)" width="[\d.]+" height="(\d+)"', drawn[0])
+    assert baselines[0][1] - float(box[0]) - float(box[1]) >= LETTER_PX
+    assert baselines[0][2] - baselines[0][1] == baselines[1][1] - baselines[1][0]
+    assert "box" not in drawn[1]
 
 
 @pytest.mark.parametrize("number", [3, 8])

@@ -265,9 +265,11 @@ node N period 1ms { subscribes t, a.b queue 2 fault; publishes u; on takeover { 
 rta R { ac N; sc M; verify { grid a.b in [0, 1] / 2; abstracts d by e: F = g(x); } }
 plant P period 1ms { drives a = 1; state x: float in [0, 1] = 2; der x = y; measured a.b within 1; }
 system S default { c: P { a = b }; module R; until 1s; force R ac; replace N by M; set K = 1; }
+system L { for i in 0..2 { r[i]: P { a = r[1].b, set K = i }; force r[i].R ac; always r[i].x; } }
 test C { system S; a leadsto b within 1s; eventually c within 2s; }
 test D { late M.dm by 1ms; overrun a by 2ms; skip a; skip b at most 3; quantum 1us;
 always invariants; input t in { 1, a } every 1s; always invariant(M.a); replace N by M; skew 1ms; }
+test E { for i in 0..2 { late r[i].n by 1ms; set r[i].K = 2; a leadsto b within 1s; } system S; }
 """
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import re
 import time
 from typing import TYPE_CHECKING, Any
 
@@ -76,13 +77,16 @@ def test_every_span_covers_the_text_of_its_node(parsed: Parsed, everything: str)
     file, _ = parsed(everything)
     checked = 0
     for node in nodes(file):
-        if isinstance(node, tree.Name):
+        if isinstance(node, tree.ElementName):
+            assert node.span.text.startswith(f"{node.text}[")
+        elif isinstance(node, tree.Name):
             assert node.span.text == node.text
             checked += 1
         elif isinstance(node, tree.FloatLit | tree.DurationLit):
             assert node.span.text == node.text
         elif isinstance(node, tree.Ref | tree.Path):
-            assert "".join(node.span.text.split()) == node.text
+            written = re.sub(r"\[.*?\]", "", "".join(node.span.text.split()))
+            assert written == node.text  # of elements without their indices
         elif isinstance(node, tree.Interval | tree.ListExpr):
             assert (node.span.text[0], node.span.text[-1]) == ("[", "]")
         elif isinstance(node, tree.Block | tree.RecordSet | tree.RecordExpr):
@@ -276,7 +280,11 @@ def test_a_test_has_faults_and_inputs(parsed: Parsed) -> None:
     assert problems == ()
     (test,) = file.declarations
     assert isinstance(test, tree.TestDecl)
-    faults = [(f.kind, f.component.text, f.by is None, f.at_most is None) for f in test.faults]
+    faults = [
+        (f.kind, f.component.text, f.by is None, f.at_most is None)
+        for f in test.faults
+        if isinstance(f, tree.TimingFault)
+    ]
     assert faults == [
         ("late", "M.dm", False, True),
         ("skip", "a", True, True),
@@ -284,7 +292,30 @@ def test_a_test_has_faults_and_inputs(parsed: Parsed) -> None:
         ("overrun", "late", False, True),
     ]
     assert test.quantum is not None
-    assert [len(i.values or ()) for i in test.inputs] == [2]
+    (drawn,) = test.inputs
+    assert isinstance(drawn, tree.DriveInput)
+    assert len(drawn.values or ()) == 2
+
+
+def test_a_loop_is_one_for_each_kind_of_item_in_it(parsed: Parsed) -> None:
+    items = "r[i]: R { a = r[1].b, set K = i }; always x; for j in i..2 { q[i][j]: R; }"
+    file, problems = parsed(f"soter 1; system S {{ for i in 0..2 {{ {items} }} }}")
+    assert problems == ()
+    (system,) = file.declarations
+    assert isinstance(system, tree.SystemDecl)
+    (instances,), (properties,) = system.instances, system.properties
+    assert isinstance(instances, tree.Repeated)
+    assert isinstance(properties, tree.Repeated)
+    assert instances.span == properties.span
+    one, inner = instances.items
+    assert isinstance(one, tree.Instance)
+    assert isinstance(one.name, tree.ElementName)
+    assert (one.name.text, len(one.renames), len(one.sets)) == ("r", 1, 1)
+    assert isinstance(inner, tree.Repeated)
+    (element,) = inner.items
+    assert isinstance(element, tree.Instance)
+    assert isinstance(element.name, tree.ElementName)
+    assert len(element.name.indices) == 2
 
 
 def test_int_range_of_a_disturbance_belongs_to_the_disturbance(parsed: Parsed) -> None:

@@ -58,7 +58,7 @@ def add_settings(parser: Parser) -> None:
         metavar="K=V",
         type=_pair,
         dest="params",
-        help="value of a parameter, such as --set GAIN=3 or --set d.PERIOD=20ms",
+        help="value of a parameter, such as --set GAIN=3, --set d.PERIOD=20ms, --set r[0].GAIN=2",
     )
     parser.add_argument(
         "--bind",

@@ -32,7 +32,8 @@ size_t ptrdiff_t wchar_t max_align_t float_t double_t intptr_t uintptr_t intmax_
 _SIZED = [f"{u}int{kind}{n}_t" for u in ("", "u") for kind in ("", "_fast", "_least")
           for n in (8, 16, 32, 64)]  # fmt: skip
 _OWN = """
-s state flags published answer fault status first began got kept made release sqrt floor fabs
+s state flags published answer fault status first began got kept made message release
+sqrt floor fabs
 """
 _MACRO = re.compile(
     r"(U?INT|SIZE_|PTRDIFF_|WCHAR_|WINT_|SIG_ATOMIC_|FP_|HUGE_VAL|MATH_|M_|DBL_|FLT_|LDBL_|SOTER)"
@@ -59,7 +60,7 @@ HEADERS = frozenset(_HEADERS.split())
 
 def legal(text: str) -> str:
     """A C identifier made from any text."""
-    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text.replace("]", ""))  # `r[0].x` is r_0_x
     if not name or name[0].isdigit():
         name = "n" + name
     return name

@@ -17,10 +17,11 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
-from soter.explore.methods import REDUCTIONS, STEPS_MAX, constant
+from soter.explore.engine.progress import progress_of
+from soter.explore.methods import REDUCTIONS, STATUSES, STEPS_MAX, constant
 from soter.explore.model.actors import plan_of
 from soter.explore.model.model import generate_model
-from soter.explore.model.parts import Part, parts_of
+from soter.explore.model.parts import Part, loose_parts_of, parts_of
 from soter.explore.results import Options
 from soter.lower.steps import lower
 from soter.native.build import RUNTIME, library
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.explore.checkpoint.saver import Saver
+    from soter.explore.engine.noted import Noted
+    from soter.explore.engine.progress import Progress
     from soter.lower.core import CoreSystem
     from soter.program.model.system import System
 
@@ -39,18 +43,6 @@ if TYPE_CHECKING:
     Words = npt.NDArray[np.uint64]
 
 HERE = Path(__file__).parent / "c"
-STATUSES = (
-    "exhausted",
-    "violated",
-    "memory",
-    "states",
-    "runs",
-    "stopped",
-    "no_memory",
-    "choices",
-    "width",
-    "length",
-)
 ROOM = STEPS_MAX
 FLAGS = ("-pthread", "-DSOTER_CHECKED")
 LOOK_S = 0.1
@@ -109,6 +101,7 @@ class Settings(Options):
     """Only this part of the system; None: all of it."""
     known: tuple[tuple[int, int], ...] = ()
     """Violations (what, index) at which a search does not stop: it looks for others."""
+    noted: Noted | None = None
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -128,6 +121,8 @@ class SearchResult(Generic[S]):
     frontier_bytes: int = 0
     depth: int = 0
     seconds: float = 0.0
+    covered_ns: int = 0
+    """All that is observed before was judged, at least `TIME_MAX`: all there is; 0: sampling."""
     stopped: str = ""
     """What ended it before its end: "interrupted" (Ctrl-C), "time" (its time was over)."""
     total_bytes: int = 0
@@ -146,28 +141,12 @@ Searched = SearchResult[RawStep]
 
 
 @dataclass(frozen=True)
-class Progress:
-    """How far a search is. `tracing`: something is violated, a way to it is looked for.
-
-    `bytes` of tables, frontiers and remembered steps; `answers` of the one step that is tried,
-    where they are very many.
-    """
-
-    states: int
-    transitions: int
-    depth: int
-    seconds: float
-    tracing: bool = False
-    bytes: int = 0
-    answers: int = 0
-
-
-@dataclass(frozen=True)
 class Seen:
     """Coverage, added up over all searches of an engine; see `soter_explore_coverage`.
 
     `branches`: one word for 64 branches; `classes`: (leaves, 256); `modes` and `switches`:
-    (modules, 2), SC first; `fired`: (actors,); `judged`: (properties and timed ones,).
+    (modules, 2), SC first; `fired`: (actors,); `judged`: (properties and timed ones,); `nearest`:
+    (guides,), the least robustness that `falsify` met, infinity where it did not look.
     """
 
     branches: Words
@@ -176,6 +155,7 @@ class Seen:
     switches: Bytes
     fired: Bytes
     judged: Bytes
+    nearest: npt.NDArray[np.float64]
 
 
 class Engine:
@@ -190,6 +170,7 @@ class Engine:
         self.system = system
         self.plan = plan_of(system, lowered)
         self.parts = parts_of(system, lowered, self.plan)
+        self.loose = loose_parts_of(system, lowered, self.plan)
         self.generated = generate_model(system, lowered, self.plan)
         self.actors = self.plan.actors
         self.path = library(self.generated.unit, "-O2", (*FLAGS, *extra), sources())
@@ -210,6 +191,7 @@ class Engine:
             np.zeros((modules, 2), dtype=np.uint8),
             np.zeros(len(self.actors), dtype=np.uint8),
             np.zeros(len(system.properties) + len(system.test.timed) + 1, dtype=np.uint8),
+            np.full(len(self.generated.aims), math.inf),
         )
 
     def close(self) -> None:
@@ -218,6 +200,11 @@ class Engine:
             self.lib.soter_explore_free(self._kept)
             self._kept = self.ffi.NULL
 
+    def take_kept(self) -> Any:  # noqa: ANN401 - cdata
+        """What the last search kept: whoever takes it gives it back (`soter_explore_free`)."""
+        kept, self._kept = self._kept, self.ffi.NULL
+        return kept
+
     # ------------------------------------------------------------ searching
 
     def explore(
@@ -225,17 +212,19 @@ class Engine:
         settings: Settings,
         look: Callable[[Progress], None] | None = None,
         patience_s: float = math.inf,
+        saver: Saver | None = None,
     ) -> Searched:
         """Search until the end, a bound or Ctrl-C. `look` is told ten times a second.
 
-        After `patience_s` seconds the search ends.
+        After `patience_s` seconds the search ends. `saver` writes it down, and may let it go on
+        from there: `SoterError` D006, D012, D014.
         """
-        coverage = self._coverage()
+        coverage = self.coverage()
 
         def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
             self.lib.soter_explore(self.model, options, progress, coverage, result, trace, ROOM)
 
-        return self._run(settings, look, search, patience_s)
+        return self._run(settings, look, search, patience_s, saver)
 
     def least(
         self,
@@ -263,28 +252,38 @@ class Engine:
         look: Callable[[Progress], None] | None,
         search: Callable[[Any, Any, Any, Any], None],
         patience_s: float = math.inf,
+        saver: Saver | None = None,
     ) -> Searched:
         self.close()
-        options = self._options(settings)
+        options = self.options(settings)
+        if saver is not None:
+            saver.begin(self.ffi, options)
         progress = self.ffi.new("soter_explore_progress *")
         result = self.ffi.new("soter_explore_result *")
         size = self.ffi.sizeof("soter_trace_step")
         room = np.zeros(ROOM * size, dtype=np.uint8)  # untouched pages cost nothing
         trace = self.ffi.cast("soter_trace_step *", room.ctypes.data)
         began = time.perf_counter()
-        stopped = self._apart(
-            lambda: search(options, progress, result, trace), progress, look, patience_s
-        )
-        seconds = time.perf_counter() - began
+        try:
+            stopped = self.apart(
+                lambda: search(options, progress, result, trace), progress, look, patience_s, saver
+            )
+            seconds = time.perf_counter() - began
+            if saver is not None:
+                saver.end(progress, result)
+        finally:
+            if saver is not None:
+                saver.close()
         self._kept = result.kept
         return replace(self._searched(result, trace, seconds), stopped=stopped)
 
-    def _apart(
+    def apart(
         self,
         do: Callable[[], object],
         progress: Any,  # noqa: ANN401 - cdata
         look: Callable[[Progress], None] | None,
         patience_s: float,
+        saver: Saver | None = None,
     ) -> str:
         """Do it in a thread of its own; what ended it before its end, "" where nothing did."""
         failures: list[BaseException] = []
@@ -299,7 +298,7 @@ class Engine:
                 done.set()
 
         threading.Thread(target=work, name="soter explorer").start()
-        stopped = self._watch(done, progress, look, patience_s)
+        stopped = self._watch(done, progress, look, patience_s, saver)
         if failures:
             raise failures[0]
         return stopped
@@ -310,6 +309,7 @@ class Engine:
         progress: Any,  # noqa: ANN401 - cdata
         look: Callable[[Progress], None] | None,
         patience_s: float,
+        saver: Saver | None,
     ) -> str:
         """Wait for the search; whatever interrupts the waiting ends it in order. What ended it.
 
@@ -324,8 +324,10 @@ class Engine:
                     seconds = time.perf_counter() - began
                     if not progress.stop and (self.wanted() or seconds > patience_s):
                         progress.stop, stopped = 1, "interrupted" if self.wanted() else "time"
+                    if saver is not None:
+                        saver.look(progress)
                     if look is not None and not progress.stop:
-                        look(_progress(progress, seconds))
+                        look(progress_of(progress, seconds))
             except KeyboardInterrupt:
                 progress.stop, stopped = 1, "interrupted"
             except BaseException as error:  # noqa: BLE001 - raised again when the search has ended
@@ -335,7 +337,8 @@ class Engine:
             raise failure
         return stopped
 
-    def _options(self, s: Settings) -> Any:  # noqa: ANN401 - cdata
+    def options(self, s: Settings) -> Any:  # noqa: ANN401 - cdata
+        """`soter_explore_options`; what it points to lives until the next ones."""
         known = [{"what": what, "index": index} for what, index in s.known]
         self._known = self.ffi.new("soter_broken[]", known)  # lives as long as the options
         return self.ffi.new(
@@ -355,25 +358,22 @@ class Engine:
                 "timeds": s.part.timeds if s.part else 0,
                 "keep": s.keep,
                 "plainly": s.plainly,
+                "unguided": s.unguided,
                 "go_on": s.go_on,
                 "known": self._known,
                 "knowns": len(s.known),
+                **(s.noted.options(self.ffi) if s.noted else {}),
             },
         )
 
-    def _coverage(self) -> Any:  # noqa: ANN401 - cdata
-        seen, cast = self.seen, self.ffi.cast
-        return self.ffi.new(
-            "soter_explore_coverage *",
-            {
-                "branches": cast("uint64_t *", seen.branches.ctypes.data),
-                "classes": cast("uint8_t *", seen.classes.ctypes.data),
-                "modes": cast("uint8_t *", seen.modes.ctypes.data),
-                "switches": cast("uint8_t *", seen.switches.ctypes.data),
-                "fired": cast("uint8_t *", seen.fired.ctypes.data),
-                "judged": cast("uint8_t *", seen.judged.ctypes.data),
-            },
-        )
+    def coverage(self) -> Any:  # noqa: ANN401 - cdata
+        """`soter_explore_coverage`: what is seen is added to `seen`."""
+        kinds = {"branches": "uint64_t *", "nearest": "double *"}
+        places = {
+            name: self.ffi.cast(kinds.get(name, "uint8_t *"), seen.ctypes.data)
+            for name, seen in vars(self.seen).items()
+        }
+        return self.ffi.new("soter_explore_coverage *", places)
 
     def _searched(self, r: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
         status = STATUSES[int(r.status)]
@@ -388,6 +388,7 @@ class Engine:
             frontier_bytes=int(r.frontier_bytes),
             depth=int(r.depth),
             seconds=seconds,
+            covered_ns=max(int(r.covered_ns), 0),
             steps=tuple(self._step(trace[i]) for i in range(min(int(r.length), ROOM))),
             total_bytes=int(r.table_bytes) + int(r.frontier_bytes) + int(r.memo_bytes),
             needed_bytes=int(r.needed_bytes),
@@ -427,7 +428,7 @@ class Engine:
         room = np.zeros(ROOM * size, dtype=np.uint8)
         whole = self.ffi.cast("soter_trace_step *", room.ctypes.data)
         broken = self.ffi.new("soter_broken *")
-        options, part = self._options(settings), self._raw(steps)
+        options, part = self.options(settings), self._raw(steps)
         length = self.lib.soter_explore_complete(
             self.model, options, part, len(steps), whole, ROOM, broken
         )
@@ -449,7 +450,7 @@ class Engine:
         def look() -> None:
             found.append(bool(self.lib.soter_explore_starts_broken(self.model, progress)))
 
-        return bool(self._apart(look, progress, None, patience_s)) or found[0]
+        return bool(self.apart(look, progress, None, patience_s)) or found[0]
 
     def _raw(self, steps: Sequence[RawStep]) -> Any:  # noqa: ANN401 - cdata
         trace = self.ffi.new("soter_trace_step[]", max(len(steps), 1))
@@ -484,15 +485,3 @@ class Engine:
 
     def _pointer(self, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
         return self.ffi.cast("void *", array.ctypes.data)
-
-
-def _progress(p: Any, seconds: float) -> Progress:  # noqa: ANN401 - cdata
-    return Progress(
-        states=int(p.states),
-        transitions=int(p.transitions),
-        depth=int(p.depth),
-        seconds=seconds,
-        tracing=bool(p.tracing),
-        bytes=int(p.bytes),
-        answers=int(p.answers),
-    )

@@ -11,8 +11,10 @@ import math
 import time
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from soter.explore.checkpoint.files import no_checkpoint
+from soter.explore.checkpoint.saver import COUNTS
 from soter.explore.engine.coverage import (
     Coverage,
     Leaf,
@@ -25,17 +27,18 @@ from soter.explore.engine.coverage import (
 )
 from soter.explore.engine.engine import (
     Engine,
-    Progress,
     RawChoice,
     RawStep,
     SearchResult,
     Settings,
 )
 from soter.explore.engine.guided import Guided, array_of, steps_of
+from soter.explore.engine.joined import Joined
+from soter.explore.engine.progress import Progress
 from soter.explore.engine.shrink import Shrinker
 from soter.explore.engine.slice import Slicer
-from soter.explore.methods import EXHAUSTIVE
-from soter.explore.results import Looked
+from soter.explore.methods import EXHAUSTIVE, FALSIFY
+from soter.explore.results import Looked, Robustness
 from soter.explore.trace.choices import ENDING
 from soter.explore.trace.schedule import INPUT, plan_of
 from soter.explore.trace.trace import STEP_KINDS, Choice, Step
@@ -44,9 +47,10 @@ from soter.semantics.random_draws import fnv, leaf_name
 from soter.semantics.record import AC, SC
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable, Iterator, Mapping
 
     from soter.codegen.body import Branch
+    from soter.explore.checkpoint.saver import Checkpoint, Saver
     from soter.explore.engine.engine import Searched
     from soter.explore.judge.replay import Replayed
     from soter.explore.model.parts import Part
@@ -70,13 +74,18 @@ class Search:
         options: Options,
         progress: Callable[[Looked], None] | None = None,
         wanted: Callable[[], bool] | None = None,
+        checkpoint: Checkpoint | None = None,
     ) -> None:
-        """`wanted`: whether somebody wants it to end; asked ten times a second."""
+        """`wanted`: whether somebody wants it to end; asked ten times a second.
+
+        `checkpoint`: where it is written, and what it goes on from.
+        """
         self._system = system
         self.options = options
         self._settings = Settings(**vars(options))
         self._progress = progress
         self._time_s = options.time
+        self._checkpoint = checkpoint
         self._engine = Engine(system)
         self._engine.wanted = wanted or self._engine.wanted
         self._streams = {fnv(name): name for name in _streams(system)}
@@ -102,17 +111,68 @@ class Search:
         """
         settings = replace(self._settings, known=known)
         until = time.perf_counter() + self._time_s
+        if self._checkpoint is not None and not known:
+            return self._named(_sum(self._kept(settings, until, self._checkpoint)))
         parts: tuple[Part | None, ...] = (None,)
         if settings.reduction == "all" and settings.strategy in EXHAUSTIVE and not known:
-            apart = len(self._engine.parts) > 1 and not self._engine.starts_broken(self._time_s)
+            apart = self._may_be_apart(settings)
+            found = self._joined(settings, until) if apart else None
+            if found is not None:
+                return self._named(_sum(found))
             parts = self._engine.parts if apart else (None,)
+        return self._named(_sum(self._in_parts(settings, parts, until)))
+
+    def _kept(self, settings: Settings, until: float, kept: Checkpoint) -> list[Searched]:
+        """A search that is written down; parts that only properties join are one part then."""
+        parts: tuple[Part | None, ...] = self._engine.parts
+        apart = settings.reduction == "all" and len(parts) > 1
+        if kept.parts is not None:
+            apart = kept.parts > 1  # as it began
+        elif apart:
+            apart = not self._engine.starts_broken(self._time_s)
+        return self._in_parts(settings, parts if apart else (None,), until, kept)
+
+    def _may_be_apart(self, settings: Settings) -> bool:
+        """Whether there are parts, and the start violates nothing that others may let be seen."""
+        engine = self._engine
+        some = len(engine.parts) > 1 or Joined.fits(engine, settings)
+        return some and not engine.starts_broken(self._time_s)
+
+    def _joined(self, settings: Settings, until: float) -> list[Searched] | None:
+        """The searches of parts that only properties join.
+
+        None where there are none, or too much would have to be joined.
+        """
+        engine = self._engine
+        if not Joined.fits(engine, settings):
+            return None
+        assert engine.loose is not None
+        self.parts = len(engine.loose.parts)
+        look = self._look(minimising=False)
+        found = Joined(engine, settings, look).run(max(until - time.perf_counter(), 0.0))
+        if found and found[-1].status != "exhausted":  # what joins the parts was not judged
+            found[-1] = replace(found[-1], covered_ns=0)
+        return found
+
+    def _in_parts(
+        self,
+        settings: Settings,
+        parts: tuple[Part | None, ...],
+        until: float,
+        kept: Checkpoint | None = None,
+    ) -> list[Searched]:
+        """The searches of parts that share nothing, or of all of the system."""
         self.parts = len(parts)
         found: list[Searched] = []
-        for part in parts:
+        for number, part in enumerate(parts):
             left = settings.max_states - sum(f.states for f in found)
             once = replace(settings, part=part, max_states=left if settings.max_states else 0)
             left_s = max(until - time.perf_counter(), 0.0)
-            found.append(self._engine.explore(once, self._look(minimising=False), left_s))
+            if kept is not None and number < len(kept.ended):
+                found.append(_ended(kept.ended[number]))
+            else:
+                saver = None if kept is None else kept.saver(number, len(parts), found)
+                found.append(self._explored(once, left_s, saver))
             if found[-1].status == "violated" and part is not None:
                 whole = self._engine.complete(once, found[-1].steps)
                 if whole is None:  # its steps alone are no execution of the system
@@ -123,9 +183,21 @@ class Search:
                 settings.max_states and found[-1].states >= left
             ):
                 break
-        if len(found) < len(parts) and found[-1].status == "exhausted":
-            found[-1] = replace(found[-1], status="states")  # the other parts were not looked at
-        return self._named(_sum(found))
+        if len(found) < len(parts):  # the other parts were not looked at
+            ended = found[-1].status == "exhausted"
+            status = "states" if ended else found[-1].status
+            found[-1] = replace(found[-1], status=status, covered_ns=0)
+        return found
+
+    def _explored(self, once: Settings, left_s: float, saver: Saver | None) -> Searched:
+        """The search of one part, or of all; `SoterError` D012 where it goes on from nonsense."""
+        before_s = 0.0 if saver is None else saver.seconds
+        look = self._look(minimising=False, saver=saver)
+        found = self._engine.explore(once, look, left_s, saver)
+        if found.status == "damaged":
+            assert self._checkpoint is not None
+            raise no_checkpoint(self._checkpoint.path, "it is of another search than it says")
+        return replace(found, seconds=found.seconds + before_s)
 
     def least(self, found: Found, patience_s: float) -> Found:
         """The least execution to the same violation; `status` is "violated" where it is one.
@@ -173,11 +245,14 @@ class Search:
         kind = STEP_KINDS.index(s.kind)
         return RawStep(numbers.get(s.actor, -1), kind, s.release_ns, s.time_ns, choices)
 
-    def _look(self, *, minimising: bool) -> Callable[[Progress], None] | None:
+    def _look(
+        self, *, minimising: bool, saver: Saver | None = None
+    ) -> Callable[[Progress], None] | None:
         progress = self._progress
         if progress is None:
             return None
         name, began = plan_of(self._system).name, time.perf_counter()
+        began -= 0.0 if saver is None else saver.seconds
 
         def look(p: Progress) -> None:
             spent = time.perf_counter() - began
@@ -192,6 +267,9 @@ class Search:
                     minimising=minimising,
                     tracing=p.tracing,
                     answers=p.answers,
+                    covered_ns=p.covered_ns,
+                    saved=0 if saver is None else saver.states,
+                    nearest=self._nearest(),
                 )
             )
 
@@ -210,6 +288,7 @@ class Search:
             frontier_bytes=s.frontier_bytes,
             depth=s.depth,
             seconds=s.seconds,
+            covered_ns=s.covered_ns,
             steps=tuple([self._step(raw) for raw in s.steps]),
             stopped=s.stopped,
             total_bytes=s.total_bytes,
@@ -257,6 +336,34 @@ class Search:
             values=values_part(list(self._leaves()), self._classes()),
         )
 
+    def robustness(self) -> tuple[Robustness, ...]:
+        """How near `falsify` came to violating each property; none by other strategies."""
+        if self.options.strategy != FALSIFY:
+            return ()
+        least: dict[tuple[int, int], float] = {}
+        for aim, near in zip(
+            self._engine.generated.aims, self._engine.seen.nearest.tolist(), strict=True
+        ):
+            if not aim.flat:
+                key = aim.what, aim.index
+                least[key] = min(least.get(key, math.inf), near)
+        texts = {(0, p.index): f"{p.kind} {p.text}" for p in self._system.properties}
+        texts |= {(3, t.index): t.text for t in plan_of(self._system).timed}
+        return tuple(
+            [
+                Robustness(text, near if (near := least.get(key, math.inf)) < math.inf else None,
+                           guided=key in least)
+                for key, text in texts.items()
+            ]
+        )  # fmt: skip
+
+    def _nearest(self) -> float | None:
+        """The least robustness of any property so far; None where nobody has looked."""
+        if self.options.strategy != FALSIFY:
+            return None
+        near = float(self._engine.seen.nearest.min(initial=math.inf))
+        return near if near < math.inf else None
+
     def _judged(self) -> Iterator[tuple[str, bool]]:
         """What the test and its nodes state, and whether it was ever judged."""
         seen, system = self._engine.seen, self._system
@@ -292,6 +399,13 @@ class Search:
             yield Leaf(leaf_name(topic.name, path), t, low, high)
 
 
+def _ended(counts: Mapping[str, Any]) -> Searched:
+    """The search of a part that came to its end before (`counts_of`)."""
+    numbers: dict[str, Any] = {name: int(counts[name]) for name in COUNTS}
+    seconds = float(counts["seconds"])
+    return SearchResult(status="exhausted", broken=None, steps=(), seconds=seconds, **numbers)
+
+
 def _sum(found: list[Searched]) -> Searched:
     """Of the searches of parts, in order; status, violation and trace of the last one."""
     return replace(
@@ -303,6 +417,7 @@ def _sum(found: list[Searched]) -> Searched:
         total_bytes=max(f.total_bytes for f in found),
         depth=max(f.depth for f in found),
         seconds=sum(f.seconds for f in found),
+        covered_ns=min(f.covered_ns for f in found),
     )
 
 

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 CALENDAR = ("time", "done", "lost")
 """What no choice of a step moves."""
-ALWAYS = ("stamp", "held", "owed")
+ALWAYS = ("stamp", "held", "due", "verdict")
 """What is packed as an age, or as if it were: that it changed cannot be seen from its bits."""
 
 

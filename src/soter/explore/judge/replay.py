@@ -59,7 +59,8 @@ class Dropped:
 class Stepped:
     """One step and the configuration that it led to. Values are JSON; times are ns.
 
-    `published`: what reached the topics, by name. `gated`: it computed values that its outputs
+    `published`: what reached the topics, by name; where a step may publish several messages, the
+    list of them. `gated`: it computed values that its outputs
     were not enabled for. `decided`: what a DM saw and said. `violated`: everything that is
     violated after it, the property of the trace or others.
     """
@@ -250,19 +251,27 @@ class _Run:
             self._hold_back(before, n, event)
         else:
             self.judge.note(event, after)
-            told.published = self._named(event.published)
-            told.dropped = self._dropped(before, event.published)
+            told.published = self._named(event.published, event.bursts)
+            told.dropped = self._dropped(before, event.published, event.bursts)
         return told
 
-    def _dropped(self, c: Configuration, published: Mapping[int, Value]) -> list[Dropped]:
+    def _dropped(
+        self,
+        c: Configuration,
+        published: Mapping[int, Value],
+        bursts: Mapping[int, tuple[Value, ...]] | None = None,
+    ) -> list[Dropped]:
         """What queues lose as values reach the topics of `c`; no node reads what it publishes."""
-        topics = self.system.topics
-        behind = [topics[q] for t in published for q in topics[t].queues]
-        return [
-            Dropped(q.name.removesuffix(".queue"), q.policy)
-            for q in behind
-            if isinstance(q.type, ListType) and len(c.Topics[q.index]) >= q.type.capacity
-        ]
+        topics, found = self.system.topics, []
+        for t in published:
+            come = len((bursts or {}).get(t, (None,)))
+            for q in [topics[i] for i in topics[t].queues]:
+                assert isinstance(q.type, ListType), q.name
+                lost = len(c.Topics[q.index]) + come - q.type.capacity
+                found += [Dropped(q.name.removesuffix(".queue"), q.policy)] * min(
+                    max(lost, 0), come
+                )
+        return found
 
     def _fault(self, fault: StepFault) -> str:
         """What went wrong, and where in the source."""
@@ -358,9 +367,18 @@ class _Run:
             )
         )
 
-    def _named(self, values: Mapping[int, Value]) -> dict[str, object]:
-        topics = self.system.topics
-        return {topics[i].name: to_json(topics[i].type, v) for i, v in values.items()}
+    def _named(
+        self,
+        values: Mapping[int, Value],
+        bursts: Mapping[int, tuple[Value, ...]] | None = None,
+    ) -> dict[str, object]:
+        topics, several = self.system.topics, bursts or {}
+        return {
+            topics[i].name: [to_json(topics[i].type, m) for m in several[i]]
+            if i in several
+            else to_json(topics[i].type, v)
+            for i, v in values.items()
+        }
 
     def _topics(self) -> dict[str, object]:
         return {t.name: to_json(t.type, self.c.Topics[t.index]) for t in self.system.topics}

@@ -24,6 +24,7 @@ from soter.explore.model.plan import Actor, Plan, Times
 from soter.lower import core
 from soter.lower.footprint import walk
 from soter.program.flatten.grid import quantum_of, times_read
+from soter.program.model.system import modules_above
 from soter.program.model.types import FloatType, IntType, leaves
 
 if TYPE_CHECKING:
@@ -214,7 +215,8 @@ class Footprints:
         if x.plant is not None:
             found.reads |= {("topic", x.scope.topics[t]) for t in x.plant.reads}
         if x.role in {"ac", "sc"} and x.module is not None:
-            found.reads.add(("mode", x.module))
+            above = [m.index for m in modules_above(self.system, x.module)]
+            found.reads |= {("mode", m) for m in (x.module, *above)}
         if x.role == "ac" and x.module is not None:
             found.reads.add(("gate", x.module))
             found.writes.add(("gate", x.module))
@@ -320,7 +322,7 @@ def _texts(lowered: core.CoreSystem) -> Iterator[object]:
 def _body(step: core.NodeStep | core.PlantStep) -> tuple[core.Stmt, ...]:
     if isinstance(step, core.NodeStep):
         return (*step.takeover, *step.body)
-    return (*step.integrate, *step.publish)
+    return (*step.choose, *step.integrate, *step.publish)
 
 
 def _reads_time(root: object) -> bool:
@@ -364,6 +366,7 @@ def _has_faults(bodies: tuple[core.Stmt, ...], faulty: set[str]) -> bool:
     return any(
         isinstance(n, (core.Checked, core.Guard, core.Push))
         or (isinstance(n, core.Call) and n.function in faulty)
+        or (isinstance(n, core.Publish) and n.limit is not None)
         for n in walk(bodies)
     )
 
@@ -396,7 +399,7 @@ def _samples_input(system: System, drive: InputDrive) -> bool:
 
 def _samples_draws(step: core.PlantStep) -> bool:
     """Disturbances that the step uses, and measurement errors."""
-    used = {n.name for n in walk((*step.integrate, *step.publish)) if isinstance(n, core.Var)}
+    used = {n.name for n in walk(_body(step)) if isinstance(n, core.Var)}
     draws = [d for name, _, some in step.disturbances if name in used for d in some]
     draws += [d for _, _, d in step.noise]
     return any(d.low < d.high for d in draws)

@@ -16,6 +16,7 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.unit import Unit, UnitBuilder
 from soter.explore.methods import LEAVES_MAX
+from soter.explore.model.guides import Guides
 from soter.explore.model.packing import word
 from soter.explore.model.worlds import WorldEmitter, within
 from soter.lower.layout import scalar, size_of, struct_of
@@ -33,8 +34,10 @@ from soter.program.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
+    from soter.explore.model.guides import Aim
     from soter.explore.model.packing import Packing
-    from soter.explore.model.plan import Label, Plan
+    from soter.explore.model.plan import Actor, Label, Plan
+    from soter.explore.model.worlds import Ageing
     from soter.lower.core import CoreSystem
     from soter.program.model.system import Bound, System, Topic
     from soter.program.model.types import Type
@@ -51,7 +54,7 @@ class Model:
     """The generated unit with its model.
 
     `world_size` in bytes; `leaves`: topic and path of the leaves for coverage, as numbered;
-    `fields`: of a packed world, what it is of, first bit and width.
+    `fields`: of a packed world, what it is of, first bit and width; `aims`: what guides are of.
     """
 
     unit: Unit
@@ -61,6 +64,7 @@ class Model:
     bits: int
     leaves: tuple[tuple[int, tuple[str, ...]], ...]
     fields: tuple[tuple[Label, int, int], ...] = ()
+    aims: tuple[Aim, ...] = ()
 
 
 def generate_model(
@@ -77,7 +81,8 @@ def generate_model(
         builder.world_size,
         builder.bits,
         tuple((x.topic, x.path) for x in builder.leaves),
-        builder.fields,
+        fields=builder.fields,
+        aims=builder.aims,
     )
 
 
@@ -99,6 +104,8 @@ class _ModelBuilder(UnitBuilder):
         self.test = system.test
         self.world_size = 0
         self.bits = 0
+        self.aims: tuple[Aim, ...] = ()
+        self.scales = 0
         self.leaves: list[_Leaf] = []
         self.fields: tuple[tuple[Label, int, int], ...] = ()
         self.held_at: dict[int, int] = {}
@@ -120,16 +127,23 @@ class _ModelBuilder(UnitBuilder):
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
         predicates, timed = self._timed()
         leaf = self._leaves()
-        parts = [self._actors(packing), timed, leaf, *self._masks(packing)]
+        guides = Guides(self.system, self.core, self.frame)
+        margins, rows = guides.emit()
+        guide = self._table("soter_aim", "guides", rows, [], "how far from a violation")
+        self.aims, self.scales = tuple(guides.aims), guides.sites
+        ageing = self._ageing(worlds.ageing)
+        parts = [self._actors(packing), timed, leaf, ageing, *self._masks(packing), guide]
         return [
             c.Section("model of the explorer"),
+            c.Include("soter_explore_margin.h"),
             c.Include("soter_explore_pack.h"),
             struct,
             *predicates,
+            *margins,
             worlds.pack(pack_name),
             worlds.unpack(unpack_name),
             *(x for tables, _ in parts for x in tables),
-            self._model([value for _, value in parts], packing, pack_name, unpack_name),
+            self._model([value for _, value in parts], worlds, pack_name, unpack_name),
         ]
 
     # ------------------------------------------------------------ tables
@@ -152,12 +166,21 @@ class _ModelBuilder(UnitBuilder):
         return self._table("uint64_t", name, words, before, "")
 
     def _masks(self, packing: Packing) -> list[tuple[list[c.CTop], c.CExpr]]:
-        """The schedule's bits, and those that properties read."""
-        schedule = {"time", "done", "lost"}
+        """The schedule's bits, those that properties read, and what is owed."""
         observed = self.plan.observed
+
+        def mask(name: str, kinds: set[str]) -> tuple[list[c.CTop], c.CExpr]:
+            return self._mask(packing, name, lambda label: label[0] in kinds, [])
+
+        kinds = (
+            ("scheduled", {"time", "done", "lost"}),
+            ("clock", {"time"}),
+            ("dues", {"due"}),
+            ("verdicts", {"verdict"}),
+        )
         return [
-            self._mask(packing, "scheduled", lambda label: label[0] in schedule, []),
             self._mask(packing, "observed", lambda label: label in observed, []),
+            *(mask(name, of) for name, of in kinds),
         ]
 
     def _first_leaf(self, topic: int) -> int:
@@ -175,8 +198,10 @@ class _ModelBuilder(UnitBuilder):
             )
             first: list[c.CExpr] = [c.Number(f"{self._first_leaf(t)}U") for t in a.outputs]
             before, leaf = self._table("uint32_t", f"leaf_{i}", first, before, "")
-            before, reads = self._mask(packing, f"reads_{i}", a.reads.__contains__, before)
-            before, writes = self._mask(packing, f"writes_{i}", a.writes.__contains__, before)
+            clocks = self._clocks(a)
+            reads, writes = a.reads | clocks, a.writes | clocks
+            before, read = self._mask(packing, f"reads_{i}", reads.__contains__, before)
+            before, written = self._mask(packing, f"writes_{i}", writes.__contains__, before)
             number = f"{a.component}U" if a.input is None else f"SOTER_INPUT | {a.input}U"
             rows.append(
                 c.Initializer(
@@ -192,8 +217,8 @@ class _ModelBuilder(UnitBuilder):
                         ("output", outputs),
                         ("leaf", leaf),
                         ("outputs", c.Number(f"{len(a.outputs)}U")),
-                        ("reads", reads),
-                        ("writes", writes),
+                        ("reads", read),
+                        ("writes", written),
                         ("held", c.Number(f"{self.held_at.get(i, 0)}U")),
                     )
                 )
@@ -205,6 +230,15 @@ class _ModelBuilder(UnitBuilder):
             before,
             "actors: inputs, then components in deployed order",
         )
+
+    def _clocks(self, a: Actor) -> set[Label]:
+        """What an invariant knows of the past, where the actor may change that."""
+        if a.component is None:
+            return set()
+        x = self.system.components[a.component]
+        if x.role not in {"dm", "sc"} or x.module is None:
+            return set()
+        return {("verdict", x.module)}
 
     def _timed(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
         functions: list[c.CTop] = []
@@ -268,13 +302,29 @@ class _ModelBuilder(UnitBuilder):
             )
         return self._table("soter_leaf", "leaves", rows, [], "scalars of topics")
 
+    def _ageing(self, fields: list[Ageing]) -> tuple[list[c.CTop], c.CExpr]:
+        rows: list[c.CExpr] = [
+            c.Initializer(
+                (
+                    ("at", c.Number(f"{x.at}U")),
+                    ("width", c.Number(f"{x.width}U")),
+                    ("kind", c.Name(x.kind)),
+                    ("most", word(x.most)),
+                )
+            )
+            for x in fields
+        ]
+        return self._table("soter_ageing", "ageing", rows, [], "packed fields that grow older")
+
     def _model(
-        self, tables: list[c.CExpr], packing: Packing, pack: str, unpack: str
+        self, tables: list[c.CExpr], worlds: WorldEmitter, pack: str, unpack: str
     ) -> c.VariableDef:
-        plan = self.plan
-        actor, timed, leaf, scheduled, observed = tables
-        timeless = {"stamp", "owed", "held"}
-        plain = not any(width and label[0] in timeless for label, _, width in packing.labelled)
+        plan, packing = self.plan, worlds.packing
+        actor, timed, leaf, ageing, observed, scheduled, clock, dues, verdicts, guide = tables
+        labels = {label[0] for label, _, width in packing.labelled if width}
+        plain = labels.isdisjoint({"stamp", "due", "verdict", "held"})
+        at, now = next((at, w) for label, at, w in packing.labelled if label == ("time", 0))
+        assert at == 1, at  # soter_time_of
 
         def count(n: int) -> c.CExpr:
             return c.Number(f"{n}U")
@@ -285,18 +335,28 @@ class _ModelBuilder(UnitBuilder):
                 ("actor", actor),
                 ("timed", timed),
                 ("leaf", leaf),
+                ("guide", guide),
                 ("actors", count(len(plan.actors))),
                 ("timeds", count(len(self.test.timed))),
                 ("leaves", count(len(self.leaves))),
                 ("branches", count(len(self.frame.branches or ()))),
+                ("guides", count(len(self.aims))),
+                ("scales", count(self.scales)),
                 ("tick_ns", int_number(plan.tick_ns)),
                 ("quantum_ns", int_number(plan.quantum_ns)),
                 ("horizon_ns", int_number(plan.horizon_ns)),
                 ("timely", _truth(plan.timely)),
+                ("now_mask", word((1 << now) - 1)),
                 ("sampled", _truth(plan.sampled)),
                 ("plain", _truth(plain)),
+                ("brief", _truth("held" not in labels)),
+                ("ageing", ageing),
+                ("ageings", count(len(worlds.ageing))),
                 ("scheduled", scheduled),
+                ("clock", clock),
                 ("observed", observed),
+                ("dues", dues),
+                ("verdicts", verdicts),
                 ("world_size", c.CallExpr("sizeof", (c.Name(self.world),))),
                 ("bits", count(packing.bits)),
                 ("words", count(packing.words)),

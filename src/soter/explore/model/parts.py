@@ -4,7 +4,8 @@ Purpose: actors that depend on each other, directly or through what one property
 part. An execution of the system is one of every part, interleaved, and a property sees one
 part only: the system violates it iff that part does (docs/testing.md, "Parts"). All parts share one
 thing: time. Where a property has a deadline or reads the time there is one part only.
-Non-goals: dependence itself (`actors.py`).
+Where nothing is late, a property may read several parts and they are explored alone all the same
+(`Loose`, docs/testing.md, "Joined parts"). Non-goals: dependence itself (`actors.py`).
 """
 
 from __future__ import annotations
@@ -34,6 +35,51 @@ class Part:
     timeds: int
 
 
+@dataclass(frozen=True)
+class Joint:
+    """A property of the end of an instant that reads several parts: their numbers, two or more."""
+
+    property: int
+    parts: tuple[int, ...]
+
+
+@dataclass(frozen=True)
+class Loose:
+    """Parts that share no resource; `joints`: what is judged on several of them."""
+
+    parts: tuple[Part, ...]
+    joints: tuple[Joint, ...]
+
+
+def loose_parts_of(system: System, lowered: CoreSystem, plan: Plan) -> Loose | None:
+    """The parts that only properties join; None where none does, or windows are no points."""
+    assert system.test is not None
+    footprints = Footprints(system, lowered)
+    if system.test.timed or TIME in footprints.seen_by_properties():
+        return None
+    if any(a.window_ns or a.overrun_ns for a in plan.actors):
+        return None
+    properties = [footprints.read_by(p) for p in range(len(system.properties))]
+    if max(len(plan.actors), len(properties)) > WIDTH:
+        return None
+    groups = _depending(plan)
+    roots = list(dict.fromkeys(groups.of(i) for i in range(len(plan.actors))))
+    homes = [sorted({groups.of(i) for i in _movers(plan, reads)}) for reads in properties]
+    joined = [p for p, home in enumerate(homes) if len(home) > 1]
+    if not joined or any(system.properties[p].component is not None for p in joined):
+        return None
+    own = [home[0] if home else roots[0] for home in homes]
+    parts = tuple(
+        Part(
+            _mask(i for i in range(len(plan.actors)) if groups.of(i) == root),
+            _mask(p for p in range(len(properties)) if own[p] == root and p not in joined),
+            0,
+        )
+        for root in roots
+    )
+    return Loose(parts, tuple(Joint(p, tuple(roots.index(r) for r in homes[p])) for p in joined))
+
+
 def parts_of(system: System, lowered: CoreSystem, plan: Plan) -> tuple[Part, ...]:
     """The parts, in the order of their first actors; a single one where masks are too narrow."""
     assert system.test is not None
@@ -46,9 +92,7 @@ def parts_of(system: System, lowered: CoreSystem, plan: Plan) -> tuple[Part, ...
     properties = [footprints.read_by(p) for p in range(len(system.properties))]
     if max(len(plan.actors), len(properties)) > WIDTH:
         return (Part(0, 0, 0),)
-    groups = _Groups(len(plan.actors))
-    for i, actor in enumerate(plan.actors):
-        groups.join([i, *(j for j in range(len(plan.actors)) if actor.dependent >> j & 1)])
+    groups = _depending(plan)
     movers = [_movers(plan, reads) for reads in properties]
     for some in movers:
         groups.join(some)
@@ -62,6 +106,14 @@ def parts_of(system: System, lowered: CoreSystem, plan: Plan) -> tuple[Part, ...
         )
         for root in roots
     )
+
+
+def _depending(plan: Plan) -> _Groups:
+    """Actors that depend on each other, directly or through others."""
+    groups = _Groups(len(plan.actors))
+    for i, actor in enumerate(plan.actors):
+        groups.join([i, *(j for j in range(len(plan.actors)) if actor.dependent >> j & 1)])
+    return groups
 
 
 def _movers(plan: Plan, reads: set[Label]) -> list[int]:

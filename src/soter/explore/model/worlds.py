@@ -7,12 +7,14 @@ Non-goals: how bits are written (`packing.py`), the other tables of a model (`mo
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import int_number
 from soter.explore.model.packing import Packing, hulls, unsigned, word
 from soter.lower.layout import size_of
+from soter.program.model.system import modules_above
 from soter.program.model.types import leaves
 
 if TYPE_CHECKING:
@@ -23,6 +25,16 @@ if TYPE_CHECKING:
     from soter.program.model.system import Component, Module, System, TimedProperty, Topic
 
 X, S, NOW, SINCE_START = c.Name("x"), c.Name("s"), c.Name("now"), c.Name("from")
+
+
+@dataclass(frozen=True)
+class Ageing:
+    """A packed field that grows older; soter_explore.h. `kind` is a constant of it, bits."""
+
+    at: int
+    width: int
+    kind: str
+    most: int = 0
 
 
 def within(system: System, t: TimedProperty) -> int:
@@ -56,6 +68,8 @@ class WorldEmitter:
         self.held_at: dict[int, int] = {}
         """Overrunning actor -> where its soter_held is, in bytes."""
         self.overrunning = [i for i, a in enumerate(plan.actors) if a.overrun_ns]
+        self.ageing: list[Ageing] = []
+        """Fields that time alone changes."""
         self.judged = {t.module: within(system, t) for t in self.test.timed if t.module is not None}
         self.last_now = self._ticks(
             plan.horizon_ns + max((a.window_ns + a.overrun_ns for a in plan.actors), default=0)
@@ -64,6 +78,11 @@ class WorldEmitter:
 
     def _ticks(self, ns: int) -> int:
         return ns // self.plan.tick_ns
+
+    def _aging(self, p: Packing, value: c.CExpr, width: int, kind: str, most: int = 0) -> c.CExpr:
+        """A field that grows older."""
+        self.ageing.append(Ageing(p.bits, width, kind, most))
+        return p.field(value, width)
 
     def struct(self) -> c.StructDef:
         """The struct of soter_explore.h with the sizes of this system."""
@@ -163,17 +182,19 @@ class WorldEmitter:
 
     def _obligations(self, p: Packing) -> None:
         """The state of the timed properties."""
-        p.label = ("owed", 0)
         tick = int_number(self.plan.tick_ns)
         for i, t in enumerate(self.test.timed):
+            p.label = ("due", i)
             due = c.IndexExpr(c.Arrow(X, "due"), c.Number(str(i)))
             if t.module is not None:
                 p.unpack.append(c.Assign(due, c.Name("INT64_MAX")))
                 continue
             width = (self._ticks(t.within_ns) + 2).bit_length()
-            got = p.field(c.CallExpr("soter_pack_due", (due, SINCE_START, tick)), width)
+            packed = c.CallExpr("soter_pack_due", (due, SINCE_START, tick))
+            got = self._aging(p, packed, width, "SOTER_DUE")
             p.unpack.append(c.Assign(due, c.CallExpr("soter_unpack_due", (got, SINCE_START, tick))))
         for m in range(len(self.system.modules)):
+            p.label = ("verdict", m)
             verdict = c.IndexExpr(c.Arrow(X, "verdict"), c.Number(str(m)))
             acted = c.IndexExpr(c.Arrow(X, "acted"), c.Number(str(m)))
             if m not in self.judged:
@@ -182,7 +203,7 @@ class WorldEmitter:
                 continue
             most = self._ticks(self.judged[m]) + 1
             since = c.CallExpr("soter_pack_since", (verdict, SINCE_START, tick, word(most)))
-            got = p.field(since, most.bit_length())
+            got = self._aging(p, since, most.bit_length(), "SOTER_SINCE", most)
             ago = c.Binary("*", c.Cast("int64_t", got), tick)
             p.unpack.append(c.Assign(verdict, c.Binary("-", SINCE_START, ago)))
             got = p.field(unsigned(acted), 1)
@@ -205,14 +226,9 @@ class WorldEmitter:
         p.unpack.append(c.Assign(record, c.Initializer((*items, ("mode", mode)), "soter_module")))
 
     def _component_record(self, p: Packing, x: Component) -> None:
-        """Latch and control; OE follows from the mode."""
+        """Latch and control; OE follows from the modes."""
         record = c.IndexExpr(c.Arrow(S, "components"), c.Number(str(x.index)))
-        enabled: c.CExpr = c.Number("1U")
-        if x.role in {"ac", "sc"} and x.module is not None:
-            mode = c.Member(c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(x.module))), "mode")
-            wanted = c.Name("SOTER_AC" if x.role == "ac" else "SOTER_SC")
-            same = c.Binary("==", mode, c.Cast("uint8_t", wanted))
-            enabled = c.Ternary(same, c.Number("1U"), c.Number("0U"))
+        enabled = self._enabled(x)
         items: list[tuple[str | None, c.CExpr]] = [("oe", enabled)]
         if x.index in self.plan.may_fault and x.role not in {"ac", "dm"}:
             p.label = ("latched", x.index)
@@ -223,6 +239,21 @@ class WorldEmitter:
             got = p.field(unsigned(c.Member(record, "had_control")), 1)
             items.append(("had_control", c.Cast("uint8_t", got)))
         p.unpack.append(c.Assign(record, c.Initializer(tuple(items), "soter_component")))
+
+    def _enabled(self, x: Component) -> c.CExpr:
+        """OE of a component, or of what a decision module decides about."""
+        if x.module is None:
+            return c.Number("1U")
+        wanted = [(m, "ac") for m in modules_above(self.system, x.module)]
+        if x.role in {"ac", "sc"}:
+            wanted.append((self.system.modules[x.module], x.role))
+        holds: c.CExpr | None = None
+        for m, role in wanted:
+            mode = c.Member(c.IndexExpr(c.Arrow(S, "modules"), c.Number(str(m.index))), "mode")
+            name = c.Name("SOTER_AC" if role == "ac" else "SOTER_SC")
+            same = c.Binary("==", mode, c.Cast("uint8_t", name))
+            holds = same if holds is None else c.Binary("&&", holds, same)
+        return c.Number("1U") if holds is None else c.Ternary(holds, c.Number("1U"), c.Number("0U"))
 
     def _stamps(self, p: Packing) -> None:
         """Ages that matter, up to where they stop mattering."""
@@ -238,12 +269,12 @@ class WorldEmitter:
                 )
             elif t.index in self.plan.aged:
                 packed = c.CallExpr("soter_pack_stamp", (stamp, SINCE_START, tick))
-                got = p.field(packed, (self.last_now + 1).bit_length())
+                got = self._aging(p, packed, (self.last_now + 1).bit_length(), "SOTER_STAMP")
                 back = c.CallExpr("soter_unpack_stamp", (got, SINCE_START, tick))
             elif t.index in self.plan.limited and t.max_age_ns is not None:
                 most = self._ticks(t.max_age_ns) + 1
                 packed = c.CallExpr("soter_pack_since", (stamp, SINCE_START, tick, word(most)))
-                got = p.field(packed, most.bit_length())
+                got = self._aging(p, packed, most.bit_length(), "SOTER_SINCE", most)
                 back = c.CallExpr("soter_unpack_fresh", (got, SINCE_START, tick, word(most)))
             else:
                 back = c.Name("SOTER_NEVER")

@@ -2,7 +2,7 @@
 
 Purpose: from the number of an alternative to the `choose` expression that asked and its value,
 where the program determines them without being run.
-Non-goals: guessing: where a step has several choices alike, nothing is said.
+Non-goals: guessing: where it may be one of several choices that differ, nothing is said.
 """
 
 from __future__ import annotations
@@ -15,9 +15,11 @@ from soter.program.meaning.statements import Evaluator
 from soter.program.model import typed
 from soter.program.model.types import BoolType
 from soter.program.model.values import to_json
-from soter.program.model.walk import nodes
+from soter.program.model.walk import nodes, plant_code
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from soter.explore.trace.trace import Choice
     from soter.program.model.system import Component, System
 
@@ -64,11 +66,8 @@ class ChoiceWords:
 
     def __init__(self, system: System) -> None:
         self._asked = {
-            c.name + ENDING: [
-                _Asked(e, c) for e in nodes(c.node.step) if isinstance(e, typed.Choose)
-            ]
+            c.name + ENDING: [_Asked(e, c) for e in nodes(_code(c)) if isinstance(e, typed.Choose)]
             for c in system.components
-            if c.node is not None
         }
 
     def complete(self, choice: Choice) -> Choice:
@@ -81,8 +80,22 @@ class ChoiceWords:
     def what(self, choice: Choice) -> str:
         """The source's words, or the name of the stream."""
         one = self._one(choice)
-        return choice.stream if one is None else " ".join(one.expr.span.text.split())
+        return choice.stream if one is None else _words(one)
 
     def _one(self, choice: Choice) -> _Asked | None:
+        """Who asked; of several the first, where they ask in the same words for the same values."""
         fitting = [a for a in self._asked.get(choice.stream, ()) if a.may_ask(choice.of)]
-        return fitting[0] if len(fitting) == 1 else None
+        told = {(_words(a), str(a.value(choice.pick, choice.of))) for a in fitting}
+        return fitting[0] if len(told) == 1 else None
+
+
+def _words(asked: _Asked) -> str:
+    """The source's words on one line."""
+    return " ".join(asked.expr.span.text.split())
+
+
+def _code(component: Component) -> Iterable[object]:
+    """What a step of it evaluates."""
+    if component.plant is not None:
+        return plant_code(component.plant)
+    return () if component.node is None else component.node.step

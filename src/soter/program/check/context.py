@@ -51,7 +51,7 @@ class Context:
     has_period: bool = False
     has_modes: bool = False
     choices: list[Variable] | None = None
-    """In the step of a node: the hidden locals of its fair choices so far; else no `choose`."""
+    """Where `choose` may stand: the hidden locals of a node's fair choices so far; else None."""
     node: NodeSymbol | None = None
     """The node whose step this is: `in_control`, publish."""
     result: Type | None = None

@@ -49,7 +49,7 @@ def count_costs(program: typed.Program, diagnostics: Diagnostics) -> None:
     for fun in program.funs.values():
         counter.function(fun)
     for node in program.nodes.values():
-        kept = [v.type for v in node.locals] + [t.type for t in node.publishes]
+        kept = [v.type for v in node.locals] + [t for _, t in node.answers]
         size = BYTES * sum(leaf_count(t) for t in kept)
         body = (*(node.takeover or ()), *node.step)
         cost = counter.body(body, f"`{node.name}`", node.span, size)

@@ -390,7 +390,8 @@ class DeclChecker:
     def topics_of(self, system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
         """The topics that stand beside the instances of a system, wires applied."""
         if system not in self._topics:
-            self._topics[system] = topics_beside(system)
+            beside = topics_beside(system)
+            self._topics[system] = [t for t in beside if t not in self.shared.stand_ins]
         return self._topics[system]
 
 

@@ -35,6 +35,8 @@ class Shared(Protocol):
     published: dict[typed.NodeSymbol, set[typed.TopicSymbol]]
     lost: dict[typed.SystemSymbol, frozenset[str]]
     """Names of instances that could not be made."""
+    stand_ins: dict[typed.TopicSymbol, tuple[tuple[str, ...], typed.TopicSymbol]]
+    """What `stand_in` gave: the path to an instance of a system, and a topic in it."""
 
     def mark(self) -> tuple[int, int]:
         """Grows when something goes wrong, or turns out to have gone wrong, in what is at hand."""

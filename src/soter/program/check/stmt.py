@@ -293,7 +293,7 @@ class StmtChecker:
             )
             return None
         self.shared.published.setdefault(context.node, set()).add(topic)
-        return typed.Publish(s.span, topic, value)
+        return typed.Publish(s.span, topic, value, context.node.bursts.get(topic))
 
     def _return(self, s: tree.ReturnStmt, context: Context) -> typed.Stmt | None:
         if context.result is None:

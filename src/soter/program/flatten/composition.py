@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.program.model.durations import show_ns
+from soter.program.model.system import modules_above
 from soter.program.model.walk import topic_reads
 
 if TYPE_CHECKING:
@@ -93,9 +94,10 @@ class Composition:
                 topics = list(c.node.publishes)
             for t in topics:
                 found.setdefault(c.scope.topics[t], []).append((f"{c.role} `{c.name}`", c.span))
+        below = {m.over for m in self.system.modules}
         for m in self.system.modules:
             span = self.system.components[m.dm].span
-            for index in m.outputs:
+            for index in () if m.index in below else m.outputs:
                 found.setdefault(index, []).append((f"module `{m.name}`", span))
         return found
 
@@ -250,13 +252,17 @@ class Composition:
     def _disjoint_nodes(self) -> None:
         seen: dict[tuple[str, NodeSymbol], Module] = {}
         for m in self.system.modules:
-            prefix = m.name.rpartition(".")[0]
-            for index, span in ((m.ac, m.symbol.ac_span), (m.sc, m.symbol.sc_span)):
+            top = (m, *modules_above(self.system, m.index))[-1]
+            prefix = top.name.rpartition(".")[0]
+            own = ((m.ac, m.symbol.ac_span), (m.sc, m.symbol.sc_span))
+            for index, span in own if m.over is None else own[1:]:
                 node = self.system.components[index].node
                 assert node is not None
                 other = seen.setdefault((prefix, node), m)
                 if other is m or other.symbol is m.symbol:
                     continue
+                if m.symbol in other.symbol.below and node in {other.symbol.sc} & {*m.symbol.own}:
+                    continue  # which is an error of the declaration
                 first = other.symbol
                 at_first = first.ac_span if first.ac is node else first.sc_span
                 self._report(

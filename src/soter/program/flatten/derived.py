@@ -19,7 +19,7 @@ from soter.program.model.system import InputDrive, Scope
 from soter.program.model.walk import mode_reads
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
     from soter.program.model.system import (
         Component,
@@ -65,7 +65,15 @@ def only(system: System, kept: Collection[int]) -> System:
         system,
         components=tuple(_that_can_run(c) for c in components),
         modules=tuple(
-            replace(m, index=i, dm=at[m.dm], ac=at[m.ac], sc=at[m.sc], scope=seen(m.scope))
+            replace(
+                m,
+                index=i,
+                dm=at[m.dm],
+                ac=at[m.ac],
+                sc=at[m.sc],
+                scope=seen(m.scope),
+                over=None if m.over is None else placed[m.over],
+            )
             for i, m in enumerate(modules)
         ),
         properties=tuple(
@@ -106,6 +114,7 @@ def module_alone(system: System, module: Module, plants: Sequence[Component] = (
 def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol]) -> System:
     """A module of `flat` beside other plants than those that fly, with the values of `flat`.
 
+    Topics are as they are where the module stands, and the plants see the parameters of the module.
     Raises `SoterError` where the two do not go together.
     """
     symbol = module.symbol
@@ -113,25 +122,36 @@ def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol])
     assert ac is not None
     assert sc is not None
     itself = replace(symbol, ac=ac, sc=sc)
+    instances = (*plants, typed.InstanceSymbol(symbol.name, itself, {}, {}, symbol.span))
     made = typed.SystemSymbol(
         name=f"{symbol.name}.verify",
         span=symbol.verify.span or symbol.span,
         default=False,
-        instances=(*plants, typed.InstanceSymbol(symbol.name, itself, {}, {}, symbol.span)),
+        instances=instances,
         until=None,
         properties=(),
         forces=(),
         replaces=(),
-        sets=(),
+        sets=tuple(own_of(module, instances)),
         inputs=(),
     )
     diagnostics = Diagnostics()
-    elaborator = Elaborator(flat.program, made, flat.params, diagnostics)
+    around = {p.name: v for p, v in module.around.items()}
+    elaborator = Elaborator(flat.program, made, around, diagnostics)
     elaborator.partial = True  # nobody drives what AC alone reads
     system = elaborator.run()
     if system is None or diagnostics.has_errors:
         raise SoterError(diagnostics.items)
+    system.params = flat.params
     return only(system, range(len(system.components)))
+
+
+def own_of(module: Module, instances: Sequence[typed.InstanceSymbol]) -> Iterator[typed.SetSymbol]:
+    """Settings that give each of these instances the parameters that a module has of its own."""
+    for param, value in module.scope.params.items():
+        if repr(value) != repr(module.around[param]):
+            for instance in instances:
+                yield typed.SetSymbol(instance.name, param, value, instance.span)
 
 
 # ---------------------------------------------------------------- parts replaced

@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.program.flatten.composition import Composition, hyperperiod
+from soter.program.flatten.idle import Idle
 from soter.program.flatten.measure import TooLargeError
 from soter.program.flatten.value_sets import Topics, beyond, first_outside
 from soter.program.model import typed
@@ -93,16 +94,25 @@ class Elaborator(Topics):
             properties=tuple(properties),
             inputs=tuple(inputs),
             until_ns=self.long_duration(self.symbol.until, "`until`"),
-            params={p.name: v for p, v in self.params.items()},
+            params=self.parameters.named,
             hyperperiod_ns=1,
         )
         composition = Composition(
             system, self.symbol, self.diagnostics, partial=self.partial, draft=self.draft
         )
         composition.check(self.property_reads)
+        self._idle_settings()
         if not self.unknown:
             system.hyperperiod_ns = hyperperiod(system, self.symbol, self.diagnostics)
         return system
+
+    def _idle_settings(self) -> None:
+        """W010; silent where parts are missing, which may have read the parameters."""
+        settings = self.parameters.of_instances()
+        if settings and not self.partial:
+            idle = Idle()
+            idle.enter(self.parts, self.placed, self.topics)
+            idle.report(settings, self.diagnostics)
 
     def run_loose(self, topics: list[typed.TopicSymbol]) -> System | None:
         """Check the numbers of declarations that no system has, and of `topics`; no composition."""
@@ -132,13 +142,14 @@ class Elaborator(Topics):
         components: list[Component] = []
         pending: list[Placed] = []
         for placed in self.placed:
-            if isinstance(placed.symbol, typed.PlantSymbol):
-                components.append(self._plant(placed, placed.symbol))
-            elif isinstance(placed.symbol, typed.NodeSymbol):
-                components.append(self._node(placed, placed.symbol, placed.name, role))
-            else:
-                components.extend(self._module_nodes(placed, placed.symbol, len(pending)))
-                pending.append(placed)
+            with self.under(placed.params):
+                if isinstance(placed.symbol, typed.PlantSymbol):
+                    components.append(self._plant(placed, placed.symbol))
+                elif isinstance(placed.symbol, typed.NodeSymbol):
+                    components.append(self._node(placed, placed.symbol, placed.name, role))
+                else:
+                    components.extend(self._module_nodes(placed, placed.symbol, len(pending)))
+                    pending.append(placed)
         components = _deployed_order(components)
         return components, self._modules(pending, components)
 
@@ -152,7 +163,7 @@ class Elaborator(Topics):
     def _scope(self, placed: Placed, topics: list[typed.TopicSymbol]) -> Scope:
         return Scope(
             {t: self.topic(self.key(t, placed.prefix, placed.wires)) for t in topics},
-            self.params,
+            placed.params,
         )
 
     def _first_values(
@@ -341,18 +352,30 @@ class Elaborator(Topics):
         reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*module.predicates)]))
         scope = self._scope(placed, reads)
         ac_name, sc_name = controller_names(placed.name, ac, sc)
-        return [
+        found = [
             Component(0, name, "dm", period, 0, scope, placed.span, module=index),
             self._node(placed, sc, sc_name, "sc", index),
-            self._node(placed, ac, ac_name, "ac", index),
         ]
+        if placed.below is None:
+            found.append(self._node(placed, ac, ac_name, "ac", index))
+        return found
 
     def _modules(self, pending: list[Placed], components: list[Component]) -> list[Module]:
         roles: list[dict[str, Component]] = [{} for _ in pending]
         for c in components:
             if c.module is not None:
                 roles[c.module][c.role] = c
-        return [self._module(p, i, roles[i]) for i, p in enumerate(pending)]
+        at = {id(p): i for i, p in enumerate(pending)}
+        for i, p in reversed(list(enumerate(pending))):  # a module below comes later
+            if p.below is not None:
+                roles[i]["ac"] = roles[at[id(p.below)]]["ac"]
+        found = []
+        for i, placed in enumerate(pending):
+            with self.under(placed.params):
+                found.append(self._module(placed, i, roles[i]))
+        for m, p in zip(found, pending, strict=True):
+            m.over = None if p.below is None else at[id(p.below)]
+        return found
 
     def _module(self, placed: Placed, index: int, by_role: dict[str, Component]) -> Module:
         module = placed.symbol
@@ -378,6 +401,7 @@ class Elaborator(Topics):
             inputs=tuple(dm.scope.topics[t] for t in module.topics_read),
             outputs=outputs,
             forced=placed.forced,
+            around=self.params_at[placed.prefix],
         )
 
     def _has_set(self, topic: Topic, module: typed.ModuleSymbol) -> None:
@@ -528,7 +552,7 @@ class Elaborator(Topics):
 
     def scope_of_property(self, part: Part, item: typed.PropertySymbol) -> Scope:
         """What the names of a property mean, seen from its part."""
-        scope = Scope({}, self.params)
+        scope = Scope({}, part.params)
         roots = [e for e in (item.premise, item.condition) if e is not None]
         self._names_of_property(part, roots, scope)
         return scope
@@ -576,11 +600,12 @@ class Elaborator(Topics):
         result: dict[int, InputDrive] = {}
         for part, item in self.input_items():
             index = self.topic(self.key(item.topic, part.prefix, part.wires))
-            every = self.duration(item.every, f"`every` of `{item.path}`")
-            if index in result:
-                continue
-            topic = self.topics[index]
-            values = self._values(item, topic)
+            with self.under(part.params):
+                every = self.duration(item.every, f"`every` of `{item.path}`")
+                if index in result:
+                    continue
+                topic = self.topics[index]
+                values = self._values(item, topic)
             if not (item.values or topic.set_declared or topic.symbol in self.program.damaged):
                 self.diagnostics.error(
                     "V009",
@@ -646,10 +671,10 @@ def elaborate(
 
 def implicit_system(program: typed.Program) -> typed.SystemSymbol | None:
     """For a file without systems: everything it declares, once."""
-    used = {n for m in program.modules.values() for n in (m.ac, m.sc)}
+    used = {n for m in program.modules.values() for n in (m.ac, m.sc, *m.below)}
     whats: list[typed.PlantSymbol | typed.ModuleSymbol | typed.NodeSymbol] = [
         *program.plants.values(),
-        *program.modules.values(),
+        *(m for m in program.modules.values() if m not in used),
         *(n for n in program.nodes.values() if n not in used),
     ]
     own = [w for w in whats if "." not in w.name]

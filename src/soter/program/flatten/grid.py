@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 COMPARISONS = {"<", "<=", ">", ">=", "==", "!="}
 PASSES = 8
 """Locals that get a clock from one another, so many deep; deeper ones are open."""
+OFFSETS = 16
+"""Constants that one clock may be off by; with more it is open."""
 
 
 @dataclass(frozen=True)
@@ -119,6 +121,8 @@ class _Reader:
         self.clocks: set[typed.Variable] = set()
         self.others: set[typed.Variable] = set()
         """Locals that something is put into that is neither a clock nor a constant."""
+        self.offsets: dict[typed.Variable, set[float]] = {}
+        """Of locals: the constants, and by what the clocks in them are off, in seconds."""
         self.thresholds: set[int] = set()
         self.open: list[Span] = []
 
@@ -130,16 +134,19 @@ class _Reader:
         """Read all of it, until no more locals turn out to be clocks."""
         every = [e for e in expressions if e is not None]
         for _ in range(PASSES):
-            before = len(self.clocks)
+            before = self._known()
             for known in (self.thresholds, self.others, self.open):
                 known.clear()
             for body in bodies:
                 self._body(body)
             for e in every:
                 self._plain(e)
-            if len(self.clocks) == before:
+            if self._known() == before:
                 return
         self.open += [e.span for e in every] or [s.span for body in bodies for s in body[:1]]
+
+    def _known(self) -> tuple[int, int]:
+        return len(self.clocks), sum(map(len, self.offsets.values()))
 
     # ------------------------------------------------------------ statements
 
@@ -170,10 +177,21 @@ class _Reader:
             self.clocks.add(variable)
             if variable in self.others:
                 self.open.append(value.span)
-        elif self._constant(value) is None:
+            self._off(variable, value)
+        elif self._constant(value) is not None:
+            self._off(variable, value)
+        else:
             self.others.add(variable)
             if variable in self.clocks:
                 self.open.append(value.span)
+
+    def _off(self, variable: typed.Variable, value: typed.Expr) -> None:
+        """What is put into a local adds to what it may be off by."""
+        known = self.offsets.setdefault(variable, set())
+        if len(known) < OFFSETS:
+            known |= self._offset(value)
+        else:
+            self.open.append(value.span)
 
     def _parts(self, part: object) -> None:
         if isinstance(part, typed.Expr):
@@ -217,22 +235,28 @@ class _Reader:
             self.open.append(e.span)
         left, right = self._offset(e.left), self._offset(e.right)
         if e.op in COMPARISONS:
-            self._threshold(right - left)
+            for a, b in itertools.product(left, right):
+                self._threshold(b - a)
             return False
-        self._threshold(left)
-        self._threshold(right)
+        for constant in left | right:
+            self._threshold(constant)
         return True
 
     def _threshold(self, seconds: float) -> None:
-        if math.isfinite(seconds) and round(abs(seconds) * 1e9):
+        if math.isfinite(seconds):
             self.thresholds.add(round(abs(seconds) * 1e9))
 
-    def _offset(self, e: typed.Expr) -> float:
-        """The constant of a clock, or the constant itself, in seconds."""
+    def _offset(self, e: typed.Expr) -> set[float]:
+        """By what a clock may be off, or the constant itself, in seconds."""
+        if isinstance(e, typed.Conditional):
+            return self._offset(e.then) | self._offset(e.otherwise)
+        if isinstance(e, typed.VarRead):
+            return self.offsets.get(e.variable, set()) or {0.0}
         if isinstance(e, typed.Binary) and e.op in {"+", "-"}:
-            left, right = self._offset(e.left), self._offset(e.right)
-            return left + right if e.op == "+" else left - right
-        return self._constant(e) or 0.0
+            sign = 1.0 if e.op == "+" else -1.0
+            pairs = itertools.product(self._offset(e.left), self._offset(e.right))
+            return {a + sign * b for a, b in pairs}
+        return {self._constant(e) or 0.0}
 
     def _constant(self, e: typed.Expr) -> float | None:
         """Its value, durations in seconds; None where it is no constant."""

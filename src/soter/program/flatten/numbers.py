@@ -1,25 +1,27 @@
 """The numbers of a system: parameters fixed, constant expressions computed.
 
-Purpose: values of parameters, periods, counts and intervals, each with what is possible.
-Non-goals: what the numbers are for (`elaborate.py`).
+Purpose: periods, counts and intervals, each with what is possible.
+Non-goals: what the numbers are for (`elaborate.py`), values of parameters (`parameters.py`).
 """
 
 from __future__ import annotations
 
 import math
+from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
 from soter.program.check.const import Calculator
-from soter.program.check.decl import show
 from soter.program.check.parts.node import UNKNOWN
+from soter.program.flatten.parameters import Parameters
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
+    from soter.program.flatten.parameters import Values
     from soter.program.model.types import Value
 
 MIN_PERIOD_NS = 1_000
@@ -40,39 +42,27 @@ class Numbers:
         self.program = program
         self.symbol = symbol
         self.diagnostics = diagnostics
-        self.params = self._params(overrides)
+        self.parameters = Parameters(program, symbol.sets, overrides, diagnostics)
+        self.params = self.parameters.everywhere
         self.calculator = Calculator(diagnostics, self.params)
+        self._calculators = {id(self.params): (self.params, self.calculator)}
 
-    # ------------------------------------------------------------ parameters
-
-    def _params(self, overrides: Mapping[str, Value]) -> dict[typed.ParamSymbol, Value]:
-        values: dict[typed.ParamSymbol, Value] = {}
-        sets = {param: (expr, span) for param, expr, span in self.symbol.sets}
-        for param in self.program.params.values():
-            assert isinstance(param.default, typed.Literal)
-            values[param] = param.default.value
-            if param.name in overrides:
-                values[param] = overrides[param.name]
-                self._check_param(param, values[param], param.span, "was set to")
-            elif param in sets:
-                expr, span = sets[param]
-                assert isinstance(expr, typed.Literal)
-                values[param] = expr.value
-                self._check_param(param, values[param], span, "is set to")
-        return values
-
-    def _check_param(self, param: typed.ParamSymbol, value: Value, span: Span, how: str) -> None:
-        if not isinstance(param.low, typed.Literal) or not isinstance(param.high, typed.Literal):
-            return
-        low, high = param.low.value, param.high.value
-        if not low <= value <= high:
-            shown = [show(x, param.type) for x in (value, low, high)]
-            self.diagnostics.error(
-                "V007",
-                f"parameter `{param.name}` {how} {shown[0]}, outside [{shown[1]}, {shown[2]}]",
-                span,
-                also=((param.span, "declared here"),) if span is not param.span else (),
-            )
+    @contextmanager
+    def under(self, params: Values) -> Iterator[None]:
+        """Compute with these values of the parameters meanwhile; one budget for all."""
+        before, outer = self.params, self.calculator
+        if params is not before:
+            known = self._calculators.get(id(params))
+            if known is None:
+                known = params, Calculator(self.diagnostics, params)
+                self._calculators[id(params)] = known
+            self.params, self.calculator = known
+            self.calculator.left = outer.left
+        try:
+            yield
+        finally:
+            outer.left = self.calculator.left
+            self.params, self.calculator = before, outer
 
     # ------------------------------------------------------------ numbers
 

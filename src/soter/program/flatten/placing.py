@@ -12,14 +12,16 @@ from typing import TYPE_CHECKING
 
 from soter.program.check.expressions.field import listed
 from soter.program.flatten.numbers import Numbers
+from soter.program.flatten.wellformed import check_messages
 from soter.program.model import typed
 from soter.program.model.walk import nodes, topics_beside, topics_mentioned
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Collection, Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
+    from soter.program.flatten.parameters import Values
     from soter.program.model.types import Value
 
 TopicKey = tuple[str, typed.TopicSymbol]
@@ -35,8 +37,12 @@ class Placed:
     prefix: str
     wires: list[Wires]
     span: Span
+    params: Values
+    """The values of parameters in it."""
     forced: str | None = None
     replaced: dict[str, typed.NodeSymbol] = field(default_factory=dict)
+    below: Placed | None = None
+    """Of a module: the one that stands in the place of its AC."""
 
     def controllers(self) -> tuple[typed.NodeSymbol, typed.NodeSymbol]:
         """AC and SC of a module, replacements applied."""
@@ -53,6 +59,7 @@ class Part:
     system: typed.SystemSymbol
     prefix: str
     wires: list[Wires]
+    params: Values
 
 
 class Placing(Numbers):
@@ -76,6 +83,9 @@ class Placing(Numbers):
         self.placed: list[Placed] = []
         self.parts: list[Part] = []
         """The system itself, then every sub-system, outer ones first."""
+        self.params_at: dict[str, Values] = {"": self.params}
+        """The values of parameters in the systems, by prefix: topics belong to systems."""
+        self._topics_beside: dict[typed.SystemSymbol, Collection[typed.TopicSymbol]] = {}
         self.partial = symbol in program.damaged or (draft and program.incomplete)
         """Whether something is missing that was reported: then absence is no error."""
 
@@ -83,27 +93,37 @@ class Placing(Numbers):
 
     def walk(self, system: typed.SystemSymbol, prefix: str, outer: list[Wires]) -> None:
         """Place every instance below `prefix`, then what the system forces and replaces."""
-        self.parts.append(Part(system, prefix, outer))
+        around = self.params_at[prefix]
+        self.parts.append(Part(system, prefix, outer, around))
+        if prefix:
+            self.parameters.add(prefix, system.sets)
         for instance in system.instances:
             name = prefix + instance.name
             what = instance.what
             self.partial = self.partial or what in self.program.damaged
             self._check_wires(instance)
+            params = self.parameters.inside(name, around)
             wires = {
                 inner: self.key(target, prefix, outer) for inner, target in instance.renames.items()
             }
             if isinstance(what, typed.SystemSymbol):
-                self._ignored_sets(what)
+                self._ignored_sets(what, name)
+                self.params_at[name + "."] = params
                 self.walk(what, name + ".", [wires])
                 continue
             if isinstance(what, typed.ModuleSymbol):
                 damaged = self.program.damaged
                 self.partial = self.partial or what.ac in damaged or what.sc in damaged
-            self.placed.append(Placed(name, what, prefix, [wires, *outer], instance.span))
-        for path, to, _ in system.forces:
-            for placed in self.placed:
-                if placed.name == prefix + path:
-                    placed.forced = to
+            placed = Placed(name, what, prefix, [wires, *outer], instance.span, params)
+            self.placed.append(placed)
+            for below in what.below if isinstance(what, typed.ModuleSymbol) else ():
+                name += "." + below.name.rpartition(".")[2]
+                placed.below = Placed(name, below, prefix, [wires, *outer], instance.span, params)
+                placed = placed.below
+                self.placed.append(placed)
+        forced = {prefix + path: to for path, to, _ in system.forces}
+        for placed in self.placed if forced else ():
+            placed.forced = forced.get(placed.name, placed.forced)
         for path, by, span in system.replaces:
             self._replace(prefix, path, by, span)
 
@@ -112,7 +132,7 @@ class Placing(Numbers):
         what = instance.what
         if not instance.renames or what in self.program.damaged:
             return
-        beside = topics_beside(what) if isinstance(what, typed.SystemSymbol) else []
+        beside = self._beside(what) if isinstance(what, typed.SystemSymbol) else ()
         known = {*beside, *topics_mentioned(what)}
         for topic, span in instance.rename_spans.items():
             if topic not in known:
@@ -124,16 +144,26 @@ class Placing(Numbers):
                     also=((what.span, f"`{what.name}` is declared here"),),
                 )
 
-    def _ignored_sets(self, inner: typed.SystemSymbol) -> None:
-        for param, _, span in inner.sets:
-            if all(p is not param for p, _, _ in self.symbol.sets):
+    def _beside(self, system: typed.SystemSymbol) -> Collection[typed.TopicSymbol]:
+        """The topics of a system, looked for once."""
+        known = self._topics_beside.get(system)
+        if known is None:
+            known = self._topics_beside[system] = frozenset(topics_beside(system))
+        return known
+
+    def _ignored_sets(self, inner: typed.SystemSymbol, path: str) -> None:
+        for item in inner.sets:
+            if not (item.path or self.parameters.sets(item.param, path)):
                 self.diagnostics.warning(
                     "W006",
-                    f"`set {param.name}` has no effect in system `{self.symbol.name}`",
-                    span,
+                    f"`set {item.param.name}` has no effect in system `{self.symbol.name}`",
+                    item.span,
                     also=((self.symbol.span, f"this system has `{inner.name}` as a part"),),
-                    notes=("parameters belong to the program: the system that runs sets them",),
-                    helps=(f"repeat it in `{self.symbol.name}`",),
+                    notes=("the system that runs sets parameters, or those of its instances",),
+                    helps=(
+                        f"repeat it in `{self.symbol.name}`",
+                        f"or write `{{ set {item.param.name} = ... }}` where it is used",
+                    ),
                 )
 
     def _replace(
@@ -146,12 +176,13 @@ class Placing(Numbers):
                 continue
             local, symbol = placed.name[len(prefix) :], placed.symbol
             if isinstance(symbol, typed.ModuleSymbol) and isinstance(by, typed.NodeSymbol):
-                for node in (symbol.ac, symbol.sc):
+                for node in symbol.own:
                     short = node.name.rsplit(".", 1)[-1]
                     if path in {node.name, short, f"{local}.{short}"}:
                         hit = True
                         self._same_outputs(node, by, span)
                         placed.replaced[node.name] = by
+                        check_messages(symbol, by, span, self.diagnostics)
                 self._still_two(placed, span)
             elif type(symbol) is type(by) and path in {local, symbol.name}:
                 hit = True
@@ -176,8 +207,8 @@ class Placing(Numbers):
             if isinstance(placed.symbol, kind):
                 found.append(placed.name)
             elif kind is typed.NodeSymbol and isinstance(placed.symbol, typed.ModuleSymbol):
-                nodes_ = (placed.symbol.ac, placed.symbol.sc)
-                found += [f"{placed.name}.{n.name.rpartition('.')[2]}" for n in nodes_]
+                own = placed.symbol.own
+                found += [f"{placed.name}.{n.name.rpartition('.')[2]}" for n in own]
         return found
 
     def _same_outputs(self, old: object, new: object, span: Span) -> None:
@@ -242,31 +273,66 @@ class Placing(Numbers):
 
     def key(self, topic: typed.TopicSymbol, prefix: str, wires: list[Wires]) -> TopicKey:
         """Which topic of the flat system a topic means at a place: its home and itself."""
-        stand_in = self.program.stand_ins.get(topic)
-        if stand_in is not None:
-            path, real = stand_in
-            return self._sub_key(prefix, path, real)
+        if topic in self.program.stand_ins:
+            return self._followed([*filter(None, prefix.split("."))], topic)
         for table in wires:
             if topic in table:
                 return table[topic]
         return prefix, topic
 
-    def _sub_key(self, prefix: str, path: tuple[str, ...], topic: typed.TopicSymbol) -> TopicKey:
-        """The key of a sub-system's topic, following the wires on the way down."""
-        system: object = self.symbol
-        at = ""
-        outer: list[Wires] = []
-        for part in [*filter(None, prefix.split(".")), *path]:
-            if not isinstance(system, typed.SystemSymbol):
-                break
-            instance = next(i for i in system.instances if i.name == part)
-            outer = [{i: self.key(t, at, outer) for i, t in instance.renames.items()}]
-            at += part + "."
-            system = instance.what
-        for table in outer:
-            if topic in table:
-                return table[topic]
-        return at, topic
+    def _followed(self, path: list[str], topic: typed.TopicSymbol) -> TopicKey:
+        """A topic as the system at `path` names it, along all wires to where it is at home.
+
+        Wires between instances may lead from one to the next; M021 where they lead in a circle.
+        """
+        seen: dict[tuple[tuple[str, ...], typed.TopicSymbol], Span] = {}
+        while True:
+            path, topic = self._below(path, topic)
+            *outer, last = path or [""]
+            instance = self._system_at(outer).by_name.get(last) if path else None
+            if instance is None or topic not in instance.renames:
+                return "".join(f"{p}." for p in path), topic
+            place = tuple(path), topic
+            if place in seen:
+                self._in_a_circle(seen)
+                return "", topic
+            seen[place] = instance.rename_spans[topic]
+            path, topic = outer, instance.renames[topic]
+
+    def _below(
+        self, path: list[str], topic: typed.TopicSymbol
+    ) -> tuple[list[str], typed.TopicSymbol]:
+        """A stand-in as what it stands for, in the system that it names."""
+        while topic in self.program.stand_ins:
+            further, topic = self.program.stand_ins[topic]
+            path = [*path, *further]
+        return path, topic
+
+    def _system_at(self, path: list[str]) -> typed.SystemSymbol:
+        system = self.symbol
+        for name in path:
+            what = system.by_name[name].what
+            assert isinstance(what, typed.SystemSymbol)
+            system = what
+        return system
+
+    def _in_a_circle(self, seen: dict[tuple[tuple[str, ...], typed.TopicSymbol], Span]) -> None:
+        names = [".".join((*path, topic.name)) for (path, topic) in seen]
+        spans = list(seen.values())
+        self.diagnostics.error(
+            "M021",
+            f"`{names[0]}` is wired to itself"
+            if len(names) == 1
+            else f"{listed(sorted(names))} are wired in a circle",
+            min(spans, key=_start),
+            also=tuple((s, "and back here") for s in spans if s is not min(spans, key=_start))[:1],
+            notes=("a wire gives a topic the place of another one: somewhere there must be one",),
+            helps=("leave one of the wires out",),
+        )
+
+
+def _start(span: Span) -> int:
+    return span.start
 
 
 def expressions_of(properties: tuple[typed.PropertySymbol, ...]) -> list[typed.Expr]:

@@ -61,7 +61,13 @@ class _TestElaborator(Elaborator):
         overrides: Mapping[str, Value],
         diagnostics: Diagnostics,
     ) -> None:
-        system = replace(test.system, replaces=(*test.system.replaces, *test.replaces))
+        own = {(s.path, s.param) for s in test.sets}
+        rest = [s for s in test.system.sets if (s.path, s.param) not in own]
+        system = replace(
+            test.system,
+            replaces=(*test.system.replaces, *test.replaces),
+            sets=(*test.sets, *rest),
+        )
         if test.system in program.damaged:
             program.damaged.add(system)
         super().__init__(program, system, overrides, diagnostics)
@@ -157,7 +163,10 @@ class _TestElaborator(Elaborator):
 
     def _invariant(self, item: typed.PropertySymbol, modules: list[Module]) -> None:
         """Theorem 3.1 of one module, or of each of them (theorem 4.1)."""
-        about = modules if item.module is None else [self.module_called(item.module)]
+        below = {m.over for m in modules}
+        about = [m for m in modules if m.index not in below]
+        if item.module is not None:
+            about = [m for m in about if m.name == item.module]
         if not modules and not self.partial:
             self.diagnostics.error(
                 "M013",
@@ -166,8 +175,6 @@ class _TestElaborator(Elaborator):
                 also=((self.symbol.span, "in this system"),),
             )
         for module in about:
-            if module is None:
-                continue
             text = f"invariant({module.name})"
             index = len(self.timed)
             parts = (None, None, 0, module.index, module.scope, text, item.span)
@@ -382,6 +389,8 @@ def _short(name: str) -> str:
 
 def _text(item: typed.PropertySymbol) -> str:
     """The property as it is written, without its `;`."""
+    if item.whole:
+        return item.whole
     return " ".join(item.span.text.split()).rstrip("; ")
 
 

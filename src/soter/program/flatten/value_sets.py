@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.program.flatten.parameters import Values
     from soter.program.model import typed
     from soter.program.model.types import Type, Value
 
@@ -48,7 +49,9 @@ class Topics(Placing):
         self.measure = Measure(symbol, program.system_sizes, diagnostics)
         self.topics: list[Topic] = []
         self._by_key: dict[TopicKey, Topic] = {}
-        self._ranges: dict[typed.TopicSymbol, tuple[tuple[Bound | None, ...], bool, Value]] = {}
+        self._ranges: dict[
+            tuple[typed.TopicSymbol, int], tuple[tuple[Bound | None, ...], bool, Value]
+        ] = {}
 
     def topic(self, key: TopicKey) -> int:
         """Index of a topic, entered on first mention.
@@ -60,10 +63,11 @@ class Topics(Placing):
             prefix, symbol = key
             if not self.measure.fits(symbol.type):
                 raise TooLargeError
-            bounds, declared, default = self._range(symbol)
             max_age = None
-            if symbol.max_age is not None:
-                max_age = self.duration(symbol.max_age, f"`max_age` of `{symbol.name}`")
+            with self.under(self.params_at[prefix]):
+                bounds, declared, default = self._range(symbol)
+                if symbol.max_age is not None:
+                    max_age = self.duration(symbol.max_age, f"`max_age` of `{symbol.name}`")
             known = Topic(
                 index=len(self.topics),
                 name=prefix + symbol.name,
@@ -107,35 +111,36 @@ class Topics(Placing):
         return index
 
     def _range(self, symbol: typed.TopicSymbol) -> tuple[tuple[Bound | None, ...], bool, Value]:
-        """Bounds, whether every number has one, and the first value; computed once."""
-        if symbol not in self._ranges:
+        """Bounds, whether every number has one, and the first value, under these parameters."""
+        key = symbol, id(self.params)
+        if key not in self._ranges:
             bounds, declared = self._bounds(symbol)
-            self._ranges[symbol] = bounds, declared, self._default(symbol, bounds)
-        return self._ranges[symbol]
+            self._ranges[key] = bounds, declared, self._default(symbol, bounds)
+        return self._ranges[key]
 
     def check_wired_sets(self) -> None:
         """V010 for a wire between topics that allow different values, or ages."""
         for part in self.parts:
             for instance in part.system.instances:
                 for inner, target in instance.renames.items():
-                    _, outer = self.key(target, part.prefix, part.wires)
+                    home, outer = self.key(target, part.prefix, part.wires)
                     if not {inner, outer} & self.program.damaged:
-                        self._same_set(inner, outer, instance)
+                        place = f"{part.prefix}{instance.name}."
+                        params = self.params_at.get(place, part.params)
+                        self._same_set((inner, params), (outer, self.params_at[home]), instance)
 
     def _same_set(
         self,
-        inner: typed.TopicSymbol,
-        outer: typed.TopicSymbol,
+        written: tuple[typed.TopicSymbol, Values],
+        used: tuple[typed.TopicSymbol, Values],
         instance: typed.InstanceSymbol,
     ) -> None:
-        own, given = self._range(inner)[0], self._range(outer)[0]
+        """A topic as the instance knows it and the one in its place, each with its parameters."""
+        inner, outer = written[0], used[0]
+        (own, old), (given, new) = (self._set_and_age(*x) for x in (written, used))
         what = "other values" if any(own) and own != given else ""
-        if not what and inner.max_age is not None:
-            ages = [
-                None if x.max_age is None else self.number(x.max_age, "a `max_age`")
-                for x in (inner, outer)
-            ]
-            what = "another `max_age`" if ages[0] != ages[1] else ""
+        if not what and inner.max_age is not None and old != new:
+            what = "another `max_age`"
         if what:
             self.diagnostics.error(
                 "V010",
@@ -146,6 +151,13 @@ class Topics(Placing):
                 notes=("what was concluded from a set holds for that set only",),
                 helps=("declare both alike",),
             )
+
+    def _set_and_age(
+        self, symbol: typed.TopicSymbol, params: Values
+    ) -> tuple[tuple[Bound | None, ...], Value | None]:
+        with self.under(params):
+            age = symbol.max_age
+            return self._range(symbol)[0], None if age is None else self.number(age, "a `max_age`")
 
     def _bounds(self, symbol: typed.TopicSymbol) -> tuple[tuple[Bound | None, ...], bool]:
         """A bound for each leaf, and whether every number has one."""

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
     from soter.program.model.system import Component, Module, System
     from soter.program.model.typed import ModuleSymbol, NodeSymbol
 
@@ -36,8 +37,15 @@ def check_declaration(
             helps=("give the module a safe controller of its own",),
         )
         return
-    if ac in damaged or sc in damaged:
+    if ac in damaged or sc in damaged or set(module.below) & set(damaged):
         return
+    _decided_by_itself(module, diagnostics)
+    for below in module.below:
+        if sc in below.own:
+            _shared_sc(module, below, at_sc, diagnostics)
+            return
+    for node in module.own:
+        check_messages(module, node, at_ac if node is ac else at_sc, diagnostics)
     ac_out, sc_out = set(ac.publishes), set(sc.publishes)
     if ac_out == sc_out and ac_out:
         return
@@ -69,6 +77,53 @@ def check_declaration(
     )
 
 
+def _decided_by_itself(module: ModuleSymbol, diagnostics: Diagnostics) -> None:
+    """M019 where `ttf` and `safer` would have to be computed: only a proof could."""
+    over = module.over
+    if over is None:
+        return
+    for m in (module, over) if over.over is None else (module,):
+        if m.ttf is None and m.safer is None:
+            diagnostics.error(
+                "M019",
+                f"module `{m.name}` has no `ttf` and no `safer`, and nothing computes them here",
+                module.ac_span or module.span,
+                "a module in the place of AC" if m is module else f"`{m.name}` is below a module",
+                also=((m.span, "declared here"),),
+                notes=("they are computed for modules that can be proved where they stand",),
+                helps=("write `ttf ...;` and `safer ...;`",),
+            )
+
+
+def _shared_sc(
+    module: ModuleSymbol, below: ModuleSymbol, at: Span, diagnostics: Diagnostics
+) -> None:
+    diagnostics.error(
+        "M002",
+        f"`{module.sc.name}` is SC of module `{module.name}` and a controller of `{below.name}`",
+        at,
+        "the safe controller",
+        also=((below.span, f"`{below.name}` stands in the place of AC"),),
+        notes=("one node cannot have control in two ways",),
+        helps=("give the module a safe controller of its own",),
+    )
+
+
+def check_messages(
+    module: ModuleSymbol, node: NodeSymbol, at: Span, diagnostics: Diagnostics
+) -> None:
+    """M018 for a controller whose step may publish several messages."""
+    for topic, limit in node.bursts.items():
+        diagnostics.error(
+            "M018",
+            f"`{node.name}` may publish {limit} messages a step on `{topic.name}`, an output of "
+            f"module `{module.name}`",
+            at,
+            notes=("of what a module publishes each step gives one value, which the gate judges",),
+            helps=(f"publish `{topic.name}` without `[<={limit}]`",),
+        )
+
+
 def _listed(node: NodeSymbol) -> str:
     return ", ".join(f"`{t.name}`" for t in node.publishes) or "nothing"
 
@@ -81,10 +136,35 @@ def check_periods(system: System, diagnostics: Diagnostics, unknown: Collection[
     for module in system.modules:
         if system.components[module.dm].name in unknown:
             continue
-        for role, index in (("AC", module.ac), ("SC", module.sc)):
+        if module.over is not None:
+            _slower_below(system, module, diagnostics, unknown)
+        own = (("AC", module.ac), ("SC", module.sc))
+        for role, index in own if module.over is None else own[1:]:
             node = system.components[index]
             if node.period_ns > module.period_ns and node.name not in unknown:
                 _slower(module, role, node, diagnostics)
+
+
+def _slower_below(
+    system: System, module: Module, diagnostics: Diagnostics, unknown: Collection[str]
+) -> None:
+    """P1a of a module in the place of AC: its decision module and controllers keep up."""
+    assert module.over is not None
+    below = system.modules[module.over]
+    for index in (below.dm, below.ac, below.sc) if below.over is None else (below.dm, below.sc):
+        c = system.components[index]
+        if c.period_ns <= module.period_ns or c.name in unknown:
+            continue
+        what = f"`{c.node.name}`" if c.node is not None else f"the DM of `{below.symbol.name}`"
+        diagnostics.error(
+            "P1a",
+            f"{what} is slower than the decision module of `{module.symbol.name}`",
+            module.symbol.ac_span or module.symbol.span,
+            f"{what} steps every {show_ns(c.period_ns)}",
+            also=((module.symbol.period.span, f"samples every {show_ns(module.period_ns)}"),),
+            notes=("P1a asks it of everything that stands in the place of AC",),
+            helps=(f"raise this period to {write_ns(c.period_ns)} or more",),
+        )
 
 
 def _slower(module: Module, role: str, node: Component, diagnostics: Diagnostics) -> None:

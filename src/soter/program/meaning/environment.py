@@ -21,7 +21,7 @@ class BudgetExceeded(Exception):  # noqa: N818  not an error: the limit was aske
 
 
 def _nobody(count: int) -> int:
-    """Who chooses where nobody was named: only the step of a node has choices."""
+    """Who chooses where nobody was named: only steps of nodes and plants have choices."""
     msg = f"nobody chooses between {count} alternatives here"
     raise RuntimeError(msg)
 
@@ -31,8 +31,9 @@ class Environment:
 
     `variables` by identity; `topics` and `stamps` by topic index, as they were when the step
     began; `mode(module index)` and `truth(component index)` ask the configuration; `published`
-    collects what `publish` wrote, by topic index. `choose(count)` answers a `choose` expression:
-    0 <= pick < count. A closed constant needs no argument at all.
+    collects what `publish` wrote, by topic index, of a burst the tuple of all messages.
+    `choose(count)` answers a `choose` expression: 0 <= pick < count. A closed constant needs no
+    argument at all.
     """
 
     __slots__ = (

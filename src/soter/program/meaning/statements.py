@@ -154,11 +154,22 @@ class Evaluator(ExpressionEvaluator):
 
     def _publish(self, stmt: t.Publish) -> Executed:
         index, value = self._topics[stmt.topic], self._expr(stmt.value)
+        limit, span = stmt.limit, stmt.span
 
         def publish(env: Environment) -> None:
             env.published[index] = value(env)
 
-        return self._counted(1, publish)
+        if limit is None:
+            return self._counted(1, publish)
+
+        def publish_also(env: Environment) -> None:
+            new = value(env)
+            earlier = env.published.get(index, ())
+            if len(earlier) >= limit:
+                raise StepFault(FaultKind.CAPACITY, span, f"more than {limit} messages")
+            env.published[index] = (*earlier, new)
+
+        return self._counted(1, publish_also)
 
     def _return(self, stmt: t.Return) -> Executed:
         return self._counted(1, self._expr(stmt.value))

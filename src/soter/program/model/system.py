@@ -154,6 +154,11 @@ class Module:
     inputs: tuple[int, ...]
     outputs: tuple[int, ...]
     forced: str | None = None
+    around: dict[ParamSymbol, Value] = field(default_factory=dict)
+    """The parameters of the system that it stands in, whose topics it reads and gates; its own
+    are those of its `scope`."""
+    over: int | None = None
+    """The module that stands in the place of AC; `ac` is then that one's."""
 
 
 @dataclass(eq=False)
@@ -244,6 +249,8 @@ class System:
     inputs: tuple[InputDrive, ...]
     until_ns: int | None
     params: dict[str, Value]
+    """Values of all parameters by full name; where an instance has its own, by its name, too
+    (`r[0].GAIN`). `Scope.params` is what code sees."""
     hyperperiod_ns: int
     test: TestPlan | None = None
     """Set when the system was flattened for a `test` block, with its properties."""
@@ -281,3 +288,9 @@ def queues_of(system: System, component: Component) -> tuple[int, ...]:
         return ()
     read = [component.scope.topics[s.topic] for s in component.node.subscribes]
     return tuple([i for i in read if system.topics[i].queue_of is not None])
+
+
+def modules_above(system: System, module: int) -> tuple[Module, ...]:
+    """The modules in which this one stands in the place of AC, the next one first."""
+    above = next((m for m in system.modules if m.over == module), None)
+    return () if above is None else (above, *modules_above(system, above.index))

@@ -15,7 +15,10 @@ Rules that hold of every tree built by the checker:
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
+
+from soter.program.model.types import ListType
 
 if TYPE_CHECKING:
     from soter.diagnostics.span import Span
@@ -223,7 +226,7 @@ class Aggregate(Expr):
 
 @dataclass(eq=False)
 class Choose(Expr):
-    """`choose ...` in the step of a node: one of finitely many values; who runs the step picks.
+    """`choose ...` in a step: one of finitely many values; who runs the step picks.
 
     With `options` they are evaluated left to right and one of them is the value; without, the
     value is number `low + k` (k-th bool, enum member or int), 0 <= k < `count`. `ages` is the
@@ -289,10 +292,14 @@ class Push(Stmt):
 
 @dataclass(eq=False)
 class Publish(Stmt):
-    """`publish topic = value;`: takes effect when the step ends without a fault; the last wins."""
+    """`publish topic = value;`: takes effect when the step ends without a fault; the last wins.
+
+    With a `limit` that many messages of a step are kept, in order, and one more is a fault.
+    """
 
     topic: TopicSymbol
     value: Expr
+    limit: int | None = None
 
 
 @dataclass(eq=False)
@@ -425,6 +432,18 @@ class NodeSymbol(Symbol):
     guarantees: tuple[Expr, ...]
     takeover: tuple[Stmt, ...] | None
     step: tuple[Stmt, ...]
+    bursts: dict[TopicSymbol, int] = field(default_factory=dict)
+    """Topics of which a step may publish several messages, and how many."""
+
+    @property
+    def answers(self) -> list[tuple[str, Type]]:
+        """What an extern node answers: short name and type of each output; of a burst a list."""
+        return [(t.name.rpartition(".")[2], self.given(t)) for t in self.publishes]
+
+    def given(self, topic: TopicSymbol) -> Type:
+        """What a step gives for a topic that it publishes: a value, or of a burst a list."""
+        limit = self.bursts.get(topic)
+        return topic.type if limit is None else ListType(topic.type, limit)
 
 
 @dataclass(eq=False, kw_only=True)
@@ -507,6 +526,8 @@ class ModuleSymbol(Symbol):
     `ttf` and `safer` may be None: then they are computed (`reach/deploy/complete.py`) before a run
     or a build; where that fails AC never gets control. `clean` is the number of clean outputs AC
     needs after a fault.
+
+    With `over` a module stands in the place of AC: `ac` is then what that one has as its AC.
     """
 
     ac: NodeSymbol
@@ -522,6 +543,17 @@ class ModuleSymbol(Symbol):
     ac_span: Span | None = None
     sc_span: Span | None = None
     """Where the module names its controllers."""
+    over: ModuleSymbol | None = None
+
+    @property
+    def own(self) -> tuple[NodeSymbol, ...]:
+        """The controllers that belong to itself: not those of a module below it."""
+        return (self.ac, self.sc) if self.over is None else (self.sc,)
+
+    @property
+    def below(self) -> tuple[ModuleSymbol, ...]:
+        """The module below it, the one below that, and so on."""
+        return () if self.over is None else (self.over, *self.over.below)
 
     @property
     def synthesized(self) -> bool:
@@ -601,7 +633,8 @@ class PropertySymbol:
     """A property of a system or test: kind always, never, eventually, leadsto or invariant.
 
     "invariant" (tests only) has no expressions: `module` is the instance path it is about, None
-    for `invariants`, all of them.
+    for `invariants`, all of them. `whole` is what people read where its place in the program does
+    not say it: in a loop, with the loop variables filled in.
     """
 
     kind: str
@@ -611,6 +644,7 @@ class PropertySymbol:
     text: str
     span: Span
     module: str | None = None
+    whole: str = ""
 
 
 @dataclass(eq=False)
@@ -639,6 +673,16 @@ class InputSymbol:
 
 
 @dataclass(eq=False)
+class SetSymbol:
+    """`set K = 3;`, of the instance `path` of the system; of everything in it where that is ""."""
+
+    path: str
+    param: ParamSymbol
+    value: Value
+    span: Span
+
+
+@dataclass(eq=False)
 class SystemSymbol(Symbol):
     """A system: instances, properties and overrides."""
 
@@ -648,8 +692,13 @@ class SystemSymbol(Symbol):
     properties: tuple[PropertySymbol, ...]
     forces: tuple[tuple[str, str, Span], ...]
     replaces: tuple[tuple[str, NodeSymbol | PlantSymbol, Span], ...]
-    sets: tuple[tuple[ParamSymbol, Expr, Span], ...]
+    sets: tuple[SetSymbol, ...]
     inputs: tuple[InputSymbol, ...]
+
+    @cached_property
+    def by_name(self) -> dict[str, InstanceSymbol]:
+        """Its instances by their names."""
+        return {i.name: i for i in self.instances}
 
 
 @dataclass(eq=False)
@@ -664,6 +713,7 @@ class TestSymbol(Symbol):
     quantum: Expr | None = None
     faults: tuple[FaultSymbol, ...] = ()
     inputs: tuple[InputSymbol, ...] = ()
+    sets: tuple[SetSymbol, ...] = ()
 
 
 class Cost(NamedTuple):
@@ -702,3 +752,9 @@ class Program:
     are known."""
     incomplete: bool = False
     """Whether a declaration of the main file could not be read at all."""
+
+    def param(self, name: str) -> ParamSymbol | None:
+        """The parameter that a full name means, `GAIN`, or `r[0].GAIN` of an instance; or None."""
+        while name not in self.params and "." in name:
+            name = name.partition(".")[2]
+        return self.params.get(name)

@@ -73,7 +73,8 @@ def topics_mentioned(what: object) -> list[typed.TopicSymbol]:
         return [*what.reads, *(t for t, _ in what.drives)]
     if isinstance(what, typed.ModuleSymbol):
         nodes_ = [*topics_mentioned(what.ac), *topics_mentioned(what.sc)]
-        return [*nodes_, *what.topics_read, *topic_reads(*what.predicates)]
+        below = [t for m in what.below for t in topics_mentioned(m)]
+        return [*nodes_, *below, *what.topics_read, *topic_reads(*what.predicates)]
     return []
 
 
@@ -87,3 +88,25 @@ def topics_beside(system: typed.SystemSymbol) -> list[typed.TopicSymbol]:
         for topic in topics_mentioned(instance.what):
             found.setdefault(instance.renames.get(topic, topic))
     return list(found)
+
+
+def chooses(*roots: object) -> bool:
+    """Whether some of it leaves a choice open."""
+    return any(isinstance(n, typed.Choose) for n in nodes(roots))
+
+
+def plant_code(plant: typed.PlantSymbol) -> list[typed.Expr]:
+    """Every expression that a step of a plant evaluates."""
+    lets, drives = [e for _, e in plant.lets], [e for _, e in plant.drives]
+    return [*lets, *plant.next.values(), *plant.der.values(), *drives]
+
+
+def chosen_lets(plant: typed.PlantSymbol) -> tuple[typed.Variable, ...]:
+    """The lets of a plant that choose: they are evaluated once a step, and hold for all of it."""
+    return tuple([v for v, e in plant.lets if chooses(e)])
+
+
+def first_lets(plant: typed.PlantSymbol) -> tuple[tuple[typed.Variable, typed.Expr], ...]:
+    """The lets that a step evaluates first of all: up to the last one that chooses."""
+    last = max((i for i, (_, e) in enumerate(plant.lets) if chooses(e)), default=-1)
+    return plant.lets[: last + 1]

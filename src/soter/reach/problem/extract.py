@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.lower.steps import lower
 from soter.program.check.const import Calculator
+from soter.program.model.system import modules_above
 from soter.program.model.types import leaves
 from soter.reach.enclose.scheme import ORDER
 from soter.reach.problem.assumed import assumptions_of
@@ -37,6 +38,8 @@ CASES_MAX = 4096
 def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     """The problem of `module` of the flat system; `SoterError` with R... where there is none."""
     diagnostics = Diagnostics()
+    _stands_alone(flat, module, diagnostics)
+    _stop(diagnostics)
     at = place(flat, module)
     kind = check_followed(at, diagnostics, synthesize=synthesize)
     _stop(diagnostics)
@@ -88,6 +91,27 @@ def _forced(flat: System, module: Module) -> list[str]:
         return []
     who = module.forced.upper()
     return [f"the DM switches: in system {flat.name} it does not, {module.name} is forced to {who}"]
+
+
+def _stands_alone(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+    """R020 for a module above another one, and for one below."""
+    above = modules_above(flat, module.index)
+    if module.over is None and not above:
+        return
+    other = above[0] if above else flat.modules[module.over or 0]
+    side = "below" if above else "above"
+    diagnostics.error(
+        "R020",
+        f"module `{module.name}` stands {side} module `{other.name}`, and is not proved there",
+        module.symbol.span,
+        also=((other.symbol.span, f"`{other.symbol.name}`"),),
+        notes=(
+            f"its SC has control only while `{other.name}` is in AC"
+            if above
+            else "what may act after its DM said SC is a whole module, which no proof follows yet",
+        ),
+        helps=("verify it in a system of its own, with nodes as its controllers", "or test it"),
+    )
 
 
 def _stop(diagnostics: Diagnostics) -> None:

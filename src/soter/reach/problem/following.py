@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.program.model import typed
 from soter.program.model.types import BoolType, EnumType, IntType, leaves
-from soter.program.model.walk import calls_in, nodes, topic_reads
+from soter.program.model.walk import calls_in, nodes, plant_code, topic_reads
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
@@ -34,6 +34,7 @@ def check_followed(place: Place, diagnostics: Diagnostics, *, synthesize: bool) 
     kinds: dict[str, Component] = {}
     for c in place.plants:
         _plant(c, place, diagnostics, kinds)
+    _choosing(place, diagnostics)
     if not place.plants:
         diagnostics.error(
             "R002",
@@ -115,6 +116,24 @@ def _bounded(t: Type) -> bool:
 
 
 # ---------------------------------------------------------------- plants
+
+
+def _choosing(place: Place, diagnostics: Diagnostics) -> None:
+    """R007 for plants that choose, those that fly and those that stand for them."""
+    seen: set[typed.PlantSymbol] = set()
+    for c in (*place.plants, *place.flat.components):
+        if c.plant is None or c.plant in seen:
+            continue
+        seen.add(c.plant)
+        found = next((n for n in nodes(plant_code(c.plant)) if isinstance(n, typed.Choose)), None)
+        if found is not None:
+            diagnostics.error(
+                "R007",
+                f"plant `{c.name}` chooses, which a proof does not follow",
+                found.span,
+                notes=("a proof is about all that disturbances may be, not about alternatives",),
+                helps=("make it a `disturbance` with its bounds", "or test it: `soter test`"),
+            )
 
 
 def _plant(

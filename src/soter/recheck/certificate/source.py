@@ -10,15 +10,15 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.program.build import check_file
+from soter.program.flatten.parameters import has_param
 from soter.program.load.loader import load
 from soter.program.model.types import BoolType, DurationType, FloatType, IntType
 from soter.recheck.certificate.errors import RejectedError
 from soter.syntax import tree
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
     from soter.program.build import Checked
+    from soter.program.model.typed import Program
     from soter.recheck.certificate.folder import Certificate
 
 
@@ -35,7 +35,7 @@ def program_of(certificate: Certificate) -> tuple[Checked, dict[str, Any]]:
     checked = check_file(path)
     overrides: dict[str, Any] = {}
     if checked.program is not None:
-        overrides = _overrides(certificate, checked.program.params)
+        overrides = _overrides(certificate, checked.program)
         checked = check_file(path, None, overrides)
     if not checked.ok or checked.program is None:
         raise SoterError(checked.diagnostics.items)
@@ -62,14 +62,18 @@ def _only_own_files(certificate: Certificate, path: str) -> None:
             raise RejectedError(f"the program reads `{own.name}` outside the certificate")
 
 
-def _overrides(certificate: Certificate, known: Mapping[str, Any]) -> dict[str, Any]:
+def _overrides(certificate: Certificate, program: Program) -> dict[str, Any]:
     """Values of parameters; floats are written as C99 hexadecimal texts."""
     params = certificate.manifest["params"]
     if not isinstance(params, dict):
         raise RejectedError("`params` is not as it should be")
-    for name in params.keys() - known.keys():
-        raise RejectedError(f"the program has no parameter `{name}`")
-    return {name: _value(known[name].type, value, name) for name, value in params.items()}
+    found = {}
+    for name, value in params.items():
+        param = program.param(name)
+        if param is None or not has_param(program, program.systems.values(), name):
+            raise RejectedError(f"the program has no parameter `{name}`")
+        found[name] = _value(param.type, value, name)
+    return found
 
 
 def _value(of: object, value: object, name: str) -> object:

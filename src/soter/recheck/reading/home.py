@@ -47,11 +47,12 @@ def home_of(system: System, module: Module) -> tuple[System, Module, tuple[Compo
             properties=(),
             forces=(),
             replaces=(),
-            sets=(),
+            sets=_own_parameters(module, instances),
             inputs=(),
         )
         found = Diagnostics()
-        elaborator = Elaborator(system.program, made, dict(system.params), found)
+        around = {p.name: v for p, v in module.around.items()}
+        elaborator = Elaborator(system.program, made, around, found)
         elaborator.partial = True
         flattened = elaborator.run()
         if flattened is None or found.has_errors:
@@ -74,6 +75,17 @@ def home_of(system: System, module: Module) -> tuple[System, Module, tuple[Compo
         and (c.name in names or any(c.scope.topics[t] in wanted for t, _ in c.plant.drives))
     )
     return system, module, plants
+
+
+def _own_parameters(
+    module: Module, instances: tuple[typed.InstanceSymbol, ...]
+) -> tuple[typed.SetSymbol, ...]:
+    """What is set for the module itself holds for the plants of its proof, too.
+
+    Its topics are not its own: they keep what is set around it.
+    """
+    own = [(p, v) for p, v in module.scope.params.items() if repr(module.around[p]) != repr(v)]
+    return tuple(typed.SetSymbol(i.name, p, v, i.span) for i in instances for p, v in own)
 
 
 def _with_controllers(

@@ -42,7 +42,7 @@ CODE: dict[type, str] = {
     t.Place: "variable path type span",
     t.Declare: "span variable value",
     t.Assign: "span place value",
-    t.Publish: "span topic value",
+    t.Publish: "span topic value limit",
     t.Return: "span value",
     t.Assert: "span condition message",
     t.If: "span arms otherwise",
@@ -58,11 +58,11 @@ Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age
 """
 DECLARATIONS: dict[type, str] = {
     t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "
-    "initial assumes guarantees takeover step",
+    "initial assumes guarantees takeover step bursts",
     t.Subscribed: "topic queue policy span",
     t.TopicSymbol: "name span type input values default max_age",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
-    "sc_span",
+    "sc_span over",
     t.VerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
     "response_sc acts recover late_of response_of dropout span",
     t.AbstractionLink: "instance name plant value span",
@@ -88,6 +88,8 @@ def understood(facts: Facts) -> None:
         raise NotRecheckedError(
             f"`{module.name}` is forced to {module.forced}: its DM never decides"
         )
+    if module.over is not None or any(m.over == module.index for m in facts.flying.modules):
+        raise NotRecheckedError(f"`{module.name}` stands above or below another module")
     assert facts.sc.node is not None
     _safe_controller(facts.sc.node)
     _topics(facts)
@@ -96,6 +98,8 @@ def understood(facts: Facts) -> None:
     for c in facts.plants:
         _plant(c)
     for c in facts.flying.components:
+        if c.plant is not None and _chooses(c.plant):
+            raise NotRecheckedError(f"the plant `{c.name}` chooses")
         if c.role not in ROLES:
             raise NotRecheckedError(f"`{c.name}` is a {c.role}, which is not known here")
 
@@ -119,6 +123,8 @@ def _safe_controller(sc: t.NodeSymbol) -> None:
     for subscribed in sc.subscribes:
         if subscribed.queue is not None:
             raise NotRecheckedError(f"SC has a queue of `{subscribed.topic.name}`")
+    if sc.bursts:
+        raise NotRecheckedError("SC publishes several messages a step")
     for s in sc.step:
         _code(s, "SC")
 
@@ -153,6 +159,18 @@ def _plant(c: Component) -> None:
     roots += [*plant.der.values(), *plant.next.values()]
     for root in roots:
         _code(root, f"the plant `{c.name}`")
+
+
+def _chooses(plant: t.PlantSymbol) -> bool:
+    """Whether a plant leaves something open besides its disturbances."""
+    roots = [*plant.lets, *plant.next.items(), *plant.der.items(), *plant.drives]
+    todo: list[object] = [e for _, e in roots]
+    while todo:
+        part = todo.pop()
+        if isinstance(part, t.Choose):
+            return True
+        todo += _parts(part)
+    return False
 
 
 # ---------------------------------------------------------------- code

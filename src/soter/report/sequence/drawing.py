@@ -36,6 +36,8 @@ BODY_PX = 1100 - GUTTER_PX
 LANE_MIN_PX, LANE_MAX_PX = 116, 260
 FIRST_PX, LINE_PX, BELOW_PX = 22, 26, 16
 """From the top of a row to its first line, from line to line, from the last line to the end."""
+UNDER_BOX_PX = 6
+"""More to the second line, where a box stands on the first: its label is not under the box."""
 DROPPED_PX = 12
 """More, where a label says that a queue is full."""
 INSTANT_PX = 6
@@ -57,6 +59,10 @@ class Row:
     top: float
     line: float
     height: float
+
+    def line_of(self, index: int) -> float:
+        """Where the step's publication of that number stands."""
+        return self.line + _below_first(self.step, index)
 
     @property
     def end(self) -> float:
@@ -106,10 +112,16 @@ def plan(view: SequenceView) -> Plan:
         if rows and rows[-1].step.time_ns != step.time_ns:
             top += INSTANT_PX
         lines = max(len(step.published), 1) if step.lane in centres else 1
-        height = FIRST_PX + LINE_PX * (lines - 1) + BELOW_PX + DROPPED_PX * bool(step.dropped)
+        below = BELOW_PX + DROPPED_PX * bool(step.dropped)
+        height = FIRST_PX + _below_first(step, lines - 1) + below
         rows.append(Row(step, top, top + FIRST_PX, height))
         top += height
     return Plan(view, lane_px, centres, tuple(rows))
+
+
+def _below_first(step: SequenceStep, index: int) -> float:
+    """From the first line of a step to another one."""
+    return LINE_PX * index + UNDER_BOX_PX * bool(index and _word(step)[0])
 
 
 def body_svg(p: Plan) -> str:
@@ -301,16 +313,16 @@ def _lane_step(p: Plan, row: Row, x: float) -> str:
     box, half = _box(p, step, x, row.line, role)
     parts = []
     if len(step.published) > 1:
-        end = row.line + LINE_PX * (len(step.published) - 1)
+        end = row.line_of(len(step.published) - 1)
         parts.append(f'<path class="wire {role}" d="M{x:g} {row.line:g}V{end:g}"/>')
     for index, published in enumerate(step.published):
-        y = row.line + LINE_PX * index
+        y = row.line_of(index)
         edge = half + RING_PX * step.violates if index == 0 else 0.0
         text = published_text(published)
         readers = _reader_places(p, step, published.topic, x)
         parts.append(_publication(p, text, role, x, y, edge, readers))
     if step.dropped:
-        y = row.line + LINE_PX * max(len(step.published) - 1, 0) + 24
+        y = row.line_of(max(len(step.published) - 1, 0)) + 24
         parts.append(
             f'<text class="dropped" text-anchor="middle" x="{x:g}" y="{y:g}">queue full</text>'
         )

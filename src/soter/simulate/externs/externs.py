@@ -20,7 +20,7 @@ from soter.program.meaning.arith import FaultKind, StepFault
 from soter.program.model.values import ValueShapeError, inputs_to_python
 from soter.report.visible import visible
 from soter.semantics.externs import Converted, Stop, converted, message_of, said_by, step_of
-from soter.semantics.gate import check_of
+from soter.semantics.gate import check_of, messages
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -91,7 +91,7 @@ class ExternAnswers:
         node = component.node
         assert node is not None
         inputs = inputs_to_python([self._topic(component, s.topic, raw) for s in node.subscribes])
-        shapes = [(t.name.rpartition(".")[2], t.type) for t in node.publishes]
+        shapes = node.answers
         values = converted(shapes, self.steps[component.index](inputs))
         self.tallies[component.name].count(values)
         self.gates[component.index].note(values, self.failures)
@@ -140,16 +140,19 @@ class _Gate:
         self.name = component.name
         self.span = component.span
         written = component.node.publishes if component.node is not None else ()
-        self.checks = [check_of(system.topics[component.scope.topics[t]]) for t in written]
+        topics = [component.scope.topics[t] for t in written]
+        self.checks = [(t, check_of(system.topics[t])) for t in topics]
+        bursts = component.node.bursts if component.node is not None else ()
+        self.bursts = [component.scope.topics[t] for t in bursts]
 
     def note(self, values: Sequence[Value | None], failures: dict[str, str]) -> None:
         """Note the first value that is outside its topic's set."""
         if self.name in failures:
             return
-        for check, value in zip(self.checks, values, strict=False):
+        for (topic, check), value in zip(self.checks, values, strict=False):
             try:
-                if value is not None:
-                    check(value, self.span)
+                for message in () if value is None else messages(topic, value, self.bursts):
+                    check(message, self.span)
             except StepFault as fault:
                 failures[self.name] = fault.detail
                 return
@@ -211,7 +214,7 @@ def _shapes(component: Component) -> list[tuple[str, Type]]:
     if component.plant is not None:
         return [(v.name, v.type) for v in component.plant.states]
     assert component.node is not None
-    return [(t.name.rpartition(".")[2], t.type) for t in component.node.publishes]
+    return component.node.answers
 
 
 class _Noting:

@@ -28,9 +28,14 @@ def unproved(system: System) -> list[str]:
     """What is taken for granted about code: modules that may switch, externs that are trusted."""
     free = [m for m in system.modules if m.forced is None]
     found = []
-    if free:
-        names = ", ".join(m.name for m in free)
-        found.append(f"{names}: {' '.join(ASSUMED)} assumed, not checked (`soter verify` does)")
+    stacked = {i for m in free if m.over is not None for i in (m.index, m.over)}
+    assumed = f"{' '.join(ASSUMED)} assumed, not checked"
+    for which, why in (
+        ([m for m in free if m.index not in stacked], "(`soter verify` does)"),
+        ([m for m in free if m.index in stacked], "(modules above each other are not proved)"),
+    ):
+        if which:
+            found.append(f"{', '.join(m.name for m in which)}: {assumed} {why}")
     trusted = [x.name for x in system.components if x.extern and x.role in ("sc", "node")]
     if trusted:
         found.append(f"{', '.join(trusted)}: extern and trusted, nothing is known about the code")

@@ -211,6 +211,8 @@ class Cursor:
 
     def _renames(self, i: int) -> bool:
         """`node X { a = b }` of a system, as opposed to a node that lacks its period."""
+        if self.kinds[i + 3 : i + 5] == [NAME, NAME]:
+            return self.texts[i + 3] == "set"
         return self.kinds[i + 3 : i + 5] == [NAME, "="] or self.kinds[i + 4 : i + 5] == ["."]
 
     def close_word(self, word: str, words: Iterable[str]) -> str | None:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 @dataclass(slots=True)
 class _NodeParts(OnceParts):
     subscribes: list[tree.Subscription] = field(default_factory=list)
-    publishes: list[tree.Ref] = field(default_factory=list)
+    publishes: list[tree.Publication] = field(default_factory=list)
     failsafe: list[tuple[tree.Ref, tree.Expr]] = field(default_factory=list)
     locals: list[tree.LocalVar] = field(default_factory=list)
     assumes: list[tree.Expr] = field(default_factory=list)
@@ -135,8 +135,27 @@ class NodeParser(VerifyParser):
 
     def _publishes(self, parts: _NodeParts) -> None:
         self.i += 1
-        parts.publishes.extend(self.refs("the name of a topic"))
+        while True:
+            start = self.starts[self.i]
+            topic = self.ref("the name of a topic")
+            burst = self._burst() if self.kinds[self.i] == "[" else None
+            parts.publishes.append(tree.Publication(topic, burst, self.span_from(start)))
+            if not self.accept(",") and not self._forgotten_comma():
+                break
         self.semicolon("the published topics")
+
+    def _burst(self) -> int | None:
+        """`[<=4]`: how many messages a step may publish."""
+        self.tight.append(self.i)
+        self.i += 1
+        if self.kinds[self.i] != "<=":
+            message = f"expected `<=` before the number of messages, found {self.found()}"
+            helps = ("a topic of which a step may publish up to four messages: `alarm[<=4]`",)
+            raise self.failure("S005", message, helps=helps)
+        self.i += 1
+        found = self._count("the number of messages")
+        self.expect("]", "after the number of messages")
+        return found
 
     def _failsafe(self, parts: _NodeParts) -> None:
         self.i += 1
@@ -205,9 +224,21 @@ class NodeParser(VerifyParser):
         if word == "sc" and self.is_word("synthesized") and self.kinds[self.i + 1] != ".":
             self.keep_once(parts, word, self._synthesized(), at)
             return
+        if word == "ac" and self.is_word("module") and self.kinds[self.i + 1] == NAME:
+            self.keep_once(parts, word, self._module_as_ac(), at)
+            return
         node = self.ref(f"the name of a node after `{word}`")
         self.semicolon(f"the node of `{word}`")
         self.keep_once(parts, word, node, at)
+
+    def _module_as_ac(self) -> tree.ModuleAsAc:
+        """`ac module Keep;`: what AC is, is itself a module."""
+        start = self.starts[self.i]
+        self.i += 1
+        module = self.ref("the name of a module after `ac module`")
+        found = tree.ModuleAsAc(module, self.span_from(start))
+        self.semicolon("the module of `ac`")
+        return found
 
     def _synthesized(self) -> tree.Synthesized:
         """`sc synthesized period 10ms;`: there is none yet."""

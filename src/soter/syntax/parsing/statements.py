@@ -146,8 +146,8 @@ class StatementParser(ExpressionParser):
             return self.kinds[self.i + 1] in PLACE_FOLLOWS
         return kind in STATEMENT_WORDS
 
-    def _head(self, what: str) -> tree.Expr:
-        """The expression between a statement word and its block."""
+    def head(self, what: str) -> tree.Expr:
+        """The expression between a statement word and its block; Panic where there is no block."""
         start = self.i
         if self.kinds[start] == "{" and self.kinds[start + 2] != ":":
             self.report("S007", f"expected {what}, found `{{`")
@@ -367,12 +367,12 @@ class StatementParser(ExpressionParser):
     def _if(self) -> tree.Stmt:
         start = self.starts[self.i]
         self.i += 1
-        condition = self._head("the condition")
+        condition = self.head("the condition")
         arms = [(condition, self.block("after the condition", single=True))]
         otherwise: tree.Block | None = None
         while True:
             if self.accept("elseif") or self._else_if():
-                condition = self._head("the condition")
+                condition = self.head("the condition")
                 arms.append((condition, self.block("after the condition", single=True)))
             elif self.accept("else"):
                 otherwise = self.block("after `else`", single=True)
@@ -397,6 +397,15 @@ class StatementParser(ExpressionParser):
 
     def _for(self) -> tree.Stmt:
         start = self.starts[self.i]
+        name, low = self.loop_head()
+        high = self.head("the end of the range") if self.accept("..") else None
+        body = self.block("after the range", single=True)
+        if high is None:
+            return tree.ForEachStmt(self.span_from(start), name, low, body)
+        return tree.ForRangeStmt(self.span_from(start), name, low, high, body)
+
+    def loop_head(self) -> tuple[tree.Name, tree.Expr]:
+        """`for name in low`, at `for`."""
         self.i += 1
         if self.kinds[self.i] == "(":
             self._c_style_loop()
@@ -410,13 +419,7 @@ class StatementParser(ExpressionParser):
             self.i += 1
         else:
             self.expect_word("in", "after the loop variable")
-        low = self._head("the range")
-        if self.accept(".."):
-            high = self._head("the end of the range")
-            body = self.block("after the range", single=True)
-            return tree.ForRangeStmt(self.span_from(start), name, low, high, body)
-        body = self.block("after the range", single=True)
-        return tree.ForEachStmt(self.span_from(start), name, low, body)
+        return name, self.head("the range")
 
     def _c_style_loop(self) -> None:
         """`for (i = 0; ...; ...) { ... }`: reported and left out as a whole."""
@@ -439,7 +442,7 @@ class StatementParser(ExpressionParser):
             helps=("write `for i in 0..N { if condition { ... } }`",),
         )
         self.i += 1
-        condition = self._head("the condition")
+        condition = self.head("the condition")
         body = self.block("after the condition", single=True)
         return tree.IfStmt(self.span_from(start), ((condition, body),), None)
 
@@ -450,7 +453,7 @@ class StatementParser(ExpressionParser):
         if self.kinds[self.i] == "if" or word == "elseif":
             self.accept("if")
             start = self.starts[self.i]
-            condition = self._head("the condition")
+            condition = self.head("the condition")
             body = self.block("after the condition", single=True)
             return tree.IfStmt(self.span_from(start), ((condition, body),), None)
         body = self.block("after `else`", single=True)

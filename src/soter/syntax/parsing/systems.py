@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.syntax import tree
+from soter.syntax.parsing import arrays
 from soter.syntax.parsing.bodies import HOMES, LEADERLESS, OnceParts
 from soter.syntax.tokens import EOF, NAME, visible
 
@@ -21,13 +22,14 @@ if TYPE_CHECKING:
 
 @dataclass(slots=True)
 class _SystemParts(OnceParts):
-    instances: list[tree.Instance] = field(default_factory=list)
-    properties: list[tree.Property] = field(default_factory=list)
-    forces: list[tree.Force] = field(default_factory=list)
-    replaces: list[tree.Replace] = field(default_factory=list)
-    sets: list[tree.SetParam] = field(default_factory=list)
-    inputs: list[tree.DriveInput] = field(default_factory=list)
-    faults: list[tree.TimingFault] = field(default_factory=list)
+    instances: list[tree.Instance | tree.Repeated] = field(default_factory=list)
+    properties: list[tree.Property | tree.Repeated] = field(default_factory=list)
+    forces: list[tree.Force | tree.Repeated] = field(default_factory=list)
+    replaces: list[tree.Replace | tree.Repeated] = field(default_factory=list)
+    sets: list[tree.SetParam | tree.Repeated] = field(default_factory=list)
+    inputs: list[tree.DriveInput | tree.Repeated] = field(default_factory=list)
+    faults: list[tree.TimingFault | tree.Repeated] = field(default_factory=list)
+    loops: int = 0  # around these items
 
 
 def system(parser: BodyParser) -> tree.Decl:
@@ -57,22 +59,24 @@ def _instance(parser: BodyParser, parts: _SystemParts) -> bool:
     """`name: What;` if that stands here."""
     i = parser.i
     _no_leads_to(parser, i)
-    colon = parser.kinds[i + 1] == ":"
-    if colon and parser.texts[i] in _SYSTEM_ITEMS and parser.kinds[i + 2] != NAME:
+    element = parser.kinds[i + 1] == "[" and arrays.at_instance(parser, i)
+    colon = parser.kinds[i + 1] == ":" or element
+    if colon and not element and parser.texts[i] in _SYSTEM_ITEMS and parser.kinds[i + 2] != NAME:
         return False
     if not colon and not _instance_without_colon(parser, i):
         return False
     start = parser.starts[i]
-    name = parser.name("the name of an instance")
+    name = arrays.element(parser, parser.name("the name of an instance"))
     if colon:
         parser.i += 1
     else:
         message = f"expected `:` after the name of the instance, found {parser.found()}"
         parser.report("S005", message, parser.after_previous(), "`:` is missing here")
     what = parser.ref("what the instance is made of")
-    renames = _renames_of(parser, what)
+    renames, sets = _inside_of(parser, what)
     parser.semicolon("the instance")
-    parts.instances.append(tree.Instance(name, what, None, renames, parser.span_from(start)))
+    span = parser.span_from(start)
+    parts.instances.append(tree.Instance(name, what, None, renames, span, sets))
     return True
 
 
@@ -105,24 +109,33 @@ def _use(parser: BodyParser, parts: _SystemParts) -> None:
     kind = "node" if parser.texts[parser.i] == "node" else "module"
     parser.i += 1
     what = parser.ref(f"the name of a {kind}")
-    renames = _renames_of(parser, what)
+    renames, sets = _inside_of(parser, what)
     parser.semicolon(f"the {kind}")
-    instance = tree.Instance(what.name, what, kind, renames, parser.span_from(start))
+    instance = tree.Instance(what.name, what, kind, renames, parser.span_from(start), sets)
     parts.instances.append(instance)
 
 
-def _renames_of(parser: BodyParser, what: tree.Ref) -> tuple[tuple[tree.Ref, tree.Ref], ...]:
+def _inside_of(
+    parser: BodyParser, what: tree.Ref
+) -> tuple[tuple[tuple[tree.Ref, tree.Path], ...], tuple[tree.SetParam, ...]]:
+    """`{ topic = other, set K = 3 }` behind what an instance is made of: wires and settings."""
     if parser.kinds[parser.i] != "{":
-        return ()
+        return (), ()
     opener = parser.i
     parser.i += 1
-    pairs: list[tuple[tree.Ref, tree.Ref]] = []
+    pairs: list[tuple[tree.Ref, tree.Path]] = []
+    sets: list[tree.SetParam] = []
     while True:
-        inner = parser.ref(f"a topic of `{visible(what.text)}`")
-        parser.assign("between the two names of a topic")
-        pairs.append((inner, parser.ref("the name of a topic")))
-        if not parser.comma("}", "the renamed topic", opener):
-            return tuple(pairs)
+        if parser.is_word("set") and parser.kinds[parser.i + 1] == NAME:
+            sets.append(arrays.setting(parser, inside=True))
+            after = "the value of the parameter"
+        else:
+            inner = parser.ref(f"a topic of `{visible(what.text)}`")
+            parser.assign("between the two names of a topic")
+            pairs.append((inner, arrays.path(parser, "the name of a topic")))
+            after = "the renamed topic"
+        if not parser.comma("}", after, opener):
+            return tuple(pairs), tuple(sets)
 
 
 def _until(parser: BodyParser, parts: _SystemParts) -> None:
@@ -143,7 +156,7 @@ def _always(parser: BodyParser, parts: _SystemParts) -> None:
 def _force(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     parser.i += 1
-    module = parser.path("the name of a module after `force`")
+    module = arrays.path(parser, "the name of a module after `force`")
     to = parser.texts[parser.i]
     if to not in ("ac", "sc"):
         raise parser.failure(
@@ -157,7 +170,7 @@ def _force(parser: BodyParser, parts: _SystemParts) -> None:
 def _replace(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     parser.i += 1
-    what = parser.path("the name of what is replaced")
+    what = arrays.path(parser, "the name of what is replaced")
     parser.expect_word("by", "after what is replaced")
     by = parser.ref("the name of the replacement")
     parser.semicolon("the replacement")
@@ -165,18 +178,13 @@ def _replace(parser: BodyParser, parts: _SystemParts) -> None:
 
 
 def _set(parser: BodyParser, parts: _SystemParts) -> None:
-    start = parser.starts[parser.i]
-    parser.i += 1
-    param = parser.ref("the name of a parameter")
-    parser.assign("after the parameter")
-    value = parser.value("the value of the parameter")
-    parts.sets.append(tree.SetParam(param, value, parser.span_from(start)))
+    parts.sets.append(arrays.setting(parser))
 
 
 def _input(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     parser.i += 1
-    topic = parser.path("the name of an input topic")
+    topic = arrays.path(parser, "the name of an input topic")
     values = tuple(_values(parser)) if parser.accept("in") else None
     parser.expect_word("every", "after the input")
     every = parser.time_value("`every`")
@@ -222,6 +230,7 @@ def test(parser: BodyParser) -> tree.Decl:
         quantum=once("quantum"),
         faults=tuple(parts.faults),
         inputs=tuple(parts.inputs),
+        sets=tuple(parts.sets),
     )
 
 
@@ -245,7 +254,7 @@ def _late(parser: BodyParser, parts: _SystemParts) -> None:
     start = parser.starts[parser.i]
     kind = "overrun" if parser.texts[parser.i] == "overrun" else "late"
     parser.i += 1
-    component = parser.path(f"the name of a node after `{kind}`")
+    component = arrays.path(parser, f"the name of a node after `{kind}`")
     parser.expect_word("by", "and a time after the node")
     by = parser.time_value("`by`")
     fault = tree.TimingFault(kind, component, by, None, parser.span_from(start))
@@ -256,7 +265,7 @@ def _skip(parser: BodyParser, parts: _SystemParts) -> None:
     """`skip N [at most k];`."""
     start = parser.starts[parser.i]
     parser.i += 1
-    component = parser.path("the name of a node after `skip`")
+    component = arrays.path(parser, "the name of a node after `skip`")
     at_most: tree.Expr | None = None
     if parser.accept_word("at"):
         parser.expect_word("most", "after `at`")
@@ -335,8 +344,11 @@ _TEST_ITEMS: dict[str, Callable[[BodyParser, _SystemParts], None]] = {
     "overrun": _late,
     "skip": _skip,
     "input": _input,
+    "set": _set,
 }
+_SYSTEM_ITEMS["for"] = arrays.loop(_SYSTEM_ITEMS, _instance)
+_TEST_ITEMS["for"] = arrays.loop(_TEST_ITEMS, _leads_to)
 LEADERLESS["test"] = ("`p leadsto q`",)
 LEADERLESS["system"] = ("`name: What`",)
-HOMES["a system"] = frozenset(_SYSTEM_ITEMS)
-HOMES["a test"] = frozenset(_TEST_ITEMS)
+HOMES["a system"] = frozenset(_SYSTEM_ITEMS) - {"for"}
+HOMES["a test"] = frozenset(_TEST_ITEMS) - {"for"}

@@ -26,6 +26,9 @@ static void search(soter_search* s) {
     case SOTER_COVERAGE:
       soter_search_coverage(s);
       return;
+    case SOTER_FALSIFY:
+      soter_search_falsify(s);
+      return;
   }
   SOTER_CHECK(!"a strategy without a search");
 }

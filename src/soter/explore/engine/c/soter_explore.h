@@ -29,8 +29,8 @@ typedef struct {
   const uint32_t* output; /* topics that it publishes */
   const uint32_t* leaf;   /* per output: its first leaf in the model's table; the others follow */
   uint32_t outputs;
-  const uint64_t* reads;  /* [words]: packed bits that its steps may read */
-  const uint64_t* writes; /* [words]: and write; both without the schedule's */
+  const uint64_t* reads;  /* [words]: packed bits that its steps may read, */
+  const uint64_t* writes; /* [words]: and write, but for the schedule's and deadlines */
   uint32_t held;          /* overrun: offset in the world of its soter_held; else 0 */
 } soter_actor;
 
@@ -62,6 +62,25 @@ typedef struct {
   uint32_t module;                      /* invariant */
 } soter_timed;
 
+/* A field of a packed world that grows older as time passes: ticks since something, at most `most`;
+ * one more than ticks since a publication, 0 never; ticks until a deadline (soter_pack_due). */
+typedef enum { SOTER_SINCE = 0, SOTER_STAMP = 1, SOTER_DUE = 2 } soter_ageing_kind;
+typedef struct {
+  uint32_t at, width; /* bits */
+  soter_ageing_kind kind;
+  uint64_t most;
+} soter_ageing;
+
+/* What guides a search towards a violation (soter_explore_margin.h): of a property (`what` 0) or a
+ * timed one (3), how far its condition (of leadsto the premise as well) is from changing; `scale`
+ * has a place for every comparison. */
+typedef struct {
+  uint32_t what, index;
+  bool flat; /* no numbers are compared: it leads nowhere */
+  double (*premise)(const void* state, double* scale); /* NULL: none */
+  double (*of)(const void* state, double* scale); /* always, never: > 0 where nothing is violated */
+} soter_aim;
+
 /* A scalar of a topic, for coverage: kind 0 bool or enum, 1 int, 2 float. */
 typedef struct {
   uint32_t topic;
@@ -76,15 +95,25 @@ typedef struct {
   const soter_actor* actor;
   const soter_timed* timed;
   const soter_leaf* leaf;
+  const soter_aim* guide;
   uint32_t actors, timeds, leaves, branches;
-  int64_t tick_ns;    /* every time is a multiple */
-  int64_t quantum_ns; /* steps happen at multiples of it, where `timely` */
+  uint32_t guides, scales; /* comparisons in the guides */
+  int64_t tick_ns;         /* every time is a multiple */
+  int64_t quantum_ns;      /* steps happen at multiples of it, where `timely` */
   int64_t horizon_ns;
-  bool timely;               /* when a step happens matters: its time is a choice */
-  bool sampled;              /* a continuum is sampled: never exhausted */
-  bool plain;                /* a step changes nothing packed but the schedule and its `writes` */
+  bool timely;       /* when a step happens matters: its time is a choice */
+  bool sampled;      /* a continuum is sampled: never exhausted */
+  uint64_t now_mask; /* of a packed world's first word without its lowest bit: now */
+  bool plain;        /* nothing of the past is packed but values: no ages, no deadlines */
+  bool brief;        /* no step lasts: it changes the schedule, its `writes`, and what time
+                        changes */
+  const soter_ageing* ageing;
+  uint32_t ageings;
   const uint64_t* scheduled; /* [words]: packed bits of the schedule: now, done, lost */
-  const uint64_t* observed;  /* [words]: packed bits that always and never read */
+  const uint64_t* clock;     /* [words]: of these: now */
+  const uint64_t* observed;  /* [words]: packed bits that properties read, but for: */
+  const uint64_t* dues;      /* [words]: deadlines */
+  const uint64_t* verdicts;  /* [words]: what invariants know of the past */
   uint32_t world_size;
   uint32_t bits;  /* of a packed world */
   uint32_t words; /* uint64_t that these take */
@@ -115,6 +144,11 @@ SOTER_INLINE uint8_t* soter_acted_of(const soter_model* m, void* world) {
   return (uint8_t*)(soter_lost_of(m, world) + m->actors);
 }
 
+/* When the last step of a packed world happened, ns; -1 (or less) before the first one. */
+SOTER_INLINE int64_t soter_time_of(const soter_model* m, const uint64_t* packed) {
+  return ((int64_t)(packed[0] >> 1 & m->now_mask) - 1) * m->tick_ns;
+}
+
 /* ------------------------------------------------------------------ how */
 
 typedef enum {
@@ -123,13 +157,16 @@ typedef enum {
   SOTER_DEEPENING = 2,
   SOTER_RANDOM = 3,
   SOTER_PCT = 4,
-  SOTER_COVERAGE = 5
+  SOTER_COVERAGE = 5,
+  SOTER_FALSIFY = 6
 } soter_strategy;
 
 typedef enum { SOTER_EXACT = 0, SOTER_FINGERPRINT = 1 } soter_storage;
 
 #define SOTER_REDUCE_SLEEP 1U
 #define SOTER_REDUCE_AMPLE 2U
+#define SOTER_REDUCE_INSTANTS 4U
+#define SOTER_REDUCE_GROUPS 8U /* with instants */
 
 /* What is violated: `what` 0 always/never (`index` property), 1 a contract (property), 2 a trusted
  * component faulted (component), 3 a timed property (timed). */
@@ -151,10 +188,22 @@ typedef struct {
   uint64_t actors;     /* only these move, and only these properties and timed ones are judged: */
   uint64_t properties; /* a part of the system that shares nothing with the rest; actors 0: all */
   uint64_t timeds;
-  bool plainly; /* never remember steps: run every one (a check of the explorer itself) */
-  bool go_on;   /* do not stop at a violation: what violates is not expanded */
+  bool plainly;  /* never remember steps: run every one (a check of the explorer itself) */
+  bool unguided; /* falsify: every plan is drawn anew (a check of what guides it) */
+  bool go_on;    /* do not stop at a violation: what violates is not expanded */
   const soter_broken* known; /* [knowns]: nor at one of these: others are looked for */
   uint32_t knowns;
+  const uint64_t* noted; /* [words]: bits whose values at ends of instants are kept in place of
+                            worlds; breadth first, where only ends are stored. NULL: nothing is */
+  const uint64_t*
+      goal; /* [words]: an end with these noted bits violates `sought`; NULL: none does */
+  soter_broken sought;
+  uint64_t noted_bytes; /* that what is noted may take */
+  int save_to; /* a file descriptor, plus one, that breadth-first search writes itself to when it
+                  ends without a violation; 0: none */
+  const uint8_t*
+      resume; /* [resume_bytes]: what was written so; it goes on from there. NULL: it begins */
+  uint64_t resume_bytes;
 } soter_explore_options;
 
 typedef enum {
@@ -167,7 +216,8 @@ typedef enum {
   SOTER_NO_MEMORY = 6, /* not even enough to begin */
   SOTER_CHOOSY = 7,    /* a step asks for more than SOTER_CHOICES choices */
   SOTER_WIDE = 8,      /* a packed world takes more than SOTER_WORDS words */
-  SOTER_LONG = 9       /* the trace has more steps than there is room for */
+  SOTER_LONG = 9,      /* the trace has more steps than there is room for */
+  SOTER_DAMAGED = 10   /* options.resume is of no such search */
 } soter_explore_status;
 
 /* One step of a trace. `kind`: 0 step, 1 lost release (skip), 2 start of an overrunning step, 3 its
@@ -186,10 +236,13 @@ typedef struct {
   uint64_t table_bytes, frontier_bytes;
   uint64_t memo_bytes;   /* of steps that are remembered, and of what one step leads to */
   uint64_t needed_bytes; /* SOTER_NO_MEMORY: to begin */
+  int64_t covered_ns;    /* everything that is observed before this time was judged, INT64_MAX: all
+                            that there is; of exhaustive searches */
   uint32_t threads;      /* that searched */
   uint32_t chooser;      /* SOTER_CHOOSY: the actor; UINT32_MAX: the start */
   uint32_t depth;        /* steps of the longest execution seen */
   uint32_t length;       /* of the trace */
+  bool saved;            /* it was written to options.save_to */
   void* kept;            /* options.keep: for soter_explore_kept, until soter_explore_free */
 } soter_explore_result;
 
@@ -197,9 +250,14 @@ typedef struct {
   volatile int stop; /* set by another thread: the search ends in order */
   volatile uint64_t states, transitions;
   volatile uint32_t depth;
-  volatile int tracing;      /* something is violated: a way to it is looked for */
-  volatile uint64_t bytes;   /* of tables, frontiers and remembered steps */
-  volatile uint64_t answers; /* of one step that were tried so far, where they are very many */
+  volatile int tracing;        /* something is violated: a way to it is looked for */
+  volatile uint64_t bytes;     /* of tables, frontiers and remembered steps */
+  volatile int64_t covered_ns; /* everything before was judged (breadth first) */
+  volatile uint64_t answers;   /* of one step that were tried so far, where they are very many */
+  volatile int save_to; /* set by another thread: a file descriptor, plus one, that breadth-first
+                           search writes itself to before it goes on; then 0 again, */
+  volatile uint32_t saved, unsaved; /* and one of these is one more: it was written, it cannot be */
+  volatile uint64_t saved_states;   /* of what was written last */
 } soter_explore_progress;
 
 typedef struct {
@@ -211,6 +269,7 @@ typedef struct {
   uint8_t* fired;    /* [actors] */
   uint8_t* judged;   /* [properties + timeds]: an always or never was looked at where time may pass;
                         what a timed property promises was due within the horizon */
+  double* nearest;   /* [guides]: least robustness met; only falsify looks */
 } soter_explore_coverage;
 
 /* Searches. `trace` has room for `room` steps. `coverage` is added to. */
@@ -261,6 +320,26 @@ typedef struct {
  * steps otherwise, until something is violated: `violates` says whether `wanted` is. Returns how
  * many steps it has, those before `begin` among them. */
 uint32_t soter_explore_guided(const soter_model* m, const soter_guide* g, bool* violates);
+
+/* One of several parts of a system that share nothing: who moves in it, and what was noted of it.
+ */
+typedef struct {
+  uint64_t actors;
+  const void* kept;
+} soter_side;
+
+/* The bits of a part that are noted: the schedule's, and what always and never read of what its
+ * actors write. */
+void soter_explore_noted(const soter_model* m, uint64_t actors, uint64_t* mask);
+
+/* Whether an always or never is violated where time passes, in the system that has these parts: all
+ * combinations of what was noted of them at one time. SOTER_VIOLATED, and per part in `goals`
+ * ([sides * words]) what it has then; SOTER_EXHAUSTED; SOTER_MEMORY where there are too many, or
+ * the start is not the only one: nothing is known then; SOTER_STOPPED. */
+soter_explore_status soter_explore_joined(const soter_model* m, const soter_explore_options* o,
+                                          const soter_side* side, uint32_t sides, uint32_t property,
+                                          soter_explore_progress* progress,
+                                          soter_explore_coverage* coverage, uint64_t* goals);
 
 /* All worlds that a search with exact storage stored, written to `worlds` one after the other
  * (NULL: nothing is written); returns how many there are. */

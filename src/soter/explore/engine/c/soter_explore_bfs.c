@@ -2,54 +2,22 @@
  *
  * Purpose: all worlds, layer by layer; the shortest violation comes first. Each thread owns the
  * worlds whose hash says so: it has a table and a frontier of its own, and hands the others what is
- * theirs at the end of a layer, so that no table is shared and nothing is locked.
+ * theirs at the end of a layer, so that no table is shared and nothing is locked. Where every way
+ * to a world has as many moves, worlds of different layers differ: there is a table of the layer
+ * that is expanded, which is the frontier, and one of the next.
  * Where something is violated, the same search is made again with a link from every world to the
  * one it came from, until that violation: memory is not spent on links unless they are needed.
  */
 #define _POSIX_C_SOURCE 200809L
-#include <pthread.h>
+#include "soter_explore_bfs.h"
 
-#include "soter_explore_dfs.h"
-
-#define THREADS SOTER_THREADS
-#define AHEAD 32U   /* worlds that are expanded at once, */
-#define HEIRS 256U  /* unless they have so many heirs */
+#ifndef SOTER_AHEAD      /* tests stop anywhere */
+#define SOTER_AHEAD 32U  /* worlds that are expanded at once, */
+#define SOTER_TELL 4096U /* and between two looks at the bounds */
+#endif
+#define HEIRS 256U  /* heirs of worlds that are expanded at once, more or less */
+#define OWED 16U    /* this part of a worker's memory is for what it found for others */
 #define LOOK 32768U /* worlds taken in between two looks at the bounds */
-
-typedef struct worker {
-  struct layered* all;
-  uint32_t id;
-  soter_expander expander;
-  soter_store store;
-  soter_explore_coverage coverage;
-  soter_row here, next, out[THREADS];
-  uint64_t count, moved;
-  uint64_t first;          /* the world of the frontier that is expanded */
-  uint64_t taken;          /* heirs since the bounds were looked at */
-  volatile uint64_t bytes; /* of all that is this worker's */
-  uint64_t* key;           /* of heirs that are about to be put */
-  uint32_t keys;
-  bool broke, full;
-  soter_broken broken;
-  uint64_t culprit; /* links: the entry whose move breaks something */
-  uint64_t last;    /* links: or the entry that is broken */
-  soter_row links;  /* one thread: worlds as they came, each with the number of the one before */
-} worker;
-
-typedef struct layered {
-  soter_search* s;
-  uint32_t threads, words;
-  uint32_t opened;
-  bool link;
-  worker w[THREADS];
-  pthread_mutex_t mutex;
-  pthread_cond_t turn;
-  uint32_t waiting, turns; /* a barrier: not every system has one */
-  bool open;               /* the workers may begin */
-  bool done;
-  soter_explore_status status;
-  uint32_t depth;
-} layered;
 
 /* ------------------------------------------------------------------ room */
 
@@ -68,7 +36,9 @@ static bool more_keys(worker* w, uint32_t count) {
 
 static uint64_t frontier_of(const worker* w) {
   uint64_t bytes = soter_row_bytes(&w->here) + soter_row_bytes(&w->next) +
-                   soter_row_bytes(&w->links) + (uint64_t)w->keys * w->all->words * sizeof *w->key;
+                   soter_row_bytes(&w->links) + soter_store_bytes(&w->noted) +
+                   soter_store_bytes(&w->before) +
+                   (uint64_t)w->keys * w->all->words * sizeof *w->key;
   for (uint32_t k = 0; k < THREADS; k++) {
     bytes += soter_row_bytes(&w->out[k]);
   }
@@ -86,6 +56,50 @@ static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
   }
 }
 
+/* Keeps what is noted of an end; whether there is something about it that was sought. */
+static bool note(worker* w, const uint64_t* packed) {
+  const soter_explore_options* const o = w->all->s->o;
+  uint64_t seen[SOTER_WORDS];
+  uint64_t sleep = 0U;
+  uint64_t again = 0U;
+  bool found = o->goal != NULL;
+  SOTER_CHECK(w->expander.instant != NULL && w->all->words <= SOTER_WORDS);
+  for (uint32_t k = 0; k < w->all->words; k++) {
+    seen[k] = packed[k] & o->noted[k];
+    found = found && seen[k] == o->goal[k];
+  }
+  if (o->goal == NULL && soter_store_put(&w->noted, seen, &sleep, &again) < 0) {
+    w->full = true;
+  }
+  return found;
+}
+
+/* Whether a new world ends an execution: it is judged. */
+static bool ends(worker* w, const uint64_t* packed) {
+  const soter_explore_options* const o = w->all->s->o;
+  soter_broken broken;
+  if (soter_is_broken(&w->expander, packed, &broken)) {
+    if (!soter_is_known(&w->expander.place, &broken)) {
+      break_off(w, &broken, SOTER_NO_DEADLINE);
+    }
+    return true;
+  }
+  SOTER_CHECK(w->all->words > 0U);
+  if (o->noted != NULL && note(w, packed)) {
+    break_off(w, &o->sought, SOTER_NO_DEADLINE);
+    return true;
+  }
+  return false;
+}
+
+/* A world waits for the next layer; by tables it does so where it stands. */
+static void let_wait(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t moves) {
+  const bool fine = w->all->tables || soter_row_put(&w->next, packed, sleep, moves);
+  w->next_ns = soter_earlier(w->next_ns, soter_time_of(w->all->s->m, packed));
+  w->full = w->full || !fine;
+  w->torn = w->torn || !fine;
+}
+
 /* Takes a world in: new ones are judged and wait for the next layer. */
 static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint64_t sleep,
                     uint64_t from) {
@@ -96,38 +110,20 @@ static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint
     return;
   }
   if (fresh == 0) {
-    if (again != 0U && !soter_row_put(&w->next, packed, sleep, again)) {
-      w->full = true;
+    if (again != 0U) { /* by tables it is expanded after all have come, with what sleeps then */
+      let_wait(w, packed, sleep, again);
     }
     return;
   }
-  soter_broken broken;
-  SOTER_CHECK(again == 0U && w->count < w->store.count);
+  SOTER_CHECK(again == 0U && w->store.count > 0U);
   w->count++;
   if (w->all->link && !soter_row_put(&w->links, packed, from, 0U)) {
     w->full = true;
   }
-  if (soter_is_broken(&w->expander, packed, &broken)) {
-    if (!soter_is_known(&w->expander.place, &broken)) {
-      break_off(w, &broken, SOTER_NO_DEADLINE);
-    }
-    return;
+  if (!ends(w, packed)) {
+    w->fresh++;
+    let_wait(w, packed, sleep, UINT64_MAX);
   }
-  if (!soter_row_put(&w->next, packed, sleep, UINT64_MAX)) {
-    w->full = true;
-  }
-}
-
-static uint32_t owner_of(const layered* all, const uint64_t* packed) {
-  if (all->threads == 1U) {
-    return 0U;
-  }
-  uint64_t h = 0U;
-  for (uint32_t k = 0; k < all->words; k++) {
-    h = (h ^ packed[k]) * UINT64_C(0x9e3779b97f4a7c15);
-  }
-  SOTER_CHECK(all->threads <= THREADS);
-  return (uint32_t)(h >> 40) % all->threads;
 }
 
 static bool stops(const layered* all) {
@@ -139,20 +135,18 @@ static void hand_on(worker* w) {
   layered* const all = w->all;
   const uint32_t words = all->words;
   const soter_heirs* const h = &w->expander.heirs;
-  for (uint32_t k = 0; k < h->count; k++) {
-    const uint64_t* const packed = h->packed + (size_t)k * words;
-    soter_store_key(&w->store, packed, w->key + (size_t)k * words);
-    soter_store_hint(&w->store, packed, w->key + (size_t)k * words);
-  }
+  soter_store_announce(&w->store, h->packed, h->count, w->key);
   w->taken += h->count;
   for (uint32_t k = 0; k < h->count && !w->full; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * words;
-    const uint32_t owner = owner_of(all, packed);
+    const uint32_t owner = soter_owner_of(all, packed, w->key + (size_t)k * words);
     SOTER_CHECK(owner < all->threads);
     if (owner == w->id) {
       take_in(w, packed, w->key + (size_t)k * words, h->sleep[k], w->moved + w->first);
     } else if (!soter_row_put(&w->out[owner], packed, h->sleep[k], 0U)) {
       w->full = true;
+    } else {
+      w->owed++;
     }
   }
 }
@@ -162,23 +156,41 @@ static bool over(const worker* w) {
   return w->full || w->expander.place.too_many || stops(w->all) || (w->broke && !s->o->go_on);
 }
 
+/* What is told in the end is what it took when it took most. */
+static void note_most(layered* all, uint64_t bytes) {
+  if (bytes < all->most_bytes) {
+    return;
+  }
+  all->most_bytes = bytes;
+  all->most_table = all->most_rows = 0U;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    all->most_table += all->w[k].table;
+    all->most_rows += all->w[k].rows;
+  }
+}
+
 /* Memory is one budget: what tables, frontiers and remembered steps of all workers take together.
  * The table may grow into this worker's share of what is left. */
 static void weigh(worker* w) {
   layered* const all = w->all;
-  const uint64_t memory = all->s->o->memory;
+  const uint64_t all_of_it = all->s->o->memory;
+  const uint64_t memory = all_of_it - all_of_it / 64U * (all->threads > 1U ? 3U : 1U);
   const uint64_t table = soter_store_bytes(&w->store);
-  w->bytes = table + frontier_of(w) + soter_expander_bytes(&w->expander);
+  w->table = table;
+  w->rows = frontier_of(w);
+  w->bytes = table + w->rows + soter_expander_bytes(&w->expander);
   uint64_t bytes = 0U;
   for (uint32_t k = 0; k < all->threads; k++) {
     bytes += all->w[k].bytes;
   }
   const uint64_t left = memory > bytes ? (memory - bytes) / all->threads : 0U;
   w->store.memory = table + left;
-  w->full = w->full || bytes > memory;
+  soter_instant_allow(w->expander.instant, left / 2U);
+  w->full = w->full || bytes > memory; /* others go on until they look */
   w->taken = 0U;
   if (w->id == 0U) {
     all->s->progress->bytes = bytes;
+    note_most(all, bytes);
   }
 }
 
@@ -196,7 +208,7 @@ static void tell(worker* w) {
   }
   s->progress->states = states;
   s->progress->transitions = transitions;
-  s->progress->depth = w->all->depth;
+  s->progress->depth = w->all->steps;
   w->full = w->full || (s->o->max_states > 0U && states >= s->o->max_states);
 }
 
@@ -210,7 +222,31 @@ static bool take_away(void* to) {
   if (w->taken >= LOOK) {
     tell(w);
   }
+  soter_forget(&w->expander);
   return !over(w);
+}
+
+/* The next world of the frontier, number `i`, what sleeps in it and which moves are to be made:
+ * none where it violates something, in a search that goes on. */
+static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
+  const layered* const all = w->all;
+  const uint32_t words = all->words;
+  soter_broken broken;
+  if (!all->tables) {
+    soter_copy_words(item, soter_row_at(&w->here, i), w->here.width);
+  } else if (!soter_store_next(&w->before, &w->at, item, &item[words])) {
+    SOTER_CHECK(!"a layer has as many worlds as were put into its table");
+  }
+  if (w->expander.instant != NULL) { /* nothing sleeps */
+    item[words] = 0U;
+    item[words + 1U] = UINT64_MAX;
+  } else if (all->tables) {
+    item[words + 1U] = UINT64_MAX;
+  }
+  const bool may_break = all->tables && (all->s->o->go_on || all->s->o->knowns > 0U);
+  if (may_break && soter_is_broken(&w->expander, item, &broken)) {
+    item[words + 1U] = 0U;
+  }
 }
 
 /* Expands worlds of the frontier, from number `first`: as many as are looked for at once, so that
@@ -218,15 +254,19 @@ static bool take_away(void* to) {
 static uint64_t expand_some(worker* w, uint64_t first) {
   layered* const all = w->all;
   const uint32_t words = all->words;
-  const uint64_t most = all->link ? 1U : AHEAD;
+  const uint64_t most = all->link ? 1U : SOTER_AHEAD;
   soter_heirs* const h = &w->expander.heirs;
   uint64_t i = first;
-  SOTER_CHECK(first < w->here.count);
+  uint64_t item[SOTER_WORDS + 2U];
+  SOTER_CHECK(first < w->layer);
   soter_forget(&w->expander);
   w->first = first;
-  for (; i < w->here.count && i - first < most && h->count < HEIRS && !over(w); i++) {
-    const uint64_t* const item = soter_row_at(&w->here, i);
-    soter_expand(&w->expander, item, item[words], item[words + 1U]);
+  for (; i < w->layer && i - first < most && h->count < HEIRS && !over(w); i++) {
+    next_of_frontier(w, i, item);
+    if (item[words + 1U] == 0U) {
+      continue;
+    }
+    soter_expand_next(&w->expander, item, item[words], item[words + 1U]);
     if (w->expander.broke) {
       break_off(w, &w->expander.broken, w->moved + i);
     }
@@ -237,16 +277,50 @@ static uint64_t expand_some(worker* w, uint64_t first) {
 
 /* ------------------------------------------------------------------ layers */
 
+static bool open_store(worker* w, soter_store* store) {
+  const soter_search* const s = w->all->s;
+  const bool fine = soter_store_open(store, s->m, s->o->storage, soter_keeps_sleep(&w->expander),
+                                     s->o->memory / w->all->threads);
+  store->growth = 4U; /* settled when their time is over */
+  store->layer = w->all->forgets;
+  store->stop = &s->progress->stop;
+  return fine;
+}
+
+/* Whether somebody wants the search written down, before it goes on. */
+static bool pauses(const layered* all) {
+  return all->saves && all->s->progress->save_to != 0;
+}
+
+/* Expands some worlds; where an heir may be lost they count as not expanded. */
+static void go_ahead(worker* w) {
+  const soter_cursor at = w->at;
+  const uint64_t count = expand_some(w, w->expanded);
+  if (over(w)) {
+    w->at = at;
+    return;
+  }
+  w->expanded += count;
+  w->made = w->expander.transitions;
+}
+
+/* Expands all of it, or until there is much that others have to take in. */
 static void expand_layer(worker* w) {
-  uint64_t told = 0U;
-  uint64_t i = 0U;
-  while (i < w->here.count && !over(w)) {
-    i += expand_some(w, i);
-    if (i - told >= 4096U) {
-      told = i;
+  const uint64_t each = (w->all->words + 1U) * sizeof(uint64_t) * OWED;
+  const uint64_t most = w->all->s->o->memory / w->all->threads / each + 1U;
+  uint64_t told = w->expanded;
+  bool pause = false;
+  SOTER_CHECK(w->expanded <= w->layer);
+  w->owed = 0U;
+  while (w->expanded < w->layer && w->owed < most && !over(w) && !pause) {
+    go_ahead(w);
+    pause = pauses(w->all);
+    if (w->expanded - told >= SOTER_TELL) {
+      told = w->expanded;
       tell(w);
     }
   }
+  w->rest = w->expanded < w->layer && !over(w) && !pause;
 }
 
 static void wait_for_others(layered* all) {
@@ -267,21 +341,30 @@ static void wait_for_others(layered* all) {
   (void)pthread_mutex_unlock(&all->mutex);
 }
 
-static void receive(worker* w) {
+/* Takes in what another worker has found; what there is no room for stays. */
+static void receive_from(worker* w, soter_row* q) {
   layered* const all = w->all;
-  for (uint32_t k = 0; k < all->threads; k++) {
-    soter_row* const q = &all->w[k].out[w->id];
-    for (uint64_t i = 0; i < q->count && !w->full && !stops(all); i++) {
-      const uint64_t* const item = soter_row_at(q, i);
-      if (++w->taken >= LOOK) {
-        weigh(w);
-      }
-      uint64_t key[SOTER_WORDS];
-      soter_store_key(&w->store, item, key);
-      take_in(w, item, key, item[all->words], 0U);
+  uint64_t i = 0U;
+  for (; i < q->count && !w->full && !stops(all); i++) {
+    const uint64_t* const item = soter_row_at(q, i);
+    if (++w->taken >= LOOK) {
+      weigh(w);
     }
-    q->count = 0U;
+    uint64_t key[SOTER_WORDS];
+    soter_store_key(&w->store, item, key);
+    take_in(w, item, key, item[all->words], 0U);
   }
+  soter_row_drop(q, w->full && i > 0U ? i - 1U : i); /* it may be the one without room */
+}
+
+static void receive(worker* w) {
+  w->waiting_ns = w->expanded < w->layer ? w->here_ns : SOTER_NO_DEADLINE;
+  for (uint32_t k = 0; k < w->all->threads; k++) {
+    soter_row* const q = &w->all->w[k].out[w->id];
+    receive_from(w, q);
+    w->waiting_ns = soter_earlier(w->waiting_ns, soter_row_time(q, w->all->s->m, 0U));
+  }
+  w->waiting_ns = soter_earlier(w->waiting_ns, w->next_ns);
 }
 
 /* What ends the search after this layer, as far as one worker says. */
@@ -300,18 +383,75 @@ static soter_explore_status status_of(const layered* all, const worker* w) {
   return w->expander.place.too_many ? SOTER_CHOOSY : SOTER_EXHAUSTED;
 }
 
+/* Before which time all was judged. */
+static int64_t covered(const layered* all) {
+  int64_t time = all->born ? SOTER_NO_DEADLINE : -1;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    time = soter_earlier(time, all->w[k].waiting_ns);
+  }
+  return time;
+}
+
+/* Whether the layer was expanded to its end. */
+static bool is_whole(const layered* all) {
+  bool whole = true;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    whole = whole && all->w[k].expanded == all->w[k].layer;
+    for (uint32_t i = 0; i < all->threads; i++) {
+      whole = whole && all->w[k].out[i].count == 0U;
+    }
+  }
+  return whole;
+}
+
+/* The steps of so many layers. */
+static void count_steps(layered* all) {
+  all->steps = all->depth;
+  if (all->depth > 0U && all->w[0].expander.instant != NULL) {
+    all->steps = soter_steps_until(all->s->m, all->s->o, &all->calendar, all->depth - 1U) + 1U;
+  }
+}
+
 /* A violation counts before all else, then what the first worker says. */
 static void decide(layered* all) {
-  uint64_t waiting = 0U;
-  all->depth++;
   for (uint32_t k = 0; k < all->threads; k++) {
     const soter_explore_status said = status_of(all, &all->w[k]);
-    waiting += all->w[k].next.count;
     if (said == SOTER_VIOLATED || all->status == SOTER_EXHAUSTED) {
       all->status = said;
     }
   }
-  all->done = all->done || all->status != SOTER_EXHAUSTED || waiting == 0U;
+  all->whole = is_whole(all);
+  all->s->progress->covered_ns = covered(all);
+  const bool ends = all->status != SOTER_EXHAUSTED;
+  all->done = all->done || ends || (all->whole && soter_layers_waiting(all) == 0U);
+  all->depth += all->whole || ends ? 1U : 0U;
+  count_steps(all);
+}
+
+/* Writes the search down, if it is one that can go on. */
+static bool write_down(const layered* all, int file) {
+  bool fine = all->born && all->status != SOTER_VIOLATED;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    fine = fine && !all->w[k].torn;
+  }
+  return fine && soter_layers_write(all, file);
+}
+
+/* Where it was asked for, and at the end. */
+static void save(layered* all) {
+  soter_explore_progress* const p = all->s->progress;
+  if (pauses(all) && !all->done) {
+    if (write_down(all, p->save_to - 1)) {
+      p->saved_states = p->states;
+      p->saved++;
+    } else {
+      p->unsaved++;
+    }
+    p->save_to = 0;
+  }
+  if (all->saves && all->done && all->s->o->save_to != 0) {
+    all->s->result->saved = write_down(all, all->s->o->save_to - 1);
+  }
 }
 
 /* The first worker opens the gate, when it is known how many there are. */
@@ -327,26 +467,74 @@ static void wait_at_the_gate(worker* w) {
   (void)pthread_mutex_unlock(&all->mutex);
 }
 
+/* Forgets the table of a layer, or keeps it for who wants to see it. */
+static void forget_layer(worker* w) {
+  const soter_search* const s = w->all->s;
+  if (s->o->keep && s->o->storage == SOTER_EXACT) {
+    w->kept = soter_keep(w->kept, &w->store);
+    w->full = !open_store(w, &w->store) || w->full;
+  } else {
+    w->full = !soter_store_empty(&w->store) || w->full;
+  }
+}
+
+/* What was found is what is expanded next. */
+static void turn_over(worker* w) {
+  w->moved += w->layer;
+  if (w->all->tables) {
+    const soter_store swap = w->before;
+    const soter_cursor begin = {0U, 0U};
+    w->before = w->store;
+    w->store = swap;
+    w->at = begin;
+    w->layer = w->before.count;
+  } else {
+    const soter_row swap = w->here;
+    w->here = w->next;
+    w->next = swap;
+    w->next.count = 0U;
+    w->layer = w->here.count;
+  }
+  w->fresh = w->expanded = 0U;
+  w->here_ns = w->next_ns;
+  w->next_ns = SOTER_NO_DEADLINE;
+  if (w->all->forgets) {
+    forget_layer(w); /* by rows, what is in it has a row */
+  } else {
+    soter_store_settle(&w->store);
+  }
+}
+
+static bool any_rest(const layered* all) {
+  bool any = false;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    any = any || all->w[k].rest;
+  }
+  return any;
+}
+
 static void* work(void* argument) {
   worker* const w = argument;
   layered* const all = w->all;
   wait_at_the_gate(w);
   while (!all->done) {
-    expand_layer(w);
-    wait_for_others(all);
-    receive(w);
-    wait_for_others(all);
+    bool more = true;
+    while (more) {
+      expand_layer(w);
+      wait_for_others(all);
+      more = any_rest(all); /* all say the same: nobody goes on before the next wait */
+      receive(w);
+      wait_for_others(all);
+    }
     tell(w);
     if (w->id == 0U) {
       decide(all);
+      save(all);
     }
     wait_for_others(all);
-    soter_store_settle(&w->store);
-    w->moved += w->here.count;
-    const soter_row swap = w->here;
-    w->here = w->next;
-    w->next = swap;
-    w->next.count = 0U;
+    if (all->whole && !all->done) {
+      turn_over(w);
+    }
   }
   return NULL;
 }
@@ -373,14 +561,20 @@ static void coverage_close(soter_explore_coverage* c) {
   free(c->judged);
 }
 
+static bool open_noted(worker* w) {
+  const soter_search* const s = w->all->s;
+  return s->o->noted == NULL ||
+         soter_store_open(&w->noted, s->m, SOTER_EXACT, false, s->o->noted_bytes / w->all->threads);
+}
+
 static bool open_worker(layered* all, uint32_t id) {
   const soter_search* const s = all->s;
   worker* const w = &all->w[id];
   w->all = all;
   w->id = id;
   w->here.words = w->next.words = w->links.words = all->words;
-  w->here.width = w->next.width = all->words + 2U;
   w->links.width = all->words + 1U;
+  w->here_ns = w->next_ns = w->waiting_ns = SOTER_NO_DEADLINE;
   for (uint32_t k = 0; k < THREADS; k++) {
     w->out[k].words = all->words;
     w->out[k].width = all->words + 1U;
@@ -388,11 +582,8 @@ static bool open_worker(layered* all, uint32_t id) {
   const bool fine =
       coverage_open(&w->coverage, s->m) &&
       soter_expander_open(&w->expander, s, &w->coverage, s->o->memory / 4U / all->threads) &&
-      soter_store_open(&w->store, s->m, s->o->storage,
-                       (w->expander.reduce & SOTER_REDUCE_SLEEP) != 0U,
-                       s->o->memory / all->threads);
-  w->store.growth = 4U; /* settled when their time is over */
-  w->store.stop = &s->progress->stop;
+      open_store(w, &w->store) && (!all->tables || open_store(w, &w->before)) && open_noted(w);
+  w->here.width = w->next.width = all->words + (w->expander.instant != NULL ? 0U : 2U);
   w->expander.spill = take_away;
   w->expander.to = w;
   return fine;
@@ -402,6 +593,8 @@ static void close_worker(worker* w) {
   coverage_close(&w->coverage);
   soter_expander_close(&w->expander);
   soter_store_close(&w->store);
+  soter_store_close(&w->noted);
+  soter_store_close(&w->before);
   free(w->key);
   soter_row_close(&w->here);
   soter_row_close(&w->next);
@@ -417,6 +610,12 @@ static bool open_all(layered* all, soter_search* s, uint32_t threads, bool link)
   all->words = s->m->words;
   all->threads = threads < 1U ? 1U : threads > THREADS ? THREADS : threads;
   all->link = link;
+  all->saves = !link;
+  all->forgets = true;
+  for (uint32_t i = 0; i < s->m->actors; i++) {
+    all->forgets = all->forgets && s->m->actor[i].overrun_ns == 0; /* it loses releases */
+  }
+  all->tables = all->forgets && !link && s->o->storage == SOTER_EXACT;
   bool fine = true;
   all->opened = all->threads;
   for (uint32_t k = 0; k < all->threads; k++) {
@@ -441,29 +640,48 @@ static bool take_births(void* to) {
   for (uint32_t k = 0; fine && k < h->count; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * all->words;
     uint64_t key[SOTER_WORDS];
-    worker* const owner = &all->w[owner_of(all, packed)];
-    soter_store_key(&owner->store, packed, key);
+    soter_store_key(&first->store, packed, key);
+    worker* const owner = &all->w[soter_owner_of(all, packed, key)];
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
     if (++owner->taken >= LOOK) {
       tell(owner);
     }
     fine = !over(owner);
   }
+  soter_forget(&first->expander);
+  all->born = all->born && fine;
   return fine;
 }
 
 static void be_born(layered* all) {
   worker* const w = &all->w[0];
   w->expander.spill = take_births;
+  all->born = true;
   soter_expand_birth(&w->expander);
   (void)take_births(w);
-  soter_forget(&w->expander);
+  all->born = all->born && !over(w) && !w->expander.place.cut && !w->expander.no_memory;
   w->expander.spill = take_away;
   for (uint32_t k = 0; k < all->threads; k++) {
-    const soter_row swap = all->w[k].here;
-    all->w[k].here = all->w[k].next;
-    all->w[k].next = swap;
+    turn_over(&all->w[k]);
   }
+}
+
+static void begin(layered* all) {
+  const soter_explore_options* const o = all->s->o;
+  if (!all->saves || o->resume == NULL) {
+    be_born(all);
+    return;
+  }
+  all->born = true;
+  if (!soter_layers_read(all, o->resume, o->resume_bytes)) {
+    all->status = SOTER_DAMAGED;
+  }
+  for (uint32_t k = 0; k < all->threads; k++) {
+    weigh(&all->w[k]);
+  }
+  all->done = all->status == SOTER_DAMAGED ||
+              (soter_layers_waiting(all) == 0U && is_whole(all)); /* it had come to its end */
+  count_steps(all);
 }
 
 /* On as many threads as the machine gives. */
@@ -477,7 +695,7 @@ static void run(layered* all) {
     made++;
   }
   all->threads = made;
-  be_born(all);
+  begin(all);
   (void)pthread_mutex_lock(&all->mutex);
   all->open = true;
   (void)pthread_cond_broadcast(&all->turn);
@@ -494,13 +712,12 @@ static void sum_up(layered* all, soter_explore_result* r) {
   r->status = all->status;
   r->depth = all->depth;
   r->threads = all->threads;
+  r->covered_ns = covered(all);
   for (uint32_t k = 0; k < all->threads; k++) {
     worker* const w = &all->w[k];
     r->states += w->count;
     r->transitions += w->expander.transitions;
-    r->table_bytes += soter_store_bytes(&w->store);
-    r->frontier_bytes += frontier_of(w);
-    r->memo_bytes += soter_expander_bytes(&w->expander);
+    weigh(w);
     if (w->expander.place.too_many) {
       r->chooser = w->expander.place.chooser;
     }
@@ -510,6 +727,10 @@ static void sum_up(layered* all, soter_explore_result* r) {
     }
     soter_merge_coverage(all->s->m, all->s->coverage, &w->coverage);
   }
+  weigh(&all->w[0]);
+  r->table_bytes = all->most_table;
+  r->frontier_bytes = all->most_rows;
+  r->memo_bytes = all->most_bytes - all->most_table - all->most_rows;
 }
 
 /* ------------------------------------------------------------------ the trace */
@@ -532,11 +753,11 @@ static bool write_links(layered* all, soter_search* s, uint64_t last, const sote
   for (uint32_t k = length; fine && k > 0U; k--) {
     const uint64_t* const here = soter_row_at(&w->links, way[k - 1U]);
     SOTER_CHECK(way[k - 1U] < w->links.count);
-    fine = soter_find_move(&x, before, here, NULL, &s->trace[written++]);
+    fine = soter_find_way(s, &x, before, here, NULL, &written);
     before = here;
   }
   if (fine && broken != NULL) {
-    fine = soter_find_move(&x, before, NULL, broken, &s->trace[written++]);
+    fine = soter_find_way(s, &x, before, NULL, broken, &written);
   }
   soter_place_close(&x);
   free(way);
@@ -548,7 +769,9 @@ static bool write_links(layered* all, soter_search* s, uint64_t last, const sote
 static void trace_back(soter_search* s) {
   layered* const all = malloc(sizeof *all);
   soter_explore_options once = *s->o;
-  once.reduce &= ~SOTER_REDUCE_SLEEP; /* no world is expanded twice */
+  if (!soter_by_instants(s->m, s->o)) {
+    once.reduce &= ~SOTER_REDUCE_SLEEP; /* no world is expanded twice */
+  }
   once.go_on = false;
   once.max_states = 0U; /* of what is looked at, which it was already */
   soter_search again = *s;
@@ -576,6 +799,9 @@ static void trace_back(soter_search* s) {
 /* Links may take more memory than the search that needed none: depth first then, no deeper than the
  * violation lies; where overruns hide it there, to the end. */
 static void trace_depth_first(soter_search* s) {
+  if (s->o->goal != NULL) {
+    return; /* it does not look for goals */
+  }
   const uint32_t bounds[] = {s->result->depth, UINT32_MAX};
   soter_explore_options once = *s->o;
   once.go_on = false;
@@ -597,6 +823,21 @@ static void trace_depth_first(soter_search* s) {
   }
 }
 
+/* What is wanted beyond the search: all worlds, or what was noted of them. */
+static void keep(layered* all, soter_explore_result* r) {
+  const soter_explore_options* const o = all->s->o;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    worker* const w = &all->w[k];
+    if (o->keep && o->storage == SOTER_EXACT) {
+      r->kept = soter_keep(soter_keep_all(r->kept, w->kept), &w->store);
+      r->kept = all->tables ? soter_keep(r->kept, &w->before) : r->kept;
+    }
+    if (o->noted != NULL) {
+      r->kept = soter_keep(r->kept, &w->noted);
+    }
+  }
+}
+
 void soter_search_bfs(soter_search* s) {
   layered* const all = malloc(sizeof *all);
   if (all == NULL) {
@@ -615,10 +856,8 @@ void soter_search_bfs(soter_search* s) {
   }
   run(all);
   sum_up(all, s->result);
-  const bool keep = s->o->keep && s->o->storage == SOTER_EXACT;
-  for (uint32_t k = 0; keep && k < all->threads; k++) {
-    s->result->kept = soter_keep(s->result->kept, &all->w[k].store);
-  }
+  const uint32_t steps = all->steps;
+  keep(all, s->result);
   close_all(all);
   free(all);
   if (s->result->status == SOTER_VIOLATED && s->trace != NULL) {
@@ -627,4 +866,5 @@ void soter_search_bfs(soter_search* s) {
     trace_depth_first(s);
     s->progress->tracing = 0;
   }
+  s->result->depth = steps;
 }

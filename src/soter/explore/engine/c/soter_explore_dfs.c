@@ -15,9 +15,10 @@ bool soter_stack_open(soter_stack* t, soter_search* s) {
   t->s = s;
   t->words = t->row.words = s->m->words;
   t->row.width = t->words + 2U;
+  t->beyond = SOTER_NO_DEADLINE;
   const bool fine = soter_expander_open(&t->expander, s, s->coverage, s->o->memory / 4U) &&
                     soter_store_open(&t->store, s->m, s->o->storage,
-                                     (t->expander.reduce & SOTER_REDUCE_SLEEP) != 0U, s->o->memory);
+                                     soter_keeps_sleep(&t->expander), s->o->memory);
   t->store.stop = &s->progress->stop;
   t->expander.spill = take_away;
   t->expander.to = t;
@@ -35,7 +36,9 @@ static bool out_of_bounds(soter_stack* t) {
   soter_search* const s = t->s;
   const uint64_t table = soter_store_bytes(&t->store);
   const uint64_t bytes = table + soter_row_bytes(&t->row) + soter_expander_bytes(&t->expander);
-  t->store.memory = s->o->memory > bytes ? table + (s->o->memory - bytes) : table;
+  const uint64_t left = s->o->memory > bytes ? s->o->memory - bytes : 0U;
+  t->store.memory = table + left;
+  soter_instant_allow(t->expander.instant, left / 2U);
   s->progress->bytes = bytes;
   if (s->progress->stop != 0) {
     t->status = SOTER_STOPPED;
@@ -81,14 +84,6 @@ static void take_in(soter_stack* t, const uint64_t* packed, uint64_t sleep) {
  */
 #define ON_THE_WAY UINT64_C(0)
 
-/* The last step of the way: into the world that violates, or the move that does. */
-static bool write_last(soter_stack* t, soter_place* x, const uint64_t* before, uint32_t written) {
-  soter_search* const s = t->s;
-  const uint64_t* const last = t->by_a_move ? NULL : t->last;
-  return written < s->room &&
-         soter_find_move(x, before, last, t->by_a_move ? &t->broken : NULL, &s->trace[written]);
-}
-
 static bool write_way(soter_stack* t) {
   soter_search* const s = t->s;
   soter_place x;
@@ -103,13 +98,15 @@ static bool write_way(soter_stack* t) {
     if (here[t->words + 1U] != ON_THE_WAY) {
       continue;
     }
-    fine = written < s->room && soter_find_move(&x, before, here, NULL, &s->trace[written]);
-    written++;
+    fine = soter_find_way(s, &x, before, here, NULL, &written);
     before = here;
   }
-  fine = fine && write_last(t, &x, before, written);
+  if (fine) {
+    const uint64_t* const last = t->by_a_move ? NULL : t->last;
+    fine = soter_find_way(s, &x, before, last, t->by_a_move ? &t->broken : NULL, &written);
+  }
   soter_place_close(&x);
-  s->result->length = fine ? written + 1U : 0U;
+  s->result->length = fine ? written : 0U;
   return fine;
 }
 
@@ -117,12 +114,19 @@ static bool found(const soter_stack* t) {
   return t->broke && !t->s->o->go_on;
 }
 
+/* How many steps the longest execution seen has. */
+static uint32_t steps_of(soter_stack* t) {
+  const bool ends = t->expander.instant != NULL && t->deepest > 0U;
+  return ends ? soter_steps_until(t->s->m, t->s->o, &t->calendar, t->deepest - 1U) + 1U
+              : t->deepest;
+}
+
 /* Tells how far it is, and whether it goes on. */
 static bool look(soter_stack* t) {
   soter_search* const s = t->s;
   s->progress->states = t->states;
   s->progress->transitions = t->expander.transitions;
-  s->progress->depth = t->deepest;
+  s->progress->depth = steps_of(t);
   t->taken = 0U;
   return !out_of_bounds(t);
 }
@@ -141,6 +145,7 @@ static bool take_away(void* to) {
   for (uint32_t k = h->count; k > 0U && !found(t) && !t->full; k--) {
     take_in(t, h->packed + (size_t)(k - 1U) * t->words, h->sleep[k - 1U]);
   }
+  soter_forget(&t->expander);
   return !found(t) && !t->full && (t->taken < LOOK || look(t));
 }
 
@@ -151,7 +156,7 @@ static void expand_top(soter_stack* t, uint64_t* top) {
   soter_copy_words(t->here, top, t->words); /* the stack may move */
   top[t->words + 1U] = ON_THE_WAY;
   soter_forget(&t->expander);
-  soter_expand(&t->expander, t->here, sleep, only);
+  soter_expand_next(&t->expander, t->here, sleep, only);
   if (t->expander.broke && !t->broke) {
     t->broke = true;
     t->broken = t->expander.broken;
@@ -177,6 +182,7 @@ void soter_stack_run(soter_stack* t, uint32_t bound) {
     }
     if (depth >= bound) {
       t->cut = true;
+      t->beyond = soter_earlier(t->beyond, soter_time_of(t->s->m, top));
       t->row.count--;
       continue;
     }
@@ -194,6 +200,22 @@ void soter_stack_run(soter_stack* t, uint32_t bound) {
   }
 }
 
+/* Before which time everything was observed. */
+static int64_t covered(const soter_stack* t) {
+  const soter_model* const m = t->s->m;
+  if (t->status == SOTER_EXHAUSTED) {
+    return t->beyond;
+  }
+  int64_t time = t->deepest > 0U ? soter_time_of(m, t->here) : -1; /* perhaps not to its end */
+  for (uint64_t i = 0; i < t->row.count; i++) {
+    const uint64_t* const item = soter_row_at(&t->row, i);
+    if (item[t->words + 1U] != ON_THE_WAY) {
+      time = soter_earlier(time, soter_time_of(m, item));
+    }
+  }
+  return soter_earlier(time, t->beyond);
+}
+
 void soter_stack_sum_up(soter_stack* t, soter_explore_result* r) {
   if (t->status == SOTER_EXHAUSTED) { /* what ends between two looks at the bounds */
     const bool full = t->full || t->expander.no_memory;
@@ -202,11 +224,13 @@ void soter_stack_sum_up(soter_stack* t, soter_explore_result* r) {
                 : t->expander.place.too_many ? SOTER_CHOOSY
                                              : t->status;
   }
+  r->covered_ns = soter_later(r->covered_ns, covered(t));
+  r->covered_ns = soter_later(r->covered_ns, covered(t));
   r->status = t->broke ? SOTER_VIOLATED : t->status;
   r->broken = t->broken;
   r->states += t->states;
   r->transitions += t->expander.transitions;
-  r->depth = t->deepest;
+  r->depth = steps_of(t);
   r->chooser = t->expander.place.chooser;
   r->threads = 1U;
   r->table_bytes = soter_store_bytes(&t->store);

@@ -13,8 +13,10 @@ typedef struct {
   uint64_t states, turns;
   uint64_t taken; /* heirs since the bounds were looked at */
   uint32_t deepest;
+  soter_calendar calendar; /* where only ends of instants are stored */
   bool full, broke, by_a_move;
-  bool cut; /* something lies deeper than the bound */
+  int64_t beyond; /* the least time of what lies deeper than the bound */
+  bool cut;       /* something lies deeper than the bound */
   soter_broken broken;
   uint64_t last[SOTER_WORDS]; /* the world that violates */
   uint64_t here[SOTER_WORDS]; /* the one that is expanded */

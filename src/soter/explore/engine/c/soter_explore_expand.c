@@ -24,6 +24,24 @@ static uint32_t reductions(const soter_model* m, uint32_t asked) {
   return sound;
 }
 
+/* What is remembered within an instant; false: there is no memory. */
+static bool open_instants(soter_expander* e, const soter_model* m, const soter_explore_options* o) {
+  if (!soter_by_instants(m, o)) {
+    return true;
+  }
+  e->instant = soter_instant_open(m, e->memory);
+  e->groups = soter_in_groups(m, o) ? soter_groups_open(m, e->memory) : NULL;
+  return e->instant != NULL;
+}
+
+static void open_memo(soter_expander* e, const soter_model* m, const soter_explore_options* o) {
+  e->memo = m->brief && !o->plainly ? soter_memo_open(e, e->memory) : NULL;
+  if (e->memo != NULL && soter_memo_bytes(e->memo) > e->memory) {
+    soter_memo_close(e->memo); /* it would be given up at once */
+    e->memo = NULL;
+  }
+}
+
 bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore_coverage* coverage,
                          uint64_t memory) {
   const soter_model* const m = s->m;
@@ -36,25 +54,23 @@ bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore
   e->most = MOST_BYTES / (m->words > 0U ? m->words * (uint32_t)sizeof(uint64_t) : 1U);
   e->most = e->most < FEWEST ? FEWEST : e->most;
   SOTER_CHECK(m->words <= SOTER_WORDS);
-  if (!soter_place_open(&e->place, m, o, s->progress, coverage)) {
+  if (!soter_place_open(&e->place, m, o, s->progress, coverage) || !open_instants(e, m, o)) {
     return false;
   }
-  e->memo = m->plain && !m->timely && !o->plainly ? soter_memo_open(e, e->memory) : NULL;
-  if (e->memo != NULL && soter_memo_bytes(e->memo) > e->memory) {
-    soter_memo_close(e->memo); /* it would be given up at once */
-    e->memo = NULL;
-  }
+  open_memo(e, m, o);
   return true;
 }
 
 void soter_expander_close(soter_expander* e) {
   soter_memo_close(e->memo);
+  soter_instant_close(e->instant);
+  soter_groups_close(e->groups);
   soter_place_close(&e->place);
   soter_give(e->heirs.packed, (uint64_t)e->heirs.room * e->words * sizeof *e->heirs.packed);
   free(e->heirs.sleep);
 }
 
-static bool more_heirs(soter_expander* e) {
+bool soter_more_heirs(soter_expander* e) {
   soter_heirs* const h = &e->heirs;
   const uint32_t room = h->room == 0U ? FIRST_HEIRS : h->room * 2U;
   const uint64_t each = e->words * sizeof *h->packed;
@@ -75,27 +91,17 @@ static bool more_heirs(soter_expander* e) {
   return true;
 }
 
-uint64_t* soter_next_heir(soter_expander* e, uint64_t sleep) {
-  soter_heirs* const h = &e->heirs;
-  if (h->count == h->room && !more_heirs(e)) {
-    return NULL;
-  }
-  SOTER_CHECK(h->count < h->room);
-  h->sleep[h->count] = sleep;
-  return h->packed + (size_t)h->count++ * e->words;
-}
-
 uint64_t soter_expander_bytes(const soter_expander* e) {
   const uint64_t each = e->words * sizeof *e->heirs.packed + sizeof *e->heirs.sleep;
-  return e->heirs.room * each + (e->memo != NULL ? soter_memo_bytes(e->memo) : 0U);
+  return e->heirs.room * each + (e->memo != NULL ? soter_memo_bytes(e->memo) : 0U) +
+         soter_instant_bytes(e->instant) + soter_groups_bytes(e->groups);
 }
 
 /* One world may have very many heirs: the answers of a step, the values of an input. */
 static void spill(soter_expander* e) {
   if (e->heirs.count >= e->most && e->spill != NULL) {
     e->enough = e->enough || !e->spill(e->to);
-    soter_forget(e);
-    e->begin = 0U;
+    e->begin = e->heirs.count;
   }
 }
 
@@ -116,7 +122,8 @@ static void make_one(soter_expander* e, const soter_move* move, uint64_t sleep) 
     return;
   }
   soter_cover(x, move->actor);
-  uint64_t* const heir = soter_next_heir(e, sleep);
+  const bool ends = e->instant != NULL && soter_is_observable(x);
+  uint64_t* const heir = soter_next_heir(e, ends ? SOTER_AT_END : sleep);
   if (heir != NULL) {
     x->m->pack(x->there, heir);
   }
@@ -193,9 +200,25 @@ void soter_expand_birth(soter_expander* e) {
   soter_tell_answers(x, true);
 }
 
+int64_t soter_row_time(const soter_row* r, const soter_model* m, uint64_t first) {
+  int64_t least = SOTER_NO_DEADLINE;
+  for (uint64_t i = first; i < r->count; i++) {
+    least = soter_earlier(least, soter_time_of(m, soter_row_at(r, i)));
+  }
+  return least;
+}
+
 void soter_row_close(soter_row* r) {
   soter_give(r->item, r->room * r->width * sizeof *r->item);
   r->item = NULL;
+}
+
+void soter_row_drop(soter_row* r, uint64_t count) {
+  SOTER_CHECK(count <= r->count);
+  if (count > 0U && count < r->count) {
+    (void)memmove(r->item, soter_row_at(r, count), (r->count - count) * r->width * sizeof *r->item);
+  }
+  r->count -= count;
 }
 
 bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only) {
@@ -211,12 +234,14 @@ bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_
   }
   uint64_t* const to = soter_row_at(r, r->count);
   soter_copy_words(to, packed, r->words);
-  to[r->words] = first;
+  if (r->width > r->words) {
+    to[r->words] = first;
+  }
   if (r->width > r->words + 1U) {
     to[r->words + 1U] = only;
   }
   r->count++;
   r->most = r->count > r->most ? r->count : r->most;
-  SOTER_CHECK(r->count <= r->room && r->width > r->words);
+  SOTER_CHECK(r->count <= r->room && r->width >= r->words);
   return true;
 }

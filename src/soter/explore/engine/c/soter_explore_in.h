@@ -3,8 +3,12 @@
  * soter_explore_step.c  which moves a world has, what a move does, what is violated then
  * soter_explore_reduce.c sleep sets and ample sets
  * soter_explore_store.c the table of packed worlds; soter_explore_room.c its memory
- * one file per strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _replay; _least
- * minimises, _guided runs what shrinking tries
+ * soter_explore_instant.c only ends of instants
+ * soter_explore_groups.c and what groups of actors do in one, remembered
+ * soter_explore_joined.c properties of parts that share nothing else
+ * soter_explore_saved.c breadth-first search on a disk, and back
+ * one file per strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _falsify, _replay;
+ * _least minimises, _guided runs what shrinking tries
  */
 #ifndef SOTER_EXPLORE_IN_H
 #define SOTER_EXPLORE_IN_H
@@ -149,9 +153,15 @@ SOTER_INLINE bool soter_is_known(const soter_place* x, const soter_broken* broke
   return false;
 }
 
+/* Whether time may pass in the world in `there`. */
+bool soter_is_observable(soter_place* x);
+
 /* Whether the world in `there` violates a property, and which: one that is not known, if any. */
 bool soter_violates(soter_place* x, soter_broken* broken);
 void soter_cover(soter_place* x, uint32_t actor);
+
+/* What is owed changes where it can be seen: in the world in `there`, which a move has made. */
+void soter_keep_obligations(soter_place* x);
 
 /* Makes the first worlds, one for every sequence of initial choices: `there` after each call; begin
  * with given = 0 and go on while soter_next_picks. */
@@ -176,12 +186,12 @@ void soter_give(void* piece, uint64_t bytes);
 /* ------------------------------------------------------------------ the table */
 
 typedef struct {
-  uint8_t* base;  /* as allocated, */
-  uint64_t bytes; /* so many */
-  uint8_t* entry; /* at the beginning of a line */
-  uint64_t buckets, count;
-  uint64_t homes;  /* buckets that hashes say */
-  uint64_t before; /* count when last looked at; how often it was the same since */
+  uint8_t* base;                  /* as allocated, */
+  uint64_t bytes;                 /* so many */
+  uint8_t* entry;                 /* at the beginning of a line */
+  uint64_t buckets, count, limit; /* no more than so many */
+  uint64_t homes;                 /* buckets that hashes say */
+  uint64_t before;                /* count when last looked at; how often it was the same since */
   uint32_t idle;
 } soter_segment;
 
@@ -198,11 +208,19 @@ typedef struct {
   uint64_t mask;   /* of a load of eight bytes: those of the key */
   uint64_t memory; /* most bytes that it may take */
   bool fingerprint;
+  bool layer;      /* it has worlds of one layer of a search only */
   uint32_t growth; /* a segment grows by this part of itself */
   uint32_t segments;
+  uint64_t was;             /* buckets of its largest segment before it was emptied */
   uint64_t* own;            /* a key: on the stack its room costs time */
   const volatile int* stop; /* growing may take seconds; NULL: it always ends */
 } soter_store;
+
+/* A place in a table. */
+typedef struct {
+  uint32_t segment;
+  uint64_t entry;
+} soter_cursor;
 
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
                       uint64_t memory);
@@ -218,15 +236,40 @@ int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uin
 bool soter_store_has(const soter_store* s, const uint64_t* packed);
 /* Keeps a table beyond its search, with others (soter_explore_kept). */
 void* soter_keep(void* others, soter_store* s);
+/* Both, as one. */
+void* soter_keep_all(void* others, void* more);
+/* All that is in tables that are kept. */
+void soter_kept_each(const void* kept, void (*each)(void* to, const uint64_t* packed), void* to);
 /* What stands in the table for a packed world; with it, putting, and a hint that it will be put
  * soon. */
 void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key);
 int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
                         uint64_t* sleep, uint64_t* again);
-void soter_store_hint(const soter_store* s, const uint64_t* packed, const uint64_t* key);
+/* Both for `count` packed worlds, one after the other, as their keys are then. */
+void soter_store_announce(const soter_store* s, const uint64_t* packed, uint32_t count,
+                          uint64_t* key);
+/* The next entry from *at on, which is moved behind it; false: there is none. */
+bool soter_store_next(const soter_store* s, soter_cursor* at, uint64_t* packed, uint64_t* sleep);
 /* After a layer of a search: what has had no new entry for a while takes no more room than it
  * needs. */
 void soter_store_settle(soter_store* s);
+/* A table on a disk: per segment how many entries it has from a place on, and these, in their
+ * order, so that another one with as much room takes them in one place after the other. */
+typedef void soter_store_pen(void* to, const void* bytes, uint64_t count);
+typedef struct {
+  uint64_t key[SOTER_WORDS];
+  uint64_t packed[SOTER_WORDS]; /* nothing, where it is a fingerprint */
+  uint64_t sleep;
+} soter_entry;
+uint64_t soter_store_count(const soter_store* s, uint32_t segment, soter_cursor from);
+void soter_store_write(const soter_store* s, uint32_t segment, soter_cursor from,
+                       soter_store_pen* pen, void* to);
+void soter_store_reserve(soter_store* s, uint32_t segment, uint64_t count);
+void soter_store_read(const soter_store* s, const uint8_t* entry, soter_entry* e);
+/* False: there is no memory. */
+bool soter_store_put_entry(soter_store* s, uint32_t segment, soter_entry* e);
+/* Forgets all entries; the room for as many is kept. False: there is no memory. */
+bool soter_store_empty(soter_store* s);
 /* All stored worlds, in no order; returns how many there are. */
 uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
                           void* to);
@@ -270,16 +313,23 @@ typedef struct {
 } soter_heirs;
 
 struct soter_memo;
+struct soter_instant;
+struct soter_groups;
 
-/* Expands packed worlds. Where the model is `plain`, a step is run once for every value of the
- * packed bits that it may read, and remembered (soter_explore_memo.c); otherwise worlds are
- * unpacked. */
+/* In place of what sleeps in an heir, where only ends of instants are stored: it is one. Whoever
+ * has just moved never sleeps. */
+#define SOTER_AT_END UINT64_MAX
+
+/* Expands packed worlds. Where no step lasts, one is run once for every value of the packed bits
+ * that it may read, and remembered (soter_explore_memo.c); otherwise worlds are unpacked. */
 typedef struct {
   soter_place place;
   soter_heirs heirs;
   uint32_t reduce;
   uint32_t words;
-  struct soter_memo* memo; /* NULL: not plain */
+  struct soter_memo* memo;       /* NULL: nothing is remembered */
+  struct soter_instant* instant; /* NULL: all worlds are given to the search */
+  struct soter_groups* groups;   /* NULL: not by groups */
   uint64_t transitions;
   uint32_t begin; /* the first heir of the world last expanded */
   bool broke;     /* a move of the world last expanded violates `broken`: no world comes after it */
@@ -287,7 +337,8 @@ typedef struct {
   uint64_t memory; /* bytes that what is remembered may take */
   bool no_memory;
   bool go_on; /* also behind a violation */
-  /* Takes the heirs away where one world has very many; false: no more are wanted. */
+  /* Takes the heirs away where one world has very many (and forgets them); false: no more are
+   * wanted. */
   bool (*spill)(void* to);
   void* to;
   uint32_t most; /* heirs, before that */
@@ -300,6 +351,47 @@ void soter_expander_close(soter_expander* e);
  * which of them sleep. The heirs of the last call are overwritten. */
 void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
 
+/* The same, or, where only ends of instants are stored, the ends that come next: no heir sleeps.
+ * What breaks something in the middle is `broken`. */
+void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
+
+/* Whether a search stores only ends of instants: it was asked to, and all windows are points. */
+bool soter_by_instants(const soter_model* m, const soter_explore_options* o);
+/* Steps in so many instants: the same in all executions. */
+typedef struct {
+  int64_t now;
+  uint32_t instants, steps;
+} soter_calendar;
+/* Counts on to `instants`; a zeroed one has counted none. Returns the steps. */
+uint32_t soter_steps_until(const soter_model* m, const soter_explore_options* o, soter_calendar* c,
+                           uint32_t instants);
+/* The scratch set of one expander. */
+struct soter_instant* soter_instant_open(const soter_model* m, uint64_t memory);
+void soter_instant_close(struct soter_instant* t);
+uint64_t soter_instant_bytes(const struct soter_instant* t);
+/* How many bytes more it may take. */
+void soter_instant_allow(struct soter_instant* t, uint64_t more);
+
+/* Whether instants are run through by groups that share nothing in them: steps are remembered, none
+ * is lost, and SOTER_REDUCE_GROUPS asks for it. */
+bool soter_in_groups(const soter_model* m, const soter_explore_options* o);
+struct soter_groups* soter_groups_open(const soter_model* m, uint64_t memory);
+void soter_groups_close(struct soter_groups* q);
+uint64_t soter_groups_bytes(const struct soter_groups* q);
+/* soter_expand_next by groups; false: nothing was done, it has to be done otherwise. */
+bool soter_groups_expand(soter_expander* e, const uint64_t* packed);
+
+/* Whether a table has to keep what sleeps. */
+SOTER_INLINE bool soter_keeps_sleep(const soter_expander* e) {
+  return (e->reduce & SOTER_REDUCE_SLEEP) != 0U && e->instant == NULL;
+}
+
+/* Whether the search is to end: then heirs are missing. */
+SOTER_INLINE bool soter_cuts(soter_expander* e) {
+  e->place.cut = e->place.cut || soter_is_stopped(&e->place);
+  return e->place.cut;
+}
+
 SOTER_INLINE void soter_forget(soter_expander* e) {
   e->heirs.count = 0U;
 }
@@ -310,8 +402,19 @@ bool soter_is_broken(soter_expander* e, const uint64_t* packed, soter_broken* br
 /* The worlds at the start, as heirs. */
 void soter_expand_birth(soter_expander* e);
 
+/* Makes room for more heirs; false: there is no memory. */
+bool soter_more_heirs(soter_expander* e);
+
 /* The place of one more heir; NULL: there is no memory. */
-uint64_t* soter_next_heir(soter_expander* e, uint64_t sleep);
+SOTER_INLINE uint64_t* soter_next_heir(soter_expander* e, uint64_t sleep) {
+  soter_heirs* const h = &e->heirs;
+  if (h->count == h->room && !soter_more_heirs(e)) {
+    return NULL;
+  }
+  SOTER_CHECK(h->count < h->room);
+  h->sleep[h->count] = sleep;
+  return h->packed + (size_t)h->count++ * e->words;
+}
 
 /* At most `memory` bytes, more or less. */
 struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory);
@@ -338,13 +441,24 @@ typedef struct {
   uint32_t words, width;
 } soter_row;
 
-/* Appends; false: there is no memory. `only` is left out where the row has no place for it. */
+/* Appends; false: there is no memory. `first` and `only` are left out where the row has no place
+ * for them. */
 bool soter_row_put(soter_row* r, const uint64_t* packed, uint64_t first, uint64_t only);
 void soter_row_close(soter_row* r);
+/* Takes the first ones away. */
+void soter_row_drop(soter_row* r, uint64_t count);
 
 SOTER_INLINE uint64_t* soter_row_at(const soter_row* r, uint64_t i) {
   SOTER_CHECK(i < r->room);
   return r->item + i * r->width;
+}
+
+/* The least time of those from number `first` on: what comes of them is observed then or later.
+ * INT64_MAX: there are none. */
+int64_t soter_row_time(const soter_row* r, const soter_model* m, uint64_t first);
+
+SOTER_INLINE int64_t soter_earlier(int64_t a, int64_t b) {
+  return a < b ? a : b;
 }
 
 SOTER_INLINE uint64_t soter_row_bytes(const soter_row* r) {
@@ -369,7 +483,7 @@ bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore
 
 typedef void soter_strategy_fn(soter_search* s);
 soter_strategy_fn soter_search_bfs, soter_search_dfs, soter_search_deepening, soter_search_random,
-    soter_search_pct, soter_search_coverage;
+    soter_search_pct, soter_search_coverage, soter_search_falsify;
 
 /* Writes one step of a trace from the last move made at `x`. */
 void soter_write_step(const soter_place* x, const soter_move* move, soter_trace_step* to);
@@ -378,6 +492,11 @@ void soter_write_step(const soter_place* x, const soter_move* move, soter_trace_
  * birth), or, where `to` is NULL, to a violation of `broken`, and writes it down. */
 bool soter_find_move(soter_place* x, const uint64_t* from, const uint64_t* to,
                      const soter_broken* broken, soter_trace_step* step);
+
+/* The same for a row of moves, where only ends of instants are stored and `from` and `to` are two
+ * that follow each other; written from number *written on, which is moved on. */
+bool soter_find_way(soter_search* s, soter_place* x, const uint64_t* from, const uint64_t* to,
+                    const soter_broken* broken, uint32_t* written);
 
 void soter_merge_coverage(const soter_model* m, soter_explore_coverage* into,
                           const soter_explore_coverage* from);

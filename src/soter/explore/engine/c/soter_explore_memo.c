@@ -1,227 +1,179 @@
 /* soter_explore_memo.c: steps that are run once for every value of what they read.
  *
- * Purpose: in a `plain` model a step depends on the packed bits of its actor's `reads` and changes
- * only those of its `writes`; which moves there are depends on the schedule's bits alone. Both are
- * looked up: a move is then a few operations on packed words. What is looked up was computed by
- * the program's own steps on an unpacked world (soter_explore_step.c).
- * Non-goals: models where times matter.
+ * Purpose: where no step lasts, a move is time that passes, and a step then. Time makes some packed
+ * fields older, whoever moves. The step depends on the packed bits of its actor's `reads`, with the
+ * time and the ages that they have by then, and changes only those of its `writes`. Which moves
+ * there are, and when, depends on the schedule's bits alone; what properties owe after a move on
+ * what they read, and on the time. All of it is looked up: a move is then a few operations on
+ * packed words. What is looked up was computed by the program's own steps on an unpacked world
+ * (soter_explore_step.c), and everything that a step changed then, ages included, is held against
+ * this: where it differs, nothing is remembered any more.
+ * Non-goals: steps that last (overruns).
  */
-#include "soter_explore_in.h"
+#include "soter_explore_map.h"
+#include "soter_explore_pack.h"
 
-#define FIRST_SLOTS 1024U
-#define WIDE 32U /* words: fewer slots then */
-#define MOST_SLOTS (UINT32_C(1) << 22)
-#define EMPTY UINT32_MAX
 #define MANY 1024U      /* outcomes of a step that are compared with each other, */
 #define TOO_MANY 65536U /* and that are remembered */
 #define LONG 4096U      /* answers of a step: a violation need not wait for the rest */
+#define OLDER 16U       /* times at once at which a world is made older */
+#define SIGHTS 3U  /* a world that is not looked at; one that is; one after which nothing comes */
+#define FEW 65536U /* schedules, before it is asked whether they come back */
 
-/* One way that a step may end: it breaks something, or these bits of `writes` are the new ones. */
+/* How a step may end: it breaks something, and these bits of `writes` are the new ones. */
 typedef struct {
   uint32_t first, count; /* outcomes: in `value`, `count` times `words` */
   bool broke;
   soter_broken broken;
 } effect;
 
+/* An effect as one number that is not 0: a bit, where `broken` stands among the `brokens` (0:
+ * nothing broke), the count, and the first. */
+#define THERE (UINT64_C(1) << 63)
+#define BROKEN_BITS 13U
+#define COUNT_BITS 18U
+
 /* A move by the schedule: who, and the schedule's bits after it. */
 typedef struct {
-  uint32_t actor;
-  bool lost, first; /* first release of a plant: reads more than its bits */
+  uint32_t actor, number; /* of its moves */
+  uint32_t later;         /* ticks from now */
+  bool lost, first;       /* first release of a plant: reads more than its bits */
+  bool ends;              /* the instant is over then */
+  bool seen;              /* what comes of it is observable */
 } plan;
 
 typedef struct {
   uint32_t first, count; /* plans, with `words` of schedule bits each */
   uint64_t ample;
   bool observable;
+  bool over; /* nobody moves any more */
 } calendar;
 
-/* A map from masked packed words to a number. */
+/* Worlds as old as they are at some later time. */
 typedef struct {
-  uint64_t* key;
-  uint32_t* number;
-  uint32_t slots, used;
-} map;
-
-typedef struct {
-  void* item;
-  uint32_t count, room;
-  size_t size;
-} list;
+  uint64_t* packed; /* [OLDER * words] */
+  uint64_t turn[OLDER];
+  uint32_t later[OLDER];
+} olders;
 
 struct soter_memo {
   uint32_t words, actors;
   map* steps; /* [2 * actors]: 2a, and 2a + 1 for first releases */
-  map when, seen;
-  list effects, values, calendars, plans, bits, verdicts;
-  uint64_t* clear; /* [actors * words]: schedule and writes */
+  map when, owing;
+  map seen[SIGHTS];
+  list values, calendars, plans, bits, brokens, debts;
+  uint64_t* clear;    /* [actors * words]: schedule and writes */
+  uint64_t* judged;   /* [words]: what decides whether a world that is looked at violates */
+  uint64_t* promised; /* [words]: and what is owed after it */
+  uint64_t* own;      /* [words]: a world, when a step is made in it */
+  bool* clocked;      /* [actors]: its steps read the schedule */
+  bool* steady;       /* [actors]: or no time at all */
+  bool promises;      /* some property has deadlines */
+  olders older;
+  uint64_t turn;   /* worlds expanded */
   uint64_t memory; /* most bytes of all this: beyond it, it is given up */
 };
 
-/* ------------------------------------------------------------------ lists and maps */
-
-static void* push(list* l, uint32_t many) {
-  if (l->count + many > l->room) {
-    uint32_t room = l->room == 0U ? 256U : l->room * 2U;
-    while (room < l->count + many) {
-      room *= 2U;
-    }
-    void* const item = soter_regrow(l->item, l->room * l->size, room * l->size);
-    if (item == NULL) {
-      return NULL;
-    }
-    l->item = item;
-    l->room = room;
-  }
-  void* const found = (char*)l->item + l->count * l->size;
-  l->count += many;
-  SOTER_CHECK(l->count <= l->room && l->size > 0U);
-  return found;
-}
-
-static bool map_open(map* m, uint32_t words) {
-  m->slots = words > WIDE ? FIRST_SLOTS / 64U : FIRST_SLOTS;
-  m->used = 0U;
-  m->key = soter_take((uint64_t)m->slots * words * sizeof *m->key);
-  m->number = soter_take(m->slots * sizeof *m->number);
-  if (m->key == NULL || m->number == NULL) {
-    return false;
-  }
-  (void)memset(m->number, 0xff, m->slots * sizeof *m->number);
-  return true;
-}
-
-static void map_close(map* m, uint32_t words) {
-  soter_give(m->key, (uint64_t)m->slots * words * sizeof *m->key);
-  soter_give(m->number, m->slots * sizeof *m->number);
-}
-
-static void list_close(list* l) {
-  soter_give(l->item, l->room * l->size);
-}
-
-/* The slot of a key: where it stands, or where it would. */
-SOTER_INLINE uint32_t slot_of(const map* m, const uint64_t* packed, const uint64_t* mask,
-                              uint32_t words) {
-  SOTER_CHECK(m->used < m->slots);
-  uint64_t h = (packed[0] & mask[0]) * UINT64_C(0x9e3779b97f4a7c15);
-  for (uint32_t k = 1; k < words; k++) {
-    h = (h ^ (h >> 29) ^ (packed[k] & mask[k])) * UINT64_C(0x9e3779b97f4a7c15);
-  }
-  uint32_t i = (uint32_t)(h >> 32) & (m->slots - 1U);
-  while (m->number[i] != EMPTY) {
-    bool same = true;
-    for (uint32_t k = 0; k < words; k++) {
-      same = same && m->key[(size_t)i * words + k] == (packed[k] & mask[k]);
-    }
-    if (same) {
-      return i;
-    }
-    i = (i + 1U) & (m->slots - 1U);
-  }
-  return i;
-}
-
-static bool map_grow(map* m, uint32_t words) {
-  uint64_t ones[SOTER_WORDS];
-  (void)memset(ones, 0xff, words * sizeof ones[0]);
-  map larger = *m;
-  larger.slots = m->slots * 2U;
-  if (larger.slots > MOST_SLOTS) {
-    return false;
-  }
-  larger.key = soter_take((uint64_t)larger.slots * words * sizeof *larger.key);
-  larger.number = soter_take(larger.slots * sizeof *larger.number);
-  if (larger.key == NULL || larger.number == NULL) {
-    map_close(&larger, words);
-    return false;
-  }
-  (void)memset(larger.number, 0xff, larger.slots * sizeof *larger.number);
-  for (uint32_t i = 0; i < m->slots; i++) {
-    if (m->number[i] != EMPTY) {
-      const uint64_t* const key = m->key + (size_t)i * words;
-      const uint32_t to = slot_of(&larger, key, ones, words);
-      (void)memcpy(larger.key + (size_t)to * words, key, words * sizeof *key);
-      larger.number[to] = m->number[i];
-    }
-  }
-  map_close(m, words);
-  *m = larger;
-  return true;
-}
-
-static uint64_t map_bytes(const struct soter_memo* memo, const map* m) {
-  return (uint64_t)m->slots * (memo->words * sizeof *m->key + sizeof *m->number);
-}
-
 uint64_t soter_memo_bytes(const struct soter_memo* memo) {
-  const list* const lists[] = {&memo->effects, &memo->values, &memo->calendars,
-                               &memo->plans,   &memo->bits,   &memo->verdicts};
-  uint64_t bytes = map_bytes(memo, &memo->when) + map_bytes(memo, &memo->seen);
+  const list* const lists[] = {&memo->values, &memo->calendars, &memo->plans,
+                               &memo->bits,   &memo->brokens,   &memo->debts};
+  uint64_t bytes = map_bytes(&memo->when, memo->words) + map_bytes(&memo->owing, memo->words);
+  for (uint32_t i = 0; i < SIGHTS; i++) {
+    bytes += map_bytes(&memo->seen[i], memo->words);
+  }
   for (uint32_t i = 0; i < sizeof lists / sizeof lists[0]; i++) {
     bytes += lists[i]->room * lists[i]->size;
   }
   for (uint32_t a = 0; a < 2U * memo->actors; a++) {
-    bytes += map_bytes(memo, &memo->steps[a]);
+    bytes += map_bytes(&memo->steps[a], memo->words);
   }
   return bytes;
 }
 
 /* False: there is no memory for more. */
 static bool map_put(const struct soter_memo* memo, map* m, const uint64_t* packed,
-                    const uint64_t* mask, uint32_t number) {
+                    const uint64_t* mask, uint64_t number) {
   const uint32_t words = memo->words;
   if (m->used * 2U >= m->slots &&
-      (soter_memo_bytes(memo) + 2U * map_bytes(memo, m) > memo->memory || !map_grow(m, words))) {
+      (soter_memo_bytes(memo) + 2U * map_bytes(m, words) > memo->memory || !map_grow(m, words))) {
     return false;
   }
-  const uint32_t i = slot_of(m, packed, mask, words);
+  uint64_t* const at = slot_of(m, packed, mask, words);
+  SOTER_CHECK(at[words] == 0U && number != 0U);
   for (uint32_t k = 0; k < words; k++) {
-    m->key[(size_t)i * words + k] = packed[k] & mask[k];
+    at[k] = packed[k] & mask[k];
   }
-  SOTER_CHECK(m->number[i] == EMPTY && number != EMPTY);
-  m->number[i] = number;
+  at[words] = number;
   m->used++;
   return true;
 }
 
 /* ------------------------------------------------------------------ opening */
 
-/* All maps, and what each step clears. */
-static bool maps_open(struct soter_memo* memo, const soter_model* m) {
-  bool fine = memo->steps != NULL && memo->clear != NULL;
-  for (uint32_t a = 0; fine && a < 2U * m->actors; a++) {
-    fine = map_open(&memo->steps[a], m->words);
-  }
-  for (uint32_t a = 0; fine && a < m->actors; a++) {
-    for (uint32_t k = 0; k < m->words; k++) {
-      memo->clear[(size_t)a * m->words + k] = m->scheduled[k] | m->actor[a].writes[k];
+/* What of the model is asked for again and again. */
+static void look_at_model(struct soter_memo* memo, const soter_model* m) {
+  const uint32_t words = m->words;
+  for (uint32_t a = 0; a < m->actors; a++) {
+    const uint64_t* const reads = m->actor[a].reads;
+    for (uint32_t k = 0; k < words; k++) {
+      memo->clear[(size_t)a * words + k] = m->scheduled[k] | m->actor[a].writes[k];
+      memo->clocked[a] = memo->clocked[a] || (reads[k] & m->scheduled[k]) != 0U;
+    }
+    memo->steady[a] = !memo->clocked[a];
+    for (uint32_t i = 0; i < m->ageings; i++) {
+      const soter_ageing* const g = &m->ageing[i];
+      SOTER_CHECK(g->width > 0U && g->width < 64U);
+      memo->steady[a] = memo->steady[a] && soter_get(reads, g->at, g->width) == 0U;
     }
   }
-  return fine && map_open(&memo->when, m->words) && map_open(&memo->seen, m->words);
+  for (uint32_t k = 0; k < words; k++) {
+    memo->judged[k] = m->observed[k] | m->dues[k] | m->verdicts[k];
+    memo->promised[k] = m->observed[k] | m->dues[k] | m->clock[k];
+    memo->promises = memo->promises || m->dues[k] != 0U;
+  }
+}
+
+static bool maps_open(struct soter_memo* memo, uint32_t words) {
+  bool fine = map_open(&memo->when, words) && map_open(&memo->owing, words);
+  for (uint32_t i = 0; fine && i < SIGHTS; i++) {
+    fine = map_open(&memo->seen[i], words);
+  }
+  for (uint32_t a = 0; fine && a < 2U * memo->actors; a++) {
+    fine = map_open(&memo->steps[a], words);
+  }
+  return fine;
 }
 
 struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory) {
   const soter_model* const m = e->place.m;
+  const uint32_t words = m->words;
   struct soter_memo* const memo = calloc(1U, sizeof *memo);
   if (memo == NULL) {
     return NULL;
   }
-  memo->words = m->words;
+  memo->words = words;
   memo->actors = m->actors;
   memo->memory = memory;
   memo->steps = calloc(2U * m->actors, sizeof *memo->steps);
-  memo->clear = calloc((size_t)m->actors * m->words, sizeof *memo->clear);
-  const bool fine = maps_open(memo, m);
-  memo->effects.size = sizeof(effect);
-  memo->values.size = m->words * sizeof(uint64_t);
+  memo->clear = calloc((size_t)(m->actors + 3U + OLDER) * words, sizeof *memo->clear);
+  memo->clocked = calloc(2U * m->actors, sizeof *memo->clocked);
+  memo->values.size = words * sizeof(uint64_t);
   memo->calendars.size = sizeof(calendar);
   memo->plans.size = sizeof(plan);
-  memo->bits.size = m->words * sizeof(uint64_t);
-  memo->verdicts.size = sizeof(effect);
-  if (!fine) {
+  memo->bits.size = words * sizeof(uint64_t);
+  memo->brokens.size = sizeof(soter_broken);
+  memo->debts.size = words * sizeof(uint64_t);
+  if (memo->steps == NULL || memo->clear == NULL || memo->clocked == NULL ||
+      !maps_open(memo, words)) {
     soter_memo_close(memo);
     return NULL;
   }
+  memo->steady = memo->clocked + m->actors;
+  memo->judged = memo->clear + (size_t)m->actors * words;
+  memo->promised = memo->judged + words;
+  memo->own = memo->promised + words;
+  memo->older.packed = memo->own + words;
+  look_at_model(memo, m);
   return memo;
 }
 
@@ -235,16 +187,67 @@ void soter_memo_close(struct soter_memo* memo) {
     }
   }
   map_close(&memo->when, memo->words);
-  map_close(&memo->seen, memo->words);
+  map_close(&memo->owing, memo->words);
+  for (uint32_t i = 0; i < SIGHTS; i++) {
+    map_close(&memo->seen[i], memo->words);
+  }
   free(memo->steps);
   free(memo->clear);
-  list_close(&memo->effects);
+  free(memo->clocked);
   list_close(&memo->values);
   list_close(&memo->calendars);
   list_close(&memo->plans);
   list_close(&memo->bits);
-  list_close(&memo->verdicts);
+  list_close(&memo->brokens);
+  list_close(&memo->debts);
   free(memo);
+}
+
+/* ------------------------------------------------------------------ time that passes */
+
+/* What is packed of a field, so many ticks later. */
+SPECIAL uint64_t aged(const soter_ageing* g, uint64_t x, uint64_t ticks) {
+  if (g->kind == SOTER_SINCE) {
+    return x + ticks < g->most ? x + ticks : g->most;
+  }
+  if (g->kind == SOTER_STAMP) {
+    return x == 0U ? 0U : x + ticks;
+  }
+  return x <= 1U ? x : x - 2U < ticks ? 1U : x - ticks;
+}
+
+/* A world, so many ticks later, the schedule as it was. */
+SPECIAL void make_older(const soter_model* m, const uint64_t* packed, uint64_t ticks, uint64_t* to,
+                        const uint32_t words) {
+  soter_copy_words(to, packed, words);
+  for (uint32_t i = 0; i < m->ageings; i++) {
+    const soter_ageing* const g = &m->ageing[i];
+    const uint64_t before = soter_get(packed, g->at, g->width);
+    const uint64_t change = before ^ aged(g, before, ticks);
+    const uint64_t shift = g->at % 64U;
+    SOTER_CHECK(change >> g->width == 0U && (g->at + g->width - 1U) / 64U < words);
+    to[g->at / 64U] ^= change << shift;
+    if (shift + g->width > 64U) {
+      to[g->at / 64U + 1U] ^= change >> (64U - shift);
+    }
+  }
+}
+
+/* The world that is expanded, so many ticks later: several moves happen at one time. */
+SPECIAL const uint64_t* older(struct soter_memo* memo, const soter_model* m, const uint64_t* packed,
+                              uint32_t later, const uint32_t words) {
+  if (later == 0U || m->ageings == 0U) {
+    return packed;
+  }
+  olders* const o = &memo->older;
+  const uint32_t i = later % OLDER;
+  uint64_t* const to = o->packed + (size_t)i * words;
+  if (o->turn[i] != memo->turn || o->later[i] != later) {
+    make_older(m, packed, later, to, words);
+    o->turn[i] = memo->turn;
+    o->later[i] = later;
+  }
+  return to;
 }
 
 /* ------------------------------------------------------------------ computing */
@@ -260,48 +263,111 @@ static bool is_first(const soter_model* m, const soter_move* move) {
          move->release == a->phase_ns;
 }
 
-/* Which moves there are in `here`, which is unpacked and looked at. */
+/* The schedule after a move, whatever the step does, in `there`. */
+static void schedule_after(soter_place* x, const soter_move* move) {
+  const soter_model* const m = x->m;
+  const uint32_t a = move->actor;
+  (void)memcpy(x->there, x->here, x->size);
+  soter_schedule_of(x->p, x->there)->now = move->time;
+  soter_keep_others(x, x->there);
+  soter_done_of(m, x->there)[a]++;
+  SOTER_CHECK(a < m->actors);
+  if (move->kind == SOTER_SKIPPED) {
+    soter_lost_of(m, x->there)[a]++;
+  } else if (m->actor[a].skips > 0U) {
+    soter_lost_of(m, x->there)[a] = 0U;
+  }
+}
+
+/* One more plan, number `n` of the actor's; false: there is no memory. */
+static bool add_plan(soter_expander* e, struct soter_memo* memo, const soter_move* move,
+                     uint32_t n) {
+  soter_place* const x = &e->place;
+  const soter_model* const m = x->m;
+  const int64_t now = soter_schedule_of(x->p, x->here)->now;
+  uint64_t after[SOTER_WORDS];
+  schedule_after(x, move);
+  m->pack(x->there, after);
+  plan* const p = push(&memo->plans, 1U);
+  uint64_t* const bits = push(&memo->bits, 1U);
+  if (p == NULL || bits == NULL) {
+    return false;
+  }
+  p->actor = move->actor;
+  p->number = n;
+  p->later = (uint32_t)((move->time - soter_later(now, 0)) / m->tick_ns);
+  p->lost = move->kind == SOTER_SKIPPED;
+  p->first = is_first(m, move);
+  p->seen = soter_is_observable(x);
+  p->ends = e->instant != NULL && p->seen;
+  for (uint32_t k = 0; k < m->words; k++) {
+    bits[k] = after[k] & m->scheduled[k];
+  }
+  return true;
+}
+
+/* Which moves there are in `here`, which is unpacked and looked at. False: there is no memory, or
+ * schedules seldom come back, so that looking them up gains nothing. */
 static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const uint64_t* packed) {
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
   const int64_t now = soter_schedule_of(x->p, x->here)->now;
   const bool observable = now >= 0 && x->limit > now;
-  calendar c = {memo->plans.count, 0U, soter_ample(x, soter_enabled(x)), observable};
-  for (uint32_t a = 0; a < m->actors; a++) {
+  const uint64_t enabled = soter_enabled(x);
+  calendar c = {memo->plans.count, 0U, soter_ample(x, enabled), observable, enabled == 0U};
+  bool fine = memo->when.used < FEW || memo->when.used <= memo->turn / 2U;
+  for (uint32_t a = 0; fine && a < m->actors; a++) {
     soter_move move;
-    for (uint32_t n = 0; soter_move_of(x, a, n, &move); n++) {
-      uint64_t after[SOTER_WORDS];
-      /* the schedule after it, whatever the step does */
-      (void)memcpy(x->there, x->here, x->size);
-      soter_schedule_of(x->p, x->there)->now = move.time;
-      soter_keep_others(x, x->there);
-      soter_done_of(m, x->there)[a]++;
-      if (move.kind == SOTER_SKIPPED) {
-        soter_lost_of(m, x->there)[a]++;
-      } else if (m->actor[a].skips > 0U) {
-        soter_lost_of(m, x->there)[a] = 0U;
-      }
-      m->pack(x->there, after);
-      plan* const p = push(&memo->plans, 1U);
-      uint64_t* const bits = push(&memo->bits, 1U);
-      if (p == NULL || bits == NULL) {
-        return false;
-      }
-      p->actor = a;
-      p->lost = move.kind == SOTER_SKIPPED;
-      p->first = is_first(m, &move);
-      for (uint32_t k = 0; k < m->words; k++) {
-        bits[k] = after[k] & m->scheduled[k];
-      }
+    for (uint32_t n = 0; fine && soter_move_of(x, a, n, &move); n++) {
+      fine = add_plan(e, memo, &move, n);
       c.count++;
     }
   }
-  calendar* const to = push(&memo->calendars, 1U);
+  calendar* const to = fine ? push(&memo->calendars, 1U) : NULL;
   if (to == NULL) {
     return false;
   }
   *to = c;
-  return map_put(memo, &memo->when, packed, m->scheduled, memo->calendars.count - 1U);
+  return map_put(memo, &memo->when, packed, m->scheduled, memo->calendars.count);
+}
+
+/* Where something that broke stands among the brokens, from 1 on; 0: there is no room for more. */
+static uint64_t number_of(struct soter_memo* memo, const soter_broken* broken) {
+  const soter_broken* const all = memo->brokens.item;
+  for (uint32_t i = 0; i < memo->brokens.count; i++) {
+    if (soter_same_broken(&all[i], broken)) {
+      return i + 1U;
+    }
+  }
+  const bool fits = memo->brokens.count + 1U < 1U << BROKEN_BITS;
+  soter_broken* const to = fits ? push(&memo->brokens, 1U) : NULL;
+  if (to == NULL) {
+    return 0U;
+  }
+  *to = *broken;
+  return memo->brokens.count;
+}
+
+/* As one number; 0: there is no room. */
+static uint64_t folded(struct soter_memo* memo, const effect* found) {
+  const uint64_t broken = found->broke ? number_of(memo, &found->broken) : 0U;
+  SOTER_CHECK(found->count >> COUNT_BITS == 0U && COUNT_BITS + BROKEN_BITS < 32U);
+  if (found->broke && broken == 0U) {
+    return 0U;
+  }
+  return THERE | broken << (32U + COUNT_BITS) | (uint64_t)found->count << 32U | found->first;
+}
+
+SPECIAL effect unfolded(const struct soter_memo* memo, uint64_t number) {
+  const uint64_t broken = number >> (32U + COUNT_BITS) & ((UINT64_C(1) << BROKEN_BITS) - 1U);
+  effect found = {(uint32_t)number,
+                  (uint32_t)(number >> 32U) & ((1U << COUNT_BITS) - 1U),
+                  broken != 0U,
+                  {0U, 0U}};
+  if (found.broke) {
+    found.broken = ((const soter_broken*)memo->brokens.item)[broken - 1U];
+  }
+  return found;
 }
 
 /* Whether the same was written with other picks. */
@@ -319,9 +385,9 @@ static bool is_known(const struct soter_memo* memo, const effect* found, const u
   return false;
 }
 
-/* Keeps what a step wrote into `there`; false: it wrote what the model says it does not, or there
- * is no memory. Then the search does without this. */
-static bool keep_outcome(soter_place* x, struct soter_memo* memo, const uint64_t* packed,
+/* Keeps what a step wrote into `there`; false: it did not leave everything else as it was when it
+ * began (`before`), or there is no memory. Then the search does without this. */
+static bool keep_outcome(soter_place* x, struct soter_memo* memo, const uint64_t* before,
                          uint32_t actor, effect* found) {
   const soter_model* const m = x->m;
   const uint64_t* const writes = m->actor[actor].writes;
@@ -333,8 +399,7 @@ static bool keep_outcome(soter_place* x, struct soter_memo* memo, const uint64_t
     return false;
   }
   for (uint32_t k = 0; k < m->words; k++) {
-    const uint64_t may = m->scheduled[k] | writes[k];
-    if (((after[k] ^ packed[k]) & ~may) != 0U) {
+    if (((after[k] ^ before[k]) & ~(writes[k] | m->dues[k])) != 0U) {
       return false;
     }
     value[k] = after[k] & writes[k];
@@ -348,8 +413,6 @@ static bool keep_outcome(soter_place* x, struct soter_memo* memo, const uint64_t
   return true;
 }
 
-/* Runs the step of a plan in `here` with all picks, and keeps what it writes. Stopped, it keeps
- * what it has: the search ends with that. */
 /* An outcome that breaks something: the first that is not known is told. */
 static void note_broken(const soter_place* x, effect* found, const soter_broken* broken) {
   if (!found->broke && !soter_is_known(x, broken)) {
@@ -369,39 +432,37 @@ static bool more_answers(const soter_expander* e, bool breaks) {
   return !breaks || e->go_on || e->place.tried < LONG;
 }
 
-static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uint64_t* packed,
+/* Runs the step of a plan in `here` with all picks, and keeps what it writes; `before` is that
+ * world when the step begins. Stopped, it keeps what it has: the search ends with that. */
+static bool compute_effect(soter_expander* e, struct soter_memo* memo, const uint64_t* before,
                            const plan* p, map* steps) {
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
   effect found = {memo->values.count, 0U, false, {0U, 0U}};
   soter_move move;
-  if (is_too_large(memo) || !soter_move_of(x, p->actor, 0U, &move)) {
+  if (is_too_large(memo) || !soter_move_of(x, p->actor, p->number, &move)) {
     return false;
   }
   x->given = 0U;
   bool breaks = false; /* some outcome does */
   do {
     soter_broken broken;
-    const uint32_t before = found.count;
+    const uint32_t count = found.count;
     if (!soter_make(x, &move, &broken)) {
       note_broken(x, &found, &broken);
       breaks = breaks || found.broke;
       continue;
     }
     soter_cover(x, p->actor);
-    if (!keep_outcome(x, memo, packed, p->actor, &found)) {
+    if (!keep_outcome(x, memo, before, p->actor, &found)) {
       soter_tell_answers(x, true);
       return false;
     }
-    breaks = breaks || (found.count > before && breaks_news(x));
+    breaks = breaks || (found.count > count && breaks_news(x));
   } while (more_answers(e, breaks) && soter_next_picks(x));
   soter_tell_answers(x, true);
-  effect* const to = push(&memo->effects, 1U);
-  if (to == NULL) {
-    return false;
-  }
-  *to = found;
-  return map_put(memo, steps, packed, m->actor[p->actor].reads, memo->effects.count - 1U);
+  const uint64_t number = folded(memo, &found);
+  return number != 0U && map_put(memo, steps, before, m->actor[p->actor].reads, number);
 }
 
 /* ------------------------------------------------------------------ expanding */
@@ -415,12 +476,12 @@ static bool give_up(soter_expander* e) {
 }
 
 /* Looked up, or computed; *unpacked says that `here` is this world then. */
-SOTER_INLINE const calendar* calendar_of(soter_expander* e, const uint64_t* packed,
-                                         const uint32_t words, bool* unpacked) {
+SPECIAL const calendar* calendar_of(soter_expander* e, const uint64_t* packed, const uint32_t words,
+                                    bool* unpacked) {
   struct soter_memo* const memo = e->memo;
   soter_place* const x = &e->place;
-  uint32_t at = slot_of(&memo->when, packed, x->m->scheduled, words);
-  if (memo->when.number[at] == EMPTY) {
+  const uint64_t* at = slot_of(&memo->when, packed, x->m->scheduled, words);
+  if (at[words] == 0U) {
     x->m->unpack(packed, x->here);
     soter_look(x);
     *unpacked = true;
@@ -429,40 +490,95 @@ SOTER_INLINE const calendar* calendar_of(soter_expander* e, const uint64_t* pack
     }
     at = slot_of(&memo->when, packed, x->m->scheduled, words);
   }
-  return (const calendar*)memo->calendars.item + memo->when.number[at];
+  return (const calendar*)memo->calendars.item + (at[words] - 1U);
 }
 
-/* What the step of a plan does to this world, looked up or computed; NULL: it cannot be kept. */
-SOTER_INLINE const effect* effect_of(soter_expander* e, const uint64_t* packed, const plan* p,
-                                     const uint32_t words, bool* unpacked) {
+/* A world when the step of a plan begins. */
+SPECIAL const uint64_t* begun(const soter_model* m, const uint64_t* then, const uint64_t* bits,
+                              uint64_t* to, const uint32_t words) {
+  for (uint32_t k = 0; k < words; k++) {
+    to[k] = (then[k] & ~m->scheduled[k]) | bits[k];
+  }
+  return to;
+}
+
+/* What the step of a plan does to a world, `then` when it begins but for the schedule: looked up or
+ * computed; folded; 0: it cannot be kept. */
+SPECIAL uint64_t effect_of(soter_expander* e, const uint64_t* packed, const uint64_t* then,
+                           const plan* p, const uint64_t* bits, const uint32_t words,
+                           bool* unpacked) {
   struct soter_memo* const memo = e->memo;
   soter_place* const x = &e->place;
-  const uint64_t* const reads = x->m->actor[p->actor].reads;
+  const soter_model* const m = x->m;
+  const uint64_t* const reads = m->actor[p->actor].reads;
+  const uint64_t* const asked =
+      memo->clocked[p->actor] ? begun(m, then, bits, memo->own, words) : then;
   map* const steps = &memo->steps[2U * p->actor + (p->first ? 1U : 0U)];
-  uint32_t slot = slot_of(steps, packed, reads, words);
-  if (steps->number[slot] == EMPTY) {
+  const uint64_t* slot = slot_of(steps, asked, reads, words);
+  if (slot[words] == 0U) {
     if (!*unpacked) {
-      x->m->unpack(packed, x->here);
+      m->unpack(packed, x->here);
       soter_look(x);
       *unpacked = true;
     }
-    if (!compute_effect(e, memo, packed, p, steps)) {
-      return NULL;
+    if (!compute_effect(e, memo, begun(m, then, bits, memo->own, words), p, steps)) {
+      return 0U;
     }
-    slot = slot_of(steps, packed, reads, words);
+    slot = slot_of(steps, memo->own, reads, words);
   }
-  SOTER_CHECK(steps->number[slot] < memo->effects.count);
-  return (const effect*)memo->effects.item + steps->number[slot];
+  SOTER_CHECK(slot[words] != 0U);
+  return slot[words];
+}
+
+/* What properties owe in a world that is looked at, after a move led to it. */
+static bool compute_debts(soter_expander* e, const uint64_t* heir) {
+  struct soter_memo* const memo = e->memo;
+  soter_place* const x = &e->place;
+  const soter_model* const m = x->m;
+  uint64_t after[SOTER_WORDS];
+  m->unpack(heir, x->there);
+  soter_keep_obligations(x);
+  m->pack(x->there, after);
+  uint64_t* const debts = push(&memo->debts, 1U);
+  if (debts == NULL) {
+    return false;
+  }
+  for (uint32_t k = 0; k < m->words; k++) {
+    if (((after[k] ^ heir[k]) & ~m->dues[k]) != 0U) {
+      return false;
+    }
+    debts[k] = after[k] & m->dues[k];
+  }
+  return map_put(memo, &memo->owing, heir, memo->promised, memo->debts.count);
+}
+
+SPECIAL bool keep_promises(soter_expander* e, uint64_t* heir, const uint32_t words) {
+  struct soter_memo* const memo = e->memo;
+  const uint64_t* const dues = e->place.m->dues;
+  const uint64_t* slot = slot_of(&memo->owing, heir, memo->promised, words);
+  if (slot[words] == 0U) {
+    if (!compute_debts(e, heir)) {
+      return false;
+    }
+    slot = slot_of(&memo->owing, heir, memo->promised, words);
+  }
+  const uint64_t* const debts =
+      (const uint64_t*)memo->debts.item + (size_t)(slot[words] - 1U) * words;
+  for (uint32_t k = 0; k < words; k++) {
+    heir[k] = (heir[k] & ~dues[k]) | debts[k];
+  }
+  return true;
 }
 
 /* The heirs by a step: schedule's bits, and what was written. False: there is no memory, or no room
  * for so many at once. */
-SOTER_INLINE bool add_outcomes(soter_expander* e, const uint64_t* packed, const plan* p,
-                               const uint64_t* bits, const effect* done, uint64_t asleep,
-                               const uint32_t words) {
+SPECIAL bool add_outcomes(soter_expander* e, const uint64_t* then, const plan* p,
+                          const uint64_t* bits, const effect* done, uint64_t asleep,
+                          const uint32_t words) {
   const struct soter_memo* const memo = e->memo;
   const uint64_t* const clear = memo->clear + (size_t)p->actor * words;
   const uint64_t* value = (const uint64_t*)memo->values.item + (size_t)done->first * words;
+  const bool owes = p->seen && memo->promises;
   if (done->broke) {
     e->broken = e->broke ? e->broken : done->broken;
     e->broke = true;
@@ -477,7 +593,10 @@ SOTER_INLINE bool add_outcomes(soter_expander* e, const uint64_t* packed, const 
       return false;
     }
     for (uint32_t k = 0; k < words; k++) {
-      heir[k] = (packed[k] & ~clear[k]) | bits[k] | value[k];
+      heir[k] = (then[k] & ~clear[k]) | bits[k] | value[k];
+    }
+    if (owes && !keep_promises(e, heir, words)) {
+      return false;
     }
     value += words;
     e->transitions++;
@@ -485,22 +604,42 @@ SOTER_INLINE bool add_outcomes(soter_expander* e, const uint64_t* packed, const 
   return true;
 }
 
-/* The heir by a release that is lost: only the schedule's bits change. */
-SOTER_INLINE bool add_lost(soter_expander* e, const uint64_t* packed, const uint64_t* bits,
-                           uint64_t asleep, const uint32_t words) {
-  const uint64_t* const scheduled = e->place.m->scheduled;
+/* The heir by a release that is lost: only the schedule's bits change, and what time changes. */
+SPECIAL bool add_lost(soter_expander* e, const uint64_t* then, const plan* p, const uint64_t* bits,
+                      uint64_t asleep, const uint32_t words) {
   uint64_t* const heir = soter_next_heir(e, asleep);
-  for (uint32_t k = 0; heir != NULL && k < words; k++) {
-    heir[k] = (packed[k] & ~scheduled[k]) | bits[k];
-  }
   e->transitions++;
-  return heir != NULL;
+  if (heir == NULL) {
+    return false;
+  }
+  (void)begun(e->place.m, then, bits, heir, words);
+  return !p->seen || !e->memo->promises || keep_promises(e, heir, words);
 }
 
-SOTER_INLINE bool expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only,
-                         const uint32_t words) {
+/* The heirs by one plan. `last` is what the step of `of`, the plan before, did: where no time is
+ * read, it does the same whenever it happens. */
+SPECIAL bool follow(soter_expander* e, const uint64_t* packed, const plan* p, const uint64_t* bits,
+                    uint64_t asleep, const plan* of, uint64_t* last, const uint32_t words,
+                    bool* unpacked) {
+  struct soter_memo* const memo = e->memo;
+  const uint64_t* const then = older(memo, e->place.m, packed, p->later, words);
+  if (p->lost) {
+    return add_lost(e, then, p, bits, asleep, words);
+  }
+  const bool again = *last != 0U && of->actor == p->actor && memo->steady[p->actor];
+  SOTER_CHECK(!again || of->first == p->first);
+  if (!again) {
+    *last = effect_of(e, packed, then, p, bits, words, unpacked);
+  }
+  const effect done = unfolded(memo, *last);
+  return *last != 0U && add_outcomes(e, then, p, bits, &done, asleep, words);
+}
+
+SPECIAL bool expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only,
+                    const uint32_t words) {
   struct soter_memo* const memo = e->memo;
   bool unpacked = false;
+  memo->turn++;
   const calendar* const known = calendar_of(e, packed, words, &unpacked);
   if (known == NULL) {
     return give_up(e);
@@ -509,6 +648,8 @@ SOTER_INLINE bool expand(soter_expander* e, const uint64_t* packed, uint64_t sle
   const uint64_t ample = (e->reduce & SOTER_REDUCE_AMPLE) != 0U ? c.ample : UINT64_MAX;
   const uint64_t wanted = only & ~sleep & ample;
   uint64_t before = 0U;
+  plan of = {0};
+  uint64_t last = 0U;
   for (uint32_t i = 0; i < c.count; i++) {
     const plan p = ((const plan*)memo->plans.item)[c.first + i];
     const uint64_t self = UINT64_C(1) << p.actor;
@@ -516,55 +657,67 @@ SOTER_INLINE bool expand(soter_expander* e, const uint64_t* packed, uint64_t sle
     if ((wanted & self) == 0U) {
       continue;
     }
-    const uint64_t asleep = (e->reduce & SOTER_REDUCE_SLEEP) != 0U
+    const uint64_t asleep = p.ends ? SOTER_AT_END
+                            : (e->reduce & SOTER_REDUCE_SLEEP) != 0U
                                 ? soter_still_asleep(e->place.m, p.actor, sleep, before & ~self)
                                 : 0U;
     before |= self;
-    const effect* const done = p.lost ? NULL : effect_of(e, packed, &p, words, &unpacked);
-    if (!p.lost && done == NULL) {
-      return give_up(e);
-    }
     const uint64_t* const bits = (const uint64_t*)memo->bits.item + (size_t)(c.first + i) * words;
-    if (p.lost ? !add_lost(e, packed, bits, asleep, words)
-               : !add_outcomes(e, packed, &p, bits, done, asleep, words)) {
+    if (!follow(e, packed, &p, bits, asleep, &of, &last, words, &unpacked)) {
       return e->no_memory || give_up(e);
     }
+    of = p.lost ? of : p;
   }
   return true;
 }
 
 bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only) {
-  return e->memo->words == 1U ? expand(e, packed, sleep, only, 1U)
-                              : expand(e, packed, sleep, only, e->memo->words);
+  switch (e->memo->words) {
+    case 1:
+      return expand(e, packed, sleep, only, 1U);
+    case 2:
+      return expand(e, packed, sleep, only, 2U);
+    default:
+      return expand(e, packed, sleep, only, e->memo->words);
+  }
 }
 
-/* Whether anything is observed depends on the schedule, what is on the bits of `observed`. */
-SOTER_INLINE bool is_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken,
-                            const uint32_t words) {
+/* Whether a world violates something, which follows from the bits of `decides`: looked up in
+ * `seen`, or judged. */
+SPECIAL effect judged(soter_expander* e, const uint64_t* packed, map* seen, const uint64_t* decides,
+                      const uint32_t words) {
   struct soter_memo* const memo = e->memo;
   soter_place* const x = &e->place;
-  const soter_model* const m = x->m;
-  bool unpacked = false;
-  const calendar* const c = calendar_of(e, packed, words, &unpacked);
-  if (c != NULL && !c->observable) {
-    return false;
-  }
-  const uint32_t at = slot_of(&memo->seen, packed, m->observed, words);
-  if (c != NULL && memo->seen.number[at] != EMPTY) {
-    const effect* const known = (const effect*)memo->verdicts.item + memo->seen.number[at];
-    *broken = known->broken;
-    return known->broke;
+  const uint64_t* const at = slot_of(seen, packed, decides, words);
+  if (at[words] != 0U) {
+    return unfolded(memo, at[words]);
   }
   effect found = {0U, 0U, false, {0U, 0U}};
-  m->unpack(packed, x->there);
+  x->m->unpack(packed, x->there);
   found.broke = soter_violates(x, &found.broken);
-  effect* const to = c != NULL ? push(&memo->verdicts, 1U) : NULL;
-  if (to != NULL) {
-    *to = found;
-    if (!map_put(memo, &memo->seen, packed, m->observed, memo->verdicts.count - 1U)) {
-      memo->verdicts.count--;
-    }
+  const uint64_t number = folded(memo, &found);
+  (void)(number != 0U && map_put(memo, seen, packed, decides, number));
+  return found;
+}
+
+/* Whether anything is observed, and whether something is due at the end, depends on the schedule;
+ * what is violated then on what properties read and on what they know of the past. */
+SPECIAL bool is_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken,
+                       const uint32_t words) {
+  struct soter_memo* const memo = e->memo;
+  soter_place* const x = &e->place;
+  bool unpacked = false;
+  const calendar* const c = calendar_of(e, packed, words, &unpacked);
+  if (c == NULL) {
+    x->m->unpack(packed, x->there);
+    return soter_violates(x, broken);
   }
+  if (!c->observable && !memo->promises) {
+    return false;
+  }
+  const uint32_t sight = !c->observable ? 0U : c->over ? 2U : 1U;
+  const uint64_t* const decides = c->observable ? memo->judged : x->m->dues;
+  const effect found = judged(e, packed, &memo->seen[sight], decides, words);
   *broken = found.broken;
   return found.broke;
 }

@@ -278,7 +278,7 @@ static void take_effect(soter_place* x, uint32_t actor, int64_t time) {
   }
 }
 
-static bool is_observable(soter_place* x) {
+bool soter_is_observable(soter_place* x) {
   const int64_t now = soter_schedule_of(x->p, x->there)->now;
   if (now < 0) {
     return false; /* the start: nothing has happened */
@@ -331,11 +331,11 @@ static bool asks(const soter_place* x, const soter_timed* t, int64_t now) {
 }
 
 /* What is owed changes where it can be seen: obligations are part of the world. */
-static void keep_obligations(soter_place* x) {
+void soter_keep_obligations(soter_place* x) {
   const soter_model* const m = x->m;
   int64_t* const due = soter_due_of(x->p, x->there);
   const int64_t now = soter_schedule_of(x->p, x->there)->now;
-  if (!is_observable(x)) {
+  if (!soter_is_observable(x)) {
     return;
   }
   for (uint32_t i = 0; i < m->timeds; i++) {
@@ -390,7 +390,7 @@ bool soter_make(soter_place* x, const soter_move* move, soter_broken* broken) {
     }
   }
   if (fine && m->timeds > 0U) {
-    keep_obligations(x);
+    soter_keep_obligations(x);
   }
   return fine;
 }
@@ -448,7 +448,7 @@ static bool instant_fails(soter_place* x, uint32_t i) {
 }
 
 bool soter_violates(soter_place* x, soter_broken* broken) {
-  const bool observable = is_observable(x);
+  const bool observable = soter_is_observable(x);
   bool any = false;
   bool news = false;
   for (uint32_t i = 0; observable && !news && i < x->p->properties; i++) {

@@ -2,37 +2,31 @@
  *
  * Purpose: exact storage at little more than the packed bytes, or 64-bit fingerprints.
  * An entry is the packed world, its first word mixed by a bijection so that it is its own hash; its
- * leading bits say the segment, the next ones the bucket of eight entries; what finds its bucket
- * full goes to the next one. Segments grow by an eighth, one at a time, so that the table is four
- * fifths full and never has to exist twice. Non-goals: deletion; sharing between threads (each has
- * a table of its own).
+ * leading bits say the bucket of eight entries and where in it the search begins; what finds its
+ * bucket full goes to the next one. Segments grow by an eighth, one at a time, so that the table is
+ * four fifths full and never has to exist twice; small ones are half full, so that ways are short.
+ * Non-goals: deletion of one entry; sharing between threads (each has a table of its own).
  */
 #include "soter_explore_in.h"
 
 #define SEGMENTS 256U
-#define FEW_SEGMENTS 8U  /* of wide entries: */
-#define WIDE 512U        /* bytes */
-#define MOVED 4096U      /* buckets, between two looks at whether it is stopped */
-#define BUCKET 8U        /* entries */
-#define FIRST_BUCKETS 4U /* of a segment */
-#define IDLE 3U          /* layers without a new entry: a segment is settled */
-#define LINE 64U         /* bytes that the machine fetches at once */
-#define TAIL 8U          /* bytes behind the last entry: loads take eight at a time */
+#define FEW_SEGMENTS 8U                 /* of wide entries: */
+#define WIDE 512U                       /* bytes */
+#define MOVED 4096U                     /* buckets, between two looks at whether it is stopped */
+#define BUCKET 8U                       /* entries */
+#define FIRST_BUCKETS 4U                /* of a segment */
+#define IDLE 3U                         /* layers without a new entry: a segment is settled */
+#define SMALL (UINT64_C(1) << 16)       /* bytes of a segment, */
+#define SMALL_LAYER (UINT64_C(1) << 23) /* and of all of a layer */
+#define LINE 64U                        /* bytes that the machine fetches at once */
+#define TAIL 8U /* bytes behind the last entry: loads take eight at a time */
 #define K1 UINT64_C(0x9e3779b97f4a7c15)
 #define K2 UINT64_C(0xd6e8feb86659fd93)
+#define INVERSE1 UINT64_C(0xf1de83e19937733d) /* of K1, modulo 2^64 */
+#define INVERSE2 UINT64_C(0xcfee444d8b59a89b)
 
 static uint64_t low_bits(uint32_t bits) {
   return bits >= 64U ? UINT64_MAX : (UINT64_C(1) << bits) - 1U;
-}
-
-/* The inverse of an odd number modulo 2^64. */
-static uint64_t inverse(uint64_t k) {
-  uint64_t x = k;
-  for (int i = 0; i < 6; i++) {
-    x *= 2U - k * x;
-  }
-  SOTER_CHECK(x * k == 1U);
-  return x;
 }
 
 SOTER_INLINE uint64_t mixed(uint64_t x, uint32_t bits, uint64_t all) {
@@ -44,13 +38,14 @@ SOTER_INLINE uint64_t mixed(uint64_t x, uint32_t bits, uint64_t all) {
   return (x * K1) & all;
 }
 
-static uint64_t unmixed(uint64_t x, uint32_t bits, uint64_t all) {
+SOTER_INLINE uint64_t unmixed(uint64_t x, uint32_t bits, uint64_t all) {
   const uint32_t half = (bits + 1U) / 2U;
-  x = (x * inverse(K1)) & all;
+  SOTER_CHECK(K1 * INVERSE1 == 1U && K2 * INVERSE2 == 1U);
+  x = (x * INVERSE1) & all;
   x ^= x >> half;
-  x = (x * inverse(K2)) & all;
+  x = (x * INVERSE2) & all;
   x ^= x >> half;
-  return (x * inverse(K1)) & all;
+  return (x * INVERSE1) & all;
 }
 
 /* What the other words add to the first one; 0 for zeros. */
@@ -86,15 +81,25 @@ SOTER_INLINE uint64_t load(const uint8_t* from, uint64_t mask) {
 
 /* A segment holds what happens at one time (the bits behind the lowest one,
  * explore/model/packing.py): a search goes through time, and what it has left behind need not be in
- * the machine's caches. */
-SOTER_INLINE soter_segment* segment_of(const soter_store* s, const uint64_t* packed) {
-  return &s->segment[packed[0] >> 1 & (s->segments - 1U)];
+ * the machine's caches. A layer has one time or two: there all segments hold some of it, so that
+ * the room for one to grow is little. */
+SOTER_INLINE soter_segment* segment_of(const soter_store* s, const uint64_t* packed,
+                                       const uint64_t* key) {
+  const uint64_t of = s->layer ? key[0] : packed[0] >> 1;
+  return &s->segment[of & (s->segments - 1U)];
 }
 
-SOTER_INLINE uint64_t bucket_of(const soter_store* s, const soter_segment* g, uint64_t first) {
+/* The entry where the way of a key begins: it goes round its bucket, then on to the next one. */
+SOTER_INLINE uint64_t home_of(const soter_store* s, const soter_segment* g, uint64_t first) {
   const uint64_t next = first << (64U - s->first) >> 32;
   SOTER_CHECK(s->first >= 1U && s->first <= 64U);
-  return (next * g->homes) >> 32;
+  return (next * (g->homes * BUCKET)) >> 32;
+}
+
+/* The entry after number `k` of a way that began at `home`. */
+SOTER_INLINE uint64_t entry_after(uint64_t home, uint64_t k) {
+  return (home & ~(uint64_t)(BUCKET - 1U)) + (k & ~(uint64_t)(BUCKET - 1U)) +
+         ((home + k) & (BUCKET - 1U));
 }
 
 SOTER_INLINE bool is_empty(const soter_store* s, const uint8_t* e) {
@@ -109,29 +114,39 @@ SOTER_INLINE bool is_empty(const soter_store* s, const uint8_t* e) {
   return true;
 }
 
+/* The same for a key that takes one load. */
+SOTER_INLINE uint8_t* short_place_of(const soter_store* s, const soter_segment* g, uint64_t key,
+                                     bool* found) {
+  const uint64_t home = home_of(s, g, key);
+  const uint64_t most = g->buckets * BUCKET - (home & ~(uint64_t)(BUCKET - 1U));
+  for (uint64_t k = 0U; k < most; k++) {
+    uint8_t* const e = g->entry + entry_after(home, k) * s->bytes;
+    const uint64_t there = load(e, s->mask);
+    if (there == key || there == 0U) {
+      *found = there != 0U;
+      return e;
+    }
+  }
+  return NULL;
+}
+
 /* Where a key stands, or the place for it; `found` says which. NULL: its way through the segment is
  * full. */
 SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, const uint64_t* key,
                                bool* found) {
-  uint8_t* e = g->entry + bucket_of(s, g, key[0]) * BUCKET * s->bytes;
-  const uint8_t* const end = g->entry + g->buckets * BUCKET * s->bytes;
-  SOTER_CHECK(e < end);
   *found = false;
   if (s->key <= 8U) {
-    for (; e < end; e += s->bytes) {
-      const uint64_t there = load(e, s->mask);
-      if (there == key[0]) {
-        *found = true;
-        return e;
-      }
-      if (there == 0U) {
-        return e;
-      }
-    }
-    return NULL;
+    return short_place_of(s, g, key[0], found);
   }
-  for (; e < end; e += s->bytes) {
-    if (load(e, s->mask) == key[0] && memcmp(e + 8, key + 1, s->key - 8U) == 0) {
+  const uint64_t home = home_of(s, g, key[0]);
+  const uint64_t most = g->buckets * BUCKET - (home & ~(uint64_t)(BUCKET - 1U));
+  const uint8_t* const bytes = (const uint8_t*)key;
+  const uint64_t last = load(bytes + (s->key - 8U), UINT64_MAX); /* most keys take two loads */
+  SOTER_CHECK(most <= g->buckets * BUCKET);
+  for (uint64_t k = 0U; k < most; k++) {
+    uint8_t* const e = g->entry + entry_after(home, k) * s->bytes;
+    if (load(e, s->mask) == key[0] && load(e + (s->key - 8U), UINT64_MAX) == last &&
+        (s->key <= 16U || memcmp(e + 8, key + 1, s->key - 8U) == 0)) {
       *found = !is_empty(s, e);
       return e;
     }
@@ -144,11 +159,17 @@ SOTER_INLINE uint8_t* place_of(const soter_store* s, const soter_segment* g, con
 
 /* ------------------------------------------------------------------ opening, growing */
 
+/* It stays in the machine's caches, and room is not what matters: it may be half full. */
+static bool is_small(const soter_store* s, const soter_segment* g) {
+  return g->buckets * BUCKET * s->bytes <= (s->layer ? SMALL_LAYER / s->segments : SMALL);
+}
+
 static bool segment_open(const soter_store* s, soter_segment* g, uint64_t buckets) {
   g->buckets = buckets;
   g->homes =
       buckets - 1U - (buckets < 2048U ? buckets / 64U : 32U); /* the rest takes what overflows */
   SOTER_CHECK(buckets >= FIRST_BUCKETS && g->homes >= 1U);
+  g->limit = buckets * BUCKET / (is_small(s, g) ? 2U : 8U) * (is_small(s, g) ? 1U : 7U);
   g->count = g->before = 0U;
   g->idle = 0U;
   g->bytes = buckets * BUCKET * s->bytes + TAIL + LINE;
@@ -162,6 +183,10 @@ static bool segment_open(const soter_store* s, soter_segment* g, uint64_t bucket
 }
 
 static bool segments_open(soter_store* s) {
+  s->room = (uint64_t)s->segments * FIRST_BUCKETS * BUCKET;
+  if (soter_store_bytes(s) > s->memory) {
+    return false;
+  }
   s->segment = calloc(s->segments, sizeof *s->segment);
   s->own = malloc(s->words * sizeof *s->own);
   bool fine = s->segment != NULL && s->own != NULL;
@@ -188,8 +213,7 @@ bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storag
   s->memory = memory;
   s->growth = 8U;
   s->segments = s->bytes > WIDE ? FEW_SEGMENTS : SEGMENTS;
-  s->room = (uint64_t)s->segments * FIRST_BUCKETS * BUCKET;
-  return soter_store_bytes(s) <= memory && segments_open(s);
+  return segments_open(s);
 }
 
 void soter_store_close(soter_store* s) {
@@ -227,10 +251,9 @@ static bool is_stopped(const soter_store* s) {
   return s->stop != NULL && *s->stop != 0;
 }
 
-/* Moves all entries to a larger segment; `false` where its last buckets overflow, and where it is
- * stopped. `filled` counts what each of its buckets has. */
-static bool move_all(const soter_store* s, const soter_segment* from, soter_segment* to,
-                     uint8_t* filled) {
+/* Moves all entries to another segment; `false` where its last buckets overflow, and where it is
+ * stopped. */
+static bool move_all(const soter_store* s, const soter_segment* from, soter_segment* to) {
   const uint8_t* e = from->entry;
   for (uint64_t i = 0; i < from->buckets * BUCKET; i++, e += s->bytes) {
     if (i % (MOVED * BUCKET) == 0U && is_stopped(s)) {
@@ -239,16 +262,17 @@ static bool move_all(const soter_store* s, const soter_segment* from, soter_segm
     if (is_empty(s, e)) {
       continue;
     }
-    uint64_t b = bucket_of(s, to, load(e, s->mask));
-    SOTER_CHECK(b < to->homes);
-    while (b < to->buckets && filled[b] == BUCKET) {
-      b++;
+    const uint64_t home = home_of(s, to, load(e, s->mask));
+    const uint64_t most = to->buckets * BUCKET - (home & ~(uint64_t)(BUCKET - 1U));
+    SOTER_CHECK(home < to->homes * BUCKET);
+    uint64_t k = 0U;
+    while (k < most && !is_empty(s, to->entry + entry_after(home, k) * s->bytes)) {
+      k++;
     }
-    if (b == to->buckets) {
+    if (k == most) {
       return false;
     }
-    copy_entry(to->entry + (b * BUCKET + filled[b]) * s->bytes, e, s->bytes);
-    filled[b]++;
+    copy_entry(to->entry + entry_after(home, k) * s->bytes, e, s->bytes);
   }
   return true;
 }
@@ -260,10 +284,7 @@ static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
     if ((s->room + buckets * BUCKET) * s->bytes > s->memory || !segment_open(s, &other, buckets)) {
       return false;
     }
-    uint8_t* const filled = soter_take(other.buckets);
-    const bool fits = filled != NULL && move_all(s, g, &other, filled);
-    soter_give(filled, other.buckets);
-    if (fits) {
+    if (move_all(s, g, &other)) {
       break;
     }
     soter_give(other.base, other.bytes); /* the last buckets overflow */
@@ -282,12 +303,14 @@ static bool rebuild(soter_store* s, soter_segment* g, uint64_t buckets) {
 
 /* The time before this one needed as much, most likely: fewer steps to the same size. */
 static uint64_t expected(const soter_store* s, const soter_segment* g) {
-  const uint64_t before = g > s->segment ? (g - 1)->buckets : 0U;
-  return before > g->buckets * 2U ? g->buckets * 2U : before > g->buckets ? before : 0U;
+  const uint64_t last = g > s->segment ? (g - 1)->buckets : 0U;
+  const uint64_t before = last > s->was ? last : s->was;
+  const uint64_t most = g->buckets * (is_small(s, g) ? 64U : 2U);
+  return before > most ? g->buckets * 2U : before > g->buckets ? before : 0U;
 }
 
 static bool grow(soter_store* s, soter_segment* g) {
-  const uint64_t least = g->buckets < 64U ? g->buckets : g->buckets / s->growth;
+  const uint64_t least = is_small(s, g) ? g->buckets : g->buckets / s->growth;
   const uint64_t hoped = s->growth < 8U ? expected(s, g) : 0U;
   const uint64_t more = hoped > g->buckets + least ? hoped - g->buckets : least;
   return rebuild(s, g, g->buckets + more) || rebuild(s, g, g->buckets + g->buckets / 32U + 1U);
@@ -306,21 +329,73 @@ void soter_store_settle(soter_store* s) {
   }
 }
 
+/* Forgets a segment's entries; it has `buckets` afterwards, or somewhat more. */
+static bool segment_empty(soter_store* s, soter_segment* g, uint64_t buckets) {
+  if (g->buckets <= 2U * buckets) {
+    if (g->count > 0U) {
+      (void)memset(g->base, 0, g->bytes);
+    }
+    g->count = g->before = 0U;
+    return true;
+  }
+  soter_segment fresh = *g;
+  if (!segment_open(s, &fresh, buckets)) {
+    return false;
+  }
+  SOTER_CHECK(fresh.count == 0U && fresh.buckets < g->buckets);
+  s->room -= (g->buckets - fresh.buckets) * BUCKET;
+  soter_give(g->base, g->bytes);
+  *g = fresh;
+  return true;
+}
+
+bool soter_store_empty(soter_store* s) {
+  bool fine = true;
+  s->was = 0U;
+  for (uint32_t i = 0; fine && i < s->segments; i++) {
+    soter_segment* const g = &s->segment[i];
+    s->was = g->count > 0U && g->buckets > s->was ? g->buckets : s->was;
+    const uint64_t each = is_small(s, g) ? BUCKET / 2U : BUCKET - 1U;
+    fine = segment_empty(s, g, g->count / each + FIRST_BUCKETS);
+  }
+  s->count = 0U;
+  SOTER_CHECK(!fine || s->room >= (uint64_t)s->segments * FIRST_BUCKETS * BUCKET);
+  return fine;
+}
+
 /* ------------------------------------------------------------------ putting */
 
 static uint64_t sleep_of(const soter_store* s, const uint8_t* e) {
   return load(e + s->key, low_bits(8U * s->sleep));
 }
 
-void soter_store_hint(const soter_store* s, const uint64_t* packed, const uint64_t* key) {
+/* Tells the machine that a place will be looked at soon. */
+SOTER_INLINE void hint(const soter_store* s, const uint64_t* packed, uint64_t first) {
 #if defined(__GNUC__)
-  const soter_segment* const g = segment_of(s, packed);
-  __builtin_prefetch(g->entry + bucket_of(s, g, key[0]) * BUCKET * s->bytes);
+  const soter_segment* const g = segment_of(s, packed, &first);
+  __builtin_prefetch(g->entry + home_of(s, g, first) * s->bytes);
 #else
   (void)s;
   (void)packed;
-  (void)key;
+  (void)first;
 #endif
+}
+
+void soter_store_announce(const soter_store* s, const uint64_t* packed, uint32_t count,
+                          uint64_t* key) {
+  const uint32_t words = s->packed;
+  SOTER_CHECK(s->words == words || s->fingerprint);
+  if (words == 1U && !s->fingerprint) {
+    for (uint32_t i = 0; i < count; i++) {
+      key[i] = mixed(packed[i], s->first, s->all);
+      hint(s, packed + i, key[i]);
+    }
+    return;
+  }
+  for (uint32_t i = 0; i < count; i++) {
+    soter_store_key(s, packed + (size_t)i * words, key + (size_t)i * words);
+    hint(s, packed + (size_t)i * words, key[(size_t)i * words]);
+  }
 }
 
 int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uint64_t* again) {
@@ -328,9 +403,8 @@ int soter_store_put(soter_store* s, const uint64_t* packed, uint64_t* sleep, uin
   return soter_store_put_key(s, packed, s->own, sleep, again);
 }
 
-int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
-                        uint64_t* sleep, uint64_t* again) {
-  soter_segment* const g = segment_of(s, packed);
+SOTER_INLINE int put_in(soter_store* s, soter_segment* g, const uint64_t* key, uint64_t* sleep,
+                        uint64_t* again) {
   for (;;) {
     bool found;
     uint8_t* const e = place_of(s, g, key, &found);
@@ -346,8 +420,7 @@ int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* 
       }
       return 0;
     }
-    /* at most seven eighths full, so that ways are short */
-    if (e != NULL && (g->count + 1U) * 8U <= g->buckets * BUCKET * 7U) {
+    if (e != NULL && g->count < g->limit) {
       copy_entry(e, (const uint8_t*)key, s->key);
       if (s->sleep > 0U) {
         (void)memcpy(e + s->key, sleep, s->sleep);
@@ -357,20 +430,55 @@ int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* 
       SOTER_CHECK(s->count <= s->room);
       return 1;
     }
+    const uint64_t most = g->buckets * (BUCKET - 1U);
     if (!grow(s, g)) {
-      return -1;
+      if (e == NULL || g->count >= most) {
+        return -1;
+      }
+      g->limit = most; /* there is no room for short ways */
     }
   }
+}
+
+int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
+                        uint64_t* sleep, uint64_t* again) {
+  return put_in(s, segment_of(s, packed, key), key, sleep, again);
 }
 
 bool soter_store_has(const soter_store* s, const uint64_t* packed) {
   bool found;
   soter_store_key(s, packed, s->own);
-  (void)place_of(s, segment_of(s, packed), s->own, &found);
+  (void)place_of(s, segment_of(s, packed, s->own), s->own, &found);
   return found;
 }
 
 /* ------------------------------------------------------------------ reading */
+
+SOTER_INLINE void read_entry(const soter_store* s, const uint8_t* e, uint64_t* packed) {
+  if (s->words == 1U) {
+    packed[0] = unmixed(load(e, s->mask), s->first, s->all);
+    return;
+  }
+  (void)memset(packed, 0, s->words * sizeof packed[0]);
+  (void)memcpy(packed, e, s->key);
+  packed[0] = unmixed(packed[0], s->first, s->all) ^ rest_hash(packed, s->words, s->all);
+  SOTER_CHECK(!s->fingerprint);
+}
+
+bool soter_store_next(const soter_store* s, soter_cursor* at, uint64_t* packed, uint64_t* sleep) {
+  for (; at->segment < s->segments; at->segment++, at->entry = 0U) {
+    const soter_segment* const g = &s->segment[at->segment];
+    while (g->count > 0U && at->entry < g->buckets * BUCKET) {
+      const uint8_t* const e = g->entry + at->entry++ * s->bytes;
+      if (!is_empty(s, e)) {
+        read_entry(s, e, packed);
+        *sleep = s->sleep > 0U ? sleep_of(s, e) : 0U;
+        return true;
+      }
+    }
+  }
+  return false;
+}
 
 uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
                           void* to) {
@@ -385,14 +493,73 @@ uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uin
       count++;
       SOTER_CHECK(count <= s->count);
       if (each != NULL) {
-        (void)memset(packed, 0, s->words * sizeof packed[0]);
-        (void)memcpy(packed, e, s->key);
-        packed[0] = unmixed(packed[0], s->first, s->all) ^ rest_hash(packed, s->words, s->all);
+        read_entry(s, e, packed);
         each(to, packed);
       }
     }
   }
   return count;
+}
+
+/* ------------------------------------------------------------------ on a disk, entry by entry */
+
+/* Where the entries of a segment begin that are not before a place. */
+static uint64_t first_of(const soter_segment* g, uint32_t segment, soter_cursor from) {
+  return segment > from.segment ? 0U : segment < from.segment ? g->buckets * BUCKET : from.entry;
+}
+
+uint64_t soter_store_count(const soter_store* s, uint32_t segment, soter_cursor from) {
+  const soter_segment* const g = &s->segment[segment];
+  uint64_t before = 0U;
+  SOTER_CHECK(segment < s->segments);
+  for (uint64_t i = 0; segment == from.segment && i < from.entry; i++) {
+    before += is_empty(s, g->entry + i * s->bytes) ? 0U : 1U;
+  }
+  return segment < from.segment ? 0U : g->count - before;
+}
+
+void soter_store_write(const soter_store* s, uint32_t segment, soter_cursor from,
+                       soter_store_pen* pen, void* to) {
+  const soter_segment* const g = &s->segment[segment];
+  const uint64_t all = g->buckets * BUCKET;
+  uint64_t written = 0U;
+  for (uint64_t i = first_of(g, segment, from); i < all;) {
+    uint64_t end = i;
+    while (end < all && !is_empty(s, g->entry + end * s->bytes)) {
+      end++;
+    }
+    if (end > i) {
+      pen(to, g->entry + i * s->bytes, (end - i) * s->bytes);
+    }
+    written += end - i;
+    i = end + 1U;
+  }
+  SOTER_CHECK(written == soter_store_count(s, segment, from));
+}
+
+void soter_store_reserve(soter_store* s, uint32_t segment, uint64_t count) {
+  soter_segment* const g = &s->segment[segment];
+  const uint64_t enough = count / 7U + 16U;
+  SOTER_CHECK(segment < s->segments);
+  if (enough > g->buckets) {
+    (void)rebuild(s, g, enough); /* else it grows */
+  }
+}
+
+void soter_store_read(const soter_store* s, const uint8_t* entry, soter_entry* e) {
+  (void)memset(e->key, 0, s->words * sizeof e->key[0]);
+  (void)memcpy(e->key, entry, s->key);
+  e->sleep = 0U; /* it may be the last one: no load goes beyond it */
+  (void)memcpy(&e->sleep, entry + s->key, s->sleep);
+  if (!s->fingerprint) {
+    read_entry(s, entry, e->packed);
+  }
+}
+
+bool soter_store_put_entry(soter_store* s, uint32_t segment, soter_entry* e) {
+  uint64_t again = 0U;
+  SOTER_CHECK(segment < s->segments);
+  return put_in(s, &s->segment[segment], e->key, &e->sleep, &again) >= 0;
 }
 
 /* ------------------------------------------------------------------ tables that outlive a search
@@ -416,6 +583,18 @@ void* soter_keep(void* others, soter_store* s) {
   return k;
 }
 
+void* soter_keep_all(void* others, void* more) {
+  kept* last = more;
+  while (last != NULL && last->next != NULL) {
+    last = last->next;
+  }
+  if (last == NULL) {
+    return others;
+  }
+  last->next = others;
+  return more;
+}
+
 typedef struct {
   const soter_model* m;
   uint8_t* next;
@@ -428,6 +607,12 @@ static void unpack_one(void* to, const uint64_t* packed) {
   soter_start(u->m->program, u->next, 0U);
   u->m->unpack(packed, u->next);
   u->next += u->m->world_size;
+}
+
+void soter_kept_each(const void* first, void (*each)(void* to, const uint64_t* packed), void* to) {
+  for (const kept* k = first; k != NULL; k = k->next) {
+    (void)soter_store_each(&k->store, each, to);
+  }
 }
 
 uint64_t soter_explore_kept(const soter_model* m, const void* first, void* worlds) {

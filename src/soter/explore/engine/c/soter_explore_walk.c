@@ -1,7 +1,8 @@
 /* soter_explore_walk.c: executions one by one.
  *
- * Purpose: what random search, PCT and coverage-guided search have in common: from the start to the
- * horizon, every decision asked of the strategy; worlds met are counted by fingerprint.
+ * Purpose: what random search, PCT, coverage-guided search and falsification have in
+ * common: from the start to the horizon, every decision asked of the strategy; worlds met are
+ * counted by fingerprint.
  * Non-goals: completeness; a walk never proves anything.
  */
 #include "soter_explore_walk.h"
@@ -111,7 +112,11 @@ bool soter_walk_once(soter_walk* w) {
       soter_cover(x, move.actor);
     }
     meet(w);
-    if (soter_violates(x, broken)) {
+    const bool violates = soter_violates(x, broken);
+    if (w->observe != NULL) {
+      w->observe(w);
+    }
+    if (violates) {
       return !soter_is_known(x, broken);
     }
     (void)memcpy(x->here, x->there, x->size);

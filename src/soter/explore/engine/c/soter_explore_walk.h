@@ -1,5 +1,5 @@
 /* soter_explore_walk.h: one execution after the other, by somebody's choices (random, PCT,
- * coverage). */
+ * coverage, falsify). */
 #ifndef SOTER_EXPLORE_WALK_H
 #define SOTER_EXPLORE_WALK_H
 
@@ -20,6 +20,8 @@ typedef struct soter_walk {
   uint32_t (*decide)(struct soter_walk* w, uint32_t kind, uint32_t count);
   /* Which actor of a set moves next; NULL: decide. */
   uint32_t (*who)(struct soter_walk* w, uint64_t enabled);
+  /* Told of every world, in x.there, with the one before in x.here; NULL: nobody asks. */
+  void (*observe)(struct soter_walk* w);
 } soter_walk;
 
 SOTER_INLINE uint32_t soter_walk_random(soter_walk* w, uint32_t count) {

@@ -25,6 +25,8 @@ from soter.program.model.types import (
 from soter.syntax import tree
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.program.check.context import Context
     from soter.program.model.types import Type
 
@@ -233,7 +235,7 @@ class CallChecker(FieldChecker):
             what = "a variable"
         elif names is not None:
             found, depth = find_instance(context.instances or {}, names)
-            if depth == len(names) and isinstance(found, typed.ModuleSymbol):
+            if isinstance(found, typed.ModuleSymbol) and _is_below(found, names[depth:]):
                 return ".".join(n.text for n in names)
             if depth:
                 what = "an instance of something else"
@@ -286,3 +288,9 @@ def _result(name: str, arguments: list[typed.Expr]) -> Type | None:
         arguments[1] = bound
         return first
     return None
+
+
+def _is_below(module: typed.ModuleSymbol, names: Sequence[tree.Name]) -> bool:
+    """Whether the names lead from a module to one below it (`ac module`), or to itself."""
+    own = [m.name.rpartition(".")[2] for m in module.below]
+    return [n.text for n in names] == own[: len(names)]

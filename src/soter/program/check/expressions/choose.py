@@ -51,6 +51,9 @@ class ChooseChecker(ExprBase):
             return error_expr(expr.span)
         if not self._countable(expr, found.count):
             return error_expr(expr.span)
+        if expr.fair and isinstance(context.owner, typed.PlantSymbol):
+            self._fair_in_a_plant(expr.span, context)
+            return error_expr(expr.span)
         if expr.fair:
             name = f"fair {len(context.choices) + 1}"
             ages = ArrayType(AGE, found.count)
@@ -59,14 +62,24 @@ class ChooseChecker(ExprBase):
         return found
 
     def _misplaced(self, span: Span, context: Context) -> None:
+        note = "what is left open is decided anew in each step of a node or a plant, and only there"
+        help_, where = "choose in the `step` of a node", context.where
+        if isinstance(context.owner, typed.PlantSymbol):
+            where = f"a derivative of {where}"
+            note = "a derivative is evaluated several times a step, at the stages of the scheme"
+            help_ = "choose in a `let`, which then has one value a step"
+        elif context.result is not None:
+            help_ = "choose in the step and pass the value as an argument"
+        message = f"`choose` cannot stand in {where}"
+        self.diagnostics.error("E001", message, span, notes=(note,), helps=(help_,))
+
+    def _fair_in_a_plant(self, span: Span, context: Context) -> None:
         self.diagnostics.error(
-            "E001",
-            f"`choose` cannot stand in {context.where}",
+            "E014",
+            f"`fair choose` cannot stand in {context.where}",
             span,
-            notes=("what is left open is decided anew in each step of a node, and only there",),
-            helps=("choose in the `step` of a node",)
-            if context.result is None
-            else ("choose in the step and pass the value as an argument",),
+            notes=("who chooses fairly remembers what it took before, and a plant has its states",),
+            helps=("write `choose`, or count in a state",),
         )
 
     # ------------------------------------------------------------ the three kinds

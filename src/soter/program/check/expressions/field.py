@@ -308,5 +308,5 @@ def find_instance(
         what = instance.what
         if not isinstance(what, typed.SystemSymbol):
             break
-        instances = {i.name: i for i in what.instances}
+        instances = what.by_name
     return what, depth

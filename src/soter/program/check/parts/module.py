@@ -45,6 +45,44 @@ class ModuleChecker:
             return None
         return symbol if isinstance(symbol, typed.NodeSymbol) else None
 
+    def _module_ref(self, ref: tree.Ref, scope: FileScope) -> typed.ModuleSymbol | None:
+        """The module a reference means, or None after a report."""
+        entry = self.shared.names.find_ref(scope, ref, "module")
+        if entry is None:
+            return None
+        symbol = self.shared.resolve(entry, ref.span)
+        if entry.kind != "module":
+            self.diagnostics.error(
+                "N003",
+                f"`{ref.text}` is a {entry.kind}, not a module",
+                ref.span,
+                also=((entry.decl.name.span, "declared here"),),
+                helps=(f"write `ac {ref.text};`",) if entry.kind == "node" else (),
+            )
+            return None
+        return symbol if isinstance(symbol, typed.ModuleSymbol) else None
+
+    def _advanced(
+        self, decl: tree.RtaDecl, scope: FileScope
+    ) -> tuple[typed.NodeSymbol | None, typed.ModuleSymbol | None]:
+        """AC, and the module whose AC it is, where a module stands in its place."""
+        if not isinstance(decl.ac, tree.ModuleAsAc):
+            return (self.node_ref(decl.ac, scope) if decl.ac else None), None
+        over, name = self._module_ref(decl.ac.module, scope), decl.name.text
+        for what, part in (("clean", decl.clean), ("verify", decl.verify)):
+            if part is not None:
+                self.diagnostics.error(
+                    "M019",
+                    f"module `{name}` has `{what}`, but a module stands in the place of its AC",
+                    decl.ac.span,
+                    notes=(
+                        f"`{decl.ac.module.text}` answers itself for what its AC publishes",
+                        "a module above another one is not proved: `soter test` explores both",
+                    ),
+                    helps=(f"leave out `{what}`",),
+                )
+        return (None if over is None else over.ac), over
+
     def signature(
         self, decl: tree.RtaDecl, scope: FileScope, full: str
     ) -> typed.ModuleSymbol | None:
@@ -67,7 +105,7 @@ class ModuleChecker:
                 helps=("add " + ", ".join(f"`{examples[m]}`" for m in missing),),
             )
         number = self.shared.number
-        ac = self.node_ref(decl.ac, scope) if decl.ac else None
+        ac, over = self._advanced(decl, scope)
         if isinstance(decl.sc, tree.Synthesized):
             sc = self._synthesized(decl.sc, ac, context)
         else:
@@ -78,7 +116,7 @@ class ModuleChecker:
             return None
         if ac is None or sc is None or period is None:
             return None
-        if ac in self.shared.damaged or sc in self.shared.damaged:
+        if {ac, sc, over} & self.shared.damaged:
             self.shared.names.losses += 1
         module = typed.ModuleSymbol(
             full,
@@ -93,6 +131,7 @@ class ModuleChecker:
             verify=typed.VerifyBlock(),
             ac_span=decl.ac.span,
             sc_span=decl.sc.span,
+            over=over,
         )
         self.shared.later(module, decl, scope)
         return module

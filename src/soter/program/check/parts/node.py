@@ -64,7 +64,8 @@ class NodeChecker:
         phase = number(decl.phase, context, DURATION, "a phase") if decl.phase else None
         check_binding(decl.source, decl.source_span, self.diagnostics)
         subscribes = self._subscribes(decl, scope)
-        publishes = self._publishes(decl, scope, subscribes)
+        bursts: dict[typed.TopicSymbol, int] = {}
+        publishes = self._publishes(decl, scope, subscribes, bursts)
         locals_, initial = self._locals(decl, scope, context)
         failsafe = self._failsafe(decl, scope, publishes, context)
         node = typed.NodeSymbol(
@@ -83,6 +84,7 @@ class NodeChecker:
             guarantees=(),
             takeover=None,
             step=(),
+            bursts=bursts,
         )
         self.shared.later(node, decl, scope)
         return node
@@ -116,15 +118,35 @@ class NodeChecker:
             found[topic] = typed.Subscribed(topic, queue, policy, s.span)
         return found
 
+    def _burst(self, publication: tree.Publication, topic: typed.TopicSymbol) -> int | None:
+        """How many messages a step may publish; T011 where that is none, or too many."""
+        count, span = publication.burst, publication.span
+        if count is None:
+            return None
+        if count < 1:
+            self.diagnostics.error(
+                "T011", "a step publishes at least one message", span, f"not {count}"
+            )
+        elif count * leaf_count(topic.type) > MAX_LEAVES:
+            self.diagnostics.error(
+                "T011",
+                f"these messages hold {count * leaf_count(topic.type)} numbers",
+                span,
+                f"at most {MAX_LEAVES} are possible",
+            )
+        return max(count, 1)
+
     def _publishes(
         self,
         decl: tree.NodeDecl,
         scope: FileScope,
         subscribes: dict[typed.TopicSymbol, typed.Subscribed],
+        bursts: dict[typed.TopicSymbol, int],
     ) -> dict[typed.TopicSymbol, Span]:
-        """I and O are disjoint (paper, Definition of a node): M001."""
+        """I and O are disjoint (paper, Definition of a node): M001. Fills `bursts`."""
         found: dict[typed.TopicSymbol, Span] = {}
-        for ref in decl.publishes:
+        for publication in decl.publishes:
+            ref = publication.topic
             topic = self.shared.topic_ref(ref, scope)
             if topic is None:
                 continue
@@ -144,6 +166,9 @@ class NodeChecker:
             if topic.input:
                 input_is_set(topic, ref.span, self.diagnostics)
             found[topic] = ref.span
+            burst = self._burst(publication, topic)
+            if burst is not None:
+                bursts[topic] = burst
         if len(found) > MAX_OUTPUTS:
             self.diagnostics.error(
                 "M016",
@@ -318,9 +343,9 @@ class NodeChecker:
         name = decl.name.text
         published = self.shared.published.get(node, set())
         spans = {
-            t: r.span
-            for r in decl.publishes
-            if (t := self.shared.topic_ref(r, context.scope)) is not None
+            t: p.topic.span
+            for p in decl.publishes
+            if (t := self.shared.topic_ref(p.topic, context.scope)) is not None
         }
         for topic in node.publishes:
             if topic not in published:

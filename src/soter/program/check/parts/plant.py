@@ -6,6 +6,7 @@ Non-goals: numbers (`elaborate.py`), integration (`semantics/`, `lower/`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.program.check.base import a_type, error_expr, is_error, plain, sound
@@ -230,6 +231,7 @@ class PlantChecker:
             has_time=True,
             has_period=True,
             locals=[frame],
+            choices=[],
         )
         plant.lets = tuple(self._let(item, frame, context) for item in decl.lets)
         self._dynamics(plant, decl, context)
@@ -264,7 +266,8 @@ class PlantChecker:
                 variable = states.get(name.text)
                 wanted = variable.type if variable else None
                 because = (variable.span, f"the state is `{wanted}`") if variable else None
-                value = self.shared.check_expr(expr, context, wanted, because)
+                at = replace(context, choices=None) if word == "der" else context
+                value = self.shared.check_expr(expr, at, wanted, because)
                 if variable is None:
                     self._no_state(plant, decl, name, context)
                 elif name.text in given:

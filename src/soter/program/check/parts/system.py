@@ -12,11 +12,16 @@ from soter.program.check.base import a_type, is_error, sound
 from soter.program.check.context import Context
 from soter.program.check.expressions.choose import MAX_CHOICES
 from soter.program.check.expressions.field import find_instance
+from soter.program.check.parts.arrays import Unroller
+from soter.program.check.parts.wiring import Settings, Wires
 from soter.program.model import typed
 from soter.program.model.types import BOOL, DURATION, ArrayType, ListType, RecordType
 from soter.syntax import tree
+from soter.syntax.printer import print_expr
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.diagnostics.span import Span
     from soter.program.check.scope import FileScope
     from soter.program.check.shared import Shared
@@ -33,6 +38,10 @@ class SystemChecker:
     def __init__(self, shared: Shared) -> None:
         self.shared = shared
         self.diagnostics = shared.diagnostics
+        self.wires = Wires(shared)
+        self.sets = Settings(shared)
+        self.settings: dict[typed.InstanceSymbol, tuple[tree.SetParam, ...]] = {}
+        """What the braces of an instance set."""
 
     # ------------------------------------------------------------ instances
 
@@ -40,22 +49,32 @@ class SystemChecker:
         """Instances only: what `other.truth` and sub-systems need."""
         instances: dict[str, typed.InstanceSymbol] = {}
         lost: set[str] = set()
-        for item in decl.instances:
+        mark = self.shared.mark()
+        unroller = Unroller(self.shared, scope, f"system `{decl.name.text}`", instances)
+        placed: list[tuple[typed.InstanceSymbol, tree.Instance, Mapping[str, int]]] = []
+        for name, item, values in unroller.names(decl.instances):
             what = self._what(item, scope)
-            renames = self._renames(item, scope)
             if what is None:
-                lost.add(item.name.text)
+                lost |= {name.text, item.name.text}
                 continue
             if what in self.shared.damaged:
                 self.shared.names.losses += 1
-            first = instances.get(item.name.text)
+            first = instances.get(name.text)
             if first is not None:
-                self._instance_twice(item, first)
+                self._instance_twice(name, item, first)
                 continue
-            instances[item.name.text] = typed.InstanceSymbol(
-                item.name.text, what, *renames, item.name.span
-            )
-        if not decl.instances and decl.name.text not in scope.broken:
+            symbol = typed.InstanceSymbol(name.text, what, {}, {}, name.span)
+            instances[name.text] = symbol
+            placed.append((symbol, item, values))
+        if unroller.too_many:
+            lost |= {item.name.text for _, item, _ in placed}
+            placed.clear()
+            instances.clear()
+        self._arrays_apart(instances)
+        for symbol, item, values in placed:
+            self._inside(symbol, unroller.filled(item, values), instances, scope)
+        whole = self.shared.mark() == mark and decl.name.text not in scope.broken
+        if whole and not instances:
             self.diagnostics.error(
                 "M006",
                 f"system `{decl.name.text}` has nothing in it",
@@ -107,26 +126,64 @@ class SystemChecker:
             return what
         return None
 
-    def _instance_twice(self, item: tree.Instance, first: typed.InstanceSymbol) -> None:
-        name = item.name.text
+    def _instance_twice(
+        self, name: tree.Name, item: tree.Instance, first: typed.InstanceSymbol
+    ) -> None:
+        if first.span == name.span:  # the same line of a loop, again
+            also: tuple[tuple[Span, str], ...] = ()
+            helps = (f"give every round its own: `{item.name.text}[i]: {item.what.text};`",)
+        else:
+            also = ((first.span, "first declared here"),)
+            helps = (f"give it a name of its own: `{item.name.text}_2: {item.what.text};`",)
         self.diagnostics.error(
             "N002",
-            f"instance `{name}` is declared twice",
-            item.name.span,
-            "declared again here",
-            also=((first.span, "first declared here"),),
-            helps=(f"give it a name of its own: `{name}_2: {item.what.text};`",),
+            f"instance `{name.text}` is declared twice",
+            name.span,
+            "declared again here" if also else "declared in every round of the loop",
+            also=also,
+            helps=helps,
         )
 
+    def _arrays_apart(self, instances: dict[str, typed.InstanceSymbol]) -> None:
+        """N002 where `r` is an instance and an array, or an array of one index and of two."""
+        seen: dict[str, tuple[int, typed.InstanceSymbol]] = {}
+        for name, instance in instances.items():
+            base, count = name.partition("[")[0], name.count("[")
+            other, first = seen.setdefault(base, (count, instance))
+            if other != count:
+                self.diagnostics.error(
+                    "N002",
+                    f"`{first.name}` and `{name}` are two kinds of things called `{base}`",
+                    instance.span,
+                    also=((first.span, "the first one"),),
+                    notes=("the elements of an array all have the same number of indices",),
+                )
+
+    def _inside(
+        self,
+        symbol: typed.InstanceSymbol,
+        item: object,
+        instances: dict[str, typed.InstanceSymbol],
+        scope: FileScope,
+    ) -> None:
+        """The wires and settings of an instance, once all instances beside it are known."""
+        if not isinstance(item, tree.Instance):
+            return
+        self._renames(symbol, item, instances, scope)
+        self.settings[symbol] = item.sets
+
     def _renames(
-        self, item: tree.Instance, scope: FileScope
-    ) -> tuple[dict[typed.TopicSymbol, typed.TopicSymbol], dict[typed.TopicSymbol, Span]]:
+        self,
+        symbol: typed.InstanceSymbol,
+        item: tree.Instance,
+        instances: dict[str, typed.InstanceSymbol],
+        scope: FileScope,
+    ) -> None:
         """The wires of an instance, and where each inner topic is written."""
-        renames: dict[typed.TopicSymbol, typed.TopicSymbol] = {}
-        spans: dict[typed.TopicSymbol, Span] = {}
+        renames, spans = symbol.renames, symbol.rename_spans
         for inner_ref, outer_ref in item.renames:
             inner = self.shared.topic_ref(inner_ref, scope)
-            outer = self.shared.topic_ref(outer_ref, scope)
+            outer = self.wires.end(outer_ref, instances, scope)
             if inner is None or outer is None:
                 continue
             if inner.type != outer.type:
@@ -143,7 +200,6 @@ class SystemChecker:
             else:
                 renames[inner] = outer
             spans.setdefault(inner, inner_ref.span)
-        return renames, spans
 
     def _twice(self, message: str, again: Span, first: Span) -> None:
         self.diagnostics.error("N002", message, again, "again", also=((first, "the first time"),))
@@ -157,12 +213,15 @@ class SystemChecker:
         system.until = self.time(decl.until, Context(scope, where), "`until`")
         lost = self.shared.lost[system]
         context = self.inside(scope, decl.name.text, instances, lost)
-        found = [self.property(p, context) for p in decl.properties]
+        unroller = Unroller(self.shared, scope, where, instances)
+        found = [self.property(p, context) for p in unroller.items(decl.properties)]
         system.properties = tuple(p for p in found if p is not None)
-        self._forces(system, decl, instances)
-        system.replaces = tuple(self.replaces(decl.replaces, scope))
-        system.sets = tuple(self._sets(decl, scope))
-        system.inputs = tuple(self.inputs(decl.inputs, context))
+        self._forces(system, decl.name.text, unroller.items(decl.forces))
+        system.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope))
+        inside = [(i.name, s) for i in system.instances for s in self.settings.get(i, ())]
+        own = [("", s) for s in unroller.items(decl.sets)]
+        system.sets = tuple(self.sets.all([*own, *inside], system, scope))
+        system.inputs = tuple(self.inputs(unroller.items(decl.inputs), context))
 
     def time(self, expr: tree.Expr | None, context: Context, what: str) -> typed.Expr | None:
         """A time, to be computed for each system."""
@@ -173,11 +232,12 @@ class SystemChecker:
     def _forces(
         self,
         system: typed.SystemSymbol,
-        decl: tree.SystemDecl,
-        instances: dict[str, typed.InstanceSymbol],
+        name: str,
+        items: list[tree.Force],
     ) -> None:
+        instances = system.by_name
         forces: dict[str, tuple[str, str, Span]] = {}
-        for force in decl.forces:
+        for force in items:
             path = force.module.text
             what, depth = find_instance(instances, force.module.parts)
             whole = depth == len(force.module.parts)
@@ -193,7 +253,7 @@ class SystemChecker:
                 ]
                 self.diagnostics.error(
                     "M013",
-                    f"`{path}` is not a module of system `{decl.name.text}`",
+                    f"`{path}` is not a module of system `{name}`",
                     force.module.span,
                     notes=("only modules have a mode that can be forced",) if whole else (),
                     helps=self.diagnostics.did_you_mean(path, modules),
@@ -230,8 +290,10 @@ class SystemChecker:
         within = self.time(item.within, Context(context.scope, context.where), "`within`")
         if is_error(condition) or (premise is not None and is_error(premise)):
             return None
-        text = source_line(item.condition)
-        return typed.PropertySymbol(item.kind, premise, condition, within, text, item.span)
+        text = print_expr(item.condition) if item.in_loop else source_line(item.condition)
+        whole = _whole(item) if item.in_loop else ""
+        parts = (item.kind, premise, condition, within, text, item.span)
+        return typed.PropertySymbol(*parts, whole=whole)
 
     def _only_in_a_test(self, item: tree.Property) -> None:
         self.diagnostics.error(
@@ -242,7 +304,7 @@ class SystemChecker:
             helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
         )
 
-    def replaces(self, items: tuple[tree.Replace, ...], scope: FileScope) -> list[Replaced]:
+    def replaces(self, items: list[tree.Replace], scope: FileScope) -> list[Replaced]:
         """`replace A by B;`: what stands in for what."""
         found: list[Replaced] = []
         for item in items:
@@ -260,37 +322,7 @@ class SystemChecker:
             mentioned(item.what, scope)
         return found
 
-    def _sets(
-        self, decl: tree.SystemDecl, scope: FileScope
-    ) -> list[tuple[typed.ParamSymbol, typed.Expr, Span]]:
-        found: dict[typed.ParamSymbol, tuple[typed.ParamSymbol, typed.Expr, Span]] = {}
-        for item in decl.sets:
-            entry = self.shared.names.find_ref(scope, item.param, "parameter")
-            symbol = self.shared.resolve(entry, item.param.span) if entry else None
-            if entry is not None and entry.kind != "parameter":
-                helps = ("declare it with `param`",) if entry.kind == "constant" else ()
-                self.diagnostics.error(
-                    "N003",
-                    f"`{item.param.text}` is a {entry.kind}, not a parameter",
-                    item.param.span,
-                    also=((entry.decl.name.span, "declared here"),),
-                    helps=helps,
-                )
-            if not isinstance(symbol, typed.ParamSymbol):
-                continue
-            what = f"the value of `{item.param.text}`"
-            value = self.shared.constant(item.value, scope, symbol.type, what)
-            if symbol in found:
-                message = f"`{item.param.text}` is set twice"
-                self._twice(message, item.param.span, found[symbol][2])
-            elif value is not None:
-                literal = typed.Literal(symbol.type, item.value.span, value)
-                found[symbol] = (symbol, literal, item.param.span)
-        return list(found.values())
-
-    def inputs(
-        self, items: tuple[tree.DriveInput, ...], context: Context
-    ) -> list[typed.InputSymbol]:
+    def inputs(self, items: list[tree.DriveInput], context: Context) -> list[typed.InputSymbol]:
         """`input t [in { values }] every d;`: each an input topic, and once."""
         found: dict[typed.TopicSymbol, typed.InputSymbol] = {}
         for item in items:
@@ -383,6 +415,14 @@ def _has_list(t: Type) -> bool:
 def source_line(expr: tree.Expr) -> str:
     """The text of an expression, on one line."""
     return " ".join(expr.span.text.split())
+
+
+def _whole(item: tree.Property) -> str:
+    """The property of a loop as it would be written outside of it."""
+    within = f" within {source_line(item.within)}" if item.within is not None else ""
+    if item.premise is not None:
+        return f"{print_expr(item.premise)} leadsto {print_expr(item.condition)}{within}"
+    return f"{item.kind} {print_expr(item.condition)}{within}"
 
 
 def mentioned(path: tree.Path, scope: FileScope) -> None:

@@ -11,10 +11,12 @@ from typing import TYPE_CHECKING
 from soter.program.check.base import sound
 from soter.program.check.context import Context
 from soter.program.check.expressions.field import find_instance
+from soter.program.check.parts.arrays import Unroller
 from soter.program.check.parts.system import SystemChecker, invariant_call, mentioned, source_line
 from soter.program.model import typed
 from soter.program.model.types import INT
 from soter.syntax import tree
+from soter.syntax.printer import print_expr
 
 if TYPE_CHECKING:
     from soter.program.check.scope import FileScope
@@ -58,16 +60,19 @@ class TestChecker(SystemChecker):
         name = decl.name.text
         mark = self.shared.mark()
         context = Context(scope, f"test `{name}`")
-        instances = {i.name: i for i in test.system.instances}
+        instances = test.system.by_name
+        unroller = Unroller(self.shared, scope, f"test `{name}`", instances)
         test.skew = self.time(decl.skew, context, "`skew`")
         test.horizon = self.time(decl.horizon, context, "`horizon`")
         test.quantum = self.time(decl.quantum, context, "`quantum`")
-        test.replaces = tuple(self.replaces(decl.replaces, scope))
+        test.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope))
         inside = self.inside(scope, name, instances, self.shared.lost[test.system])
-        found = [self._asked(p, inside, test) for p in decl.properties]
+        found = [self._asked(p, inside, test) for p in unroller.items(decl.properties)]
         test.properties = tuple(p for p in found if p is not None)
-        test.faults = tuple(self._fault(f, context) for f in decl.faults)
-        test.inputs = tuple(self.inputs(decl.inputs, inside))
+        test.faults = tuple(self._fault(f, context) for f in unroller.items(decl.faults))
+        test.inputs = tuple(self.inputs(unroller.items(decl.inputs), inside))
+        own = [("", s) for s in unroller.items(decl.sets)]
+        test.sets = tuple(self.sets.all(own, test.system, scope))
         if self.shared.mark() != mark or name in scope.broken:
             self.shared.damaged.add(test)
 
@@ -89,7 +94,7 @@ class TestChecker(SystemChecker):
         call = invariant_call(item, context)
         if call is None or item.kind != "always":
             return self.property(item, context)
-        text = source_line(call)
+        text = print_expr(call) if item.in_loop else source_line(call)
         if not isinstance(call, tree.CallExpr):
             return typed.PropertySymbol("invariant", None, None, None, text, item.span)
         path = self._module_path(call.arguments[0], context, test)
@@ -110,13 +115,17 @@ class TestChecker(SystemChecker):
         if test.system in damaged or what in damaged or (names and names[0].text in context.lost):
             self.shared.names.losses += 1
             return None
-        text = source_line(argument)
+        text = print_expr(argument)
         modules = [n for n, i in instances.items() if isinstance(i.what, typed.ModuleSymbol)]
+        below = [m for i in instances.values() for m in getattr(i.what, "below", ())]
+        note = "theorem 3.1 is about a module"
+        if text in [m.name for m in below]:
+            note = f"`{text}` is below a module, whose invariant holds whatever `{text}` does"
         self.diagnostics.error(
             "M013",
             f"`{text}` is not a module of system `{test.system.name}`",
             argument.span,
-            notes=("theorem 3.1 is about a module",),
+            notes=(note,),
             helps=self.diagnostics.did_you_mean(text, modules),
         )
         return None

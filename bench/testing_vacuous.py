@@ -1,0 +1,111 @@
+"""Tests that would be clean for want of looking: what they are told now.
+
+    .venv/bin/python bench/testing_vacuous.py [--random N]
+
+Each of the programs of tests/generators/empty_tests.py is a test that judges nothing, leaves an
+input alone, or compares times that lie between those of its calendar. Those that compare times, and
+random programs of that kind, are searched on their own grid and on one of half a millisecond: where
+the finer one finds a violation, the own one must not be clean.
+
+Purpose: the other half of the first figure of issue 11. Non-goals: wide steps (testing_wide.py).
+"""
+
+from __future__ import annotations
+
+import argparse
+import sys
+from collections import Counter
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from soter.explore.command import Told, explore_test
+from soter.explore.results import Options, TestResult
+from soter.program.build import check_file, system_of_test
+from soter.report.summary import table
+
+sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
+
+from generators.empty_tests import CALCULATED, GRIDDED, NOTHING_JUDGED, UNDRIVEN, watching
+
+FINE = "quantum 500us; "
+
+
+@dataclass
+class Kind:
+    """What the programs of one kind are told; `missed`: clean, and violated on the finer grid."""
+
+    name: str
+    told: Counter[str] = field(default_factory=Counter)
+    finer: Counter[str] = field(default_factory=Counter)
+    unjudged: list[str] = field(default_factory=list)
+    missed: list[str] = field(default_factory=list)
+
+    def row(self) -> list[str]:
+        """Of the table."""
+        finer = ", ".join(f"{n} {v}" for v, n in self.finer.most_common()) or "-"
+        told = ", ".join(f"{n} {v}" for v, n in self.told.most_common())
+        clean = str(len(self.unjudged)), str(len(self.missed))
+        return [self.name, str(self.told.total()), told, finer, *clean]
+
+
+def result_of(text: str) -> TestResult:
+    """What the test of a program is told."""
+    system = system_of_test(check_file("small.soter", text), "T")
+    return explore_test(system, Options(minimise=0), Told("small.soter", {}))
+
+
+def word(result: TestResult) -> str:
+    """The verdict, and which bound was reached."""
+    return result.verdict if result.bound is None else f"{result.verdict} ({result.bound})"
+
+
+def look(kind: Kind, name: str, text: str, *, finer: bool) -> None:
+    """One program, on its own grid and, where it compares times, on the finer one."""
+    own = result_of(text)
+    kind.told[word(own)] += 1
+    clean = own.verdict == "exhausted"
+    if clean and not own.coverage.properties.reached:
+        kind.unjudged.append(name)
+    if finer:
+        fine = result_of(text.replace("test T { system S; ", f"test T {{ system S; {FINE}"))
+        kind.finer[word(fine)] += 1
+        if clean and fine.verdict == "violated":
+            kind.missed.append(name)
+
+
+def main() -> int:
+    """The table; 1 where something is clean that must not be."""
+    parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
+    parser.add_argument("--random", type=int, default=100)
+    args = parser.parse_args()
+    drawn = {f"number {seed}": watching(seed) for seed in range(args.random)}
+    given = (
+        ("nothing is judged", NOTHING_JUDGED, False),
+        ("an input keeps its default", UNDRIVEN, False),
+        ("times between those of the calendar", GRIDDED, True),
+        ("times are calculated with", CALCULATED, True),
+        ("random comparisons of times", drawn, True),
+    )
+    kinds = []
+    for name, programs, finer in given:
+        kinds.append(Kind(name))
+        for own, text in programs.items():
+            look(kinds[-1], own, text, finer=finer)
+            print(f"{name}: {own}", file=sys.stderr)
+    head = [
+        "what is wrong",
+        "tests",
+        "told",
+        "on 500 us",
+        "clean unjudged",
+        "clean, violated finer",
+    ]
+    print(table(head, [k.row() for k in kinds]))
+    bad = [f"{k.name}: {name}" for k in kinds for name in (*k.unjudged, *k.missed)]
+    vacuous = sum(k.told["exhausted"] for k in kinds[:2])
+    print("\n".join(bad) if bad else f"0 clean that must not be; {vacuous} vacuous ones clean (0)")
+    return 1 if bad or vacuous else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

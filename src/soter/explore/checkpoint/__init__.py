@@ -1,0 +1,1 @@
+"""Searches on a disk: written while they go on, and gone on with later."""

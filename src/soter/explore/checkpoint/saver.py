@@ -1,0 +1,239 @@
+"""Writing a search down while it goes on.
+
+Purpose: the checkpoint of one test (`Checkpoint`), and the hand that asks the explorer for it again
+and again while one part of the system is searched (`Saver`). The explorer writes to a file beside,
+which is sealed and takes the place of the last one while the search goes on.
+Non-goals: the file (`files.py`), what is in it (`soter_explore_saved.c`).
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import os
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Protocol
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.explore.checkpoint.files import HEAD, Saved, seal, take_place
+from soter.explore.methods import STATUSES
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+COUNTS = (
+    "states",
+    "transitions",
+    "table_bytes",
+    "frontier_bytes",
+    "depth",
+    "total_bytes",
+    "threads",
+    "covered_ns",
+)
+"""What is kept of the search of a part that came to its end, besides its seconds."""
+NOTHING_TO_WRITE = {STATUSES.index(s) for s in ("exhausted", "violated", "damaged")}
+UNWRITTEN = "the last one could not be written"
+
+
+class Ended(Protocol):
+    """What the search of a part found (`SearchResult`): COUNTS and these."""
+
+    @property
+    def states(self) -> int:
+        """Configurations."""
+
+    @property
+    def seconds(self) -> float:
+        """Of the search."""
+
+
+@dataclass
+class Checkpoint:
+    """Of one test: where it lies, of what it is, what it goes on from.
+
+    `states`: configurations of the last one written, of all parts; `problem`: why a later one could
+    not be.
+    """
+
+    path: Path
+    every_s: float
+    about: Mapping[str, object]
+    saved: Saved | None = None
+    states: int = 0
+    problem: str = ""
+    resumed: int = field(init=False, default=0)
+    """Configurations that were there when it went on."""
+
+    def __post_init__(self) -> None:
+        if self.saved is not None:
+            self.states = self.resumed = int(self.saved.head["states"])
+
+    @property
+    def part(self) -> int:
+        """The part of the system that was searched."""
+        return 0 if self.saved is None else int(self.saved.head["part"])
+
+    @property
+    def parts(self) -> int | None:
+        """How many parts were explored apart; None: it begins."""
+        return None if self.saved is None else int(self.saved.head["parts"])
+
+    @property
+    def seconds(self) -> float:
+        """That the part had been searched for, s."""
+        return 0.0 if self.saved is None else float(self.saved.head["seconds"])
+
+    @property
+    def ended(self) -> tuple[Mapping[str, Any], ...]:
+        """The parts before it, as `counts_of` told them."""
+        return () if self.saved is None else tuple(self.saved.head["ended"])
+
+    def try_out(self) -> None:
+        """Whether it could be written, now; `SoterError` D006, D014."""
+        os.close(self.open(".ending"))
+        beside(self.path, ".ending").unlink()
+
+    def saver(self, part: int, parts: int, ended: Sequence[Ended]) -> Saver:
+        """For the search of one part of so many; `ended` are those before it."""
+        resumes = self.saved is not None and part == self.part
+        return Saver(self, part, parts, ended, self.saved if resumes else None)
+
+    def open(self, ending: str) -> int:
+        """A new file beside it, behind the room for its head; `SoterError` D006, D014."""
+        path = beside(self.path, ending)
+        try:
+            path.parent.mkdir(parents=True, exist_ok=True)
+            file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError:
+                os.close(file)
+                message = f"another search writes to `{self.path}`"
+                raise SoterError((Diagnostic("D014", message),)) from None
+            os.ftruncate(file, 0)
+            os.lseek(file, HEAD, os.SEEK_SET)
+        except OSError as error:
+            message = f"cannot write `{path}`: {(error.strerror or str(error)).lower()}"
+            raise SoterError((Diagnostic("D006", message),)) from error
+        return file
+
+
+def beside(path: Path, ending: str) -> Path:
+    """A file that becomes the checkpoint when it is whole."""
+    return path.with_name(path.name + ending)
+
+
+def counts_of(found: Ended) -> dict[str, float]:
+    """What a head keeps of the search of a part."""
+    return {"seconds": found.seconds, **{name: getattr(found, name) for name in COUNTS}}
+
+
+class Saver:
+    """Asks the explorer for a checkpoint, again and again, and at the end of its search."""
+
+    def __init__(
+        self,
+        to: Checkpoint,
+        part: int,
+        parts: int,
+        ended: Sequence[Ended],
+        saved: Saved | None,
+    ) -> None:
+        self._to = to
+        self._head = {
+            "about": dict(to.about),
+            "part": part,
+            "parts": parts,
+            "ended": [counts_of(f) for f in ended],
+        }
+        self._before = sum(f.states for f in ended)
+        self._saved = saved
+        self._began_s = self._last_s = time.perf_counter()
+        self._end = -1
+        self._asked = -1
+        """The file that the explorer writes to, or was asked to; -1: none."""
+        self._written = 0
+        self._payload: Any = None
+
+    @property
+    def seconds(self) -> float:
+        """That this part was searched for before, s."""
+        return self._to.seconds if self._saved is not None else 0.0
+
+    @property
+    def states(self) -> int:
+        """Of the last checkpoint that was written; 0: there is none."""
+        return self._to.states
+
+    def begin(self, ffi: Any, options: Any) -> None:  # noqa: ANN401 - cffi has no types
+        """Say in `soter_explore_options` where to write, and what to go on from."""
+        self._end = self._to.open(".ending")
+        options.save_to = self._end + 1
+        if self._saved is not None:
+            self._payload = ffi.from_buffer("uint8_t[]", self._saved.payload)
+            options.resume = self._payload
+            options.resume_bytes = len(self._saved.payload)
+
+    def look(self, progress: Any) -> None:  # noqa: ANN401 - cdata
+        """Ask for one where it is time, take what was written (`soter_explore_progress`)."""
+        if self._asked >= 0:
+            if progress.save_to == 0:
+                self._take(progress)
+        elif time.perf_counter() - self._last_s >= self._to.every_s and not progress.stop:
+            try:
+                self._asked = self._to.open(".writing")
+            except SoterError as error:
+                self._to.problem = error.diagnostics[0].message
+                self._last_s = time.perf_counter()
+            else:
+                progress.save_to = self._asked + 1
+
+    def end(self, progress: Any, result: Any) -> None:  # noqa: ANN401 - cdata
+        """Take the last one; nothing is left beside it."""
+        if self._asked >= 0 and progress.save_to == 0:
+            self._take(progress)
+        if result.saved:
+            self._seal(self._end, ".ending", int(result.states))
+        elif int(result.status) not in NOTHING_TO_WRITE:
+            self._to.problem = UNWRITTEN
+        self.close()
+
+    def close(self) -> None:
+        """Give back what is open; files beside it go away."""
+        for file, ending in ((self._end, ".ending"), (self._asked, ".writing")):
+            if file >= 0:
+                os.close(file)
+                with contextlib.suppress(OSError):
+                    beside(self._to.path, ending).unlink()
+        self._end = self._asked = -1
+        self._payload = None
+
+    def _take(self, progress: Any) -> None:  # noqa: ANN401 - cdata
+        if progress.saved > self._written:
+            self._seal(self._asked, ".writing", int(progress.saved_states))
+        else:
+            self._to.problem = UNWRITTEN
+        self._written = int(progress.saved)
+        os.close(self._asked)
+        with contextlib.suppress(OSError):
+            beside(self._to.path, ".writing").unlink()
+        self._asked = -1
+        self._last_s = time.perf_counter()
+
+    def _seal(self, file: int, ending: str, states: int) -> None:
+        """Seal what was written and put it in its place; `problem` says why not."""
+        head = {
+            **self._head,
+            "states": self._before + states,
+            "seconds": self.seconds + time.perf_counter() - self._began_s,
+        }
+        try:
+            seal(file, head)
+            take_place(beside(self._to.path, ending), self._to.path)
+        except OSError as error:
+            self._to.problem = (error.strerror or str(error)).lower()
+        else:
+            self._to.states, self._to.problem = self._before + states, ""

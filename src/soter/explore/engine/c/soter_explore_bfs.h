@@ -1,0 +1,103 @@
+/* soter_explore_bfs.h: breadth-first search, for the files that write it down and read it.
+ *
+ * Purpose: what its workers have. Non-goals: the search (soter_explore_bfs.c).
+ */
+#ifndef SOTER_EXPLORE_BFS_H
+#define SOTER_EXPLORE_BFS_H
+
+#include <pthread.h>
+
+#include "soter_explore_dfs.h"
+
+#define THREADS SOTER_THREADS
+
+typedef struct worker {
+  struct layered* all;
+  uint32_t id;
+  soter_expander expander;
+  soter_store store;
+  soter_explore_coverage coverage;
+  soter_row here, next, out[THREADS];
+  uint64_t count, moved;
+  uint64_t owed;           /* heirs for others that they have not taken in */
+  uint64_t first;          /* the world of the frontier that is expanded */
+  uint64_t taken;          /* heirs since the bounds were looked at */
+  volatile uint64_t bytes; /* of all that is this worker's, */
+  volatile uint64_t table; /* of which its table takes */
+  volatile uint64_t rows;  /* and its frontier */
+  int64_t here_ns;         /* the least time of a world of the layer that is expanded, */
+  int64_t next_ns;         /* and of the next; */
+  int64_t waiting_ns;      /* of those that are still to be expanded or taken in */
+  uint64_t* key;           /* of heirs that are about to be put */
+  uint32_t keys;
+  bool broke, full;
+  bool torn; /* what its table has is lost for its frontier: this is nothing to go on from */
+  soter_broken broken;
+  void* kept;         /* tables of layers before */
+  soter_store noted;  /* options.noted: what was seen of these bits */
+  soter_store before; /* by tables: the layer that is expanded, */
+  soter_cursor at;    /* as far as this, */
+  uint64_t layer;     /* so many worlds, */
+  uint64_t expanded;  /* of which so many are, and lost no heir, */
+  uint64_t made;      /* with so many transitions; */
+  bool rest;          /* others are to be, when what is theirs was taken in */
+  uint64_t fresh;     /* and so many are in the next */
+  uint64_t culprit;   /* links: the entry whose move breaks something */
+  uint64_t last;      /* links: or the entry that is broken */
+  soter_row links;    /* one thread: worlds as they came, each with the number of the one before */
+} worker;
+
+typedef struct layered {
+  soter_search* s;
+  uint32_t threads, words;
+  uint32_t opened;
+  bool link;
+  bool forgets; /* a table has one layer only, */
+  bool tables;  /* and is what is expanded then: rows are for traces and for fingerprints */
+  uint64_t most_bytes, most_table, most_rows; /* when it took most */
+  worker w[THREADS];
+  pthread_mutex_t mutex;
+  pthread_cond_t turn;
+  uint32_t waiting, turns; /* a barrier: not every system has one */
+  bool open;               /* the workers may begin */
+  bool done;
+  bool saves; /* it may be asked to write itself down */
+  bool born;  /* all that there is at the start was taken in */
+  bool whole; /* the layer was expanded to its end */
+  soter_explore_status status;
+  uint32_t depth;          /* layers */
+  soter_calendar calendar; /* where only ends of instants are stored, */
+  uint32_t steps;          /* of the longest execution seen */
+} layered;
+
+/* Whose a world is. A fingerprint is all that the table knows of one. */
+SOTER_INLINE uint32_t soter_owner_of(const layered* all, const uint64_t* packed,
+                                     const uint64_t* key) {
+  if (all->threads == 1U) {
+    return 0U;
+  }
+  uint64_t h = all->w[0].store.fingerprint ? key[0] * UINT64_C(0x9e3779b97f4a7c15) : 0U;
+  for (uint32_t k = 0; k < all->words && !all->w[0].store.fingerprint; k++) {
+    h = (h ^ packed[k]) * UINT64_C(0x9e3779b97f4a7c15);
+  }
+  SOTER_CHECK(all->threads <= THREADS);
+  return (uint32_t)(h >> 40) % all->threads;
+}
+
+/* How many worlds wait for the next layer. */
+SOTER_INLINE uint64_t soter_layers_waiting(const layered* all) {
+  uint64_t waiting = 0U;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    waiting += all->tables ? all->w[k].fresh : all->w[k].next.count;
+  }
+  return waiting;
+}
+
+/* Writes all that a search needs to go on, while nobody works; false: it cannot be written. */
+bool soter_layers_write(const layered* all, int file);
+
+/* Takes in what was written, on as many threads as there are now: they have nothing yet. False: it
+ * does not fit this search. What does not fit into the memory leaves somebody `full` and `torn`. */
+bool soter_layers_read(layered* all, const uint8_t* from, uint64_t bytes);
+
+#endif

@@ -1,0 +1,548 @@
+/* soter_explore_groups.c: what a group of actors does in an instant, remembered.
+ *
+ * Purpose: the actors that are due at an instant fall into groups that share nothing in it. What a
+ * group may have written when the instant is over depends on the packed bits that its steps may
+ * read: its orders and choices are run through once for every value of these, and the ends of the
+ * instant are all combinations of what the groups may write. Off unless SOTER_REDUCE_GROUPS is set.
+ * Non-goals: models where steps are not remembered; lost releases.
+ */
+#include "soter_explore_in.h"
+
+#define FIRST_SLOTS UINT64_C(64)
+#define FEW 1024U /* runs of a group, before it is asked whether they come back */
+
+/* Words, and behind them a number; 0: an empty slot. */
+typedef struct {
+  uint64_t* slot;
+  uint64_t slots, used;
+} table;
+
+typedef struct {
+  uint64_t actors, firsts; /* of these it is the first step: a plant's reads more than its bits */
+  uint64_t* reads;         /* [words] */
+  uint64_t* writes;        /* [words] */
+  table known;             /* masked world: outcome, from 1 */
+  uint64_t asked, ran;     /* how often that was looked up, and how often in vain */
+} group;
+
+/* What one group may have written: `count` times `words`, from `first` on. */
+typedef struct {
+  uint64_t first;
+  uint32_t count;
+  bool broke;
+  soter_broken broken;
+} outcome;
+
+/* What an instant is, by the schedule: its groups, and the schedule's bits after it. */
+typedef struct {
+  uint64_t* after; /* [words] */
+  uint64_t* clear; /* [words]: what is written in it */
+  uint32_t groups;
+  uint32_t group[SOTER_ACTORS];
+} instant;
+
+struct soter_groups {
+  uint32_t words;
+  table when;
+  instant* instants;
+  group* group;
+  outcome* outcome;
+  uint64_t* value;
+  uint64_t instant_count, group_count, outcome_count, value_count;
+  uint64_t outcome_room, value_room;
+  table scratch;
+  soter_row here, next; /* the middle of an instant, step by step */
+  uint64_t* ones;       /* [words] */
+  uint64_t memory;
+};
+
+bool soter_in_groups(const soter_model* m, const soter_explore_options* o) {
+  bool fine = m->plain && !o->plainly && m->timeds == 0U && soter_by_instants(m, o) &&
+              (o->reduce & SOTER_REDUCE_GROUPS) != 0U;
+  for (uint32_t i = 0; i < m->actors; i++) {
+    fine = fine && m->actor[i].skips == 0U;
+  }
+  return fine;
+}
+
+/* ------------------------------------------------------------------ tables */
+
+static bool table_open(table* t, uint32_t words) {
+  t->slots = FIRST_SLOTS;
+  t->used = 0U;
+  t->slot = calloc(t->slots * (words + 1U), sizeof *t->slot);
+  return t->slot != NULL;
+}
+
+/* Few entries are followed by few: clearing should not take longer than putting. */
+static void table_clear(table* t, uint32_t words) {
+  const uint64_t slots = t->slots / 4U;
+  uint64_t* const less = slots >= FIRST_SLOTS && t->used * 16U < t->slots
+                             ? realloc(t->slot, slots * (words + 1U) * sizeof *t->slot)
+                             : NULL;
+  t->slot = less != NULL ? less : t->slot;
+  t->slots = less != NULL ? slots : t->slots;
+  (void)memset(t->slot, 0, t->slots * (words + 1U) * sizeof *t->slot);
+  t->used = 0U;
+}
+
+static uint64_t* slot_of(const table* t, uint32_t words, const uint64_t* packed,
+                         const uint64_t* mask) {
+  uint64_t h = (packed[0] & mask[0]) * UINT64_C(0x9e3779b97f4a7c15);
+  SOTER_CHECK(t->used < t->slots && (t->slots & (t->slots - 1U)) == 0U);
+  for (uint32_t k = 1; k < words; k++) {
+    h = (h ^ (h >> 29) ^ (packed[k] & mask[k])) * UINT64_C(0x9e3779b97f4a7c15);
+  }
+  for (uint64_t i = (h >> 24) & (t->slots - 1U);; i = (i + 1U) & (t->slots - 1U)) {
+    uint64_t* const at = t->slot + i * (words + 1U);
+    bool same = true;
+    for (uint32_t k = 0; k < words; k++) {
+      same = same && at[k] == (packed[k] & mask[k]);
+    }
+    if (same || at[words] == 0U) {
+      return at;
+    }
+  }
+}
+
+static bool table_grow(table* t, uint32_t words, const uint64_t* ones) {
+  table larger = {NULL, t->slots * 2U, t->used};
+  larger.slot = calloc(larger.slots * (words + 1U), sizeof *larger.slot);
+  if (larger.slot == NULL) {
+    return false;
+  }
+  for (uint64_t i = 0; i < t->slots; i++) {
+    const uint64_t* const from = t->slot + i * (words + 1U);
+    if (from[words] != 0U) {
+      soter_copy_words(slot_of(&larger, words, from, ones), from, words + 1U);
+    }
+  }
+  free(t->slot);
+  *t = larger;
+  return true;
+}
+
+/* 1 if it is new, 0 if it was there, -1 if there is no memory. */
+static int table_put(table* t, const struct soter_groups* q, const uint64_t* packed,
+                     const uint64_t* mask, uint64_t number) {
+  if (t->used * 2U >= t->slots && !table_grow(t, q->words, q->ones)) {
+    return -1;
+  }
+  uint64_t* const at = slot_of(t, q->words, packed, mask);
+  if (at[q->words] != 0U) {
+    return 0;
+  }
+  for (uint32_t k = 0; k < q->words; k++) {
+    at[k] = packed[k] & mask[k];
+  }
+  SOTER_CHECK(number != 0U);
+  at[q->words] = number;
+  t->used++;
+  return 1;
+}
+
+/* ------------------------------------------------------------------ opening */
+
+struct soter_groups* soter_groups_open(const soter_model* m, uint64_t memory) {
+  struct soter_groups* const q = calloc(1U, sizeof *q);
+  if (q == NULL) {
+    return NULL;
+  }
+  q->words = q->here.words = q->next.words = q->here.width = q->next.width = m->words;
+  q->memory = memory;
+  q->ones = malloc(m->words * sizeof *q->ones);
+  const bool fine = table_open(&q->when, m->words) && table_open(&q->scratch, m->words);
+  if (!fine || q->ones == NULL) {
+    soter_groups_close(q);
+    return NULL;
+  }
+  (void)memset(q->ones, 0xff, m->words * sizeof *q->ones);
+  return q;
+}
+
+void soter_groups_close(struct soter_groups* q) {
+  if (q == NULL) {
+    return;
+  }
+  for (uint64_t i = 0; i < q->instant_count; i++) {
+    free(q->instants[i].after); /* and `clear`, behind it */
+  }
+  for (uint64_t i = 0; i < q->group_count; i++) {
+    free(q->group[i].reads); /* and `writes`, behind it */
+    free(q->group[i].known.slot);
+  }
+  free(q->when.slot);
+  free(q->scratch.slot);
+  soter_row_close(&q->here);
+  soter_row_close(&q->next);
+  free(q->instants);
+  free(q->group);
+  free(q->outcome);
+  free(q->value);
+  free(q->ones);
+  free(q);
+}
+
+uint64_t soter_groups_bytes(const struct soter_groups* q) {
+  if (q == NULL) {
+    return 0U;
+  }
+  uint64_t slots = q->when.slots + q->scratch.slots;
+  for (uint64_t i = 0; i < q->group_count; i++) {
+    slots += q->group[i].known.slots;
+  }
+  return slots * (q->words + 1U) * sizeof(uint64_t) + q->outcome_room * sizeof *q->outcome +
+         q->value_room * q->words * sizeof *q->value + soter_row_bytes(&q->here) +
+         soter_row_bytes(&q->next);
+}
+
+/* Forgets what groups do; which groups there are it keeps. */
+static void forget(struct soter_groups* q) {
+  for (uint64_t i = 0; i < q->group_count; i++) {
+    table_clear(&q->group[i].known, q->words);
+  }
+  q->outcome_count = q->value_count = 0U;
+}
+
+/* ------------------------------------------------------------------ which groups there are */
+
+/* What its actors read and write; where one reads of the schedule, all of that is read. */
+static void add_masks(const group* g, const soter_model* m) {
+  bool timed = false;
+  for (uint32_t k = 0; k < m->words; k++) {
+    for (uint32_t i = 0; i < m->actors; i++) {
+      const uint64_t in = (g->actors >> i & 1U) != 0U ? UINT64_MAX : 0U;
+      g->reads[k] |= m->actor[i].reads[k] & in;
+      g->writes[k] |= m->actor[i].writes[k] & in;
+    }
+    timed = timed || (g->reads[k] & m->scheduled[k]) != 0U;
+  }
+  for (uint32_t k = 0; timed && k < m->words; k++) {
+    g->reads[k] |= m->scheduled[k];
+  }
+}
+
+/* The number of a group, from 0; new ones are added. SOTER_NOTHING: no memory. */
+static uint32_t group_of(struct soter_groups* q, const soter_model* m, uint64_t actors,
+                         uint64_t firsts) {
+  const uint32_t words = q->words;
+  for (uint32_t i = 0; i < q->group_count; i++) {
+    if (q->group[i].actors == actors && q->group[i].firsts == firsts) {
+      return i;
+    }
+  }
+  group* const all = realloc(q->group, (q->group_count + 1U) * sizeof *all);
+  q->group = all != NULL ? all : q->group;
+  uint64_t* const masks = calloc(2U * words, sizeof *masks);
+  group g = {actors, firsts, masks, masks == NULL ? NULL : masks + words, {NULL, 0U, 0U}, 0U, 0U};
+  if (all == NULL || masks == NULL || !table_open(&g.known, words)) {
+    free(masks);
+    return SOTER_NOTHING;
+  }
+  add_masks(&g, m);
+  q->group[q->group_count] = g;
+  return (uint32_t)q->group_count++;
+}
+
+/* Splits those who are due in `here` into groups. */
+static bool split(struct soter_groups* q, const soter_place* x, uint64_t due, instant* n) {
+  const soter_model* const m = x->m;
+  while (due != 0U) {
+    uint64_t set = due & (~due + 1U);
+    uint64_t firsts = 0U;
+    for (uint64_t before = 0U; before != set;) {
+      before = set;
+      for (uint32_t i = 0; i < m->actors; i++) {
+        set |= (before >> i & 1U) != 0U ? m->actor[i].dependent & due : 0U;
+      }
+    }
+    for (uint32_t i = 0; i < m->actors; i++) {
+      const bool is_first = (set >> i & 1U) != 0U && soter_done_of(m, x->here)[i] == 0U;
+      firsts |= is_first ? UINT64_C(1) << i : 0U;
+    }
+    const uint32_t g = group_of(q, m, set, firsts);
+    if (g == SOTER_NOTHING) {
+      return false;
+    }
+    SOTER_CHECK(n->groups < SOTER_ACTORS && (due & set) == set);
+    n->group[n->groups++] = g;
+    due &= ~set;
+  }
+  return true;
+}
+
+/* The instant after an end that is unpacked in `here`, added. */
+static const instant* add_instant(struct soter_groups* q, soter_place* x, const uint64_t* packed) {
+  const soter_model* const m = x->m;
+  const uint32_t words = q->words;
+  instant* const all = realloc(q->instants, (q->instant_count + 1U) * sizeof *all);
+  q->instants = all != NULL ? all : q->instants;
+  uint64_t* const masks = calloc(2U * words, sizeof *masks);
+  if (all == NULL || masks == NULL) {
+    free(masks);
+    return NULL;
+  }
+  instant* const n = &q->instants[q->instant_count];
+  (void)memset(n, 0, sizeof *n);
+  n->after = masks;
+  n->clear = masks + words;
+  q->instant_count++;
+  const uint64_t due = soter_enabled(x);
+  if (!split(q, x, due, n)) {
+    return NULL;
+  }
+  (void)memcpy(x->there, x->here, x->size);
+  soter_schedule_of(x->p, x->there)->now = due == 0U ? 0 : x->limit;
+  soter_keep_others(x, x->there);
+  for (uint32_t i = 0; i < m->actors; i++) {
+    soter_done_of(m, x->there)[i] += due >> i & 1U;
+  }
+  SOTER_CHECK(soter_is_observable(x));
+  m->pack(x->there, n->after);
+  for (uint32_t k = 0; k < words; k++) {
+    n->after[k] &= m->scheduled[k];
+    n->clear[k] = m->scheduled[k];
+    for (uint32_t g = 0; g < n->groups; g++) {
+      n->clear[k] |= q->group[n->group[g]].writes[k];
+    }
+  }
+  return table_put(&q->when, q, packed, m->scheduled, q->instant_count) < 0 ? NULL : n;
+}
+
+static const instant* instant_of(soter_expander* e, const uint64_t* packed) {
+  struct soter_groups* const q = e->groups;
+  if (soter_groups_bytes(q) > q->memory / 2U) {
+    forget(q);
+  }
+  soter_place* const x = &e->place;
+  const uint64_t* const at = slot_of(&q->when, q->words, packed, x->m->scheduled);
+  if (at[q->words] != 0U) {
+    return &q->instants[at[q->words] - 1U];
+  }
+  x->m->unpack(packed, x->here);
+  soter_look(x);
+  return add_instant(q, x, packed);
+}
+
+/* ------------------------------------------------------------------ what a group does */
+
+/* New heirs, from number `first`, go to `next`. */
+static void take_heirs(soter_expander* e, uint32_t first) {
+  struct soter_groups* const q = e->groups;
+  soter_heirs* const h = &e->heirs;
+  SOTER_CHECK(first <= h->count);
+  for (uint32_t k = first; k < h->count && !e->no_memory; k++) {
+    const uint64_t* const packed = h->packed + (size_t)k * q->words;
+    const int fresh = table_put(&q->scratch, q, packed, q->ones, 1U);
+    e->no_memory = fresh < 0 || (fresh == 1 && !soter_row_put(&q->next, packed, 0U, 0U));
+  }
+  h->count = first;
+}
+
+/* Steps that have so many heirs are not remembered. */
+static bool no_more(void* to) {
+  (void)to;
+  return false;
+}
+
+/* One step further: the heirs of all worlds in `here` by this group go to `next`. */
+static bool run_step(soter_expander* e, uint64_t actors, outcome* found) {
+  struct soter_groups* const q = e->groups;
+  const uint32_t first = e->heirs.count;
+  table_clear(&q->scratch, q->words);
+  q->next.count = 0U;
+  for (uint64_t i = 0; i < q->here.count && !e->no_memory; i++) {
+    if (soter_cuts(e)) {
+      return false;
+    }
+    soter_expand(e, soter_row_at(&q->here, i), 0U, actors);
+    if (e->memo == NULL) {
+      e->heirs.count = first;
+      return false;
+    }
+    if (e->broke && !found->broke) {
+      found->broke = true;
+      found->broken = e->broken;
+    }
+    take_heirs(e, first);
+    e->no_memory = e->no_memory || soter_groups_bytes(q) > q->memory;
+  }
+  return !e->no_memory;
+}
+
+/* Keeps what is written in the worlds of `here`. */
+static bool keep_values(struct soter_groups* q, const group* g, outcome* found) {
+  const uint32_t words = q->words;
+  table_clear(&q->scratch, words);
+  found->first = q->value_count;
+  for (uint64_t i = 0; i < q->here.count; i++) {
+    const uint64_t* const packed = soter_row_at(&q->here, i);
+    const int fresh = table_put(&q->scratch, q, packed, g->writes, 1U);
+    if (q->value_count == q->value_room) {
+      const uint64_t room = q->value_room == 0U ? 256U : q->value_room * 2U;
+      uint64_t* const value = realloc(q->value, room * words * sizeof *value);
+      if (value == NULL) {
+        return false;
+      }
+      q->value = value;
+      q->value_room = room;
+    }
+    if (fresh < 0) {
+      return false;
+    }
+    for (uint32_t k = 0; fresh == 1 && k < words; k++) {
+      q->value[q->value_count * words + k] = packed[k] & g->writes[k];
+    }
+    q->value_count += (uint64_t)fresh;
+    found->count += (uint32_t)fresh;
+  }
+  return true;
+}
+
+static bool keep_outcome(struct soter_groups* q, const outcome* found) {
+  if (q->outcome_count == q->outcome_room) {
+    const uint64_t room = q->outcome_room == 0U ? 64U : q->outcome_room * 2U;
+    outcome* const all = realloc(q->outcome, room * sizeof *all);
+    if (all == NULL) {
+      return false;
+    }
+    q->outcome = all;
+    q->outcome_room = room;
+  }
+  q->outcome[q->outcome_count++] = *found;
+  return true;
+}
+
+/* Runs a group through the instant, and remembers what it does. */
+static bool run_group(soter_expander* e, uint32_t number, const uint64_t* packed) {
+  struct soter_groups* const q = e->groups;
+  outcome found = {0U, 0U, false, {0U, 0U}};
+  const uint32_t reduce = e->reduce;
+  const uint64_t actors = q->group[number].actors;
+  bool (*const spill)(void* to) = e->spill;
+  bool fine = true;
+  q->here.count = 0U;
+  e->reduce = 0U; /* all orders within the group */
+  e->spill = no_more;
+  fine = soter_row_put(&q->here, packed, 0U, 0U);
+  for (int step = 0; fine && step < __builtin_popcountll(actors); step++) {
+    fine = run_step(e, actors, &found);
+    const soter_row swap = q->here;
+    q->here = q->next;
+    q->next = swap;
+  }
+  e->reduce = reduce;
+  e->spill = spill;
+  group* const g = &q->group[number];
+  if (!fine || e->memo == NULL) {
+    e->no_memory = e->no_memory || (!e->place.cut && e->memo != NULL);
+    return false;
+  }
+  fine = keep_values(q, g, &found) && keep_outcome(q, &found) &&
+         table_put(&g->known, q, packed, g->reads, q->outcome_count) == 1;
+  e->no_memory = e->no_memory || !fine;
+  return fine;
+}
+
+/* ------------------------------------------------------------------ the ends that come next */
+
+/* Where one combination goes, as an heir; false: no more are wanted. */
+static bool add_end(soter_expander* e, const uint64_t* packed, const instant* n,
+                    const outcome* const* done, const uint32_t* at) {
+  const struct soter_groups* const q = e->groups;
+  const uint32_t words = q->words;
+  uint64_t* const heir = soter_next_heir(e, 0U);
+  for (uint32_t k = 0; heir != NULL && k < words; k++) {
+    heir[k] = (packed[k] & ~n->clear[k]) | n->after[k];
+    for (uint32_t i = 0; i < n->groups; i++) {
+      heir[k] |= q->value[(done[i]->first + at[i]) * words + k];
+    }
+  }
+  e->transitions++;
+  SOTER_CHECK(n->groups <= SOTER_ACTORS);
+  const bool many = e->heirs.count >= e->most && e->spill != NULL;
+  return heir != NULL && (!many || e->spill(e->to));
+}
+
+/* All combinations of what the groups may write. */
+static void combine(soter_expander* e, const uint64_t* packed, const instant* n,
+                    const outcome* const* done) {
+  uint32_t at[SOTER_ACTORS] = {0U};
+  uint32_t g = 0U;
+  for (uint32_t i = 0; i < n->groups; i++) {
+    if (done[i]->count == 0U) {
+      return; /* a group that always fails */
+    }
+  }
+  while (g < n->groups) {
+    if (!add_end(e, packed, n, done, at)) {
+      return;
+    }
+    for (g = 0U; g < n->groups && ++at[g] == done[g]->count; g++) {
+      at[g] = 0U;
+    }
+  }
+}
+
+/* Whether what some group does is seldom asked again: running it apart gains nothing then, and what
+ * the reductions leave out of an instant is left out of no group. */
+static bool is_vain(const struct soter_groups* q, const instant* n) {
+  for (uint32_t i = 0; i < n->groups; i++) {
+    const group* const g = &q->group[n->group[i]];
+    if (g->ran >= FEW && g->ran > g->asked / 4U) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/* Numbers of the outcomes of all groups, looked up or computed. */
+static bool look_up(soter_expander* e, const uint64_t* packed, const instant* n, uint64_t* number) {
+  const struct soter_groups* const q = e->groups;
+  for (uint32_t i = 0; i < n->groups; i++) {
+    group* const g = &q->group[n->group[i]];
+    const uint64_t* at = slot_of(&g->known, q->words, packed, g->reads);
+    g->asked++;
+    if (at[q->words] == 0U) {
+      g->ran++;
+      if (!run_group(e, n->group[i], packed)) {
+        return false;
+      }
+      at = slot_of(&g->known, q->words, packed, g->reads);
+    }
+    number[i] = at[q->words] - 1U;
+    SOTER_CHECK(number[i] < q->outcome_count);
+  }
+  return true;
+}
+
+bool soter_groups_expand(soter_expander* e, const uint64_t* packed) {
+  struct soter_groups* const q = e->groups;
+  const outcome* done[SOTER_ACTORS];
+  uint64_t number[SOTER_ACTORS];
+  if (e->memo == NULL) {
+    return false; /* what was remembered of steps was not enough */
+  }
+  const instant* const n = instant_of(e, packed);
+  if (n == NULL) {
+    e->no_memory = true;
+    return true;
+  }
+  if (is_vain(q, n)) {
+    return false;
+  }
+  bool broke = false;
+  soter_broken broken = {0U, 0U};
+  if (!look_up(e, packed, n, number)) {
+    return e->memo != NULL; /* interrupted, or no memory */
+  }
+  for (uint32_t i = 0; i < n->groups; i++) {
+    done[i] = &q->outcome[number[i]];
+    broken = !broke && done[i]->broke ? done[i]->broken : broken;
+    broke = broke || done[i]->broke;
+  }
+  combine(e, packed, n, done);
+  e->broke = broke;
+  e->broken = broke ? broken : e->broken;
+  return true;
+}

@@ -1,0 +1,23 @@
+"""The explorer's C compiles without a warning, under the flags of what ships."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+import processes
+from soter.explore.engine.engine import FLAGS, sources
+from soter.native.build import RUNTIME, include_flags
+from soter.native.compiler import STRICT, WARNINGS, find
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+@pytest.mark.parametrize("file", [f for f in sources() if f.suffix == ".c"], ids=lambda f: f.stem)
+def test_a_file_of_the_explorer_has_no_warning(file: Path) -> None:
+    include = (f"-I{RUNTIME}", *include_flags(*sources()))
+    command = [*find().command, *STRICT, *WARNINGS, *FLAGS, *include, "-fsyntax-only", str(file)]
+    done = processes.run(command, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr

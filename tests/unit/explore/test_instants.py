@@ -1,0 +1,80 @@
+"""Only ends of instants are stored, where all windows are points: what that leaves as it was."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from soter.explore.engine.engine import Engine, Settings
+from soter.program.build import check_file, system_of_test
+
+EXAMPLES = Path(__file__).parents[3] / "examples/testing"
+
+CHAIN = """soter 1;
+type Small = int in [0, 3];
+topic x : Small;
+topic y : Small;
+topic z : Small;
+node A period 10ms { publishes x; step { publish x = choose { 0, 1, 3 }; } }
+node B period 10ms {
+  subscribes x;
+  publishes y;
+  step { publish y = x; }
+}
+node C period 10ms { subscribes y; publishes z; guarantees z != 3; step { publish z = y; } }
+system S { node A; node B; }
+system Judged { node A; node B; node C; }
+test Middle { system Judged; horizon 30ms; always x <= 3; }
+test End { system S; horizon 30ms; always x != 3 || y != 3; }
+test Late { system S; horizon 30ms; always x <= 3; y == 3 leadsto y == 0 within 10ms; }
+"""
+
+
+def engine_of(test: str, **changed: int) -> Engine:
+    system = system_of_test(check_file("chain.soter", CHAIN), test)
+    assert system.test is not None
+    plan = replace(system.test, **changed)  # type: ignore[arg-type]
+    return Engine(replace(system, test=plan))
+
+
+@pytest.mark.parametrize("strategy", ["bfs", "dfs"])
+@pytest.mark.parametrize("reduction", ["instants", "all"])
+@pytest.mark.parametrize("test", ["Middle", "End", "Late"])
+def test_a_trace_between_ends_has_all_its_steps(test: str, reduction: str, strategy: str) -> None:
+    engine = engine_of(test)
+    found = engine.explore(Settings(strategy=strategy, reduction=reduction))
+    assert found.status == "violated"
+    possible, broken, _ = engine.replay(found.steps)
+    assert possible == len(found.steps) > 2
+    assert broken == found.broken
+
+
+def test_far_fewer_are_stored_and_as_many_steps_counted() -> None:
+    system = system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside")
+    assert system.test is not None
+    engine = Engine(replace(system, test=replace(system.test, horizon_ns=60_000_000)))
+    whole = engine.explore(Settings(reduction="ample"))
+    ends = engine.explore(Settings(reduction="all"))
+    deep = engine.explore(Settings(reduction="all", strategy="dfs"))
+    assert whole.status == ends.status == deep.status == "exhausted"
+    assert ends.states == deep.states < whole.states / 5
+    assert whole.depth == ends.depth == deep.depth
+
+
+def test_groups_give_the_ends_that_steps_give() -> None:
+    system = system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside")
+    assert system.test is not None
+    engine = Engine(replace(system, test=replace(system.test, horizon_ns=60_000_000)))
+    found = []
+    for how in (Settings(reduction="instants"), Settings(reduction="groups"), Settings()):
+        assert engine.explore(replace(how, keep=True)).status == "exhausted"
+        found.append({w.tobytes() for w in engine.worlds()})
+    assert found[0] == found[1] == found[2]
+
+
+def test_where_windows_are_no_points_every_configuration_is_stored() -> None:
+    engine = engine_of("Late", skew_ns=5_000_000)
+    plain = engine.explore(Settings(reduction="none", go_on=True))
+    assert engine.explore(Settings(reduction="instants", go_on=True)).states == plain.states

@@ -1,0 +1,66 @@
+"""Steps are remembered where times are chosen: the worlds are those of a search that runs each."""
+
+from __future__ import annotations
+
+import pytest
+
+from soter.explore.engine.engine import Engine, Settings
+from soter.program.build import check_file, system_of_test
+
+PROGRAM = """soter 1;
+topic place: int in [-3, 3] max_age 20ms;
+topic out: int in [-1, 1];
+topic beat: int in [0, 1];
+topic misses: int in [0, 3];
+plant P period 10ms { reads out; drives place = x;
+  state x: int in [-3, 3] = 0; next x = max(-3, min(x + out, 3)); }
+node Free period 10ms { publishes out; step { publish out = choose { 0, 1, -1 }; } }
+node Home period 10ms { subscribes place; publishes out;
+  step { publish out = place > 0 ? -1 : place < 0 ? 1 : 0; } }
+rta M { ac Free; sc Home; period 20ms; safe abs(place) <= 3; ttf abs(place) > 1;
+  safer place == 0; }
+node Beat period 20ms { publishes beat; step { publish beat = 1; } }
+node Dog period 10ms { subscribes beat queue 2 drop_newest; publishes misses; var n: int in [0, 3];
+  step {
+    if age(beat) > 0.022 { n = min(n + 1, 3); } else { n = 0; }
+    for b in beat { n = n == 3 ? 3 : n; }
+    publish misses = n;
+  } }
+node Clock period 20ms { subscribes misses; publishes late; var n: int in [0, 1];
+  step { publish late = time > 0.025 && misses > 0; } }
+topic late: bool;
+system Ages { node Beat; node Dog; node Clock; always misses <= 3 || late; }
+system Kept { p: P; module M; always abs(place) <= 3; }
+test Age { system Ages; horizon 50ms; skew 10ms; quantum 5ms; }
+test Lost { system Ages; horizon 40ms; skip Beat at most 1; late Dog by 10ms; quantum 5ms; }
+test Owed { system Ages; horizon 40ms; late Beat by 15ms; quantum 5ms;
+  misses > 0 leadsto misses == 0 within 20ms; eventually beat == 1 within 30ms; }
+test Module { system Kept; horizon 40ms; late M.Home by 10ms; quantum 5ms; always invariant(M); }
+test Points { system Kept; horizon 60ms; out != 0 leadsto out == 0 within 30ms; }
+"""
+CHOOSES = {"Module", "Points"}
+"""Where AC chooses in vain: a step that is remembered makes one move of what is written alike."""
+
+
+@pytest.mark.parametrize("test", ["Age", "Lost", "Owed", "Module", "Points"])
+def test_steps_remembered_with_their_times_reach_the_worlds_of_steps_that_are_run(
+    test: str,
+) -> None:
+    checked = check_file("times.soter", PROGRAM)
+    assert checked.ok, [(d.code, d.message) for d in checked.diagnostics.items]
+    engine = Engine(system_of_test(checked, test))
+    assert not engine.model.plain
+    assert engine.model.brief
+    found = {}
+    for plainly in (False, True):
+        how = Settings(reduction="none", keep=True, go_on=True, plainly=plainly)
+        search = engine.explore(how)
+        assert search.status in {"exhausted", "violated"}
+        worlds = {engine.packed(w).tobytes() for w in engine.worlds()}
+        assert len(worlds) == search.states
+        found[plainly] = (search.status, worlds, search.transitions)
+    assert found[False][:2] == found[True][:2]
+    assert len(found[True][1]) > 60
+    if test in CHOOSES:
+        assert found[False][2] < found[True][2]
+    engine.close()
