@@ -342,10 +342,15 @@ class Body:
         return self._append(target, t, s.value)
 
     def _append(self, target: c.CExpr, t: ListType, e: core.Expr) -> list[c.CStmt]:
-        """A value at the end of a list; a fault where that is full."""
+        """A value at the end of a list; a fault where that is full.
+
+        That a length is not negative stands in the C as well: where a step compares it with a
+        number below zero, a compiler would warn of an index that no execution has.
+        """
         length = c.Member(target, "len")
         value = self.types.to_store(t.element, self.expr(e))
-        room = c.Binary("<", length, c.Number(str(t.capacity)))
+        some = c.Binary(">=", length, c.Number("0"))
+        room = c.Binary("&&", some, c.Binary("<", length, c.Number(str(t.capacity))))
         return [
             c.Do(c.CallExpr("soter_guard", (room, c.Name("SOTER_CAPACITY"), FAULT))),
             c.IfStmt(
