@@ -4,8 +4,8 @@
 
 Each of the programs of tests/generators/empty_tests.py is a test that judges nothing, leaves an
 input alone, or compares times that lie between those of its calendar. Those that compare times, and
-random programs of that kind, are searched on their own grid and on one of half a millisecond: where
-the finer one finds a violation, the own one must not be clean.
+random programs of that kind, are searched on their own grid and on one of a quarter of a
+millisecond: where the finer one finds a violation, the own one must not be clean.
 
 Purpose: the other half of the first figure of issue 11. Non-goals: wide steps (testing_wide.py).
 """
@@ -27,7 +27,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
 from generators.empty_tests import CALCULATED, GRIDDED, NOTHING_JUDGED, UNDRIVEN, watching
 
-FINE = "quantum 500us; "
+FINE = "quantum 250us; "
 
 
 @dataclass
@@ -96,9 +96,9 @@ def main() -> int:
         "what is wrong",
         "tests",
         "told",
-        "on 500 us",
+        "on 250 us",
         "clean unjudged",
-        "clean, violated finer",
+        "clean on its own only",
     ]
     print(table(head, [k.row() for k in kinds]))
     bad = [f"{k.name}: {name}" for k in kinds for name in (*k.unjudged, *k.missed)]

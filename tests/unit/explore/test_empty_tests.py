@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.empty_tests import CALCULATED, GRIDDED, NOTHING_JUDGED, UNDRIVEN, watching
+from generators.empty_tests import CALCULATED, GRIDDED, NOTHING_JUDGED, UNDRIVEN, judged, watching
 from soter.explore.command import Told, explore_test
 from soter.explore.results import Options, TestResult
 from soter.program.build import check_file, system_of_test
@@ -112,15 +113,52 @@ def test_thresholds_are_in_the_grid_and_something_lies_between_them(
 
 
 @pytest.mark.parametrize("chunk", range(4))
-def test_half_a_millisecond_finds_no_more(chunk: int) -> None:
-    """On random programs that compare times with whole milliseconds, and do nothing else."""
-    for seed in range(chunk, 24, 4):
+def test_a_quarter_of_a_millisecond_finds_no_more(chunk: int) -> None:
+    """On random programs that compare times with whole milliseconds, and do nothing else.
+
+    Number 97 asks for an age between zero and its first threshold, through a local with an offset:
+    on a grid of one millisecond it was clean.
+    """
+    for seed in (*range(chunk, 24, 4), 97 + chunk):
         text = watching(seed)
         first = found(text)
         assert first.verdict in ("violated", "exhausted"), (seed, first.bound)
-        fine = text.replace("test T { system S; ", "test T { system S; quantum 500us; ")
+        fine = text.replace("test T { system S; ", "test T { system S; quantum 250us; ")
         again = found(fine)
         assert again.verdict == first.verdict, (seed, text)
+
+
+OFFSETS = {
+    "a local": ("let held = age(x) + 1ms;", "held > 1ms && held < 4ms", (0, 1, 3)),
+    "a chain": ("let a = age(x) + 1ms; let b = a + 1ms;", "b > 5ms", (0, 1, 3)),
+    "two": ("let a = x > 3 ? age(x) + 1ms : age(x) + 2ms;", "a > 5ms", (0, 1, 2, 3, 4)),
+    "a first value": ("if x > 3 { last = time; }", "time - last > 5ms", (0, 2, 5, 7)),
+}
+
+
+@pytest.mark.parametrize("name", OFFSETS)
+def test_a_local_keeps_what_its_clock_is_off_by(name: str) -> None:
+    step, compared, thresholds = OFFSETS[name]
+    text = judged(
+        "horizon 22ms; skew 5ms; never y;",
+        step=f"{seconds(step)} publish y = {seconds(compared)};",
+    ).replace("publishes y;", "publishes y; var last: float = 0.002;")
+    read = times_read(system(text))
+    assert read.open == ()
+    assert set(read.thresholds_ns) == {t * MS for t in thresholds}
+
+
+def seconds(text: str) -> str:
+    return re.sub(r"(\d+)ms", r"0.00\1", text)
+
+
+def test_a_clock_that_is_off_by_ever_more_is_open() -> None:
+    text = judged(
+        "horizon 22ms; skew 5ms; never y;",
+        step="held = held + 0.001; if x > 3 { held = age(x); } publish y = held > 0.005;",
+    ).replace("publishes y;", "publishes y; var held: float;")
+    assert times_read(system(text)).open
+    assert found(text.replace("held > 0.005", "held > 5.0")).bound == "grid"
 
 
 def test_such_programs_are_violated_and_clean() -> None:

@@ -2,8 +2,9 @@
 
 Purpose: where a step may be late, it happens as early as it can or at a multiple of the *quantum*
 (docs/testing.md). As declared; else the greatest common divisor of every time of the calendar and
-of every time that the program compares `time` or an age with, so that no comparison is decided by
-the grid alone; and which readings of time no such grid does justice to.
+of every time that the program compares `time` or an age with, half of it where nothing would lie
+between two of these, so that no single comparison is decided by the grid; and which readings of
+time no such grid does justice to.
 Non-goals: choosing times (the explorer), costs.
 
 A *clock* is `time`, `age(t)`, a local that only clocks and constants are put into, or a sum or
@@ -69,8 +70,10 @@ def times_read(system: System) -> TimesRead:
 def quantum_of(system: System, read: TimesRead | None = None) -> int:
     """The grid of times in ns.
 
-    Between two thresholds that follow each other lies at least one of its times: a clock may be
-    above the one and below the other.
+    Between zero and the first threshold, and between two that follow each other, lies at least one
+    of its times: a clock may be above the one and below the other. Where several clocks have to lie
+    strictly between thresholds and strictly apart from each other, a finer grid may be needed: the
+    grid stands beside every verdict.
     """
     plan = system.test
     assert plan is not None, f"{system.name} is no test"
@@ -81,7 +84,8 @@ def quantum_of(system: System, read: TimesRead | None = None) -> int:
     times += [d.every_ns for d in system.inputs]
     times += [plan.skew_ns, *(f.by_ns for f in plan.faults), *thresholds]
     quantum = math.gcd(*times) or 1
-    near = any(b - a <= quantum for a, b in itertools.pairwise(thresholds))
+    apart = itertools.pairwise(sorted({0, *thresholds}))
+    near = any(b - a <= quantum for a, b in apart)
     return quantum // 2 if near and quantum % 2 == 0 else quantum
 
 
@@ -95,9 +99,14 @@ def _texts(
         reader = _Reader(c.scope, c.period_ns)
         if c.node is not None:
             n = c.node
-            first = [e for e in n.initial if e is not None]
-            contracts = [*n.assumes, *n.guarantees, *n.failsafe.values(), *first]
-            yield reader, [*contracts], [n.takeover or (), n.step]
+            first: tuple[typed.Stmt, ...] = tuple(
+                typed.Declare(value.span, variable, value)
+                for variable, value in zip(n.locals, n.initial, strict=True)
+                if value is not None
+            )
+            reader.offsets |= {v: {0.0} for v in n.locals}
+            contracts = [*n.assumes, *n.guarantees, *n.failsafe.values()]
+            yield reader, [*contracts], [first, n.takeover or (), n.step]
         elif c.plant is not None:
             p = c.plant
             lets: tuple[typed.Stmt, ...] = tuple(
@@ -255,7 +264,10 @@ class _Reader:
         if isinstance(e, typed.Binary) and e.op in {"+", "-"}:
             sign = 1.0 if e.op == "+" else -1.0
             pairs = itertools.product(self._offset(e.left), self._offset(e.right))
-            return {a + sign * b for a, b in pairs}
+            off = sorted({a + sign * b for a, b in pairs})
+            if len(off) > OFFSETS:
+                self.open.append(e.span)
+            return set(off[:OFFSETS])
         return {self._constant(e) or 0.0}
 
     def _constant(self, e: typed.Expr) -> float | None:
