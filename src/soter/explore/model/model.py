@@ -354,6 +354,7 @@ class _ModelBuilder(UnitBuilder):
                 ("ageings", count(len(worlds.ageing))),
                 ("scheduled", scheduled),
                 ("clock", clock),
+                ("calendar", count(worlds.calendar)),
                 ("observed", observed),
                 ("dues", dues),
                 ("verdicts", verdicts),

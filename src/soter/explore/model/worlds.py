@@ -70,6 +70,8 @@ class WorldEmitter:
         self.overrunning = [i for i, a in enumerate(plan.actors) if a.overrun_ns]
         self.ageing: list[Ageing] = []
         """Fields that time alone changes."""
+        self.calendar = 0
+        """Bits of now and of the releases made, which are the first ones but for one."""
         self.judged = {t.module: within(system, t) for t in self.test.timed if t.module is not None}
         self.last_now = self._ticks(
             plan.horizon_ns + max((a.window_ns + a.overrun_ns for a in plan.actors), default=0)
@@ -147,23 +149,13 @@ class WorldEmitter:
         return p
 
     def _schedule(self, p: Packing) -> None:
-        """How many releases every actor has made, relative to how many it must have made."""
+        """How many releases every actor has made, relative to how many it must have made; then
+        how many of them were lost."""
         shared: dict[tuple[int, int, int], c.CExpr] = {}
         for i, a in enumerate(self.plan.actors):
             key = (self._ticks(a.window_ns), self._ticks(a.phase_ns), self._ticks(a.period_ns))
             if key not in shared:
-                name = p.name("must")
-                call = c.CallExpr(
-                    "soter_must",
-                    (
-                        c.Name("n"),
-                        *(int_number(t) for t in key),
-                        int_number(self._ticks(self.plan.horizon_ns)),
-                    ),
-                )
-                for body in (p.pack, p.unpack):
-                    body.append(c.Declare("int64_t", name, call, const=True))
-                shared[key] = c.Name(name)
+                shared[key] = self._must(p, key)
             bias = a.overrun_ns // a.period_ns + 1 if a.overrun_ns else 0
             most = a.window_ns // a.period_ns + 1 + bias
             p.label = ("done", i)
@@ -175,10 +167,21 @@ class WorldEmitter:
             if bias:
                 got = c.Binary("-", got, int_number(bias))
             p.unpack.append(c.Assign(done, c.Cast("uint32_t", c.Binary("+", shared[key], got))))
+        self.calendar = p.bits - 1
+        for i, a in enumerate(self.plan.actors):
             p.label = ("lost", i)
             lost = c.IndexExpr(c.Arrow(X, "lost"), c.Number(str(i)))
             got = p.field(unsigned(lost), a.skips.bit_length()) if a.skips else word(0)
             p.unpack.append(c.Assign(lost, c.Cast("uint32_t", got)))
+
+    def _must(self, p: Packing, key: tuple[int, int, int]) -> c.CExpr:
+        """Releases that must have been made, of a window, a phase and a period in ticks."""
+        name = p.name("must")
+        times = *(int_number(t) for t in key), int_number(self._ticks(self.plan.horizon_ns))
+        call = c.CallExpr("soter_must", (c.Name("n"), *times))
+        for body in (p.pack, p.unpack):
+            body.append(c.Declare("int64_t", name, call, const=True))
+        return c.Name(name)
 
     def _obligations(self, p: Packing) -> None:
         """The state of the timed properties."""

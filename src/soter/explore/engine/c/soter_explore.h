@@ -111,9 +111,10 @@ typedef struct {
   uint32_t ageings;
   const uint64_t* scheduled; /* [words]: packed bits of the schedule: now, done, lost */
   const uint64_t* clock;     /* [words]: of these: now */
-  const uint64_t* observed;  /* [words]: packed bits that properties read, but for: */
-  const uint64_t* dues;      /* [words]: deadlines */
-  const uint64_t* verdicts;  /* [words]: what invariants know of the past */
+  uint32_t calendar; /* bits behind the lowest one: now and releases made, where no step is late */
+  const uint64_t* observed; /* [words]: packed bits that properties read, but for: */
+  const uint64_t* dues;     /* [words]: deadlines */
+  const uint64_t* verdicts; /* [words]: what invariants know of the past */
   uint32_t world_size;
   uint32_t bits;  /* of a packed world */
   uint32_t words; /* uint64_t that these take */

@@ -279,8 +279,9 @@ static uint64_t expand_some(worker* w, uint64_t first) {
 
 static bool open_store(worker* w, soter_store* store) {
   const soter_search* const s = w->all->s;
+  const uint32_t common = w->all->forgets && w->expander.instant != NULL ? s->m->calendar : 0U;
   const bool fine = soter_store_open(store, s->m, s->o->storage, soter_keeps_sleep(&w->expander),
-                                     s->o->memory / w->all->threads);
+                                     common, s->o->memory / w->all->threads);
   store->growth = 4U; /* settled when their time is over */
   store->layer = w->all->forgets;
   store->stop = &s->progress->stop;
@@ -563,8 +564,8 @@ static void coverage_close(soter_explore_coverage* c) {
 
 static bool open_noted(worker* w) {
   const soter_search* const s = w->all->s;
-  return s->o->noted == NULL ||
-         soter_store_open(&w->noted, s->m, SOTER_EXACT, false, s->o->noted_bytes / w->all->threads);
+  return s->o->noted == NULL || soter_store_open(&w->noted, s->m, SOTER_EXACT, false, 0U,
+                                                 s->o->noted_bytes / w->all->threads);
 }
 
 static bool open_worker(layered* all, uint32_t id) {

@@ -18,7 +18,7 @@ bool soter_stack_open(soter_stack* t, soter_search* s) {
   t->beyond = SOTER_NO_DEADLINE;
   const bool fine = soter_expander_open(&t->expander, s, s->coverage, s->o->memory / 4U) &&
                     soter_store_open(&t->store, s->m, s->o->storage,
-                                     soter_keeps_sleep(&t->expander), s->o->memory);
+                                     soter_keeps_sleep(&t->expander), 0U, s->o->memory);
   t->store.stop = &s->progress->stop;
   t->expander.spill = take_away;
   t->expander.to = t;

@@ -208,7 +208,10 @@ typedef struct {
   uint64_t mask;   /* of a load of eight bytes: those of the key */
   uint64_t memory; /* most bytes that it may take */
   bool fingerprint;
-  bool layer;      /* it has worlds of one layer of a search only */
+  bool layer;      /* it has worlds of one layer of a search only, */
+  uint32_t common; /* which have so many bits in common, behind the lowest one: no entry has them */
+  uint64_t low;    /* these bits and the lowest one, */
+  uint64_t prefix; /* and what they are, where there is an entry */
   uint32_t growth; /* a segment grows by this part of itself */
   uint32_t segments;
   uint64_t was;             /* buckets of its largest segment before it was emptied */
@@ -222,8 +225,9 @@ typedef struct {
   uint64_t entry;
 } soter_cursor;
 
+/* `common`: bits behind the lowest one that all worlds share that are in it at one time. */
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
-                      uint64_t memory);
+                      uint32_t common, uint64_t memory);
 void soter_store_close(soter_store* s);
 SOTER_INLINE uint64_t soter_store_bytes(const soter_store* s) {
   return s->room * s->bytes;

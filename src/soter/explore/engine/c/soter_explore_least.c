@@ -331,7 +331,7 @@ void soter_explore_least(const soter_model* m, const soter_explore_options* o, s
   result->threads = 1U;
   result->status = m->words > SOTER_WORDS ? SOTER_WIDE : SOTER_NO_MEMORY;
   if (m->words <= SOTER_WORDS && soter_place_open(&l.x, m, o, progress, NULL)) {
-    if (soter_store_open(&l.seen, m, SOTER_EXACT, false, o->memory) && more_slots(&l)) {
+    if (soter_store_open(&l.seen, m, SOTER_EXACT, false, 0U, o->memory) && more_slots(&l)) {
       (void)memcpy(l.x.here, l.x.started, l.x.size);
       l.x.wanted = &l.wanted; /* what is violated with it does not hide it */
       result->status = search(&l);

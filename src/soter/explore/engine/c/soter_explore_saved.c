@@ -121,6 +121,7 @@ static void put_rows(pen* p, const layered* all, const worker* w) {
 }
 
 static void put_table(pen* p, const soter_store* s, soter_cursor from) {
+  put(p, &s->prefix, sizeof s->prefix);
   for (uint32_t g = 0; g < s->segments; g++) {
     const uint64_t count = soter_store_count(s, g, from);
     put(p, &count, sizeof count);
@@ -316,10 +317,26 @@ static bool get_segment(reader* r, layered* all, table_of* table, uint32_t segme
   return from != NULL;
 }
 
+/* What the entries of a table have in common, for who reads them: the same in all tables of a layer
+ * that have one, and what stands there for an empty one does not count. */
+static bool get_prefix(reader* r, layered* all, table_of* table) {
+  int64_t* time;
+  uint64_t prefix;
+  soter_store* const first = table(&all->w[0], &time);
+  if (!get_number(r, &prefix)) {
+    return false;
+  }
+  if (first->count == 0U) {
+    first->prefix = prefix;
+  }
+  return true;
+}
+
 static bool get_table(reader* r, layered* all, table_of* table) {
   soter_entry* const e = malloc(sizeof *e);
   bool fine = e != NULL;
   for (uint32_t k = 0; fine && k < r->threads; k++) {
+    fine = get_prefix(r, all, table);
     for (uint32_t g = 0; fine && g < all->w[0].store.segments; g++) {
       fine = get_segment(r, all, table, g, e);
     }

@@ -17,8 +17,9 @@
 #define FIRST_BUCKETS 4U                /* of a segment */
 #define IDLE 3U                         /* layers without a new entry: a segment is settled */
 #define SMALL (UINT64_C(1) << 16)       /* bytes of a segment, */
-#define SMALL_LAYER (UINT64_C(1) << 23) /* and of all of a layer */
+#define SMALL_LAYER (UINT64_C(1) << 20) /* and of all of a layer */
 #define LINE 64U                        /* bytes that the machine fetches at once */
+#define MOST_COMMON 62U                 /* bits: they are in the first word, behind the lowest */
 #define TAIL 8U /* bytes behind the last entry: loads take eight at a time */
 #define K1 UINT64_C(0x9e3779b97f4a7c15)
 #define K2 UINT64_C(0xd6e8feb86659fd93)
@@ -57,17 +58,53 @@ static uint64_t rest_hash(const uint64_t* packed, uint32_t words, uint64_t all) 
   return h & all;
 }
 
+/* What a first word is without the bits that all have in common. The lowest one stays: it is set in
+ * every world, and an entry of zeros is none. */
+SOTER_INLINE uint64_t without(const soter_store* s, uint64_t first) {
+  return s->common > 0U ? first >> s->common | 1U : first;
+}
+
+static void squeeze(const soter_store* s, const uint64_t* packed, uint64_t* key) {
+  SOTER_CHECK(s->common > 0U && s->common < 63U && s->words <= s->packed);
+  for (uint32_t i = 0; i < s->words; i++) {
+    key[i] = packed[i] >> s->common;
+    key[i] |= i + 1U < s->packed ? packed[i + 1U] << (64U - s->common) : 0U;
+  }
+  key[0] |= 1U;
+}
+
+/* The way back, in place: the last words first. */
+static void stretch(const soter_store* s, uint64_t* packed) {
+  SOTER_CHECK(s->common > 0U && (packed[0] & 1U) != 0U);
+  packed[0] &= ~UINT64_C(1);
+  for (uint32_t i = s->packed; i-- > 0U;) {
+    packed[i] <<= s->common;
+    packed[i] |= i > 0U ? packed[i - 1U] >> (64U - s->common) : s->prefix;
+  }
+}
+
+/* Whether a world may be in this table: the first one says what all have in common. */
+SOTER_INLINE bool belongs(soter_store* s, const uint64_t* packed) {
+  if (s->common > 0U && s->count == 0U) {
+    s->prefix = packed[0] & s->low;
+  }
+  return s->common == 0U || (packed[0] & s->low) == s->prefix;
+}
+
 /* What stands in the table for a packed world. */
 void soter_store_key(const soter_store* s, const uint64_t* packed, uint64_t* key) {
   if (s->fingerprint) {
     key[0] = soter_fingerprint(packed, s->packed);
     return;
   }
-  if (s->words == 1U) {
-    key[0] = mixed(packed[0], s->first, s->all);
+  if (s->packed == 1U) {
+    key[0] = mixed(without(s, packed[0]), s->first, s->all);
     return;
   }
   (void)memcpy(key, packed, s->words * sizeof key[0]);
+  if (s->common > 0U) {
+    squeeze(s, packed, key);
+  }
   key[0] = mixed(key[0] ^ rest_hash(key, s->words, s->all), s->first, s->all);
 }
 
@@ -197,12 +234,15 @@ static bool segments_open(soter_store* s) {
 }
 
 bool soter_store_open(soter_store* s, const soter_model* m, soter_storage storage, bool sleep,
-                      uint64_t memory) {
+                      uint32_t common, uint64_t memory) {
   (void)memset(s, 0, sizeof *s);
   s->fingerprint = storage == SOTER_FINGERPRINT;
   s->packed = m->words;
-  s->words = s->fingerprint ? 1U : m->words;
-  const uint32_t bits = s->fingerprint ? 64U : m->bits;
+  s->common = s->fingerprint ? 0U : common < MOST_COMMON ? common : MOST_COMMON;
+  s->low = low_bits(s->common + 1U);
+  const uint32_t bits = s->fingerprint ? 64U : m->bits - s->common;
+  s->words = (bits + 63U) / 64U;
+  SOTER_CHECK(s->fingerprint || (m->bits > common && s->words <= m->words));
   s->first = bits < 64U ? bits : 64U;
   s->all = low_bits(s->first);
   s->sleep = sleep ? (m->actors + 7U) / 8U : 0U;
@@ -384,10 +424,10 @@ SOTER_INLINE void hint(const soter_store* s, const uint64_t* packed, uint64_t fi
 void soter_store_announce(const soter_store* s, const uint64_t* packed, uint32_t count,
                           uint64_t* key) {
   const uint32_t words = s->packed;
-  SOTER_CHECK(s->words == words || s->fingerprint);
+  SOTER_CHECK(s->words <= words);
   if (words == 1U && !s->fingerprint) {
     for (uint32_t i = 0; i < count; i++) {
-      key[i] = mixed(packed[i], s->first, s->all);
+      key[i] = mixed(without(s, packed[i]), s->first, s->all);
       hint(s, packed + i, key[i]);
     }
     return;
@@ -442,11 +482,16 @@ SOTER_INLINE int put_in(soter_store* s, soter_segment* g, const uint64_t* key, u
 
 int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* key,
                         uint64_t* sleep, uint64_t* again) {
+  if (!belongs(s, packed)) {
+    SOTER_CHECK(!"all worlds of a table have its bits in common");
+    return -1;
+  }
   return put_in(s, segment_of(s, packed, key), key, sleep, again);
 }
 
 bool soter_store_has(const soter_store* s, const uint64_t* packed) {
   bool found;
+  SOTER_CHECK(s->common == 0U);
   soter_store_key(s, packed, s->own);
   (void)place_of(s, segment_of(s, packed, s->own), s->own, &found);
   return found;
@@ -455,13 +500,16 @@ bool soter_store_has(const soter_store* s, const uint64_t* packed) {
 /* ------------------------------------------------------------------ reading */
 
 SOTER_INLINE void read_entry(const soter_store* s, const uint8_t* e, uint64_t* packed) {
+  (void)memset(packed, 0, s->packed * sizeof packed[0]);
   if (s->words == 1U) {
     packed[0] = unmixed(load(e, s->mask), s->first, s->all);
-    return;
+  } else {
+    (void)memcpy(packed, e, s->key);
+    packed[0] = unmixed(packed[0], s->first, s->all) ^ rest_hash(packed, s->words, s->all);
   }
-  (void)memset(packed, 0, s->words * sizeof packed[0]);
-  (void)memcpy(packed, e, s->key);
-  packed[0] = unmixed(packed[0], s->first, s->all) ^ rest_hash(packed, s->words, s->all);
+  if (s->common > 0U) {
+    stretch(s, packed);
+  }
   SOTER_CHECK(!s->fingerprint);
 }
 
@@ -559,7 +607,8 @@ void soter_store_read(const soter_store* s, const uint8_t* entry, soter_entry* e
 bool soter_store_put_entry(soter_store* s, uint32_t segment, soter_entry* e) {
   uint64_t again = 0U;
   SOTER_CHECK(segment < s->segments);
-  return put_in(s, &s->segment[segment], e->key, &e->sleep, &again) >= 0;
+  return (s->fingerprint || belongs(s, e->packed)) &&
+         put_in(s, &s->segment[segment], e->key, &e->sleep, &again) >= 0;
 }
 
 /* ------------------------------------------------------------------ tables that outlive a search

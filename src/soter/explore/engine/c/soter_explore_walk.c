@@ -16,7 +16,7 @@ bool soter_walk_open(soter_walk* w, soter_search* s) {
   w->counting = true;
   const bool fine =
       soter_place_open(&w->x, s->m, s->o, s->progress, s->coverage) &&
-      soter_store_open(&w->seen, s->m, SOTER_FINGERPRINT, false, s->o->memory / SHARE);
+      soter_store_open(&w->seen, s->m, SOTER_FINGERPRINT, false, 0U, s->o->memory / SHARE);
   s->result->needed_bytes = soter_store_bytes(&w->seen) * SHARE;
   return fine;
 }
