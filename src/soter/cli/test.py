@@ -279,7 +279,7 @@ def _lines(test: TestResult, console: Console) -> list[str]:
 def _headline(test: TestResult, console: Console) -> str:
     word, colour, said = _verdict(test)
     if test.verdict == "exhausted":
-        said = "every execution was covered, none violates a property"
+        said = f"every execution was covered, none violates a property{test.for_ever}"
     elif test.unshown:
         said = f"{said}\n{test.not_shown}"
     elif test.verdict == "bound":
@@ -474,6 +474,7 @@ def _test(t: TestResult) -> dict[str, object]:
         "parts": t.parts,
         "quantum_ns": t.quantum_ns,
         "covered_ns": t.covered_ns,
+        "closed_ns": t.closed_ns,
         "checkpoint": None if t.checkpoint is None else _kept(t.checkpoint),
         "short_of": t.short_of,
         "threads": t.threads,

@@ -17,6 +17,7 @@ from soter.program.model.types import FloatType, leaves
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
+    from soter.explore.engine.search import Found
     from soter.explore.model.plan import Times
     from soter.explore.results import Options
     from soter.program.model.system import System
@@ -29,7 +30,7 @@ PLACES = 3
 def of_test(
     system: System,
     options: Options,
-    states: int,
+    found: Found,
     replaced: Sequence[tuple[str, str]],
     times: Times | None,
 ) -> tuple[str, ...]:
@@ -37,7 +38,7 @@ def of_test(
 
     `times`: the grid of them; None where no step could choose.
     """
-    return tuple(_all(system, options, states, replaced, times))
+    return tuple(_all(system, options, found, replaced, times))
 
 
 def undriven(system: System) -> list[str]:
@@ -53,12 +54,19 @@ def undriven(system: System) -> list[str]:
 def _all(
     system: System,
     options: Options,
-    states: int,
+    found: Found,
     replaced: Sequence[tuple[str, str]],
     times: Times | None,
 ) -> Iterator[str]:
     plan = plan_of(system)
-    yield f"nothing is said about times after the horizon, {show_ns(plan.horizon_ns)}"
+    horizon = show_ns(plan.horizon_ns)
+    if found.closed_ns:
+        yield (
+            f"said of all times, not only up to the horizon, {horizon}: every configuration after "
+            f"{show_ns(found.closed_ns)} is one that came before, at the same place of the calendar"
+        )
+    else:
+        yield f"nothing is said about times after the horizon, {horizon}"
     yield _orders(plan.skew_ns, times)
     for name in undriven(system):
         yield f"{name} keeps its default: the test has no `input {name} every ...;`"
@@ -74,7 +82,7 @@ def _all(
     yield "steps are atomic: a step reads, computes and publishes at one time, unless it overruns"
     yield "the compiled steps are those that `soter build` deploys: the same C, the same arithmetic"
     yield from _calculated(times)
-    if any(p.kind in ("eventually", "leadsto") for p in plan.timed):
+    if not found.closed_ns and any(p.kind in ("eventually", "leadsto") for p in plan.timed):
         yield "deadlines beyond the horizon are not judged"
     if not system.properties and not plan.timed:
         yield "the test states no property: only step faults of trusted components were looked for"
@@ -82,7 +90,7 @@ def _all(
     yield from _sampled(system)
     yield from _held(system, options.seed)
     if options.storage == "fingerprint":
-        yield _missed(states)
+        yield _missed(found.states)
 
 
 def _orders(skew_ns: int, times: Times | None) -> str:

@@ -203,6 +203,7 @@ def explore_test(
                 frontier_bytes=found.frontier_bytes,
                 total_bytes=found.total_bytes,
                 covered_ns=_covered(found, system, options),
+                closed_ns=found.closed_ns or None,
                 checkpoint=_kept(checkpoint),
                 short_of=short_of if short_of not in (bound, UNJUDGED) else None,
                 threads=found.threads,
@@ -211,7 +212,7 @@ def explore_test(
                 coverage=coverage,
                 robustness=search.robustness(),
                 assumptions=assumptions.of_test(
-                    system, options, found.states, told.replaced, search.times
+                    system, options, found, told.replaced, search.times
                 ),
             )
         if verdict == VIOLATED:

@@ -210,6 +210,9 @@ class TestResult:
 
     The horizon, where the search came to its end.
     """
+    closed_ns: int | None = None
+    """Whatever comes after this time was there before, so that the verdict holds for ever; None:
+    that was not seen before the horizon."""
     checkpoint: Kept | None = None
     """Where it was written down; None: nowhere."""
     short_of: str | None = None
@@ -295,6 +298,15 @@ class TestResult:
         if self.covered_ns == 0:
             return f"no part of {of} was covered in all executions{also}"
         return f"all executions were covered before {show_ns(self.covered_ns)} of {of}{also}"
+
+    @property
+    def for_ever(self) -> str:
+        """What it says of times after the horizon, part of a sentence; empty where nothing."""
+        if self.closed_ns is None:
+            return ""
+        return (
+            f"; it holds for ever: whatever comes after {show_ns(self.closed_ns)} was there before"
+        )
 
     @property
     def interrupted(self) -> bool:

@@ -15,6 +15,7 @@ import processes
 from soter.explore import assumptions
 from soter.explore.command import Told, explore_test
 from soter.explore.engine.engine import Engine, Settings
+from soter.explore.engine.search import Found
 from soter.explore.methods import CHOICES_MAX, THREADS_BFS, WORDS_MAX
 from soter.explore.results import Options
 from unit.explore.random_walks import system_of_text
@@ -217,9 +218,10 @@ def test_a_member_that_has_no_class_is_not_taken_for_another() -> None:
 def test_scalars_that_coverage_has_no_room_for_are_told(monkeypatch: pytest.MonkeyPatch) -> None:
     system = system_of_text(COUNTERS, "T")
     sentence = "what was reached counts the first 3 scalars of topics, of 4"
-    assert sentence not in assumptions.of_test(system, Options(), 0, (), None)
+    found: Found = Found(status="exhausted", broken=None, steps=())
+    assert sentence not in assumptions.of_test(system, Options(), found, (), None)
     monkeypatch.setattr(assumptions, "LEAVES_MAX", 3)
-    assert sentence in assumptions.of_test(system, Options(), 0, (), None)
+    assert sentence in assumptions.of_test(system, Options(), found, (), None)
 
 
 # ---------------------------------------------------------------- threads and memory

@@ -32,6 +32,7 @@ COUNTS = (
     "total_bytes",
     "threads",
     "covered_ns",
+    "closed_ns",
 )
 """What is kept of the search of a part that came to its end, besides its seconds."""
 NOTHING_TO_WRITE = {STATUSES.index(s) for s in ("exhausted", "violated", "damaged")}

@@ -91,12 +91,14 @@ class Settings(Options):
     """How the engine searches: what a person may say, and what only tests and `Search` do.
 
     `plainly`: run every step, remember none. `go_on`: do not stop at a violation. `keep`: keep
-    the stored worlds for `Engine.worlds`.
+    the stored worlds for `Engine.worlds`. `closes`: end where whatever comes later was there
+    before, if the plan is one that `repeats`.
     """
 
     keep: bool = False
     plainly: bool = False
     go_on: bool = False
+    closes: bool = False
     part: Part | None = None
     """Only this part of the system; None: all of it."""
     known: tuple[tuple[int, int], ...] = ()
@@ -123,6 +125,8 @@ class SearchResult(Generic[S]):
     seconds: float = 0.0
     covered_ns: int = 0
     """All that is observed before was judged, at least `TIME_MAX`: all there is; 0: sampling."""
+    closed_ns: int = 0
+    """Whatever comes after this time was there before; 0: that is not known."""
     stopped: str = ""
     """What ended it before its end: "interrupted" (Ctrl-C), "time" (its time was over)."""
     total_bytes: int = 0
@@ -360,6 +364,7 @@ class Engine:
                 "plainly": s.plainly,
                 "unguided": s.unguided,
                 "go_on": s.go_on,
+                "closes": s.closes and self.plan.repeats,
                 "known": self._known,
                 "knowns": len(s.known),
                 **(s.noted.options(self.ffi) if s.noted else {}),
@@ -389,6 +394,7 @@ class Engine:
             depth=int(r.depth),
             seconds=seconds,
             covered_ns=max(int(r.covered_ns), 0),
+            closed_ns=int(r.closed_ns),
             steps=tuple(self._step(trace[i]) for i in range(min(int(r.length), ROOM))),
             total_bytes=int(r.table_bytes) + int(r.frontier_bytes) + int(r.memo_bytes),
             needed_bytes=int(r.needed_bytes),

@@ -82,7 +82,7 @@ class Search:
         """
         self._system = system
         self.options = options
-        self._settings = Settings(**vars(options))
+        self._settings = Settings(**vars(options), closes=True)
         self._progress = progress
         self._time_s = options.time
         self._checkpoint = checkpoint
@@ -289,6 +289,7 @@ class Search:
             depth=s.depth,
             seconds=s.seconds,
             covered_ns=s.covered_ns,
+            closed_ns=s.closed_ns,
             steps=tuple([self._step(raw) for raw in s.steps]),
             stopped=s.stopped,
             total_bytes=s.total_bytes,
@@ -418,6 +419,7 @@ def _sum(found: list[Searched]) -> Searched:
         depth=max(f.depth for f in found),
         seconds=sum(f.seconds for f in found),
         covered_ns=min(f.covered_ns for f in found),
+        closed_ns=max(f.closed_ns for f in found) if all(f.closed_ns for f in found) else 0,
     )
 
 

@@ -107,6 +107,8 @@ def plan_of(system: System, lowered: core.CoreSystem) -> Plan:
         actors=actors,
         timely=timely,
         sampled=is_sampled(system, lowered),
+        repeats=not any(f.fact == "time" for f in footprints.facts)
+        and not any(d.hold_ns for c in system.components for d in c.disturbances),
         tick_ns=tick,
         quantum_ns=quantum,
         times=Times(quantum, () if system.test.quantum_ns else times.open) if timely else None,

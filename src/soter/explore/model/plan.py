@@ -59,12 +59,14 @@ class Plan:
 
     `read`: topics that anything reads; `aged`: topics whose age is read; `limited`: module inputs
     whose `max_age` decides; `may_fault`: components whose step may fault; `times`: None where no
-    step has a choice.
+    step has a choice; `repeats`: nothing reads the time, so that what comes depends on a
+    configuration and the place in the calendar alone.
     """
 
     actors: tuple[Actor, ...]
     timely: bool
     sampled: bool
+    repeats: bool
     tick_ns: int
     quantum_ns: int
     times: Times | None

@@ -191,6 +191,7 @@ typedef struct {
   uint64_t timeds;
   bool plainly;  /* never remember steps: run every one (a check of the explorer itself) */
   bool unguided; /* falsify: every plan is drawn anew (a check of what guides it) */
+  bool closes;   /* end where whatever comes later was there before: nothing reads the time */
   bool go_on;    /* do not stop at a violation: what violates is not expanded */
   const soter_broken* known; /* [knowns]: nor at one of these: others are looked for */
   uint32_t knowns;
@@ -239,6 +240,7 @@ typedef struct {
   uint64_t needed_bytes; /* SOTER_NO_MEMORY: to begin */
   int64_t covered_ns;    /* everything that is observed before this time was judged, INT64_MAX: all
                             that there is; of exhaustive searches */
+  int64_t closed_ns;     /* options.closes: whatever comes later was there before; 0: not known */
   uint32_t threads;      /* that searched */
   uint32_t chooser;      /* SOTER_CHOOSY: the actor; UINT32_MAX: the start */
   uint32_t depth;        /* steps of the longest execution seen */

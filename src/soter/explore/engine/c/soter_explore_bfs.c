@@ -37,7 +37,7 @@ static bool more_keys(worker* w, uint32_t count) {
 static uint64_t frontier_of(const worker* w) {
   uint64_t bytes = soter_row_bytes(&w->here) + soter_row_bytes(&w->next) +
                    soter_row_bytes(&w->links) + soter_store_bytes(&w->noted) +
-                   soter_store_bytes(&w->before) +
+                   soter_store_bytes(&w->before) + soter_store_bytes(&w->anchor) +
                    (uint64_t)w->keys * w->all->words * sizeof *w->key;
   for (uint32_t k = 0; k < THREADS; k++) {
     bytes += soter_row_bytes(&w->out[k]);
@@ -139,7 +139,7 @@ static void hand_on(worker* w) {
   w->taken += h->count;
   for (uint32_t k = 0; k < h->count && !w->full; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * words;
-    const uint32_t owner = soter_owner_of(all, packed, w->key + (size_t)k * words);
+    const uint32_t owner = soter_owner_of(all, w->key + (size_t)k * words);
     SOTER_CHECK(owner < all->threads);
     if (owner == w->id) {
       take_in(w, packed, w->key + (size_t)k * words, h->sleep[k], w->moved + w->first);
@@ -425,6 +425,9 @@ static void decide(layered* all) {
   all->s->progress->covered_ns = covered(all);
   const bool ends = all->status != SOTER_EXHAUSTED;
   all->done = all->done || ends || (all->whole && soter_layers_waiting(all) == 0U);
+  if (all->whole && !all->done) {
+    all->done = soter_closed_look(all, covered(all));
+  }
   all->depth += all->whole || ends ? 1U : 0U;
   count_steps(all);
 }
@@ -499,7 +502,9 @@ static void turn_over(worker* w) {
   w->fresh = w->expanded = 0U;
   w->here_ns = w->next_ns;
   w->next_ns = SOTER_NO_DEADLINE;
-  if (w->all->forgets) {
+  if (soter_closed_turn(w)) {
+    w->full = !open_store(w, &w->store) || w->full;
+  } else if (w->all->forgets) {
     forget_layer(w); /* by rows, what is in it has a row */
   } else {
     soter_store_settle(&w->store);
@@ -623,10 +628,12 @@ static bool open_all(layered* all, soter_search* s, uint32_t threads, bool link)
     fine = open_worker(all, k) && fine;
     weigh(&all->w[k]);
   }
+  soter_closed_open(all);
   return fine;
 }
 
 static void close_all(layered* all) {
+  soter_closed_close(all);
   for (uint32_t k = 0; k < all->opened; k++) {
     close_worker(&all->w[k]);
   }
@@ -642,7 +649,7 @@ static bool take_births(void* to) {
     const uint64_t* const packed = h->packed + (size_t)k * all->words;
     uint64_t key[SOTER_WORDS];
     soter_store_key(&first->store, packed, key);
-    worker* const owner = &all->w[soter_owner_of(all, packed, key)];
+    worker* const owner = &all->w[soter_owner_of(all, key)];
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
     if (++owner->taken >= LOOK) {
       tell(owner);
@@ -713,7 +720,8 @@ static void sum_up(layered* all, soter_explore_result* r) {
   r->status = all->status;
   r->depth = all->depth;
   r->threads = all->threads;
-  r->covered_ns = covered(all);
+  r->closed_ns = all->closing.closed_ns;
+  r->covered_ns = r->closed_ns != 0 ? SOTER_NO_DEADLINE : covered(all);
   for (uint32_t k = 0; k < all->threads; k++) {
     worker* const w = &all->w[k];
     r->states += w->count;

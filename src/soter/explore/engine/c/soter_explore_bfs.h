@@ -11,6 +11,28 @@
 
 #define THREADS SOTER_THREADS
 
+/* A layer at a beginning of the calendar: the sum of its worlds' numbers, times aside. */
+typedef struct {
+  int64_t at_ns;
+  uint64_t digest, count;
+} soter_turn;
+
+/* Whether what comes was there before (soter_explore_closed.c). */
+typedef struct {
+  bool on;
+  int64_t from_ns, every_ns; /* beginnings: every so often from then on, */
+  int64_t last_ns;           /* the last one before what the horizon changes */
+  bool at;                   /* the layer that is expanded is at one, */
+  int64_t at_ns;             /* of this time, */
+  bool take;                 /* the one before is kept, */
+  bool compare;              /* this one is compared with what was kept */
+  int64_t anchored;          /* when; 0: none is; */
+  int64_t again_ns;          /* the same is expected */
+  int64_t closed_ns;         /* all that comes after was there before; 0: that is not known */
+  soter_turn* turn;
+  uint32_t turns, room;
+} soter_closing;
+
 typedef struct worker {
   struct layered* all;
   uint32_t id;
@@ -44,7 +66,11 @@ typedef struct worker {
   uint64_t fresh;     /* and so many are in the next */
   uint64_t culprit;   /* links: the entry whose move breaks something */
   uint64_t last;      /* links: or the entry that is broken */
-  soter_row links;    /* one thread: worlds as they came, each with the number of the one before */
+  soter_store
+      anchor; /* closing: what this worker has of a layer before; whether it has come again */
+  uint64_t digest;
+  bool same;
+  soter_row links; /* one thread: worlds as they came, each with the number of the one before */
 } worker;
 
 typedef struct layered {
@@ -68,17 +94,17 @@ typedef struct layered {
   uint32_t depth;          /* layers */
   soter_calendar calendar; /* where only ends of instants are stored, */
   uint32_t steps;          /* of the longest execution seen */
+  soter_closing closing;
 } layered;
 
-/* Whose a world is. A fingerprint is all that the table knows of one. */
-SOTER_INLINE uint32_t soter_owner_of(const layered* all, const uint64_t* packed,
-                                     const uint64_t* key) {
+/* Whose a world is: as the table knows it, so that what comes again has the same owner. */
+SOTER_INLINE uint32_t soter_owner_of(const layered* all, const uint64_t* key) {
   if (all->threads == 1U) {
     return 0U;
   }
-  uint64_t h = all->w[0].store.fingerprint ? key[0] * UINT64_C(0x9e3779b97f4a7c15) : 0U;
-  for (uint32_t k = 0; k < all->words && !all->w[0].store.fingerprint; k++) {
-    h = (h ^ packed[k]) * UINT64_C(0x9e3779b97f4a7c15);
+  uint64_t h = 0U;
+  for (uint32_t k = 0; k < all->w[0].store.words; k++) {
+    h = (h ^ key[k]) * UINT64_C(0x9e3779b97f4a7c15);
   }
   SOTER_CHECK(all->threads <= THREADS);
   return (uint32_t)(h >> 40) % all->threads;
@@ -92,6 +118,15 @@ SOTER_INLINE uint64_t soter_layers_waiting(const layered* all) {
   }
   return waiting;
 }
+
+/* Before the search, when all workers are open, and after it. */
+void soter_closed_open(layered* all);
+void soter_closed_close(layered* all);
+/* After a layer was expanded to its end, while nobody works; the next one has this time. Whether
+ * all that comes was there before. */
+bool soter_closed_look(layered* all, int64_t next_ns);
+/* A worker begins a layer: `before`. Whether what it expanded last, `store`, was taken away. */
+bool soter_closed_turn(worker* w);
 
 /* Writes all that a search needs to go on, while nobody works; false: it cannot be written. */
 bool soter_layers_write(const layered* all, int file);

@@ -278,6 +278,11 @@ bool soter_store_empty(soter_store* s);
 uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
                           void* to);
 
+/* The sum of a number for every entry, and whether two tables have the same ones: of worlds as they
+ * are but for what they have in common. */
+uint64_t soter_store_digest(const soter_store* s);
+bool soter_store_same(const soter_store* s, const soter_store* other);
+
 SOTER_INLINE uint64_t soter_scramble(uint64_t x) {
   x ^= x >> 32;
   x *= UINT64_C(0xd6e8feb86659fd93);

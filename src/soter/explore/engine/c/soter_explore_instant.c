@@ -256,7 +256,7 @@ static void run_row(soter_expander* e) {
     if (e->broke) {
       break_off(t, &e->broken);
     }
-    enough = e->enough || (t->broke && !e->go_on) || !sort_out(e);
+    enough = !sort_out(e) || e->enough || (t->broke && !e->go_on); /* only ends stay, always */
   }
 }
 

@@ -549,6 +549,43 @@ uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uin
   return count;
 }
 
+/* ------------------------------------------------------------------ comparing */
+
+static void key_of(const soter_store* s, const uint8_t* e, uint64_t* key) {
+  (void)memset(key, 0, s->words * sizeof *key);
+  (void)memcpy(key, e, s->key);
+}
+
+uint64_t soter_store_digest(const soter_store* s) {
+  uint64_t sum = 0U;
+  uint64_t key[SOTER_WORDS];
+  for (uint32_t g = 0; g < s->segments; g++) {
+    const uint8_t* e = s->segment[g].entry;
+    for (uint64_t i = 0; i < s->segment[g].buckets * BUCKET; i++, e += s->bytes) {
+      if (!is_empty(s, e)) {
+        key_of(s, e, key);
+        sum += soter_fingerprint(key, s->words);
+      }
+    }
+  }
+  return sum;
+}
+
+bool soter_store_same(const soter_store* s, const soter_store* other) {
+  uint64_t key[SOTER_WORDS];
+  bool same = s->count == other->count && s->bytes == other->bytes && s->layer && other->layer;
+  for (uint32_t g = 0; same && g < s->segments; g++) {
+    const uint8_t* e = s->segment[g].entry;
+    for (uint64_t i = 0; same && i < s->segment[g].buckets * BUCKET; i++, e += s->bytes) {
+      if (!is_empty(s, e)) {
+        key_of(s, e, key); /* a layer's segments are told apart by keys alone */
+        (void)place_of(other, segment_of(other, key, key), key, &same);
+      }
+    }
+  }
+  return same;
+}
+
 /* ------------------------------------------------------------------ on a disk, entry by entry */
 
 /* Where the entries of a segment begin that are not before a place. */

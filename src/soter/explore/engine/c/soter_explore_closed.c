@@ -1,0 +1,139 @@
+/* soter_explore_closed.c: whether what is still to come was there before (docs/testing.md, "For
+ * ever").
+ *
+ * Purpose: where only ends of instants are stored, every so often the calendar begins anew: after
+ * the least common multiple of all periods. If the layer then has the same worlds as at an earlier
+ * beginning, times aside, so have all that follow, whatever the horizon. Every layer of a beginning
+ * has a number; where one comes again its table is kept, and compared with the one that comes as
+ * much later, entry by entry.
+ * Non-goals: programs that read the time, and what no number of instants repeats.
+ */
+#include "soter_explore_bfs.h"
+
+#define LOOK_BACK 4096U /* beginnings */
+
+static int64_t gcd(int64_t a, int64_t b) {
+  while (b != 0) {
+    const int64_t rest = a % b;
+    a = b;
+    b = rest;
+  }
+  return a;
+}
+
+void soter_closed_open(layered* all) {
+  const soter_model* const m = all->s->m;
+  const soter_explore_options* const o = all->s->o;
+  soter_closing* const c = &all->closing;
+  bool may = o->closes && all->tables && !o->keep && o->noted == NULL && o->goal == NULL &&
+             !o->go_on && o->knowns == 0U && all->w[0].expander.instant != NULL;
+  c->every_ns = 1;
+  c->last_ns = m->horizon_ns;
+  for (uint32_t i = 0; may && i < m->actors; i++) {
+    const soter_actor* const a = &m->actor[i];
+    if (o->actors == 0U || i >= 64U || (o->actors >> i & 1U) != 0U) {
+      const int64_t part = a->period_ns / gcd(c->every_ns, a->period_ns);
+      c->from_ns = soter_later(c->from_ns, a->phase_ns);
+      may = part <= m->horizon_ns / c->every_ns; /* else no two beginnings are before the end */
+      c->every_ns *= may ? part : 1;
+    }
+  }
+  for (uint32_t i = 0; i < m->timeds; i++) { /* what begins later is not owed */
+    c->last_ns = m->horizon_ns - m->timed[i].within_ns < c->last_ns
+                     ? m->horizon_ns - m->timed[i].within_ns
+                     : c->last_ns;
+  }
+  SOTER_CHECK(c->every_ns > 0);
+  c->on = may;
+}
+
+void soter_closed_close(layered* all) {
+  free(all->closing.turn);
+  all->closing.turn = NULL;
+  for (uint32_t k = 0; k < all->opened; k++) {
+    soter_store_close(&all->w[k].anchor);
+  }
+}
+
+/* The number of the layer that was expanded is known: has it been there? */
+static void look_back(layered* all) {
+  soter_closing* const c = &all->closing;
+  soter_turn now = {c->at_ns, 0U, 0U};
+  for (uint32_t k = 0; k < all->threads; k++) {
+    now.digest += all->w[k].digest;
+    now.count += all->w[k].layer;
+  }
+  const uint32_t first = c->turns > LOOK_BACK ? c->turns - LOOK_BACK : 0U;
+  for (uint32_t i = c->turns; i-- > first && c->anchored == 0;) {
+    if (c->turn[i].digest == now.digest && c->turn[i].count == now.count) {
+      c->take = true;
+      c->anchored = now.at_ns;
+      c->again_ns = now.at_ns + (now.at_ns - c->turn[i].at_ns);
+    }
+  }
+  if (c->turns == c->room) {
+    const uint32_t room = c->room * 2U + 16U;
+    soter_turn* const more = realloc(c->turn, room * sizeof *more);
+    if (more == NULL) {
+      c->on = false; /* it ends at the horizon then */
+      return;
+    }
+    c->turn = more;
+    c->room = room;
+  }
+  c->turn[c->turns++] = now;
+}
+
+/* All workers have compared theirs. */
+static void agree(layered* all) {
+  soter_closing* const c = &all->closing;
+  bool same = true;
+  for (uint32_t k = 0; k < all->threads; k++) {
+    same = same && all->w[k].same;
+  }
+  c->anchored = 0;
+  c->closed_ns = same ? c->at_ns : 0;
+}
+
+/* After a layer that was expanded to its end, before the next, whose time is `next_ns`: nobody
+ * works. */
+bool soter_closed_look(layered* all, int64_t next_ns) {
+  soter_closing* const c = &all->closing;
+  if (!c->on) {
+    return false;
+  }
+  c->take = false;
+  if (c->compare) {
+    agree(all);
+  } else if (c->at) {
+    look_back(all);
+  }
+  c->at =
+      next_ns >= c->from_ns && next_ns <= c->last_ns && (next_ns - c->from_ns) % c->every_ns == 0;
+  c->at_ns = next_ns;
+  c->compare = c->at && c->anchored != 0 && next_ns == c->again_ns;
+  return c->closed_ns != 0;
+}
+
+/* A worker, when `w->before` is what is expanded next and `w->store` what was expanded last.
+ * Whether the latter was taken: there is none then. */
+bool soter_closed_turn(worker* w) {
+  const soter_closing* const c = &w->all->closing;
+  if (!c->on) {
+    return false;
+  }
+  if (c->compare) {
+    w->same = soter_store_same(&w->before, &w->anchor);
+    soter_store_close(&w->anchor);
+    (void)memset(&w->anchor, 0, sizeof w->anchor);
+  } else if (c->at) {
+    w->digest = soter_store_digest(&w->before);
+  }
+  if (c->take) {
+    w->anchor = w->store;
+    w->anchor.stop = NULL;
+    w->store.segment = NULL;
+    w->store.own = NULL;
+  }
+  return c->take;
+}
