@@ -122,6 +122,12 @@ GRIDDED = {
     "negated": timed("publish y = !(age(x) <= 0.003 || age(x) >= 0.007);"),
     "neighbours": timed(BETWEEN.format(low=0.003, high=0.004)),
     "the time of day": timed("publish y = time > 0.033 && time < 0.037;"),
+    "a quotient of whole numbers": timed("publish y = age(x) == 0.003 * float(5 / 2);"),
+    "a deadline beside it": timed(
+        "publish y = age(x) > 0.004 && age(x) < 1.0;",
+        items="y leadsto z within 5ms;",
+        nodes="topic z: bool;\nnode E period 10s { publishes z; step { publish z = true; } }\n",
+    ).replace("node B; ", "node B; node E; ", 1),
     "in a property": timed(WATCHES, items="always !(age(x) > 0.003 && age(x) < 0.007);"),
     "in a condition": timed("if age(x) > 0.003 { if age(x) < 0.007 { publish y = true; } }"),
     "a choice of two": timed("publish y = age(x) > 0.003 ? age(x) < 0.007 : false;"),
@@ -135,6 +141,11 @@ CALCULATED = {
         nodes="fun Inside(a: float): bool { return a > 0.003 && a < 0.007; }\n",
     ),
     "the smaller one": timed("publish y = min(age(x), 1.0) > 0.003 && age(x) < 0.007;"),
+    "twice the time": timed("publish y = time + time == 0.03;"),
+    "two ages": timed("publish y = age(x) + age(x) > 0.004 && age(x) + age(x) < 0.006;"),
+    "a time less a time less": timed(
+        "let was = time - 0.03; publish y = time - (0.0 - was) == 0.0;"
+    ),
     "the square": timed("let a = age(x); publish y = abs(a - 0.005) < 0.002;"),
 }
 """Where the time is calculated with: no grid is known to be enough."""

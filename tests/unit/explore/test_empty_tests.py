@@ -8,7 +8,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.empty_tests import CALCULATED, GRIDDED, NOTHING_JUDGED, UNDRIVEN, judged, watching
+from generators.empty_tests import (
+    CALCULATED,
+    GRIDDED,
+    NOTHING_JUDGED,
+    UNDRIVEN,
+    judged,
+    timed,
+    watching,
+)
 from soter.explore.command import Told, explore_test
 from soter.explore.results import Options, TestResult
 from soter.program.build import check_file, system_of_test
@@ -150,6 +158,26 @@ def test_a_local_keeps_what_its_clock_is_off_by(name: str) -> None:
 
 def seconds(text: str) -> str:
     return re.sub(r"(\d+)ms", r"0.00\1", text)
+
+
+def test_where_a_time_is_an_odd_number_of_nanoseconds_something_lies_between() -> None:
+    text = timed("publish y = age(x) > 0.0 && age(x) < 0.033333333;").replace("10ms", "33333333ns")
+    flat = system(text.replace("horizon 60ms", "horizon 99ms"))
+    assert quantum_of(flat) == 11_111_111
+    assert found(text).verdict == "violated"
+
+
+@pytest.mark.parametrize(
+    ("kept", "compared"),
+    [("time", "time - last"), ("age(x)", "last"), ("time", "last"), ("time - last", "last")],
+)
+def test_one_time_less_another_is_compared_on_the_grid(kept: str, compared: str) -> None:
+    """And elapsed times that are added up are not."""
+    text = judged(
+        "horizon 22ms; skew 5ms; never y;",
+        step=f"if x > 3 {{ last = {kept}; }} publish y = {compared} > 0.005;",
+    ).replace("publishes y;", "publishes y; var last: float;")
+    assert bool(times_read(system(text)).open) == (kept == "time - last")
 
 
 def test_a_clock_that_is_off_by_ever_more_is_open() -> None:

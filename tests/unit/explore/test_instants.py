@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from generators.brute_force import BruteForce
+from generators.explored import Decoder
 from soter.explore.engine.engine import Engine, Settings
 from soter.program.build import check_file, system_of_test
 
@@ -78,3 +80,34 @@ def test_where_windows_are_no_points_every_configuration_is_stored() -> None:
     engine = engine_of("Late", skew_ns=5_000_000)
     plain = engine.explore(Settings(reduction="none", go_on=True))
     assert engine.explore(Settings(reduction="instants", go_on=True)).states == plain.states
+
+
+STOPPED = """soter 1;
+topic b: bool;
+topic c: bool;
+node Reads period 20ms { subscribes c; publishes b; assumes age(c) > 10.0; step { publish b = c; } }
+node Writes period 10ms { publishes c; step { publish c = true; } }
+node Beside period 20ms { subscribes b; publishes d; step { publish d = b; } }
+topic d: bool;
+system S { node Beside; node Reads; node Writes; }
+test T { system S; skip Writes at most 2; horizon 20ms; }
+"""
+
+
+@pytest.mark.parametrize("strategy", ["dfs", "bfs"])
+@pytest.mark.parametrize("reduction", ["instants", "groups", "all"])
+def test_what_a_broken_contract_leaves_in_the_middle_is_not_stored(
+    reduction: str, strategy: str
+) -> None:
+    """The search ends with the contract; what it had come to by then passed for ends of instants.
+
+    A layer's table has the calendar of its worlds once, so it refused them: a defect was told in
+    place of the violation.
+    """
+    system = system_of_test(check_file("stopped.soter", STOPPED), "T")
+    judge, engine = BruteForce(system), Engine(system)
+    found = engine.explore(Settings(strategy=strategy, reduction=reduction, keep=True))
+    assert found.status == "violated"
+    decoder = Decoder(judge, engine.plan)
+    worlds = [decoder.world(w.tobytes()) for w in engine.worlds()]
+    assert all(w.c.ct < 0 or judge.observable(w) for w in worlds)

@@ -149,10 +149,7 @@ class WorldEmitter:
         return p
 
     def _schedule(self, p: Packing) -> None:
-        """How many releases every actor has made, relative to how many it must have made.
-
-        Then how many of them were lost, which is no matter of the calendar.
-        """
+        """Of every actor releases made, relative to those it must have made; then those lost."""
         shared: dict[tuple[int, int, int], c.CExpr] = {}
         for i, a in enumerate(self.plan.actors):
             key = (self._ticks(a.window_ns), self._ticks(a.phase_ns), self._ticks(a.period_ns))

@@ -10,7 +10,9 @@ Non-goals: choosing times (the explorer), costs.
 A *clock* is `time`, `age(t)`, a local that only clocks and constants are put into, or a sum or
 difference of clocks and constants. A clock that is compared with clocks and constants has a
 *threshold*, the constant between the two. A clock that goes anywhere else (into a product, a
-function, a message) is *open*: its value matters, not its place among the thresholds.
+function, a message) is *open*: its value matters, not its place among the thresholds. So is a
+comparison that is left with more than one time less another one: with `time + time`, half of what
+it is compared with would be its threshold.
 """
 
 from __future__ import annotations
@@ -21,7 +23,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.program.model import typed
-from soter.program.model.types import DurationType
+from soter.program.model.types import DurationType, IntType
 from soter.program.model.walk import children
 
 if TYPE_CHECKING:
@@ -35,6 +37,12 @@ PASSES = 8
 """Locals that get a clock from one another, so many deep; deeper ones are open."""
 OFFSETS = 16
 """Constants that one clock may be off by; with more it is open."""
+MANY = 2
+"""So many times in one sum are too many."""
+
+Form = tuple[int, int, int]
+"""How often the time of the step is in a clock, other times, and other times that are taken off."""
+CONSTANT: Form = (0, 0, 0)
 
 
 @dataclass(frozen=True)
@@ -42,11 +50,14 @@ class TimesRead:
     """What the code and the properties of a test make of time.
 
     `thresholds_ns`: times that clocks are compared with, rising; `open`: where a clock is read
-    otherwise.
+    otherwise. `deadlines_ns`: of properties, where there are thresholds. Without, one is missed by
+    more than nothing in some execution only if it is in one of which all steps are as early or as
+    late as they can be.
     """
 
     thresholds_ns: tuple[int, ...]
     open: tuple[Span, ...]
+    deadlines_ns: tuple[int, ...] = ()
 
 
 def times_read(system: System) -> TimesRead:
@@ -64,29 +75,38 @@ def times_read(system: System) -> TimesRead:
         reader.run(expressions, bodies)
         found |= reader.thresholds
         opened |= {(s.source.name, s.start, s.end): s for s in reader.open}
-    return TimesRead(tuple(sorted(found)), tuple(opened[k] for k in sorted(opened)))
+    deadlines = sorted({t.within_ns for t in system.test.timed if t.within_ns and found})
+    spans = tuple(opened[k] for k in sorted(opened))
+    return TimesRead(tuple(sorted(found)), spans, tuple(deadlines))
 
 
 def quantum_of(system: System, read: TimesRead | None = None) -> int:
     """The grid of times in ns.
 
-    Between zero and the first threshold, and between two that follow each other, lies at least one
-    of its times: a clock may be above the one and below the other. Where several clocks have to lie
-    strictly between thresholds and strictly apart from each other, a finer grid may be needed: the
-    grid stands beside every verdict.
+    Between zero and the first threshold or deadline, and between two that follow each other, lies
+    at least one of its times: a clock may be above the one and below the other. Where several
+    clocks have to lie strictly between thresholds and strictly apart from each other, a finer grid
+    may be needed: the grid stands beside every verdict.
     """
     plan = system.test
     assert plan is not None, f"{system.name} is no test"
     if plan.quantum_ns:
         return plan.quantum_ns
-    thresholds = (read or times_read(system)).thresholds_ns
+    read = read or times_read(system)
+    thresholds = (*read.thresholds_ns, *read.deadlines_ns)
     times = [t for c in system.components for t in (c.period_ns, c.phase_ns)]
     times += [d.every_ns for d in system.inputs]
     times += [plan.skew_ns, *(f.by_ns for f in plan.faults), *thresholds]
     quantum = math.gcd(*times) or 1
     apart = itertools.pairwise(sorted({0, *thresholds}))
     near = any(b - a <= quantum for a, b in apart)
-    return quantum // 2 if near and quantum % 2 == 0 else quantum
+    return quantum // _least_factor(quantum) if near else quantum
+
+
+def _least_factor(n: int) -> int:
+    """The least prime that divides it; 1 of 1."""
+    candidates = itertools.takewhile(lambda k: k * k <= n, itertools.count(2))
+    return next((k for k in candidates if n % k == 0), n)
 
 
 def _texts(
@@ -105,6 +125,7 @@ def _texts(
                 if value is not None
             )
             reader.offsets |= {v: {0.0} for v in n.locals}
+            reader.forms |= {v: {CONSTANT} for v in n.locals}
             contracts = [*n.assumes, *n.guarantees, *n.failsafe.values()]
             yield reader, [*contracts], [first, n.takeover or (), n.step]
         elif c.plant is not None:
@@ -132,6 +153,8 @@ class _Reader:
         """Locals that something is put into that is neither a clock nor a constant."""
         self.offsets: dict[typed.Variable, set[float]] = {}
         """Of locals: the constants, and by what the clocks in them are off, in seconds."""
+        self.forms: dict[typed.Variable, set[Form]] = {}
+        """Of locals: what clocks are put into them. The time of that step is any other one then."""
         self.thresholds: set[int] = set()
         self.open: list[Span] = []
 
@@ -154,8 +177,9 @@ class _Reader:
                 return
         self.open += [e.span for e in every] or [s.span for body in bodies for s in body[:1]]
 
-    def _known(self) -> tuple[int, int]:
-        return len(self.clocks), sum(map(len, self.offsets.values()))
+    def _known(self) -> tuple[int, int, int]:
+        offsets = sum(map(len, self.offsets.values()))
+        return len(self.clocks), offsets, sum(map(len, self.forms.values()))
 
     # ------------------------------------------------------------ statements
 
@@ -195,7 +219,11 @@ class _Reader:
                 self.open.append(value.span)
 
     def _off(self, variable: typed.Variable, value: typed.Expr) -> None:
-        """What is put into a local adds to what it may be off by."""
+        """What is put into a local adds to what it may be off by, and to what it is made of."""
+        self.forms.setdefault(variable, set()).update(
+            _form(0, plus + max(now, 0), minus + max(-now, 0))
+            for now, plus, minus in self._forms(value)
+        )
         known = self.offsets.setdefault(variable, set())
         if len(known) < OFFSETS:
             known |= self._offset(value)
@@ -246,6 +274,8 @@ class _Reader:
         if e.op in COMPARISONS:
             for a, b in itertools.product(left, right):
                 self._threshold(b - a)
+            if any(map(_is_sum, self._sums(e.left, e.right, -1))):
+                self.open.append(e.span)
             return False
         for constant in left | right:
             self._threshold(constant)
@@ -269,6 +299,27 @@ class _Reader:
                 self.open.append(e.span)
             return set(off[:OFFSETS])
         return {self._constant(e) or 0.0}
+
+    def _forms(self, e: typed.Expr) -> set[Form]:
+        """What a clock may be made of."""
+        if isinstance(e, typed.TimeRead):
+            return {(1, 0, 0)}
+        if isinstance(e, typed.AgeRead):
+            return {(1, 0, 1)}
+        if isinstance(e, typed.VarRead):
+            return self.forms.get(e.variable, {CONSTANT})
+        if isinstance(e, typed.Conditional):
+            return self._forms(e.then) | self._forms(e.otherwise)
+        if isinstance(e, typed.Binary) and e.op in {"+", "-"}:
+            return self._sums(e.left, e.right, 1 if e.op == "+" else -1)
+        return {CONSTANT}
+
+    def _sums(self, left: typed.Expr, right: typed.Expr, sign: int) -> set[Form]:
+        found: set[Form] = set()
+        for a, b in itertools.product(self._forms(left), self._forms(right)):
+            plus, minus = b[1:] if sign > 0 else (b[2], b[1])
+            found.add(_form(a[0] + sign * b[0], a[1] + plus, a[2] + minus))
+        return found
 
     def _constant(self, e: typed.Expr) -> float | None:
         """Its value, durations in seconds; None where it is no constant."""
@@ -298,4 +349,22 @@ class _Reader:
             return left - right
         if e.op == "*":
             return left * right
-        return left / right if right else None
+        return _quotient(e, left, right) if right else None
+
+
+def _quotient(e: typed.Binary, left: float, right: float) -> float:
+    """Of whole numbers, and of whole nanoseconds, what is left of it in the language."""
+    if isinstance(e.type, DurationType):
+        return math.trunc(round(left * 1e9) / right) / 1e9
+    return float(math.trunc(left / right)) if isinstance(e.type, IntType) else left / right
+
+
+def _form(now: int, plus: int, minus: int) -> Form:
+    """More than `MANY` are as many, so that there are few of them."""
+    return max(-MANY, min(now, MANY)), min(plus, MANY), min(minus, MANY)
+
+
+def _is_sum(form: Form) -> bool:
+    """Whether it is more than one time less another one."""
+    now, plus, minus = form
+    return plus + max(now, 0) >= MANY or minus + max(-now, 0) >= MANY

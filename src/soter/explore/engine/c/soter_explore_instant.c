@@ -256,7 +256,8 @@ static void run_row(soter_expander* e) {
     if (e->broke) {
       break_off(t, &e->broken);
     }
-    enough = !sort_out(e) || e->enough || (t->broke && !e->go_on); /* only ends stay, always */
+    const bool more = sort_out(e); /* of what broke, too: its middle would pass for ends */
+    enough = e->enough || (t->broke && !e->go_on) || !more;
   }
 }
 
