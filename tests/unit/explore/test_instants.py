@@ -78,3 +78,39 @@ def test_where_windows_are_no_points_every_configuration_is_stored() -> None:
     engine = engine_of("Late", skew_ns=5_000_000)
     plain = engine.explore(Settings(reduction="none", go_on=True))
     assert engine.explore(Settings(reduction="instants", go_on=True)).states == plain.states
+
+
+LARGE = """soter 1;
+type Some = int in [0, 36];
+topic x : Some;
+topic y : Some;
+topic c : bool;
+topic d : bool;
+topic z : bool;
+node A period 100ms { publishes x; step { publish x = choose [0, 36]; } }
+node B period 100ms { publishes y; step { publish y = choose [0, 36]; } }
+node C period 100ms { publishes c; step { publish c = choose bool; } }
+node D period 100ms { publishes d; step { publish d = choose bool; } }
+node E period 10ms {
+  subscribes x, y, c, d;
+  publishes z;
+  step { publish z = x == y && c && d; }
+}
+system S { node A; node B; node C; node D; node E; }
+test T { system S; horizon 15ms; always x <= 36; }
+"""
+"""The first instant is large, the second has one step."""
+
+
+@pytest.mark.parametrize("strategy", ["bfs", "dfs"])
+def test_what_an_instant_had_no_memory_for_is_not_forgotten_in_the_next(strategy: str) -> None:
+    engine = Engine(system_of_test(check_file("large.soter", LARGE), "T"))
+    whole = engine.explore(Settings(strategy=strategy, plainly=True))
+    assert whole.status == "exhausted"
+    for memory in range(1_000_000, 2_000_000, 200_000):
+        found = engine.explore(Settings(strategy=strategy, plainly=True, memory=memory))
+        assert (found.status, found.states == whole.states) in {
+            ("memory", False),
+            ("exhausted", True),
+        }
+        assert found.covered_ns == (whole.covered_ns if found.status == "exhausted" else 0)

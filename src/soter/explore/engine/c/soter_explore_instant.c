@@ -268,7 +268,8 @@ static void run_through(soter_expander* e, const uint64_t* packed) {
   }
   SOTER_CHECK(t->row.count == 0U);
   t->broke = false;
-  e->no_memory = !soter_row_put(&t->row, packed, 0U, UINT64_MAX);
+  /* what was lost before this instant stays lost: the search looks later */
+  e->no_memory = !soter_row_put(&t->row, packed, 0U, UINT64_MAX) || e->no_memory;
   t->spill = e->spill;
   t->to = e->to;
   e->spill = sort_out;
