@@ -64,3 +64,24 @@ def test_steps_remembered_with_their_times_reach_the_worlds_of_steps_that_are_ru
     if test in CHOOSES:
         assert found[False][2] < found[True][2]
     engine.close()
+
+
+FAR = """soter 1;
+topic beat : int in [0, 1];
+topic other : int in [0, 1];
+topic out : int in [0, 1];
+node Beat period 8589934594ns { publishes beat; step { publish beat = 1; } }
+node Tiny period 8589934594ns phase 1ns { publishes other; step { publish other = 1; } }
+node Dog period 4294967297ns { publishes out; step { publish out = 1; } }
+system S { node Beat; node Tiny; node Dog; }
+test T { system S; horizon 5s; never age(beat) > 2.0; }
+"""
+"""Before the last step 2^32 ticks of 1 ns pass."""
+
+
+@pytest.mark.parametrize("plainly", [False, True])
+def test_ticks_between_two_steps_may_be_more_than_32_bits_tell(plainly: bool) -> None:
+    engine = Engine(system_of_test(check_file("far.soter", FAR), "T"))
+    assert engine.plan.tick_ns == 1
+    assert engine.explore(Settings(plainly=plainly)).status == "violated"
+    engine.close()

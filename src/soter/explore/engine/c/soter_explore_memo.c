@@ -36,7 +36,7 @@ typedef struct {
 /* A move by the schedule: who, and the schedule's bits after it. */
 typedef struct {
   uint32_t actor, number; /* of its moves */
-  uint32_t later;         /* ticks from now */
+  uint64_t later;         /* ticks from now */
   bool lost, first;       /* first release of a plant: reads more than its bits */
   bool ends;              /* the instant is over then */
   bool seen;              /* what comes of it is observable */
@@ -53,7 +53,7 @@ typedef struct {
 typedef struct {
   uint64_t* packed; /* [OLDER * words] */
   uint64_t turn[OLDER];
-  uint32_t later[OLDER];
+  uint64_t later[OLDER];
 } olders;
 
 struct soter_memo {
@@ -235,12 +235,12 @@ SPECIAL void make_older(const soter_model* m, const uint64_t* packed, uint64_t t
 
 /* The world that is expanded, so many ticks later: several moves happen at one time. */
 SPECIAL const uint64_t* older(struct soter_memo* memo, const soter_model* m, const uint64_t* packed,
-                              uint32_t later, const uint32_t words) {
+                              uint64_t later, const uint32_t words) {
   if (later == 0U || m->ageings == 0U) {
     return packed;
   }
   olders* const o = &memo->older;
-  const uint32_t i = later % OLDER;
+  const uint32_t i = (uint32_t)(later % OLDER);
   uint64_t* const to = o->packed + (size_t)i * words;
   if (o->turn[i] != memo->turn || o->later[i] != later) {
     make_older(m, packed, later, to, words);
@@ -295,7 +295,7 @@ static bool add_plan(soter_expander* e, struct soter_memo* memo, const soter_mov
   }
   p->actor = move->actor;
   p->number = n;
-  p->later = (uint32_t)((move->time - soter_later(now, 0)) / m->tick_ns);
+  p->later = (uint64_t)((move->time - soter_later(now, 0)) / m->tick_ns);
   p->lost = move->kind == SOTER_SKIPPED;
   p->first = is_first(m, move);
   p->seen = soter_is_observable(x);
