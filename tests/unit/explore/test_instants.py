@@ -51,6 +51,31 @@ def test_a_trace_between_ends_has_all_its_steps(test: str, reduction: str, strat
     assert broken == found.broken
 
 
+BREAKS = """soter 1;
+topic x : int in [0, 3];
+topic y : int in [0, 3];
+node A period 10ms { publishes x; guarantees x != 3; step { publish x = choose { 0, 3 }; } }
+node B period 10ms { subscribes x; publishes y; step { publish y = x; } }
+system S { node A; node B; }
+test T { system S; horizon 30ms; always y <= 3; }
+"""
+
+
+@pytest.mark.parametrize("strategy", ["bfs", "dfs"])
+@pytest.mark.parametrize("reduction", ["instants", "groups", "all"])
+@pytest.mark.parametrize("plainly", [False, True])
+def test_where_a_step_breaks_a_contract_the_middle_of_its_instant_is_not_stored(
+    strategy: str, reduction: str, plainly: bool
+) -> None:
+    engine = Engine(system_of_test(check_file("breaks.soter", BREAKS), "T"))
+    how = Settings(strategy=strategy, reduction=reduction, plainly=plainly)
+    stored = []
+    for go_on in (True, False):
+        assert engine.explore(replace(how, keep=True, go_on=go_on)).status == "violated"
+        stored.append({w.tobytes() for w in engine.worlds()})
+    assert stored[1] <= stored[0]
+
+
 def test_far_fewer_are_stored_and_as_many_steps_counted() -> None:
     system = system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside")
     assert system.test is not None

@@ -256,7 +256,9 @@ static void run_row(soter_expander* e) {
     if (e->broke) {
       break_off(t, &e->broken);
     }
-    enough = e->enough || (t->broke && !e->go_on) || !sort_out(e);
+    /* also where that was the last one: what lies in the middle is never given to the search */
+    const bool more = sort_out(e);
+    enough = e->enough || (t->broke && !e->go_on) || !more;
   }
 }
 
