@@ -85,3 +85,21 @@ def test_ticks_between_two_steps_may_be_more_than_32_bits_tell(plainly: bool) ->
     assert engine.plan.tick_ns == 1
     assert engine.explore(Settings(plainly=plainly)).status == "violated"
     engine.close()
+
+
+LONG = """soter 1;
+topic x: int in [0, 3];
+node A period 1ms { publishes x; step { publish x = choose [0, 3]; } }
+system S { node A; }
+test T { system S; horizon 60s; always x <= 3; }
+"""
+"""Every instant has a schedule of its own."""
+
+
+def test_what_there_is_no_memory_to_remember_takes_none() -> None:
+    engine = Engine(system_of_test(check_file("long.soter", LONG), "T"))
+    for reduction in ("groups", "all"):
+        found = engine.explore(Settings(reduction=reduction, memory=2**24))
+        assert (found.status, found.states) == ("exhausted", 4 * 60_001 + 1)
+        assert found.total_bytes < 2**23
+    engine.close()

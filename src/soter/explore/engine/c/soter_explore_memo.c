@@ -90,12 +90,17 @@ uint64_t soter_memo_bytes(const struct soter_memo* memo) {
   return bytes;
 }
 
+/* Whether a map may have one more entry; it may have to grow. */
+static bool may_put(const struct soter_memo* memo, const map* m) {
+  return m->used * 2U < m->slots ||
+         soter_memo_bytes(memo) + 2U * map_bytes(m, memo->words) <= memo->memory;
+}
+
 /* False: there is no memory for more. */
 static bool map_put(const struct soter_memo* memo, map* m, const uint64_t* packed,
                     const uint64_t* mask, uint64_t number) {
   const uint32_t words = memo->words;
-  if (m->used * 2U >= m->slots &&
-      (soter_memo_bytes(memo) + 2U * map_bytes(m, words) > memo->memory || !map_grow(m, words))) {
+  if (!may_put(memo, m) || (m->used * 2U >= m->slots && !map_grow(m, words))) {
     return false;
   }
   uint64_t* const at = slot_of(m, packed, mask, words);
@@ -307,7 +312,8 @@ static bool add_plan(soter_expander* e, struct soter_memo* memo, const soter_mov
 }
 
 /* Which moves there are in `here`, which is unpacked and looked at. False: there is no memory, or
- * schedules seldom come back, so that looking them up gains nothing. */
+ * schedules seldom come back, so that looking them up gains nothing; nothing is kept then, as it
+ * would be asked for again and again. */
 static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const uint64_t* packed) {
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
@@ -315,7 +321,8 @@ static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const u
   const bool observable = now >= 0 && x->limit > now;
   const uint64_t enabled = soter_enabled(x);
   calendar c = {memo->plans.count, 0U, soter_ample(x, enabled), observable, enabled == 0U};
-  bool fine = memo->when.used < FEW || memo->when.used <= memo->turn / 2U;
+  bool fine = (memo->when.used < FEW || memo->when.used <= memo->turn / 2U) &&
+              may_put(memo, &memo->when) && !is_too_large(memo);
   for (uint32_t a = 0; fine && a < m->actors; a++) {
     soter_move move;
     for (uint32_t n = 0; fine && soter_move_of(x, a, n, &move); n++) {
