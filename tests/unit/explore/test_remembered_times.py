@@ -89,9 +89,11 @@ def test_ticks_between_two_steps_may_be_more_than_32_bits_tell(plainly: bool) ->
 
 LONG = """soter 1;
 topic x: int in [0, 3];
+topic y: int in [0, 3];
 node A period 1ms { publishes x; step { publish x = choose [0, 3]; } }
-system S { node A; }
-test T { system S; horizon 60s; always x <= 3; }
+node B period 1ms { publishes y; step { publish y = choose [0, 3]; } }
+system S { node A; node B; }
+test T { system S; horizon 30s; always x + y <= 6; }
 """
 """Every instant has a schedule of its own."""
 
@@ -100,6 +102,6 @@ def test_what_there_is_no_memory_to_remember_takes_none() -> None:
     engine = Engine(system_of_test(check_file("long.soter", LONG), "T"))
     for reduction in ("groups", "all"):
         found = engine.explore(Settings(reduction=reduction, memory=2**24))
-        assert (found.status, found.states) == ("exhausted", 4 * 60_001 + 1)
+        assert (found.status, found.states) == ("exhausted", 16 * 30_001 + 1)
         assert found.total_bytes < 2**23
     engine.close()
