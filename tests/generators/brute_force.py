@@ -477,9 +477,11 @@ class BruteForce:
         broken: list[Broken] = []
         if observable:
             found.observed.add(self.sees.projection(w))
-            for p in self.instants:
-                if not self._kept(self.conditions[p.index], w.c, p.kind == "always"):
-                    broken.append(("property", p.index))
+            broken += [
+                ("property", p.index)
+                for p in self.instants
+                if not self._kept(self.conditions[p.index], w.c, p.kind == "always")
+            ]
         for i, t in enumerate(self.plan.timed):
             owed = w.due[i]
             if t.kind == "invariant":

@@ -149,8 +149,10 @@ class WorldEmitter:
         return p
 
     def _schedule(self, p: Packing) -> None:
-        """How many releases every actor has made, relative to how many it must have made; then
-        how many of them were lost."""
+        """How many releases every actor has made, relative to how many it must have made.
+
+        Then how many of them were lost.
+        """
         shared: dict[tuple[int, int, int], c.CExpr] = {}
         for i, a in enumerate(self.plan.actors):
             key = (self._ticks(a.window_ns), self._ticks(a.phase_ns), self._ticks(a.period_ns))
