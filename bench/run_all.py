@@ -211,7 +211,7 @@ BENCHMARKS = (
         "soter test: tests that judge nothing, and times off the grid",
         ("bench/testing_vacuous.py",),
         "Each test would be clean for want of looking. Those that compare times are searched on "
-        "the grid that soter chooses and on one of half a millisecond.",
+        "the grid that soter chooses and on one of a quarter of a millisecond.",
     ),
     Benchmark(
         "soter test: wide steps",

@@ -13,6 +13,7 @@ from __future__ import annotations
 
 import argparse
 import json
+import math
 import sys
 import time
 from collections import Counter
@@ -63,7 +64,8 @@ def main() -> int:
         ends += told.ends
         joined += told.joined
         largest = max(largest, len(s.found.configurations))
-    rows = [(r, f"{states[r]:,}", f"{states[r] / states['none']:.2f}") for r in REDUCTIONS]
+    whole = states["none"] or math.nan  # no program may be clean
+    rows = [(r, f"{states[r]:,}", f"{states[r] / whole:.2f}") for r in REDUCTIONS]
     print(table(("reduction", "configurations of the clean programs", "share"), rows))
     found = ", ".join(f"{what} {n}" for what, n in sorted(kinds.items()))
     print(

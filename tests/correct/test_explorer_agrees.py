@@ -30,6 +30,8 @@ INSTANTS = int(os.environ.get("SOTER_EXPLORED_INSTANTS", "36"))
 FAST = ("-O0",)
 APART = (48, 212, 269, 304)
 """Programs that a wrong reduction of ours got wrong."""
+BROKEN = (108, 20076)
+"""A contract is broken where others move in the same instant; two properties fail at once."""
 
 
 def seeds(chunk: int) -> list[int]:
@@ -47,6 +49,13 @@ def test_explorer_and_enumerator_agree(chunk: int) -> None:
             continue
         told = compared(s, FAST)
         assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
+
+
+@pytest.mark.parametrize("seed", BROKEN)
+def test_they_agree_on_what_is_violated_first_and_with_what(seed: int) -> None:
+    s = small(seed)
+    assert s is not None
+    assert not compared(s, FAST).complaints, s.text
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))

@@ -159,8 +159,9 @@ class Move:
 class Found:
     """What the enumeration found.
 
-    `least`: per violation the moves of the shortest execution that ends in it. `observed`: what
-    the properties read, over all observable configurations, which are `ends`.
+    `least`: per violation the moves of the shortest execution that ends in it. `together`: moves,
+    and all that is violated where these end. `observed`: what the properties read, over all
+    observable configurations, which are `ends`.
     """
 
     configurations: set[Canonical] = field(default_factory=set)
@@ -168,6 +169,7 @@ class Found:
     observed: set[Canonical] = field(default_factory=set)
     transitions: int = 0
     least: dict[Broken, int] = field(default_factory=dict)
+    together: set[tuple[int, frozenset[Broken]]] = field(default_factory=set)
 
     @property
     def verdict(self) -> str:
@@ -179,9 +181,21 @@ class Found:
         """Moves of the shortest violating execution."""
         return min(self.least.values(), default=None)
 
-    def blame(self, broken: Broken, moves: int) -> None:
-        """Remember a violation; the search is breadth first, so the first is the shortest."""
-        self.least.setdefault(broken, moves)
+    def shortest_to(self) -> dict[Broken, int]:
+        """The same as `least`, also of what is violated together with what counts."""
+        found: dict[Broken, int] = {}
+        for moves, some in sorted(self.together, key=lambda both: both[0]):
+            for broken in some:
+                found.setdefault(broken, moves)
+        return found
+
+    def blame(self, broken: list[Broken], moves: int) -> None:
+        """Remember what is violated at once, of which the first counts.
+
+        The search is breadth first, so the first one met is the shortest.
+        """
+        self.least.setdefault(broken[0], moves)
+        self.together.add((moves, frozenset(broken)))
 
 
 # ---------------------------------------------------------------- the test, made ready
@@ -243,10 +257,10 @@ class BruteForce:
             if self.observable(w):
                 found.ends.add(self.canonical(w))
             broken = self._judged(w, found)
-            if broken is None:
-                todo.append((w, moves))
-            else:
+            if broken:
                 found.blame(broken, moves)
+            else:
+                todo.append((w, moves))
 
         for w in self._births():
             reach(w, 0)
@@ -259,7 +273,7 @@ class BruteForce:
                         raise TooLargeError
                     if after is None:
                         assert broken is not None
-                        found.blame(broken, moves + 1)
+                        found.blame([broken], moves + 1)
                     else:
                         reach(after, moves + 1)
         return found
@@ -457,22 +471,26 @@ class BruteForce:
                 due[i] = deadline if deadline <= self.plan.horizon_ns else None
         return replace(w, due=tuple(due))
 
-    def _judged(self, w: World, found: Found) -> Broken | None:
-        """The first violation in a configuration."""
+    def _judged(self, w: World, found: Found) -> list[Broken]:
+        """All violations in a configuration, the one that counts first."""
         observable = self.observable(w)
+        broken: list[Broken] = []
         if observable:
             found.observed.add(self.sees.projection(w))
-            for p in self.instants:
-                if not self._kept(self.conditions[p.index], w.c, p.kind == "always"):
-                    return "property", p.index
+            broken += [
+                ("property", p.index)
+                for p in self.instants
+                if not self._kept(self.conditions[p.index], w.c, p.kind == "always")
+            ]
         for i, t in enumerate(self.plan.timed):
             owed = w.due[i]
             if t.kind == "invariant":
-                if observable and self._invariant_fails(w, i):
-                    return "timed", i
-            elif owed is not None and (owed < w.c.ct or self.is_last(w)):
-                return "timed", i
-        return None
+                fails = observable and self._invariant_fails(w, i)
+            else:
+                fails = owed is not None and (owed < w.c.ct or self.is_last(w))
+            if fails:
+                broken.append(("timed", i))
+        return broken
 
     def _invariant_fails(self, w: World, i: int) -> bool:
         number = self.plan.timed[i].module

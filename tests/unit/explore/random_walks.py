@@ -103,7 +103,7 @@ def walk(system: System, seed: int, longest: int = 10_000) -> Walk:
         if after is not None:
             world = after
             there.append(world.c)
-            broken = brute._judged(world, _Nothing())  # type: ignore[arg-type]
+            broken = next(iter(brute._judged(world, _Nothing())), None)  # type: ignore[arg-type]
     return Walk(_trace(system, broken, steps), broken, [c.Topics for c in there], there)
 
 

@@ -53,6 +53,31 @@ def test_a_trace_between_ends_has_all_its_steps(test: str, reduction: str, strat
     assert broken == found.broken
 
 
+BREAKS = """soter 1;
+topic x : int in [0, 3];
+topic y : int in [0, 3];
+node A period 10ms { publishes x; guarantees x != 3; step { publish x = choose { 0, 3 }; } }
+node B period 10ms { subscribes x; publishes y; step { publish y = x; } }
+system S { node A; node B; }
+test T { system S; horizon 30ms; always y <= 3; }
+"""
+
+
+@pytest.mark.parametrize("strategy", ["bfs", "dfs"])
+@pytest.mark.parametrize("reduction", ["instants", "groups", "all"])
+@pytest.mark.parametrize("plainly", [False, True])
+def test_where_a_step_breaks_a_contract_the_middle_of_its_instant_is_not_stored(
+    strategy: str, reduction: str, plainly: bool
+) -> None:
+    engine = Engine(system_of_test(check_file("breaks.soter", BREAKS), "T"))
+    how = Settings(strategy=strategy, reduction=reduction, plainly=plainly)
+    stored = []
+    for go_on in (True, False):
+        assert engine.explore(replace(how, keep=True, go_on=go_on)).status == "violated"
+        stored.append({w.tobytes() for w in engine.worlds()})
+    assert stored[1] <= stored[0]
+
+
 def test_far_fewer_are_stored_and_as_many_steps_counted() -> None:
     system = system_of_test(check_file(str(EXAMPLES / "two_modules.soter")), "BothStayInside")
     assert system.test is not None
@@ -111,3 +136,39 @@ def test_what_a_broken_contract_leaves_in_the_middle_is_not_stored(
     decoder = Decoder(judge, engine.plan)
     worlds = [decoder.world(w.tobytes()) for w in engine.worlds()]
     assert all(w.c.ct < 0 or judge.observable(w) for w in worlds)
+
+
+LARGE = """soter 1;
+type Some = int in [0, 36];
+topic x : Some;
+topic y : Some;
+topic c : bool;
+topic d : bool;
+topic z : bool;
+node A period 100ms { publishes x; step { publish x = choose [0, 36]; } }
+node B period 100ms { publishes y; step { publish y = choose [0, 36]; } }
+node C period 100ms { publishes c; step { publish c = choose bool; } }
+node D period 100ms { publishes d; step { publish d = choose bool; } }
+node E period 10ms {
+  subscribes x, y, c, d;
+  publishes z;
+  step { publish z = x == y && c && d; }
+}
+system S { node A; node B; node C; node D; node E; }
+test T { system S; horizon 15ms; always x <= 36; }
+"""
+"""The first instant is large, the second has one step."""
+
+
+@pytest.mark.parametrize("strategy", ["bfs", "dfs"])
+def test_what_an_instant_had_no_memory_for_is_not_forgotten_in_the_next(strategy: str) -> None:
+    engine = Engine(system_of_test(check_file("large.soter", LARGE), "T"))
+    whole = engine.explore(Settings(strategy=strategy, plainly=True))
+    assert whole.status == "exhausted"
+    for memory in range(1_000_000, 2_000_000, 200_000):
+        found = engine.explore(Settings(strategy=strategy, plainly=True, memory=memory))
+        assert (found.status, found.states == whole.states) in {
+            ("memory", False),
+            ("exhausted", True),
+        }
+        assert found.covered_ns == (whole.covered_ns if found.status == "exhausted" else 0)

@@ -133,3 +133,23 @@ def test_other_searches_join_nothing(changed: dict[str, str]) -> None:
     engine = engine_of(walkers(BOTH + "always a < 9 || b < 3;"))
     assert Joined.fits(engine, Settings())
     assert not Joined.fits(engine, Settings(**changed))  # type: ignore[arg-type]
+
+
+LONG = """soter 1;
+type Small = int in [0, 3];
+topic x: Small;
+topic y: Small;
+node A period 1ms { publishes x; step { publish x = choose [0, 3]; } }
+node B period 1ms { publishes y; step { publish y = choose [0, 3]; } }
+system S { node A; node B; }
+test T { system S; horizon 60s; always x + y <= 6; }
+"""
+"""Few configurations at a time, and very many times."""
+
+
+def test_where_what_is_noted_is_too_much_the_parts_are_joined_as_others_are() -> None:
+    system = system_of_test(check_file("long.soter", LONG), "T")
+    for memory, parts in ((2**24, 1), (2**26, 2)):
+        with Search(system, Options(memory=memory)) as search:
+            assert search.run().status == "exhausted"
+            assert search.parts == parts

@@ -64,3 +64,44 @@ def test_steps_remembered_with_their_times_reach_the_worlds_of_steps_that_are_ru
     if test in CHOOSES:
         assert found[False][2] < found[True][2]
     engine.close()
+
+
+FAR = """soter 1;
+topic beat : int in [0, 1];
+topic other : int in [0, 1];
+topic out : int in [0, 1];
+node Beat period 8589934594ns { publishes beat; step { publish beat = 1; } }
+node Tiny period 8589934594ns phase 1ns { publishes other; step { publish other = 1; } }
+node Dog period 4294967297ns { publishes out; step { publish out = 1; } }
+system S { node Beat; node Tiny; node Dog; }
+test T { system S; horizon 5s; never age(beat) > 2.0; }
+"""
+"""Before the last step 2^32 ticks of 1 ns pass."""
+
+
+@pytest.mark.parametrize("plainly", [False, True])
+def test_ticks_between_two_steps_may_be_more_than_32_bits_tell(plainly: bool) -> None:
+    engine = Engine(system_of_test(check_file("far.soter", FAR), "T"))
+    assert engine.plan.tick_ns == 1
+    assert engine.explore(Settings(plainly=plainly)).status == "violated"
+    engine.close()
+
+
+LONG = """soter 1;
+topic x: int in [0, 3];
+topic y: int in [0, 3];
+node A period 1ms { publishes x; step { publish x = choose [0, 3]; } }
+node B period 1ms { publishes y; step { publish y = choose [0, 3]; } }
+system S { node A; node B; }
+test T { system S; horizon 30s; always x + y <= 6; }
+"""
+"""Every instant has a schedule of its own."""
+
+
+def test_what_there_is_no_memory_to_remember_takes_none() -> None:
+    engine = Engine(system_of_test(check_file("long.soter", LONG), "T"))
+    for reduction in ("groups", "all"):
+        found = engine.explore(Settings(reduction=reduction, memory=2**24))
+        assert (found.status, found.states) == ("exhausted", 16 * 30_001 + 1)
+        assert found.total_bytes < 2**23
+    engine.close()

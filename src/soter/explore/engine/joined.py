@@ -73,6 +73,8 @@ class Joined:
                 left = max(until - time.perf_counter(), 0.0)
                 found.append(self._explore(part, Noted(self._mask(part), self._share), left))
                 kept.append(engine.take_kept())
+                if found[-1].status == "memory":  # of what is noted, perhaps: it has a share of it
+                    return None
                 if found[-1].status != "exhausted":
                     return self._completed(found, part)
             for joint in self._loose.joints:

@@ -667,7 +667,8 @@ static void be_born(layered* all) {
   all->born = true;
   soter_expand_birth(&w->expander);
   (void)take_births(w);
-  all->born = all->born && !over(w) && !w->expander.place.cut && !w->expander.no_memory;
+  w->full = w->full || w->expander.no_memory;
+  all->born = all->born && !over(w) && !w->expander.place.cut;
   w->expander.spill = take_away;
   for (uint32_t k = 0; k < all->threads; k++) {
     turn_over(&all->w[k]);

@@ -165,6 +165,15 @@ static void expand_top(soter_stack* t, uint64_t* top) {
   (void)take_away(t);
 }
 
+/* Whether heirs of the world just expanded may be missing: the search ends there, as no later one
+ * may hide it. */
+static bool is_cut(soter_stack* t) {
+  if (t->status == SOTER_EXHAUSTED && (t->full || t->expander.no_memory)) {
+    t->status = SOTER_MEMORY;
+  }
+  return t->status != SOTER_EXHAUSTED;
+}
+
 void soter_stack_run(soter_stack* t, uint32_t bound) {
   uint32_t depth = 0U;
   soter_expand_birth(&t->expander);
@@ -193,8 +202,7 @@ void soter_stack_run(soter_stack* t, uint32_t bound) {
       (void)write_way(t);
       return;
     }
-    if (t->full) {
-      t->status = SOTER_MEMORY;
+    if (is_cut(t)) {
       return;
     }
   }
@@ -224,7 +232,6 @@ void soter_stack_sum_up(soter_stack* t, soter_explore_result* r) {
                 : t->expander.place.too_many ? SOTER_CHOOSY
                                              : t->status;
   }
-  r->covered_ns = soter_later(r->covered_ns, covered(t));
   r->covered_ns = soter_later(r->covered_ns, covered(t));
   r->status = t->broke ? SOTER_VIOLATED : t->status;
   r->broken = t->broken;

@@ -256,7 +256,8 @@ static void run_row(soter_expander* e) {
     if (e->broke) {
       break_off(t, &e->broken);
     }
-    const bool more = sort_out(e); /* of what broke, too: its middle would pass for ends */
+    /* also where that was the last one: what lies in the middle is never given to the search */
+    const bool more = sort_out(e);
     enough = e->enough || (t->broke && !e->go_on) || !more;
   }
 }
@@ -269,7 +270,8 @@ static void run_through(soter_expander* e, const uint64_t* packed) {
   }
   SOTER_CHECK(t->row.count == 0U);
   t->broke = false;
-  e->no_memory = !soter_row_put(&t->row, packed, 0U, UINT64_MAX);
+  /* what was lost before this instant stays lost: the search looks later */
+  e->no_memory = !soter_row_put(&t->row, packed, 0U, UINT64_MAX) || e->no_memory;
   t->spill = e->spill;
   t->to = e->to;
   e->spill = sort_out;

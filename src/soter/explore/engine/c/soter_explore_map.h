@@ -31,6 +31,9 @@ typedef struct {
 } list;
 
 SOTER_INLINE void* push(list* l, uint32_t many) {
+  if (many > UINT32_MAX / 2U - l->count) {
+    return NULL; /* more than numbers of items tell apart */
+  }
   if (l->count + many > l->room) {
     uint32_t room = l->room == 0U ? 256U : l->room * 2U;
     while (room < l->count + many) {

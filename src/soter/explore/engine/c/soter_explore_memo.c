@@ -36,7 +36,7 @@ typedef struct {
 /* A move by the schedule: who, and the schedule's bits after it. */
 typedef struct {
   uint32_t actor, number; /* of its moves */
-  uint32_t later;         /* ticks from now */
+  uint64_t later;         /* ticks from now */
   bool lost, first;       /* first release of a plant: reads more than its bits */
   bool ends;              /* the instant is over then */
   bool seen;              /* what comes of it is observable */
@@ -53,7 +53,7 @@ typedef struct {
 typedef struct {
   uint64_t* packed; /* [OLDER * words] */
   uint64_t turn[OLDER];
-  uint32_t later[OLDER];
+  uint64_t later[OLDER];
 } olders;
 
 struct soter_memo {
@@ -90,12 +90,17 @@ uint64_t soter_memo_bytes(const struct soter_memo* memo) {
   return bytes;
 }
 
+/* Whether a map may have one more entry; it may have to grow. */
+static bool may_put(const struct soter_memo* memo, const map* m) {
+  return m->used * 2U < m->slots ||
+         soter_memo_bytes(memo) + 2U * map_bytes(m, memo->words) <= memo->memory;
+}
+
 /* False: there is no memory for more. */
 static bool map_put(const struct soter_memo* memo, map* m, const uint64_t* packed,
                     const uint64_t* mask, uint64_t number) {
   const uint32_t words = memo->words;
-  if (m->used * 2U >= m->slots &&
-      (soter_memo_bytes(memo) + 2U * map_bytes(m, words) > memo->memory || !map_grow(m, words))) {
+  if (!may_put(memo, m) || (m->used * 2U >= m->slots && !map_grow(m, words))) {
     return false;
   }
   uint64_t* const at = slot_of(m, packed, mask, words);
@@ -235,12 +240,12 @@ SPECIAL void make_older(const soter_model* m, const uint64_t* packed, uint64_t t
 
 /* The world that is expanded, so many ticks later: several moves happen at one time. */
 SPECIAL const uint64_t* older(struct soter_memo* memo, const soter_model* m, const uint64_t* packed,
-                              uint32_t later, const uint32_t words) {
+                              uint64_t later, const uint32_t words) {
   if (later == 0U || m->ageings == 0U) {
     return packed;
   }
   olders* const o = &memo->older;
-  const uint32_t i = later % OLDER;
+  const uint32_t i = (uint32_t)(later % OLDER);
   uint64_t* const to = o->packed + (size_t)i * words;
   if (o->turn[i] != memo->turn || o->later[i] != later) {
     make_older(m, packed, later, to, words);
@@ -295,7 +300,7 @@ static bool add_plan(soter_expander* e, struct soter_memo* memo, const soter_mov
   }
   p->actor = move->actor;
   p->number = n;
-  p->later = (uint32_t)((move->time - soter_later(now, 0)) / m->tick_ns);
+  p->later = (uint64_t)((move->time - soter_later(now, 0)) / m->tick_ns);
   p->lost = move->kind == SOTER_SKIPPED;
   p->first = is_first(m, move);
   p->seen = soter_is_observable(x);
@@ -307,7 +312,8 @@ static bool add_plan(soter_expander* e, struct soter_memo* memo, const soter_mov
 }
 
 /* Which moves there are in `here`, which is unpacked and looked at. False: there is no memory, or
- * schedules seldom come back, so that looking them up gains nothing. */
+ * schedules seldom come back, so that looking them up gains nothing; nothing is kept then, as it
+ * would be asked for again and again. */
 static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const uint64_t* packed) {
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
@@ -315,7 +321,8 @@ static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const u
   const bool observable = now >= 0 && x->limit > now;
   const uint64_t enabled = soter_enabled(x);
   calendar c = {memo->plans.count, 0U, soter_ample(x, enabled), observable, enabled == 0U};
-  bool fine = memo->when.used < FEW || memo->when.used <= memo->turn / 2U;
+  bool fine = (memo->when.used < FEW || memo->when.used <= memo->turn / 2U) &&
+              may_put(memo, &memo->when) && !is_too_large(memo);
   for (uint32_t a = 0; fine && a < m->actors; a++) {
     soter_move move;
     for (uint32_t n = 0; fine && soter_move_of(x, a, n, &move); n++) {
