@@ -424,10 +424,8 @@ static void decide(layered* all) {
   all->whole = is_whole(all);
   all->s->progress->covered_ns = covered(all);
   const bool ends = all->status != SOTER_EXHAUSTED;
-  all->done = all->done || ends || (all->whole && soter_layers_waiting(all) == 0U);
-  if (all->whole && !all->done) {
-    all->done = soter_closed_look(all, covered(all));
-  }
+  all->done = all->done || ends || (all->whole && soter_layers_waiting(all) == 0U) ||
+              soter_closed_look(all);
   all->depth += all->whole || ends ? 1U : 0U;
   count_steps(all);
 }

@@ -122,9 +122,8 @@ SOTER_INLINE uint64_t soter_layers_waiting(const layered* all) {
 /* Before the search, when all workers are open, and after it. */
 void soter_closed_open(layered* all);
 void soter_closed_close(layered* all);
-/* After a layer was expanded to its end, while nobody works; the next one has this time. Whether
- * all that comes was there before. */
-bool soter_closed_look(layered* all, int64_t next_ns);
+/* While nobody works, and there is more to expand: whether all of that was there before. */
+bool soter_closed_look(layered* all);
 /* A worker begins a layer: `before`. Whether what it expanded last, `store`, was taken away. */
 bool soter_closed_turn(worker* w);
 

@@ -21,30 +21,40 @@ static int64_t gcd(int64_t a, int64_t b) {
   return a;
 }
 
+/* Whether it is a search whose layers may be compared, and that nobody wants to see all of. */
+static bool may_close(const layered* all) {
+  const soter_explore_options* const o = all->s->o;
+  const bool plain = o->noted == NULL && o->goal == NULL && !o->go_on && o->knowns == 0U;
+  return o->closes && all->tables && !o->keep && plain && all->w[0].expander.instant != NULL;
+}
+
+/* One more actor has a beginning; false: there are no two before the end. */
+static bool begins_with(soter_closing* c, const soter_actor* a, int64_t horizon_ns) {
+  const int64_t part = a->period_ns / gcd(c->every_ns, a->period_ns);
+  SOTER_CHECK(c->every_ns > 0);
+  if (part > horizon_ns / c->every_ns) {
+    return false;
+  }
+  c->from_ns = soter_later(c->from_ns, a->phase_ns);
+  c->every_ns *= part;
+  return true;
+}
+
 void soter_closed_open(layered* all) {
   const soter_model* const m = all->s->m;
-  const soter_explore_options* const o = all->s->o;
+  const uint64_t actors = all->s->o->actors;
   soter_closing* const c = &all->closing;
-  bool may = o->closes && all->tables && !o->keep && o->noted == NULL && o->goal == NULL &&
-             !o->go_on && o->knowns == 0U && all->w[0].expander.instant != NULL;
+  c->on = may_close(all);
   c->every_ns = 1;
   c->last_ns = m->horizon_ns;
-  for (uint32_t i = 0; may && i < m->actors; i++) {
-    const soter_actor* const a = &m->actor[i];
-    if (o->actors == 0U || i >= 64U || (o->actors >> i & 1U) != 0U) {
-      const int64_t part = a->period_ns / gcd(c->every_ns, a->period_ns);
-      c->from_ns = soter_later(c->from_ns, a->phase_ns);
-      may = part <= m->horizon_ns / c->every_ns; /* else no two beginnings are before the end */
-      c->every_ns *= may ? part : 1;
+  for (uint32_t i = 0; c->on && i < m->actors; i++) {
+    if (actors == 0U || i >= 64U || (actors >> i & 1U) != 0U) {
+      c->on = begins_with(c, &m->actor[i], m->horizon_ns);
     }
   }
   for (uint32_t i = 0; i < m->timeds; i++) { /* what begins later is not owed */
-    c->last_ns = m->horizon_ns - m->timed[i].within_ns < c->last_ns
-                     ? m->horizon_ns - m->timed[i].within_ns
-                     : c->last_ns;
+    c->last_ns = soter_earlier(c->last_ns, m->horizon_ns - m->timed[i].within_ns);
   }
-  SOTER_CHECK(c->every_ns > 0);
-  c->on = may;
 }
 
 void soter_closed_close(layered* all) {
@@ -95,11 +105,11 @@ static void agree(layered* all) {
   c->closed_ns = same ? c->at_ns : 0;
 }
 
-/* After a layer that was expanded to its end, before the next, whose time is `next_ns`: nobody
- * works. */
-bool soter_closed_look(layered* all, int64_t next_ns) {
+/* It looks after a layer that was expanded to its end, before the next. */
+bool soter_closed_look(layered* all) {
   soter_closing* const c = &all->closing;
-  if (!c->on) {
+  const int64_t next_ns = all->s->progress->covered_ns;
+  if (!c->on || !all->whole) {
     return false;
   }
   c->take = false;

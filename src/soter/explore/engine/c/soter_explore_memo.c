@@ -314,6 +314,12 @@ static bool add_plan(soter_expander* e, struct soter_memo* memo, const soter_mov
 /* Which moves there are in `here`, which is unpacked and looked at. False: there is no memory, or
  * schedules seldom come back, so that looking them up gains nothing; nothing is kept then, as it
  * would be asked for again and again. */
+/* Whether one more schedule is worth remembering, and there is room for it. */
+static bool may_remember(struct soter_memo* memo) {
+  return (memo->when.used < FEW || memo->when.used <= memo->turn / 2U) &&
+         may_put(memo, &memo->when) && !is_too_large(memo);
+}
+
 static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const uint64_t* packed) {
   soter_place* const x = &e->place;
   const soter_model* const m = x->m;
@@ -321,8 +327,7 @@ static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const u
   const bool observable = now >= 0 && x->limit > now;
   const uint64_t enabled = soter_enabled(x);
   calendar c = {memo->plans.count, 0U, soter_ample(x, enabled), observable, enabled == 0U};
-  bool fine = (memo->when.used < FEW || memo->when.used <= memo->turn / 2U) &&
-              may_put(memo, &memo->when) && !is_too_large(memo);
+  bool fine = may_remember(memo);
   for (uint32_t a = 0; fine && a < m->actors; a++) {
     soter_move move;
     for (uint32_t n = 0; fine && soter_move_of(x, a, n, &move); n++) {
