@@ -25,7 +25,14 @@ from soter.report.summary import table
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "tests"))
 
-from generators.empty_tests import CALCULATED, GRIDDED, NOTHING_JUDGED, UNDRIVEN, watching
+from generators.empty_tests import (
+    CALCULATED,
+    GRIDDED,
+    NOTHING_JUDGED,
+    UNDRIVEN,
+    watching,
+    with_item,
+)
 
 FINE = "quantum 250us; "
 
@@ -67,7 +74,7 @@ def look(kind: Kind, name: str, text: str, *, finer: bool) -> None:
     if clean and not own.coverage.properties.reached:
         kind.unjudged.append(name)
     if finer:
-        fine = result_of(text.replace("test T { system S; ", f"test T {{ system S; {FINE}"))
+        fine = result_of(with_item(text, FINE))
         kind.finer[word(fine)] += 1
         if clean and fine.verdict == "violated":
             kind.missed.append(name)

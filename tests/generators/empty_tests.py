@@ -151,6 +151,13 @@ CALCULATED = {
 """Where the time is calculated with: no grid is known to be enough."""
 
 
+def with_item(text: str, item: str) -> str:
+    """The program, its test with one item more: `quantum 1ms;`."""
+    head = "test T { system S; "
+    assert text.count(head) == 1, text
+    return text.replace(head, head + item)
+
+
 def watching(seed: int) -> str:
     """A random program that compares ages, the time and a timer with random thresholds."""
     dice = Random(seed)  # noqa: S311 - the same programs every time are wanted

@@ -42,7 +42,7 @@ def explore(
     html: bool,
     progress: Callable[[Looked], None] | None,
     checkpoint: str | Path | None,
-    checkpoint_every: float,
+    checkpoint_every: float | None,
     resume: str | Path | None,
     **how: Any,  # noqa: ANN401 - as `options_of` says
 ) -> ExploreReport:

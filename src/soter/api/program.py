@@ -413,7 +413,7 @@ class Program:
         all_properties: bool = False,
         time: float | None = None,
         checkpoint: str | Path | None = None,
-        checkpoint_every: float = 60.0,
+        checkpoint_every: float | None = None,
         resume: str | Path | None = None,
         progress: Callable[[Looked], None] | None = None,
         partial: bool = False,

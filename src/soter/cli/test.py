@@ -131,7 +131,6 @@ def _add_checkpoints(made: Parser) -> None:
     made.add_argument(
         "--checkpoint-every",
         type=seconds,
-        default=60.0,
         metavar="SECONDS",
         help="between two checkpoints; by default 60",
     )

@@ -163,6 +163,9 @@ def test_two_searches_do_not_write_to_one_place(program: soter.Program, tmp_path
         ({"resume": "save", "strategy": "random"}, "--seed"),
         ({"checkpoint": "save", "checkpoint_every": 0}, "`checkpoint_every` cannot be `0`"),
         ({"checkpoint": "save", "checkpoint_every": True}, "`checkpoint_every` cannot be `True`"),
+        ({"checkpoint_every": 5.0}, "`checkpoint_every` alone writes nothing"),
+        ({"checkpoint": ""}, "a checkpoint needs a folder"),
+        ({"resume": ""}, "a checkpoint needs a folder"),
     ],
 )
 def test_what_cannot_be_asked_for(how: dict[str, Any], said: str, program: soter.Program) -> None:

@@ -16,6 +16,7 @@ from generators.empty_tests import (
     judged,
     timed,
     watching,
+    with_item,
 )
 from soter.explore.command import Told, explore_test
 from soter.explore.results import Options, TestResult
@@ -41,7 +42,7 @@ def found(text: str, **options: float) -> TestResult:
 
 
 def finer(text: str) -> str:
-    return text.replace("test T { system S; ", f"test T {{ system S; {FINE}")
+    return with_item(text, FINE)
 
 
 @pytest.mark.parametrize("text", NOTHING_JUDGED.values(), ids=list(NOTHING_JUDGED))
@@ -56,7 +57,7 @@ def test_an_input_that_keeps_its_default_is_a_bound(text: str) -> None:
     result = found(text)
     assert (result.verdict, result.bound) == ("bound", "undriven")
     assert any("wish keeps its default" in line for line in result.assumptions)
-    driven = text.replace("test T { system S; ", "test T { system S; input wish every 10ms; ")
+    driven = with_item(text, "input wish every 10ms; ")
     assert found(driven).bound is None
 
 
@@ -68,7 +69,7 @@ def test_times_that_a_program_tells_apart_are_tried(text: str) -> None:
 
 @pytest.mark.parametrize("text", GRIDDED.values(), ids=list(GRIDDED))
 def test_the_grid_of_the_calendar_alone_would_miss_it(text: str) -> None:
-    coarse = text.replace("test T { system S; ", "test T { system S; quantum 10ms; ")
+    coarse = with_item(text, "quantum 10ms; ")
     result = found(coarse)
     assert result.verdict == "exhausted"
     assert result.quantum_ns == 10 * MS
@@ -80,7 +81,7 @@ def test_what_calculates_with_times_is_never_clean_on_a_grid_of_ours(text: str) 
     result = found(text)
     assert result.verdict == "violated" or result.bound == "grid"
     assert found(finer(text)).verdict == "violated"
-    coarse = text.replace("test T { system S; ", "test T { system S; quantum 5ms; ")
+    coarse = with_item(text, "quantum 5ms; ")
     assert found(coarse).bound != "grid", "who declares a grid takes it for granted"
 
 
@@ -131,7 +132,7 @@ def test_a_quarter_of_a_millisecond_finds_no_more(chunk: int) -> None:
         text = watching(seed)
         first = found(text)
         assert first.verdict in ("violated", "exhausted"), (seed, first.bound)
-        fine = text.replace("test T { system S; ", "test T { system S; quantum 250us; ")
+        fine = with_item(text, "quantum 250us; ")
         again = found(fine)
         assert again.verdict == first.verdict, (seed, text)
 

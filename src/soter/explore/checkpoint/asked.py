@@ -38,12 +38,20 @@ class Asked:
 
 
 def asked(
-    checkpoint: str | Path | None, every: float, resume: str | Path | None, options: Options
+    checkpoint: str | Path | None,
+    every: float | None,
+    resume: str | Path | None,
+    options: Options,
 ) -> Asked | None:
     """What is wanted, None: nothing; `SoterError` U001 where that cannot be."""
-    if checkpoint is None and resume is None:
-        return None
     problems: list[tuple[str, str]] = []
+    if checkpoint is None and resume is None:
+        if every is None:
+            return None
+        problems.append(("`checkpoint_every` alone writes nothing", "say where: `checkpoint`"))
+    every = EVERY_S if every is None else every
+    if "" in (checkpoint, resume):
+        problems.append(("a checkpoint needs a folder, and `` is none", "`.` is this folder"))
     if checkpoint is not None and resume is not None:
         message = "`checkpoint` begins anew and `resume` goes on: they cannot both be"
         problems.append((message, "`resume` alone writes there, too"))

@@ -474,6 +474,7 @@ static void forget_layer(worker* w) {
   const soter_search* const s = w->all->s;
   if (s->o->keep && s->o->storage == SOTER_EXACT) {
     w->kept = soter_keep(w->kept, &w->store);
+    soter_store_close(&w->store); /* where it could not be kept */
     w->full = !open_store(w, &w->store) || w->full;
   } else {
     w->full = !soter_store_empty(&w->store) || w->full;

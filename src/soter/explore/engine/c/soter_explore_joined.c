@@ -264,6 +264,7 @@ soter_explore_status soter_explore_joined(const soter_model* m, const soter_expl
   uint64_t at[SIDES];
   (void)memset(&j, 0, sizeof j);
   if (sides < 2U || sides > SIDES || !soter_place_open(&j.x, m, NULL, progress, NULL)) {
+    soter_place_close(&j.x);
     return SOTER_MEMORY;
   }
   j.m = m;

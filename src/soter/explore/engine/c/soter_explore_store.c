@@ -657,8 +657,8 @@ typedef struct kept {
 } kept;
 
 void* soter_keep(void* others, soter_store* s) {
-  kept* const k = malloc(sizeof *k);
-  if (k == NULL) {
+  kept* const k = s->segment == NULL ? NULL : malloc(sizeof *k);
+  if (k == NULL) { /* it never opened, or there is no memory: its table is closed by who has it */
     return others;
   }
   k->store = *s;
