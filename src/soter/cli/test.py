@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 EXAMPLES = """\
   soter test late_sc.soter                            every test of the file
   soter test late_sc.soter --test Late --html         with a page for the trace
-  soter test two.soter --storage fingerprint          16 bytes a configuration
+  soter test two.soter --storage fingerprint          64 bits a configuration
   soter test two.soter --strategy random --runs 1000  where it is too large
   soter test two.soter --skew 2ms --horizon 1s        in place of the test's own
   soter test two.soter --checkpoint save/             written every 60 s, and when it ends,
@@ -43,7 +43,7 @@ exit codes: 0 exhausted and clean, 3 violated, 4 a bound was reached, 1 diagnost
 """
 EXITS = {"exhausted": FINE, "violated": VIOLATED, "bound": UNDECIDED}
 PAINTS = {"exhausted": "green", "violated": "red", "bound": "yellow"}
-UNREACHED_SHOWN = 6
+UNREACHED_SHOWN, LINES_MAX = 6, 400
 
 
 def _named(names: Iterable[str], default: str, end: str) -> str:
@@ -383,7 +383,7 @@ def _trace(test: TestResult, console: Console) -> list[str]:
 
     assert test.replayed is not None
     view = view_of(test.replayed, __version__)
-    lines = text(view, color=console.color_out)
+    lines = text(view, color=console.color_out, most=LINES_MAX)
     lines.append(view.remark if test.minimal else console.paint("yellow", view.remark))
     files = (("trace", test.trace), ("page", test.page))
     return lines + [f"{kind:<6} {path}" for kind, path in files if path is not None]
@@ -401,7 +401,7 @@ def size(count: int) -> str:
     """A size: `9.6 MB`."""
     for unit, factor in (("GB", 2**30), ("MB", 2**20), ("kB", 2**10)):
         if count >= 0.9995 * factor:
-            return f"{count / factor:.3g} {unit}"
+            return f"{count / factor:.{3 if count < 999.5 * factor else 4}g} {unit}"
     return f"{count} bytes"
 
 

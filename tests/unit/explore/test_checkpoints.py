@@ -8,6 +8,7 @@ import os
 import signal
 import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -22,7 +23,6 @@ from soter.explore.checkpoint.files import HEAD, MAGIC, read
 
 if TYPE_CHECKING:
     from collections.abc import Callable
-    from pathlib import Path
 
     from soter.explore.results import Looked
 
@@ -182,8 +182,13 @@ def test_a_folder_that_cannot_be_written_is_told_before(
 
 
 def test_there_has_to_be_something_to_go_on_from(program: soter.Program) -> None:
-    del program
-    assert code_of(resumed)[0] == "D012"
+    assert "there is no such folder" in code_of(resumed)[1]
+    begun(program)
+    path = Path("save") / "T.checkpoint"
+    path.rename(path.with_name("Another.checkpoint"))
+    code, text = code_of(resumed)
+    assert code == "D012"
+    assert "no such file; those there are of Another" in text
 
 
 # ---------------------------------------------------------------- damage

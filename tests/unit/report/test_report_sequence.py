@@ -390,3 +390,30 @@ def test_steps_that_do_not_matter_are_told_and_pale() -> None:
         view, steps=tuple(dataclasses.replace(s, matters=s.number == 13) for s in view.steps)
     )
     assert "1 of 14 steps matters (13):" in "\n".join(text(many))
+
+
+def test_steps_that_matter_are_marked_where_others_do_not() -> None:
+    view = sample.large(5, 60)
+    last = len(view.steps) - 1
+    sliced = [
+        dataclasses.replace(s, matters=s.number % 3 == 0, violates=k == last)
+        for k, s in enumerate(view.steps)
+    ]
+    made = rows(dataclasses.replace(view, steps=tuple(sliced)))
+    marked = {s.number for s, row in zip(sliced, made, strict=True) if row[-1].text == "•"}
+    assert marked == {
+        s.number for s in sliced if s.matters and not s.violates and s.kind != "start"
+    }
+    assert len(marked) > 3
+    assert all(row[-1].text != "•" for row in rows(view))
+
+
+def test_of_very_many_steps_the_first_and_the_last_are_told() -> None:
+    view = sample.large(5, 60)
+    whole, cut = text(view), text(view, most=20)
+    assert len(whole) - len(cut) == len(view.steps) - 20 - 1
+    assert any(f"... {len(view.steps) - 20} steps left out" in line for line in cut)
+    told = [int(line.split()[0]) for line in cut if line.split() and line.split()[0].isdigit()]
+    numbers = [s.number for s in view.steps]
+    assert told == numbers[:5] + numbers[-15:]
+    assert text(view, most=len(view.steps)) == whole

@@ -81,7 +81,7 @@ def checkpoints(
         return [None for _ in systems]
     paths = [path_of(wanted.folder, plan_of(s).name) for s in systems]
     if wanted.resume and not any(p.exists() for p in paths):
-        raise no_checkpoint(paths[0], "no such file or directory")
+        raise _nothing_there(wanted.folder, paths[0])
     found, made = Diagnostics(), []
     for system, path in zip(systems, paths, strict=True):
         try:
@@ -92,6 +92,14 @@ def checkpoints(
     if found.has_errors:
         raise SoterError(found.items)
     return list(made)
+
+
+def _nothing_there(folder: Path, path: Path) -> SoterError:
+    others = sorted(p.stem for p in folder.glob(f"*{path.suffix}"))
+    if not folder.is_dir():
+        return no_checkpoint(path, "there is no such folder")
+    there = f"those there are of {', '.join(others)}" if others else "there is none in that folder"
+    return no_checkpoint(path, f"no such file; {there}")
 
 
 def about(system: System, options: Options, params: Mapping[str, object]) -> dict[str, object]:

@@ -127,6 +127,8 @@ class SearchResult(Generic[S]):
     """All that is observed before was judged, at least `TIME_MAX`: all there is; 0: sampling."""
     closed_ns: int = 0
     """Whatever comes after this time was there before; 0: that is not known."""
+    may_close: bool = False
+    """That was looked for in vain, of a search that came to its end."""
     stopped: str = ""
     """What ended it before its end: "interrupted" (Ctrl-C), "time" (its time was over)."""
     total_bytes: int = 0

@@ -37,7 +37,7 @@ from soter.explore.engine.joined import Joined
 from soter.explore.engine.progress import Progress
 from soter.explore.engine.shrink import Shrinker
 from soter.explore.engine.slice import Slicer
-from soter.explore.methods import EXHAUSTIVE, FALSIFY
+from soter.explore.methods import EXHAUSTIVE, FALSIFY, REDUCTIONS
 from soter.explore.results import Looked, Robustness
 from soter.explore.trace.choices import ENDING
 from soter.explore.trace.schedule import INPUT, plan_of
@@ -54,6 +54,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.engine import Searched
     from soter.explore.judge.replay import Replayed
     from soter.explore.model.parts import Part
+    from soter.explore.model.plan import Plan
     from soter.explore.results import Options
     from soter.program.model.system import System
 
@@ -290,6 +291,7 @@ class Search:
             seconds=s.seconds,
             covered_ns=s.covered_ns,
             closed_ns=s.closed_ns,
+            may_close=s.status == "exhausted" and _may_close(self._engine.plan, self.options),
             steps=tuple([self._step(raw) for raw in s.steps]),
             stopped=s.stopped,
             total_bytes=s.total_bytes,
@@ -398,6 +400,14 @@ class Search:
             if isinstance(t, IntType):
                 low, high = max(low, t.low), min(high, t.high)
             yield Leaf(leaf_name(topic.name, path), t, low, high)
+
+
+def _may_close(plan: Plan, options: Options) -> bool:
+    """Whether a search is one that looks for layers that come again (docs/testing.md, For ever)."""
+    points = all(a.window_ns == 0 and a.overrun_ns == 0 for a in plan.actors)
+    stored = options.strategy == "bfs" and options.storage == "exact"
+    ends = REDUCTIONS[options.reduction] & REDUCTIONS["instants"] != 0
+    return plan.repeats and points and stored and ends
 
 
 def _ended(counts: Mapping[str, Any]) -> Searched:

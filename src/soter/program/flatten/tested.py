@@ -243,7 +243,11 @@ class _TestElaborator(Elaborator):
         if self.partial or not self.sound:
             return
         known = [c.name for c in system.components if c.role != "plant"]
+        head, _, last = item.path.rpartition(".")
+        inside = [n for n in known if n.startswith(f"{head}.") and n.endswith(f".{last}")]
         helps = self.diagnostics.did_you_mean(item.path, known)
+        if len(inside) == 1:
+            helps = (f"of a module's controller the name has the module's in it: `{inside[0]}`",)
         if any(m.name == item.path for m in system.modules):
             helps = (f"its decision module is `{item.path}.dm`",)
         self.diagnostics.error(

@@ -102,7 +102,7 @@ def _states(c: Component, found: Inputs, diagnostics: Diagnostics) -> None:
                     "R014",
                     f"the state `{name}` moves and is no `float`",
                     variable.span,
-                    f"it is a `{t}`",
+                    f"its type is `{t}`",
                     notes=("sets are computed over floats; other states must not change",),
                     helps=("make it a `float`, or leave it to a plant that is not verified",),
                 )
@@ -125,7 +125,7 @@ def _parameter(leaf: Leaf, t: Type, span: Span, found: Inputs, diagnostics: Diag
             "R014",
             f"the parameter `{leaf.name}` has too many values",
             span,
-            f"it is a `{t}`",
+            f"its type is `{t}`",
             notes=(f"everything is proved for each of at most {PARAMETER_VALUES_MAX} values",),
             helps=("give it a range: `int in [0, 9]`",),
         )
@@ -161,7 +161,7 @@ def _not_float(what: str, name: str, t: Type, span: Span, diagnostics: Diagnosti
         "R014",
         f"the {what} `{name}` is no `float`",
         span,
-        f"it is a `{t}`",
+        f"its type is `{t}`",
         notes=("sets are computed over floats",),
     )
 

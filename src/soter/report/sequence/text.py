@@ -23,15 +23,30 @@ if TYPE_CHECKING:
     from soter.report.sequence.view import SequenceStep, SequenceView
     from soter.report.summary import Tone
 
+_NOTHING = Styled("", "plain")
+MATTERS = "•"
+"""Stands beside a step that the violation depends on, where there are others."""
 HEADERS = ("step", "time", "actor", "does", "publishes", "")
 CELL_MAX = 64
 """Columns of a terminal that one cell takes at most; the page and the log show all of it."""
 
 
-def text(view: SequenceView, *, color: bool = False, cell_max: int = CELL_MAX) -> list[str]:
-    """Return the lines to print: a table with a row a step, then why the property fails."""
-    lines = table(HEADERS, rows(view, cell_max=cell_max), color=color).splitlines()
-    said = [line for line in (explanation(view), matter_text(view)) if line]
+def text(
+    view: SequenceView, *, color: bool = False, cell_max: int = CELL_MAX, most: int = 0
+) -> list[str]:
+    """Return the lines to print: a table with a row a step, then why the property fails.
+
+    Of more than `most` steps (0: any number) the first and the last ones.
+    """
+    made = rows(view, cell_max=cell_max)
+    left_out = len(made) - most if 0 < most < len(made) else 0
+    if left_out:
+        first = most // 4
+        gap = Styled(f"... {left_out:,} steps left out", "muted")
+        made[first : first + left_out] = [[_NOTHING, _NOTHING, _NOTHING, gap, _NOTHING, _NOTHING]]
+    lines = table(HEADERS, made, color=color).splitlines()
+    matter = matter_text(view).replace(" matter:", f" matter ({MATTERS}):")
+    said = [line for line in (explanation(view), matter) if line]
     return [*lines, "", *said] if said else lines
 
 
@@ -39,8 +54,11 @@ def rows(view: SequenceView, *, cell_max: int = CELL_MAX) -> list[list[Styled]]:
     """Return the cells of each step under `HEADERS`, clipped to `cell_max` columns."""
     made: list[list[Styled]] = []
     time_ns: int | None = None
+    sliced = any(not step.matters for step in view.steps)
     for step in view.steps:
         row = _row(step, cell_max, same_time=step.time_ns == time_ns)
+        if sliced and step.matters and not step.violates and step.kind != "start":
+            row[-1] = Styled(MATTERS, "plain")
         made.append(row if step.matters else [Styled(cell.text, "muted") for cell in row])
         time_ns = step.time_ns
     return made

@@ -164,7 +164,8 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 
     def _not_constant(self, what: str, span: Span, declared: Span | None, context: Context) -> None:
         """T008, or T007 in the bound of a loop: known only when the program runs."""
-        loop = context.constant == "T007"
+        step = context.constant == "T007" and context.where == "the bound of a loop"
+        what_runs = context.constant == "T007" and not step
         self.diagnostics.error(
             context.constant or "T008",
             f"{context.where} cannot depend on {what}",
@@ -172,10 +173,12 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             "known only when the program runs",
             also=((declared, "declared here"),) if declared is not None else (),
             notes=("every step must end within a bound that is known beforehand",)
-            if loop
+            if step
             else ("it is computed when the program is compiled",),
             helps=("loop up to a constant maximum, and leave out rounds with `if` inside",)
-            if loop
+            if step
+            else ("how many there are is for a `const` to say",)
+            if what_runs
             else (),
         )
 

@@ -107,7 +107,7 @@ class Unroller:
                 yield from self._each(item.items, {**values, item.name.text: i})
 
     def _bound(self, expr: tree.Expr, values: Values) -> int:
-        return self._int(expr, values, "the bound of a loop", "T007")
+        return self._int(expr, values, f"the bound of a loop of {self.what}", "T007")
 
     @property
     def too_many(self) -> bool:
