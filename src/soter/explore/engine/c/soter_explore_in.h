@@ -291,6 +291,12 @@ SOTER_INLINE uint64_t soter_scramble(uint64_t x) {
   return x ^ (x >> 32);
 }
 
+/* Where a search in a table begins, of the product that a hash of words ends with: its high bits
+ * alone know of the highest bits of the last word. */
+SOTER_INLINE uint64_t soter_spread(uint64_t product) {
+  return ((product ^ (product >> 32)) * UINT64_C(0x9e3779b97f4a7c15)) >> 32;
+}
+
 /* memcpy of a few words: a call costs more. */
 SOTER_INLINE void soter_copy_words(uint64_t* to, const uint64_t* from, uint32_t words) {
   for (uint32_t k = 0; k < words; k++) {

@@ -119,7 +119,7 @@ static uint64_t* slot_of(const struct soter_instant* t, const uint64_t* packed) 
   for (uint32_t k = 1; k < t->words; k++) {
     h = (h ^ (h >> 29) ^ packed[k]) * UINT64_C(0x9e3779b97f4a7c15);
   }
-  uint64_t i = (h >> 24) & (t->slots - 1U);
+  uint64_t i = soter_spread(h) & (t->slots - 1U);
   for (;; i = (i + 1U) & (t->slots - 1U)) {
     uint64_t* const at = t->slot + i * t->width;
     bool same = true;
