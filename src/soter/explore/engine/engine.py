@@ -45,17 +45,8 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent / "c"
 ROOM = STEPS_MAX
 FLAGS = ("-pthread", "-DSOTER_CHECKED")
-NAMED = (
-    "soter_explore_options *",
-    "soter_explore_progress *",
-    "soter_explore_result *",
-    "soter_explore_coverage *",
-    "soter_trace_step *",
-    "soter_broken[]",
-    "uint64_t *",
-    "uint8_t *",
-    "double *",
-)
+NAMED = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
+soter_explore_coverage *, soter_trace_step *, soter_broken[], uint64_t *, uint8_t *, double *"""
 """Types that a search has: cffi reads each name once, which takes 15 ms that are no search."""
 LOOK_S = 0.1
 """Seconds between two looks at how far a search is."""
@@ -194,8 +185,8 @@ class Engine:
         self.path = library(self.generated.unit, "-O2", (*FLAGS, *extra), sources())
         self.ffi = ffi()
         self.lib = opened(self.ffi, self.path)
-        for name in NAMED:
-            self.ffi.typeof(name)
+        for name in NAMED.split(","):
+            self.ffi.typeof(name.strip())
         self.model = address(self.ffi, self.path, self.generated.symbol, "const soter_model *")
         self.bits = int(self.model.bits)
         self.words = int(self.model.words)
