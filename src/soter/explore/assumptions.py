@@ -66,7 +66,8 @@ def _all(
             f"{show_ns(found.closed_ns)} is one that came before, at the same place of the calendar"
         )
     else:
-        more = "; a longer one may show that it holds for ever" if found.may_close else ""
+        hope = found.closable and found.status == "exhausted"
+        more = "; a longer one may show that it holds for ever" if hope else ""
         yield f"nothing is said about times after the horizon, {horizon}{more}"
     yield _orders(plan.skew_ns, times)
     for name in undriven(system):

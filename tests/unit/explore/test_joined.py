@@ -100,7 +100,9 @@ def test_a_violation_of_one_part_alone_comes_first() -> None:
 def test_a_person_is_told_how_many_parts_there_are() -> None:
     text = walkers(BOTH + "always a < 9 || b < 3 || p < 9;")
     with Search(system_of_test(check_file("walkers.soter", text), "T"), Options()) as search:
-        assert search.run().status == "exhausted"
+        found = search.run()
+        assert found.status == "exhausted"
+        assert not found.closable, "no longer horizon would show that it holds for ever"
         assert search.parts == 3
 
 

@@ -33,6 +33,7 @@ COUNTS = (
     "threads",
     "covered_ns",
     "closed_ns",
+    "closable",
 )
 """What is kept of the search of a part that came to its end, besides its seconds."""
 NOTHING_TO_WRITE = {STATUSES.index(s) for s in ("exhausted", "violated", "damaged")}

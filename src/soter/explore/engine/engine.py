@@ -43,10 +43,9 @@ if TYPE_CHECKING:
     Words = npt.NDArray[np.uint64]
 
 HERE = Path(__file__).parent / "c"
-ROOM = STEPS_MAX
 FLAGS = ("-pthread", "-DSOTER_CHECKED")
 NAMED = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
-soter_explore_coverage *, soter_trace_step *, soter_broken[], uint64_t *, uint8_t *, double *"""
+soter_explore_coverage *, soter_trace_step[], soter_broken[], uint64_t *, uint8_t *, double *"""
 """Types that a search has: cffi reads each name once, which takes 15 ms that are no search."""
 LOOK_S = 0.1
 """Seconds between two looks at how far a search is."""
@@ -130,8 +129,8 @@ class SearchResult(Generic[S]):
     """All that is observed before was judged, at least `TIME_MAX`: all there is; 0: sampling."""
     closed_ns: int = 0
     """Whatever comes after this time was there before; 0: that is not known."""
-    may_close: bool = False
-    """That was looked for in vain, of a search that came to its end."""
+    closable: bool = False
+    """That was looked for, or would be before a later horizon."""
     stopped: str = ""
     """What ended it before its end: "interrupted" (Ctrl-C), "time" (its time was over)."""
     total_bytes: int = 0
@@ -233,7 +232,9 @@ class Engine:
         coverage = self.coverage()
 
         def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
-            self.lib.soter_explore(self.model, options, progress, coverage, result, trace, ROOM)
+            self.lib.soter_explore(
+                self.model, options, progress, coverage, result, trace, STEPS_MAX
+            )
 
         return self._run(settings, look, search, patience_s, saver)
 
@@ -252,7 +253,7 @@ class Engine:
 
         def search(options: Any, progress: Any, result: Any, trace: Any) -> None:  # noqa: ANN401
             self.lib.soter_explore_least(
-                self.model, options, what[0], progress, result, trace, ROOM
+                self.model, options, what[0], progress, result, trace, STEPS_MAX
             )
 
         return self._run(settings, look, search, patience_s)
@@ -271,9 +272,7 @@ class Engine:
             saver.begin(self.ffi, options)
         progress = self.ffi.new("soter_explore_progress *")
         result = self.ffi.new("soter_explore_result *")
-        size = self.ffi.sizeof("soter_trace_step")
-        room = np.zeros(ROOM * size, dtype=np.uint8)  # untouched pages cost nothing
-        trace = self.ffi.cast("soter_trace_step *", room.ctypes.data)
+        trace = self.ffi.new("soter_trace_step[]", STEPS_MAX)  # untouched pages cost nothing
         began = time.perf_counter()
         try:
             stopped = self.apart(
@@ -402,7 +401,8 @@ class Engine:
             seconds=seconds,
             covered_ns=max(int(r.covered_ns), 0),
             closed_ns=int(r.closed_ns),
-            steps=tuple(self._step(trace[i]) for i in range(min(int(r.length), ROOM))),
+            closable=bool(r.closable),
+            steps=tuple(self._step(trace[i]) for i in range(min(int(r.length), STEPS_MAX))),
             total_bytes=int(r.table_bytes) + int(r.frontier_bytes) + int(r.memo_bytes),
             needed_bytes=int(r.needed_bytes),
             threads=int(r.threads),
@@ -437,13 +437,11 @@ class Engine:
 
     def complete(self, settings: Settings, steps: Sequence[RawStep]) -> Searched | None:
         """An execution of the whole system from one of `settings.part`; None where it is none."""
-        size = self.ffi.sizeof("soter_trace_step")
-        room = np.zeros(ROOM * size, dtype=np.uint8)
-        whole = self.ffi.cast("soter_trace_step *", room.ctypes.data)
+        whole = self.ffi.new("soter_trace_step[]", STEPS_MAX)
         broken = self.ffi.new("soter_broken *")
         options, part = self.options(settings), self._raw(steps)
         length = self.lib.soter_explore_complete(
-            self.model, options, part, len(steps), whole, ROOM, broken
+            self.model, options, part, len(steps), whole, STEPS_MAX, broken
         )
         if length == 0:
             return None

@@ -37,7 +37,7 @@ from soter.explore.engine.joined import Joined
 from soter.explore.engine.progress import Progress
 from soter.explore.engine.shrink import Shrinker
 from soter.explore.engine.slice import Slicer
-from soter.explore.methods import EXHAUSTIVE, FALSIFY, REDUCTIONS
+from soter.explore.methods import EXHAUSTIVE, FALSIFY
 from soter.explore.results import Looked, Robustness
 from soter.explore.trace.choices import ENDING
 from soter.explore.trace.schedule import INPUT, plan_of
@@ -54,7 +54,6 @@ if TYPE_CHECKING:
     from soter.explore.engine.engine import Searched
     from soter.explore.judge.replay import Replayed
     from soter.explore.model.parts import Part
-    from soter.explore.model.plan import Plan
     from soter.explore.results import Options
     from soter.program.model.system import System
 
@@ -291,7 +290,7 @@ class Search:
             seconds=s.seconds,
             covered_ns=s.covered_ns,
             closed_ns=s.closed_ns,
-            may_close=s.status == "exhausted" and _may_close(self._engine.plan, self.options),
+            closable=s.closable,
             steps=tuple([self._step(raw) for raw in s.steps]),
             stopped=s.stopped,
             total_bytes=s.total_bytes,
@@ -402,14 +401,6 @@ class Search:
             yield Leaf(leaf_name(topic.name, path), t, low, high)
 
 
-def _may_close(plan: Plan, options: Options) -> bool:
-    """Whether a search is one that looks for layers that come again (docs/testing.md, For ever)."""
-    points = all(a.window_ns == 0 and a.overrun_ns == 0 for a in plan.actors)
-    stored = options.strategy == "bfs" and options.storage == "exact"
-    ends = REDUCTIONS[options.reduction] & REDUCTIONS["instants"] != 0
-    return plan.repeats and points and stored and ends
-
-
 def _ended(counts: Mapping[str, Any]) -> Searched:
     """The search of a part that came to its end before (`counts_of`)."""
     numbers: dict[str, Any] = {name: int(counts[name]) for name in COUNTS}
@@ -430,6 +421,7 @@ def _sum(found: list[Searched]) -> Searched:
         seconds=sum(f.seconds for f in found),
         covered_ns=min(f.covered_ns for f in found),
         closed_ns=max(f.closed_ns for f in found) if all(f.closed_ns for f in found) else 0,
+        closable=all(f.closable for f in found),
     )
 
 

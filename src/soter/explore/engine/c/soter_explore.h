@@ -241,6 +241,7 @@ typedef struct {
   int64_t covered_ns;    /* everything that is observed before this time was judged, INT64_MAX: all
                             that there is; of exhaustive searches */
   int64_t closed_ns;     /* options.closes: whatever comes later was there before; 0: not known */
+  bool closable;         /* that was looked for, or would be before a later horizon */
   uint32_t threads;      /* that searched */
   uint32_t chooser;      /* SOTER_CHOOSY: the actor; UINT32_MAX: the start */
   uint32_t depth;        /* steps of the longest execution seen */

@@ -721,6 +721,7 @@ static void sum_up(layered* all, soter_explore_result* r) {
   r->depth = all->depth;
   r->threads = all->threads;
   r->closed_ns = all->closing.closed_ns;
+  r->closable = all->closing.may;
   r->covered_ns = r->closed_ns != 0 ? SOTER_NO_DEADLINE : covered(all);
   for (uint32_t k = 0; k < all->threads; k++) {
     worker* const w = &all->w[k];

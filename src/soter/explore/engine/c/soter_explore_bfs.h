@@ -19,7 +19,8 @@ typedef struct {
 
 /* Whether what comes was there before (soter_explore_closed.c). */
 typedef struct {
-  bool on;
+  bool may;                  /* it is a search that it is looked for in, */
+  bool on;                   /* and there is enough before the end */
   int64_t from_ns, every_ns; /* beginnings: every so often from then on, */
   int64_t last_ns;           /* the last one before what the horizon changes */
   bool at;                   /* the layer that is expanded is at one, */

@@ -44,7 +44,7 @@ void soter_closed_open(layered* all) {
   const soter_model* const m = all->s->m;
   const uint64_t actors = all->s->o->actors;
   soter_closing* const c = &all->closing;
-  c->on = may_close(all);
+  c->on = c->may = may_close(all);
   c->every_ns = 1;
   c->last_ns = m->horizon_ns;
   for (uint32_t i = 0; c->on && i < m->actors; i++) {

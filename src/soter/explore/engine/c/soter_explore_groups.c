@@ -88,12 +88,9 @@ static void table_clear(table* t, uint32_t words) {
 
 static uint64_t* slot_of(const table* t, uint32_t words, const uint64_t* packed,
                          const uint64_t* mask) {
-  uint64_t h = (packed[0] & mask[0]) * UINT64_C(0x9e3779b97f4a7c15);
   SOTER_CHECK(t->used < t->slots && (t->slots & (t->slots - 1U)) == 0U);
-  for (uint32_t k = 1; k < words; k++) {
-    h = (h ^ (h >> 29) ^ (packed[k] & mask[k])) * UINT64_C(0x9e3779b97f4a7c15);
-  }
-  for (uint64_t i = soter_spread(h) & (t->slots - 1U);; i = (i + 1U) & (t->slots - 1U)) {
+  for (uint64_t i = soter_hash(packed, mask, words) & (t->slots - 1U);;
+       i = (i + 1U) & (t->slots - 1U)) {
     uint64_t* const at = t->slot + i * (words + 1U);
     bool same = true;
     for (uint32_t k = 0; k < words; k++) {

@@ -291,10 +291,15 @@ SOTER_INLINE uint64_t soter_scramble(uint64_t x) {
   return x ^ (x >> 32);
 }
 
-/* Where a search in a table begins, of the product that a hash of words ends with: its high bits
- * alone know of the highest bits of the last word. */
-SOTER_INLINE uint64_t soter_spread(uint64_t product) {
-  return ((product ^ (product >> 32)) * UINT64_C(0x9e3779b97f4a7c15)) >> 32;
+/* A hash of the bits of some words that a mask has (NULL: of all), 32 bits: the highest bits of the
+ * last word count in it, too. */
+SOTER_INLINE uint64_t soter_hash(const uint64_t* words, const uint64_t* mask, uint32_t count) {
+  const uint64_t odd = UINT64_C(0x9e3779b97f4a7c15);
+  uint64_t h = 0U;
+  for (uint32_t k = 0; k < count; k++) {
+    h = (h ^ (h >> 29) ^ (mask == NULL ? words[k] : words[k] & mask[k])) * odd;
+  }
+  return ((h ^ (h >> 32)) * odd) >> 32;
 }
 
 /* memcpy of a few words: a call costs more. */

@@ -114,12 +114,8 @@ void soter_instant_allow(struct soter_instant* t, uint64_t more) {
 
 /* Where a world stands, or would. */
 static uint64_t* slot_of(const struct soter_instant* t, const uint64_t* packed) {
-  uint64_t h = packed[0] * UINT64_C(0x9e3779b97f4a7c15);
   SOTER_CHECK(t->used < t->slots && (t->slots & (t->slots - 1U)) == 0U);
-  for (uint32_t k = 1; k < t->words; k++) {
-    h = (h ^ (h >> 29) ^ packed[k]) * UINT64_C(0x9e3779b97f4a7c15);
-  }
-  uint64_t i = soter_spread(h) & (t->slots - 1U);
+  uint64_t i = soter_hash(packed, NULL, t->words) & (t->slots - 1U);
   for (;; i = (i + 1U) & (t->slots - 1U)) {
     uint64_t* const at = t->slot + i * t->width;
     bool same = true;

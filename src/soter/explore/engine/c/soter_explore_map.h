@@ -75,11 +75,7 @@ SOTER_INLINE void list_close(list* l) {
 SPECIAL uint64_t* slot_of(const map* m, const uint64_t* packed, const uint64_t* mask,
                           uint32_t words) {
   SOTER_CHECK(m->used < m->slots);
-  uint64_t h = (packed[0] & mask[0]) * UINT64_C(0x9e3779b97f4a7c15);
-  for (uint32_t k = 1; k < words; k++) {
-    h = (h ^ (h >> 29) ^ (packed[k] & mask[k])) * UINT64_C(0x9e3779b97f4a7c15);
-  }
-  uint32_t i = (uint32_t)soter_spread(h) & (m->slots - 1U);
+  uint32_t i = (uint32_t)soter_hash(packed, mask, words) & (m->slots - 1U);
   for (;;) {
     uint64_t* const at = m->slot + (size_t)i * (words + 1U);
     bool same = true;
