@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.build import system_of
+from soter.program.flatten.views import as_seen
 from soter.reach.claims.results import VerifyReport
 from soter.reach.covered import coverage_of
 from soter.reach.problem.extract import extract
@@ -50,12 +51,14 @@ def verify(
     assert checked.program is not None
     chosen = modules_of(checked, module, system, params or {})
     refuse_forced(chosen)
+    chosen = _views(chosen)
     problems = problems_of(chosen)
     coverage = coverage_of(checked, chosen, problems, params or {})
     results = []
     for i, problem in enumerate(problems):
         share = _part(progress, i, len(problems))
-        results.append(verify_module(problem, refute=refute, progress=share))
+        attack = refute and problem.flying is None  # a run of a view is none of the vehicle
+        results.append(verify_module(problem, refute=attack, progress=share))
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     found = VerifyReport(
         checked.program.path,
@@ -142,6 +145,21 @@ def _names(m: Module) -> tuple[str, str]:
 def _no_module(module: str, known: list[str]) -> Diagnostic:
     there = ", ".join(f"`{n}`" for n in known) or "none"
     return Diagnostic("U008", f"there is no module `{module}`", notes=(f"there are: {there}",))
+
+
+def _views(chosen: list[tuple[System, Module]]) -> list[tuple[System, Module]]:
+    """Every module once for each of its views; SoterError with all diagnostics at once."""
+    found: list[tuple[System, Module]] = []
+    diagnostics = Diagnostics()
+    for flat, m in chosen:
+        try:
+            found += as_seen(flat, m)
+        except SoterError as error:
+            for d in error.diagnostics:
+                diagnostics.add(d)
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+    return found
 
 
 def problems_of(chosen: list[tuple[System, Module]]) -> list[Problem]:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import system_of
+from soter.program.flatten.views import as_seen
 from soter.reach.coverage import Coverage, Guarantee
 from soter.reach.problem.extract import extract
 
@@ -61,13 +62,13 @@ def _same(
     if module.forced is not None:
         return False, f"it is forced to {module.forced.upper()} there, its DM does not switch"
     try:
-        found = extract(flat, module)
+        keys = [problem_key(extract(*seen)) for seen in as_seen(flat, module)]
     except SoterError as error:
         codes = ", ".join(dict.fromkeys(d.code for d in error.diagnostics))
         return False, f"it poses no problem that can be proved ({codes})"
-    key = problem_key(found)
-    posed = [i for i, p in enumerate(problems) if problem_key(p) == key]
-    if posed and module.symbol.verify.abstracts:
+    every = [[i for i, p in enumerate(problems) if problem_key(p) == key] for key in keys]
+    posed = every[0] if all(every) else []
+    if posed and (module.symbol.verify.abstracts or module.symbol.verify.views):
         there = _flying_key(flat, module)
         if not any(_flying_key(*chosen[i]) == there for i in posed):
             return False, "another vehicle, or other nodes around the module, not verified there"
@@ -85,13 +86,15 @@ def problem_key(problem: Problem) -> object:
     """
     components = tuple(_component(problem.system, c) for c in problem.system.components)
     forced = problem.module.forced
+    symbol = problem.module.symbol if problem.flying is None else problem.flying.modules[0].symbol
     return (
         components,
         forced,
         problem.module.symbol.name,
-        problem.module.symbol.safe,
-        problem.module.symbol.ttf,
-        problem.module.symbol.safer,
+        problem.view,
+        symbol.safe,
+        symbol.ttf,
+        symbol.safer,
         problem.module.period_ns,
         problem.module.clean,
         problem.times,

@@ -490,11 +490,12 @@ class NodeDecl(Decl):
 
 @dataclass(frozen=True, slots=True)
 class GridAxis:
-    """`motion.x in [a, b] / cells` of a verify block; a polytope's axes have no cells."""
+    """`motion.x in [a, b] / cells open to c` of a verify block; a polytope's axes have no cells."""
 
     path: Path
     interval: Interval | None
     cells: Expr | None
+    open: Expr | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -533,6 +534,16 @@ class Abstraction:
     value: Expr
 
 
+@dataclass(frozen=True, slots=True)
+class View:
+    """`view east { abstracts ...; grid ...; }`: a part of the predicates, on plants of its own."""
+
+    name: Name
+    groups: tuple[AxisGroup, ...]
+    abstracts: tuple[tuple[Name, tuple[Abstraction, ...]], ...]
+    span: Span
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class VerifyBlock:
     """`verify { ... }`: read by `soter verify`, syntax and names checked always."""
@@ -548,6 +559,7 @@ class VerifyBlock:
     acts: Expr | None
     recover: Expr | None
     dropout: Expr | None
+    views: tuple[View, ...]
     span: Span
 
 

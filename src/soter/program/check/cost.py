@@ -63,7 +63,9 @@ def count_costs(program: typed.Program, diagnostics: Diagnostics) -> None:
     for module in program.modules.values():
         decided = [e for e in (module.ttf, module.safer) if e is not None]
         others = [e for e in module.predicates if e not in decided]
-        others += [link.value for link in module.verify.abstracts if link.value is not None]
+        blocks = (module.verify, *(v.block for v in module.verify.views))
+        links = [link for block in blocks for link in block.abstracts]
+        others += [link.value for link in links if link.value is not None]
         cost = counter.expressions(decided, f"`{module.name}`", module.span)
         counter.expressions(others, f"`{module.name}`", module.span)
         if len(decided) == 2:

@@ -445,8 +445,8 @@ class Elaborator(Topics):
         }
         for what, expr in delays.items():
             self.delay(expr, what)
-        for group in verify.groups:
-            for axis in group.axes:
+        for block in (verify, *(v.block for v in verify.views)):
+            for axis in (a for group in block.groups for a in group.axes):
                 self._axis(axis)
         for commands in verify.commands:
             for value in commands.values:
@@ -462,6 +462,8 @@ class Elaborator(Topics):
             self.diagnostics.error(
                 "V001", f"[{found[0]!r}, {found[1]!r}] is a point", span, "an axis has some width"
             )
+        if axis.open is not None:
+            self.interval(axis.high, axis.open, axis.open.span, "what is open of a grid axis")
 
     def _command(self, commands: typed.CommandSet, expr: typed.Expr) -> None:
         """A command lies in the set of its topic."""

@@ -159,6 +159,10 @@ class Module:
     are those of its `scope`."""
     over: int | None = None
     """The module that stands in the place of AC; `ac` is then that one's."""
+    view: str = ""
+    """Of a module as one of its views sees it (`flatten/views.py`): `symbol` has a part of its
+    predicates; `whole` is the one that flies."""
+    whole: ModuleSymbol | None = None
 
 
 @dataclass(eq=False)

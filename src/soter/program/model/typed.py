@@ -452,7 +452,8 @@ class GridAxis:
 
     Exactly one of `topic` and `instance` is set; with `instance`, `path` begins with the name of
     the state, and `plant` is what the instance is made of. `low` and `high` may be missing, and
-    `cells` is, where the axis belongs to a polytope.
+    `cells` is, where the axis belongs to a polytope. `open`: one more cell from `high` up to there,
+    beyond which nothing is claimed.
     """
 
     topic: TopicSymbol | None
@@ -463,6 +464,7 @@ class GridAxis:
     span: Span
     instance: str = ""
     plant: PlantSymbol | None = None
+    open: Expr | None = None
 
 
 @dataclass(eq=False)
@@ -505,7 +507,18 @@ class VerifyBlock:
     response_of: dict[str, Expr] = field(default_factory=dict)
     dropout: Expr | None = None
     """For how long a sensor may be silent beyond its period."""
+    views: tuple[ViewSymbol, ...] = ()
+    """Each with groups and abstractions of its own; then there are none here."""
     span: Span | None = None
+
+
+@dataclass(eq=False)
+class ViewSymbol:
+    """`view name { ... }`; `block` has the view's groups and abstractions, and the times of all."""
+
+    name: str
+    block: VerifyBlock
+    span: Span
 
 
 @dataclass(eq=False)

@@ -15,7 +15,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.lower.builder import FunctionTable
 from soter.lower.steps import lower_predicate
-from soter.reach.enclose.conjuncts import PARTS_MAX
+from soter.program.meaning.conjuncts import PARTS_MAX
 from soter.reach.enclose.library import ReachLibrary
 from soter.reach.enclose.unit import EnclosureError, generate_enclosures
 

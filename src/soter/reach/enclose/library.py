@@ -18,7 +18,7 @@ from soter.native.compiler import STRICT, compile_with, find
 from soter.native.interface import declarations, interface, opened
 from soter.native.kept import digest, kept
 from soter.native.own_files import files_below
-from soter.reach.enclose.conjuncts import PARTS_MAX
+from soter.program.meaning.conjuncts import PARTS_MAX
 from soter.reach.enclose.unit import CONTROLS_MAX
 
 HERE = Path(__file__).resolve().parents[1] / "engine"

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.printer import print_file
-from soter.reach.enclose.conjuncts import conjuncts
+from soter.program.meaning.conjuncts import conjuncts
 from soter.reach.enclose.emit import (
     Emitter,
     EnclosureError,

@@ -41,6 +41,7 @@ class Bordered(Protocol):
     c: Any
     inputs: GridInputs
     axes: tuple[int, ...]
+    open_ends: frozenset[int]
     covers_scheme: bool
     low: Floats
     high: Floats
@@ -83,6 +84,10 @@ def _keep_end(model: Bordered, i: int, back: float, *, upper: bool) -> None:
         low[state], high[state] = low[state] - back, edges[0]
     rates = _rates(model, low, high)
     if rates is None:
+        return
+    if upper and state in model.open_ends:
+        g.kept_high[i] = 1
+        model.high[state] = high[state]
         return
     inwards = -rates[state][1] if upper else rates[state][0]
     if not inwards >= 0.0:

@@ -15,7 +15,7 @@ from soter.reach.enclose.scheme import NS, largest_rates, scheme_error
 from soter.reach.grid.borders import keep_borders
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Collection, Mapping, Sequence
 
     import numpy.typing as npt
 
@@ -66,18 +66,21 @@ class GridModel:
         *,
         threads: int = 2,
         linear: bool | None = None,
+        open_ends: Collection[int] = (),
         progress: Callable[[str, float], None] | None = None,
         stop: Callable[[], bool] | None = None,
     ) -> None:
         """`axes`: (index among the states, breakpoints) of each axis, one to four.
 
         `linear`: whether a flow is enclosed by one linear model for the whole domain; None: if it
-        is linear but for remainders below a thousandth of its rates. `progress(what, share)` is
-        told now and then; CancelledError is raised soon after `stop()` turns true.
+        is linear but for remainders below a thousandth of its rates. `open_ends`: states whose last
+        breakpoint no run is taken to pass. `progress(what, share)` is told now and then;
+        CancelledError is raised soon after `stop()` turns true.
         UnboundedError where the dynamics have no finite enclosure over the domain.
         """
         self.library, self.inputs, self.threads = library, inputs, threads
         self.progress, self.stop = progress, stop
+        self.open_ends = frozenset(open_ends)
         self.axes = tuple(int(i) for i, _ in axes)
         self.edges = tuple(np.ascontiguousarray(e, dtype=np.float64) for _, e in axes)
         self.shape = tuple(len(e) - 1 for e in self.edges)

@@ -81,7 +81,8 @@ class GridGroup(GridModel):
     ) -> GridGroup:
         """The engine for a group of a problem."""
         axes = [(a.state, a.edges) for a in group.axes]
-        return cls(library, of_problem(problem, parameters), axes, **options)
+        ends = {a.state for a in group.axes if a.open}
+        return cls(library, of_problem(problem, parameters), axes, open_ends=ends, **options)
 
     # ------------------------------------------------------------ predicates
 

@@ -105,7 +105,11 @@ class Axes:
             float(self.calculator.value(e, "a bound") or 0.0) for e in (item.low, item.high)
         )
         cells = self.calculator.value(item.cells, "the number of cells") if item.cells else 1
-        return Axis(state, name, self._edges(low, high, int(cells or 1), item))
+        edges = self._edges(low, high, int(cells or 1), item)
+        if item.open is None:
+            return Axis(state, name, edges)
+        end = float(self.calculator.value(item.open, "the end of an open axis") or 0.0)
+        return Axis(state, name, (*edges, end), open=True)
 
     def _edges(
         self, low: float, high: float, cells: int, item: typed.GridAxis | None = None

@@ -20,7 +20,7 @@ from soter.reach.problem.assumed import assumptions_of
 from soter.reach.problem.axes import Axes
 from soter.reach.problem.following import check_followed
 from soter.reach.problem.inputs import Inputs, inputs_of
-from soter.reach.problem.place import Place, place
+from soter.reach.problem.place import Place, place, whole
 from soter.reach.problem.problem import Interval, Problem
 from soter.reach.time.timing import times_of
 from soter.syntax.schemes import SCHEMES
@@ -76,8 +76,14 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         computed=symbol.ttf is None,
         synthesize=synthesize,
         topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()} | groups.shown,
-        assumptions=[*_forced(flat, module), *assumptions_of(at, inputs, times, routes, kind)],
-        name=module.name,
+        assumptions=[
+            *_forced(flat, module),
+            *assumptions_of(at, inputs, times, routes, kind),
+            *_open(found),
+        ],
+        name=f"{module.name} as {module.view}" if module.view else module.name,
+        view=module.view,
+        flying=whole(at) if module.view else None,
         commands=commands,
         parameter_start=tuple(inputs.parameter_start),
         scheme_step_ns=_scheme_step(at) if kind == "flow" else 0,
@@ -91,6 +97,13 @@ def _forced(flat: System, module: Module) -> list[str]:
         return []
     who = module.forced.upper()
     return [f"the DM switches: in system {flat.name} it does not, {module.name} is forced to {who}"]
+
+
+def _open(groups: tuple[Group, ...]) -> list[str]:
+    ends = [f"{a.name} below {a.edges[-1]!r}" for g in groups for a in g.axes if a.open]
+    return [
+        f"no run gets beyond an open end, of which nothing is proved: {', '.join(ends)}"
+    ] * bool(ends)
 
 
 def _stands_alone(flat: System, module: Module, diagnostics: Diagnostics) -> None:

@@ -7,7 +7,7 @@ Non-goals: quantities and ranges (`extract.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from soter.program.flatten import derived
@@ -101,6 +101,14 @@ def read_by_module(module: typed.ModuleSymbol, sc: typed.NodeSymbol) -> list[typ
     axes = [a.topic for g in module.verify.groups for a in g.axes if a.topic is not None]
     reads = [*sc_reads(sc), *topic_reads(*module.predicates), *axes]
     return list(dict.fromkeys(reads))
+
+
+def whole(at: Place) -> System:
+    """The same of a view, with the module that flies: all of its predicates."""
+    assert at.home.whole is not None
+    return _abstract(
+        at.flat, replace(at.home, symbol=replace(at.home.whole, verify=at.home.symbol.verify))
+    )
 
 
 def _abstract(flat: System, module: Module) -> System:

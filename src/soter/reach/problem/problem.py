@@ -130,6 +130,8 @@ class Axis:
     name: str
     edges: tuple[float, ...]
     """Breakpoints, strictly increasing; n + 1 of them for n cells."""
+    open: bool = False
+    """Nothing is claimed of runs beyond the last breakpoint, and no run is taken to get there."""
 
 
 @dataclass(frozen=True)
@@ -186,7 +188,11 @@ class Problem:
     """State -> (topic, leaf) that equals it, where there is one."""
     assumptions: list[str] = field(default_factory=list)
     name: str = ""
-    """Full name of the module in its own system, for people."""
+    """Full name of the module in its own system, for people; with the name of the view."""
+    view: str = ""
+    """Name of the view, if it is one."""
+    flying: System | None = None
+    """Of a view: the verification system with all of the module's predicates."""
     commands: tuple[tuple[float, ...], ...] = ()
     """For synthesis: the finite set of each control, in their order."""
     parameter_start: tuple[int, ...] = ()

@@ -67,7 +67,7 @@ DECLARATIONS: dict[type, str] = {
     "response_sc acts recover late_of response_of dropout span",
     t.AbstractionLink: "instance name plant value span",
     t.AxisGroup: "kind axes span",
-    t.GridAxis: "topic path low high cells span instance plant",
+    t.GridAxis: "topic path low high cells span instance plant open",
     t.PlantSymbol: "name span period extern source reads drives states initial initial_range "
     "disturbances lets der next method substeps measured truth read_spans",
     t.DisturbanceSymbol: "variable low high hold",

@@ -19,10 +19,15 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class _VerifyParts(OnceParts):
+class _ViewParts(OnceParts):
     groups: list[tree.AxisGroup] = field(default_factory=list)
     abstracts: list[tuple[tree.Name, tuple[tree.Abstraction, ...]]] = field(default_factory=list)
+
+
+@dataclass(slots=True)
+class _VerifyParts(_ViewParts):
     commands: list[tree.CommandSet] = field(default_factory=list)
+    views: list[tree.View] = field(default_factory=list)
 
 
 class VerifyParser(BodyParser):
@@ -48,13 +53,23 @@ class VerifyParser(BodyParser):
             acts=once("acts"),
             recover=once("recover"),
             dropout=once("dropout"),
+            views=tuple(inner.views),
             span=self.span_from(self.starts[at]),
         )
         self.keep_once(parts, "verify", block, at)
 
+    def _view(self, parts: _VerifyParts) -> None:
+        at = self.i
+        self.i += 1
+        name = self.name("the name of a view")
+        inner = _ViewParts()
+        self.body(f"view `{name.text}`", inner, _VIEW_ITEMS)
+        span = self.span_from(self.starts[at])
+        parts.views.append(tree.View(name, tuple(inner.groups), tuple(inner.abstracts), span))
+
     # ------------------------------------------------------------ groups of axes
 
-    def _grid(self, parts: _VerifyParts) -> None:
+    def _grid(self, parts: _ViewParts) -> None:
         start = self.starts[self.i]
         self.i += 1
         axes: list[tree.GridAxis] = []
@@ -64,13 +79,17 @@ class VerifyParser(BodyParser):
             interval = self.range_of("the range of the axis")
             self.expect("/", "and the number of cells after the range of the axis")
             cells = self.expr("the number of cells")
-            axes.append(tree.GridAxis(path, interval, cells))
+            end = None
+            if self.accept_word("open"):
+                self.expect_word("to", "after `open`")
+                end = self.expr("where an open axis ends")
+            axes.append(tree.GridAxis(path, interval, cells, end))
             if not self.accept(","):
                 break
         self.semicolon("the grid")
         parts.groups.append(tree.AxisGroup("grid", tuple(axes), self.span_from(start)))
 
-    def _polytope(self, parts: _VerifyParts) -> None:
+    def _polytope(self, parts: _ViewParts) -> None:
         start = self.starts[self.i]
         self.i += 1
         axes: list[tree.GridAxis] = []
@@ -98,7 +117,7 @@ class VerifyParser(BodyParser):
         self.semicolon("the commands")
         parts.commands.append(tree.CommandSet(path, tuple(values), self.span_from(start)))
 
-    def _abstracts(self, parts: _VerifyParts) -> None:
+    def _abstracts(self, parts: _ViewParts) -> None:
         self.i += 1
         name = self.name("the name of a plant after `abstracts`")
         self.expect_word("by", "after the abstracted plant")
@@ -153,10 +172,16 @@ class VerifyParser(BodyParser):
         self.keep_once(parts, word, self.time_value("`within`"), at)
 
 
+_VIEW_ITEMS: dict[str, Callable[[VerifyParser, _ViewParts], None]] = {
+    "grid": VerifyParser._grid,
+    "polytope": VerifyParser._polytope,
+    "abstracts": VerifyParser._abstracts,
+}
 _VERIFY_ITEMS: dict[str, Callable[[VerifyParser, _VerifyParts], None]] = {
     "grid": VerifyParser._grid,
     "polytope": VerifyParser._polytope,
     "abstracts": VerifyParser._abstracts,
+    "view": VerifyParser._view,
     "commands": VerifyParser._commands,
     "core": predicate("core", "the core"),
     "horizon": predicate("horizon", "the horizon"),
@@ -168,3 +193,4 @@ _VERIFY_ITEMS: dict[str, Callable[[VerifyParser, _VerifyParts], None]] = {
     "dropout": VerifyParser._dropout,
 }
 HOMES["a `verify` block"] = frozenset(_VERIFY_ITEMS)
+HOMES["a view of a `verify` block"] = frozenset(_VIEW_ITEMS)

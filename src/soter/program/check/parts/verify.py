@@ -6,6 +6,7 @@ Non-goals: values of the numbers (`elaborate.py`), whether they determine a prob
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.program.check.base import is_error, sound
@@ -15,6 +16,8 @@ from soter.program.model import typed
 from soter.program.model.types import BOOL, DURATION, FLOAT, INT, FloatType, RecordType
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from soter.diagnostics.span import Span
     from soter.program.check.scope import FileScope
     from soter.program.check.shared import Shared
@@ -34,12 +37,9 @@ class VerifyChecker:
     def check(self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope) -> None:
         """Fill in `module.verify`, and what a synthesized SC subscribes to."""
         block = module.verify = typed.VerifyBlock(span=verify.span)
-        links: list[typed.AbstractionLink] = []
-        for instance, parts in verify.abstracts:
-            links += self._abstractions(module, instance, parts, scope)
-        block.abstracts = tuple(links)
         self._times(block, verify, scope)
-        block.groups = tuple(self._groups(module, verify, scope))
+        self._sets(module, verify, scope)
+        block.views = tuple(self._views(module, verify, scope))
         block.commands = tuple(self._commands(module, verify, scope))
         if verify.core is not None:
             context = Context(scope, f"module `{module.name}`", topics="any")
@@ -49,6 +49,33 @@ class VerifyChecker:
             module.sc.subscribes = tuple(
                 typed.Subscribed(t, None, "drop_oldest", verify.span) for t in dict.fromkeys(topics)
             )
+
+    def _sets(
+        self,
+        module: typed.ModuleSymbol,
+        where: tree.VerifyBlock | tree.View,
+        scope: FileScope,
+    ) -> None:
+        """Abstractions and groups, which belong to `module.verify`."""
+        links: list[typed.AbstractionLink] = []
+        for instance, parts in where.abstracts:
+            links += self._abstractions(module, instance, parts, scope)
+        module.verify.abstracts = tuple(links)
+        module.verify.groups = tuple(self._groups(module, where, scope))
+
+    def _views(
+        self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope
+    ) -> Iterator[typed.ViewSymbol]:
+        block = module.verify
+        seen: dict[str, Span] = {}
+        for view in verify.views:
+            if view.name.text in seen:
+                self.shared.names.twice(view.name.text, view.name.span, seen[view.name.text])
+            seen.setdefault(view.name.text, view.name.span)
+            module.verify = replace(block, abstracts=(), groups=(), span=view.span)
+            self._sets(module, view, scope)
+            yield typed.ViewSymbol(view.name.text, module.verify, view.span)
+        module.verify = block
 
     def _times(self, block: typed.VerifyBlock, verify: tree.VerifyBlock, scope: FileScope) -> None:
         context = Context(scope, "a `verify` block")
@@ -89,7 +116,10 @@ class VerifyChecker:
     # ------------------------------------------------------------ axes
 
     def _groups(
-        self, module: typed.ModuleSymbol, verify: tree.VerifyBlock, scope: FileScope
+        self,
+        module: typed.ModuleSymbol,
+        verify: tree.VerifyBlock | tree.View,
+        scope: FileScope,
     ) -> list[typed.AxisGroup]:
         seen: dict[AxisKey, typed.GridAxis] = {}
         found = []
@@ -121,25 +151,27 @@ class VerifyChecker:
         self,
         module: typed.ModuleSymbol,
         item: tree.GridAxis,
-        verify: tree.VerifyBlock,
+        verify: tree.VerifyBlock | tree.View,
         scope: FileScope,
     ) -> typed.GridAxis | None:
         number = self.shared.number
         context = Context(scope, "a `verify` block")
-        low = high = cells = None
+        low = high = cells = end = None
         if item.interval is not None:
             low = number(item.interval.low, context, FLOAT, "a bound")
             high = number(item.interval.high, context, FLOAT, "a bound")
         if item.cells is not None:
             cells = number(item.cells, context, INT, "the number of cells")
+        if item.open is not None:
+            end = number(item.open, context, FLOAT, "the end of an open axis")
         found = self._place(module, item.path, verify, scope)
         if found is None or (low is not None and high is not None and is_error(low, high)):
             return None
-        if cells is not None and is_error(cells):
+        if is_error(*(e for e in (cells, end) if e is not None)):
             return None
         axis, t = found
         if isinstance(t, FloatType):
-            axis.low, axis.high, axis.cells = low, high, cells
+            axis.low, axis.high, axis.cells, axis.open = low, high, cells, end
             return axis
         self.diagnostics.error(
             "T001",
@@ -154,7 +186,7 @@ class VerifyChecker:
         self,
         module: typed.ModuleSymbol,
         path: tree.Path,
-        verify: tree.VerifyBlock,
+        verify: tree.VerifyBlock | tree.View,
         scope: FileScope,
     ) -> tuple[typed.GridAxis, Type] | None:
         """What an axis names: a state of a verification plant, otherwise a leaf of a topic."""

@@ -1,7 +1,8 @@
 """The parts of a predicate that all must hold.
 
 Purpose: `a && b` as [a, b], also where it stands in a function that only returns it; a product over
-groups of states satisfies a predicate if it satisfies each part (`reach/claims/products.py`).
+groups of states satisfies a predicate if it satisfies each part (`reach/claims/products.py`), and a
+view of a module keeps the parts that it can speak of (`program/flatten/views.py`).
 Non-goals: any other rewriting; a predicate that is no conjunction is its own only part.
 """
 
@@ -22,6 +23,18 @@ def conjuncts(predicate: typed.Expr) -> list[typed.Expr]:
     """Expressions whose conjunction is the predicate, from left to right; at most `PARTS_MAX`."""
     found = _parts(predicate)
     return found if len(found) <= PARTS_MAX else [predicate]
+
+
+def disjuncts(predicate: typed.Expr) -> list[typed.Expr]:
+    """Expressions whose disjunction is the predicate: `a || b`, and `!e` by the parts of e."""
+    inner = _returned(predicate) if isinstance(predicate, typed.Call) else None
+    if inner is not None and len(found := disjuncts(inner)) > 1:
+        return found
+    if isinstance(predicate, typed.Binary) and predicate.op == "||":
+        return [*disjuncts(predicate.left), *disjuncts(predicate.right)]
+    if isinstance(predicate, typed.Unary) and predicate.op == "!":
+        return [replace(predicate, operand=part) for part in _parts(predicate.operand)]
+    return [predicate]
 
 
 def _parts(e: typed.Expr) -> list[typed.Expr]:
