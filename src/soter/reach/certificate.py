@@ -120,7 +120,7 @@ def _module(
     ]
     entry: dict[str, object] = {
         "system": system,
-        "module": problem.name,
+        "module": problem.name.removesuffix(f" as {problem.view}"),
         "plants": plants,
         "parameters": [{"name": p.name, "values": list(p.values)} for p in problem.parameters],
         "times": _times(problem.times),
@@ -132,6 +132,8 @@ def _module(
         "assumptions": list(problem.assumptions),
         "recover_ns": recover,
     }
+    if problem.view:
+        entry["view"] = problem.view
     if problem.computed:
         entry["tables"] = _tables(result, stem, files)
     return entry

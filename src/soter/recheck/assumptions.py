@@ -42,7 +42,14 @@ def p1c_of(facts: Facts) -> str:
 
 def assumptions_of(facts: Facts) -> list[Said]:
     """Everything that is taken for granted about one module."""
-    return [*_world(facts), *_inputs(facts), *_way(facts), *_timing(facts), *_machine(facts)]
+    return [
+        *_world(facts),
+        *_inputs(facts),
+        *_way(facts),
+        *_timing(facts),
+        *_machine(facts),
+        *_open(facts),
+    ]
 
 
 # ---------------------------------------------------------------- the world
@@ -74,6 +81,13 @@ def _world(facts: Facts) -> Iterator[Said]:
             f"{p.name} changes only while the estimate lies in S_0 of the new value, whichever "
             "mode; DM and SC read the new value from that instant on",
         )
+
+
+def _open(facts: Facts) -> Iterator[Said]:
+    for state in sorted(facts.open_ends):
+        name, end = facts.states[state].name, facts.axes[state][1]
+        text = f"no run gets beyond an open end, of which nothing is proved: {name} below {end!r}"
+        yield Said(f"open {name} {end!r}", text)
 
 
 def _range(x: Input) -> str:

@@ -34,6 +34,7 @@ from soter.recheck.polytope.tables import PolytopeTables, read_polytope
 from soter.recheck.reading.model import Model
 from soter.recheck.reading.problem import DiffersError, Facts, read_facts
 from soter.recheck.reading.understood import understood
+from soter.recheck.reading.views import left_out
 from soter.recheck.report import ModuleReport, Report
 from soter.recheck.terms.terms import NotRecheckedError
 from soter.recheck.time.first_reads import survives_the_start
@@ -119,17 +120,31 @@ def _check(
     for k, entry in enumerate(modules):
         share = partial(_share, progress, k, len(modules))
         facts = _facts(checked, overrides, entry)
-        if any(
-            (f.flying.name, f.flying_module.name) == (facts.flying.name, facts.flying_module.name)
-            for f in covered
-        ):
+        if any(_key(f) == _key(facts) for f in covered):
             raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
         covered.append(facts)
         report.modules.append(_module(certificate, facts, entry, share, workers))
+    for facts in covered:
+        _in_all_views(facts, covered)
     report.not_covered = uncovered(checked, overrides, covered)
     unused = {n for n in certificate.contents if n.startswith("sets/")} - certificate.used
     for name in sorted(unused):
         raise RejectedError(f"no claim rests on `{name}`")
+
+
+def _key(facts: Facts) -> tuple[str, str, str]:
+    return facts.flying.name, facts.flying_module.name, facts.view
+
+
+def _in_all_views(facts: Facts, covered: list[Facts]) -> None:
+    """A module that is proved in views is proved in all of them, or not at all."""
+    if not facts.view:
+        return
+    views = [f.view for f in covered if _key(f)[:2] == _key(facts)[:2]]
+    assert facts.whole is not None
+    why = left_out(facts.whole, views)
+    if why:
+        raise RejectedError(why)
 
 
 def _share(progress: Callable[[float], None], k: int, count: int, done: float) -> None:
@@ -157,13 +172,13 @@ def _keys(entry: object, names: tuple[str, ...], what: str) -> None:
 
 def _facts(checked: Checked, overrides: dict[str, Any], entry: dict[str, Any]) -> Facts:
     """The problem of a module, which is the whole of what is understood of it."""
-    given_tables = isinstance(entry, dict) and "tables" in entry
-    _keys(entry, (*MODULE_KEYS, *(("tables",) if given_tables else ())), "a module")
+    given = [k for k in ("tables", "view") if isinstance(entry, dict) and k in entry]
+    _keys(entry, (*MODULE_KEYS, *given), "a module")
     with _understood("a module"):
         if entry["system"] not in checked.systems:
             raise RejectedError(f"the program has no system `{entry['system']}`")
         flat = system_of(checked, entry["system"], overrides, exact=False)
-        facts = read_facts(flat, entry["module"])
+        facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
     understood(facts)
     survives_the_start(facts)
     return facts
@@ -181,7 +196,8 @@ def _module(
         extents = _compare(facts, entry)
         given = [c["parameter"] for c in entry["cases"]]
     said = static_claims(facts, entry["claims"])
-    report = ModuleReport(entry["module"], said, system=entry["system"])
+    name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
+    report = ModuleReport(name, said, system=entry["system"])
     report.parameters = parameters_of(facts.flying)
     report.assumptions = assumptions_of(facts)
     cases = list(facts.cases())

@@ -22,6 +22,7 @@ from soter.reach.problem.following import check_followed
 from soter.reach.problem.inputs import Inputs, inputs_of
 from soter.reach.problem.place import Place, place, whole
 from soter.reach.problem.problem import Interval, Problem
+from soter.reach.time.routes import beside
 from soter.reach.time.timing import times_of
 from soter.syntax.schemes import SCHEMES
 
@@ -82,6 +83,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
             *_open(found),
         ],
         name=f"{module.name} as {module.view}" if module.view else module.name,
+        beside=beside(at),
         view=module.view,
         flying=whole(at) if module.view else None,
         commands=commands,

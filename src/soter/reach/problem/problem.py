@@ -11,6 +11,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
     from soter.diagnostics.span import Span
     from soter.lower.core import CoreSystem
     from soter.program.model.system import Module, System
@@ -191,6 +193,8 @@ class Problem:
     """Full name of the module in its own system, for people; with the name of the view."""
     view: str = ""
     """Name of the view, if it is one."""
+    beside: Mapping[str, str] = field(default_factory=dict)
+    """Topics of SC that no plant drives -> the node that publishes them in every step."""
     flying: System | None = None
     """Of a view: the verification system with all of the module's predicates."""
     commands: tuple[tuple[float, ...], ...] = ()

@@ -38,7 +38,8 @@ def fault_on_defaults(problem: Problem) -> str:
     if not any(p.nodes for p in paths) and not schedule.dropout:
         at_once = len({p.sensor for p in paths}) == 1  # plants of one phase publish together
     followed = {p.topic for p in paths}
-    others = any(system.topics[t].name not in followed for t in topics)
+    with_them = {t for t, node in problem.beside.items() if node == paths[0].publisher}
+    others = any(system.topics[t].name not in followed | with_them for t in topics)
     if steps > STEPS_MAX:
         return "SC reads defaults for too long to try them all"
     if not at_once or others:

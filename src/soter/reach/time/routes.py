@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
+from soter.reach.problem.place import sc_reads
 from soter.reach.time.downstream import ways_behind
 from soter.reach.time.publishing import UnfollowedError, must_publish
 from soter.reach.time.schedule import Output, Path, Releases
@@ -93,6 +94,26 @@ def releases_of(place: Place, c: Component, ns: Callable[[typed.Expr | None], in
     return Releases(c.period_ns, c.phase_ns, ns(late), ns(response))
 
 
+def beside(place: Place) -> dict[str, str]:
+    """Topics of SC that no plant of the proof drives -> the one node that always publishes them."""
+    found = {}
+    for topic in sc_reads(place.sc.node) if place.abstract and place.sc.node else ():
+        own, index = place.sc.scope.topics[topic], place.flying(topic)
+        nodes = [c for c in place.flat.components if _publishes(c, index)]
+        if own in place.driven or [c.role for c in nodes] != ["node"]:
+            continue
+        try:
+            must_publish(nodes[0], index)
+        except UnfollowedError:
+            continue
+        found[place.system.topics[own].name] = nodes[0].name
+    return found
+
+
+def _publishes(c: Component, index: int) -> bool:
+    return c.node is not None and index in [c.scope.topics[t] for t in c.node.publishes]
+
+
 def outputs_of(routes: Routes, acts: int) -> tuple[Output, ...]:
     """What lies between SC and the plants, one entry for every different way."""
     ways = [Output(0, acts, tuple(routes.releases[n] for n in w.counted)) for w in routes.ways]
@@ -155,7 +176,7 @@ def _upstream(place: Place, index: int, seen: tuple[Component, ...]) -> Iterator
             yield _Way(c, (), Releases(c.period_ns, c.phase_ns))
         if c.node is None or c in seen or c.module == place.home.index:
             continue
-        if index not in [c.scope.topics[t] for t in c.node.publishes]:
+        if not _publishes(c, index):
             continue
         if c.role != "node":
             raise UnfollowedError(c, "the AC of another module may publish anything there")

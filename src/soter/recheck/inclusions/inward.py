@@ -49,7 +49,10 @@ def points_inwards(model: Model, states: Sequence[int]) -> bool:
 
 
 def kept_ends(model: Model, members: Sequence[int]) -> Kept:
-    """For each state whether its lower and its upper end are never crossed; False: uncertain."""
+    """For each state whether its lower and its upper end are never crossed; False: uncertain.
+
+    An open end is taken not to be.
+    """
     if model.facts.kind != "flow":
         return [(False, False)] * len(members)
     inwards = _linear(model, members) if is_linear(model, members) else _local(model, members)
@@ -58,7 +61,8 @@ def kept_ends(model: Model, members: Sequence[int]) -> Kept:
         sides = [[model.extents[k] for k in members] for _ in range(2)]
         low, high = model.extents[members[i]]
         sides[0][i], sides[1][i] = (low, low), (high, high)
-        found.append((inwards(sides[0], i, 1), inwards(sides[1], i, -1)))
+        is_open = members[i] in model.facts.open_ends  # nobody gets there: an assumption
+        found.append((inwards(sides[0], i, 1), is_open or inwards(sides[1], i, -1)))
     return found
 
 

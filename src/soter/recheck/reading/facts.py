@@ -76,6 +76,11 @@ class Facts:
     parameters: list[Parameter] = field(default_factory=list)
     axes: dict[int, tuple[float, float]] = field(default_factory=dict)
     """State -> its declared extent."""
+    open_ends: set[int] = field(default_factory=set)
+    """States of which nothing is claimed above that extent, and no run is taken to get there."""
+    view: str = ""
+    """The view that this is, of a module that has some; and all of that module."""
+    whole: typed.ModuleSymbol | None = None
     leaves: dict[int, tuple[int, tuple[str, ...]]] = field(default_factory=dict)
     """State -> the topic leaf that is declared as its axis."""
     times: dict[str, int] = field(default_factory=dict)

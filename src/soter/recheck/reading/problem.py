@@ -24,6 +24,7 @@ from soter.recheck.reading.facts import (
 )
 from soter.recheck.reading.home import as_it_runs, home_of
 from soter.recheck.reading.values import flat
+from soter.recheck.reading.views import seen
 from soter.recheck.terms.terms import NotRecheckedError
 from soter.recheck.time.module_times import read_times
 
@@ -44,8 +45,8 @@ __all__ = [
 PARAMETER_VALUES_MAX = 4096
 
 
-def read_facts(flat_system: System, name: str) -> Facts:
-    """The problem of the module instance called `name`.
+def read_facts(flat_system: System, name: str, view: str = "") -> Facts:
+    """The problem of the module instance called `name`, as one of its views sees it.
 
     DiffersError where there is no such module, NotRecheckedError where its problem is none that is
     read here.
@@ -53,14 +54,20 @@ def read_facts(flat_system: System, name: str) -> Facts:
     modules = [m for m in flat_system.modules if m.name == name]
     if len(modules) != 1:
         raise DiffersError(f"system `{flat_system.name}` has no module `{name}`")
-    system, module, plants = home_of(flat_system, modules[0])
+    runs = modules[0]
+    if view:
+        runs = seen(runs, view)
+    elif runs.symbol.verify.views:
+        raise NotRecheckedError(f"`{name}` is proved in views")
+    system, module, plants = home_of(flat_system, runs)
     sc = system.components[module.sc]
     if not plants:
         raise NotRecheckedError("no verification plant drives what the module reads")
     kinds = {_kind(c) for c in plants}
     if len(kinds) != 1:
         raise NotRecheckedError("flows and maps in one module")
-    facts = Facts(system, module, sc, plants, kinds.pop(), flat_system, modules[0])
+    facts = Facts(system, module, sc, plants, kinds.pop(), flat_system, runs)
+    facts.view, facts.whole = view, modules[0].symbol
     as_it_runs(facts)
     _read_states(facts)
     _read_axes(facts)
@@ -216,8 +223,13 @@ def _read_axes(facts: Facts) -> None:
             if axis.topic is not None:
                 facts.leaves[state] = (_topic_of_axis(facts, axis.topic), axis.path)
             if axis.low is not None and axis.high is not None:
-                extent = (float(number_of(facts, axis.low)), float(number_of(facts, axis.high)))
-                facts.axes[state] = extent
+                high = axis.high if axis.open is None else axis.open
+                facts.axes[state] = (
+                    float(number_of(facts, axis.low)),
+                    float(number_of(facts, high)),
+                )
+                if axis.open is not None:
+                    facts.open_ends.add(state)
 
 
 def _state_of_axis(facts: Facts, axis: typed.GridAxis) -> int | None:
