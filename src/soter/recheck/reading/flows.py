@@ -7,6 +7,7 @@ Non-goals: flows that are not linear (refused), which sets to check (`chains.py`
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
@@ -72,10 +73,13 @@ class LinearFlow:
         n, m = len(self.members), len(self.ranges)
         size = n + m + 1
         full = [[ZERO] * size for _ in range(size)]
+        # the last column of e^{At} is linear in the constants: large ones make no long series
+        largest = max((float(abs(c).upper()) for c in self.constant), default=0.0)
+        unit = exact(2.0 ** math.frexp(largest)[1])
         for i in range(n):
             full[i][:n] = self.a[i]
             full[i][n : n + m] = self.b[i]
-            full[i][n + m] = self.constant[i]
+            full[i][n + m] = self.constant[i] / unit
         e = exponential(full, start, end)
         longest = max(abs(start), abs(end))
         backwards = start < 0
@@ -87,7 +91,7 @@ class LinearFlow:
         return Motion(
             [row[:n] for row in e[:n]],
             [row[n : n + m] for row in e[:n]],
-            [row[n + m] for row in e[:n]],
+            [row[n + m] * unit for row in e[:n]],
             noise,
         )
 
