@@ -548,6 +548,8 @@ class VerifyBlock:
     acts: Expr | None
     recover: Expr | None
     dropout: Expr | None
+    induction: Span | None
+    lemmas: tuple[Expr, ...]
     span: Span
 
 

@@ -505,6 +505,9 @@ class VerifyBlock:
     response_of: dict[str, Expr] = field(default_factory=dict)
     dropout: Expr | None = None
     """For how long a sensor may be silent beyond its period."""
+    induction: Span | None = None
+    """Where it asks for a proof by induction (`reach/induction/`)."""
+    lemmas: tuple[Expr, ...] = ()
     span: Span | None = None
 
 
@@ -565,6 +568,11 @@ class ModuleSymbol(Symbol):
         """What it says about its topics: `safe`, `ttf`, `safer` and the hint `core`."""
         found = (self.safe, self.ttf, self.safer, self.verify.core)
         return tuple(e for e in found if e is not None)
+
+    @property
+    def spoken(self) -> tuple[Expr, ...]:
+        """The same and the lemmas: everything that names topics."""
+        return (*self.predicates, *self.verify.lemmas)
 
 
 @dataclass(eq=False)
