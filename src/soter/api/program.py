@@ -315,6 +315,7 @@ class Program:
         program that was written. `refute`: look for a counterexample to what is not proved.
         `SoterError` with R... where the program does not determine a problem.
         """
+        from soter.explore.violation import violation_of  # noqa: PLC0415 - needs a compiler
         from soter.reach.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
@@ -341,6 +342,7 @@ class Program:
             refute=refute,
             report=None if report is None else Path(report),
             progress=progress,
+            search=violation_of,
         )
 
     def synthesize(

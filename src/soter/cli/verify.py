@@ -215,7 +215,7 @@ def _details(module: ModuleResult, console: Console) -> list[str]:
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]
     size = f", {module.cells:,} cells" if module.cells else ""
-    lines = ["", f"{' · '.join(shares)} of the grid's volume{size}"]
+    lines = ["", f"{' · '.join(shares)} of the grid's volume{size}"] if shares or size else []
     lines += [module.at_the_start] if module.at_the_start else []
     told: list[str] = []
     for name in ("P2a", "ttf", "safer", *module.findings):

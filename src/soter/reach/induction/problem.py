@@ -41,6 +41,11 @@ class InductionProblem(Problem):
     """
 
     clocks: tuple[Clock, ...]
+    """As they are followed: SC waits for the DM's verdict."""
+    declared: tuple[Clock, ...]
+    """As they are declared."""
+    undeclared: tuple[str, ...]
+    """Times that are not, and are taken for zero."""
     safe: Predicate
     lemmas: tuple[Predicate, ...]
     lemma_texts: tuple[str, ...]
@@ -71,7 +76,7 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
     system = replace(derived.only(flat, kept), properties=(), inputs=(), until_ns=None)
     index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
     at = system.modules[index]
-    times, clocks, declared = _times(system, at, diagnostics)
+    times, clocks, declared, absent = _times(system, at, diagnostics)
     _stop(diagnostics)
     asked = (at.symbol.safe, *at.symbol.verify.lemmas)
     texts = tuple(" ".join(e.span.text.split()) for e in asked)
@@ -102,6 +107,8 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
         name=module.name,
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
         clocks=clocks,
+        declared=declared,
+        undeclared=tuple(absent),
         safe=safe,
         lemmas=tuple(lemmas),
         lemma_texts=texts[1:],
@@ -109,7 +116,7 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
         flying=flat.name,
     )
-    problem.assumptions = _assumptions(problem, declared)
+    problem.assumptions = _assumptions(problem, absent)
     return problem
 
 
@@ -274,8 +281,8 @@ def _read_by(flat: System, c: Component) -> list[int]:
 
 def _times(
     system: System, module: Module, diagnostics: Diagnostics
-) -> tuple[Times, tuple[Clock, ...], list[str]]:
-    """Declared times of everybody; who of them declares nothing."""
+) -> tuple[Times, tuple[Clock, ...], tuple[Clock, ...], list[str]]:
+    """Times of everybody, as followed and as declared; which are not declared."""
     verify = module.symbol.verify
     calculator = Calculator(diagnostics, module.scope.params)
 
@@ -311,9 +318,10 @@ def _times(
     each = {c.index: of(c) for c in system.components}
     dm, sc = system.components[module.dm], system.components[module.sc]
     waiting = sum(each[dm.index])
-    clocks = []
+    clocks, declared = [], []
     for c in system.components:
         late, response = each[c.index]
+        declared.append(Clock(c.index, c.period_ns, c.phase_ns, late, response))
         if c.index == sc.index:
             late = max(late, waiting)  # it waits for the DM's verdict
         clocks.append(Clock(c.index, c.period_ns, c.phase_ns, late, response))
@@ -330,7 +338,7 @@ def _times(
         (),
         (),
     )
-    return Times(schedule), tuple(clocks), absent
+    return Times(schedule), tuple(clocks), tuple(declared), absent
 
 
 def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:

@@ -16,6 +16,7 @@ from soter.program.check.const import Calculator
 from soter.program.model.system import modules_above
 from soter.program.model.types import leaves
 from soter.reach.enclose.scheme import ORDER
+from soter.reach.induction.problem import extract_induction
 from soter.reach.problem.assumed import assumptions_of
 from soter.reach.problem.axes import Axes
 from soter.reach.problem.following import check_followed
@@ -39,6 +40,10 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     """The problem of `module` of the flat system; `SoterError` with R... where there is none."""
     diagnostics = Diagnostics()
     _stands_alone(flat, module, diagnostics)
+    _stop(diagnostics)
+    if module.symbol.verify.induction is not None:
+        return extract_induction(flat, module)
+    _no_lemmas(module, diagnostics)
     _stop(diagnostics)
     at = place(flat, module)
     kind = check_followed(at, diagnostics, synthesize=synthesize)
@@ -112,6 +117,17 @@ def _stands_alone(flat: System, module: Module, diagnostics: Diagnostics) -> Non
         ),
         helps=("verify it in a system of its own, with nodes as its controllers", "or test it"),
     )
+
+
+def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:
+    for lemma in module.symbol.verify.lemmas:
+        diagnostics.error(
+            "R031",
+            "a `lemma` says nothing to a proof on sets of states",
+            lemma.span,
+            notes=("lemmas are proved together with `safe`, by induction",),
+            helps=("ask for it: `induction;`",),
+        )
 
 
 def _stop(diagnostics: Diagnostics) -> None:
