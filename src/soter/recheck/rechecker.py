@@ -28,6 +28,7 @@ from soter.recheck.coverage import parameters_of, uncovered
 from soter.recheck.inclusions.deployed import compare_tables
 from soter.recheck.inclusions.inclusion import GroupTables
 from soter.recheck.inclusions.tables import Grid
+from soter.recheck.induction.check import recheck_induction
 from soter.recheck.polytope.deployed import compare_half_spaces
 from soter.recheck.polytope.predicates import narrowed
 from soter.recheck.polytope.tables import PolytopeTables, read_polytope
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.program.build import Checked
+    from soter.recheck.induction.facts import InductionFacts
 
 DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
 """Times that stand in the program, and in the manifest as they are there."""
@@ -115,17 +117,23 @@ def _check(
     modules = manifest["modules"]
     if not isinstance(modules, list) or not modules:
         raise RejectedError("the manifest has no modules")
-    covered: list[Facts] = []
+    covered: list[Facts | InductionFacts] = []
     for k, entry in enumerate(modules):
         share = partial(_share, progress, k, len(modules))
-        facts = _facts(checked, overrides, entry)
+        facts: Facts | InductionFacts
+        if isinstance(entry, dict) and "induction" in entry:
+            facts, found = _by_induction(checked, overrides, entry)
+        else:
+            facts = _facts(checked, overrides, entry)
         if any(
             (f.flying.name, f.flying_module.name) == (facts.flying.name, facts.flying_module.name)
             for f in covered
         ):
             raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
         covered.append(facts)
-        report.modules.append(_module(certificate, facts, entry, share, workers))
+        if isinstance(facts, Facts):
+            found = _module(certificate, facts, entry, share, workers)
+        report.modules.append(found)
     report.not_covered = uncovered(checked, overrides, covered)
     unused = {n for n in certificate.contents if n.startswith("sets/")} - certificate.used
     for name in sorted(unused):
@@ -167,6 +175,17 @@ def _facts(checked: Checked, overrides: dict[str, Any], entry: dict[str, Any]) -
     understood(facts)
     survives_the_start(facts)
     return facts
+
+
+def _by_induction(
+    checked: Checked, overrides: dict[str, Any], entry: dict[str, Any]
+) -> tuple[InductionFacts, ModuleReport]:
+    """A module that is proved by induction."""
+    with _understood("a module"):
+        if entry["system"] not in checked.systems:
+            raise RejectedError(f"the program has no system `{entry['system']}`")
+        flat = system_of(checked, entry["system"], overrides, exact=False)
+        return recheck_induction(flat, entry)
 
 
 def _module(
