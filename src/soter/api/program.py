@@ -261,7 +261,7 @@ class Program:
         was measured instead of the true states. `SoterError` U001 where a plant is not affine.
         """
         from soter.monitor.membership import judge  # noqa: PLC0415 - needs NumPy
-        from soter.reach.problem.extract import extract  # noqa: PLC0415 - needs NumPy
+        from soter.reach.problem.extract import extract_sets  # noqa: PLC0415 - needs NumPy
         from soter.simulate.recorded import read_log, recorded  # noqa: PLC0415 - needs NumPy
 
         self._require_sound()
@@ -272,7 +272,7 @@ class Program:
             flat, _ = self._completed(system, params, None)
             record = read_log(Path(log), flat)
         chosen = chosen_modules(flat, module)
-        return [judge(flat, m, extract(flat, m), record, estimates=estimates) for m in chosen]
+        return [judge(flat, m, extract_sets(flat, m), record, estimates=estimates) for m in chosen]
 
     def emit_monitor(
         self,

@@ -92,6 +92,8 @@ def recheck(
         what = f"{type(error).__name__}: {error}"
         report.reason = f"not rechecked: the re-checker itself failed ({what})"
     except SoterError as error:
+        if any(d.code == "D007" for d in error.diagnostics):
+            raise  # nothing is known of the certificate
         report.reason = f"the program of the certificate: {error}"
     except StepFault as error:
         report.reason = f"not rechecked: a step that faults whatever it reads ({error})"

@@ -27,7 +27,7 @@ def induction_entry(result: InductionResult, system: str) -> dict[str, object]:
         "module": problem.name,
         "claims": claims,
         "assumptions": list(problem.assumptions),
-        "recover_ns": returns * found.hyperperiod_ns if declared else None,
+        "recover_ns": found.returns_ns if declared else None,
         "induction": {
             "k": found.k,
             "returns": returns,

@@ -76,6 +76,7 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
     system = replace(derived.only(flat, kept), properties=(), inputs=(), until_ns=None)
     index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
     at = system.modules[index]
+    assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
     times, clocks, declared, absent = _times(system, at, diagnostics)
     _stop(diagnostics)
     asked = (at.symbol.safe, *at.symbol.verify.lemmas)
@@ -211,7 +212,7 @@ def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]
         seen.add(index)
         name = flat.topics[index].name
         writers = [c for c in flat.components if index in _written_by(c)]
-        why = _not_followed(flat, writers)
+        why = _not_followed(flat, module, writers)
         if why:
             any_value[name] = why
             continue
@@ -222,7 +223,7 @@ def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]
     return list(nodes), any_value
 
 
-def _not_followed(flat: System, writers: list[Component]) -> str:
+def _not_followed(flat: System, module: Module, writers: list[Component]) -> str:
     """Why a topic may hold anything of its set at any time; "" where its nodes are followed."""
     if not writers:
         return "the environment's"
@@ -238,15 +239,14 @@ def _not_followed(flat: System, writers: list[Component]) -> str:
             return f"{c.name} calls an extern function"
         if c.node.bursts:
             return f"{c.name} publishes several messages a step"
-        others = {m for m in c.scope.modules.values() if flat.modules[m].dm != c.index}
-        if others and _reads_modes(flat, c):
+        if _reads_modes(c) - {module.index}:
             return f"{c.name} reads the mode of another module"
     return ""
 
 
-def _reads_modes(flat: System, c: Component) -> bool:
+def _reads_modes(c: Component) -> set[int]:
     assert c.node is not None
-    return len(flat.modules) > 1 and bool(mode_reads(*c.node.step, *(c.node.takeover or ())))
+    return {c.scope.modules.get(m, -1) for m in mode_reads(*c.node.step)}
 
 
 def _externs(*roots: object) -> list[typed.Call]:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 DEPTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 STEPS_MAX = 600
 """Steps of one stretch of time: more are not tried."""
-QUERY_MS = 30_000
-BUDGET_S = 120.0
+QUERY_MS = 20_000
+BUDGET_S = 60.0
 HOLDS, FAILS, UNKNOWN = "holds", "fails", "unknown"
 
 
@@ -51,8 +51,13 @@ class Induction:
     """Why nothing was found."""
     uninterpreted: dict[str, None] = field(default_factory=dict)
     returns: int = 0
-    """Hyperperiods after which SC has given control back; 0: not shown."""
+    """So many whole hyperperiods SC never keeps control; 0: not shown."""
     returns_s: float = 0.0
+
+    @property
+    def returns_ns(self) -> int:
+        """P2b: SC may take over in the middle of a hyperperiod, after which so many are whole."""
+        return (self.returns + 1) * self.hyperperiod_ns if self.returns else 0
 
 
 def induct(problem: InductionProblem, progress: Callable[[float], None] | None = None) -> Induction:
@@ -178,7 +183,7 @@ def _returns(problem: InductionProblem, found: Induction) -> None:
     for n in DEPTHS:
         if (n + found.k) * found.steps > STEPS_MAX or time.perf_counter() - began > BUDGET_S / 2:
             break
-        if problem.recover_ns is not None and n * whole > problem.recover_ns:
+        if problem.recover_ns is not None and (n + 1) * whole > problem.recover_ns:
             break
         terms = Terms()
         stretch = Stretch(problem, terms, n * whole, returning=True)

@@ -412,6 +412,8 @@ class Cluster:
             self._see_at(self.done[-1], None, True)
             return
         for d in self.done:
+            if d.step.begun:
+                continue  # it may have been over before: then there is no such instant
             here = d.step.effect
             over = [
                 self.terms.no(

@@ -69,7 +69,7 @@ def verify_by_induction(
     for name in TOGETHER:
         findings[name] = _part_of_it(name, findings["P2a"])
     if found.proved:
-        result.recover_s = found.returns * found.hyperperiod_ns / 1e9 if found.returns else None
+        result.recover_s = found.returns_ns / 1e9 if found.returns else None
     elif search is not None and found.about in ("safe", "fault") and found.fails_ns is not None:
         _refute(problem, found, findings, search)
     findings["DM"] = _decision_module(result)
@@ -130,8 +130,7 @@ def _returns(problem: InductionProblem, found: Induction) -> Finding:
     finding.text = "there is no proof that `safe` is kept"
     if found.proved and found.returns:
         finding.verdict = PROVED
-        within = show_ns(found.returns * found.hyperperiod_ns)
-        finding.text = f"SC gives control back within {within}"
+        finding.text = f"SC gives control back within {show_ns(found.returns_ns)}"
     elif found.proved:
         finding.text = "not proved: from some state that nothing excludes SC keeps control"
         finding.hint = "a lemma that excludes it, or a `safer` that SC reaches"

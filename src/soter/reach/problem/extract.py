@@ -16,7 +16,7 @@ from soter.program.check.const import Calculator
 from soter.program.model.system import modules_above
 from soter.program.model.types import leaves
 from soter.reach.enclose.scheme import ORDER
-from soter.reach.induction.problem import extract_induction
+from soter.reach.induction.problem import InductionProblem, extract_induction
 from soter.reach.problem.assumed import assumptions_of
 from soter.reach.problem.axes import Axes
 from soter.reach.problem.following import check_followed
@@ -117,6 +117,27 @@ def _stands_alone(flat: System, module: Module, diagnostics: Diagnostics) -> Non
         ),
         helps=("verify it in a system of its own, with nodes as its controllers", "or test it"),
     )
+
+
+def extract_sets(flat: System, module: Module) -> Problem:
+    """The same where it is a problem of sets; `SoterError` R031 where it is one of induction."""
+    problem = extract(flat, module)
+    require_sets(problem)
+    return problem
+
+
+def require_sets(problem: Problem) -> None:
+    """`SoterError` R031 for a module that is proved by induction."""
+    if isinstance(problem, InductionProblem):
+        diagnostics = Diagnostics()
+        verify = problem.module.symbol.verify
+        diagnostics.error(
+            "R031",
+            f"module `{problem.name}` is proved by induction: there are no sets of states",
+            verify.induction or problem.module.symbol.span,
+            notes=("monitors and advice rest on sets",),
+        )
+        raise SoterError(diagnostics.items)
 
 
 def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:

@@ -7,8 +7,10 @@ Non-goals: reading the program (`facts.py`, `reading.py`), executions (`machine.
 
 from __future__ import annotations
 
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.program.model.durations import show_ns
 from soter.recheck.assumptions import Said
 from soter.recheck.certificate.errors import RejectedError
@@ -28,7 +30,11 @@ PATIENCE_MS = 120_000
 
 
 def recheck_induction(flat: System, entry: dict[str, Any]) -> tuple[InductionFacts, ModuleReport]:
-    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed."""
+    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed.
+
+    SoterError D007 where the solver is not installed.
+    """
+    _require_solver()
     if set(entry) != set(KEYS):
         raise RejectedError("a module that is proved by induction is not as it should be")
     facts = read_induction(flat, entry["module"])
@@ -49,6 +55,19 @@ def recheck_induction(flat: System, entry: dict[str, Any]) -> tuple[InductionFac
     report.times = {"hyperperiod_ns": facts.turn, "k": k, "returns": returns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == PROVED]
     return facts, report
+
+
+def _require_solver() -> None:
+    if find_spec("z3") is None:
+        raise SoterError(
+            (
+                Diagnostic(
+                    "D007",
+                    "certificates of inductions are checked with `z3-solver`, which is not installed",
+                    helps=("install it: pip install 'soter[induction]'",),
+                ),
+            )
+        )
 
 
 def _static(facts: InductionFacts, said: dict[str, str]) -> None:
@@ -89,11 +108,11 @@ def _never(run: Any, begin: int, what: str) -> None:  # noqa: ANN401 - see the i
 def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
     from soter.recheck.induction.machine import Machine  # noqa: PLC0415 - an extra
 
-    if turns < 1 or (recover_ns is not None and recover_ns != turns * facts.turn):
+    if turns < 1 or (recover_ns is not None and recover_ns != (turns + 1) * facts.turn):
         raise RejectedError("P2b: no time within which SC gives control back")
     declared = facts.symbol.verify.recover
     if declared is not None:
-        if turns * facts.turn > nanoseconds(facts, declared):
+        if (turns + 1) * facts.turn > nanoseconds(facts, declared):
             raise RejectedError("P2b: SC gives control back later than `recover within` says")
     run = Machine(facts, first=False, fresh=True)
     run.run(turns * facts.turn)

@@ -1,0 +1,241 @@
+"""Proofs by induction: what is proved, what is refuted with a run, and what never may be proved."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING
+
+import pytest
+
+import soter
+from soter.api.program import load
+from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.reach.claims.results import VerifyReport
+
+pytest.importorskip("z3")
+
+PLANNER = """soter 1;
+const SETTLED: duration = 30ms;
+type Plan = enum { Hover, Around, ThroughBuilding };
+topic candidate: Plan;
+topic inForce: Plan;
+fun PhiPlan(p: Plan): bool { return p != Plan.ThroughBuilding; }
+node RRTStar period 10ms {
+  publishes candidate;
+  step { if choose bool { publish candidate = choose Plan; } }
+}
+node HoverPlan period 10ms {
+  publishes candidate;
+  step { publish candidate = Plan.Hover; }
+}
+node Follower period 10ms {
+  subscribes candidate;
+  publishes inForce;
+  var plan: Plan;
+  step {
+    if age(candidate) > seconds(SETTLED) {
+      plan = candidate;
+    }
+    publish inForce = plan;
+  }
+}
+rta SafePlanner {
+  ac RRTStar;
+  sc HoverPlan;
+  period 20ms;
+  safe PhiPlan(inForce);
+  ttf !PhiPlan(candidate);
+  safer PhiPlan(candidate);
+  verify { induction; }
+}
+system Planning default { node Follower; module SafePlanner; until 160ms; }
+"""
+
+
+def verified(tmp_path: Path, *changes: tuple[str, str], refute: bool = True) -> VerifyReport:
+    text = PLANNER
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    path = tmp_path / "planner.soter"
+    path.write_text(text)
+    return load(path).verify(refute=refute)
+
+
+def test_the_planner_is_proved_for_all_times(tmp_path: Path) -> None:
+    found = verified(tmp_path)["SafePlanner"]
+    assert found.verdict == "proved"
+    assert found.findings["P2a"].counts["k"] >= 1
+    assert found.findings["P2b"].verdict == "proved"
+    assert found.findings["DM"].verdict == "proved"
+    assert found.findings["P1c"].verdict == "assumed"
+    assert any("any value" in a for a in found.problem.assumptions)
+
+
+def test_a_threshold_that_is_too_short_is_refuted_by_a_run(tmp_path: Path) -> None:
+    found = verified(tmp_path, ("SETTLED: duration = 30ms", "SETTLED: duration = 20ms"))
+    finding = found["SafePlanner"].findings["P2a"]
+    assert found.verdict == "refuted"
+    assert "30 ms  violated" in str(finding.counterexample)
+
+
+def test_strictness_matters(tmp_path: Path) -> None:
+    found = verified(tmp_path, ("age(candidate) >", "age(candidate) >="))
+    assert found.verdict == "refuted"
+
+
+def test_phases_count(tmp_path: Path) -> None:
+    phased = ("HoverPlan period 10ms", "HoverPlan period 10ms phase 9ms")
+    assert verified(tmp_path, ("= 30ms", "= 29ms"), phased).verdict == "proved"
+
+
+def test_a_plan_that_is_published_again_and_again_never_settles(tmp_path: Path) -> None:
+    again = ("publish candidate = Plan.Hover", "publish candidate = Plan.ThroughBuilding")
+    found = verified(tmp_path, again)
+    findings = found["SafePlanner"].findings
+    assert findings["P2a"].verdict == "proved"
+    assert findings["P2b"].verdict == "undecided"
+    assert found.verdict == "undecided"
+
+
+def test_declared_times_make_p1c_proved_and_need_a_longer_threshold(tmp_path: Path) -> None:
+    nodes = "late dm 1ms, sc 1ms, Follower 1ms, RRTStar 1ms;"
+    none = "response dm 0ms, sc 0ms, Follower 0ms, RRTStar 0ms;"
+    declared = ("induction;", f"induction; {nodes} {none}")
+    assert verified(tmp_path, declared).verdict == "refuted"
+    longer = ("SETTLED: duration = 30ms", "SETTLED: duration = 32ms")
+    found = verified(tmp_path, declared, longer)["SafePlanner"]
+    assert found.verdict == "proved"
+    assert found.findings["P1c"].verdict == "proved"
+
+
+def test_a_response_delays_what_is_published(tmp_path: Path) -> None:
+    declared = ("induction;", "induction; response sc 2ms;")
+    phase = ("Follower period 10ms", "Follower period 10ms phase 1ms")
+    assert verified(tmp_path, declared, phase).verdict == "refuted"
+    longer = ("SETTLED: duration = 30ms", "SETTLED: duration = 32ms")
+    assert verified(tmp_path, declared, phase, longer).verdict == "proved"
+
+
+VALUES = (
+    ("type Plan = enum { Hover, Around, ThroughBuilding };", "type Plan = { ends: float[<=4], n: int in [0, 9] };"),
+    (
+        "fun PhiPlan(p: Plan): bool { return p != Plan.ThroughBuilding; }",
+        "const HOVER: Plan = { ends: [], n: 0 };\n"
+        "fun PhiPlan(p: Plan): bool { for x in p.ends { if x > 0.5 { return false; } } return true; }",
+    ),
+    ("topic candidate: Plan;", "topic candidate: Plan in { ends in [0.0, 1.0], n in [0, 9] };"),
+    ("topic inForce: Plan;", "topic inForce: Plan in { ends in [0.0, 1.0], n in [0, 9] };"),
+    ("if choose bool { publish candidate = choose Plan; }", "publish candidate = HOVER;"),
+    ("Plan.Hover", "HOVER"),
+)  # fmt: skip
+
+
+def test_a_predicate_of_lists_is_uninterpreted(tmp_path: Path) -> None:
+    copied = (
+        ("  var plan: Plan;\n", ""),
+        ("      plan = candidate;\n    }\n    publish inForce = plan;", "      publish inForce = candidate;\n    }"),
+    )  # fmt: skip
+    hover = ("publish candidate = HOVER;\n}", "publish candidate = HOVER;\n}")
+    known = ("induction;", "induction; lemma PhiPlan(HOVER);")
+    found = verified(tmp_path, *VALUES, *copied, known, refute=False)["SafePlanner"]
+    assert hover[0] != "" and found.verdict in ("proved", "undecided")
+    assert found.findings["P2a"].verdict != "refuted"
+
+
+WRONG = {
+    "the threshold is what DM and SC take": [("= 30ms", "= 20ms")],
+    "it is half of that": [("= 30ms", "= 10ms")],
+    "no threshold": [("= 30ms", "= 0ms")],
+    "not strict": [("age(candidate) >", "age(candidate) >=")],
+    "the follower ignores the age": [("if age(candidate) > seconds(SETTLED) {", "if true {")],
+    "SC publishes a bad plan, and rests": [
+        ("  publishes candidate;\n  step { publish candidate = Plan.Hover; }",
+         "  publishes candidate;\n  var k: int in [0, 4];\n  step { if k == 0 { publish candidate = "
+         "Plan.ThroughBuilding; } k = (k + 1) % 5; }"),
+    ],
+    "SC is silent": [("publish candidate = Plan.Hover;", "if false { publish candidate = Plan.Hover; }")],
+    "SC is as slow as the DM": [("node HoverPlan period 10ms", "node HoverPlan period 20ms")],
+    "SC comes at another phase": [("= 30ms", "= 29ms"), ("HoverPlan period 10ms", "HoverPlan period 10ms phase 0ms")],
+    "the DM is slower": [("  period 20ms;", "  period 40ms;")],
+    "the DM looks at the plan in force": [("ttf !PhiPlan(candidate)", "ttf !PhiPlan(inForce)")],
+    "the DM never looks": [("ttf !PhiPlan(candidate)", "ttf false")],
+    "safer lets a bad plan in": [
+        ("safer PhiPlan(candidate)", "safer true"), ("publish candidate = Plan.Hover;", "")],
+    "a second way around the follower": [
+        ("publishes inForce;\n  var", "publishes inForce;\n  var k: int in [0, 9];\n  var"),
+        ("publish inForce = plan;", "k = (k + 1) % 10; publish inForce = k == 9 ? candidate : plan;"),
+    ],
+    "a lemma that is false": [("induction;", "induction; lemma PhiPlan(candidate);")],
+    "a lemma about a time that is too short": [
+        ("induction;", "induction; lemma PhiPlan(candidate) || age(candidate) <= seconds(10ms);")],
+    "DM, SC and follower late": [
+        ("induction;", "induction; late dm 5ms, sc 5ms, Follower 5ms;")],
+    "the plan in force begins bad": [("topic inForce: Plan;", "topic inForce: Plan = Plan.ThroughBuilding;"),
+        ("  var plan: Plan;", "  var plan: Plan = Plan.ThroughBuilding;")],
+    "another node publishes what is flown": [
+        ("  subscribes candidate;", "  subscribes candidate, spare;"),
+        ("topic inForce: Plan;", "topic inForce: Plan; topic spare: Plan;"),
+        ("publish inForce = plan;", "publish inForce = age(spare) < 0.001 ? spare : plan;"),
+        ("system Planning default {", "node Spare period 50ms { publishes spare; step { publish "
+         "spare = choose Plan; } }\nsystem Planning default { node Spare;"),
+    ],
+    "a step that faults": [
+        ("    publish inForce = plan;", "    n = n + 1;\n    publish inForce = plan;"),
+        ("  var plan: Plan;", "  var plan: Plan;\n  var n: int in [0, 20];"),
+    ],
+}  # fmt: skip
+NOT_REFUTED = {"a lemma that is false", "a lemma about a time that is too short"}
+"""Undecided: a lemma is no property of the program."""
+
+
+@pytest.mark.parametrize("name", WRONG)
+def test_a_wrong_planner_is_never_proved(tmp_path: Path, name: str) -> None:
+    found = verified(tmp_path, *WRONG[name])
+    assert found.verdict in ("refuted", "undecided")
+    assert found["SafePlanner"].findings["P2a"].verdict != "proved"
+    if name not in NOT_REFUTED:
+        assert found.verdict == "refuted", found["SafePlanner"].findings["P2a"].text
+
+
+@pytest.mark.parametrize(
+    ("code", "change"),
+    [
+        ("R031", ("induction;", "induction; horizon 50ms;")),
+        ("R031", ("induction;", "induction; late Nobody 1ms;")),
+        ("R031", ("verify { induction; }", "verify { lemma PhiPlan(inForce); }")),
+        ("R032", ("  ttf !PhiPlan(candidate);\n  safer PhiPlan(candidate);\n", "")),
+        ("R015", ("induction;", "induction; late Follower 11ms;")),
+        ("R003", ("node HoverPlan period 10ms {\n  publishes candidate;\n  step { publish candidate = Plan.Hover; }\n}",
+                  'extern node HoverPlan period 10ms from "c:a.c:f" { publishes candidate; }')),
+    ],
+)  # fmt: skip
+def test_what_induction_is_not_for_is_a_diagnostic(
+    tmp_path: Path, code: str, change: tuple[str, str]
+) -> None:
+    with pytest.raises(SoterError) as error:
+        verified(tmp_path, change)
+    assert code in {d.code for d in error.value.diagnostics}
+
+
+def test_without_the_solver_there_is_a_word_about_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setitem(sys.modules, "z3", None)
+    with pytest.raises(SoterError) as error:
+        verified(tmp_path)
+    assert error.value.diagnostics[0].code == "D007"
+    assert "soter[induction]" in error.value.diagnostics[0].helps[0]
+
+
+def test_monitors_and_advice_want_sets(tmp_path: Path) -> None:
+    path = tmp_path / "planner.soter"
+    path.write_text(PLANNER)
+    for ask in (soter.load(path).advise, lambda: soter.load(path).emit_monitor(tmp_path / "m.soter")):
+        with pytest.raises(SoterError) as error:
+            ask()
+        assert error.value.diagnostics[0].code == "R031"
