@@ -71,13 +71,17 @@ def planner(seed: int, *, late: bool = False) -> str:
             f"if age(candidate) {compared} seconds({settled}ms) {{ plan = candidate; }}",
             f"if age(candidate) {compared} seconds({settled}ms) {{ plan = candidate; }}",
             f"if age(candidate) {compared} seconds({settled}ms) {{ plan = candidate; }}",
-            f"if age(candidate) {compared} seconds({settled}ms) && mode(Planner) == Mode.AC "
-            "{ plan = candidate; }",
+            (
+                f"if age(candidate) {compared} seconds({settled}ms) && mode(Planner) == Mode.AC "
+                "{ plan = candidate; }"
+            ),
             f"if age(candidate) > seconds({settled}ms) || good(candidate) {{ plan = candidate; }}",
             "plan = candidate;",
             "if good(candidate) { plan = candidate; }",
-            f"if candidate == seen && n >= {settled // 10} {{ plan = candidate; }}\n"
-            "    n = candidate == seen ? min(n + 1, 9) : 0;\n    seen = candidate;",
+            (
+                f"if candidate == seen && n >= {settled // 10} {{ plan = candidate; }}\n"
+                "    n = candidate == seen ? min(n + 1, 9) : 0;\n    seen = candidate;"
+            ),
         )
     )
     locals_ = "var seen: Plan; var n: int in [0, 9];" if "seen" in adopts else ""

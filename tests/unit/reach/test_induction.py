@@ -121,75 +121,88 @@ def test_a_response_delays_what_is_published(tmp_path: Path) -> None:
     assert verified(tmp_path, declared, phase, longer).verdict == "proved"
 
 
+LIST_PREDICATE = """const HOVER: Plan = { ends: [], n: 0 };
+fun PhiPlan(p: Plan): bool {
+  for x in p.ends { if x > 0.5 { return false; } }
+  return true;
+}"""
+SET = " in { ends in [0.0, 1.0], n in [0, 9] };"
+ENUM = "type Plan = enum { Hover, Around, ThroughBuilding };"
 VALUES = (
-    ("type Plan = enum { Hover, Around, ThroughBuilding };", "type Plan = { ends: float[<=4], n: int in [0, 9] };"),
-    (
-        "fun PhiPlan(p: Plan): bool { return p != Plan.ThroughBuilding; }",
-        "const HOVER: Plan = { ends: [], n: 0 };\n"
-        "fun PhiPlan(p: Plan): bool { for x in p.ends { if x > 0.5 { return false; } } return true; }",
-    ),
-    ("topic candidate: Plan;", "topic candidate: Plan in { ends in [0.0, 1.0], n in [0, 9] };"),
-    ("topic inForce: Plan;", "topic inForce: Plan in { ends in [0.0, 1.0], n in [0, 9] };"),
+    (ENUM, "type Plan = { ends: float[<=4], n: int in [0, 9] };"),
+    ("fun PhiPlan(p: Plan): bool { return p != Plan.ThroughBuilding; }", LIST_PREDICATE),
+    ("topic candidate: Plan;", f"topic candidate: Plan{SET}"),
+    ("topic inForce: Plan;", f"topic inForce: Plan{SET}"),
     ("if choose bool { publish candidate = choose Plan; }", "publish candidate = HOVER;"),
     ("Plan.Hover", "HOVER"),
-)  # fmt: skip
+    ("  var plan: Plan;\n", ""),
+    (
+        "plan = candidate;\n    }\n    publish inForce = plan;",
+        "publish inForce = candidate;\n    }",
+    ),
+    ("topic inForce: Plan in", "topic inForce: Plan in"),
+)
 
 
 def test_a_predicate_of_lists_is_uninterpreted(tmp_path: Path) -> None:
-    copied = (
-        ("  var plan: Plan;\n", ""),
-        ("      plan = candidate;\n    }\n    publish inForce = plan;", "      publish inForce = candidate;\n    }"),
-    )  # fmt: skip
-    hover = ("publish candidate = HOVER;\n}", "publish candidate = HOVER;\n}")
     known = ("induction;", "induction; lemma PhiPlan(HOVER);")
-    found = verified(tmp_path, *VALUES, *copied, known, refute=False)["SafePlanner"]
-    assert hover[0] != "" and found.verdict in ("proved", "undecided")
+    found = verified(tmp_path, *VALUES, known, refute=False)["SafePlanner"]
+    assert found.verdict in ("proved", "undecided")
     assert found.findings["P2a"].verdict != "refuted"
 
 
+SYSTEM = "system Planning default {"
+FLOWN = "publish inForce = plan;"
+SC = "  publishes candidate;\n  step { publish candidate = Plan.Hover; }"
+RESTS = """  publishes candidate;
+  var k: int in [0, 4];
+  step { if k == 0 { publish candidate = Plan.ThroughBuilding; } k = (k + 1) % 5; }"""
+SPARE = "node Spare period 50ms { publishes spare; step { publish spare = choose Plan; } }"
+COUNT = "n = n + 1; publish inForce = plan;"
+SECOND = "k = (k + 1) % 10; publish inForce = k > 8 ? candidate : plan;"
+BAD = " = Plan.ThroughBuilding;"
 WRONG = {
     "the threshold is what DM and SC take": [("= 30ms", "= 20ms")],
     "it is half of that": [("= 30ms", "= 10ms")],
     "no threshold": [("= 30ms", "= 0ms")],
     "not strict": [("age(candidate) >", "age(candidate) >=")],
     "the follower ignores the age": [("if age(candidate) > seconds(SETTLED) {", "if true {")],
-    "SC publishes a bad plan, and rests": [
-        ("  publishes candidate;\n  step { publish candidate = Plan.Hover; }",
-         "  publishes candidate;\n  var k: int in [0, 4];\n  step { if k == 0 { publish candidate = "
-         "Plan.ThroughBuilding; } k = (k + 1) % 5; }"),
-    ],
-    "SC is silent": [("publish candidate = Plan.Hover;", "if false { publish candidate = Plan.Hover; }")],
-    "SC is as slow as the DM": [("node HoverPlan period 10ms", "node HoverPlan period 20ms")],
-    "SC comes at another phase": [("= 30ms", "= 29ms"), ("HoverPlan period 10ms", "HoverPlan period 10ms phase 0ms")],
+    "SC publishes a bad plan, and rests": [(SC, RESTS)],
+    "SC is silent": [("publish candidate = Plan.Hover;", "")],
+    "SC is as slow as the DM": [("HoverPlan period 10ms", "HoverPlan period 20ms")],
+    "a shorter threshold without the phase": [("= 30ms", "= 29ms")],
     "the DM is slower": [("  period 20ms;", "  period 40ms;")],
     "the DM looks at the plan in force": [("ttf !PhiPlan(candidate)", "ttf !PhiPlan(inForce)")],
     "the DM never looks": [("ttf !PhiPlan(candidate)", "ttf false")],
     "safer lets a bad plan in": [
-        ("safer PhiPlan(candidate)", "safer true"), ("publish candidate = Plan.Hover;", "")],
+        ("safer PhiPlan(candidate)", "safer true"),
+        ("publish candidate = Plan.Hover;", ""),
+    ],
     "a second way around the follower": [
         ("publishes inForce;\n  var", "publishes inForce;\n  var k: int in [0, 9];\n  var"),
-        ("publish inForce = plan;", "k = (k + 1) % 10; publish inForce = k == 9 ? candidate : plan;"),
+        (FLOWN, SECOND),
     ],
     "a lemma that is false": [("induction;", "induction; lemma PhiPlan(candidate);")],
-    "a lemma about a time that is too short": [
-        ("induction;", "induction; lemma PhiPlan(candidate) || age(candidate) <= seconds(10ms);")],
-    "DM, SC and follower late": [
-        ("induction;", "induction; late dm 5ms, sc 5ms, Follower 5ms;")],
-    "the plan in force begins bad": [("topic inForce: Plan;", "topic inForce: Plan = Plan.ThroughBuilding;"),
-        ("  var plan: Plan;", "  var plan: Plan = Plan.ThroughBuilding;")],
+    "a lemma about too short a time": [
+        ("induction;", "induction; lemma PhiPlan(candidate) || age(candidate) <= 0.01;")
+    ],
+    "DM, SC and follower late": [("induction;", "induction; late dm 5ms, sc 5ms, Follower 5ms;")],
+    "the plan in force begins bad": [
+        ("topic inForce: Plan;", f"topic inForce: Plan{BAD}"),
+        ("  var plan: Plan;", f"  var plan: Plan{BAD}"),
+    ],
     "another node publishes what is flown": [
         ("  subscribes candidate;", "  subscribes candidate, spare;"),
         ("topic inForce: Plan;", "topic inForce: Plan; topic spare: Plan;"),
-        ("publish inForce = plan;", "publish inForce = age(spare) < 0.001 ? spare : plan;"),
-        ("system Planning default {", "node Spare period 50ms { publishes spare; step { publish "
-         "spare = choose Plan; } }\nsystem Planning default { node Spare;"),
+        (FLOWN, "publish inForce = age(spare) < 0.001 ? spare : plan;"),
+        (SYSTEM, f"{SPARE}\n{SYSTEM} node Spare;"),
     ],
     "a step that faults": [
-        ("    publish inForce = plan;", "    n = n + 1;\n    publish inForce = plan;"),
+        (FLOWN, COUNT),
         ("  var plan: Plan;", "  var plan: Plan;\n  var n: int in [0, 20];"),
     ],
-}  # fmt: skip
-NOT_REFUTED = {"a lemma that is false", "a lemma about a time that is too short"}
+}
+NOT_REFUTED = {"a lemma that is false", "a lemma about too short a time"}
 """Undecided: a lemma is no property of the program."""
 
 
@@ -202,18 +215,22 @@ def test_a_wrong_planner_is_never_proved(tmp_path: Path, name: str) -> None:
         assert found.verdict == "refuted", found["SafePlanner"].findings["P2a"].text
 
 
+HOVER_NODE = "node HoverPlan period 10ms {\n" + SC + "\n}"
+HOVER_EXTERN = 'extern node HoverPlan period 10ms from "c:a.c:f" { publishes candidate; }'
+DM = "  ttf !PhiPlan(candidate);\n  safer PhiPlan(candidate);\n"
+
+
 @pytest.mark.parametrize(
     ("code", "change"),
     [
         ("R031", ("induction;", "induction; horizon 50ms;")),
         ("R031", ("induction;", "induction; late Nobody 1ms;")),
         ("R031", ("verify { induction; }", "verify { lemma PhiPlan(inForce); }")),
-        ("R032", ("  ttf !PhiPlan(candidate);\n  safer PhiPlan(candidate);\n", "")),
+        ("R032", (DM, "")),
         ("R015", ("induction;", "induction; late Follower 11ms;")),
-        ("R003", ("node HoverPlan period 10ms {\n  publishes candidate;\n  step { publish candidate = Plan.Hover; }\n}",
-                  'extern node HoverPlan period 10ms from "c:a.c:f" { publishes candidate; }')),
+        ("R003", (HOVER_NODE, HOVER_EXTERN)),
     ],
-)  # fmt: skip
+)
 def test_what_induction_is_not_for_is_a_diagnostic(
     tmp_path: Path, code: str, change: tuple[str, str]
 ) -> None:
@@ -235,7 +252,10 @@ def test_without_the_solver_there_is_a_word_about_it(
 def test_monitors_and_advice_want_sets(tmp_path: Path) -> None:
     path = tmp_path / "planner.soter"
     path.write_text(PLANNER)
-    for ask in (soter.load(path).advise, lambda: soter.load(path).emit_monitor(tmp_path / "m.soter")):
+    for ask in (
+        soter.load(path).advise,
+        lambda: soter.load(path).emit_monitor(tmp_path / "m.soter"),
+    ):
         with pytest.raises(SoterError) as error:
             ask()
         assert error.value.diagnostics[0].code == "R031"

@@ -10,6 +10,7 @@ Non-goals: what a step does (`relation.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from math import lcm
 from typing import TYPE_CHECKING
 
@@ -32,8 +33,10 @@ class Clock:
 
 @dataclass(eq=False)
 class Point:
-    """An instant at which something is read or written, `at` in [earliest, latest]; `place` says
-    which of several at one time comes first."""
+    """An instant at which something is read or written, `at` in [earliest, latest].
+
+    `place` says which of several at one time comes first.
+    """
 
     earliest: int
     latest: int
@@ -83,10 +86,8 @@ def steps_of(terms: Terms, clocks: Sequence[Clock], end: int, *, first: bool) ->
     """All steps of a stretch of time, and what the clock says of them (facts of `terms`)."""
     found: list[Step] = []
     for clock in clocks:
-        own: list[Step] = []
-        for release in releases(clock, end, first=first):
-            own.append(_step(terms, clock, release))
-        for a, b in zip(own, own[1:], strict=False):
+        own = [_step(terms, clock, r) for r in releases(clock, end, first=first)]
+        for a, b in pairwise(own):
             terms.state(before(terms, a.effect, b.start))
         found += own
     for group in clusters(found):

@@ -401,6 +401,3 @@ def _size(statements: Sequence[core.Stmt]) -> int:
         elif isinstance(s, core.Loop):
             found += _size(s.body) * (s.high - s.low)
     return found
-
-
-

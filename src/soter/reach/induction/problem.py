@@ -53,6 +53,7 @@ class InductionProblem(Problem):
     """Topics of which nothing but their set is known: name -> why, in words."""
     first_ns: int = 0
     """The first instant of the whole system."""
+
     @cached_property
     def outputs(self) -> dict[int, list[int]]:
         """The topics that each component publishes."""
@@ -199,14 +200,14 @@ def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]
     symbol, scope = module.symbol, module.scope
     own = {module.dm, module.sc, module.ac}
     todo = [scope.topics[t] for t in topic_reads(*symbol.spoken)]
-    todo += _read_by(flat, flat.components[module.sc])
+    todo += _read_by(flat.components[module.sc])
     seen: set[int] = set()
     nodes: dict[int, None] = {}
     any_value: dict[str, str] = {}
     while todo:
         index = todo.pop()
-        index = flat.topics[index].queue_of if flat.topics[index].queue_of is not None else index
-        assert index is not None
+        source = flat.topics[index].queue_of
+        index = index if source is None else source
         if index in seen or index in module.outputs:
             continue
         seen.add(index)
@@ -219,7 +220,7 @@ def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]
         for c in writers:
             if c.index not in own and c.index not in nodes:
                 nodes[c.index] = None
-                todo += _read_by(flat, c)
+                todo += _read_by(c)
     return list(nodes), any_value
 
 
@@ -271,7 +272,7 @@ def _written_by(c: Component) -> list[int]:
     return [] if c.node is None else [c.scope.topics[t] for t in c.node.publishes]
 
 
-def _read_by(flat: System, c: Component) -> list[int]:
+def _read_by(c: Component) -> list[int]:
     assert c.node is not None
     return [c.scope.topics[t] for t in topic_reads(*c.node.step)]
 
@@ -343,10 +344,8 @@ def _times(
 
 def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:
     system, module = problem.system, problem.module
-    found = [
-        f"{system.components[module.ac].name} publishes at its releases, any value of the declared "
-        "sets or none; the gate lets nothing else pass",
-    ]
+    ac = system.components[module.ac].name
+    found = [f"{ac} publishes at its releases, any value of the declared sets or none"]
     for c in problem.clocks:
         if c.late or c.response:
             name = system.components[c.component].name
@@ -361,5 +360,3 @@ def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:
     found += [f"{n}: any value of its set at any time ({w})" for n, w in problem.any_value.items()]
     found.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
     return found
-
-

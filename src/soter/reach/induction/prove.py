@@ -192,9 +192,11 @@ def _returns(problem: InductionProblem, found: Induction) -> None:
         for done in stretch.done:
             if done.mode is not None:
                 inside = done.step.effect.latest < n * whole or done.step.effect.at < n * whole
-                stays = [done.mode == SC] if done.before is None else [
-                    done.before == SC, done.mode == SC
-                ]
+                stays = (
+                    [done.mode == SC]
+                    if done.before is None
+                    else [done.before == SC, done.mode == SC]
+                )
                 solver.add(terms.z3.Implies(_term(terms, inside), terms.z3.And(*stays)))
         if solver.check() == terms.z3.unsat:
             found.returns = n

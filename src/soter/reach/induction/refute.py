@@ -74,16 +74,16 @@ def refuting_run(
     problem: InductionProblem, until_ns: int, search: Search, *, fault: bool
 ) -> ReplayedRun | None:
     """A run in which `safe` is violated by then, or a trusted step faults; None: none found."""
-    for system in (_any_ac(problem), problem.system):
+    for system in (any_ac(problem), problem.system):
         if any(c.extern for c in system.components):
             continue
-        found = search(_asked(problem, system, until_ns))
+        found = search(asked_of(problem, system, until_ns))
         if found is not None and found.what == ("fault" if fault else "property"):
             return ReplayedRun(found.time_ns, found.lines)
     return None
 
 
-def _asked(problem: InductionProblem, system: System, until_ns: int) -> System:
+def asked_of(problem: InductionProblem, system: System, until_ns: int) -> System:
     """The system as a test: `safe` always, steps as late as they are declared to be."""
     m = problem.module
     span = m.symbol.span
@@ -101,7 +101,7 @@ def _asked(problem: InductionProblem, system: System, until_ns: int) -> System:
 # ---------------------------------------------------------------- an AC that may do anything
 
 
-def _any_ac(problem: InductionProblem) -> System:
+def any_ac(problem: InductionProblem) -> System:
     """AC publishes at each of its releases, or not, on each of its topics, any value of its set."""
     system = problem.system
     ac = system.components[problem.module.ac]

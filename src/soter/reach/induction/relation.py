@@ -162,8 +162,14 @@ class View:
     """What is read at a point of a cluster, `own` included where it is an effect."""
 
     def __init__(
-        self, of: Stretch, cluster: Cluster | None, now: Term, point: Point | None = None,
-        own: Step | None = None, *, enabled: Term = True,
+        self,
+        of: Stretch,
+        cluster: Cluster | None,
+        now: Term,
+        point: Point | None = None,
+        own: Step | None = None,
+        *,
+        enabled: Term = True,
     ) -> None:
         self.of, self.cluster, self.now, self.point, self.own = of, cluster, now, point, own
         self.enabled = enabled
@@ -416,9 +422,7 @@ class Cluster:
                 continue  # it may have been over before: then there is no such instant
             here = d.step.effect
             over = [
-                self.terms.no(
-                    self.terms.both(p.at == here.at, before(self.terms, here, p))
-                )
+                self.terms.no(self.terms.both(p.at == here.at, before(self.terms, here, p)))
                 for p in points
                 if p is not here and p.earliest <= here.latest and here.earliest <= p.latest
             ]
@@ -438,7 +442,8 @@ class Cluster:
                 if e is not d and point is not None
             ]
             terms.state(terms.both(now >= at.at, now < max(self.after, at.latest + 1)))
-            holds_then = of.predicate(of.problem.safe, View(of, self, now, point, d.step), fault=False)
+            view = View(of, self, now, point, d.step)
+            holds_then = of.predicate(of.problem.safe, view, fault=False)
             later = terms.either(terms.no(terms.both(*still)), holds_then)
         faults = [terms.no(e.fault) for e in self.done] if point is None else [terms.no(d.fault)]
         no_fault = terms.both(*faults)
@@ -460,7 +465,8 @@ def _writers(problem: InductionProblem) -> list[int]:
 
 
 def _facts(p: core.Predicate) -> list[object]:
-    return [n for n in walk((*p.body, core.Let(p.span, "value", p.value)))
-            if isinstance(n, core.Fact) and n.fact in ("age", "time")]
-
-
+    return [
+        n
+        for n in walk((*p.body, core.Let(p.span, "value", p.value)))
+        if isinstance(n, core.Fact) and n.fact in ("age", "time")
+    ]

@@ -186,7 +186,7 @@ class Terms:
             for (of, _), (bounds, predicate) in self._inside.items():
                 if of == t:
                     self._decide(predicate(term), t, value, bounds)
-            if isinstance(t, ListType):
+            if isinstance(t, ListType) and isinstance(value, tuple):
                 self.state(self.length(term) == len(value))
         return self._constants[key][1]
 

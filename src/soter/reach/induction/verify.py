@@ -114,7 +114,8 @@ def _safe(problem: InductionProblem, found: Induction) -> Finding:
         )
         return finding
     if found.fails_ns is not None:
-        finding.text = f"{found.what} fails within {show_ns(found.fails_ns)} in a run of the relation"
+        within = show_ns(found.fails_ns)
+        finding.text = f"{found.what} fails within {within} in a run of the relation"
         finding.hint = {
             "lemma": "a lemma is proved together with `safe`: mend it, or leave it out",
             "fault": "show that the step cannot fault: bounded types, a check before it",

@@ -63,7 +63,7 @@ def _require_solver() -> None:
             (
                 Diagnostic(
                     "D007",
-                    "certificates of inductions are checked with `z3-solver`, which is not installed",
+                    "inductions are checked with `z3-solver`, which is not installed",
                     helps=("install it: pip install 'soter[induction]'",),
                 ),
             )
@@ -111,9 +111,8 @@ def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
     if turns < 1 or (recover_ns is not None and recover_ns != (turns + 1) * facts.turn):
         raise RejectedError("P2b: no time within which SC gives control back")
     declared = facts.symbol.verify.recover
-    if declared is not None:
-        if (turns + 1) * facts.turn > nanoseconds(facts, declared):
-            raise RejectedError("P2b: SC gives control back later than `recover within` says")
+    if declared is not None and (turns + 1) * facts.turn > nanoseconds(facts, declared):
+        raise RejectedError("P2b: SC gives control back later than `recover within` says")
     run = Machine(facts, first=False, fresh=True)
     run.run(turns * facts.turn)
     solver = _solver(run)
@@ -147,11 +146,10 @@ def _assumptions(facts: InductionFacts) -> list[Said]:
     ]
     if facts.undeclared:
         found.append(Said("undeclared", "undeclared times are zero: nobody is late, or takes time"))
-    for c in facts.actors:
-        found.append(
-            Said(
-                f"released {c.name}",
-                f"{c.name} steps every {show_ns(c.period_ns)}, from {show_ns(c.phase_ns)} on",
-            )
+    return found + [
+        Said(
+            f"released {c.name}",
+            f"{c.name} steps every {show_ns(c.period_ns)}, from {show_ns(c.phase_ns)} on",
         )
-    return found
+        for c in facts.actors
+    ]

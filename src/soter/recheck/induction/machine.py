@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     from soter.recheck.induction.facts import InductionFacts
 
 Term = Any
-YES, NO = z3.BoolVal(True), z3.BoolVal(False)  # noqa: FBT003 - constants of the solver
+YES, NO = z3.BoolVal(True), z3.BoolVal(False)
 IN_SC, IN_AC = 0, 1
 UNPUBLISHED = -(2**62)
 
@@ -120,7 +120,7 @@ class Machine:
         left = list(range(len(due)))
         turns = []
         decided: list[Term] = []
-        for k in left:
+        for _k in left:
             who = z3.FreshInt("who")
             turns.append(who)
             self.constraints += [who >= 0, who < len(due)]
@@ -176,7 +176,9 @@ class Machine:
                 return now.topics[i]
             found = unknown(flying.topics[i].type, flying.topics[i].name, self.constraints)
             if flying.topics[i].queue_of is None:
-                self.constraints.append(inside(found, flying.topics[i].type, flying.topics[i].bounds))
+                self.constraints.append(
+                    inside(found, flying.topics[i].type, flying.topics[i].bounds)
+                )
             return found
 
         def age(i: int) -> Term:
@@ -292,5 +294,3 @@ def _merge(c: Term, a: Now, b: Now) -> Now:
         either(c, a.mode, b.mode),
         either(c, a.faulted, b.faulted),
     )
-
-

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from fractions import Fraction
+from math import ceil, floor
 from typing import TYPE_CHECKING, Any
 
 import z3
@@ -136,14 +137,14 @@ def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
             count = sum(1 for _ in leaves(f))
             found.append(inside(v, f, bounds[at : at + count]))
             at += count
-        return z3.And(*found) if found else z3.BoolVal(True)  # noqa: FBT003 - a constant of the solver
+        return z3.And(*found) if found else z3.BoolVal(True)
     if isinstance(t, (BoolType, EnumType)):
-        return z3.BoolVal(True)  # noqa: FBT003 - the same
+        return z3.BoolVal(True)
     if is_plain(t):
         low, high = extent(t)
         if bounds and bounds[0] is not None:
-            low, high = max(low, -(-bounds[0].low // 1)), min(high, bounds[0].high // 1)
-        return z3.And(value >= int(low), value <= int(high))
+            low, high = max(low, ceil(bounds[0].low)), min(high, floor(bounds[0].high))
+        return z3.And(value >= low, value <= high)
     said = [None if b is None else (b.low, b.high) for b in bounds]
     if isinstance(value, Seconds):
         limits = said[0] or (float("-inf"), float("inf"))
@@ -215,15 +216,15 @@ class Reading:
 
     sight: Sight
     env: dict[typed.Variable, Term] = field(default_factory=dict)
-    fault: Term = field(default_factory=lambda: z3.BoolVal(False))  # noqa: FBT003 - a term
+    fault: Term = field(default_factory=lambda: z3.BoolVal(False))
     said: dict[typed.TopicSymbol, tuple[Term, Term]] = field(default_factory=dict)
-    returned: Term = field(default_factory=lambda: z3.BoolVal(False))  # noqa: FBT003 - a term
+    returned: Term = field(default_factory=lambda: z3.BoolVal(False))
     result: Term = None
     rounds: int = 0
 
     def truth(self, e: typed.Expr) -> tuple[Term, Term]:
         """The value of a predicate, and whether it faults."""
-        value = self.value(e, z3.BoolVal(True))  # noqa: FBT003 - a term
+        value = self.value(e, z3.BoolVal(True))
         return value, self.fault
 
     def _faulty(self, where: Term, condition: Term) -> None:
@@ -248,7 +249,7 @@ class Reading:
                 self.env[s.place.variable] = either(here, new, old)
             elif isinstance(s, typed.Publish):
                 value = self.value(s.value, here)
-                flag, old = self.said.get(s.topic, (z3.BoolVal(False), value))  # noqa: FBT003
+                flag, old = self.said.get(s.topic, (z3.BoolVal(False), value))
                 self.said[s.topic] = (z3.Or(flag, here), either(here, value, old))
             elif isinstance(s, typed.Return):
                 value = self.value(s.value, here)
@@ -409,12 +410,12 @@ class Reading:
         if all(_exact(p.type) for p in fun.parameters) and _exact(fun.result) and _simple(fun):
             inner = Reading(self.sight, dict(zip(fun.parameters, values, strict=True)))
             inner.rounds = self.rounds
-            inner.run(fun.body, z3.BoolVal(True))  # noqa: FBT003 - a term
+            inner.run(fun.body, z3.BoolVal(True))
             self.rounds = inner.rounds
             self._faulty(where, inner.fault)
             return inner.result
         self.rounds += 1
-        given = {p: v for p, v in self.sight.scope.params.items()}
+        given = dict(self.sight.scope.params.items())
         name = f"fun {fun.name} {sorted((p.name, repr(v)) for p, v in given.items())}"
         self._faulty(where, self._same_for_same(f"{name} faults", values, _BOOL))
         return self._same_for_same(name, values, fun.result)

@@ -45,9 +45,7 @@ class VerifyChecker:
             context = Context(scope, f"module `{module.name}`", topics="any")
             block.core = self.shared.check_expr(verify.core, context, BOOL)
         block.induction = verify.induction
-        lemma = Context(
-            scope, f"a lemma of module `{module.name}`", topics="any", has_modes=True
-        )
+        lemma = Context(scope, f"a lemma of module `{module.name}`", topics="any", has_modes=True)
         block.lemmas = tuple(self.shared.check_expr(e, lemma, BOOL) for e in verify.lemmas)
         if module.synthesized:
             topics = [a.topic for g in block.groups for a in g.axes if a.topic is not None]
