@@ -300,6 +300,7 @@ def _finding(finding: Finding, run: Path | None) -> dict[str, object]:
             for region in finding.regions
         ],
         "counterexample": None if run is None else str(run),
+        "run": [] if finding.counterexample is None else str(finding.counterexample).splitlines(),
         "causes": [
             {"kind": c.kind, "text": c.text, "hint": c.hint, "numbers": dict(c.numbers)}
             for c in finding.causes

@@ -177,10 +177,9 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
             )
     for topic in topic_reads(symbol.safe):
         index = module.scope.topics[topic]
-        driver = flat.topics[index].driver
-        plants = {c.name for c in flat.components if c.plant is not None}
-        if driver in plants or driver in ("", derived.OUTSIDE):
-            who = f"plant `{driver}`" if driver in plants else "the environment"
+        writers = [c for c in flat.components if index in _written_by(c)]
+        if not writers or any(c.plant is not None for c in writers):
+            who = f"plant `{writers[0].name}`" if writers else "the environment"
             diagnostics.error(
                 "R030",
                 f"`safe` of module `{module.name}` speaks of `{flat.topics[index].name}`, which "
