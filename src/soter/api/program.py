@@ -322,15 +322,8 @@ class Program:
         if synthesize:
             written = self.synthesize(module=module, system=system, params=params)
             if written:
-                return load(written[0]).verify(
-                    module,
-                    cert,
-                    system=system,
-                    params=params,
-                    refute=refute,
-                    report=report,
-                    progress=progress,
-                )
+                how: dict[str, Any] = {"refute": refute, "report": report, "progress": progress}
+                return load(written[0]).verify(module, cert, system=system, params=params, **how)
         require_writers(None, report)
         return verify(
             self._checked,

@@ -77,7 +77,7 @@ class Evaluation:
     # ------------------------------------------------------------ statements
 
     def run(self, statements: Sequence[core.Stmt], where: Term = True) -> None:
-        """Execute them; `where`: under which condition they are reached."""
+        """Execute them; `where`: under which condition they are reached. `TooLongError`."""
         for s in statements:
             self.left -= 1
             if self.left < 0:

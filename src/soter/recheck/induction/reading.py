@@ -157,7 +157,10 @@ def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
 
 
 def age_compared(op: str, ns: Term, limit: float) -> Term:
-    """`float(ns) / 1e9 op limit`, found by trying whole nanoseconds around the exact quotient."""
+    """`float(ns) / 1e9 op limit`, found by trying whole nanoseconds around the exact quotient.
+
+    NotRecheckedError where the limit is no time.
+    """
     if limit != limit:  # noqa: PLR0124 - NaN
         return z3.BoolVal(op == "!=")
     if abs(limit) == float("inf"):
@@ -223,7 +226,7 @@ class Reading:
     rounds: int = 0
 
     def truth(self, e: typed.Expr) -> tuple[Term, Term]:
-        """The value of a predicate, and whether it faults."""
+        """The value of a predicate, and whether it faults. NotRecheckedError as `value`."""
         value = self.value(e, z3.BoolVal(True))
         return value, self.fault
 
@@ -233,7 +236,7 @@ class Reading:
     # ------------------------------------------------------------ statements
 
     def run(self, statements: Sequence[typed.Stmt], where: Term) -> None:
-        """In order; after a return nothing is done."""
+        """In order; after a return nothing is done. NotRecheckedError for what is not known."""
         for s in statements:
             self.rounds += 1
             if self.rounds > ROUNDS_MAX:
@@ -277,7 +280,7 @@ class Reading:
     # ------------------------------------------------------------ expressions
 
     def value(self, e: typed.Expr, where: Term) -> Term:
-        """The value, where it is evaluated."""
+        """The value, where it is evaluated. NotRecheckedError for what is not known."""
         sight = self.sight
         if isinstance(e, typed.Literal):
             return known(e.type, e.value)
