@@ -144,6 +144,14 @@ VALUES = (
 )
 
 
+def test_predicates_may_read_ages_and_modes(tmp_path: Path) -> None:
+    ttf = ("ttf !PhiPlan(candidate)", "ttf !PhiPlan(candidate) && age(candidate) >= 0.0")
+    safer = ("safer PhiPlan(candidate)", "safer PhiPlan(candidate) && mode(SafePlanner) == Mode.SC")
+    found = verified(tmp_path, ttf, safer)["SafePlanner"]
+    assert found.verdict == "proved"
+    assert found.findings["DM"].verdict == "assumed"
+
+
 def test_a_predicate_of_lists_is_uninterpreted(tmp_path: Path) -> None:
     known = ("induction;", "induction; lemma PhiPlan(HOVER);")
     found = verified(tmp_path, *VALUES, known, refute=False)["SafePlanner"]
@@ -259,3 +267,78 @@ def test_monitors_and_advice_want_sets(tmp_path: Path) -> None:
         with pytest.raises(SoterError) as error:
             ask()
         assert error.value.diagnostics[0].code == "R031"
+
+
+EVERYTHING = """soter 1;
+type Kind = enum { Hover, Go, Bad };
+type Plan = { kind: Kind, n: int in [0, 9], ends: float[<=4], cost: float };
+topic candidate: Plan in { n in [0, 9], ends in [-1.0, 1.0], cost in [0.0, 9.0] } max_age 200ms;
+topic inForce: Plan in { n in [0, 9], ends in [-1.0, 1.0], cost in [0.0, 9.0] };
+topic pose: float max_age 50ms;
+topic u: float in [-1.0, 1.0];
+topic alarm: bool;
+topic beat: int in [0, 100];
+fun far(p: Plan): bool { for e in p.ends { if e > 0.5 { return true; } } return false; }
+fun good(p: Plan): bool { return p.kind != Kind.Bad && !far(p); }
+const HOVER: Plan = { kind: Kind.Hover, n: 0, ends: [], cost: 0.0 };
+extern node Any period 10ms { publishes candidate; }
+node Safe period 10ms {
+  subscribes pose, beat;
+  publishes candidate;
+  var k: int in [0, 3];
+  var seen: float;
+  on takeover { k = 0; }
+  step {
+    k = in_control ? min(k + 1, 3) : 0;
+    seen = pose;
+    let kind = seen > 3.0 ? Kind.Hover : Kind.Go;
+    let h: Plan = { kind: kind, n: min(abs(beat), 9), ends: [], cost: 0.0 };
+    publish candidate = beat > 3 ? h : HOVER;
+  }
+}
+node Follower period 10ms {
+  subscribes candidate, alarm queue 4;
+  publishes inForce;
+  step {
+    var any = false;
+    for a in alarm { any = any || a; }
+    if age(candidate) > seconds(40ms) && good(candidate) && !any { publish inForce = candidate; }
+  }
+}
+node Beat period 20ms { publishes beat, alarm; var n: int in [0, 100]; var f: bool[20];
+  step {
+    n = (n + 1) % 100;
+    f[n % 20] = fair choose bool;
+    publish beat = n / 7;
+    publish alarm = f[3];
+  }
+}
+plant Car period 5ms { reads u; drives pose = x; state x: float; der x = u; }
+node Drive period 10ms {
+  subscribes inForce;
+  publishes u;
+  step { publish u = clamp(inForce.cost, -1.0, 1.0); }
+}
+rta Planner {
+  ac Any;
+  sc Safe;
+  period 20ms;
+  safe good(inForce) && age(inForce) >= 0.0;
+  ttf !good(candidate) || pose > 9.0;
+  safer good(candidate) && mode(Planner) == Mode.SC;
+  verify { induction;  }
+}
+system S default { node Follower; node Beat; node Drive; c: Car; module Planner; until 1s; }
+"""
+"""Records, lists, queues, modes, a fair choice, `on takeover`, an extern AC, a plant beside."""
+
+
+def test_what_else_the_language_has_is_followed_or_left_open(tmp_path: Path) -> None:
+    path = tmp_path / "everything.soter"
+    path.write_text(EVERYTHING)
+    found = load(path).verify(refute=False)["Planner"]
+    assert found.verdict == "proved"
+    assert any("pose: any value" in a for a in found.problem.assumptions)
+    wrong = EVERYTHING.replace("&& good(candidate) && !any", "&& !any").replace("40ms", "20ms")
+    path.write_text(wrong)
+    assert load(path).verify(refute=False).verdict == "undecided"

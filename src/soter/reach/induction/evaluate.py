@@ -313,12 +313,8 @@ class Evaluation:
             values = [self.expr(x) for x in e.elements]
             if is_tuple(e.type):
                 return tuple(values)
-            pairs = zip(values, e.elements, strict=True)
-            given = [x for v, part in pairs for x in terms.flat(v, part.type)]
-            found = terms.apply("list of", given, e.type)
-            if isinstance(e.type, ListType):
-                terms.state(terms.length(found) == len(values))
-            return found
+            types = [part.type for part in e.elements]
+            return terms.listed(e.type, list(zip(values, types, strict=True)))
         if isinstance(e, core.Unary):
             return self._unary(e)
         if isinstance(e, core.Extreme):

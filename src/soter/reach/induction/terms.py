@@ -102,6 +102,7 @@ class Terms:
         self._count = 0
         self._constants: dict[tuple[Type, str], tuple[Value, Term]] = {}
         self._inside: dict[tuple[Type, object], tuple[Bounds, Term]] = {}
+        self._made: list[tuple[Type, Term, list[tuple[Term, Type]]]] = []
         self._told: set[tuple[str, int]] = set()
 
     # ------------------------------------------------------------ truths
@@ -204,10 +205,35 @@ class Terms:
             for (of, _), (value, term) in list(self._constants.items()):
                 if of == t:
                     self._decide(predicate(term), t, value, bounds)
+            for made, term, elements in list(self._made):
+                if made == t:
+                    self._decide_made(predicate(term), t, elements, bounds)
         return self._inside[key][1]
 
     def _decide(self, claim: Term, t: Type, value: Value, bounds: Bounds) -> None:
         self.state(claim == allowed(value, t, bounds))
+
+    def _decide_made(
+        self, claim: Term, t: Type, elements: list[tuple[Term, Type]], bounds: Bounds
+    ) -> None:
+        """A list passes where its elements do."""
+        size = len(elements)
+        own = [bounds] * size if isinstance(t, ListType) else [b for _, b in _divided(t, bounds)]
+        passes = [self.may_publish(v, p, b or ()) for (v, p), b in zip(elements, own, strict=True)]
+        self.state(claim == self.both(*passes))
+
+    def listed(self, t: Type, elements: list[tuple[Term, Type]]) -> Term:
+        """A list or long array, made of its elements."""
+        if not elements:
+            return self.lifted(t, ())
+        found = self.apply("list of", [x for v, p in elements for x in self.flat(v, p)], t)
+        self._made.append((t, found, elements))
+        for (of, _), (bounds, predicate) in list(self._inside.items()):
+            if of == t:
+                self._decide_made(predicate(found), t, elements, bounds)
+        if isinstance(t, ListType):
+            self.state(self.length(found) == len(elements))
+        return found
 
     def may_publish(self, value: Term, t: Type, bounds: Bounds) -> Term:
         """Whether the gate lets a value pass: finite, and inside the bounds of its leaves."""

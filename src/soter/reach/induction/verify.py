@@ -11,7 +11,9 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
+from soter.program.model import typed
 from soter.program.model.durations import show_ns
+from soter.program.model.walk import nodes
 from soter.reach.claims.results import (
     ASSUMED,
     PROPERTIES,
@@ -40,6 +42,10 @@ TEXTS = {
     "safer": "whenever the DM gives AC control, `safe` goes on holding",
     "start": "the first hyperperiods of every run, from the declared first values",
 }
+
+
+UNTRIED = (typed.AgeRead, typed.ModeRead)
+"""What the check of the compiled DM gives no values to."""
 
 
 class InductionResult(ModuleResult):
@@ -170,6 +176,10 @@ def _decision_module(result: ModuleResult) -> Finding:
 
     began = time.perf_counter()
     how = "the compiled DM on all facts and on every class of input"
+    symbol = result.problem.module.symbol
+    read = nodes([e for e in (symbol.ttf, symbol.safer) if e is not None])
+    if any(isinstance(n, UNTRIED) for n in read):
+        return Finding(ASSUMED, 0.0, how, "not tried: `ttf` or `safer` reads an age, or a mode")
     try:
         check = check_module(result)
     except (SoterError, NotImplementedError) as error:

@@ -151,7 +151,7 @@ def _times(facts: InductionFacts) -> None:
 
 
 def compare(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
-    """k and the hyperperiods of P2b; RejectedError where a figure is another in the program."""
+    """K and the hyperperiods of P2b; RejectedError where a figure is another in the program."""
     names = ("k", "returns", "hyperperiod_ns", "lemmas", "clocks")
     if not isinstance(given, dict) or set(given) != set(names):
         raise RejectedError("`induction` is not as it should be")
