@@ -261,7 +261,7 @@ class Program:
         was measured instead of the true states. `SoterError` U001 where a plant is not affine.
         """
         from soter.monitor.membership import judge  # noqa: PLC0415 - needs NumPy
-        from soter.reach.problem.extract import extract  # noqa: PLC0415 - needs NumPy
+        from soter.reach.problem.extract import extract_sets  # noqa: PLC0415 - needs NumPy
         from soter.simulate.recorded import read_log, recorded  # noqa: PLC0415 - needs NumPy
 
         self._require_sound()
@@ -272,7 +272,7 @@ class Program:
             flat, _ = self._completed(system, params, None)
             record = read_log(Path(log), flat)
         chosen = chosen_modules(flat, module)
-        return [judge(flat, m, extract(flat, m), record, estimates=estimates) for m in chosen]
+        return [judge(flat, m, extract_sets(flat, m), record, estimates=estimates) for m in chosen]
 
     def emit_monitor(
         self,
@@ -315,21 +315,15 @@ class Program:
         program that was written. `refute`: look for a counterexample to what is not proved.
         `SoterError` with R... where the program does not determine a problem.
         """
+        from soter.explore.violation import violation_of  # noqa: PLC0415 - needs a compiler
         from soter.reach.command import verify  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
         if synthesize:
             written = self.synthesize(module=module, system=system, params=params)
             if written:
-                return load(written[0]).verify(
-                    module,
-                    cert,
-                    system=system,
-                    params=params,
-                    refute=refute,
-                    report=report,
-                    progress=progress,
-                )
+                how: dict[str, Any] = {"refute": refute, "report": report, "progress": progress}
+                return load(written[0]).verify(module, cert, system=system, params=params, **how)
         require_writers(None, report)
         return verify(
             self._checked,
@@ -341,6 +335,7 @@ class Program:
             refute=refute,
             report=None if report is None else Path(report),
             progress=progress,
+            search=violation_of,
         )
 
     def synthesize(

@@ -215,7 +215,7 @@ def _details(module: ModuleResult, console: Console) -> list[str]:
     names = {"core": "K", "free": "R(H)", "lets_ac": "not ttf", "gives_back": "safer"}
     shares = [f"{n} {module.shares[k]:.1%}" for k, n in names.items() if k in module.shares]
     size = f", {module.cells:,} cells" if module.cells else ""
-    lines = ["", f"{' · '.join(shares)} of the grid's volume{size}"]
+    lines = ["", f"{' · '.join(shares)} of the grid's volume{size}"] if shares or size else []
     lines += [module.at_the_start] if module.at_the_start else []
     told: list[str] = []
     for name in ("P2a", "ttf", "safer", *module.findings):
@@ -300,6 +300,7 @@ def _finding(finding: Finding, run: Path | None) -> dict[str, object]:
             for region in finding.regions
         ],
         "counterexample": None if run is None else str(run),
+        "run": [] if finding.counterexample is None else str(finding.counterexample).splitlines(),
         "causes": [
             {"kind": c.kind, "text": c.text, "hint": c.hint, "numbers": dict(c.numbers)}
             for c in finding.causes

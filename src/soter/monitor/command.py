@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.monitor.membership import topic_names
 from soter.monitor.node import monitor_source
-from soter.reach.problem.extract import extract
+from soter.reach.problem.extract import extract_sets
 from soter.report.whole_file import reason
 
 if TYPE_CHECKING:
@@ -29,7 +29,7 @@ def write_monitor(
     `SoterError` U001 where there is no such monitor, R... where the program does not determine the
     problem, D006 where the file cannot be written.
     """
-    problem = extract(system, module)
+    problem = extract_sets(system, module)
     names = {
         i: n if "." in n else f"watched.{n}"
         for i, n in topic_names(system, module, problem).items()

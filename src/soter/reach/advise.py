@@ -29,7 +29,7 @@ from soter.reach.enclose.forms import library_of
 from soter.reach.grid.claims import Grids, grids
 from soter.reach.grid.sets import UnboundedError
 from soter.reach.methods import method_of
-from soter.reach.problem.extract import cases
+from soter.reach.problem.extract import cases, require_sets
 from soter.report.proof.advice import AdvicePage, Line
 
 if TYPE_CHECKING:
@@ -149,8 +149,9 @@ def advise(
 ) -> Advice:
     """Sweep Delta over multiples of the declared one, and m over `levels`.
 
-    SoterError U001 where a group is no grid.
+    SoterError U001 where a group is no grid, R031 where there are no groups but an induction.
     """
+    require_sets(problem)
     other = next((m.kind for m in map(method_of, problem.groups) if not isinstance(m, Grids)), None)
     if other is not None:
         message = f"module `{problem.name}` has a `{other}` group"

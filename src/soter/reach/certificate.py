@@ -16,6 +16,8 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.load.loader import load
 from soter.reach.claims.results import PROVED
+from soter.reach.induction.entry import induction_entry
+from soter.reach.induction.verify import InductionResult
 from soter.reach.methods import pairs_of, tables
 from soter.syntax import tree
 
@@ -107,6 +109,8 @@ def _module(
     result: ModuleResult, system: str, stem: str, files: dict[str, bytes]
 ) -> dict[str, object]:
     problem = result.problem
+    if isinstance(result, InductionResult):
+        return induction_entry(result, system)
     q = problem.quantities
     plants = [c.name for c in problem.system.components if c.role == "plant"]
     claims = {n: f.verdict for n, f in result.findings.items() if n != "DM"}  # that is about C

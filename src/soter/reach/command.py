@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from soter.program.build import Checked
     from soter.program.model.system import Module, System
     from soter.program.model.types import Value
+    from soter.reach.induction.refute import Search
     from soter.reach.problem.problem import Problem
 
     Progress = Callable[[float], None]
@@ -40,10 +41,12 @@ def verify(
     report: Path | None = None,
     progress: Progress | None = None,
     given: Mapping[str, object] | None = None,
+    search: Search | None = None,
 ) -> VerifyReport:
     """Verify the modules of a checked program; `SoterError` where a problem is not determined.
 
-    `given`: the parameters as the user wrote them, for the report's command line.
+    `given`: the parameters as the user wrote them, for the report's command line; `search`: see
+    `verify_module`.
     """
     from soter.reach.verify import verify_module  # noqa: PLC0415 - needs a compiler
 
@@ -57,8 +60,8 @@ def verify(
     results = []
     for i, problem in enumerate(problems):
         share = _part(progress, i, len(problems))
-        attack = refute and problem.flying is None  # a run of a view is none of the vehicle
-        results.append(verify_module(problem, refute=attack, progress=share))
+        attack = refute and not problem.view  # a run of a view is none of the vehicle
+        results.append(verify_module(problem, refute=attack, progress=share, search=search))
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     found = VerifyReport(
         checked.program.path,

@@ -86,7 +86,7 @@ def problem_key(problem: Problem) -> object:
     """
     components = tuple(_component(problem.system, c) for c in problem.system.components)
     forced = problem.module.forced
-    symbol = problem.module.symbol if problem.flying is None else problem.flying.modules[0].symbol
+    symbol = problem.module.symbol if problem.whole is None else problem.whole.modules[0].symbol
     return (
         components,
         forced,

@@ -28,6 +28,8 @@ from soter.reach.claims.results import (
 )
 from soter.reach.enclose.forms import Forms, library_of
 from soter.reach.grid.sets import UnboundedError
+from soter.reach.induction.problem import InductionProblem
+from soter.reach.induction.verify import verify_by_induction
 from soter.reach.methods import in_order, method_of
 from soter.reach.problem.assumed import SCHEME
 from soter.reach.problem.extract import cases
@@ -39,6 +41,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.reach.enclose.library import ReachLibrary
+    from soter.reach.induction.refute import Search
     from soter.reach.problem.problem import Group, Problem
 
     Progress = Callable[[float], None]
@@ -66,11 +69,15 @@ def verify_module(
     refute: bool = True,
     explain: bool | None = None,
     progress: Progress | None = None,
+    search: Search | None = None,
 ) -> ModuleResult:
     """Everything about one module. `SoterError` R... where a program cannot be enclosed.
 
-    `explain`: measure why something stays undecided; None: where `refute` is.
+    `explain`: measure why something stays undecided; None: where `refute` is. `search`: finds runs
+    that refute a proof by induction.
     """
+    if isinstance(problem, InductionProblem):
+        return verify_by_induction(problem, search=search if refute else None, progress=progress)
     began = time.perf_counter()
     library, prelude = library_of(problem)
     _assume(problem, prelude)

@@ -20,7 +20,10 @@ if TYPE_CHECKING:
 
     from soter.program.build import Checked
     from soter.program.model.system import System
+    from soter.recheck.induction.facts import InductionFacts
     from soter.recheck.reading.facts import Facts
+
+    Covered = Facts | InductionFacts
 
 
 def parameters_of(system: System) -> dict[str, str]:
@@ -35,7 +38,7 @@ def parameters_of(system: System) -> dict[str, str]:
 
 
 def uncovered(
-    checked: Checked, overrides: Mapping[str, Any], covered: Sequence[Facts]
+    checked: Checked, overrides: Mapping[str, Any], covered: Sequence[Covered]
 ) -> list[Said]:
     """Everything that a reader might think is covered, and is not."""
     found = [*_modules(checked, overrides, covered)]
@@ -50,7 +53,7 @@ def uncovered(
 
 
 def _modules(
-    checked: Checked, overrides: Mapping[str, Any], covered: Sequence[Facts]
+    checked: Checked, overrides: Mapping[str, Any], covered: Sequence[Covered]
 ) -> Iterator[Said]:
     """Modules of any system of the program that the certificate is not about."""
     known = {(f.flying.name, f.flying_module.name) for f in covered}
@@ -68,7 +71,7 @@ def _modules(
                 )
 
 
-def _of(facts: Facts) -> Iterator[Said]:
+def _of(facts: Covered) -> Iterator[Said]:
     """What is left open about a module that is covered."""
     name, system = facts.flying_module.name, facts.flying
     for link in facts.symbol.verify.abstracts:
@@ -76,7 +79,7 @@ def _of(facts: Facts) -> Iterator[Said]:
             f"conformance {system.name} {link.instance}",
             f"whether {link.instance} of system {system.name} conforms to {link.plant.name}",
         )
-    if facts.symbol.verify.dropout is None:
+    if facts.symbol.verify.dropout is None and facts.symbol.verify.induction is None:
         yield Said(f"dropout {name}", f"runs of {name} in which a sensor drops out")
     sc = facts.sc.node
     if sc is not None and (sc.assumes or sc.guarantees):

@@ -28,6 +28,7 @@ from soter.recheck.coverage import parameters_of, uncovered
 from soter.recheck.inclusions.deployed import compare_tables
 from soter.recheck.inclusions.inclusion import GroupTables
 from soter.recheck.inclusions.tables import Grid
+from soter.recheck.induction.check import recheck_induction
 from soter.recheck.polytope.deployed import compare_half_spaces
 from soter.recheck.polytope.predicates import narrowed
 from soter.recheck.polytope.tables import PolytopeTables, read_polytope
@@ -44,6 +45,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.program.build import Checked
+    from soter.recheck.induction.facts import InductionFacts
 
 DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_ns", "L_ns")
 """Times that stand in the program, and in the manifest as they are there."""
@@ -91,6 +93,8 @@ def recheck(
         what = f"{type(error).__name__}: {error}"
         report.reason = f"not rechecked: the re-checker itself failed ({what})"
     except SoterError as error:
+        if any(d.code == "D007" for d in error.diagnostics):
+            raise  # nothing is known of the certificate
         report.reason = f"the program of the certificate: {error}"
     except StepFault as error:
         report.reason = f"not rechecked: a step that faults whatever it reads ({error})"
@@ -116,14 +120,20 @@ def _check(
     modules = manifest["modules"]
     if not isinstance(modules, list) or not modules:
         raise RejectedError("the manifest has no modules")
-    covered: list[Facts] = []
+    covered: list[Facts | InductionFacts] = []
     for k, entry in enumerate(modules):
         share = partial(_share, progress, k, len(modules))
-        facts = _facts(checked, overrides, entry)
+        facts: Facts | InductionFacts
+        if isinstance(entry, dict) and "induction" in entry:
+            facts, found = _by_induction(checked, overrides, entry)
+        else:
+            facts = _facts(checked, overrides, entry)
         if any(_key(f) == _key(facts) for f in covered):
             raise RejectedError(f"module `{facts.flying_module.name}` stands there twice")
         covered.append(facts)
-        report.modules.append(_module(certificate, facts, entry, share, workers))
+        if isinstance(facts, Facts):
+            found = _module(certificate, facts, entry, share, workers)
+        report.modules.append(found)
     for facts in covered:
         _in_all_views(facts, covered)
     report.not_covered = uncovered(checked, overrides, covered)
@@ -132,15 +142,16 @@ def _check(
         raise RejectedError(f"no claim rests on `{name}`")
 
 
-def _key(facts: Facts) -> tuple[str, str, str]:
-    return facts.flying.name, facts.flying_module.name, facts.view
+def _key(facts: Facts | InductionFacts) -> tuple[str, str, str]:
+    view = facts.view if isinstance(facts, Facts) else ""
+    return facts.flying.name, facts.flying_module.name, view
 
 
-def _in_all_views(facts: Facts, covered: list[Facts]) -> None:
+def _in_all_views(facts: Facts | InductionFacts, covered: list[Facts | InductionFacts]) -> None:
     """A module that is proved in views is proved in all of them, or not at all."""
-    if not facts.view:
+    if not isinstance(facts, Facts) or not facts.view:
         return
-    views = [f.view for f in covered if _key(f)[:2] == _key(facts)[:2]]
+    views = [f.view for f in covered if isinstance(f, Facts) and _key(f)[:2] == _key(facts)[:2]]
     assert facts.whole is not None
     why = left_out(facts.whole, views)
     if why:
@@ -182,6 +193,17 @@ def _facts(checked: Checked, overrides: dict[str, Any], entry: dict[str, Any]) -
     understood(facts)
     survives_the_start(facts)
     return facts
+
+
+def _by_induction(
+    checked: Checked, overrides: dict[str, Any], entry: dict[str, Any]
+) -> tuple[InductionFacts, ModuleReport]:
+    """A module that is proved by induction."""
+    with _understood("a module"):
+        if entry["system"] not in checked.systems:
+            raise RejectedError(f"the program has no system `{entry['system']}`")
+        flat = system_of(checked, entry["system"], overrides, exact=False)
+        return recheck_induction(flat, entry)
 
 
 def _module(

@@ -560,6 +560,8 @@ class VerifyBlock:
     recover: Expr | None
     dropout: Expr | None
     views: tuple[View, ...]
+    induction: Span | None
+    lemmas: tuple[Expr, ...]
     span: Span
 
 

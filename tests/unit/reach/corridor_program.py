@@ -79,7 +79,8 @@ node Estimator period 10ms {{
     publish left = {{ room: motion.x - LOW, toward: -motion.v }};
     publish right = {{ room: HIGH - motion.x, toward: motion.v }};
     publish along = {{
-      low: clamp(motion.x - LOW, -NEAR, NEAR), high: clamp(HIGH - motion.x, -NEAR, NEAR), w: motion.v
+      low: clamp(motion.x - LOW, -NEAR, NEAR), high: clamp(HIGH - motion.x, -NEAR, NEAR),
+      w: motion.v
     }};
   }}
 }}
@@ -115,7 +116,13 @@ rta Keep {{
     {views}
   }}
 }}
-system S default {{ d: Cart; node Estimator; module Keep; until 10s; always abs(d.truth.x - 1.0) <= 4.0; }}
+system S default {{
+  d: Cart;
+  node Estimator;
+  module Keep;
+  until 10s;
+  always abs(d.truth.x - 1.0) <= 4.0;
+}}
 """
 
 

@@ -349,7 +349,7 @@ class Elaborator(Topics):
         ac, sc = placed.controllers()
         name = f"{placed.name}.dm"
         period = self._period(module.period, f"the period of module `{module.name}`", name)
-        reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*module.predicates)]))
+        reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*module.spoken)]))
         scope = self._scope(placed, reads)
         ac_name, sc_name = controller_names(placed.name, ac, sc)
         found = [
@@ -501,7 +501,7 @@ class Elaborator(Topics):
                 wanted = mode_reads(*node.step, *(node.takeover or ()), *contracts)
             elif component.role == "dm" and component.module is not None:
                 own = modules[component.module].symbol
-                predicates = (own.safe, own.ttf, own.safer)
+                predicates = (own.safe, own.ttf, own.safer, *own.verify.lemmas)
                 wanted = mode_reads(*(e for e in predicates if e is not None))
             for symbol, read in wanted.items():
                 found = beside.get((prefixes[home], symbol), [])

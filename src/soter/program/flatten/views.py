@@ -74,10 +74,10 @@ def _joined(op: str, parts: list[typed.Expr], whole: typed.Expr) -> typed.Expr:
 def _judge(symbol: typed.ModuleSymbol) -> None:
     """R023: what `verify` says beside views, and what no view keeps."""
     diagnostics, verify = Diagnostics(), symbol.verify
-    if verify.groups or verify.abstracts or verify.core is not None:
+    if verify.groups or verify.abstracts or verify.core or verify.induction or verify.commands:
         diagnostics.error(
             "R023",
-            f"`verify` of module `{symbol.name}` has views, and sets of its own",
+            f"`verify` of module `{symbol.name}` has views, and a proof of its own",
             verify.span or symbol.span,
             helps=("put every `grid`, `polytope` and `abstracts` into a view",),
         )

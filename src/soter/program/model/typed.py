@@ -509,6 +509,9 @@ class VerifyBlock:
     """For how long a sensor may be silent beyond its period."""
     views: tuple[ViewSymbol, ...] = ()
     """Each with groups and abstractions of its own; then there are none here."""
+    induction: Span | None = None
+    """Where it asks for a proof by induction (`reach/induction/`)."""
+    lemmas: tuple[Expr, ...] = ()
     span: Span | None = None
 
 
@@ -578,6 +581,11 @@ class ModuleSymbol(Symbol):
         """What it says about its topics: `safe`, `ttf`, `safer` and the hint `core`."""
         found = (self.safe, self.ttf, self.safer, self.verify.core)
         return tuple(e for e in found if e is not None)
+
+    @property
+    def spoken(self) -> tuple[Expr, ...]:
+        """The same and the lemmas: everything that names topics."""
+        return (*self.predicates, *self.verify.lemmas)
 
 
 @dataclass(eq=False)

@@ -164,7 +164,7 @@ def check_decisions(
 def check_module(result: ModuleResult) -> DMCheck:
     """The DM of a verified module; with the predicates that were computed, where they were."""
     problem = result.problem
-    system = derived.unbound(problem.flying or problem.system)
+    system = derived.unbound(problem.whole or problem.system)
     module = system.modules[problem.module.index]
     found: list[LevelTable] = []
     sets = [pairs_of(case) for case in result.cases]

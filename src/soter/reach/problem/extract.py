@@ -16,6 +16,7 @@ from soter.program.check.const import Calculator
 from soter.program.model.system import modules_above
 from soter.program.model.types import leaves
 from soter.reach.enclose.scheme import ORDER
+from soter.reach.induction.problem import InductionProblem, extract_induction
 from soter.reach.problem.assumed import assumptions_of
 from soter.reach.problem.axes import Axes
 from soter.reach.problem.following import check_followed
@@ -40,6 +41,10 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     """The problem of `module` of the flat system; `SoterError` with R... where there is none."""
     diagnostics = Diagnostics()
     _stands_alone(flat, module, diagnostics)
+    _stop(diagnostics)
+    if module.symbol.verify.induction is not None:
+        return extract_induction(flat, module)
+    _no_lemmas(module, diagnostics)
     _stop(diagnostics)
     at = place(flat, module)
     kind = check_followed(at, diagnostics, synthesize=synthesize)
@@ -85,7 +90,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         name=f"{module.name} as {module.view}" if module.view else module.name,
         beside=beside(at),
         view=module.view,
-        flying=whole(at) if module.view else None,
+        whole=whole(at) if module.view else None,
         commands=commands,
         parameter_start=tuple(inputs.parameter_start),
         scheme_step_ns=_scheme_step(at) if kind == "flow" else 0,
@@ -127,6 +132,38 @@ def _stands_alone(flat: System, module: Module, diagnostics: Diagnostics) -> Non
         ),
         helps=("verify it in a system of its own, with nodes as its controllers", "or test it"),
     )
+
+
+def extract_sets(flat: System, module: Module) -> Problem:
+    """The same where it is a problem of sets; `SoterError` R031 where it is one of induction."""
+    problem = extract(flat, module)
+    require_sets(problem)
+    return problem
+
+
+def require_sets(problem: Problem) -> None:
+    """`SoterError` R031 for a module that is proved by induction."""
+    if isinstance(problem, InductionProblem):
+        diagnostics = Diagnostics()
+        verify = problem.module.symbol.verify
+        diagnostics.error(
+            "R031",
+            f"module `{problem.name}` is proved by induction: there are no sets of states",
+            verify.induction or problem.module.symbol.span,
+            notes=("monitors and advice rest on sets",),
+        )
+        raise SoterError(diagnostics.items)
+
+
+def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:
+    for lemma in module.symbol.verify.lemmas:
+        diagnostics.error(
+            "R031",
+            "a `lemma` says nothing to a proof on sets of states",
+            lemma.span,
+            notes=("lemmas are proved together with `safe`, by induction",),
+            helps=("ask for it: `induction;`",),
+        )
 
 
 def _stop(diagnostics: Diagnostics) -> None:

@@ -195,7 +195,7 @@ class Problem:
     """Name of the view, if it is one."""
     beside: Mapping[str, str] = field(default_factory=dict)
     """Topics of SC that no plant drives -> the node that publishes them in every step."""
-    flying: System | None = None
+    whole: System | None = None
     """Of a view: the verification system with all of the module's predicates."""
     commands: tuple[tuple[float, ...], ...] = ()
     """For synthesis: the finite set of each control, in their order."""

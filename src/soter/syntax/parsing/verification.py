@@ -28,6 +28,7 @@ class _ViewParts(OnceParts):
 class _VerifyParts(_ViewParts):
     commands: list[tree.CommandSet] = field(default_factory=list)
     views: list[tree.View] = field(default_factory=list)
+    lemmas: list[tree.Expr] = field(default_factory=list)
 
 
 class VerifyParser(BodyParser):
@@ -54,6 +55,8 @@ class VerifyParser(BodyParser):
             recover=once("recover"),
             dropout=once("dropout"),
             views=tuple(inner.views),
+            induction=once("induction"),
+            lemmas=tuple(inner.lemmas),
             span=self.span_from(self.starts[at]),
         )
         self.keep_once(parts, "verify", block, at)
@@ -134,6 +137,19 @@ class VerifyParser(BodyParser):
         parts.abstracts.append((name, tuple(pairs)))
         self.semicolon("the abstractions")
 
+    # ------------------------------------------------------------ induction
+
+    def _induction(self, parts: _VerifyParts) -> None:
+        at = self.i
+        self.i += 1
+        self.semicolon("`induction`")
+        self.keep_once(parts, "induction", self.span_from(self.starts[at]), at)
+
+    def _lemma(self, parts: _VerifyParts) -> None:
+        self.i += 1
+        parts.lemmas.append(self.expr("the lemma"))
+        self.semicolon("the lemma")
+
     # ------------------------------------------------------------ times
 
     def _delays(self, parts: _VerifyParts) -> None:
@@ -191,6 +207,8 @@ _VERIFY_ITEMS: dict[str, Callable[[VerifyParser, _VerifyParts], None]] = {
     "acts": VerifyParser._within_time,
     "recover": VerifyParser._within_time,
     "dropout": VerifyParser._dropout,
+    "induction": VerifyParser._induction,
+    "lemma": VerifyParser._lemma,
 }
 HOMES["a `verify` block"] = frozenset(_VERIFY_ITEMS)
 HOMES["a view of a `verify` block"] = frozenset(_VIEW_ITEMS)

@@ -44,6 +44,9 @@ class VerifyChecker:
         if verify.core is not None:
             context = Context(scope, f"module `{module.name}`", topics="any")
             block.core = self.shared.check_expr(verify.core, context, BOOL)
+        block.induction = verify.induction
+        lemma = Context(scope, f"a lemma of module `{module.name}`", topics="any", has_modes=True)
+        block.lemmas = tuple(self.shared.check_expr(e, lemma, BOOL) for e in verify.lemmas)
         if module.synthesized:
             topics = [a.topic for g in block.groups for a in g.axes if a.topic is not None]
             module.sc.subscribes = tuple(

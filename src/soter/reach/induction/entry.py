@@ -1,0 +1,46 @@
+"""A proof by induction in a certificate (docs/verification.md, section 4).
+
+Purpose: what `soter recheck` needs of it: how far the induction goes, and about whom.
+Non-goals: checking it.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.reach.claims.results import PROVED
+from soter.reach.induction.problem import InductionProblem
+
+if TYPE_CHECKING:
+    from soter.reach.induction.verify import InductionResult
+
+
+def induction_entry(result: InductionResult, system: str) -> dict[str, object]:
+    """The module in a manifest."""
+    problem, found = result.problem, result.induction
+    assert isinstance(problem, InductionProblem)
+    claims = {n: f.verdict for n, f in result.findings.items() if n != "DM"}  # that is about C
+    returns = found.returns if claims.get("P2b") == PROVED else 0
+    declared = problem.recover_ns is not None and returns
+    return {
+        "system": system,
+        "module": problem.name,
+        "claims": claims,
+        "assumptions": list(problem.assumptions),
+        "recover_ns": found.returns_ns if declared else None,
+        "induction": {
+            "k": found.k,
+            "returns": returns,
+            "hyperperiod_ns": found.hyperperiod_ns,
+            "lemmas": list(problem.lemma_texts),
+            "clocks": {
+                problem.system.components[c.component].name: [
+                    c.period,
+                    c.phase,
+                    c.late,
+                    c.response,
+                ]
+                for c in problem.declared
+            },
+        },
+    }

@@ -1,0 +1,361 @@
+"""The problem of a module that is proved by induction, read off its program.
+
+Purpose: which nodes beside the module matter, how late they may be, what is proved of them; a
+diagnostic (R030, R031, R032) where induction is not for the module.
+Non-goals: the relation itself (`relation.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.lower.steps import lower
+from soter.program.check.const import Calculator
+from soter.program.flatten import derived
+from soter.program.model.durations import show_ns
+from soter.program.model.system import Property
+from soter.program.model.walk import calls_in, mode_reads, topic_reads
+from soter.reach.induction.calendar import Clock
+from soter.reach.problem.problem import Problem, Times
+from soter.reach.problem.quantities import Quantities
+from soter.reach.time.schedule import Releases, Schedule
+
+if TYPE_CHECKING:
+    from soter.lower.core import Predicate
+    from soter.program.model import typed
+    from soter.program.model.system import Component, Module, System
+
+OTHERS = ("groups", "abstracts", "commands", "core", "horizon", "levels", "acts", "dropout")
+"""What a `verify` block may say that is for sets, and for no induction."""
+WORDS = {"groups": "grid`, `polytope", "acts": "acts within"}
+
+
+@dataclass(eq=False, kw_only=True)
+class InductionProblem(Problem):
+    """A module, the nodes that matter beside it, and every time of theirs.
+
+    `system` holds these components and no others.
+    """
+
+    clocks: tuple[Clock, ...]
+    """As they are followed: SC waits for the DM's verdict."""
+    declared: tuple[Clock, ...]
+    """As they are declared."""
+    undeclared: tuple[str, ...]
+    """Times that are not, and are taken for zero."""
+    safe: Predicate
+    lemmas: tuple[Predicate, ...]
+    lemma_texts: tuple[str, ...]
+    any_value: dict[str, str] = field(default_factory=dict)
+    """Topics of which nothing but their set is known: name -> why, in words."""
+    first_ns: int = 0
+    """The first instant of the whole system."""
+
+    @cached_property
+    def outputs(self) -> dict[int, list[int]]:
+        """The topics that each component publishes."""
+        found = {}
+        for c in self.system.components:
+            if c.node is not None:
+                found[c.index] = [c.scope.topics[t] for t in c.node.publishes]
+        return found
+
+    flying: str = ""
+    """The system that the module stands in."""
+
+
+def extract_induction(flat: System, module: Module) -> InductionProblem:
+    """The problem of `module` of the flat system; `SoterError` R030, R031 or R032."""
+    diagnostics = Diagnostics()
+    _refuse(flat, module, diagnostics)
+    _stop(diagnostics)
+    nodes, any_value = _neighbours(flat, module)
+    kept = [module.dm, module.sc, module.ac, *nodes]
+    system = replace(derived.only(flat, kept), properties=(), inputs=(), until_ns=None)
+    index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
+    at = system.modules[index]
+    assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
+    times, clocks, declared, absent = _times(system, at, diagnostics)
+    _stop(diagnostics)
+    asked = (at.symbol.safe, *at.symbol.verify.lemmas)
+    texts = tuple(" ".join(e.span.text.split()) for e in asked)
+    properties = [
+        Property(k, "always", e, at.scope, text, e.span)
+        for k, (e, text) in enumerate(zip(asked, texts, strict=True))
+    ]
+    core = lower(derived.with_properties(system, properties))
+    safe, *lemmas = core.properties
+    recover = at.symbol.verify.recover
+    calculator = Calculator(diagnostics, at.scope.params)
+    problem = InductionProblem(
+        system=system,
+        core=core,
+        module=at,
+        quantities=Quantities((), (), (), (), (), ()),
+        kind="nodes",
+        plant_period_ns=0,
+        states=(),
+        initial=(),
+        controls=(),
+        disturbances=(),
+        errors=(),
+        others=(),
+        parameters=(),
+        groups=(),
+        times=times,
+        name=module.name,
+        recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
+        clocks=clocks,
+        declared=declared,
+        undeclared=tuple(absent),
+        safe=safe,
+        lemmas=tuple(lemmas),
+        lemma_texts=texts[1:],
+        any_value=any_value,
+        first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
+        flying=flat.name,
+    )
+    problem.assumptions = _assumptions(problem, absent)
+    return problem
+
+
+def _stop(diagnostics: Diagnostics) -> None:
+    if diagnostics.has_errors:
+        raise SoterError(diagnostics.items)
+
+
+# ---------------------------------------------------------------- what induction is for
+
+
+def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
+    symbol = module.symbol
+    said = [n for n in OTHERS if getattr(symbol.verify, n)]
+    for name in said:
+        diagnostics.error(
+            "R031",
+            f"`{WORDS.get(name, name)}` says nothing to a proof by induction",
+            symbol.verify.span or symbol.span,
+            also=((symbol.verify.induction or symbol.span, "asked for here"),),
+            helps=("leave one of the two out",),
+        )
+    if symbol.ttf is None or symbol.safer is None:
+        diagnostics.error(
+            "R032",
+            f"module `{module.name}` leaves `ttf` and `safer` to be computed",
+            symbol.span,
+            notes=("they are computed from sets of states, and induction has none",),
+            helps=("write both",),
+        )
+    sc = flat.components[module.sc]
+    if sc.extern:
+        diagnostics.error(
+            "R003",
+            f"SC of module `{module.name}` is extern: what it does is not known",
+            sc.span,
+            helps=("write it in Soter",),
+        )
+    assert sc.node is not None
+    for call in _externs(*symbol.spoken, *sc.node.step, *(sc.node.takeover or ())):
+        diagnostics.error(
+            "R003",
+            f"module `{module.name}` rests on the extern function `{call.fun.name}`",
+            call.span,
+            also=((call.fun.span, "declared here"),),
+            helps=("write it in Soter",),
+        )
+    own = (symbol, module.name)
+    for where, read in mode_reads(*symbol.spoken, *sc.node.step, *(sc.node.takeover or ())).items():
+        if where not in own:
+            diagnostics.error(
+                "R030",
+                f"module `{module.name}` speaks of the mode of another module",
+                read.span,
+                notes=("a module is proved alone: what others do is left open",),
+            )
+    for topic in topic_reads(symbol.safe):
+        index = module.scope.topics[topic]
+        writers = [c for c in flat.components if index in _written_by(c)]
+        if not writers or any(c.plant is not None for c in writers):
+            who = f"plant `{writers[0].name}`" if writers else "the environment"
+            diagnostics.error(
+                "R030",
+                f"`safe` of module `{module.name}` speaks of `{flat.topics[index].name}`, which "
+                f"{who} drives",
+                symbol.safe.span,
+                also=((topic.span, "the topic"),),
+                notes=("induction is about what nodes publish",),
+                helps=("prove it on sets of states: `grid` or `polytope` in place of `induction`",),
+            )
+
+
+# ---------------------------------------------------------------- which nodes matter
+
+
+def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]]:
+    """The nodes that what is proved rests on; other topics that it rests on, and why not."""
+    symbol, scope = module.symbol, module.scope
+    own = {module.dm, module.sc, module.ac}
+    todo = [scope.topics[t] for t in topic_reads(*symbol.spoken)]
+    todo += _read_by(flat.components[module.sc])
+    seen: set[int] = set()
+    nodes: dict[int, None] = {}
+    any_value: dict[str, str] = {}
+    while todo:
+        index = todo.pop()
+        source = flat.topics[index].queue_of
+        index = index if source is None else source
+        if index in seen or index in module.outputs:
+            continue
+        seen.add(index)
+        name = flat.topics[index].name
+        writers = [c for c in flat.components if index in _written_by(c)]
+        why = _not_followed(flat, module, writers)
+        if why:
+            any_value[name] = why
+            continue
+        for c in writers:
+            if c.index not in own and c.index not in nodes:
+                nodes[c.index] = None
+                todo += _read_by(c)
+    return list(nodes), any_value
+
+
+def _not_followed(flat: System, module: Module, writers: list[Component]) -> str:
+    """Why a topic may hold anything of its set at any time; "" where its nodes are followed."""
+    if not writers:
+        return "the environment's"
+    for c in writers:
+        if c.plant is not None:
+            return f"driven by plant {c.name}"
+        if c.module is not None:
+            return f"an output of module {flat.modules[c.module].name}"
+        assert c.node is not None
+        if c.extern:
+            return f"published by extern node {c.name}"
+        if _externs(*c.node.step):
+            return f"{c.name} calls an extern function"
+        if c.node.bursts:
+            return f"{c.name} publishes several messages a step"
+        if _reads_modes(c) - {module.index}:
+            return f"{c.name} reads the mode of another module"
+    return ""
+
+
+def _reads_modes(c: Component) -> set[int]:
+    assert c.node is not None
+    return {c.scope.modules.get(m, -1) for m in mode_reads(*c.node.step)}
+
+
+def _externs(*roots: object) -> list[typed.Call]:
+    """Calls that end in an extern function."""
+    found = []
+    for call in calls_in(*roots):
+        seen: set[typed.FunSymbol] = set()
+        todo = [call.fun]
+        while todo:
+            fun = todo.pop()
+            if fun not in seen:
+                seen.add(fun)
+                todo += [inner.fun for inner in calls_in(*(fun.body or ()))]
+        if any(fun.extern for fun in seen):
+            found.append(call)
+    return found
+
+
+def _written_by(c: Component) -> list[int]:
+    if c.plant is not None:
+        return [c.scope.topics[t] for t, _ in c.plant.drives]
+    return [] if c.node is None else [c.scope.topics[t] for t in c.node.publishes]
+
+
+def _read_by(c: Component) -> list[int]:
+    assert c.node is not None
+    return [c.scope.topics[t] for t in topic_reads(*c.node.step)]
+
+
+# ---------------------------------------------------------------- times
+
+
+def _times(
+    system: System, module: Module, diagnostics: Diagnostics
+) -> tuple[Times, tuple[Clock, ...], tuple[Clock, ...], list[str]]:
+    """Times of everybody, as followed and as declared; which are not declared."""
+    verify = module.symbol.verify
+    calculator = Calculator(diagnostics, module.scope.params)
+
+    def ns(expr: typed.Expr | None) -> int:
+        return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
+
+    absent: list[str] = []
+
+    def of(c: Component) -> tuple[int, int]:
+        role = c.role if c.role in ("dm", "sc") else None
+        found = []
+        for word in ("late", "response"):
+            by_name = getattr(verify, f"{word}_of")
+            expr = getattr(verify, f"{word}_{role}") if role else None
+            names = (c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name)
+            expr = expr or next((by_name[n] for n in names if n in by_name), None)
+            if expr is None:
+                absent.append(f"{word} of {c.name}")
+            found.append(ns(expr))
+        return found[0], found[1]
+
+    known = {n for c in system.components for n in (c.name, c.name.rpartition(".")[2])}
+    known |= {c.node.name for c in system.components if c.node is not None}
+    for name in {**verify.late_of, **verify.response_of}:
+        if name not in known:
+            diagnostics.error(
+                "R031",
+                f"`{name}` is no node that the proof of `{module.name}` rests on",
+                verify.span or module.symbol.span,
+                notes=("a time of it says nothing to this proof",),
+                helps=("leave it out",),
+            )
+    each = {c.index: of(c) for c in system.components}
+    dm, sc = system.components[module.dm], system.components[module.sc]
+    waiting = sum(each[dm.index])
+    clocks, declared = [], []
+    for c in system.components:
+        late, response = each[c.index]
+        declared.append(Clock(c.index, c.period_ns, c.phase_ns, late, response))
+        if c.index == sc.index:
+            late = max(late, waiting)  # it waits for the DM's verdict
+        clocks.append(Clock(c.index, c.period_ns, c.phase_ns, late, response))
+        if late + response > c.period_ns:
+            diagnostics.error(
+                "R015",
+                f"`{c.name}` may take {show_ns(late + response)}, longer than its period",
+                c.span,
+                notes=("runs of one component do not overlap",),
+            )
+    schedule = Schedule(
+        Releases(dm.period_ns, dm.phase_ns, *each[dm.index]),
+        Releases(sc.period_ns, sc.phase_ns, *each[sc.index]),
+        (),
+        (),
+    )
+    return Times(schedule), tuple(clocks), tuple(declared), absent
+
+
+def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:
+    system, module = problem.system, problem.module
+    ac = system.components[module.ac].name
+    found = [f"{ac} publishes at its releases, any value of the declared sets or none"]
+    for c in problem.clocks:
+        if c.late or c.response:
+            name = system.components[c.component].name
+            found.append(
+                f"{name} starts at most {show_ns(c.late)} after its release, and takes at most "
+                f"{show_ns(c.response)}"
+            )
+    if absent:
+        names = ", ".join(absent)
+        found.append(f"undeclared times are zero: {names}")
+    found.append("no release is skipped, and what a step reads it reads at one instant")
+    found += [f"{n}: any value of its set at any time ({w})" for n, w in problem.any_value.items()]
+    found.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+    return found

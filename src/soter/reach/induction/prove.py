@@ -1,0 +1,219 @@
+"""k-induction over hyperperiods.
+
+Purpose: that `safe`, every lemma and every step hold at all times: in the first hyperperiods of
+every run, and after any k hyperperiods in which they held, in the next one, too. And P2b: that no
+state is followed by so many hyperperiods in which DM never says "AC".
+Non-goals: the relation (`relation.py`), runs of the program (`refute.py`).
+"""
+
+from __future__ import annotations
+
+import time
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.reach.induction.calendar import hyperperiod, settled
+from soter.reach.induction.evaluate import TooLongError
+from soter.reach.induction.relation import SC, Stretch
+from soter.reach.induction.terms import Terms
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.reach.induction.problem import InductionProblem
+    from soter.reach.induction.terms import Term
+
+DEPTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
+STEPS_MAX = 600
+"""Steps of one stretch of time: more are not tried."""
+QUERY_MS = 20_000
+BUDGET_S = 60.0
+HOLDS, FAILS, UNKNOWN = "holds", "fails", "unknown"
+
+
+@dataclass
+class Induction:
+    """What was found: `k` hyperperiods of hypothesis where it is proved."""
+
+    hyperperiod_ns: int
+    steps: int = 0
+    """Of one hyperperiod."""
+    k: int = 0
+    proved: bool = False
+    seconds: float = 0.0
+    fails_ns: int | None = None
+    """A run of the relation from the start in which something fails by then."""
+    what: str = ""
+    """What fails there: `safe`, a lemma in words, or a step that faults."""
+    about: str = ""
+    """safe, lemma or fault."""
+    why: str = ""
+    """Why nothing was found."""
+    uninterpreted: dict[str, None] = field(default_factory=dict)
+    returns: int = 0
+    """So many whole hyperperiods SC never keeps control; 0: not shown."""
+    returns_s: float = 0.0
+
+    @property
+    def returns_ns(self) -> int:
+        """P2b: SC may take over in the middle of a hyperperiod, after which so many are whole."""
+        return (self.returns + 1) * self.hyperperiod_ns if self.returns else 0
+
+
+def induct(problem: InductionProblem, progress: Callable[[float], None] | None = None) -> Induction:
+    """Prove a module, or say how far it came."""
+    began = time.perf_counter()
+    whole = hyperperiod(problem.clocks)
+    found = Induction(whole, sum(whole // c.period for c in problem.clocks))
+    if found.steps > STEPS_MAX // 2:
+        found.why = f"a hyperperiod has {found.steps} steps, too many to be followed"
+        return found
+    try:
+        _deepen(problem, found, began, progress)
+        if found.proved:
+            _returns(problem, found)
+    except TooLongError:
+        found.why = "a step takes more statements than are followed"
+    found.seconds = time.perf_counter() - began
+    return found
+
+
+def _deepen(
+    problem: InductionProblem,
+    found: Induction,
+    began: float,
+    progress: Callable[[float], None] | None,
+) -> None:
+    for n, k in enumerate(DEPTHS):
+        if progress is not None:
+            progress(n / len(DEPTHS))
+        if (k + 1) * found.steps > STEPS_MAX and n:
+            found.why = f"no induction over up to {DEPTHS[n - 1]} hyperperiods"
+            return
+        if time.perf_counter() - began > BUDGET_S:
+            found.why = f"no induction within {BUDGET_S:g} s"
+            return
+        if _base(problem, found, k) != HOLDS:
+            return
+        if _step(problem, found, k):
+            found.k, found.proved = k, True
+            return
+    found.why = f"no induction over up to {DEPTHS[-1]} hyperperiods"
+
+
+# ---------------------------------------------------------------- the two halves
+
+
+def _base(problem: InductionProblem, found: Induction, k: int) -> str:
+    """Whether all holds in the first k hyperperiods of every run, and before them."""
+    terms = Terms()
+    end = settled(problem.clocks) + k * found.hyperperiod_ns
+    stretch = Stretch(problem, terms, end, first=True)
+    found.uninterpreted |= stretch.uninterpreted
+    bad = _bad(stretch, 0, end)
+    solver = _solver(terms)
+    answer = solver.check(terms.either(*[b for b, _, _ in bad]))
+    if answer == terms.z3.unsat:
+        return HOLDS
+    if answer != terms.z3.sat:
+        found.why = f"the solver does not decide the first {k} hyperperiods"
+        return UNKNOWN
+    model = solver.model()
+    times = [
+        (model.eval(terms.z3.IntVal(0) + at, model_completion=True).as_long(), number)
+        for b, at, number in bad
+        if terms.z3.is_true(model.eval(_term(terms, b), model_completion=True))
+    ]
+    found.fails_ns, number = min(times)
+    found.about = ("fault", "safe")[number] if number < 2 else "lemma"
+    found.what = _named(problem, number)
+    return FAILS
+
+
+def _named(problem: InductionProblem, number: int) -> str:
+    if number == 0:
+        return "a step of SC, or of a node beside the module, may fault"
+    return "`safe`" if number == 1 else f"the lemma `{problem.lemma_texts[number - 2]}`"
+
+
+def _step(problem: InductionProblem, found: Induction, k: int) -> bool:
+    """Whether all that held for k hyperperiods holds in the next one."""
+    terms = Terms()
+    whole = found.hyperperiod_ns
+    stretch = Stretch(problem, terms, (k + 1) * whole)
+    solver = _solver(terms)
+    _assume(solver, stretch, k * whole)
+    bad = _bad(stretch, k * whole, (k + 1) * whole)
+    return bool(solver.check(terms.either(*[b for b, _, _ in bad])) == terms.z3.unsat)
+
+
+def _assume(solver: Term, stretch: Stretch, until: int) -> None:
+    """Everything that is seen before `until` held."""
+    terms = stretch.terms
+    for seen in stretch.seen:
+        if seen.earliest < until:
+            counts = terms.both(seen.counts, seen.latest < until or seen.at < until)
+            solver.add(terms.z3.Implies(counts, _term(terms, terms.both(*seen.holds))))
+
+
+def _bad(stretch: Stretch, begin: int, end: int) -> list[tuple[Term, Term, int]]:
+    """Each way in which something fails in [begin, end): whether, when, what."""
+    terms = stretch.terms
+    found = []
+    for seen in stretch.seen:
+        if seen.latest < begin or seen.earliest >= end:
+            continue
+        inside = terms.both(
+            seen.earliest >= begin or seen.at >= begin, seen.latest < end or seen.at < end
+        )
+        counts = terms.both(seen.counts, inside)
+        for number, holds in enumerate(seen.holds):
+            holds_ = terms.both(holds, seen.later) if number == 1 else holds
+            found.append((terms.both(counts, terms.no(holds_)), seen.at, number))
+    return found
+
+
+# ---------------------------------------------------------------- P2b
+
+
+def _returns(problem: InductionProblem, found: Induction) -> None:
+    """After how many hyperperiods in SC there are none: from any state in which all holds."""
+    began = time.perf_counter()
+    whole = found.hyperperiod_ns
+    for n in DEPTHS:
+        if (n + found.k) * found.steps > STEPS_MAX or time.perf_counter() - began > BUDGET_S / 2:
+            break
+        if problem.recover_ns is not None and (n + 1) * whole > problem.recover_ns:
+            break
+        terms = Terms()
+        stretch = Stretch(problem, terms, n * whole, returning=True)
+        solver = _solver(terms)
+        _assume(solver, stretch, n * whole)
+        for done in stretch.done:
+            if done.mode is not None:
+                inside = done.step.effect.latest < n * whole or done.step.effect.at < n * whole
+                stays = (
+                    [done.mode == SC]
+                    if done.before is None
+                    else [done.before == SC, done.mode == SC]
+                )
+                solver.add(terms.z3.Implies(_term(terms, inside), terms.z3.And(*stays)))
+        if solver.check() == terms.z3.unsat:
+            found.returns = n
+            break
+    found.returns_s = time.perf_counter() - began
+
+
+# ---------------------------------------------------------------- the solver
+
+
+def _solver(terms: Terms) -> Term:
+    solver = terms.z3.Solver()
+    solver.set("timeout", QUERY_MS)
+    solver.set("random_seed", 0)
+    solver.add(*[_term(terms, f) for f in terms.facts])
+    return solver
+
+
+def _term(terms: Terms, truth: Term) -> Term:
+    return terms.z3.BoolVal(truth) if isinstance(truth, bool) else truth

@@ -1,0 +1,472 @@
+"""What may happen in a stretch of time: steps in every order that their windows allow.
+
+Purpose: one `Stretch` is hyperperiods from the start of a run, or from any state: the effects of
+every step as terms, what is seen when time passes, and whether `safe`, the lemmas and the steps
+hold there. Which publication a step reads is said by the order of steps, not by a state between
+them: a value is that of the last writer before the reader.
+Non-goals: proving anything (`prove.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.lower import core
+from soter.lower.footprint import walk
+from soter.program.model.system import queues_of
+from soter.program.model.types import FLOAT, MODE
+from soter.reach.induction.calendar import before, clusters, steps_of
+from soter.reach.induction.evaluate import Evaluation
+from soter.reach.induction.terms import Age
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.program.model.types import Type
+    from soter.reach.induction.calendar import Point, Step
+    from soter.reach.induction.problem import InductionProblem
+    from soter.reach.induction.terms import Term, Terms
+
+SC, AC = 0, 1
+NEVER = -(2**62)
+
+
+@dataclass
+class State:
+    """Between two clusters: topics with their stamps, locals, the mode."""
+
+    topics: dict[int, tuple[Term, Term]]
+    locals: dict[tuple[int, str], Term]
+    mode: Term
+
+
+@dataclass(eq=False)
+class Done:
+    """What a step did: publications (whether, what), its mode where it is a DM's."""
+
+    step: Step
+    published: dict[int, tuple[Term, Term]] = field(default_factory=dict)
+    mode: Term | None = None
+    before: Term | None = None
+    """The mode that a DM found."""
+    fault: Term = False
+
+
+@dataclass(frozen=True)
+class Seen:
+    """An instant at which properties are judged: when it counts, and what holds there.
+
+    `holds`: what is proved: that no step faulted, `safe`, then the lemmas, at `at`; `later`: `safe`
+    at any time until something happens, where ages matter to it.
+    """
+
+    counts: Term
+    earliest: int
+    latest: int
+    at: Term
+    holds: tuple[Term, ...]
+    later: Term
+    component: int
+
+
+class Stretch:
+    """The time [0, end) of a run (`first`), or from any hyperperiod on, from any state.
+
+    `returning`: what the DM reads is fresh, and the gate has nothing against AC (P2b).
+    """
+
+    def __init__(
+        self,
+        problem: InductionProblem,
+        terms: Terms,
+        end: int,
+        *,
+        first: bool = False,
+        returning: bool = False,
+    ) -> None:
+        self.problem, self.terms, self.end = problem, terms, end
+        self.returning = returning
+        self.functions = {f.name: f for f in problem.core.functions}
+        self.writers = _writers(problem)
+        self.aged = any(isinstance(n, core.Fact) for n in _facts(problem.safe))
+        self.uninterpreted: dict[str, None] = {}
+        self.seen: list[Seen] = []
+        self.done: list[Done] = []
+        self.start = self.state = self._initial() if first else self._any()
+        steps = steps_of(terms, problem.clocks, end, first=first)
+        groups = clusters(steps)
+        if first and groups and problem.first_ns < groups[0][0].start.earliest:
+            self._see_start()
+        next_block = min(c.phase % c.period for c in problem.clocks)
+        for k, group in enumerate(groups):
+            after = groups[k + 1][0].start.earliest if k + 1 < len(groups) else end + next_block
+            Cluster(self, group, after).run()
+
+    # ------------------------------------------------------------ where it begins
+
+    def _initial(self) -> State:
+        system, terms = self.problem.system, self.terms
+        topics = {
+            i: (terms.constant(system.topics[i].type, system.topics[i].default), NEVER)
+            for i in self.writers
+        }
+        found = {}
+        for c in system.components:
+            if c.node is not None:
+                for v, value in zip(c.node.locals, c.initial, strict=True):
+                    found[c.index, v.name] = terms.constant(v.type, value)
+        return State(topics, found, SC)
+
+    def _any(self) -> State:
+        system, terms = self.problem.system, self.terms
+        topics = {}
+        for i in self.writers:
+            topic = system.topics[i]
+            stamp = terms.whole(f"stamp {topic.name}")
+            terms.state(stamp < 0)
+            topics[i] = (terms.fresh(topic.type, topic.name, topic.bounds), stamp)
+        found = {
+            (c.index, v.name): terms.fresh(v.type, f"{c.name}.{v.name}")
+            for c in system.components
+            if c.node is not None
+            for v in c.node.locals
+        }
+        return State(topics, found, terms.fresh(MODE, "mode"))
+
+    def _see_start(self) -> None:
+        view = View(self, None, 0)
+        holds = (True, *self.judged(view))
+        self.seen.append(Seen(True, 0, 0, 0, holds, holds[1], self.problem.clocks[0].component))
+
+    # ------------------------------------------------------------ what is judged
+
+    def judged(self, view: View) -> tuple[Term, ...]:
+        """`safe` and the lemmas; one that faults does not hold."""
+        problem = self.problem
+        return tuple(self.predicate(p, view, fault=False) for p in (problem.safe, *problem.lemmas))
+
+    def predicate(self, p: core.Predicate, view: View, *, fault: bool) -> Term:
+        """Its truth; `fault` where it faults."""
+        found = Evaluation(self.terms, self.functions, view)
+        found.run(p.body)
+        value = found.expr(p.value)
+        self.uninterpreted |= found.uninterpreted
+        terms = self.terms
+        if fault:
+            return terms.either(value, found.fault)
+        return terms.both(value, terms.no(found.fault))
+
+
+class View:
+    """What is read at a point of a cluster, `own` included where it is an effect."""
+
+    def __init__(
+        self,
+        of: Stretch,
+        cluster: Cluster | None,
+        now: Term,
+        point: Point | None = None,
+        own: Step | None = None,
+        *,
+        enabled: Term = True,
+    ) -> None:
+        self.of, self.cluster, self.now, self.point, self.own = of, cluster, now, point, own
+        self.enabled = enabled
+        self._known: dict[int, tuple[Term, Term]] = {}
+
+    def cell(self, cell: core.Cell, t: Type) -> Term:
+        """A topic; one that nobody of the relation publishes holds anything of its set."""
+        assert cell.kind == "topic", cell
+        if cell.owner not in self.of.writers:
+            topic = self.of.problem.system.topics[cell.owner]
+            bounds = topic.bounds if topic.queue_of is None else None
+            return self.of.terms.fresh(t, topic.name, bounds)
+        return self.topic(cell.owner)[0]
+
+    def topic(self, index: int) -> tuple[Term, Term]:
+        """Value and stamp."""
+        if index not in self._known:
+            found = self.of.state.topics[index]
+            if self.cluster is not None:
+                found = self.cluster.last(index, found, self.point, self.own)
+            self._known[index] = found
+        return self._known[index]
+
+    def stamp(self, index: int) -> Term:
+        """Of a topic; of one that nobody of the relation publishes, any."""
+        if index in self.of.writers:
+            return self.topic(index)[1]
+        terms = self.of.terms
+        found = terms.whole("stamp")
+        terms.state(found <= self.now)
+        return found
+
+    def mode(self) -> Term:
+        """Of the module."""
+        found = self.of.state.mode
+        return found if self.cluster is None else self.cluster.mode(found, self.point, self.own)
+
+    def fact(self, fact: core.Fact) -> Term:
+        """`time` may be anything."""
+        if fact.fact == "mode":
+            return self.mode()
+        if fact.fact == "in_control":
+            return self.enabled
+        if fact.fact == "age":
+            return Age(self.now - self.stamp(fact.index))
+        return self.of.terms.fresh(FLOAT, "time")
+
+
+class Cluster:
+    """Steps whose windows meet: the effects of each as terms of what the others did before."""
+
+    def __init__(self, of: Stretch, steps: list[Step], after: int) -> None:
+        self.of, self.terms, self.steps, self.after = of, of.terms, steps, after
+        self.done = [self._announced(s) for s in steps]
+        self.locals = dict(of.state.locals)
+
+    def run(self) -> None:
+        """Define every effect, see what is to be seen, and go on from where it ends."""
+        for done in self.done:
+            self._define(done)
+        self._see()
+        of, terms = self.of, self.terms
+        topics = {}
+        for index, old in of.state.topics.items():
+            value, stamp = self.last(index, old, None, None)
+            topic = of.problem.system.topics[index]
+            topics[index] = (
+                terms.defined(value, topic.type, topic.name),
+                terms.named(stamp, "stamp"),
+            )
+        mode = terms.named(self.mode(of.state.mode, None, None), "mode")
+        of.state = State(topics, self.locals, mode)
+        of.done += self.done
+
+    # ------------------------------------------------------------ who came before
+
+    def last(
+        self, index: int, old: tuple[Term, Term], point: Point | None, own: Step | None
+    ) -> tuple[Term, Term]:
+        """The last publication on a topic before a point, `own` included; all of them at None."""
+        found = [
+            (d, here, *d.published[index])
+            for d in self.done
+            if index in d.published and (here := self._there(d, point, own)) is not False
+        ]
+        t = self.of.problem.system.topics[index].type
+        value, stamp = old
+        terms = self.terms
+        counted = [(d, terms.both(here, said), new) for d, here, said, new in found]
+        for d, counts, new in counted:
+            later = [
+                terms.both(other, before(terms, d.step.effect, e.step.effect))
+                for e, other, _ in counted
+                if e is not d
+            ]
+            is_last = terms.both(counts, terms.no(terms.either(*later)))
+            value = terms.chosen(is_last, new, value, t)
+            stamp = _if(terms, is_last, d.step.effect.at, stamp)
+        return value, stamp
+
+    def mode(self, old: Term, point: Point | None, own: Step | None) -> Term:
+        """After the last decision before a point."""
+        found = old
+        for d in self.done:  # decisions of one DM are in order
+            if d.mode is not None:
+                here = self._there(d, point, own)
+                found = _if(self.terms, here, d.mode, found)
+        return found
+
+    def _there(self, d: Done, point: Point | None, own: Step | None) -> Term:
+        """Whether the effect of a step is there at a point."""
+        if point is None or d.step is own:
+            return True
+        return before(self.terms, d.step.effect, point)
+
+    # ------------------------------------------------------------ what a step does
+
+    def _announced(self, step: Step) -> Done:
+        """Names for the effects of a step: who reads them may stand before or after."""
+        of, terms = self.of, self.terms
+        component = of.problem.system.components[step.component]
+        done = Done(step)
+        if component.role == "dm":
+            done.mode = terms.fresh(MODE, "mode")
+            return done
+        for index in of.problem.outputs[step.component]:
+            topic = of.problem.system.topics[index]
+            value = terms.fresh(topic.type, topic.name, topic.bounds)
+            done.published[index] = (terms.truth(f"{topic.name} said"), value)
+        return done
+
+    def _define(self, done: Done) -> None:
+        component = self.of.problem.system.components[done.step.component]
+        if done.step.begun:
+            self._havoc_locals(component.index)
+        elif component.role == "dm":
+            self._decide(done)
+        elif component.role == "ac":
+            self._gate(done, dict.fromkeys(done.published, True))
+        else:
+            self._compute(done)
+
+    def _decide(self, done: Done) -> None:
+        of, terms = self.of, self.terms
+        step, problem = done.step, of.problem
+        view = View(of, self, step.start.at, step.start)
+        decision = problem.core.decisions[problem.module.index]
+        ttf = of.predicate(decision.ttf, view, fault=True)
+        safer = of.predicate(decision.safer, view, fault=False)
+        stale = terms.either(
+            *[
+                step.start.at - view.stamp(i) > limit
+                for i in problem.module.inputs
+                if (limit := problem.system.topics[i].max_age_ns) is not None
+            ]
+        )
+        gate_fault, clean = terms.truth("gate fault"), terms.truth("clean")
+        if of.returning:
+            terms.state(terms.both(terms.no(gate_fault), clean, terms.no(stale)))
+        leaves = terms.either(ttf, stale, gate_fault)
+        enters = terms.both(safer, terms.no(stale), clean)
+        done.before = view.mode()
+        from_ac = _if(terms, leaves, SC, AC)
+        from_sc = _if(terms, enters, AC, SC)
+        terms.state(done.mode == _if(terms, done.before == AC, from_ac, from_sc))
+
+    def _compute(self, done: Done) -> None:
+        """SC, and a node beside the module: what its Core does with what it reads."""
+        of, terms = self.of, self.terms
+        step, system = done.step, of.problem.system
+        component = system.components[step.component]
+        code = of.problem.core.nodes[component.index]
+        enabled = self._enabled(done, step.start)
+        view = View(of, self, step.start.at, step.start, enabled=enabled)
+        found = Evaluation(terms, of.functions, view)
+        if code.takeover:
+            self._havoc_locals(component.index)
+            for copy in code.locals:
+                found.bind(copy.name, copy.type, self.locals[component.index, copy.cell.name])
+            found.run(code.takeover)
+            self._havoc_locals(component.index)
+        for copy in code.locals:
+            found.bind(copy.name, copy.type, self.locals[component.index, copy.cell.name])
+        found.run(code.body)
+        of.uninterpreted |= found.uninterpreted
+        fault = found.fault
+        said = {}
+        for k, output in enumerate(code.outputs):
+            flag, value, t = found.published.get(k, (False, None, output.type))
+            said[output.topic] = flag
+            if flag is False:
+                continue
+            passes = terms.may_publish(value, t, output.bounds)
+            fault = terms.either(fault, terms.both(flag, terms.no(passes)))
+            self._equal(done.published[output.topic][1], value, t, terms.both(flag, passes))
+        for q in queues_of(system, component):
+            if system.topics[q].policy == "fault":
+                fault = terms.either(fault, terms.truth("queue lost a value"))
+        done.fault = terms.named(fault, "fault")
+        for copy in code.locals:
+            value = terms.defined(found.env[copy.name], copy.type, copy.name)
+            self.locals[component.index, copy.cell.name] = value
+        self._gate(done, said)
+
+    def _gate(self, done: Done, said: Mapping[int, Term]) -> None:
+        """What a step wants to publish counts if it is in control, AC's as it likes."""
+        terms = self.terms
+        component = self.of.problem.system.components[done.step.component]
+        starts = self._enabled(done, done.step.start)
+        ends = starts
+        if done.step.effect is not done.step.start:
+            ends = self._enabled(done, done.step.effect)
+        free = component.role == "ac"
+        for index, (flag, _) in done.published.items():
+            wanted = said[index]
+            terms.state(terms.z3.Implies(flag, terms.both(wanted, terms.either(starts, ends))))
+            if not free:
+                terms.state(terms.z3.Implies(terms.both(wanted, starts, ends), flag))
+
+    def _enabled(self, done: Done, point: Point) -> Term:
+        """OE at a point."""
+        component = self.of.problem.system.components[done.step.component]
+        if component.role == "node":
+            return True
+        wanted = AC if component.role == "ac" else SC
+        return View(self.of, self, point.at, point).mode() == wanted
+
+    def _equal(self, name: Term, value: Term, t: Type, where: Term) -> None:
+        terms = self.terms
+        for a, b in zip(terms.flat(name, t), terms.flat(value, t), strict=True):
+            terms.state(terms.z3.Implies(where, a == b))
+
+    def _havoc_locals(self, component: int) -> None:
+        node = self.of.problem.system.components[component].node
+        for v in node.locals if node is not None else ():
+            self.locals[component, v.name] = self.terms.fresh(v.type, v.name)
+
+    # ------------------------------------------------------------ what is seen
+
+    def _see(self) -> None:
+        """The instants at which nothing more is due, each after its last effect."""
+        points = {d.step.effect for d in self.done} | {d.step.start for d in self.done}
+        if len({(p.earliest, p.latest) for p in points}) == 1 and isinstance(
+            self.done[0].step.effect.at, int
+        ):
+            self._see_at(self.done[-1], None, True)
+            return
+        for d in self.done:
+            if d.step.begun:
+                continue  # it may have been over before: then there is no such instant
+            here = d.step.effect
+            over = [
+                self.terms.no(self.terms.both(p.at == here.at, before(self.terms, here, p)))
+                for p in points
+                if p is not here and p.earliest <= here.latest and here.earliest <= p.latest
+            ]
+            self._see_at(d, here, self.terms.both(*over))
+
+    def _see_at(self, d: Done, point: Point | None, counts: Term) -> None:
+        of, terms = self.of, self.terms
+        at = d.step.effect
+        holds = of.judged(View(of, self, at.at, point, d.step))
+        holds = tuple(terms.named(h, "holds") for h in holds)
+        later = holds[0]
+        if of.aged:
+            now = terms.whole("now")
+            still = [
+                terms.either(before(terms, e.step.effect, at), e.step.effect.at > now)
+                for e in self.done
+                if e is not d and point is not None
+            ]
+            terms.state(terms.both(now >= at.at, now < max(self.after, at.latest + 1)))
+            view = View(of, self, now, point, d.step)
+            holds_then = of.predicate(of.problem.safe, view, fault=False)
+            later = terms.either(terms.no(terms.both(*still)), holds_then)
+        faults = [terms.no(e.fault) for e in self.done] if point is None else [terms.no(d.fault)]
+        no_fault = terms.both(*faults)
+        of.seen.append(
+            Seen(counts, at.earliest, at.latest, at.at, (no_fault, *holds), later, d.step.component)
+        )
+
+
+def _if(terms: Terms, condition: Term, then: Term, otherwise: Term) -> Term:
+    """Of two integers."""
+    if isinstance(condition, bool):
+        return then if condition else otherwise
+    return terms.z3.If(condition, then, otherwise)
+
+
+def _writers(problem: InductionProblem) -> list[int]:
+    """Topics that the components of the relation publish."""
+    return sorted({t for own in problem.outputs.values() for t in own})
+
+
+def _facts(p: core.Predicate) -> list[object]:
+    return [
+        n
+        for n in walk((*p.body, core.Let(p.span, "value", p.value)))
+        if isinstance(n, core.Fact) and n.fact in ("age", "time")
+    ]

@@ -1,0 +1,187 @@
+"""The verdicts on a module that is proved by induction.
+
+Purpose: what the induction found as findings, property by property; a refutation where a run was
+had; assumptions that only the proof knows.
+Non-goals: the induction (`prove.py`).
+"""
+
+from __future__ import annotations
+
+import time
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import SoterError
+from soter.program.model import typed
+from soter.program.model.durations import show_ns
+from soter.program.model.walk import nodes
+from soter.reach.claims.results import (
+    ASSUMED,
+    PROPERTIES,
+    PROVED,
+    REFUTED,
+    UNDECIDED,
+    Finding,
+    ModuleResult,
+)
+from soter.reach.induction.prove import induct
+from soter.reach.induction.refute import refuting_run
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.reach.induction.problem import InductionProblem
+    from soter.reach.induction.prove import Induction
+    from soter.reach.induction.refute import Search
+
+HOW = "k-induction over every schedule"
+TOGETHER = ("P3", "ttf", "safer", "start")
+"""Part of the one induction."""
+TEXTS = {
+    "P3": "whatever AC publishes, `safe` holds until the DM and SC have answered",
+    "ttf": "whenever the DM leaves AC in control, `safe` goes on holding",
+    "safer": "whenever the DM gives AC control, `safe` goes on holding",
+    "start": "the first hyperperiods of every run, from the declared first values",
+}
+
+
+UNTRIED = (typed.AgeRead, typed.ModeRead)
+"""What the check of the compiled DM gives no values to."""
+
+
+class InductionResult(ModuleResult):
+    """A module that was proved by induction: `induction` is what was found."""
+
+    induction: Induction
+
+
+def verify_by_induction(
+    problem: InductionProblem,
+    *,
+    search: Search | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> ModuleResult:
+    """Everything about one module. `SoterError` D007 where the solver is not installed.
+
+    `search`: finds runs that refute; None: nobody looks for one.
+    """
+    began = time.perf_counter()
+    found = induct(problem, progress)
+    result = InductionResult(problem, {}, [])
+    result.induction = found
+    findings = result.findings
+    _static(problem, findings)
+    findings["P2a"] = _safe(problem, found)
+    findings["P2b"] = _returns(problem, found)
+    for name in TOGETHER:
+        findings[name] = _part_of_it(name, findings["P2a"])
+    if found.proved:
+        result.recover_s = found.returns_ns / 1e9 if found.returns else None
+    elif search is not None and found.about in ("safe", "fault") and found.fails_ns is not None:
+        _refute(problem, found, findings, search)
+    findings["DM"] = _decision_module(result)
+    result.findings = {p: findings[p] for p in PROPERTIES}
+    if found.uninterpreted:
+        names = ", ".join(found.uninterpreted)
+        problem.assumptions.append(
+            f"nothing but that equal arguments give equal answers is used of {names}"
+        )
+    result.seconds = time.perf_counter() - began
+    return result
+
+
+def _static(problem: InductionProblem, findings: dict[str, Finding]) -> None:
+    times = problem.times
+    findings["P1a"] = Finding(
+        PROVED,
+        method="periods compared",
+        text=f"SC every {show_ns(times.delta_sc)}, DM every {show_ns(times.delta_dm)}",
+    )
+    findings["P1b"] = Finding(
+        PROVED, method="outputs compared", text="AC and SC publish the same topics"
+    )
+    findings["P1c"] = Finding(
+        ASSUMED if problem.undeclared else PROVED,
+        method="every schedule is in the relation",
+        text="every order of steps that periods, phases, lateness and responses allow",
+    )
+
+
+def _safe(problem: InductionProblem, found: Induction) -> Finding:
+    finding = Finding(UNDECIDED, found.seconds - found.returns_s, HOW)
+    finding.counts = {"k": found.k, "steps": found.steps, "lemmas": len(problem.lemmas)}
+    if found.proved:
+        finding.verdict = PROVED
+        many = len(problem.lemmas)
+        lemmas = "" if not many else f", with {many} lemma{'s' if many > 1 else ''}"
+        plural = "s" if found.k > 1 else ""
+        finding.text = (
+            f"induction over {found.k} hyperperiod{plural} of {show_ns(found.hyperperiod_ns)} "
+            f"({found.steps} steps each){lemmas}"
+        )
+        return finding
+    if found.fails_ns is not None:
+        within = show_ns(found.fails_ns)
+        finding.text = f"{found.what} fails within {within} in a run of the relation"
+        finding.hint = {
+            "lemma": "a lemma is proved together with `safe`: mend it, or leave it out",
+            "fault": "show that the step cannot fault: bounded types, a check before it",
+        }.get(found.about, "a longer threshold, a faster DM or SC")
+        return finding
+    finding.text = found.why
+    finding.hint = "say as a `lemma` what else is always true: of a candidate, its age, the mode"
+    return finding
+
+
+def _returns(problem: InductionProblem, found: Induction) -> Finding:
+    finding = Finding(UNDECIDED, found.returns_s, HOW)
+    finding.text = "there is no proof that `safe` is kept"
+    if found.proved and found.returns:
+        finding.verdict = PROVED
+        finding.text = f"SC gives control back within {show_ns(found.returns_ns)}"
+    elif found.proved:
+        finding.text = "not proved: from some state that nothing excludes SC keeps control"
+        finding.hint = "a lemma that excludes it, or a `safer` that SC reaches"
+        if problem.recover_ns is not None:
+            finding.hint = f"longer than `recover within` {show_ns(problem.recover_ns)}"
+    return finding
+
+
+def _part_of_it(name: str, safe: Finding) -> Finding:
+    text = TEXTS[name] if safe.verdict == PROVED else safe.text
+    return Finding(safe.verdict, 0.0, HOW, text, safe.hint)
+
+
+def _refute(
+    problem: InductionProblem, found: Induction, findings: dict[str, Finding], search: Search
+) -> None:
+    began = time.perf_counter()
+    assert found.fails_ns is not None
+    run = refuting_run(problem, found.fails_ns, search, fault=found.about == "fault")
+    for name in ("P2a", "P3"):
+        finding = findings[name]
+        if run is None:
+            finding.hint += " (no run of the program was found that shows it)"
+            continue
+        finding.verdict = REFUTED
+        finding.method = "a run, replayed in the interpreter"
+        finding.text = f"a run violates {found.what} at {show_ns(run.time_ns)}"
+        finding.hint = ""
+        finding.counterexample = run
+    findings["P2a"].seconds += time.perf_counter() - began
+
+
+def _decision_module(result: ModuleResult) -> Finding:
+    """The generated C of the DM is the switching logic, as far as it is tried."""
+    from soter.reach.deploy.dm_check import check_module  # noqa: PLC0415 - compiles the DM
+
+    began = time.perf_counter()
+    how = "the compiled DM on all facts and on every class of input"
+    symbol = result.problem.module.symbol
+    read = nodes([e for e in (symbol.ttf, symbol.safer) if e is not None])
+    if any(isinstance(n, UNTRIED) for n in read):
+        return Finding(ASSUMED, 0.0, how, "not tried: `ttf` or `safer` reads an age, or a mode")
+    try:
+        check = check_module(result)
+    except (SoterError, NotImplementedError) as error:
+        return Finding(ASSUMED, time.perf_counter() - began, how, f"not tried: {error}")
+    return Finding(check.verdict, time.perf_counter() - began, how, check.text)

@@ -1,0 +1,1 @@
+"""Certificates of proofs by induction, checked by an encoding of its own."""

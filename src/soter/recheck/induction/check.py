@@ -1,0 +1,155 @@
+"""The claims of a certificate of an induction, one by one.
+
+Purpose: that all holds in the first k hyperperiods of every run, and after k in which it held; and
+that no execution stays in SC for as long as P2b says. No search: k is the certificate's.
+Non-goals: reading the program (`facts.py`, `reading.py`), executions (`machine.py`).
+"""
+
+from __future__ import annotations
+
+from importlib.util import find_spec
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.program.model.durations import show_ns
+from soter.recheck.assumptions import Said
+from soter.recheck.certificate.errors import RejectedError
+from soter.recheck.claims import CLAIMS, PROVED, claimed_of
+from soter.recheck.coverage import parameters_of
+from soter.recheck.induction.facts import compare, nanoseconds, read_induction
+from soter.recheck.report import ModuleReport
+from soter.recheck.terms.terms import NotRecheckedError
+
+if TYPE_CHECKING:
+    from soter.program.model.system import System
+    from soter.recheck.induction.facts import InductionFacts
+
+KEYS = ("system", "module", "claims", "assumptions", "recover_ns", "induction")
+TOGETHER = ("P2a", "P3", "ttf", "safer", "start")
+PATIENCE_MS = 120_000
+
+
+def recheck_induction(flat: System, entry: dict[str, Any]) -> tuple[InductionFacts, ModuleReport]:
+    """Check one module's entry; RejectedError, NotRecheckedError where it is not confirmed.
+
+    SoterError D007 where the solver is not installed.
+    """
+    _require_solver()
+    if set(entry) != set(KEYS):
+        raise RejectedError("a module that is proved by induction is not as it should be")
+    facts = read_induction(flat, entry["module"])
+    claims = claimed_of(entry["claims"])
+    k, returns = compare(facts, entry["induction"])
+    said = dict(entry["claims"])
+    _static(facts, said)
+    wanted = claims & set(TOGETHER)
+    if wanted:
+        if k < 1:
+            raise RejectedError("an induction needs a hypothesis: k is 0")
+        _induction(facts, k)
+    if "P2b" in claims:
+        _returns(facts, returns, entry["recover_ns"])
+    report = ModuleReport(entry["module"], said, system=flat.name)
+    report.parameters = parameters_of(flat)
+    report.assumptions = _assumptions(facts)
+    report.times = {"hyperperiod_ns": facts.turn, "k": k, "returns": returns}
+    report.confirmed = [c for c in CLAIMS if said.get(c) == PROVED]
+    return facts, report
+
+
+def _require_solver() -> None:
+    if find_spec("z3") is None:
+        raise SoterError(
+            (
+                Diagnostic(
+                    "D007",
+                    "inductions are checked with `z3-solver`, which is not installed",
+                    helps=("install it: pip install 'soter[induction]'",),
+                ),
+            )
+        )
+
+
+def _static(facts: InductionFacts, said: dict[str, str]) -> None:
+    """P1a, P1b, P1c seen to once more."""
+    system, module = facts.flying, facts.flying_module
+    ac, sc = (system.components[i] for i in (module.ac, module.sc))
+    if said.get("P1a") == PROVED and max(ac.period_ns, sc.period_ns) > module.period_ns:
+        raise RejectedError("P1a: a controller is slower than the DM")
+    outputs = [{c.scope.topics[t] for t in c.node.publishes} for c in (ac, sc) if c.node]
+    if said.get("P1b") == PROVED and any(of != set(module.outputs) for of in outputs):
+        raise RejectedError("P1b: AC and SC do not publish the same topics")
+    if said.get("P1c") == PROVED and facts.undeclared:
+        raise RejectedError("P1c rests on times that are not declared: it is assumed, not proved")
+
+
+def _induction(facts: InductionFacts, k: int) -> None:
+    from soter.recheck.induction.machine import Machine  # noqa: PLC0415 - an extra
+
+    settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
+    run = Machine(facts, first=True)
+    run.run(settled + k * facts.turn)
+    _never(run, 0, "the first hyperperiods")
+    step = Machine(facts, first=False)
+    step.run((k + 1) * facts.turn)
+    _never(step, k * facts.turn, f"the induction over {k} hyperperiods")
+
+
+def _never(run: Any, begin: int, what: str) -> None:  # noqa: ANN401 - see the import
+    """Nothing fails from `begin` on, if nothing did before."""
+    import z3  # noqa: PLC0415 - an extra
+
+    solver = _solver(run)
+    solver.add(*[i.holds for i in run.instants if i.at < begin])
+    solver.add(z3.Or(*[z3.Not(z3.And(i.holds, i.always)) for i in run.instants if i.at >= begin]))
+    _refuse(solver.check(), what)
+
+
+def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
+    from soter.recheck.induction.machine import Machine  # noqa: PLC0415 - an extra
+
+    if turns < 1 or (recover_ns is not None and recover_ns != (turns + 1) * facts.turn):
+        raise RejectedError("P2b: no time within which SC gives control back")
+    declared = facts.symbol.verify.recover
+    if declared is not None and (turns + 1) * facts.turn > nanoseconds(facts, declared):
+        raise RejectedError("P2b: SC gives control back later than `recover within` says")
+    run = Machine(facts, first=False, fresh=True)
+    run.run(turns * facts.turn)
+    solver = _solver(run)
+    solver.add(*[i.holds for i in run.instants], *[d for i in run.instants for d in i.decided])
+    _refuse(solver.check(), "P2b")
+
+
+def _solver(run: Any) -> Any:  # noqa: ANN401 - see the import
+    import z3  # noqa: PLC0415 - an extra
+
+    solver = z3.Solver()
+    solver.set("timeout", PATIENCE_MS)
+    solver.add(*run.constraints)
+    return solver
+
+
+def _refuse(answer: Any, what: str) -> None:  # noqa: ANN401 - see the import
+    if str(answer) == "sat":
+        raise RejectedError(f"{what}: something fails in an execution")
+    if str(answer) != "unsat":
+        raise NotRecheckedError(f"{what}: the solver does not decide it")
+
+
+def _assumptions(facts: InductionFacts) -> list[Said]:
+    flying, module = facts.flying, facts.flying_module
+    ac = flying.components[module.ac].name
+    found = [
+        Said(f"any {ac}", f"{ac} publishes at its releases, values of the declared sets or none"),
+        Said("order", "steps of one instant come in any order; no release is skipped"),
+        Said("P2b", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"),
+    ]
+    if facts.undeclared:
+        found.append(Said("undeclared", "undeclared times are zero: nobody is late, or takes time"))
+    return found + [
+        Said(
+            f"released {c.name}",
+            f"{c.name} steps every {show_ns(c.period_ns)}, from {show_ns(c.phase_ns)} on",
+        )
+        for c in facts.actors
+    ]

@@ -1,0 +1,169 @@
+"""The problem of an induction once more: which nodes, when, and what is to be shown.
+
+Purpose: `InductionFacts`, read off the checked program by other code than the prover's, and the
+comparison with what the certificate says.
+Non-goals: what the nodes do (`reading.py`), showing anything (`check.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from math import gcd
+from typing import TYPE_CHECKING, Any
+
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.program.check.const import Calculator
+from soter.program.model import typed
+from soter.program.model.walk import nodes as parts_of
+from soter.recheck.certificate.errors import RejectedError
+from soter.recheck.terms.terms import NotRecheckedError
+
+if TYPE_CHECKING:
+    from soter.program.model.system import Component, Module, System
+
+ROLES = ("dm", "sc", "ac", "node")
+REFUSED = ("groups", "abstracts", "commands", "core", "horizon", "levels", "acts", "dropout")
+
+
+@dataclass(eq=False)
+class InductionFacts:
+    """A module, the nodes that are followed beside it, and their times in ns."""
+
+    flying: System
+    flying_module: Module
+    symbol: typed.ModuleSymbol
+    sc: Component
+    actors: list[Component] = field(default_factory=list)
+    late: dict[int, int] = field(default_factory=dict)
+    undeclared: bool = False
+    topics: list[int] = field(default_factory=list)
+    """What the actors publish: these are followed, everything else may hold anything of its set."""
+
+    @property
+    def dm(self) -> Component:
+        """The decision module."""
+        return self.flying.components[self.flying_module.dm]
+
+    @property
+    def turn(self) -> int:
+        """All releases come again after so long."""
+        found = 1
+        for c in self.actors:
+            found = found * c.period_ns // gcd(found, c.period_ns)
+        return found
+
+
+def read_induction(flat: System, name: str) -> InductionFacts:
+    """RejectedError where there is no such module, NotRecheckedError where it is not for this."""
+    found = [m for m in flat.modules if m.name == name]
+    if len(found) != 1:
+        raise RejectedError(f"system `{flat.name}` has no module `{name}`")
+    module = found[0]
+    symbol = module.symbol
+    if module.forced is not None:
+        raise NotRecheckedError(f"`{name}` is forced to {module.forced}: its DM never decides")
+    if module.over is not None or any(m.over == module.index for m in flat.modules):
+        raise NotRecheckedError(f"`{name}` stands above or below another module")
+    if symbol.verify.induction is None or symbol.ttf is None or symbol.safer is None:
+        raise RejectedError(f"module `{name}` does not ask for an induction")
+    if any(getattr(symbol.verify, word) for word in REFUSED):
+        raise NotRecheckedError("a `verify` block that speaks of sets")
+    facts = InductionFacts(flat, module, symbol, flat.components[module.sc])
+    _gather(facts)
+    _times(facts)
+    return facts
+
+
+def reads_of(*roots: object) -> set[typed.TopicSymbol]:
+    """Topics whose value or age is read."""
+    kinds = (typed.TopicRead, typed.AgeRead)
+    return {n.topic for n in parts_of([r for r in roots if r is not None]) if isinstance(n, kinds)}
+
+
+def _gather(facts: InductionFacts) -> None:
+    """The module's three, and every node that what is read rests on and that can be followed."""
+    flat, module, symbol = facts.flying, facts.flying_module, facts.symbol
+    facts.actors = [flat.components[i] for i in (module.dm, module.ac, module.sc)]
+    scope = module.scope.topics
+    roots = (symbol.safe, symbol.ttf, symbol.safer, *symbol.verify.lemmas)
+    wanted = {scope[t] for t in reads_of(*roots)}
+    assert facts.sc.node is not None
+    wanted |= {facts.sc.scope.topics[t] for t in reads_of(*facts.sc.node.step)}
+    changed = True
+    while changed:
+        changed = False
+        for c in flat.components:
+            if c in facts.actors or c.role != "node" or c.node is None:
+                continue
+            if wanted & {c.scope.topics[t] for t in c.node.publishes} and _plain(c):
+                facts.actors.append(c)
+                wanted |= {c.scope.topics[t] for t in reads_of(*c.node.step)}
+                changed = True
+    for c in facts.actors:
+        if c.node is not None:
+            facts.topics += [c.scope.topics[t] for t in c.node.publishes]
+    facts.topics = sorted(set(facts.topics))
+    for index in facts.topics:
+        _published_here_only(facts, index)
+
+
+def _plain(c: Component) -> bool:
+    """A node of Soter code that publishes one value a step: any other may publish anything."""
+    assert c.node is not None
+    modes = {n.module for n in parts_of(list(c.node.step)) if isinstance(n, typed.ModeRead)}
+    return not c.extern and not c.node.bursts and len(modes) < 2
+
+
+def _published_here_only(facts: InductionFacts, index: int) -> None:
+    flat = facts.flying
+    for c in flat.components:
+        written = [t for t, _ in c.plant.drives] if c.plant else c.node.publishes if c.node else ()
+        if c not in facts.actors and index in [c.scope.topics[t] for t in written]:
+            raise NotRecheckedError(f"`{flat.topics[index].name}` has a second publisher")
+    if index in {d.topic for d in flat.inputs}:
+        raise NotRecheckedError(f"`{flat.topics[index].name}` is drawn as an input, too")
+
+
+def nanoseconds(facts: InductionFacts, expr: typed.Expr | None) -> int:
+    """A time of the `verify` block; 0 where there is none."""
+    calculator = Calculator(Diagnostics(), facts.flying_module.scope.params)
+    return 0 if expr is None else int(calculator.value(expr, "a time") or 0)
+
+
+def _times(facts: InductionFacts) -> None:
+    verify = facts.symbol.verify
+    said = [verify.late_dm, verify.late_sc, verify.response_dm, verify.response_sc]
+    facts.undeclared = any(e is None for e in said)
+    for expr in (*said, *verify.late_of.values(), *verify.response_of.values()):
+        if nanoseconds(facts, expr):
+            raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
+    others = [c for c in facts.actors if c.role in ("ac", "node")]
+    for word in (verify.late_of, verify.response_of):
+        for c in others:
+            names = {c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name}
+            facts.undeclared |= not names & set(word)
+    for c in facts.actors:
+        if c.role not in ROLES:
+            raise NotRecheckedError(f"`{c.name}` is a {c.role}")
+
+
+# ---------------------------------------------------------------- the certificate
+
+
+def compare(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
+    """K and the hyperperiods of P2b; RejectedError where a figure is another in the program."""
+    names = ("k", "returns", "hyperperiod_ns", "lemmas", "clocks")
+    if not isinstance(given, dict) or set(given) != set(names):
+        raise RejectedError("`induction` is not as it should be")
+    lemmas = [" ".join(e.span.text.split()) for e in facts.symbol.verify.lemmas]
+    if given["lemmas"] != lemmas:
+        raise RejectedError("the lemmas are others in the program")
+    clocks = {c.name: [c.period_ns, c.phase_ns, 0, 0] for c in facts.actors}
+    if given["clocks"] != clocks:
+        raise RejectedError("the nodes, or their times, are others in the program")
+    if given["hyperperiod_ns"] != facts.turn:
+        raise RejectedError(f"the hyperperiod is {facts.turn} ns by the program")
+    for key in ("k", "returns"):
+        if type(given[key]) is not int or not 0 <= given[key] <= 64:
+            raise RejectedError(f"`{key}` of the induction is no number of hyperperiods")
+    return given["k"], given["returns"]

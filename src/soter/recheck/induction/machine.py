@@ -1,0 +1,296 @@
+"""Executions as sequences of steps: one after the other, each on the state that the last one left.
+
+Purpose: a `Machine` runs the instants of some hyperperiods; at each, every component that is due
+makes its step, in an order that is left open. Topics carry the absolute times of their
+publications. What holds is recorded at the end of every instant.
+Non-goals: what a step does to its environment (`reading.py`), induction (`check.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import z3
+
+from soter.program.model import typed
+from soter.program.model.types import MODE
+from soter.program.model.walk import nodes as parts_of
+from soter.recheck.induction.reading import (
+    Reading,
+    Sight,
+    either,
+    inside,
+    known,
+    opaque,
+    unknown,
+)
+
+if TYPE_CHECKING:
+    from soter.program.model.system import Component
+    from soter.recheck.induction.facts import InductionFacts
+
+Term = Any
+YES, NO = z3.BoolVal(True), z3.BoolVal(False)
+IN_SC, IN_AC = 0, 1
+UNPUBLISHED = -(2**62)
+
+
+@dataclass
+class Now:
+    """The state between two steps. `stamps`: absolute times; `faulted`: some step did."""
+
+    topics: dict[int, Term]
+    stamps: dict[int, Term]
+    locals: dict[int, tuple[Term, ...]]
+    mode: Term
+    faulted: Term
+
+
+@dataclass(frozen=True)
+class Instant:
+    """The end of one: when, and what holds then; `always`: `safe` until the next instant."""
+
+    at: int
+    holds: Term
+    always: Term
+    decided: tuple[Term, ...]
+    """The modes that the DM found and left, where it stepped."""
+
+
+class Machine:
+    """Runs the instants in [begin, end); before it `began` from the first values, or from any."""
+
+    def __init__(self, facts: InductionFacts, *, first: bool, fresh: bool = False) -> None:
+        self.facts = facts
+        self.first = first
+        self.fresh = fresh
+        """The DM's reads are fresh and the gate has nothing against AC."""
+        self.constraints: list[Term] = []
+        self.instants: list[Instant] = []
+        self.now = self._start()
+
+    def _start(self) -> Now:
+        flying = self.facts.flying
+        topics, stamps, found = {}, {}, {}
+        for i in self.facts.topics:
+            topic = flying.topics[i]
+            if self.first:
+                topics[i], stamps[i] = known(topic.type, topic.default), z3.IntVal(UNPUBLISHED)
+                continue
+            topics[i] = unknown(topic.type, topic.name, self.constraints)
+            self.constraints.append(inside(topics[i], topic.type, topic.bounds))
+            stamps[i] = z3.FreshInt("stamp")
+            self.constraints.append(stamps[i] < 0)
+        for c in self.facts.actors:
+            if c.node is not None:
+                pairs = zip(c.node.locals, c.initial, strict=True)
+                found[c.index] = tuple(
+                    known(v.type, x) if self.first else unknown(v.type, v.name, self.constraints)
+                    for v, x in pairs
+                )
+        mode = z3.IntVal(IN_SC) if self.first else unknown(MODE, "mode", self.constraints)
+        return Now(topics, stamps, found, mode, NO)
+
+    # ------------------------------------------------------------ time
+
+    def run(self, end: int) -> None:
+        """Everything up to `end`."""
+        calendar: dict[int, list[Component]] = {}
+        for c in self.facts.actors:
+            begin = c.phase_ns if self.first else c.phase_ns % c.period_ns
+            for at in range(begin, end, c.period_ns):
+                calendar.setdefault(at, []).append(c)
+        if self.first:
+            self._before_everything(min(calendar, default=end))
+        times = sorted(calendar)
+        first_of_a_turn = min(c.phase_ns % c.period_ns for c in self.facts.actors)
+        for at, following in zip(times, [*times[1:], end + first_of_a_turn], strict=True):
+            self._instant(at, calendar[at], max(following, at + 1))
+
+    def _before_everything(self, first: int) -> None:
+        """Other components may step, and `safe` be judged, before any that is followed."""
+        others = [c.phase_ns for c in self.facts.flying.components]
+        others += [0 for _ in self.facts.flying.inputs]
+        if min(others) < first:
+            self._judge(0, first, ())
+
+    def _instant(self, at: int, due: list[Component], following: int) -> None:
+        """Each of them once, in any order."""
+        left = list(range(len(due)))
+        turns = []
+        decided: list[Term] = []
+        for _k in left:
+            who = z3.FreshInt("who")
+            turns.append(who)
+            self.constraints += [who >= 0, who < len(due)]
+            after = None
+            for n, c in enumerate(due):
+                one, seen = self._stepped(c, at)
+                if seen is not None:
+                    decided.append(z3.Implies(who == n, seen))
+                after = one if after is None else _merge(who == n, one, after)
+            assert after is not None
+            self.now = self._named(after)
+        if len(turns) > 1:
+            self.constraints.append(z3.Distinct(*turns))
+        self._judge(at, following, tuple(decided))
+
+    def _named(self, state: Now) -> Now:
+        """Terms of bounded size: a new name for every part of a state."""
+        return Now(
+            {i: self._name(v) for i, v in state.topics.items()},
+            {i: self._name(v) for i, v in state.stamps.items()},
+            {i: self._name(v) for i, v in state.locals.items()},
+            self._name(state.mode),
+            self._name(state.faulted),
+        )
+
+    def _name(self, value: Term) -> Term:
+        if isinstance(value, tuple):
+            return tuple(self._name(v) for v in value)
+        value = opaque(value)
+        if z3.is_const(value):
+            return value
+        found = z3.FreshConst(value.sort(), "is")
+        self.constraints.append(found == value)
+        return found
+
+    # ------------------------------------------------------------ steps
+
+    def _stepped(self, c: Component, at: int) -> tuple[Now, Term | None]:
+        if c.role == "dm":
+            return self._decision(at)
+        on = YES
+        if c.role in ("ac", "sc"):
+            on = self.now.mode == (IN_AC if c.role == "ac" else IN_SC)
+        if c.role == "ac":
+            return self._anything(c, at, on), None
+        return self._code(c, at, on), None
+
+    def _sight(self, c: Component, at: Term, on: Term) -> Sight:
+        now, flying = self.now, self.facts.flying
+
+        def topic(i: int) -> Term:
+            if i in now.topics:
+                return now.topics[i]
+            found = unknown(flying.topics[i].type, flying.topics[i].name, self.constraints)
+            if flying.topics[i].queue_of is None:
+                self.constraints.append(
+                    inside(found, flying.topics[i].type, flying.topics[i].bounds)
+                )
+            return found
+
+        def age(i: int) -> Term:
+            source = flying.topics[i].queue_of
+            i = i if source is None else source
+            if i in now.stamps:
+                return at - now.stamps[i]
+            found = z3.FreshInt("age")
+            self.constraints.append(found >= 0)
+            return found
+
+        return Sight(c.scope, topic, age, now.mode, self.facts.symbol, on, self.constraints)
+
+    def _decision(self, at: int) -> tuple[Now, Term]:
+        dm, symbol, module = self.facts.dm, self.facts.symbol, self.facts.flying_module
+        assert symbol.ttf is not None
+        assert symbol.safer is not None
+        sight = self._sight(dm, z3.IntVal(at), YES)
+        ttf, unsure = Reading(sight).truth(symbol.ttf)
+        safer, doubtful = Reading(sight).truth(symbol.safer)
+        old = NO
+        for i in module.inputs:
+            limit = self.facts.flying.topics[i].max_age_ns
+            if limit is not None:
+                old = z3.Or(old, sight.age(i) > limit)
+        refused, owed = z3.FreshBool("refused"), z3.FreshBool("owed")
+        if self.fresh:
+            self.constraints += [z3.Not(refused), z3.Not(owed), z3.Not(old)]
+        stay = z3.Not(z3.Or(ttf, unsure, old, refused))
+        get = z3.And(safer, z3.Not(doubtful), z3.Not(old), z3.Not(owed))
+        good = z3.If(self.now.mode == IN_AC, stay, get)
+        mode = z3.If(good, z3.IntVal(IN_AC), z3.IntVal(IN_SC))
+        now = self.now
+        seen = z3.And(now.mode == IN_SC, mode == IN_SC)
+        return Now(now.topics, now.stamps, now.locals, mode, now.faulted), seen
+
+    def _anything(self, c: Component, at: int, on: Term) -> Now:
+        """AC: each of its topics, or not, any value of the set."""
+        now, flying = self.now, self.facts.flying
+        topics, stamps = dict(now.topics), dict(now.stamps)
+        assert c.node is not None
+        for symbol in c.node.publishes:
+            i = c.scope.topics[symbol]
+            value = unknown(flying.topics[i].type, flying.topics[i].name, self.constraints)
+            self.constraints.append(inside(value, flying.topics[i].type, flying.topics[i].bounds))
+            out = z3.And(on, z3.FreshBool("published"))
+            topics[i], stamps[i] = _both(out, value, at, topics[i], stamps[i])
+        return Now(topics, stamps, now.locals, now.mode, now.faulted)
+
+    def _code(self, c: Component, at: int, on: Term) -> Now:
+        """SC or a node: its statements."""
+        now, flying, node = self.now, self.facts.flying, c.node
+        assert node is not None
+        reading = Reading(self._sight(c, z3.IntVal(at), on))
+        values = now.locals[c.index]
+        if node.takeover is not None:
+            self._takeover(c, at, on, reading)
+            values = tuple(unknown(v.type, v.name, self.constraints) for v in node.locals)
+        reading.env = dict(zip(node.locals, values, strict=True))
+        reading.run(node.step, YES)
+        fault = reading.fault
+        topics, stamps = dict(now.topics), dict(now.stamps)
+        for symbol, (flag, value) in reading.said.items():
+            i = c.scope.topics[symbol]
+            taken = inside(value, flying.topics[i].type, flying.topics[i].bounds)
+            fault = z3.Or(fault, z3.And(flag, z3.Not(taken)))
+            out = z3.And(on, flag)
+            topics[i], stamps[i] = _both(out, value, at, topics[i], stamps[i])
+        if any(flying.topics[c.scope.topics[s.topic]].policy == "fault" for s in node.subscribes):
+            fault = z3.Or(fault, z3.FreshBool("lost"))
+        kept = {**now.locals, c.index: tuple(reading.env[v] for v in node.locals)}
+        return Now(topics, stamps, kept, now.mode, z3.Or(now.faulted, fault))
+
+    def _takeover(self, c: Component, at: int, on: Term, reading: Reading) -> None:
+        """What it sets is not followed; whether it faults is."""
+        node = c.node
+        assert node is not None
+        first = Reading(self._sight(c, z3.IntVal(at), on))
+        first.env = {v: unknown(v.type, v.name, self.constraints) for v in node.locals}
+        first.run(node.takeover or (), YES)
+        reading.fault = first.fault
+
+    # ------------------------------------------------------------ what holds
+
+    def _judge(self, at: int, following: int, decided: tuple[Term, ...]) -> None:
+        symbol, dm = self.facts.symbol, self.facts.dm
+
+        def holds(e: typed.Expr, now: Term) -> Term:
+            value, fault = Reading(self._sight(dm, now, YES)).truth(e)
+            return z3.And(value, z3.Not(fault))
+
+        here = z3.IntVal(at)
+        safe = holds(symbol.safe, here)
+        every = [z3.Not(self.now.faulted), safe, *(holds(e, here) for e in symbol.verify.lemmas)]
+        always = safe
+        if any(isinstance(n, typed.AgeRead) for n in parts_of([symbol.safe])):
+            later = z3.FreshInt("later")
+            self.constraints.append(z3.And(later >= at, later < following))
+            always = z3.And(safe, holds(symbol.safe, later))
+        self.instants.append(Instant(at, z3.And(*every), always, decided))
+
+
+def _both(out: Term, value: Term, at: int, old: Term, stamp: Term) -> tuple[Term, Term]:
+    return either(out, value, old), z3.If(out, z3.IntVal(at), stamp)
+
+
+def _merge(c: Term, a: Now, b: Now) -> Now:
+    """One of two states."""
+    return Now(
+        {i: either(c, a.topics[i], b.topics[i]) for i in a.topics},
+        {i: either(c, a.stamps[i], b.stamps[i]) for i in a.stamps},
+        {i: either(c, a.locals[i], b.locals[i]) for i in a.locals},
+        either(c, a.mode, b.mode),
+        either(c, a.faulted, b.faulted),
+    )

@@ -1,0 +1,462 @@
+"""The checked tree read over terms of a solver, expression by expression.
+
+Purpose: what a step does to an environment, its publications, and under which condition it faults.
+Truths, ints and enums are exact, ages are compared as whole nanoseconds; of everything else nothing
+is known but that the same function of the same values is the same.
+Non-goals: time (`machine.py`). What is not on the list of this file is not rechecked.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from math import ceil, floor
+from typing import TYPE_CHECKING, Any
+
+import z3
+
+from soter.program.model import typed
+from soter.program.model.types import (
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaves,
+)
+from soter.program.model.walk import nodes as parts_of
+from soter.recheck.terms.terms import NotRecheckedError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from soter.program.model.system import Bound, Scope
+    from soter.program.model.types import Type, Value
+
+Term = Any
+OPAQUE = z3.DeclareSort("opaque")
+ROUNDS_MAX = 4_000
+"""Statements of one step."""
+LARGEST, SMALLEST = 2**63 - 1, -(2**63)
+
+
+@dataclass(frozen=True)
+class Elapsed:
+    """The age of a topic."""
+
+    ns: Term
+
+
+@dataclass(frozen=True)
+class Seconds:
+    """A float that is known."""
+
+    value: float
+
+
+def true(x: bool | Term) -> Term:
+    """A truth as a term."""
+    return z3.BoolVal(x) if isinstance(x, bool) else x
+
+
+# ---------------------------------------------------------------- values
+
+
+def is_plain(t: Type) -> bool:
+    """A type whose values are exact."""
+    return isinstance(t, (BoolType, IntType, EnumType, DurationType))
+
+
+def unknown(t: Type, name: str, facts: list[Term]) -> Term:
+    """Any value of a type; what the type says of it goes to `facts`."""
+    if isinstance(t, RecordType):
+        return tuple(unknown(f, f"{name}.{n}", facts) for n, f in t.fields)
+    if isinstance(t, BoolType):
+        return z3.FreshBool(name)
+    if is_plain(t):
+        found = z3.FreshInt(name)
+        low, high = extent(t)
+        facts.append(z3.And(found >= low, found <= high))
+        return found
+    return z3.FreshConst(OPAQUE, name)
+
+
+def extent(t: Type) -> tuple[int, int]:
+    """The least and the greatest value."""
+    if isinstance(t, EnumType):
+        return 0, len(t.members) - 1
+    return (t.low, t.high) if isinstance(t, IntType) else (SMALLEST, LARGEST)
+
+
+def known(t: Type, value: Value) -> Term:
+    """A value of the program."""
+    if isinstance(t, RecordType):
+        return tuple(known(f, v) for (_, f), v in zip(t.fields, value, strict=True))
+    if isinstance(t, BoolType):
+        return z3.BoolVal(bool(value))
+    if is_plain(t):
+        return z3.IntVal(int(value))
+    if isinstance(t, FloatType):
+        return Seconds(value)
+    return z3.Const(f"{t}: {value!r}", OPAQUE)
+
+
+def opaque(value: Term) -> Term:
+    """A float as an element of the sort."""
+    if isinstance(value, Seconds):
+        return z3.Const(f"float: {value.value!r}", OPAQUE)
+    if isinstance(value, Elapsed):
+        return z3.Function("age in seconds", z3.IntSort(), OPAQUE)(value.ns)
+    return value
+
+
+def either(c: Term, a: Term, b: Term) -> Term:
+    """`c ? a : b`."""
+    if isinstance(a, tuple):
+        return tuple(either(c, x, y) for x, y in zip(a, b, strict=True))
+    if a is b:
+        return a
+    if isinstance(a, Elapsed) and isinstance(b, Elapsed):
+        return Elapsed(z3.If(c, a.ns, b.ns))
+    return z3.If(c, opaque(a), opaque(b))
+
+
+def flat(value: Term) -> list[Term]:
+    """Its leaves."""
+    if isinstance(value, tuple):
+        return [x for v in value for x in flat(v)]
+    return [opaque(value)]
+
+
+def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
+    """Whether a topic with these bounds takes a value."""
+    if isinstance(t, RecordType):
+        found, at = [], 0
+        for v, (_, f) in zip(value, t.fields, strict=True):
+            count = sum(1 for _ in leaves(f))
+            found.append(inside(v, f, bounds[at : at + count]))
+            at += count
+        return z3.And(*found) if found else z3.BoolVal(True)
+    if isinstance(t, (BoolType, EnumType)):
+        return z3.BoolVal(True)
+    if is_plain(t):
+        low, high = extent(t)
+        if bounds and bounds[0] is not None:
+            low, high = max(low, ceil(bounds[0].low)), min(high, floor(bounds[0].high))
+        return z3.And(value >= low, value <= high)
+    said = [None if b is None else (b.low, b.high) for b in bounds]
+    if isinstance(value, Seconds):
+        limits = said[0] or (float("-inf"), float("inf"))
+        finite = value.value - value.value == 0.0
+        return z3.BoolVal(finite and limits[0] <= value.value <= limits[1])
+    return z3.Function(f"taken {t} {said}", OPAQUE, z3.BoolSort())(opaque(value))
+
+
+# ---------------------------------------------------------------- ages
+
+
+def age_compared(op: str, ns: Term, limit: float) -> Term:
+    """`float(ns) / 1e9 op limit`, found by trying whole nanoseconds around the exact quotient.
+
+    NotRecheckedError where the limit is no time.
+    """
+    if limit != limit:  # noqa: PLR0124 - NaN
+        return z3.BoolVal(op == "!=")
+    if abs(limit) == float("inf"):
+        raise NotRecheckedError("an age is compared with infinity")
+    near = int(Fraction(limit) * 10**9)
+    first = _first(near, lambda n: n / 1e9 >= limit)
+    beyond = _first(near, lambda n: n / 1e9 > limit)
+    return {
+        "<": ns < first,
+        ">=": ns >= first,
+        "<=": ns < beyond,
+        ">": ns >= beyond,
+        "==": z3.And(ns >= first, ns < beyond),
+        "!=": z3.Or(ns < first, ns >= beyond),
+    }[op]
+
+
+def _first(near: int, there: Callable[[float], bool]) -> int:
+    """The least n from which on it is so; rounding moves it by little."""
+    width = max(4, abs(near) // 2**50)
+    low, high = max(0, near - width), near + width
+    if low > 0 and there(float(low)):
+        raise NotRecheckedError("a threshold of an age that is too large")
+    if not there(float(max(high, 0))):
+        if high <= 0:
+            return 0
+        raise NotRecheckedError("a threshold of an age that is too large")
+    while low < high:
+        middle = (low + high) // 2
+        if there(float(middle)):
+            high = middle
+        else:
+            low = middle + 1
+    return low
+
+
+# ---------------------------------------------------------------- code
+
+
+@dataclass
+class Sight:
+    """What a piece of code sees: topics, ages and the mode at one instant."""
+
+    scope: Scope
+    topic: Callable[[int], Term]
+    age: Callable[[int], Term]
+    mode: Term
+    module: object
+    in_control: Term
+    facts: list[Term]
+
+
+@dataclass
+class Reading:
+    """One step, predicate or function body being read."""
+
+    sight: Sight
+    env: dict[typed.Variable, Term] = field(default_factory=dict)
+    fault: Term = field(default_factory=lambda: z3.BoolVal(False))
+    said: dict[typed.TopicSymbol, tuple[Term, Term]] = field(default_factory=dict)
+    returned: Term = field(default_factory=lambda: z3.BoolVal(False))
+    result: Term = None
+    rounds: int = 0
+
+    def truth(self, e: typed.Expr) -> tuple[Term, Term]:
+        """The value of a predicate, and whether it faults. NotRecheckedError as `value`."""
+        value = self.value(e, z3.BoolVal(True))
+        return value, self.fault
+
+    def _faulty(self, where: Term, condition: Term) -> None:
+        self.fault = z3.Or(self.fault, z3.And(where, true(condition)))
+
+    # ------------------------------------------------------------ statements
+
+    def run(self, statements: Sequence[typed.Stmt], where: Term) -> None:
+        """In order; after a return nothing is done. NotRecheckedError for what is not known."""
+        for s in statements:
+            self.rounds += 1
+            if self.rounds > ROUNDS_MAX:
+                raise NotRecheckedError("a step of too many statements")
+            here = z3.And(where, z3.Not(self.returned))
+            if isinstance(s, typed.Declare):
+                self.env[s.variable] = self.value(s.value, here)
+            elif isinstance(s, typed.Assign):
+                if not all(isinstance(p, int) for p in s.place.path):
+                    raise NotRecheckedError("an assignment at an index")
+                old = self.env[s.place.variable]
+                new = _put(old, s.place.path, self.value(s.value, here))
+                self.env[s.place.variable] = either(here, new, old)
+            elif isinstance(s, typed.Publish):
+                value = self.value(s.value, here)
+                flag, old = self.said.get(s.topic, (z3.BoolVal(False), value))
+                self.said[s.topic] = (z3.Or(flag, here), either(here, value, old))
+            elif isinstance(s, typed.Return):
+                value = self.value(s.value, here)
+                self.result = value if self.result is None else either(here, value, self.result)
+                self.returned = z3.Or(self.returned, here)
+            elif isinstance(s, typed.Assert):
+                self._faulty(here, z3.Not(self.value(s.condition, here)))
+            elif isinstance(s, typed.If):
+                self._if(s, here)
+            elif isinstance(s, typed.ForRange):
+                for k in range(s.low, s.high):
+                    self.env[s.variable] = z3.IntVal(k)
+                    self.run(s.body, where)
+            else:
+                raise NotRecheckedError(f"`{type(s).__name__.lower()}` in a step")
+
+    def _if(self, s: typed.If, where: Term) -> None:
+        left = where
+        for condition, body in s.arms:
+            c = self.value(condition, left)
+            self.run(body, z3.And(left, c))
+            left = z3.And(left, z3.Not(c))
+        self.run(s.otherwise, left)
+
+    # ------------------------------------------------------------ expressions
+
+    def value(self, e: typed.Expr, where: Term) -> Term:
+        """The value, where it is evaluated. NotRecheckedError for what is not known."""
+        sight = self.sight
+        if isinstance(e, typed.Literal):
+            return known(e.type, e.value)
+        if isinstance(e, typed.ParamRead):
+            return known(e.type, sight.scope.params[e.param])
+        if isinstance(e, typed.VarRead):
+            return self.env[e.variable]
+        if isinstance(e, typed.TopicRead):
+            return sight.topic(sight.scope.topics[e.topic])
+        if isinstance(e, typed.AgeRead):
+            return Elapsed(sight.age(sight.scope.topics[e.topic]))
+        if isinstance(e, typed.ModeRead):
+            if e.module is not sight.module:
+                raise NotRecheckedError("the mode of another module")
+            return sight.mode
+        if isinstance(e, typed.InControl):
+            return sight.in_control
+        if isinstance(e, typed.Conditional):
+            c = self.value(e.condition, where)
+            then = self.value(e.then, z3.And(where, c))
+            return either(c, then, self.value(e.otherwise, z3.And(where, z3.Not(c))))
+        if isinstance(e, typed.Field):
+            return self.value(e.target, where)[e.index]
+        if isinstance(e, typed.Aggregate) and isinstance(e.type, RecordType):
+            order = e.order or tuple(range(len(e.elements)))
+            pairs = zip(order, e.elements, strict=True)
+            found = {k: self.value(x, where) for k, x in pairs}
+            return tuple(found[k] for k in range(len(found)))
+        if isinstance(e, typed.Narrow):
+            value = self.value(e.operand, where)
+            low, high = extent(e.type)
+            self._faulty(where, z3.Or(value < low, value > high))
+            return value
+        if isinstance(e, typed.Choose):
+            return self._chosen(e, where)
+        if isinstance(e, typed.Call):
+            return self._call(e, where)
+        if isinstance(e, typed.Builtin):
+            return self._builtin(e, where)
+        if isinstance(e, typed.Unary):
+            return self._unary(e, where)
+        if isinstance(e, typed.Binary):
+            return self._binary(e, where)
+        raise NotRecheckedError(f"`{type(e).__name__.lower()}` in what is proved by induction")
+
+    def _chosen(self, e: typed.Choose, where: Term) -> Term:
+        options = [self.value(o, where) for o in e.options]
+        if e.ages is not None:
+            raise NotRecheckedError("a fair choice")
+        if not options and isinstance(e.type, BoolType):
+            return z3.FreshBool("choice")
+        number = z3.FreshInt("choice")
+        low = 0 if options else e.low
+        self.sight.facts.append(z3.And(number >= low, number < low + e.count))
+        found = options[0] if options else number
+        for k, option in enumerate(options[1:], 1):
+            found = either(number == k, option, found)
+        return found
+
+    def _unary(self, e: typed.Unary, where: Term) -> Term:
+        value = self.value(e.operand, where)
+        if e.op == "!":
+            return z3.Not(value)
+        if isinstance(value, Seconds):
+            return Seconds(-value.value)
+        if not is_plain(e.type):
+            raise NotRecheckedError("arithmetic of floats outside of a function")
+        self._faulty(where, value == SMALLEST)
+        return -value
+
+    def _binary(self, e: typed.Binary, where: Term) -> Term:
+        if e.op in ("&&", "||"):
+            a = self.value(e.left, where)
+            go_on = a if e.op == "&&" else z3.Not(a)
+            b = self.value(e.right, z3.And(where, go_on))
+            return z3.And(a, b) if e.op == "&&" else z3.Or(a, b)
+        a, b = self.value(e.left, where), self.value(e.right, where)
+        if isinstance(a, Elapsed) and isinstance(b, Seconds):
+            return age_compared(e.op, a.ns, b.value)
+        if isinstance(a, Seconds) and isinstance(b, Elapsed):
+            turned = e.op.translate(str.maketrans("<>", "><"))
+            return age_compared(turned, b.ns, a.value)
+        if isinstance(e.left.type, FloatType):
+            if isinstance(e.type, BoolType) or e.op in "+-*":
+                sort = z3.BoolSort() if isinstance(e.type, BoolType) else OPAQUE
+                return z3.Function(f"floats {e.op}", OPAQUE, OPAQUE, sort)(opaque(a), opaque(b))
+            raise NotRecheckedError("a division of floats outside of a function")
+        compared = {"==": "__eq__", "!=": "__ne__", "<": "__lt__", "<=": "__le__"}
+        compared |= {">": "__gt__", ">=": "__ge__"}
+        if e.op in compared:
+            return getattr(a, compared[e.op])(b)
+        return self._integers(e.op, a, b, where)
+
+    def _integers(self, op: str, a: Term, b: Term, where: Term) -> Term:
+        if op in "/%":
+            if not z3.is_int_value(b) or b.as_long() == 0:
+                raise NotRecheckedError("a division by what is not known")
+            positive = z3.If(a >= 0, a, -a)
+            size = positive / abs(b.as_long())
+            same = (a >= 0) if b.as_long() > 0 else (a < 0)
+            q = z3.If(same, size, -size)
+            self._faulty(where, z3.And(a == SMALLEST, b == -1))
+            return q if op == "/" else a - q * b
+        value = a + b if op == "+" else a - b if op == "-" else a * b
+        self._faulty(where, z3.Or(value < SMALLEST, value > LARGEST))
+        return value
+
+    def _builtin(self, e: typed.Builtin, where: Term) -> Term:
+        v = [self.value(a, where) for a in e.arguments]
+        if e.name == "seconds" and z3.is_int_value(v[0]):
+            return Seconds(v[0].as_long() / 1e9)
+        if is_plain(e.type) and all(is_plain(a.type) for a in e.arguments):
+            if e.name in ("min", "max"):
+                second = v[1] < v[0] if e.name == "min" else v[1] > v[0]
+                return z3.If(second, v[1], v[0])
+            if e.name == "abs":
+                self._faulty(where, v[0] == SMALLEST)
+                return z3.If(v[0] < 0, -v[0], v[0])
+        if e.name == "int" or not isinstance(e.type, (FloatType, IntType)):
+            raise NotRecheckedError(f"`{e.name}` outside of a function")
+        return self._same_for_same(f"built in {e.name}", v, e.type)
+
+    # ------------------------------------------------------------ functions
+
+    def _call(self, e: typed.Call, where: Term) -> Term:
+        fun = e.fun
+        values = [self.value(a, where) for a in e.arguments]
+        if fun.extern or fun.body is None:
+            raise NotRecheckedError(f"`{fun.name}` is an extern function")
+        if all(_exact(p.type) for p in fun.parameters) and _exact(fun.result) and _simple(fun):
+            inner = Reading(self.sight, dict(zip(fun.parameters, values, strict=True)))
+            inner.rounds = self.rounds
+            inner.run(fun.body, z3.BoolVal(True))
+            self.rounds = inner.rounds
+            self._faulty(where, inner.fault)
+            return inner.result
+        self.rounds += 1
+        given = dict(self.sight.scope.params.items())
+        name = f"fun {fun.name} {sorted((p.name, repr(v)) for p, v in given.items())}"
+        self._faulty(where, self._same_for_same(f"{name} faults", values, _BOOL))
+        return self._same_for_same(name, values, fun.result)
+
+    def _same_for_same(self, name: str, values: list[Term], t: Type) -> Term:
+        if isinstance(t, RecordType):
+            return tuple(self._same_for_same(f"{name}.{n}", values, f) for n, f in t.fields)
+        arguments = [x for v in values for x in flat(v)]
+        sort = z3.BoolSort() if isinstance(t, BoolType) else z3.IntSort() if is_plain(t) else OPAQUE
+        if not arguments:
+            return z3.Const(name, sort)
+        found = z3.Function(name, *[a.sort() for a in arguments], sort)(*arguments)
+        if is_plain(t) and not isinstance(t, BoolType):
+            low, high = extent(t)
+            self.sight.facts.append(z3.And(found >= low, found <= high))
+        return found
+
+
+_BOOL = BoolType()
+_SIMPLE = (
+    typed.Literal, typed.ParamRead, typed.VarRead, typed.Conditional, typed.Field, typed.Narrow,
+    typed.Call, typed.Unary, typed.Binary, typed.Return, typed.If, typed.Declare, typed.Assign,
+    typed.Place, typed.Aggregate, typed.Builtin, typed.ForRange, typed.Assert,
+)  # fmt: skip
+
+
+def _exact(t: Type) -> bool:
+    return all(_exact(f) for _, f in t.fields) if isinstance(t, RecordType) else is_plain(t)
+
+
+def _simple(fun: typed.FunSymbol) -> bool:
+    """Whether its body is all of what is read here."""
+    found = list(parts_of(fun.body or ()))
+    exact = all(_exact(n.type) for n in found if isinstance(n, typed.Expr))
+    return exact and all(isinstance(n, _SIMPLE) for n in found)
+
+
+def _put(old: Term, path: Sequence[Any], new: Term) -> Term:
+    if not path:
+        return new
+    return tuple(_put(v, path[1:], new) if k == path[0] else v for k, v in enumerate(old))

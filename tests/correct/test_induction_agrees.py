@@ -1,0 +1,52 @@
+"""Inductions against systematic testing: nothing is proved that has a run which violates it.
+
+The explorer knows nothing of the relation: it runs the compiled steps, and a violation of its is
+replayed by the reference interpreter. Programs are drawn by chance (`generators/planners.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from generators.planners import planner
+from soter.explore.command import Told, explore_test
+from soter.explore.results import EXHAUSTED, VIOLATED, Options
+from soter.program.build import check_file, system_of
+from soter.reach.induction.problem import extract_induction
+from soter.reach.induction.prove import induct
+from soter.reach.induction.refute import any_ac, asked_of
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+pytest.importorskip("z3")
+
+HORIZON_NS = {False: 120_000_000, True: 60_000_000}
+OPTIONS = Options(time=30, minimise=0, memory=2**29)
+
+
+def compared(seed: int, folder: Path, *, late: bool) -> tuple[str, str]:
+    """What the induction says, what the explorer says up to a horizon."""
+    path = folder / f"{seed}.soter"
+    path.write_text(planner(seed, late=late))
+    checked = check_file(str(path))
+    assert checked.ok, [d.message for d in checked.diagnostics.items]
+    flat = system_of(checked, None, {}, exact=False)
+    problem = extract_induction(flat, flat.modules[0])
+    found = induct(problem)
+    asked = asked_of(problem, any_ac(problem), HORIZON_NS[late])
+    explored = explore_test(asked, OPTIONS, Told(str(path), {})).verdict
+    return "proved" if found.proved else found.about or "open", explored
+
+
+@pytest.mark.parametrize("late", [False, True])
+def test_nothing_is_proved_that_a_run_violates(tmp_path: Path, *, late: bool) -> None:
+    seeds = range(1000, 1030 if late else 1016)
+    found = [compared(seed, tmp_path, late=late) for seed in seeds]
+    assert ("proved", VIOLATED) not in found
+    clean = [said for said, explored in found if explored == EXHAUSTED]
+    violated = [said for said, explored in found if explored == VIOLATED]
+    assert clean.count("proved") >= len(clean) // 2 > 0
+    assert "open" not in violated
