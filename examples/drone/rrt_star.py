@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 
 CITY = Path(__file__).resolve().parent / "utopia.json"
 RADIUS, CEILING = 0.35, 6.0  # m, as in city.soter
-TOUCH = 1e-10  # m: what lies on a wall, but for rounding, is outside of it; a request may start there
+TOUCH = (
+    1e-10  # m: what lies on a wall, but for rounding, is outside of it; a request may start there
+)
 ITERATIONS = 500  # of RRT*; it goes on, so many more each time, until it has a plan
 MOST = 8  # times
 REACH = 8.0  # m: the longest branch of the tree
@@ -73,7 +75,9 @@ class Room:
 
     def clear(self, p: Point, q: Point) -> bool:
         """Whether a segment meets no wall: slabs, exact but for rounding, far below TOUCH."""
-        return _within(self, p, q) and not any(_crosses(p, q, low, high) for low, high in self._met(p, q))
+        return _within(self, p, q) and not any(
+            _crosses(p, q, low, high) for low, high in self._met(p, q)
+        )
 
     def _met(self, p: Point, q: Point) -> list[Span]:
         """The walls that the box around a segment meets: most are out of the question at once."""
@@ -142,10 +146,7 @@ def sampled(room: Room) -> Callable[[Point, Point], bool]:
 
     def clear(p: Point, q: Point) -> bool:
         n = max(1, math.ceil(math.dist(p, q) / COARSE))
-        return all(
-            room.free(_between(p, q, i / n))
-            for i in range(n + 1)
-        )
+        return all(room.free(_between(p, q, i / n)) for i in range(n + 1))
 
     return clear
 
@@ -211,9 +212,7 @@ def smoothed(plan: Plan, clear: Callable[[Point, Point], bool]) -> Plan:
     kept = plan[:1]
     at = 0
     while at < len(plan) - 1:
-        at = next(
-            (j for j in range(len(plan) - 1, at + 1, -1) if clear(plan[at], plan[j])), at + 1
-        )
+        at = next((j for j in range(len(plan) - 1, at + 1, -1) if clear(plan[at], plan[j])), at + 1)
         kept.append(plan[at])
     return kept
 

@@ -79,9 +79,7 @@ def _box_fault(room: Room, block: Block) -> str:
 
 
 def _room_for(block: Block, aim: Exact, margin: Exact) -> bool:
-    return all(
-        block.low[a] + margin[a] <= aim[a] <= block.high[a] - margin[a] for a in range(3)
-    )
+    return all(block.low[a] + margin[a] <= aim[a] <= block.high[a] - margin[a] for a in range(3))
 
 
 def _contains(block: Block, p: Exact) -> bool:
