@@ -26,6 +26,7 @@ if TYPE_CHECKING:
 
 PROGRAM = """soter 1;
 import "{folder}/boxes.soter" as boxes;
+import "{folder}/cover.soter" as cover;
 import "{folder}/roadmap.soter" as roadmap;
 input topic start: Vec3;
 input topic goal: Vec3;
@@ -41,8 +42,8 @@ node Follower period 100ms {{
   subscribes plan, start, goal;
   publishes corridor, asked;
   step {{
-    publish corridor = boxes.Cover(plan);
-    publish asked = boxes.CoverFor(plan, start, goal);
+    publish corridor = cover.Cover(plan);
+    publish asked = cover.CoverFor(plan, start, goal);
   }}
 }}
 system Main {{ node Planner; node Follower; until 1s; }}
@@ -76,8 +77,8 @@ static double since(const struct timespec *a) {{
     struct timespec a;
     soter_fault fault = SOTER_OK;
     (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &a);
-    const {p}_boxes_Corridor c = asked ? {p}_boxes_CoverFor_fn(plan, e[0], e[1], &fault)
-                                       : {p}_boxes_Cover_fn(plan, &fault);
+    const {p}_boxes_Corridor c = asked ? {p}_cover_CoverFor_fn(plan, e[0], e[1], &fault)
+                                       : {p}_cover_Cover_fn(plan, &fault);
     nanoseconds[i] = since(&a);
     memcpy(boxes + i * 9 * {blocks}, c.blocks.items, sizeof c.blocks.items);
     counts[i] = c.blocks.len;
@@ -118,7 +119,7 @@ class Routed:
 
 
 class Onboard:
-    """`boxes.Cover` and `roadmap.Route` as they are compiled.
+    """`cover.Cover` and `roadmap.Route` as they are compiled.
 
     `drone` is the folder of boxes.soter, `work` one for the program that calls them.
     """
