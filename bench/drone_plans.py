@@ -2,18 +2,20 @@
 
     .venv/bin/python bench/drone_plans.py [--plans 10000] [--seed 1]
 
-Purpose: 10,000 plans by RRT* (the real OMPL), 10,000 by the roadmap and 10,000 by RRT* with bugs put in. `Cover` of
-examples/drone/boxes.soter is called as it is compiled; every corridor that it accepts is judged by the exact referee
-of tests/generators/corridors.py, on fractions, ends of the request included.
+Purpose: 10,000 plans by RRT* (the real OMPL), 10,000 by the roadmap and 10,000 by RRT* with bugs
+put in. `CoverFor` of examples/drone/cover.soter is called as it is compiled; every corridor that
+it accepts is judged by the exact referee of tests/generators/corridors.py, on fractions, ends of the
+request included.
 Non-goals: flying them.
 
-Starts and goals are drawn evenly from the inner room, where an aim may be, both in the same piece of it: between
-pieces there is no corridor to be found.
+Starts and goals are drawn evenly from the inner room, where an aim may be, both in the same piece
+of it: between pieces there is no corridor to be found.
 """
 
 from __future__ import annotations
 
 import argparse
+import importlib
 import random
 import statistics
 import sys
@@ -22,7 +24,7 @@ import time
 from collections import Counter
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 ROOT = Path(__file__).resolve().parents[1]
 DRONE = ROOT / "examples" / "drone"
@@ -30,9 +32,6 @@ sys.path[:0] = [str(p) for p in (ROOT / "tests", DRONE) if str(p) not in sys.pat
 
 from generators.corridors import fault_of, room, written  # noqa: E402 - needs the path
 from generators.covering import Covered, Onboard  # noqa: E402 - the same
-from rrt_star import ABSENT, BUGS, RRTStar, base  # noqa: E402 - the same
-from rrt_star import room as planners_room  # noqa: E402 - the same
-
 from soter.report.summary import table  # noqa: E402 - the same
 
 if TYPE_CHECKING:
@@ -41,6 +40,7 @@ if TYPE_CHECKING:
     Point = tuple[float, float, float]
     Ends = tuple[Point, Point]
 
+RRT: Any = importlib.import_module("rrt_star")
 SLOWEST_MS = 50.0  # the target: a corridor in at most so long
 
 
@@ -104,7 +104,7 @@ HEAD = [
 
 
 def strayed(ends: Ends, answer: Covered) -> str:
-    """Whether the start that was asked for lies outside of the first box, or the goal of the last."""
+    """Whether the ends that were asked for lie outside of the first or the last box."""
     for p, box in zip(ends, (answer.boxes[0], answer.boxes[-1]), strict=True):
         if any(not box[k] <= p[k] <= box[3 + k] for k in range(3)):
             return "the corridor is one for other ends"
@@ -122,7 +122,7 @@ class City:
         a, b, c = (written(m) for m in known["MARGIN"])
         self.margin = (a, b, c)
         self.exact = room(known["city.RADIUS"], known["city.CEILING"])
-        self.inner = planners_room(self.clearance)
+        self.inner = RRT.room(self.clearance)
         self.random = random.Random(seed)  # noqa: S311 - draws, not secrets
 
     def ends(self, count: int) -> list[Ends]:
@@ -167,9 +167,9 @@ def by_roadmap(city: City, asked: list[Ends]) -> Tally:
 
 
 def by_rrt_star(city: City, asked: list[Ends], bug: str, first: int) -> Tally:
-    """Plans of RRT* with a bug in it, or `Unbroken`. What is never published counts as not found."""
+    """Plans of RRT* with a bug in it, or `Unbroken`; what is not published is not found."""
     tally = Tally(f"RRT*, {bug}" if bug != "Unbroken" else "RRT*")
-    planner = RRTStar()
+    planner = RRT.RRTStar()
     kept: list[Ends] = []
     plans: list[Plan] = []
     for number, ends in enumerate(asked, first):
@@ -229,9 +229,9 @@ def main() -> None:
     parser.add_argument("--plans", type=int, default=10_000)
     parser.add_argument("--seed", type=int, default=1)
     given = parser.parse_args()
-    if base is None:
-        sys.exit(ABSENT)
-    bugs = BUGS[1:]
+    if RRT.base is None:
+        sys.exit(RRT.ABSENT)
+    bugs = RRT.BUGS[1:]
     with tempfile.TemporaryDirectory() as folder:
         city = City(Path(folder), given.seed)
         tallies = [

@@ -2,10 +2,11 @@
 
     python examples/drone/roadmap.py
 
-Purpose: a graph in the inner room of boxes.soter such that from every point of it some node is in plain sight, and
-every node leads to every other in its piece of the room. The same city and margins give the same file.
-Non-goals: proof: roadmap.soter checks every edge and every next hop anew, when the program is compiled, and
-`tests/correct/test_drone_roadmap.py` that a node is in sight from everywhere.
+Purpose: a graph in the inner room of boxes.soter such that from every point of it some node is in
+plain sight, and every node leads to every other in its piece of the room. The same city and
+margins give the same file.
+Non-goals: proof: roadmap.soter checks every edge and every next hop anew, when the program is
+compiled, and `tests/correct/test_drone_roadmap.py` that a node is in sight from everywhere.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import heapq
 import json
 import math
 from dataclasses import dataclass
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -55,7 +56,7 @@ class Room:
         return outer and self.sees(p, p)
 
     def sees(self, p: Point, q: Point) -> bool:
-        """Whether the box that p and q span has no wall in it: then one box of a corridor covers the segment."""
+        """Whether the box that p and q span has no wall in it: one box covers the segment."""
         return self.shares_a_box((p, p), q, SPARE)
 
     def shares_a_box(self, cell: Span, p: Point, spare: float = 0.0) -> bool:
@@ -85,7 +86,7 @@ def cells_of(room: Room) -> list[Span]:
         low, high = room.inner[0][k], room.inner[1][k]
         inside = {x for wall in room.walls for x in (wall[0][k], wall[1][k]) if low < x < high}
         planes.append(sorted({low, high, *inside}))
-    spans = [list(zip(p, p[1:], strict=False)) for p in planes]
+    spans = [list(pairwise(p)) for p in planes]
     cells = [((x[0], y[0], z[0]), (x[1], y[1], z[1])) for x, y, z in product(*spans)]
     return [c for c in cells if not any(_inside(c, wall) for wall in room.walls)]
 
@@ -105,7 +106,7 @@ def candidates_of(room: Room, cells: list[Span]) -> list[Point]:
 
 
 def chosen(room: Room, cells: list[Span], candidates: list[Point]) -> list[Point]:
-    """Candidates such that every cell sees SIGHT of them: greedily the one that adds most volume."""
+    """Candidates such that every cell sees SIGHT of them: greedily, by the volume they add."""
     volume = [math.prod(b - a for a, b in zip(*c, strict=True)) for c in cells]
     sight = [{i for i, c in enumerate(cells) if room.shares_a_box(c, p)} for p in candidates]
     wanted = [SIGHT] * len(cells)

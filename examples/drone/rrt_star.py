@@ -1,9 +1,11 @@
 """RRT* from OMPL as an extern node: the planner that nobody can certify.
 
-Purpose: a plan for a request, from the real library. It is seeded by the run and the request's number and stopped by
-iterations, so the same run gives the same plans. States and motions are checked exactly, against buildings grown by
-the clearance that is asked for; OMPL's own check, which samples a motion, is never used.
-Non-goals: safety: the follower (planner.soter) trusts nothing that comes from here. Bugs can be put in by name.
+Purpose: a plan for a request, from the real library. It is seeded by the run and the request's
+number and stopped by iterations, so the same run gives the same plans. States and motions are
+checked exactly, against buildings grown by the clearance that is asked for; OMPL's own check,
+which samples a motion, is never used.
+Non-goals: safety: the follower (planner.soter) trusts nothing that comes from here. Bugs can be
+put in by name.
 
 Without OMPL every step faults with a hint, and the module's SC, the roadmap, plans on.
 """
@@ -202,7 +204,7 @@ def rrt_star(
 
 
 def _after(iterations: int) -> Callable[[], bool]:
-    """True from so many questions on: RRT* asks once an iteration. No clock, so that a seed gives one plan."""
+    """True from so many questions on: RRT* asks once an iteration, and no clock is read."""
     asked = itertools.count(1)
     return lambda: next(asked) > iterations
 
@@ -218,7 +220,7 @@ def smoothed(plan: Plan, clear: Callable[[Point, Point], bool]) -> Plan:
 
 
 class RRTStar:
-    """The node: answers each new request once; a request has `number`, `start`, `goal`, `clearance`, `bug`."""
+    """The node: answers each new request once. A request is that of planner.soter."""
 
     def __init__(self) -> None:
         self.reset(1)

@@ -1,4 +1,4 @@
-"""Corridors of boxes in the authors' city: covered, refused with a reason, and right by the exact referee."""
+"""Corridors in the authors' city: covered, refused with a reason, right by the referee."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
 
 import pytest
-from generators.corridors import Room, exact, fault_of, room, uncovered, written
-from generators.covering import Onboard
 
 import soter
+from generators.corridors import Room, exact, fault_of, room, uncovered, written
+from generators.covering import Onboard
 
 if TYPE_CHECKING:
     from generators.corridors import Exact
@@ -49,7 +49,7 @@ def covering() -> soter.Program:
 
 def wandering(seed: int, count: int) -> list[Plan]:
     """Random walks, most of them through some building."""
-    draw = random.Random(seed)
+    draw = random.Random(seed)  # noqa: S311 - draws, not secrets
     plans = []
     for _ in range(count):
         p = [draw.uniform(0.4, 49.6), draw.uniform(0.4, 49.6), draw.uniform(0.4, 5.6)]
@@ -84,7 +84,7 @@ def test_plans_that_end_and_turn_at_walls_of_the_inner_room_are_right_too(
         sorted({x for s in onboard.constants["THICK"] for x in (s[0][k], s[1][k])})
         for k in range(3)
     ]
-    draw = random.Random(2)
+    draw = random.Random(2)  # noqa: S311 - draws, not secrets
     plans: list[Plan] = []
     for _ in range(1500):
         p = [draw.choice(f) for f in faces]
@@ -117,7 +117,7 @@ def test_the_same_plan_has_the_same_corridor_in_the_interpreter(
 
 def test_a_box_that_is_free_holds_no_point_that_collides(onboard: Onboard) -> None:
     collides_not = soter.load(DRONE / "city.soter").function("NoCollision")
-    draw = random.Random(5)
+    draw = random.Random(5)  # noqa: S311 - draws, not secrets
     boxes = [b for a in onboard.cover(wandering(6, 150)) for b in a.boxes]
     assert len(boxes) > 50
     for box in boxes:

@@ -1,4 +1,4 @@
-"""RRT* as an extern: exact checks, the same plan for the same seed, bugs that show, and a drone that plans without it."""
+"""RRT* as an extern: exact checks, one plan a seed, bugs that show; and without OMPL."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
-from generators.covering import Onboard
 
 import soter
+from generators.covering import Onboard
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -163,7 +163,8 @@ def test_without_ompl_the_roadmap_plans_and_the_run_says_why(tmp_path: Path) -> 
         "import soter, sys\n"
         "run = soter.load(sys.argv[1]).simulate(until='20s', seed=1)\n"
         "force = run.topic('inForce')\n"
-        "print(run.violations, force['adopted'][-1], force['refused'][-1], run.modules['SafePlanner'].ac_share)\n"
+        "share = run.modules['SafePlanner'].ac_share\n"
+        "print(run.violations, force['adopted'][-1], force['refused'][-1], share)\n"
         "print(run)\n"
         "print(run.extern_failures)\n"
     )

@@ -1,7 +1,7 @@
-"""Whether a corridor is what the motion primitive asks for: exact, and from nothing but the city's file.
+"""Whether a corridor is what the motion primitive asks for: exact, from the city's file alone.
 
-Purpose: the referee of `examples/drone/boxes.soter`. All numbers are fractions: those of the city and the margins as
-they are written, those of plans and boxes as the doubles that they are.
+Purpose: the referee of `examples/drone/boxes.soter`. All numbers are fractions: those of the city
+and the margins as they are written, those of plans and boxes as the doubles that they are.
 Non-goals: finding a corridor, speed.
 """
 
@@ -10,14 +10,19 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from fractions import Fraction
+from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    import numpy as np
+    from numpy.typing import NDArray
+
     Exact = tuple[Fraction, Fraction, Fraction]
-    Point = Sequence[float]
+    Point = Sequence[float] | NDArray[np.float64]
+    Boxes = Sequence[Sequence[float]] | NDArray[np.float64]
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 AXES = ("x", "y", "z")
@@ -52,11 +57,11 @@ def written(x: float) -> Fraction:
 
 
 def room(radius: float, ceiling: float, path: Path = DRONE / "utopia.json") -> Room:
-    """The free space of a city, for the centre of a sphere of this radius; corners of buildings are kept sharp."""
+    """The free space of a city for a sphere's centre; the grown buildings have sharp corners."""
     city: Any = json.loads(path.read_text(encoding="utf-8"), parse_float=Fraction)
     r = written(radius)
 
-    def corner(v: Any, more: Fraction) -> Exact:  # noqa: ANN401 - JSON
+    def corner(v: Any, more: Fraction) -> Exact:
         x, y, z = (Fraction(v[a]) + more for a in AXES)
         return (x, y, z)
 
@@ -87,7 +92,7 @@ def _contains(block: Block, p: Exact) -> bool:
 
 
 def _exit(block: Block, p: Exact, q: Exact, since: Fraction) -> Fraction | None:
-    """Up to which share of the segment it stays in the box from the share `since` on; None: it is not in it."""
+    """Up to which share of a segment it stays in the box, from `since` on; None: it is outside."""
     low, high = Fraction(0), Fraction(1)
     for a in range(3):
         way = q[a] - p[a]
@@ -117,10 +122,8 @@ def uncovered(plan: Sequence[Exact], blocks: Sequence[Block]) -> str:
     return f"segment {segment} is not covered beyond {float(share)}"
 
 
-def fault_of(
-    room: Room, margin: Exact, plan: Sequence[Point], boxes: Sequence[Sequence[float]]
-) -> str:
-    """What is wrong with the corridor of a plan, in words; empty: nothing. Boxes: low, high, aim, nine numbers."""
+def fault_of(room: Room, margin: Exact, plan: Sequence[Point], boxes: Boxes) -> str:
+    """What is wrong with the corridor of a plan; empty: nothing. Boxes: low, high, aim, (n, 9)."""
     blocks = [Block(exact(b[0:3]), exact(b[3:6]), exact(b[6:9])) for b in boxes]
     path = [exact(p) for p in plan]
     if not blocks or not path:
@@ -133,7 +136,7 @@ def fault_of(
             return f"box {i} is too narrow"
         if not _room_for(block, block.aim, margin):
             return f"the aim of box {i} is too near to its wall"
-    for i, (a, b) in enumerate(zip(blocks, blocks[1:], strict=False)):
+    for i, (a, b) in enumerate(pairwise(blocks)):
         if not _room_for(b, a.aim, margin):
             return f"the aim of box {i} is too near to a wall of the next"
         shared = (min(a.high[k], b.high[k]) - max(a.low[k], b.low[k]) for k in range(3))

@@ -49,8 +49,9 @@ node Follower period 100ms {{
 system Main {{ node Planner; node Follower; until 1s; }}
 """
 COVER = (
-    "void soter_cover_plans(int64_t n, const double *points, const int32_t *lengths, const double *ends, bool asked, "
-    "double *boxes, int32_t *counts, uint8_t *verdicts, double *nanoseconds);"
+    "void soter_cover_plans(int64_t n, const double *points, const int32_t *lengths, "
+    "const double *ends, bool asked, double *boxes, int32_t *counts, "
+    "uint8_t *verdicts, double *nanoseconds);"
 )
 ROUTE = (
     "void soter_route_plans(int64_t n, const double *ends, "
@@ -149,13 +150,13 @@ class Onboard:
         built = library(replace(unit, source=unit.source + glue), extra=("-std=gnu11",))
         self._ffi: Any = FFI()
         self._ffi.cdef(COVER + ROUTE)
-        self._lib = self._ffi.dlopen(str(built))
+        self._lib: Any = self._ffi.dlopen(str(built))
 
-    def _pointer(self, kind: str, array: NDArray[Any]) -> Any:  # noqa: ANN401 - cffi
+    def _pointer(self, kind: str, array: NDArray[Any]) -> Any:
         return self._ffi.cast(f"{kind} *", array.ctypes.data)
 
     def cover(self, plans: Sequence[Plan], ends: Sequence[Plan] | None = None) -> list[Covered]:
-        """The corridor of each plan, or why it is refused; with `ends`: for the one that was asked for."""
+        """The corridor of each plan, or why it is refused; `ends`: as `CoverFor` answers."""
         n = len(plans)
         given = np.zeros((n, 6)) if ends is None else np.asarray(ends, dtype=float).reshape(n, 6)
         points, boxes = np.zeros((n, self.points, 3)), np.zeros((n, self.blocks, 9))
