@@ -4,8 +4,8 @@
 
 Purpose: 10,000 plans by RRT* (the real OMPL), 10,000 by the roadmap and 10,000 by RRT* with bugs
 put in. `CoverFor` of examples/drone/cover.soter is called as it is compiled; every corridor that
-it accepts is judged by the exact referee of tests/generators/corridors.py, on fractions, ends of the
-request included.
+it accepts is judged by the exact referee of tests/generators/corridors.py, on fractions, ends of
+the request included.
 Non-goals: flying them.
 
 Starts and goals are drawn evenly from the inner room, where an aim may be, both in the same piece

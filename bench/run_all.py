@@ -62,9 +62,10 @@ BENCHMARKS = (
     Benchmark(
         "The drone's plans",
         ("bench/drone_plans.py",),
-        "10,000 plans by OMPL's RRT*, 10,000 by the roadmap, 10,000 by RRT* with a bug put in, in the "
-        "authors' city; starts and goals at random. `wrong` counts corridors that were accepted and "
-        "that the exact referee, on fractions, calls wrong. Cover is the compiled C, CPU time a plan.",
+        "10,000 plans by OMPL's RRT*, 10,000 by the roadmap, 10,000 by RRT* with a bug put in, "
+        "starts and goals at random in the authors' city. `wrong` counts corridors that were "
+        "accepted and that the exact referee, on fractions, calls wrong. Cover is the compiled C, "
+        "CPU time a plan.",
     ),
     Benchmark(
         "The decision module's time",
