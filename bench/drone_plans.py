@@ -166,22 +166,25 @@ def by_roadmap(city: City, asked: list[Ends]) -> Tally:
     return tally
 
 
-def by_rrt_star(city: City, asked: list[Ends], bug: str, first: int) -> Tally:
-    """Plans of RRT* with a bug in it, or `Unbroken`; what is not published is not found."""
+def by_rrt_star(city: City, count: int, bug: str, first: int) -> Tally:
+    """So many plans of RRT* with a bug in it, or `Unbroken`; requests without a plan are counted."""
     tally = Tally(f"RRT*, {bug}" if bug != "Unbroken" else "RRT*")
     planner = RRT.RRTStar()
     kept: list[Ends] = []
     plans: list[Plan] = []
-    for number, ends in enumerate(asked, first):
-        planner.answered = number
-        started = time.thread_time()
-        plan = planner.plan(*ends, city.clearance, bug)
-        tally.planning.append(time.thread_time() - started)
-        if plan is None or len(plan) > city.onboard.points:
-            tally.missing += 1
-        else:
-            kept.append(ends)
-            plans.append(plan)
+    number = first
+    while len(plans) < count:
+        for ends in city.ends(min(count - len(plans), 1000)):
+            planner.answered = number
+            number += 1
+            started = time.thread_time()
+            plan = planner.plan(*ends, city.clearance, bug)
+            tally.planning.append(time.thread_time() - started)
+            if plan is None or len(plan) > city.onboard.points:
+                tally.missing += 1
+            else:
+                kept.append(ends)
+                plans.append(plan)
     city.judge(tally, kept, plans)
     return tally
 
@@ -235,12 +238,12 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         city = City(Path(folder), given.seed)
         tallies = [
-            by_rrt_star(city, city.ends(given.plans), "Unbroken", 0),
+            by_rrt_star(city, given.plans, "Unbroken", 0),
             by_roadmap(city, city.ends(given.plans)),
         ]
         each = -(-given.plans // len(bugs))
         for i, bug in enumerate(bugs, 1):
-            tallies.append(by_rrt_star(city, city.ends(each), bug, i * given.plans))
+            tallies.append(by_rrt_star(city, each, bug, 2 * i * given.plans))
     margins = " x ".join(f"{float(m)} m" for m in city.margin)
     print(f"margins {margins}")
     print(table(HEAD, [t.row() for t in tallies]))

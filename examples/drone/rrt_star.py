@@ -257,13 +257,15 @@ class RRTStar:
             clear = _everything
         if bug == "CoarseResolution":
             clear = sampled(believed)
-        ends = (start, goal)
-        if bug == "MissingFrameShift":
-            ends = (_shifted(start, 1.0), _shifted(goal, 1.0))
         seed = (self.seed * 1_000_003 + self.answered * 7919) % (2**32 - 1) + 1
         approximate = bug == "ApproximateAccepted"
         found = rrt_star(
-            believed, ends, seed, clear, approximate, ITERATIONS // 8 if approximate else ITERATIONS
+            believed,
+            (start, goal),
+            seed,
+            clear,
+            approximate,
+            ITERATIONS // 8 if approximate else ITERATIONS,
         )
         found = smoothed(found, _every_second() if bug == "NoRecheckOnSmoothing" else clear)
         return self._published(found, bug)
@@ -271,7 +273,7 @@ class RRTStar:
     def _published(self, found: Plan, bug: str) -> Plan | None:
         before, self.last = self.last, found or self.last
         if bug == "MissingFrameShift":
-            return [_shifted(p, 2.0) for p in found] or None
+            return [_shifted(p) for p in found] or None
         if bug == "EmptyPlan":
             return []
         if bug == "NotANumber" and found:
@@ -299,5 +301,5 @@ def _every_second() -> Callable[[Point, Point], bool]:
     return clear
 
 
-def _shifted(p: Point, n: float) -> Point:
-    return (p[0] + n * SHIFT[0], p[1] + n * SHIFT[1], p[2] + n * SHIFT[2])
+def _shifted(p: Point) -> Point:
+    return (p[0] + SHIFT[0], p[1] + SHIFT[1], p[2] + SHIFT[2])
