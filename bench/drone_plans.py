@@ -167,7 +167,7 @@ def by_roadmap(city: City, asked: list[Ends]) -> Tally:
 
 
 def by_rrt_star(city: City, count: int, bug: str, first: int) -> Tally:
-    """So many plans of RRT* with a bug in it, or `Unbroken`; requests without a plan are counted."""
+    """So many plans of RRT* with a bug, or `Unbroken`; requests without a plan are counted."""
     tally = Tally(f"RRT*, {bug}" if bug != "Unbroken" else "RRT*")
     planner = RRT.RRTStar()
     kept: list[Ends] = []
