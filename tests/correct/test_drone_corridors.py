@@ -203,10 +203,6 @@ def test_a_plan_from_the_box_that_is_flown_in_follows_without_a_gap(
 ) -> None:
     spliced, departure = program.function("Spliced"), program.function("Departure")
     cover = covering.function("Cover")
-
-    def vec(p: Any) -> SimpleNamespace:
-        return SimpleNamespace(x=float(p[0]), y=float(p[1]), z=float(p[2]))
-
     now = cover([vec(p) for p in STREET]).blocks[0]
     here = vec((24.0, now.low.y + 0.01, now.high.z - 0.01))  # beside two walls of its box
     start = departure(now, here)
@@ -222,7 +218,32 @@ def test_a_plan_from_the_box_that_is_flown_in_follows_without_a_gap(
     assert spliced(now, vec((47.0, 33.0, 2.0)), elsewhere).verdict == "Elsewhere"
 
 
-# ---------------------------------------------------------------- the referee itself
+# ---------------------------------------------------------------- the checks of checks
+
+
+def test_what_is_checked_on_board_is_what_the_referee_checks(
+    onboard: Onboard, referee: tuple[Room, Exact], program: soter.Program
+) -> None:
+    """Boxes with a face or an aim moved: sound on board exactly where the referee finds nothing."""
+    sound = program.function("Sound")
+    draw = random.Random(7)  # noqa: S311 - draws, not secrets
+    told = []
+    for answer in onboard.cover(wandering(8, 600)):
+        if answer.verdict != "Covered":
+            continue
+        boxes = answer.boxes.copy()
+        boxes[draw.randrange(len(boxes)), draw.randrange(9)] += draw.gauss(0.0, 1.0)
+        aims = [*boxes[:, 6:9], boxes[-1, 6:9]]
+        blocks = [
+            SimpleNamespace(low=vec(b[0:3]), high=vec(b[3:6]), aim=vec(b[6:9])) for b in boxes
+        ]
+        told.append(sound(blocks))
+        assert told[-1] == (fault_of(*referee, aims, boxes) == ""), boxes
+    assert 40 < sum(told) < len(told) - 40
+
+
+def vec(p: Any) -> SimpleNamespace:
+    return SimpleNamespace(x=float(p[0]), y=float(p[1]), z=float(p[2]))
 
 
 def test_the_referee_sees_every_fault(onboard: Onboard, referee: tuple[Room, Exact]) -> None:
