@@ -12,6 +12,7 @@ Without OMPL every step faults with a hint, and the module's SC, the roadmap, pl
 
 from __future__ import annotations
 
+import bisect
 import itertools
 import json
 import math
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
     Plan = list[Point]
 
 CITY = Path(__file__).resolve().parent / "utopia.json"
+SAME = 1e-9  # m: bending a height and back may cost a rounding
 RADIUS, CEILING = 0.35, 6.0  # m, as in city.soter
 TOUCH = (
     1e-10  # m: what lies on a wall, but for rounding, is outside of it; a request may start there
@@ -133,14 +135,41 @@ def room(clearance: Sequence[float], bug: str = "Unbroken") -> Room:
     )
 
 
-def _motion_validator(space: Any, clear: Callable[[Point, Point], bool]) -> Any:  # noqa: ANN401 - OMPL has no types
+class Layers:
+    """Heights as OMPL sees them: each layer between two planes of walls is as thick as any other.
+
+    Above the walls there may be a hand's breadth: evenly drawn heights would seldom be there. Only
+    the draws are bent; motions are straight in the city, and checked there.
+    """
+
+    def __init__(self, room: Room) -> None:
+        low, high = room.low[2], room.high[2]
+        tops = {z for a, b in room.walls for z in (a[2], b[2]) if low < z < high}
+        self.planes = sorted({low, high, *tops})
+        self.low, self.each = low, (high - low) / (len(self.planes) - 1)
+
+    def city(self, s: Any) -> Point:  # noqa: ANN401 - a state of OMPL
+        """Where a state is."""
+        n = min(max(int((s[2] - self.low) / self.each), 0), len(self.planes) - 2)
+        share = (s[2] - self.low) / self.each - n
+        a, b = self.planes[n : n + 2]
+        return (s[0], s[1], a + share * (b - a))
+
+    def height(self, z: float) -> float:
+        """The third number of a state at this height."""
+        n = min(max(bisect.bisect_right(self.planes, z) - 1, 0), len(self.planes) - 2)
+        a, b = self.planes[n : n + 2]
+        return self.low + self.each * (n + (z - a) / (b - a))
+
+
+def _motion_validator(info: Any, layers: Layers, clear: Callable[[Point, Point], bool]) -> Any:  # noqa: ANN401 - OMPL has no types
     class Exact(base.MotionValidator):  # type: ignore[misc, name-defined]
         """Asks `clear`, never samples."""
 
         def checkMotion(self, a: Any, b: Any, *_: Any) -> bool:  # noqa: ANN401, N802 - OMPL's name
-            return clear((a[0], a[1], a[2]), (b[0], b[1], b[2]))
+            return clear(layers.city(a), layers.city(b))
 
-    return Exact(space)
+    return Exact(info)
 
 
 def sampled(room: Room) -> Callable[[Point, Point], bool]:
@@ -171,6 +200,7 @@ def rrt_star(
         raise RuntimeError(ABSENT)
     util.setLogLevel(util.LogLevel.LOG_NONE)  # it warns of every seed after the first
     util.RNG.setSeed(seed)
+    layers = Layers(room)
     space = base.RealVectorStateSpace(3)
     bounds = base.RealVectorBounds(3)
     for k in range(3):
@@ -178,13 +208,12 @@ def rrt_star(
         bounds.setHigh(k, room.high[k])
     space.setBounds(bounds)
     info = base.SpaceInformation(space)
-    info.setStateValidityChecker(lambda s: room.free((s[0], s[1], s[2])))
-    info.setMotionValidator(_motion_validator(info, clear))
+    info.setStateValidityChecker(lambda s: room.free(layers.city(s)))
+    info.setMotionValidator(_motion_validator(info, layers, clear))
     info.setup()
     states = [space.allocState() for _ in ends]
     for state, p in zip(states, ends, strict=True):
-        for k in range(3):
-            state[k] = p[k]
+        state[0], state[1], state[2] = p[0], p[1], layers.height(p[2])
     problem = base.ProblemDefinition(info)
     problem.setStartAndGoalStates(*states, 1e-3)
     problem.setOptimizationObjective(base.PathLengthOptimizationObjective(info))
@@ -199,8 +228,8 @@ def rrt_star(
     path = problem.getSolutionPath()
     if path is None or not (approximate or problem.hasExactSolution()):
         return []
-    found = [path.getState(i) for i in range(path.getStateCount())]
-    return [(s[0], s[1], s[2]) for s in found]
+    found = [layers.city(path.getState(i)) for i in range(path.getStateCount())]
+    return [next((e for e in ends if math.dist(e, p) < SAME), p) for p in found]
 
 
 def _after(iterations: int) -> Callable[[], bool]:

@@ -84,6 +84,15 @@ def test_a_motion_is_checked_between_its_ends(rrt: Any, clearance: Any) -> None:
     assert room.clear(west, west)
 
 
+def test_heights_are_bent_and_straightened_again(rrt: Any, clearance: Any) -> None:
+    layers = rrt.Layers(rrt.room(clearance))
+    assert len(layers.planes) > 2
+    for z in np.linspace(layers.planes[0], layers.planes[-1], 101):
+        height = layers.height(float(z))
+        assert layers.planes[0] - 1e-12 <= height <= layers.planes[-1] + 1e-12
+        assert abs(layers.city((1.0, 2.0, height))[2] - z) < 1e-12
+
+
 def test_the_bugs_are_those_of_the_program(rrt: Any) -> None:
     request: Any = soter.load(DRONE / "planner.soter").check()
     assert request.systems
