@@ -164,6 +164,25 @@ def test_the_same_seed_gives_the_same_run(rrt: Any) -> None:
     assert first == again
 
 
+@pytest.mark.parametrize(
+    "answer",
+    [
+        {"candidate": [(2.0, 2.0, 2.0)] * 33},
+        {"candidate": [(float("inf"), 2.0, 2.0)] * 2},
+        {"candidate": [(1e9, 2.0, 2.0)] * 2},
+        {"candidate": [(2.0, 2.0)]},
+        {"candidate": []},
+        {"candidate": [(35.0, 30.0, 2.0)] * 2},
+        None,
+    ],
+)
+def test_whatever_the_planner_publishes_the_roadmap_plans_on(answer: Any) -> None:
+    program = soter.load(DRONE / "planner.soter").bind("RRTStar", lambda _: answer)
+    run = program.simulate(until="20s", seed=1)
+    assert run.violations == 0
+    assert run.topic("inForce")["adopted"][-1] > 5
+
+
 def test_without_ompl_the_roadmap_plans_and_the_run_says_why(tmp_path: Path) -> None:
     (tmp_path / "ompl").mkdir()
     (tmp_path / "ompl" / "__init__.py").write_text("raise ImportError('none here')\n")
