@@ -60,6 +60,14 @@ BENCHMARKS = (
         "with which the verification plant explains what the 13-state vehicle did, on true states.",
     ),
     Benchmark(
+        "The drone's plans",
+        ("bench/drone_plans.py",),
+        "10,000 plans by OMPL's RRT*, 10,000 by the roadmap, 10,000 by RRT* with a bug put in, "
+        "starts and goals at random in the authors' city. `wrong` counts corridors that were "
+        "accepted and that the exact referee, on fractions, calls wrong. Cover is the compiled C, "
+        "CPU time a plan.",
+    ),
+    Benchmark(
         "The decision module's time",
         ("bench/dm_time.py",),
         "One call of the generated C of a DM, predicates included, on the states of a run; "
