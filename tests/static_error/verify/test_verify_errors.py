@@ -18,6 +18,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.explain import all_codes, explain
 from soter.diagnostics.render import render_all
 from soter.program.build import check_file, system_of
+from soter.program.flatten.views import as_seen
 from soter.reach.command import refuse_forced
 from soter.reach.problem.extract import extract
 
@@ -48,7 +49,8 @@ def problems(name: str, text: str | None = None) -> tuple[Diagnostic, ...]:
     for module in flat.modules:
         try:
             refuse_forced([(flat, module)])
-            extract(flat, module)
+            for seen in as_seen(flat, module):
+                extract(*seen)
         except SoterError as error:
             found += tuple(error.diagnostics)
     return found

@@ -39,6 +39,22 @@ def as_seen(flat: System, module: Module) -> list[tuple[System, Module]]:
     return [_seen(flat, module, view) for view in symbol.verify.views]
 
 
+def refuse_views(module: Module) -> None:
+    """`SoterError` R023 for a module with views, where one set of plants is looked at."""
+    if not module.symbol.verify.views:
+        return
+    diagnostics = Diagnostics()
+    names = ", ".join(f"`{v.name}`" for v in module.symbol.verify.views)
+    diagnostics.error(
+        "R023",
+        f"module `{module.name}` is proved in views, and has no plants of its own",
+        module.symbol.verify.span or module.symbol.span,
+        notes=(f"its views are {names}; monitors and advice look at one set of plants",),
+        helps=("`soter verify` takes them one by one",),
+    )
+    raise SoterError(diagnostics.items)
+
+
 def speaks_of(block: typed.VerifyBlock) -> Topics:
     """The topics that the plants of a view drive."""
     return frozenset(topic for link in block.abstracts for topic, _ in link.plant.drives)

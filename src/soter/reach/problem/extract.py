@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.lower.steps import lower
 from soter.program.check.const import Calculator
+from soter.program.flatten.views import refuse_views
 from soter.program.model.system import modules_above
 from soter.program.model.types import leaves
 from soter.reach.enclose.scheme import ORDER
@@ -40,6 +41,7 @@ CASES_MAX = 4096
 def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     """The problem of `module` of the flat system; `SoterError` with R... where there is none."""
     diagnostics = Diagnostics()
+    refuse_views(module)
     _stands_alone(flat, module, diagnostics)
     _stop(diagnostics)
     if module.symbol.verify.induction is not None:
