@@ -194,7 +194,7 @@ def holds(e: typed.Expr | None, rooms: dict[str, float]) -> bool:
 
 def number(e: typed.Expr, rooms: dict[str, float]) -> float:
     if isinstance(e, typed.Literal):
-        return float(e.value)  # type: ignore[arg-type]
+        return float(e.value)
     if isinstance(e, typed.Unary):
         return -number(e.operand, rooms)
     assert isinstance(e, typed.Field)
