@@ -54,6 +54,13 @@ BENCHMARKS = (
         "ramming, faulting outputs; wind at its bounds.",
     ),
     Benchmark(
+        "The drone in corridors of boxes",
+        ("bench/drone_corridors.py", "--hours", "4"),
+        "Four hours an arm over ways of the roadmap, with the example's AC at 3 m/s, SC alone, and "
+        "ACs that mean harm with the wind at its bounds. A violation is a touch of a building, "
+        "ground, ceiling or edge, or leaving the box that is flown, on the true state.",
+    ),
+    Benchmark(
         "The drone against the plant of its proof",
         ("bench/drone_conformance.py",),
         "Every 5 ms of 1,000 seeded laps and of flights with hostile ACs: the least bound on |d| "

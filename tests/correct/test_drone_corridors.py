@@ -164,7 +164,7 @@ def test_boxes_are_as_many_as_pieces_of_street_not_as_points(onboard: Onboard) -
         ([(2.0, 2.0, 2.0), (35.0, 30.0, 2.0)], "InBuilding"),
         ([(47.0, 30.0, 2.0), (30.0, 45.0, 2.0)], "InBuilding"),
         ([(26.5, 20.6, 2.0), (33.0, 20.6, 2.0)], "InBuilding"),
-        ([(13.2, 37.86, 2.2), (26.52, 37.86, 2.0)], "TooNarrow"),
+        ([(12.6, 40.5, 3.9), (12.6, 41.5, 3.9)], "TooNarrow"),
         ([(2.0, 1.2, 2.0), (2.0, 40.0, 2.0)] * 4, "TooLong"),
     ],
 )
@@ -323,3 +323,8 @@ def test_buildings_that_overlap_are_none(tmp_path: Path) -> None:
     wider = city_with(tmp_path, '"x": 40.59, "y": 37.54', '"x": 41.59, "y": 37.54')
     wider.check()
     assert wider.function("Free") is not None
+
+
+def test_the_alley_of_the_lap_is_wide_enough(onboard: Onboard) -> None:
+    (answer,) = onboard.cover([[(13.2, 37.86, 2.2), (26.52, 37.86, 2.0)]])
+    assert answer.verdict == "Covered"

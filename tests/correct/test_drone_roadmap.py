@@ -153,8 +153,9 @@ def into_a_building(found: dict[str, Any]) -> None:
 
 def edge_through_a_wall(found: dict[str, Any]) -> None:
     nodes = found["nodes"]
-    west = min(range(len(nodes)), key=lambda i: nodes[i]["x"])
-    east = max(range(len(nodes)), key=lambda i: nodes[i]["x"])
+    low = [i for i in range(len(nodes)) if nodes[i]["z"] < 3.0]  # below the tops of the walls
+    west = min(low, key=lambda i: nodes[i]["x"])
+    east = max(low, key=lambda i: nodes[i]["x"])
     found["edges"].append({"a": west, "b": east})
 
 

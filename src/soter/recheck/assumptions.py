@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.prelude.bounds import BOUNDS
 from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
-from soter.program.model.walk import calls_in
+from soter.program.model.walk import calls_in, topic_reads
 from soter.recheck.time.module_times import DELAYS, read_by
 
 if TYPE_CHECKING:
@@ -63,6 +63,15 @@ def _world(facts: Facts) -> Iterator[Said]:
             f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
             f"within its bounds, from the initial states of {link.name} on",
         )
+    for link in links if facts.view else ():
+        shown = ", ".join(t.name for t in topic_reads(link.value))
+        if shown:
+            yield Said(
+                f"jumps {link.name}",
+                f"where {shown} change, on which the state of {link.name} rests, that state moves "
+                f"as {link.plant.name} does, or jumps while the estimate lies in S_0 of where it "
+                "jumps to, whichever mode; DM and SC read what shows it from that instant on",
+            )
     if not links:
         names = ", ".join(c.name for c in facts.plants)
         yield Said(

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from soter.prelude.bounds import BOUNDS
 from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
-from soter.program.model.walk import calls_in
+from soter.program.model.walk import calls_in, topic_reads
 from soter.reach.time.timing import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
 if TYPE_CHECKING:
@@ -67,12 +67,28 @@ def assumptions_of(
     return found
 
 
+def _jumps(place: Place) -> list[str]:
+    """What of a view's state stands in topics, and so may change at once."""
+    found = []
+    for link in place.module.symbol.verify.abstracts:
+        read = ", ".join(t.name for t in topic_reads(link.value))
+        if read:
+            found.append(
+                f"where {read} change, on which the state of {link.name} rests, that state moves "
+                f"as {link.plant.name} does, or jumps while the estimate lies in S_0 of where it "
+                "jumps to, whichever mode; DM and SC read what shows it from that instant on"
+            )
+    return found
+
+
 def _environment(place: Place, inputs: Inputs) -> list[str]:
     found = [
         f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
         f"within its bounds, from the initial states of {link.name} on"
         for link in place.module.symbol.verify.abstracts
     ]
+    if place.home.view:
+        found += _jumps(place)
     names = ", ".join(c.name for c in place.plants)
     if not place.abstract:
         found.append(f"the world behaves like {names} for some disturbance within its bounds")
