@@ -188,7 +188,7 @@ class GridProof(GroupProof):
     def shares(self, case: Case) -> dict[str, float]:
         """Of the grid's volume."""
         del case
-        return measures.shares(self.found, self.engine.edges)
+        return measures.shares(self.found)
 
     def drawn(self, chance: np.random.Generator, count: int) -> Floats:
         """Uniform on the cells of K, (count, axes)."""

@@ -13,8 +13,6 @@ import numpy as np
 from soter.reach.claims.boxes import share
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from numpy.typing import NDArray
 
     from soter.reach.claims.results import GroupSets
@@ -23,11 +21,19 @@ if TYPE_CHECKING:
 
 
 def _edges(part: GroupSets) -> list[Floats]:
-    return [np.asarray(e) for e in part.edges]
+    """As the grid's, but for the cell before an open end: it counts like the others."""
+    found = []
+    for axis in part.group.axes:
+        edges = np.array(axis.edges)
+        if axis.open:
+            edges[-1] = edges[-2] + (edges[-2] - edges[0]) / (len(edges) - 2)
+        found.append(edges)
+    return found
 
 
-def shares(part: GroupSets, edges: Sequence[Floats]) -> dict[str, float]:
-    """Of the grid's volume, by set; `edges` are (cells + 1,) for each axis."""
+def shares(part: GroupSets) -> dict[str, float]:
+    """Of the grid's volume, by set."""
+    edges = _edges(part)
     sets = {
         "core": part.core > 0,
         "free": part.free,
