@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import os
-import subprocess
 import sys
 from pathlib import Path
 from types import SimpleNamespace
@@ -13,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+import processes
 import soter
 from generators.covering import Onboard
 
@@ -196,7 +196,7 @@ def test_without_ompl_the_roadmap_plans_and_the_run_says_why(tmp_path: Path) -> 
         "print(run)\n"
         "print(run.extern_failures)\n"
     )
-    done = subprocess.run(
+    done = processes.run(
         [sys.executable, "-c", script, str(DRONE / "planner.soter")],
         capture_output=True,
         text=True,

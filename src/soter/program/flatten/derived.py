@@ -104,11 +104,15 @@ def without_plants(system: System) -> System:
     return driven_outside(only(system, nodes), [*driven, *(i.topic for i in system.inputs)])
 
 
+def undriven(system: System, kept: Collection[int]) -> System:
+    """These components (indices): no properties, no draws, no end."""
+    return replace(only(system, kept), properties=(), inputs=(), until_ns=None)
+
+
 def module_alone(system: System, module: Module, plants: Sequence[Component] = ()) -> System:
     """A module and these plants: no properties, no draws, no end; `modules[0]` is the module."""
     kept = [c.index for c in plants]
-    found = only(system, [*kept, module.dm, module.sc, module.ac])
-    return replace(found, properties=(), inputs=(), until_ns=None)
+    return undriven(system, [*kept, module.dm, module.sc, module.ac])
 
 
 def beside(flat: System, module: Module, plants: Sequence[typed.InstanceSymbol]) -> System:
@@ -185,6 +189,12 @@ def unbound(system: System) -> System:
         with_components(system, [replace(c, binding=None) for c in system.components]),
         range(len(system.components)),
     )
+
+
+def with_module(system: System, module: Module) -> System:
+    """With this module in the place of the one that has its index."""
+    modules = [module if m.index == module.index else m for m in system.modules]
+    return replace(system, modules=tuple(modules))
 
 
 def forced(system: System, module: int, who: str) -> System:

@@ -14,6 +14,7 @@ from functools import reduce
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.program.flatten.derived import with_module
 from soter.program.meaning.conjuncts import conjuncts, disjuncts
 from soter.program.model import typed
 from soter.program.model.types import BOOL
@@ -72,8 +73,7 @@ def _seen(flat: System, module: Module, view: typed.ViewSymbol) -> tuple[System,
         safer=_joined("&&", _kept(conjuncts(symbol.safer), topics), symbol.safer),
     )
     found = replace(module, symbol=part, view=view.name, whole=symbol)
-    modules = tuple(found if m is module else m for m in flat.modules)
-    return replace(flat, modules=modules), found
+    return with_module(flat, found), found
 
 
 def _kept(parts: Iterable[typed.Expr], topics: Topics) -> list[typed.Expr]:

@@ -7,7 +7,7 @@ Non-goals: the relation itself (`relation.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -74,7 +74,7 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
     _stop(diagnostics)
     nodes, any_value = _neighbours(flat, module)
     kept = [module.dm, module.sc, module.ac, *nodes]
-    system = replace(derived.only(flat, kept), properties=(), inputs=(), until_ns=None)
+    system = derived.undriven(flat, kept)
     index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
     at = system.modules[index]
     assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
