@@ -13,6 +13,7 @@ from soter.prelude.bounds import BOUNDS
 from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
 from soter.program.model.walk import calls_in, topic_reads
+from soter.recheck.reading.facts import driven_topics
 from soter.recheck.time.module_times import DELAYS, read_by
 
 if TYPE_CHECKING:
@@ -48,6 +49,7 @@ def assumptions_of(facts: Facts) -> list[Said]:
         *_way(facts),
         *_timing(facts),
         *_machine(facts),
+        *_judged(facts),
         *_open(facts),
     ]
 
@@ -90,6 +92,21 @@ def _world(facts: Facts) -> Iterator[Said]:
             f"{p.name} changes only while the estimate lies in S_0 of the new value, whichever "
             "mode; DM and SC read the new value from that instant on",
         )
+
+
+def _judged(facts: Facts) -> Iterator[Said]:
+    """Topics of `safe` that plants of the proof drive, and that no other part of it reads."""
+    by_dm, by_sc = read_by(facts)
+    driven = driven_topics(facts)
+    for symbol in topic_reads(facts.symbol.safe) if facts.symbol.verify.abstracts else ():
+        index = facts.module.scope.topics.get(symbol, -1)
+        if index in driven and index not in by_dm and index not in by_sc:
+            name, plant = facts.system.topics[index].name, driven[index][0].name
+            text = (
+                f"what `safe` says of {name} is judged on what {plant} drives: what is published "
+                "there is not looked at"
+            )
+            yield Said(f"judged {name} {plant}", text)
 
 
 def _open(facts: Facts) -> Iterator[Said]:

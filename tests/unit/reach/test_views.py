@@ -202,3 +202,40 @@ def number(e: typed.Expr, rooms: dict[str, float]) -> float:
     assert isinstance(e, typed.Field)
     assert isinstance(e.target, typed.TopicRead)
     return rooms[e.target.topic.name]
+
+
+def test_what_only_safe_reads_is_said_to_be_judged_on_the_plant_of_the_proof(
+    tmp_path: Path,
+) -> None:
+    text = (
+        program(safe=SAFE.replace(";", " && danger <= 1.0;"))
+        .replace("topic push:", "topic danger: float in [-100.0, 100.0] max_age 11ms;\ntopic push:")
+        .replace("drives left = ", "drives danger = 0.0;\n  drives left = ")
+        .replace("publishes left, right, along;", "publishes left, right, along, danger;")
+        .replace("publish left = ", "publish danger = motion.x * 10.0;\n    publish left = ")
+    )
+    (tmp_path / "cart.soter").write_text(text, encoding="utf-8")
+    report = load(tmp_path / "cart.soter").verify(cert=tmp_path / "cert")
+    words = "what `safe` says of danger is judged on what seen drives"
+    said = ["".join(m.problem.assumptions) for m in report.modules]
+    assert [words in text for text in said] == [True, False]
+    found = recheck(tmp_path / "cert")
+    assert [a.key for m in found.modules for a in m.assumptions if a.key.startswith("judged")] == [
+        "judged danger seen"
+    ]
+
+
+@pytest.mark.parametrize(
+    ("end", "code"),
+    [("4.02", "V001"), ("3.0", "V001"), ("1e308", "R010"), ("1e6", ""), ("1.0 / 0.0", "T020")],
+)
+def test_an_open_end_lies_beyond_the_grid(tmp_path: Path, end: str, code: str) -> None:
+    text = program(views=VIEWS.replace("open to 60.0", f"open to {end}", 1))
+    (tmp_path / "cart.soter").write_text(text, encoding="utf-8")
+    try:
+        load(tmp_path / "cart.soter").verify(refute=False)
+    except SoterError as error:
+        codes = [d.code for d in error.diagnostics]
+    else:
+        codes = []
+    assert codes == ([code] if code else [])

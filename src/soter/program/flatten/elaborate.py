@@ -462,8 +462,16 @@ class Elaborator(Topics):
             self.diagnostics.error(
                 "V001", f"[{found[0]!r}, {found[1]!r}] is a point", span, "an axis has some width"
             )
-        if axis.open is not None:
-            self.interval(axis.high, axis.open, axis.open.span, "what is open of a grid axis")
+        if axis.open is None:
+            return
+        found = self.interval(axis.high, axis.open, axis.open.span, "what is open of a grid axis")
+        if found is not None and found[0] == found[1]:
+            self.diagnostics.error(
+                "V001",
+                f"`open to {found[1]!r}` opens nothing",
+                axis.open.span,
+                "the axis ends there",
+            )
 
     def _command(self, commands: typed.CommandSet, expr: typed.Expr) -> None:
         """A command lies in the set of its topic."""

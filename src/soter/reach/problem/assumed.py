@@ -81,6 +81,20 @@ def _jumps(place: Place) -> list[str]:
     return found
 
 
+def _judged(place: Place) -> list[str]:
+    """Topics that `safe` reads and neither the DM nor SC: nobody follows who publishes them."""
+    followed = {*read_by_dm(place), *read_by_sc(place)}
+    found = []
+    for symbol in topic_reads(place.module.symbol.safe):
+        index = place.module.scope.topics.get(symbol, -1)
+        if index in place.driven and index not in followed:
+            found.append(
+                f"what `safe` says of {place.system.topics[index].name} is judged on what "
+                f"{place.driven[index].name} drives: what is published there is not looked at"
+            )
+    return found
+
+
 def _environment(place: Place, inputs: Inputs) -> list[str]:
     found = [
         f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
@@ -89,6 +103,8 @@ def _environment(place: Place, inputs: Inputs) -> list[str]:
     ]
     if place.home.view:
         found += _jumps(place)
+    if place.abstract:
+        found += _judged(place)
     names = ", ".join(c.name for c in place.plants)
     if not place.abstract:
         found.append(f"the world behaves like {names} for some disturbance within its bounds")

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 AXES_MAX = 4
 CELLS_MAX = 200_000_000
 AXIS_CELLS_MAX = 60_000
+WIDEST = 1e6
+"""Of a cell up to an open end, in ranges of its axis."""
 DEFAULT_CELLS = {1: 2000, 2: 300, 3: 64, 4: 24}
 Path = tuple[str, ...]
 
@@ -109,6 +111,14 @@ class Axes:
         if item.open is None:
             return Axis(state, name, edges)
         end = float(self.calculator.value(item.open, "the end of an open axis") or 0.0)
+        if not end - low < WIDEST * (high - low):
+            self.diagnostics.error(
+                "R010",
+                f"the open end of `{name}` lies more than {WIDEST:g} times its range away",
+                item.open.span,
+                notes=("enclosures over such a cell say nothing",),
+                helps=("an end that no run passes, not far beyond what matters",),
+            )
         return Axis(state, name, (*edges, end), open=True)
 
     def _edges(
