@@ -9,13 +9,17 @@ import numpy as np
 import pytest
 
 from soter.api import load
+from soter.program.build import check_file
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 WALLS = ("east", "west", "north", "south", "above", "below")
-E_V, T = 0.1, 2.0 / 9.0 + 1.0 / 12.0
-E_Q, D = 0.05 + T * E_V, 0.47
-LEVEL, UPRIGHT = (4.15, 3.0, 0.11, 5.6), (1.8, 0.88, 0.11, 1.9)
-"""U, B, TAIL, W of corridor.soter."""
+PROGRAM = check_file(str(DRONE / "corridor.soter")).program
+assert PROGRAM is not None
+E_Q, E_V, D = (float(PROGRAM.consts[n].value) for n in ("E_Q", "E_V", "D"))
+LEVEL, UPRIGHT = (
+    tuple(float(PROGRAM.consts[n + more].value) for n in ("U", "B", "TAIL", "W"))
+    for more in ("", "_UP")
+)
 
 
 def test_the_motion_primitive_is_proved_for_every_corridor() -> None:

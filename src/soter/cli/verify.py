@@ -266,7 +266,7 @@ def _fields(report: VerifyReport, runs: Runs) -> dict[str, object]:
 
 
 def _module(module: ModuleResult, runs: Mapping[str, Path]) -> dict[str, object]:
-    times = module.problem.times
+    times, sets = module.problem.times, module.problem.kind != "nodes"
     return {
         "verdict": module.verdict,
         "seconds": module.seconds,
@@ -277,8 +277,8 @@ def _module(module: ModuleResult, runs: Mapping[str, Path]) -> dict[str, object]
         "headline": module.headline,
         "vacuous": _vacuous(module),
         "at_the_start": module.at_the_start,
-        "horizon_s": times.horizon_ns / 1e9,
-        "horizon_needed_s": times.h_star / 1e9,
+        "horizon_s": times.horizon_ns / 1e9 if sets else None,
+        "horizon_needed_s": times.h_star / 1e9 if sets else None,
         "recover_s": module.recover_s,
         "assumptions": list(module.problem.assumptions),
     }

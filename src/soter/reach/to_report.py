@@ -8,6 +8,7 @@ Non-goals: the page's looks (`report/proof/page.py`).
 from __future__ import annotations
 
 import platform
+from collections import Counter
 from importlib.metadata import version
 from typing import TYPE_CHECKING
 
@@ -16,6 +17,7 @@ import numpy as np
 from soter.native.compiler import find
 from soter.program.model.durations import show_ns
 from soter.reach.claims.results import NO_CORE
+from soter.reach.problem.problem import NODES
 from soter.reach.undecided.leaving_figures import leaving_figures
 from soter.report.proof.page import write_proof
 from soter.report.proof.record import (
@@ -46,11 +48,17 @@ MEANINGS = {
     "start": "the declared initial states are among those for which all this holds",
     "DM": "the generated C of the decision module switches as docs/semantics.md says",
 }
-TRUSTED = (
-    "Soter's front end and Core: both the proof and the code that flies come from them",
-    "the enclosures and the set engine; `soter recheck` checks certificates without them",
-    "the C compiler, the operating system and the hardware that run both",
-)
+OF_SETS = "the enclosures and the set engine; `soter recheck` checks certificates without them"
+OF_INDUCTION = "z3, and how Core is read for it; `soter recheck` asks z3, too, but reads Core anew"
+BY_INDUCTION = {
+    "P1c": "every order of steps that the times allow is part of the proof",
+    "P2a": "`safe` holds for ever, whatever AC publishes of its declared sets",
+    "P2b": "where SC has control, a time comes at which the DM gives it back",
+    "P3": "when AC has control, `safe` holds until the DM and SC have answered",
+    "ttf": "whenever the DM leaves AC in control, `safe` goes on holding",
+    "safer": "whenever the DM gives AC control, `safe` goes on holding",
+}
+"""What is said otherwise where there are no sets of states."""
 SHARES = {
     "core": "core K, of the grid's volume",
     "free": "R(H): AC may have control here",
@@ -66,7 +74,7 @@ def write_report(found: VerifyReport, path: Path) -> Path:
 
 def page(found: VerifyReport) -> ProofPage:
     """The page as data."""
-    names = ", ".join(m.name for m in found.modules) or "no module"
+    names = ", ".join(_names(found)) or "no module"
     assumptions = dict.fromkeys(a for m in found.modules for a in m.problem.assumptions)
     under = f", under {len(assumptions)} assumptions" if found.verdict == "proved" else ""
     taken = {n for m in found.modules for n, f in m.findings.items() if f.verdict == "assumed"}
@@ -77,7 +85,7 @@ def page(found: VerifyReport) -> ProofPage:
         f"system {found.system}, {found.seconds:.1f} s",
         tuple(_module(m) for m in found.modules),
         tuple(assumptions),
-        TRUSTED,
+        _trusted(found),
         {
             "command": found.command,
             "program": found.path,
@@ -87,6 +95,23 @@ def page(found: VerifyReport) -> ProofPage:
             "python": platform.python_version(),
             "numpy": np.__version__,
         },
+    )
+
+
+def _names(found: VerifyReport) -> list[str]:
+    """Of the modules; one that is proved in views stands there once."""
+    views = Counter(m.name.removesuffix(f" as {m.problem.view}") for m in found.modules)
+    viewed = any(m.problem.view for m in found.modules)
+    return [f"{name} in {n} views" if viewed and n > 1 else name for name, n in views.items()]
+
+
+def _trusted(found: VerifyReport) -> tuple[str, ...]:
+    kinds = {m.problem.kind == NODES for m in found.modules}
+    return (
+        "Soter's front end and Core: both the proof and the code that flies come from them",
+        *((OF_SETS,) if False in kinds else ()),
+        *((OF_INDUCTION,) if True in kinds else ()),
+        "the C compiler, the operating system and the hardware that run both",
     )
 
 
@@ -103,8 +128,9 @@ def _but(found: VerifyReport) -> str:
 
 
 def _module(m: ModuleResult) -> ModuleProof:
+    meanings = {**MEANINGS, **(BY_INDUCTION if m.problem.kind == NODES else {})}
     rows = tuple(
-        PropertyRow(name, MEANINGS.get(name, ""), f.verdict, f.method, f.seconds, f.text)
+        PropertyRow(name, meanings.get(name, ""), f.verdict, f.method, f.seconds, f.text)
         for name, f in m.findings.items()
     )
     runs = [f.counterexample for f in m.findings.values() if f.counterexample is not None]
@@ -118,7 +144,7 @@ def _module(m: ModuleResult) -> ModuleProof:
     return ModuleProof(
         name=m.name,
         verdict=m.verdict,
-        headline=f"{len(m.problem.assumptions)} assumptions, {m.cells:,} cells, {m.seconds:.1f} s"
+        headline=f"{len(m.problem.assumptions)} assumptions, {_cells(m)}{m.seconds:.1f} s"
         + (f"; {m.at_the_start}" if m.at_the_start else ""),
         properties=rows,
         times=_times(m),
@@ -132,8 +158,17 @@ def _module(m: ModuleResult) -> ModuleProof:
     )
 
 
+def _cells(m: ModuleResult) -> str:
+    return f"{m.cells:,} cells, " if m.cells else ""
+
+
 def _times(m: ModuleResult) -> tuple[tuple[str, str, str], ...]:
     t = m.problem.times
+    if m.problem.kind == NODES:
+        return (
+            ("Δ", "period of the DM", show_ns(t.delta_dm)),
+            ("δ", "period of SC", show_ns(t.delta_sc)),
+        )
     found = [
         ("Δ", "period of the DM", t.delta_dm),
         ("δ", "period of SC", t.delta_sc),

@@ -10,6 +10,7 @@ import pytest
 import soter
 from soter.api.program import load
 from soter.diagnostics.diagnostic import SoterError
+from soter.reach.to_report import page
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -342,3 +343,15 @@ def test_what_else_the_language_has_is_followed_or_left_open(tmp_path: Path) -> 
     wrong = EVERYTHING.replace("&& good(candidate) && !any", "&& !any").replace("40ms", "20ms")
     path.write_text(wrong)
     assert load(path).verify(refute=False).verdict == "undecided"
+
+
+def test_what_an_induction_rests_on_is_said_and_nothing_of_sets(tmp_path: Path) -> None:
+    report = verified(tmp_path)
+    assert any(a.startswith("z3 is right") for a in report["SafePlanner"].problem.assumptions)
+    found = page(report)
+    assert [symbol for symbol, _, _ in found.modules[0].times] == ["Δ", "δ"]
+    assert any("z3" in line for line in found.trusted_base)
+    assert not any("set engine" in line for line in found.trusted_base)
+    said = " ".join(f"{row.meaning} {row.detail}" for row in found.modules[0].properties)
+    assert "R(H)" not in said
+    assert "core K" not in said

@@ -16,6 +16,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_of
 from soter.program.flatten.views import as_seen
 from soter.program.model import typed
+from soter.reach.to_report import page
 from soter.recheck.reading.views import left_out, seen
 from soter.recheck.rechecker import recheck
 
@@ -150,9 +151,9 @@ def test_a_predicate_in_a_view_never_says_more_than_the_whole() -> None:
     """
     chance = random.Random(5)  # noqa: S311
     kept = 0
-    for k in range(60):
-        ttf, safer = random_predicate(chance, 3), random_predicate(chance, 3)
-        text = program(ttf=f"ttf {ttf};", safer=f"safer {safer};", safe=SAFE)
+    for k in range(150):
+        ttf, safer, safe = (random_predicate(chance, 3) for _ in range(3))
+        text = program(ttf=f"ttf {ttf};", safer=f"safer {safer};", safe=f"safe {safe};")
         checked = check_file("cart.soter", text)
         assert checked.ok, checked.diagnostics
         flat = system_of(checked, "S")
@@ -178,6 +179,7 @@ def _never_more(whole: typed.ModuleSymbol, parts: list[typed.ModuleSymbol], seed
         if any(holds(p.ttf, rooms) for p in parts):
             assert holds(whole.ttf, rooms), "a view takes AC's control where the module does not"
         assert all(holds(p.safer, rooms) for p in parts) == holds(whole.safer, rooms)
+        assert all(holds(p.safe, rooms) for p in parts) == holds(whole.safe, rooms)
 
 
 def holds(e: typed.Expr | None, rooms: dict[str, float]) -> bool:
@@ -239,3 +241,13 @@ def test_an_open_end_lies_beyond_the_grid(tmp_path: Path, end: str, code: str) -
     else:
         codes = []
     assert codes == ([code] if code else [])
+
+
+def test_the_page_names_the_module_once_and_draws_what_matters(
+    proved: tuple[Path, VerifyReport],
+) -> None:
+    found = page(proved[1])
+    assert found.headline.startswith("Keep in 2 views: proved")
+    figure = found.modules[0].figures[0]
+    assert max(figure.x_edges) < 4.1, "not up to the open end"
+    assert "seen.r goes on to 60" in figure.note

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.reach.grid.measures import drawn_edges
 from soter.report.proof.record import R1, R2, R3, R4, R5, RegionFigure
 
 if TYPE_CHECKING:
@@ -32,7 +33,7 @@ def regions(sets: GroupSets) -> NDArray[np.uint8]:
 
 def figure(sets: GroupSets, note: str) -> RegionFigure:
     """The first two axes; further ones are cut where the state is nearest to the middle."""
-    axes = sets.group.axes
+    axes, drawn = sets.group.axes, drawn_edges(sets)
     found = regions(sets)
     cuts: list[str] = []
     for k, axis in enumerate(axes[2:]):
@@ -41,11 +42,13 @@ def figure(sets: GroupSets, note: str) -> RegionFigure:
         found = np.take(found, [middle], axis=2).reshape(*found.shape[:2], *found.shape[3:])
         cuts.append(f"{axes[2 + k].name} in [{edges[middle]:.4g}, {edges[middle + 1]:.4g}]")
     text = "; ".join(filter(None, (note, ", ".join(cuts))))
-    x = np.asarray(axes[0].edges)
+    open_ends = [f"{a.name} goes on to {a.edges[-1]:g}" for a in axes[:2] if a.open]
+    text = "; ".join(filter(None, (text, *open_ends)))
+    x = drawn[0]
     if len(axes) == 1:
         return RegionFigure(
             axes[0].name, axes[0].name, "", x, np.array([0.0, 1.0]), found[:, None], text
         )
-    y = np.asarray(axes[1].edges)
+    y = drawn[1]
     title = f"{axes[0].name} and {axes[1].name}"
     return RegionFigure(title, axes[0].name, axes[1].name, x, y, found, text)

@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     Floats = NDArray[np.float64]
 
 
-def _edges(part: GroupSets) -> list[Floats]:
+def drawn_edges(part: GroupSets) -> list[Floats]:
     """As the grid's, but for the cell before an open end: it counts like the others."""
     found = []
     for axis in part.group.axes:
@@ -33,7 +33,7 @@ def _edges(part: GroupSets) -> list[Floats]:
 
 def shares(part: GroupSets) -> dict[str, float]:
     """Of the grid's volume, by set."""
-    edges = _edges(part)
+    edges = drawn_edges(part)
     sets = {
         "core": part.core > 0,
         "free": part.free,
@@ -46,8 +46,8 @@ def shares(part: GroupSets) -> dict[str, float]:
 
 def core_share(part: GroupSets) -> float:
     """Of C that K is; 0 where there is no C."""
-    whole = share(part.allowed, _edges(part))
-    return share((part.core > 0) & part.allowed, _edges(part)) / whole if whole else 0.0
+    whole = share(part.allowed, drawn_edges(part))
+    return share((part.core > 0) & part.allowed, drawn_edges(part)) / whole if whole else 0.0
 
 
 def both(part: GroupSets) -> tuple[float, bool] | None:
@@ -55,8 +55,8 @@ def both(part: GroupSets) -> tuple[float, bool] | None:
     if part.lets_ac is None or part.gives_back is None:
         return None
     core, lets = part.core > 0, part.lets_ac & part.gives_back
-    whole = share(core, _edges(part))
-    found = share(lets & core, _edges(part)) / whole if whole else 1.0
+    whole = share(core, drawn_edges(part))
+    found = share(lets & core, drawn_edges(part)) / whole if whole else 1.0
     return found, bool(lets.any())
 
 
@@ -69,12 +69,12 @@ def lets_share(part: GroupSets, predicate: str) -> float | None:
     if cells is None:
         return None
     core = part.core > 0
-    return share(cells & core, _edges(part)) / share(core, _edges(part))
+    return share(cells & core, drawn_edges(part)) / share(core, drawn_edges(part))
 
 
 def drawn(part: GroupSets, chance: np.random.Generator, count: int) -> Floats:
     """States of K, (count, axes), uniform."""
-    core, edges = np.argwhere(part.core > 0), _edges(part)
+    core, edges = np.argwhere(part.core > 0), drawn_edges(part)
     sizes = np.prod([np.diff(e)[core[:, k]] for k, e in enumerate(edges)], axis=0)
     at = core[chance.choice(len(core), count, p=sizes / sizes.sum())]
     low = np.stack([e[at[:, k]] for k, e in enumerate(edges)], axis=1)

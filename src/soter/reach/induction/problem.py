@@ -19,7 +19,7 @@ from soter.program.model.durations import show_ns
 from soter.program.model.system import Property
 from soter.program.model.walk import calls_in, mode_reads, topic_reads
 from soter.reach.induction.calendar import Clock
-from soter.reach.problem.problem import Problem, Times
+from soter.reach.problem.problem import NODES, Problem, Times
 from soter.reach.problem.quantities import Quantities
 from soter.reach.time.schedule import Releases, Schedule
 
@@ -95,7 +95,7 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
         core=core,
         module=at,
         quantities=Quantities((), (), (), (), (), ()),
-        kind="nodes",
+        kind=NODES,
         plant_period_ns=0,
         states=(),
         initial=(),
@@ -358,4 +358,6 @@ def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:
     found.append("no release is skipped, and what a step reads it reads at one instant")
     found += [f"{n}: any value of its set at any time ({w})" for n, w in problem.any_value.items()]
     found.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+    found.append("z3 is right where it says that no counterexample exists")
+    found.append("the compiler and the hardware do what the C of the steps says")
     return found

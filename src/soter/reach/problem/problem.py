@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from soter.reach.time.schedule import Schedule
 
 
+NODES = "nodes"
+"""`Problem.kind` where the state is what nodes publish and keep: no plant, no sets."""
+
+
 @dataclass(frozen=True)
 class Interval:
     """A closed interval."""
@@ -167,7 +171,7 @@ class Problem:
     module: Module
     quantities: Quantities
     kind: str
-    """"flow" or "map"."""
+    """"flow", "map", or NODES."""
     plant_period_ns: int
     states: tuple[Interval, ...]
     """The grid's extent for each state."""

@@ -143,6 +143,8 @@ def _assumptions(facts: InductionFacts) -> list[Said]:
         Said(f"any {ac}", f"{ac} publishes at its releases, values of the declared sets or none"),
         Said("order", "steps of one instant come in any order; no release is skipped"),
         Said("P2b", "P2b: what the DM reads is fresh, and no gate fault keeps AC out"),
+        Said("z3", "z3 is right where it says that no counterexample exists"),
+        Said("machine", "the compiler and the hardware do what the C of the steps says"),
     ]
     if facts.undeclared:
         found.append(Said("undeclared", "undeclared times are zero: nobody is late, or takes time"))

@@ -109,6 +109,8 @@ def _times(m: ModuleProof) -> str:
 
 
 def _shares(m: ModuleProof) -> str:
+    if not m.shares:
+        return ""
     rows = "".join(
         f'<tr><td>{prose(what)}</td><td class="number">{escape(share)}</td></tr>'
         for what, share in m.shares
