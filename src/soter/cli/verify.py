@@ -123,7 +123,7 @@ def _say(report: VerifyReport, args: argparse.Namespace, console: Console, runs:
             console.say(console.paint("muted", f"  {text}"))
     if not report.modules:
         console.say("there is no module to be verified")
-    for line in _coverage(report):
+    for line in _coverage(report, console):
         console.say(line)
     for kind in ("cert", "report"):
         if getattr(args, kind):
@@ -135,7 +135,7 @@ def _say(report: VerifyReport, args: argparse.Namespace, console: Console, runs:
         console.say(f"\nrun     {path}")
 
 
-def _coverage(report: VerifyReport) -> list[str]:
+def _coverage(report: VerifyReport, console: Console) -> list[str]:
     """What all of it is about, and what it is not."""
     coverage, lines = report.coverage, []
     if coverage.params:
@@ -145,11 +145,20 @@ def _coverage(report: VerifyReport) -> list[str]:
         lines += ["", "the same problem, and so the same verdict", *_listed(coverage.also)]
     if coverage.rest:
         lines += ["", "not covered", *_listed(coverage.rest)]
-    if len(report.modules) > 1:
-        taken = [f"{g.module}: {g.what} ({g.how}: {g.by})" for g in coverage.guarantees]
-        lines += ["", "all of them together (Theorem 4.1), where each takes for granted"]
-        lines += _listed(tuple(taken))
-    return lines
+    return [*lines, *_together(report, console)] if len(report.modules) > 1 else lines
+
+
+def _together(report: VerifyReport, console: Console) -> list[str]:
+    """The conjunction, and who keeps what a module takes for granted."""
+    from soter.reach.together import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
+    from soter.report.summary import Styled, table  # noqa: PLC0415 - needs NumPy
+
+    verdict = console.paint(PAINTS[report.together], report.together.upper())
+    rows = [
+        (t.module, t.what, Styled(t.why, "strong" if t.open else "plain")) for t in rows_of(report)
+    ]
+    shown = table(("module", "takes for granted", "because"), rows, color=console.color_out)
+    return ["", f"all of them together (Theorem 4.1)  {verdict}", "", shown]
 
 
 def _listed(texts: tuple[str, ...]) -> list[str]:
@@ -256,6 +265,7 @@ def _fields(report: VerifyReport, runs: Runs) -> dict[str, object]:
         "program_sha256": report.program_sha256,
         "system": report.system,
         "verdict": report.verdict,
+        "together": report.together,
         "seconds": report.seconds,
         "modules": {m.name: _module(m, runs.get(m.name, {})) for m in report.modules},
         "params": dict(report.coverage.params),

@@ -60,7 +60,8 @@ def verify(
     results = []
     for i, problem in enumerate(problems):
         share = _part(progress, i, len(problems))
-        attack = refute and not problem.view  # a run of a view is none of the vehicle
+        # a run of a view, or of a plant that others move as they like, is none of the vehicle
+        attack = refute and not problem.view and not problem.influences
         results.append(verify_module(problem, refute=attack, progress=share, search=search))
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     found = VerifyReport(

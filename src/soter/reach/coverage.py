@@ -18,7 +18,8 @@ class Guarantee:
     """What a module takes for granted of somebody else, and why it may.
 
     `how`: "enforced" (the language lets no other value arrive), "declared" (a range of the world,
-    printed as an assumption) or "assumed".
+    printed as an assumption), "guaranteed" (a part of the `safe` of the module `by`, if that is
+    proved) or "assumed".
     """
 
     module: str

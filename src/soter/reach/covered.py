@@ -14,6 +14,7 @@ from soter.program.build import system_of
 from soter.program.flatten.views import as_seen
 from soter.reach.coverage import Coverage, Guarantee
 from soter.reach.problem.extract import extract
+from soter.reach.promised import promise_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -156,6 +157,7 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[Guarantee]:
         by = (there[0] if there else topic).driver or "nobody (its default)"
         what = f"{topic.name} lies in its declared set"
         found.append(Guarantee(problem.name, what, by, "enforced"))
+    found += _moved(flat, problem)
     for link in module.symbol.verify.abstracts:
         what = f"{link.instance} behaves like {link.plant.name}, whatever others do"
         found.append(Guarantee(problem.name, what, link.instance, "assumed"))
@@ -164,9 +166,40 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[Guarantee]:
         found.append(Guarantee(problem.name, what, "whoever changes it", "assumed"))
     plants = [c.name for c in problem.system.components if c.plant is not None]
     if plants and not module.symbol.verify.abstracts:
-        what = f"{', '.join(plants)} moved by {module.name} and the declared disturbances alone"
+        moved = " and what is said of others" if problem.influences else ""
+        what = f"{', '.join(plants)} moved by {module.name}, the declared disturbances{moved} alone"
         found.append(Guarantee(problem.name, what, "the equations", "enforced"))
     if problem.quantities.disturbances:
         what = "disturbances within their ranges"
         found.append(Guarantee(problem.name, what, "the world", "declared"))
     return found
+
+
+def _moved(flat: System, problem: Problem) -> list[Guarantee]:
+    """What others publish and the plants of the module read: who keeps it in its set."""
+    found = []
+    for i in problem.influences:
+        index, by = _in_the_system(flat, problem, i.topic)
+        what = f"{i.name(problem.system)} in [{i.low:g}, {i.high:g}]"
+        if not any(index in _driven(c) for c in flat.components if c.plant is not None):
+            found.append(Guarantee(problem.name, what, by or "nobody (its default)", "enforced"))
+            continue
+        keeper = promise_of(flat, index, i.leaf, i.low, i.high)
+        how = "guaranteed" if keeper else "assumed"
+        found.append(Guarantee(problem.name, what, keeper or by, how))
+    return found
+
+
+def _driven(plant: Component) -> list[int]:
+    assert plant.plant is not None
+    return [plant.scope.topics[t] for t, _ in plant.plant.drives]
+
+
+def _in_the_system(flat: System, problem: Problem, index: int) -> tuple[int, str]:
+    """A topic of the verification system, where the module flies: its index, and who drives it."""
+    topic = problem.system.topics[index]
+    there = [t for t in flat.topics if t.symbol is topic.symbol]
+    around = problem.module.name.rpartition(".")[0]
+    there.sort(key=lambda t: (t.name != topic.name, not t.name.startswith(around)))
+    found = there[0] if there else topic
+    return found.index, found.driver

@@ -18,6 +18,7 @@ from soter.native.compiler import find
 from soter.program.model.durations import show_ns
 from soter.reach.claims.results import NO_CORE
 from soter.reach.problem.problem import NODES
+from soter.reach.together import rows_of
 from soter.reach.undecided.leaving_figures import leaving_figures
 from soter.report.proof.page import write_proof
 from soter.report.proof.record import (
@@ -25,6 +26,7 @@ from soter.report.proof.record import (
     ProofPage,
     PropertyRow,
     RegionFigure,
+    TakenRow,
 )
 
 if TYPE_CHECKING:
@@ -95,7 +97,15 @@ def page(found: VerifyReport) -> ProofPage:
             "python": platform.python_version(),
             "numpy": np.__version__,
         },
+        *_together(found),
     )
+
+
+def _together(found: VerifyReport) -> tuple[str, tuple[TakenRow, ...]]:
+    if len(found.modules) < 2:
+        return "", ()
+    rows = tuple(TakenRow(t.module, t.what, t.why, t.open) for t in rows_of(found))
+    return found.together, rows
 
 
 def _names(found: VerifyReport) -> list[str]:

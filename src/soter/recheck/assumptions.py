@@ -122,9 +122,10 @@ def _range(x: Input) -> str:
 
 def _inputs(facts: Facts) -> Iterator[Said]:
     for d in facts.disturbances:
-        yield Said(
-            f"disturbance {_range(d)}", f"disturbances stay within their bounds: {_range(d)}"
-        )
+        what = "disturbances stay within their bounds"
+        if d.of_others:
+            what = "what others publish and what moves these plants stays in its declared set"
+        yield Said(f"disturbance {_range(d)}", f"{what}: {_range(d)}")
     for e in facts.errors:
         text = f"measurement errors stay within their bounds: {e.name} within {e.high:g}"
         yield Said(f"error {e.name} {e.high:g}", text)

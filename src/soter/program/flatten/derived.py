@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.program.flatten.elaborate import Elaborator
+from soter.program.flatten.influences import moved_by_any
 from soter.program.model import typed
 from soter.program.model.system import InputDrive, Scope
 from soter.program.model.walk import mode_reads
@@ -21,6 +22,7 @@ from soter.program.model.walk import mode_reads
 if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 
+    from soter.program.flatten.influences import Influence
     from soter.program.model.system import (
         Component,
         Module,
@@ -244,6 +246,20 @@ def driven_outside(system: System, topics: Collection[int]) -> System:
 def drawn_where(system: System, wanted: Callable[[int], bool]) -> System:
     """With the draws of these topics only."""
     return replace(system, inputs=tuple(i for i in system.inputs if wanted(i.topic)))
+
+
+def moved_by_others(system: System, module: Module) -> tuple[System, tuple[Influence, ...]]:
+    """With plants moved by any values of the declared sets where they read what others publish.
+
+    Gives what moves them; a topic that is more than floats in a declared set stays as it is.
+    """
+    components = list(system.components)
+    found: list[Influence] = []
+    for c in system.components:
+        if c.plant is not None and not c.plant.extern:
+            components[c.index], influences = moved_by_any(system, c, tuple(module.outputs))
+            found += influences
+    return replace(system, components=tuple(components)), tuple(found)
 
 
 # ---------------------------------------------------------------- what is asked

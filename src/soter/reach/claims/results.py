@@ -320,6 +320,17 @@ class VerifyReport:
                 return verdict
         return PROVED
 
+    @property
+    def together(self) -> str:
+        """Of the conjunction (Theorem 4.1).
+
+        The worst of the modules' verdicts; `assumed` where all are proved and one takes for granted
+        what another one should guarantee that is not proved here.
+        """
+        proved = {m.name.removesuffix(f" as {m.problem.view}") for m in self.modules}
+        promised = (g.by for g in self.coverage.guarantees if g.how == "guaranteed")
+        return self.verdict if proved.issuperset(promised) or self.verdict != PROVED else ASSUMED
+
     def __getitem__(self, module: str) -> ModuleResult:
         """The result of one module, by full name; KeyError where there is none."""
         for m in self.modules:

@@ -108,10 +108,15 @@ def _environment(place: Place, inputs: Inputs) -> list[str]:
     names = ", ".join(c.name for c in place.plants)
     if not place.abstract:
         found.append(f"the world behaves like {names} for some disturbance within its bounds")
-    if inputs.disturbances:
-        pairs = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
-        bounds = ", ".join(f"{d.name} in [{r.low:g}, {r.high:g}]" for d, r in pairs)
-        found.append(f"disturbances stay within their bounds: {bounds}")
+    of_others = {i.name(place.system) for i in place.influences}
+    drawn = zip(inputs.disturbances, inputs.disturbance_ranges, strict=True)
+    said = [(d.name in of_others, f"{d.name} in [{r.low:g}, {r.high:g}]") for d, r in drawn]
+    for others, what in (
+        (False, "disturbances stay within their bounds"),
+        (True, "what others publish and what moves these plants stays in its declared set"),
+    ):
+        bounds = ", ".join(text for of, text in said if of is others)
+        found += [f"{what}: {bounds}"] if bounds else []
     if inputs.errors:
         pairs = zip(inputs.errors, inputs.error_ranges, strict=True)
         bounds = ", ".join(f"{e.name} within {r.high:g}" for e, r in pairs)

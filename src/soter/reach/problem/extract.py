@@ -93,6 +93,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         beside=beside(at),
         view=module.view,
         whole=whole(at) if module.view else None,
+        influences=at.influences,
         commands=commands,
         parameter_start=tuple(inputs.parameter_start),
         scheme_step_ns=_scheme_step(at) if kind == "flow" else 0,

@@ -168,8 +168,13 @@ def _plant(
                 f"the dynamics of `{c.name}` read `{symbol.name}`, no output of the module",
                 read.span,
                 also=((place.module.symbol.span, "the module"),),
-                notes=("a verification plant moves by the module's outputs and its disturbances",),
-                helps=("make it a `disturbance` with its bounds, or a state of the plant",),
+                notes=(
+                    "what others publish may move a plant of a proof as floats of declared sets",
+                ),
+                helps=(
+                    f"declare its set: `topic {symbol.name}: ... in [low, high];`",
+                    "or make it a `disturbance` with its bounds, or a state of the plant",
+                ),
             )
 
 

@@ -15,6 +15,7 @@ from soter.program.model import typed
 from soter.program.model.walk import topic_reads
 
 if TYPE_CHECKING:
+    from soter.program.flatten.influences import Influence
     from soter.program.model.system import Component, Module, System
 
 
@@ -32,6 +33,8 @@ class Place:
     flat: System
     """The flying system, which holds the module as `home`."""
     home: Module
+    influences: tuple[Influence, ...] = ()
+    """What others publish and what moves the plants: any values of its declared sets."""
 
     @property
     def sc(self) -> Component:
@@ -82,11 +85,12 @@ class Place:
 def place(flat: System, module: Module) -> Place:
     """The verification system of a module of `flat`; `SoterError` where there is none."""
     abstract = bool(module.symbol.verify.abstracts)
-    system = _abstract(flat, module) if abstract else _reduced(flat, module)
+    apart = _abstract(flat, module) if abstract else _reduced(flat, module)
+    system, influences = derived.moved_by_others(apart, apart.modules[0])
     plants = tuple(c for c in system.components if c.role == "plant")
     prefix = "" if abstract else module.name.rpartition(".")[0]
     prefix = prefix + "." if prefix else ""
-    return Place(system, system.modules[0], plants, abstract, prefix, flat, module)
+    return Place(system, system.modules[0], plants, abstract, prefix, flat, module, influences)
 
 
 def sc_reads(node: typed.NodeSymbol) -> list[typed.TopicSymbol]:

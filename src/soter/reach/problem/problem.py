@@ -15,6 +15,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.span import Span
     from soter.lower.core import CoreSystem
+    from soter.program.flatten.influences import Influence
     from soter.program.model.system import Module, System
     from soter.reach.problem.quantities import Quantities
     from soter.reach.time.schedule import Schedule
@@ -201,6 +202,8 @@ class Problem:
     """Topics of SC that no plant drives -> the node that publishes them in every step."""
     whole: System | None = None
     """Of a view: the verification system with all of the module's predicates."""
+    influences: tuple[Influence, ...] = ()
+    """What others publish and what moves the plants: the last disturbances of each plant."""
     commands: tuple[tuple[float, ...], ...] = ()
     """For synthesis: the finite set of each control, in their order."""
     parameter_start: tuple[int, ...] = ()

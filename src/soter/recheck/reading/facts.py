@@ -39,6 +39,8 @@ class Input:
     low: float
     high: float
     moves: bool = True
+    of_others: bool = False
+    """A disturbance: what somebody else publishes, and a plant of the proof reads."""
 
 
 @dataclass(frozen=True)
@@ -142,6 +144,15 @@ def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.Expr]]:
         if c.plant is not None
         for topic, expr in c.plant.drives
     }
+
+
+def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:
+    """What moves a plant and is published by others, in the order in which it is read."""
+    assert c.plant is not None
+    moves = [*(e for _, e in c.plant.lets), *c.plant.der.values(), *c.plant.next.values()]
+    mentioned = topic_reads(*moves)
+    own = set(module.outputs)
+    return [t for t in c.plant.reads if t in mentioned and c.scope.topics[t] not in own]
 
 
 def read_by_sc(sc: Component) -> list[typed.TopicSymbol]:

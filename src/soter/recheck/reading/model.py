@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 from soter.program.meaning import arith
 from soter.program.model.types import BoolType, FloatType, leaves
 from soter.program.model.walk import topic_reads
+from soter.recheck.reading.facts import topics_of_others
 from soter.recheck.reading.locals_of import combinations, one_of
 from soter.recheck.reading.problem import driven_topics
 from soter.recheck.reading.symbolic import Reader, Surroundings, variables_in
@@ -185,7 +186,6 @@ class Model:
         disturbances = []
         for c in self.facts.plants:
             assert c.plant is not None
-            topics = self._inputs_of_plant(c, controls)
             extra = {}
             for d in c.disturbances:
                 parts = []
@@ -194,6 +194,15 @@ class Model:
                     disturbances.append(x)
                     parts.append(x)
                 extra[d.variable] = filled(d.variable.type, parts)
+            topics = self._inputs_of_plant(c, controls)
+            for symbol in topics_of_others(c, self.facts.module):
+                of_others = [
+                    terms.input("box", x.name, exact(x.low), exact(x.high))
+                    for x in self.facts.disturbances
+                    if x.of_others and (x.owner, x.variable) == (c.index, symbol.name)
+                ]
+                disturbances += of_others
+                topics[symbol] = filled(symbol.type, of_others)
             around = Surroundings(c.scope.params, topics, _seconds(c.period_ns))
             reader = Reader(terms, around, rounded=rounded)
             variables = self._with_lets(reader, c, self._variables(c, states, extra))
@@ -214,6 +223,8 @@ class Model:
         found: dict[typed.TopicSymbol, Any] = {}
         assert c.plant is not None
         for topic in c.plant.reads:
+            if topic in topics_of_others(c, self.facts.module):
+                continue
             index = c.scope.topics[topic]
             parts = [
                 x for s, x in zip(self.facts.controls, controls, strict=True) if s.owner == index

@@ -8,6 +8,7 @@ problem has no certificate: `NotRecheckedError` or `DiffersError`).
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.program.model import typed
@@ -21,6 +22,7 @@ from soter.recheck.reading.facts import (
     driven_topics,
     number_of,
     read_by_sc,
+    topics_of_others,
 )
 from soter.recheck.reading.home import as_it_runs, home_of
 from soter.recheck.reading.values import flat
@@ -29,6 +31,8 @@ from soter.recheck.terms.terms import NotRecheckedError
 from soter.recheck.time.module_times import read_times
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from soter.program.model.system import Component, System
     from soter.program.model.types import Type
 
@@ -138,6 +142,16 @@ def _read_states(facts: Facts) -> None:
                         high=d.high,
                     )
                 )
+        facts.disturbances += _of_others(facts, c)
+
+
+def _of_others(facts: Facts, c: Component) -> Iterator[Input]:
+    """Leaves of topics that somebody else publishes: they move the plant as disturbances do."""
+    for symbol in topics_of_others(c, facts.module):
+        for x in _leaves_of(facts, c.scope.topics[symbol], "disturbance"):
+            path = x.name.removeprefix(facts.system.topics[x.owner].name)
+            name = f"{c.name}.{symbol.name}{path}"
+            yield replace(x, name=name, owner=c.index, variable=symbol.name, of_others=True)
 
 
 def _values_of(of: Type, name: str) -> tuple[int, ...]:

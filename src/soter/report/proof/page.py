@@ -44,6 +44,7 @@ def proof_body(page: ProofPage) -> str:
     sections = [
         _header(page),
         *(_module(m) for m in page.modules),
+        _together(page),
         _list("What this rests on", page.assumptions, "grounds"),
         _list("What has to be trusted", page.trusted_base, "grounds"),
         _provenance(page),
@@ -70,6 +71,25 @@ def _module(m: ModuleProof) -> str:
         f"{_lines('The run that leaves the safe set', m.counterexample)}"
         f"{_lines('Where it is undecided, and what would help', m.undecided)}{_leaving(m)}"
         f'<div class="pair">{_times(m)}{_shares(m)}</div>{_figures(m)}</section>'
+    )
+
+
+def _together(page: ProofPage) -> str:
+    if not page.together:
+        return ""
+    rows = "".join(
+        f'<tr><th scope="row">{prose(t.module)}</th><td>{prose(t.what)}</td>'
+        f"<td>{f'<strong>{prose(t.why)}</strong>' if t.open else prose(t.why)}</td></tr>"
+        for t in page.taken
+    )
+    return (
+        '<section class="proof"><h2>All of them together '
+        f'<span class="badge {escape(page.together)}">{SIGNS.get(page.together, "?")} '
+        f"{escape(page.together)}</span></h2>"
+        '<p class="note lead">Theorem 4.1: the conjunction, and who keeps what a module takes for '
+        'granted</p><div class="scroll"><table class="events proof"><thead><tr>'
+        '<th scope="col">module</th><th scope="col">takes for granted</th>'
+        f'<th scope="col">because</th></tr></thead><tbody>{rows}</tbody></table></div></section>'
     )
 
 

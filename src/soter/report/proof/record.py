@@ -84,6 +84,16 @@ class ModuleProof:
 
 
 @dataclass(frozen=True)
+class TakenRow:
+    """What a module takes for granted of others, and why it may; `open`: that is not proved."""
+
+    module: str
+    what: str
+    why: str
+    open: bool
+
+
+@dataclass(frozen=True)
 class ProofPage:
     """The whole page."""
 
@@ -95,3 +105,6 @@ class ProofPage:
     trusted_base: tuple[str, ...]
     provenance: dict[str, str] = field(default_factory=dict)
     """Hashes, versions, commands."""
+    together: str = ""
+    """Of several modules: the verdict of the conjunction."""
+    taken: tuple[TakenRow, ...] = ()

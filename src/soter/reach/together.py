@@ -1,0 +1,44 @@
+"""All modules together: who keeps what each takes for granted (docs/proof.md, Composition).
+
+Purpose: `rows_of`: lines of a table, the same for the terminal and the page.
+Non-goals: verdicts (`claims/results.py`), finding out (`covered.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from soter.reach.claims.results import VerifyReport
+    from soter.reach.coverage import Guarantee
+
+
+@dataclass(frozen=True)
+class Taken:
+    """`module` takes `what` for granted; `why` it may, and whether that is `open`."""
+
+    module: str
+    what: str
+    why: str
+    open: bool
+
+
+def rows_of(report: VerifyReport) -> list[Taken]:
+    """Who keeps what; a module that is proved in views stands there once."""
+    views = {m.name: m.problem.view for m in report.modules}
+    verdicts = {m.name.removesuffix(f" as {views[m.name]}"): m.verdict for m in report.modules}
+    found = []
+    for g in report.coverage.guarantees:
+        module = g.module.removesuffix(f" as {views.get(g.module, '')}")
+        found.append(Taken(module, g.what, *_why(g, verdicts)))
+    return list(dict.fromkeys(found))
+
+
+def _why(g: Guarantee, verdicts: dict[str, str]) -> tuple[str, bool]:
+    if g.how == "guaranteed":
+        verdict = verdicts.get(g.by, "not verified here")
+        return f"`safe` of {g.by}: {verdict}", verdict != "proved"
+    if g.how == "assumed":
+        return f"assumed of {g.by}", True
+    return f"{g.how}: {g.by}", False
