@@ -97,15 +97,9 @@ def page(found: VerifyReport) -> ProofPage:
             "python": platform.python_version(),
             "numpy": np.__version__,
         },
-        *_together(found),
+        together=found.together if len(found.modules) > 1 else "",
+        taken=tuple(TakenRow(t.module, t.what, t.why, t.open) for t in rows_of(found)),
     )
-
-
-def _together(found: VerifyReport) -> tuple[str, tuple[TakenRow, ...]]:
-    if len(found.modules) < 2:
-        return "", ()
-    rows = tuple(TakenRow(t.module, t.what, t.why, t.open) for t in rows_of(found))
-    return found.together, rows
 
 
 def _names(found: VerifyReport) -> list[str]:

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 
 def drawn_edges(part: GroupSets) -> list[Floats]:
-    """As the grid's, but for the cell before an open end: it counts like the others."""
+    """Edges of every axis, (n + 1,): the cell before an open end counts like the others."""
     found = []
     for axis in part.group.axes:
         edges = np.array(axis.edges)

@@ -90,7 +90,16 @@ def place(flat: System, module: Module) -> Place:
     plants = tuple(c for c in system.components if c.role == "plant")
     prefix = "" if abstract else module.name.rpartition(".")[0]
     prefix = prefix + "." if prefix else ""
-    return Place(system, system.modules[0], plants, abstract, prefix, flat, module, influences)
+    return Place(
+        system=system,
+        module=system.modules[0],
+        plants=plants,
+        abstract=abstract,
+        prefix=prefix,
+        flat=flat,
+        home=module,
+        influences=influences,
+    )
 
 
 def sc_reads(node: typed.NodeSymbol) -> list[typed.TopicSymbol]:
