@@ -112,7 +112,9 @@ class Operations:
             return arith.minimum(a, b) if name == "min" else arith.maximum(a, b)
         x, y = self._linear(a), self._linear(b)
         choose = self.terms.minimum if name == "min" else self.terms.maximum
-        found = choose(x, y, tight=not self.is_rounded)  # plants: limits keep ends of grids
+        # plants: limits keep ends of grids; two numbers that vary: either is a limit
+        tight = not self.is_rounded or not (x.is_constant or y.is_constant)
+        found = choose(x, y, tight=tight)
         whole = any(isinstance(v, (int, Whole)) for v in (a, b))
         return self.whole(found) if whole else found
 

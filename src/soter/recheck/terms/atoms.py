@@ -30,6 +30,20 @@ def write_atoms(forms: Forms, roots: Sequence[Linear | Truth]) -> None:
             _univariate(forms, index, atom)
         else:
             _ATOMS[atom.kind](forms, index, atom)
+        if forms.rows[index]:
+            _at_most_its_range(forms, index)
+
+
+def _at_most_its_range(forms: Forms, index: int) -> None:
+    """A line whose spread is more than the range has it says less than the range alone."""
+    constant, spread = forms.tails[index]
+    low, high = forms.bounds[index]
+    code = f"line_or_range({constant}, {spread}, {low}, {high})"
+    weight, offset, rest = forms.text.values(code, 3)
+    forms.rows[index] = {
+        j: forms.text.new(f"{weight}*{factor}") for j, factor in forms.rows[index].items()
+    }
+    forms.tails[index] = offset, rest
 
 
 def _univariate(forms: Forms, index: int, atom: Atom) -> None:

@@ -141,6 +141,17 @@ def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
     return slope, (over + under) * HALF, (over - under) * HALF
 
 
+def line_or_range(offset: arb, spread: arb, low: arb, high: arb) -> tuple[arb, arb, arb]:
+    """A weight for the slopes of a line, its offset and spread: those of the range if they are less.
+
+    What is in slope x + offset +- spread and in [low, high] is in weight slope x + the rest.
+    """
+    half = (high - low) * HALF
+    if half < spread:
+        return ZERO, (low + high) * HALF, half
+    return ONE, offset, spread
+
+
 def line_abs(low: arb, high: arb) -> Line:
     """|x| = 2 max(x, 0) - x."""
     if low >= 0:

@@ -21,6 +21,7 @@ from soter.recheck.terms.balls import (
     key_of,
     larger,
     line_noisy_max0,
+    line_or_range,
     range_max0,
     smaller,
 )
@@ -42,6 +43,7 @@ class Text:
         self.names: dict[str, Any] = {
             "HALF": HALF,
             "line_noisy_max0": line_noisy_max0,
+            "line_or_range": line_or_range,
             "range_max0": range_max0,
             "ZERO": ZERO,
             "larger": larger,
