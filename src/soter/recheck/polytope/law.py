@@ -213,6 +213,9 @@ class _Sweep:
             return Form(found.terms, found.const + offset, found.radius + spread + atom.extra)
         if atom.kind == "product":
             return self._product(*arguments)
+        if atom.kind in ("min", "max"):
+            base, rest, _ = arguments
+            return base.plus(rest, -ONE if atom.kind == "min" else ONE)
         if atom.kind == "choice":
             assert atom.condition is not None
             told = self.truth(atom.condition)

@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from soter.recheck.terms.terms import Atom, Linear, Truth
 
 
+RANGES = ("spread", "table")
+"""Kinds of which nothing but a range is known."""
+
+
 def write_atoms(forms: Forms, roots: Sequence[Linear | Truth]) -> None:
     """Write every atom that the roots need, arguments first."""
     for index in sorted(closure(forms.terms, roots)):
@@ -30,12 +34,12 @@ def write_atoms(forms: Forms, roots: Sequence[Linear | Truth]) -> None:
             _univariate(forms, index, atom)
         else:
             _ATOMS[atom.kind](forms, index, atom)
-        if forms.rows[index]:
+        if atom.kind not in RANGES:
             _at_most_its_range(forms, index)
 
 
 def _at_most_its_range(forms: Forms, index: int) -> None:
-    """A line whose spread is more than the range has it says less than the range alone."""
+    """A line with a spread above that of the range says less than the range."""
     constant, spread = forms.tails[index]
     low, high = forms.bounds[index]
     code = f"line_or_range({constant}, {spread}, {low}, {high})"
