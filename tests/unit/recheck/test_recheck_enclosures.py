@@ -15,7 +15,7 @@ from soter.program.build import check_file
 from soter.program.model import typed
 from soter.recheck.reading.flows import LinearFlow, exponential
 from soter.recheck.reading.symbolic import Reader, Surroundings
-from soter.recheck.terms.balls import UNIVARIATE, ZERO, exact, line_noisy_max0
+from soter.recheck.terms.balls import UNIVARIATE, ZERO, exact, line_noisy_max0, line_or_range
 from soter.recheck.terms.compiled import compile_step, form_of_box
 from soter.recheck.terms.terms import Linear, Terms
 
@@ -59,6 +59,12 @@ fun Choices(x: float, y: float): float {
   let far = x > 1.0 || (y > 0.5 && !(x < -1.0));
   return far ? smoothstep(0.0, 2.0, x) : saturate(x + y, 0.7);
 }
+fun Saturated(x: float, y: float): float { return clamp(9.0 * (0.3 * y - x), -1.8, 1.8); }
+fun Between(x: float, y: float): float { return max(min(y, x - 1.1), 1.0 - x); }
+fun Towards(x: float, y: float): float {
+  let gap = x < 1.1 ? x - 1.1 : max(min(y, x - 1.1), 1.0 - 0.5 * y);
+  return clamp(9.0 * (clamp(2.0 * gap, -0.7, 0.7) - y), -1.8, 1.8);
+}
 fun Vectors(x: float, y: float): float {
   let v = 2.0 * vec2(x, y) - vec2(y, x) / 3.0;
   return dot(v, vec2(y, 1.0));
@@ -75,6 +81,9 @@ NAMES = (
     "Waves",
     "Logs",
     "Choices",
+    "Saturated",
+    "Between",
+    "Towards",
 )
 
 
@@ -150,6 +159,39 @@ def test_small_cells_have_small_enclosures(program: Path) -> None:
         assert float(found[0][5]) < 1e-5
 
 
+def test_no_line_says_less_than_the_range(program: Path) -> None:
+    """However wide the cell: a law that is saturated on both sides has a rest of half its range."""
+    terms = Terms()
+    inputs, value = term_of(program, "Saturated", terms)
+    places = [next(iter(x.terms)) for x in inputs]
+    step = compile_step(terms, places, 2, [value], ranges=[value])
+    draw = np.random.default_rng(3)
+    for _ in range(200):
+        middle, width = draw.uniform(-1, 1, 2), draw.uniform(0.1, 3)
+        box = [(exact(float(c - width)), exact(float(c + width))) for c in middle]
+        found = step(form_of_box(box, symbols=True))
+        assert found is not None
+        form, (low, high) = found
+        assert -1.8 - 1e-9 < low <= high < 1.8 + 1e-9
+        assert float(form[5]) <= (high - low) / 2 + 1e-9
+
+
+def test_a_limit_that_varies_is_a_limit(program: Path) -> None:
+    terms = Terms()
+    inputs, value = term_of(program, "Between", terms)
+    places = [next(iter(x.terms)) for x in inputs]
+    step = compile_step(terms, places, 2, [value], ranges=[value])
+    draw = np.random.default_rng(4)
+    for _ in range(200):
+        (a, b), (c, d) = np.sort(draw.uniform(-4, 4, (2, 2)))
+        box = [(exact(float(a)), exact(float(b))), (exact(float(c)), exact(float(d)))]
+        found = step(form_of_box(box, symbols=True))
+        assert found is not None
+        low, high = found[1]
+        assert high <= max(min(d, b - 1.1), 1.0 - a) + 1e-9
+        assert low >= max(min(c, a - 1.1), 1.0 - b) - 1e-9
+
+
 def test_linear_combinations_cancel(tmp_path: Path) -> None:
     path = tmp_path / "cancel.soter"
     path.write_text(
@@ -201,6 +243,22 @@ def test_the_line_under_noise_encloses() -> None:
             for n in (-noise, noise, float(draw.uniform(-noise, noise))):
                 off = exact(max(x + n, 0.0)) - line[0] * exact(x) - line[1]
                 assert not abs(off) > line[2] + 1e-14
+
+
+def test_the_better_of_line_and_range_encloses() -> None:
+    draw = np.random.default_rng(13)
+    chosen = set()
+    for _ in range(500):
+        slope, offset, x = (float(v) for v in draw.uniform(-2, 2, 3))
+        spread = float(draw.uniform(0, 2))
+        value = slope * x + offset + spread * float(draw.choice([-1.0, 0.3, 1.0]))
+        low, high = value - float(draw.uniform(0, 2)), value + float(draw.uniform(0, 2))
+        weight, middle, rest = line_or_range(*(exact(v) for v in (offset, spread, low, high)))
+        chosen.add(float(weight))
+        off = exact(value) - weight * exact(slope) * exact(x) - middle
+        assert not abs(off) > rest + 1e-14
+        assert rest <= exact(spread).min(exact((high - low) / 2) + 1e-14)
+    assert chosen == {0.0, 1.0}
 
 
 # ---------------------------------------------------------------- flows
