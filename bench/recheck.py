@@ -43,6 +43,7 @@ EXAMPLES = (
     Example("mountain_car", "examples/mountain_car/cliff.soter", 30.0),
     Example("cart", "examples/wall/cart.soter", 60.0),
     Example("drone", "examples/drone/motion_primitive.soter", 120.0),
+    Example("corridor", "examples/drone/corridor.soter", 300.0),
 )
 
 

@@ -4,14 +4,28 @@ from __future__ import annotations
 
 import shutil
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 import pytest
 
 from soter.api import load
 from soter.program.build import check_file
+from soter.recheck.case import Case
+from soter.recheck.inclusions.inclusion import ChainCheck
+from soter.recheck.rechecker import recheck
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.reach.claims.results import VerifyReport
+    from soter.recheck.inclusions.tables import Block, Grid
+
+    Show = Callable[[Block], Iterator[Block]]
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
+BLOCKS = 150
+"""Of nine cells, of each claim of each view."""
 WALLS = ("east", "west", "north", "south", "above", "below")
 PROGRAM = check_file(str(DRONE / "corridor.soter")).program
 assert PROGRAM is not None
@@ -22,14 +36,45 @@ LEVEL, UPRIGHT = (
 )
 
 
-def test_the_motion_primitive_is_proved_for_every_corridor() -> None:
-    report = load(DRONE / "corridor.soter").verify(refute=False)
+@pytest.fixture(scope="module")
+def proved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, VerifyReport]:
+    folder = tmp_path_factory.mktemp("corridors") / "cert"
+    return folder, load(DRONE / "corridor.soter").verify(refute=False, cert=folder)
+
+
+def test_the_motion_primitive_is_proved_for_every_corridor(
+    proved: tuple[Path, VerifyReport],
+) -> None:
+    report = proved[1]
     assert [m.name.rpartition(" ")[2] for m in report.modules] == list(WALLS)
     assert [m.verdict for m in report.modules] == ["proved"] * 6
     assert all(
         any("jumps into" in a or "jumps while" in a for a in m.problem.assumptions)
         for m in report.modules
     ), "that boxes change is an assumption"
+
+
+def test_the_re_checker_confirms_samples_of_every_view(
+    proved: tuple[Path, VerifyReport], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Every claim, on blocks drawn at random; no cell has to be halved (all: bench/recheck.py)."""
+    draw = np.random.default_rng(2)
+    asked = []
+
+    def some(case: Case, what: str, grid: Grid, show: Show) -> None:
+        for _ in range(BLOCKS):
+            low = [int(draw.integers(n)) for n in grid.shape]
+            at = tuple((a, min(a + 3, n)) for a, n in zip(low, grid.shape, strict=True))
+            case.tasks.append((what, grid, show, at))
+        asked.append(what)
+
+    monkeypatch.setattr(Case, "_add", some)
+    monkeypatch.setattr(ChainCheck, "leads_in_parts", lambda *_: False)
+    found = recheck(proved[0])
+    assert found.accepted, found.reason
+    assert [m.name.rpartition(" ")[2] for m in found.modules] == list(WALLS)
+    assert all("P2b" in m.confirmed for m in found.modules)
+    assert len(asked) == 6 * len(WALLS)
 
 
 def room(wall: np.ndarray, tau: float, u: float, b: float, tail: float, fastest: float) -> bool:
