@@ -137,6 +137,10 @@ RIGHT: dict[str, tuple[tuple[str, str], ...]] = {
     "two levels": (("MORE", "levels 2;"),),
     "four levels": (("MORE", "levels 4;"),),
     "a tighter clamp": ((LAW, LAW.replace("-A, A", "-3.0, 4.0")),),
+    "limits that vary": (
+        (LAW, "clamp(max(min(-2.0 * motion.x - 2.5 * motion.v, motion.x + 90.0),"
+              " motion.v - 90.0), -A, A)"),
+    ),
     "a law by cases": (
         (f"publish accel = {LAW};",
          f"if motion.x > 5.0 {{ publish accel = A; }} else {{ publish accel = {LAW}; }}"),
