@@ -75,6 +75,7 @@ system Protected default { c: Cart; module SafeCart; }
 PREDICATES = """ttf abs(motion.x) > 0.7 || abs(motion.v) > 0.8;
   safer abs(motion.x) < 0.6 && abs(motion.v) < 0.7;"""
 LAW = "clamp(-2.0 * motion.x - 2.5 * motion.v, -A, A)"
+LIMITED = f"max(min({LAW}, motion.x + 90.0), motion.v - 90.0)"
 BESIDE = (
     ("type Motion = { x: float, v: float };", "type Motion = { x: float, v: float, z: float };"),
     ("{ x: x, v: v }", "{ x: x, v: v, z: z }"),
@@ -137,10 +138,7 @@ RIGHT: dict[str, tuple[tuple[str, str], ...]] = {
     "two levels": (("MORE", "levels 2;"),),
     "four levels": (("MORE", "levels 4;"),),
     "a tighter clamp": ((LAW, LAW.replace("-A, A", "-3.0, 4.0")),),
-    "limits that vary": (
-        (LAW, "clamp(max(min(-2.0 * motion.x - 2.5 * motion.v, motion.x + 90.0),"
-              " motion.v - 90.0), -A, A)"),
-    ),
+    "limits that vary": ((LAW, LIMITED),),
     "a law by cases": (
         (f"publish accel = {LAW};",
          f"if motion.x > 5.0 {{ publish accel = A; }} else {{ publish accel = {LAW}; }}"),

@@ -142,7 +142,7 @@ def line_noisy_max0(low: arb, high: arb, noise: arb) -> tuple[arb, arb, arb]:
 
 
 def line_or_range(offset: arb, spread: arb, low: arb, high: arb) -> tuple[arb, arb, arb]:
-    """A weight for the slopes of a line, its offset and spread: those of the range if they are less.
+    """The less spread of a line and a range: a weight for the slopes, an offset, a spread.
 
     What is in slope x + offset +- spread and in [low, high] is in weight slope x + the rest.
     """
