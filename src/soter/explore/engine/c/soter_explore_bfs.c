@@ -100,7 +100,19 @@ static void let_wait(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t
   w->torn = w->torn || !fine;
 }
 
-/* Takes a world in: new ones are judged and wait for the next layer. */
+/* A new world: it is judged, and waits for the next layer. */
+static void take_new(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t from) {
+  w->count++;
+  if (w->all->link && !soter_row_put(&w->links, packed, from, 0U)) {
+    w->full = true;
+  }
+  if (!ends(w, packed)) {
+    w->fresh++;
+    let_wait(w, packed, sleep, UINT64_MAX);
+  }
+}
+
+/* Takes a world in. */
 static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint64_t sleep,
                     uint64_t from) {
   uint64_t again = 0U;
@@ -116,18 +128,22 @@ static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint
     return;
   }
   SOTER_CHECK(again == 0U && w->store.count > 0U);
-  w->count++;
-  if (w->all->link && !soter_row_put(&w->links, packed, from, 0U)) {
-    w->full = true;
-  }
-  if (!ends(w, packed)) {
-    w->fresh++;
-    let_wait(w, packed, sleep, UINT64_MAX);
-  }
+  take_new(w, packed, sleep, from);
 }
 
 static bool stops(const layered* all) {
   return all->s->progress->stop != 0;
+}
+
+/* Takes in all heirs at once, where they are a word each and nobody else's. */
+static void take_all_in(worker* w) {
+  const soter_heirs* const h = &w->expander.heirs;
+  uint32_t count = h->count;
+  const uint32_t news = soter_store_put_short(&w->store, h->packed, &count, w->key);
+  w->full = w->full || count < h->count;
+  for (uint32_t k = 0; k < news; k++) {
+    take_new(w, w->key + k, 0U, w->moved + w->first);
+  }
 }
 
 /* Gives every heir to its owner, of which this worker may be one. */
@@ -135,6 +151,11 @@ static void hand_on(worker* w) {
   layered* const all = w->all;
   const uint32_t words = all->words;
   const soter_heirs* const h = &w->expander.heirs;
+  if (all->threads == 1U && soter_store_is_short(&w->store)) {
+    w->taken += h->count;
+    take_all_in(w);
+    return;
+  }
   soter_store_announce(&w->store, h->packed, h->count, w->key);
   w->taken += h->count;
   for (uint32_t k = 0; k < h->count && !w->full; k++) {

@@ -252,6 +252,15 @@ int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* 
 /* Both for `count` packed worlds, one after the other, as their keys are then. */
 void soter_store_announce(const soter_store* s, const uint64_t* packed, uint32_t count,
                           uint64_t* key);
+/* Whether worlds are put many at a time: they are a word each, and an entry is nothing else. */
+SOTER_INLINE bool soter_store_is_short(const soter_store* s) {
+  return s->packed == 1U && s->sleep == 0U && !s->fingerprint;
+}
+/* Then: those that are new are in `fresh`, in the order in which they came; returns how many they
+ * are. *count: how many worlds there are; after: how many were put, less where there is no memory
+ * left. */
+uint32_t soter_store_put_short(soter_store* s, const uint64_t* packed, uint32_t* count,
+                               uint64_t* fresh);
 /* The next entry from *at on, which is moved behind it; false: there is none. */
 bool soter_store_next(const soter_store* s, soter_cursor* at, uint64_t* packed, uint64_t* sleep);
 /* After a layer of a search: what has had no new entry for a while takes no more room than it

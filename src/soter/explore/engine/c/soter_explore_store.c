@@ -20,6 +20,7 @@
 #define SMALL_LAYER (UINT64_C(1) << 20) /* and of all of a layer */
 #define LINE 64U                        /* bytes that the machine fetches at once */
 #define MOST_COMMON 62U                 /* bits: they are in the first word, behind the lowest */
+#define AHEAD 64U                       /* places that are looked for at once */
 #define TAIL 8U /* bytes behind the last entry: loads take eight at a time */
 #define K1 UINT64_C(0x9e3779b97f4a7c15)
 #define K2 UINT64_C(0xd6e8feb86659fd93)
@@ -410,15 +411,17 @@ static uint64_t sleep_of(const soter_store* s, const uint8_t* e) {
 }
 
 /* Tells the machine that a place will be looked at soon. */
-SOTER_INLINE void hint(const soter_store* s, const uint64_t* packed, uint64_t first) {
+SOTER_INLINE void prefetch(const uint8_t* place) {
 #if defined(__GNUC__)
-  const soter_segment* const g = segment_of(s, packed, &first);
-  __builtin_prefetch(g->entry + home_of(s, g, first) * s->bytes);
+  __builtin_prefetch(place);
 #else
-  (void)s;
-  (void)packed;
-  (void)first;
+  (void)place;
 #endif
+}
+
+SOTER_INLINE void hint(const soter_store* s, const uint64_t* packed, uint64_t first) {
+  const soter_segment* const g = segment_of(s, packed, &first);
+  prefetch(g->entry + home_of(s, g, first) * s->bytes);
 }
 
 void soter_store_announce(const soter_store* s, const uint64_t* packed, uint32_t count,
@@ -487,6 +490,76 @@ int soter_store_put_key(soter_store* s, const uint64_t* packed, const uint64_t* 
     return -1;
   }
   return put_in(s, segment_of(s, packed, key), key, sleep, again);
+}
+
+/* A world of a word that is about to be put: its key, where its way begins, and in what. */
+typedef struct {
+  uint64_t key;
+  uint8_t* place;
+  soter_segment* of;
+} coming;
+
+/* The machine fetches one place while the next is computed. */
+SOTER_INLINE void look_ahead(const soter_store* s, const uint64_t* packed, uint32_t count,
+                             coming* to) {
+  const uint32_t bits = s->first;
+  const uint64_t all = s->all;
+  uint64_t differ = 0U;
+  for (uint32_t i = 0; i < count; i++) {
+    const uint64_t key = mixed(without(s, packed[i]), bits, all);
+    soter_segment* const g = segment_of(s, packed + i, &key);
+    uint8_t* const place = g->entry + home_of(s, g, key) * s->bytes;
+    const coming one = {key, place, g};
+    prefetch(place);
+    to[i] = one;
+    differ |= packed[i] ^ packed[0];
+  }
+  SOTER_CHECK((differ & s->low) == 0U || s->common == 0U);
+}
+
+/* Puts what does not stand where its way begins: most find nothing there. As soter_store_put. */
+SOTER_INLINE int put_short(soter_store* s, const coming* c) {
+  uint64_t none = 0U;
+  const uint64_t there = load(c->place, UINT64_MAX);
+  if ((there & s->mask) != 0U || c->of->count >= c->of->limit) {
+    return put_in(s, c->of, &c->key, &none, &none);
+  }
+  const uint64_t both = there | c->key; /* behind it another one may begin */
+  (void)memcpy(c->place, &both, sizeof both);
+  c->of->count++;
+  s->count++;
+  SOTER_CHECK(s->count <= s->room);
+  return 1;
+}
+
+uint32_t soter_store_put_short(soter_store* s, const uint64_t* packed, uint32_t* count,
+                               uint64_t* fresh) {
+  coming ahead[AHEAD];
+  uint64_t room = 0U; /* of the table when these were looked for */
+  uint32_t first = 0U;
+  uint32_t end = 0U;
+  uint32_t news = 0U;
+  SOTER_CHECK(soter_store_is_short(s) && s->key <= 8U);
+  if (*count > 0U && !belongs(s, packed)) {
+    SOTER_CHECK(!"all worlds of a table have its bits in common");
+    *count = 0U;
+  }
+  for (uint32_t i = 0; i < *count; i++) {
+    if (i == end || s->room != room) {
+      first = i;
+      end = *count - i < AHEAD ? *count : i + AHEAD;
+      room = s->room;
+      look_ahead(s, packed + i, end - i, ahead);
+    }
+    const coming* const c = &ahead[i - first];
+    if (load(c->place, s->mask) != c->key) {
+      const int put = put_short(s, c);
+      fresh[news] = packed[i];
+      news += put > 0;
+      *count = put < 0 ? i : *count;
+    }
+  }
+  return news;
 }
 
 bool soter_store_has(const soter_store* s, const uint64_t* packed) {
