@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from soter.explore.results import Options
     from soter.program.model.system import System
 
-ANYWHERE = ("-DSOTER_AHEAD=1U", "-DSOTER_TELL=1U", "-O0")
+ANYWHERE = ("-DSOTER_AHEAD=1U", "-DSOTER_CROWD=1U", "-DSOTER_TELL=1U", "-O0")
 """Flags with which a search looks at its bounds after every world: it can be ended anywhere."""
 TABLES = 7
 """Which of its first numbers says that tables follow (`soter_explore_saved.c`)."""

@@ -270,6 +270,42 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
   }
 }
 
+/* Whether worlds of the frontier are expanded many at a time. */
+static bool in_crowds(const worker* w) {
+  const bool fine = w->all->tables && w->expander.instant == NULL;
+  return fine && w->crowd > 0U && soter_store_is_short(&w->before);
+}
+
+/* Expands worlds of the frontier, from number `first`, at once. Returns how many; 0: these have to
+ * be expanded one by one. */
+static uint32_t expand_crowd(worker* w, uint64_t first) {
+  const soter_explore_options* const o = w->all->s->o;
+  const bool may_break = o->go_on || o->knowns > 0U;
+  const uint64_t left = w->layer - first;
+  const uint32_t count = left < w->crowd ? (uint32_t)left : w->crowd;
+  const soter_cursor at = w->at;
+  uint64_t world[SOTER_CROWD];
+  uint32_t kept = 0U;
+  soter_broken broken;
+  soter_store_next_short(&w->before, &w->at, count, world);
+  for (uint32_t i = 0; i < count; i++) {
+    world[kept] = world[i];
+    kept += !may_break || !soter_is_broken(&w->expander, &world[i], &broken);
+  }
+  if (!soter_memo_expand_crowd(&w->expander, world, kept)) {
+    w->at = at;
+    w->crowd /= 2U; /* none: until the next layer */
+    return 0U;
+  }
+  const bool few = w->expander.heirs.count * 2U < w->expander.crowd_heirs;
+  w->crowd *= few && w->crowd < SOTER_CROWD ? 2U : 1U;
+  SOTER_CHECK(w->crowd <= SOTER_CROWD);
+  if (w->expander.broke) {
+    break_off(w, &w->expander.broken, w->moved + first);
+  }
+  return count;
+}
+
 /* Expands worlds of the frontier, from number `first`: as many as are looked for at once, so that
  * the machine can fetch the places of their heirs while others are computed. Returns how many. */
 static uint64_t expand_some(worker* w, uint64_t first) {
@@ -282,6 +318,11 @@ static uint64_t expand_some(worker* w, uint64_t first) {
   SOTER_CHECK(first < w->layer);
   soter_forget(&w->expander);
   w->first = first;
+  i += in_crowds(w) ? expand_crowd(w, first) : 0U;
+  if (i > first) {
+    (void)take_away(w);
+    return i - first;
+  }
   for (; i < w->layer && i - first < most && h->count < HEIRS && !over(w); i++) {
     next_of_frontier(w, i, item);
     if (item[words + 1U] == 0U) {
@@ -520,6 +561,7 @@ static void turn_over(worker* w) {
     w->layer = w->here.count;
   }
   w->fresh = w->expanded = 0U;
+  w->crowd = w->crowd > 0U ? w->crowd : 1U;
   w->here_ns = w->next_ns;
   w->next_ns = SOTER_NO_DEADLINE;
   if (soter_closed_turn(w)) {

@@ -61,6 +61,7 @@ typedef struct worker {
   soter_store before; /* by tables: the layer that is expanded, */
   soter_cursor at;    /* as far as this, */
   uint64_t layer;     /* so many worlds, */
+  uint32_t crowd;     /* of which so many are expanded at once, 0: one by one; */
   uint64_t expanded;  /* of which so many are, and lost no heir, */
   uint64_t made;      /* with so many transitions; */
   bool rest;          /* others are to be, when what is theirs was taken in */

@@ -8,7 +8,8 @@
 #define FIRST_HEIRS 256U
 #define MOST_BYTES (UINT32_C(1) << 23) /* of heirs, before they are taken away, */
 #define FEWEST 64U                     /* but so many */
-#define LONG 4096U /* answers of a step: a violation need not wait for the rest */
+#define LITTLE 4096U /* bytes of what may be remembered, for an heir of many worlds at once */
+#define LONG 4096U   /* answers of a step: a violation need not wait for the rest */
 
 /* The reductions that are sound for a model, of those asked for. */
 static uint32_t reductions(const soter_model* m, uint32_t asked) {
@@ -53,6 +54,7 @@ bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore
   e->go_on = o->go_on;
   e->most = MOST_BYTES / (m->words > 0U ? m->words * (uint32_t)sizeof(uint64_t) : 1U);
   e->most = e->most < FEWEST ? FEWEST : e->most;
+  e->crowd_heirs = memory / LITTLE < SOTER_CROWD_HEIRS ? memory / LITTLE : SOTER_CROWD_HEIRS;
   SOTER_CHECK(m->words <= SOTER_WORDS);
   if (!soter_place_open(&e->place, m, o, s->progress, coverage) || !open_instants(e, m, o)) {
     return false;
@@ -84,6 +86,7 @@ bool soter_more_heirs(soter_expander* e) {
     e->no_memory = true;
     return false;
   }
+  (void)memset(sleep + h->room, 0, (room - h->room) * sizeof *sleep);
   h->packed = packed;
   h->sleep = sleep;
   SOTER_CHECK(h->count < room);

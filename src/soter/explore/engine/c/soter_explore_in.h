@@ -263,6 +263,9 @@ uint32_t soter_store_put_short(soter_store* s, const uint64_t* packed, uint32_t*
                                uint64_t* fresh);
 /* The next entry from *at on, which is moved behind it; false: there is none. */
 bool soter_store_next(const soter_store* s, soter_cursor* at, uint64_t* packed, uint64_t* sleep);
+/* The next `count` entries where worlds are put many at a time: there are as many. */
+void soter_store_next_short(const soter_store* s, soter_cursor* at, uint32_t count,
+                            uint64_t* packed);
 /* After a layer of a search: what has had no new entry for a while takes no more room than it
  * needs. */
 void soter_store_settle(soter_store* s);
@@ -370,8 +373,9 @@ typedef struct {
    * wanted. */
   bool (*spill)(void* to);
   void* to;
-  uint32_t most; /* heirs, before that */
-  bool enough;   /* no more heirs of this world */
+  uint32_t most;        /* heirs, before that */
+  uint64_t crowd_heirs; /* of many worlds that are expanded at once, at most */
+  bool enough;          /* no more heirs of this world */
 } soter_expander;
 
 void soter_expander_close(soter_expander* e);
@@ -445,6 +449,30 @@ SOTER_INLINE uint64_t* soter_next_heir(soter_expander* e, uint64_t sleep) {
   return h->packed + (size_t)h->count++ * e->words;
 }
 
+#ifndef SOTER_CROWD      /* tests stop anywhere */
+#define SOTER_CROWD 512U /* worlds that are expanded at once, at most; */
+#endif
+#define SOTER_CROWD_HEIRS 4096U /* with so many heirs */
+
+/* The places of some more heirs of a crowd, one after the other, where nothing sleeps; NULL: there
+ * is no memory, or they are too many. */
+SOTER_INLINE uint64_t* soter_next_heirs(soter_expander* e, uint64_t count) {
+  soter_heirs* const h = &e->heirs;
+  const uint32_t first = h->count;
+  if (first + count > e->crowd_heirs) {
+    return NULL;
+  }
+  while (h->room - first < count) {
+    if (!soter_more_heirs(e)) {
+      return NULL;
+    }
+  }
+  SOTER_CHECK(e->words == 1U && (count == 0U || h->sleep[first] == 0U));
+  h->count = first + (uint32_t)count;
+  e->transitions += count;
+  return h->packed + first;
+}
+
 /* At most `memory` bytes, more or less. */
 struct soter_memo* soter_memo_open(soter_expander* e, uint64_t memory);
 void soter_memo_close(struct soter_memo* memo);
@@ -452,6 +480,9 @@ uint64_t soter_memo_bytes(const struct soter_memo* memo);
 /* Bytes of the heirs, and of what is remembered. */
 uint64_t soter_expander_bytes(const soter_expander* e);
 bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
+/* The same for a crowd of worlds of a word, all moves, where nothing sleeps and all worlds are
+ * given to the search; false: they have to be expanded one by one, and nothing was done. */
+bool soter_memo_expand_crowd(soter_expander* e, const uint64_t* packed, uint32_t count);
 bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);
 
 /* Sleep sets: what sleeps after `actor` has moved, when `before` are the siblings made earlier. */

@@ -32,6 +32,7 @@ typedef struct {
 #define THERE (UINT64_C(1) << 63)
 #define BROKEN_BITS 13U
 #define COUNT_BITS 18U
+#define MOST_OUTCOMES ((1U << COUNT_BITS) - 1U)
 
 /* A move by the schedule: who, and the schedule's bits after it. */
 typedef struct {
@@ -46,7 +47,9 @@ typedef struct {
   uint32_t first, count; /* plans, with `words` of schedule bits each */
   uint64_t ample;
   bool observable;
-  bool over; /* nobody moves any more */
+  bool over;     /* nobody moves any more */
+  uint32_t last; /* the last one of many worlds that has it, */
+  uint64_t turn; /* and when that was */
 } calendar;
 
 /* Worlds as old as they are at some later time. */
@@ -326,7 +329,7 @@ static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const u
   const int64_t now = soter_schedule_of(x->p, x->here)->now;
   const bool observable = now >= 0 && x->limit > now;
   const uint64_t enabled = soter_enabled(x);
-  calendar c = {memo->plans.count, 0U, soter_ample(x, enabled), observable, enabled == 0U};
+  calendar c = {memo->plans.count, 0U, soter_ample(x, enabled), observable, enabled == 0U, 0U, 0U};
   bool fine = may_remember(memo);
   for (uint32_t a = 0; fine && a < m->actors; a++) {
     soter_move move;
@@ -380,6 +383,11 @@ SPECIAL effect unfolded(const struct soter_memo* memo, uint64_t number) {
     found.broken = ((const soter_broken*)memo->brokens.item)[broken - 1U];
   }
   return found;
+}
+
+/* Whether there is an effect, and it breaks nothing. */
+SPECIAL bool breaks_nothing(uint64_t number) {
+  return number >> (32U + COUNT_BITS) == THERE >> (32U + COUNT_BITS);
 }
 
 /* Whether the same was written with other picks. */
@@ -488,8 +496,8 @@ static bool give_up(soter_expander* e) {
 }
 
 /* Looked up, or computed; *unpacked says that `here` is this world then. */
-SPECIAL const calendar* calendar_of(soter_expander* e, const uint64_t* packed, const uint32_t words,
-                                    bool* unpacked) {
+SPECIAL calendar* calendar_of(soter_expander* e, const uint64_t* packed, const uint32_t words,
+                              bool* unpacked) {
   struct soter_memo* const memo = e->memo;
   soter_place* const x = &e->place;
   const uint64_t* at = slot_of(&memo->when, packed, x->m->scheduled, words);
@@ -502,7 +510,7 @@ SPECIAL const calendar* calendar_of(soter_expander* e, const uint64_t* packed, c
     }
     at = slot_of(&memo->when, packed, x->m->scheduled, words);
   }
-  return (const calendar*)memo->calendars.item + (at[words] - 1U);
+  return (calendar*)memo->calendars.item + (at[words] - 1U);
 }
 
 /* A world when the step of a plan begins. */
@@ -692,6 +700,172 @@ bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep
     default:
       return expand(e, packed, sleep, only, e->memo->words);
   }
+}
+
+/* ------------------------------------------------------------------ many worlds at once */
+
+/* Worlds of a word that have one calendar make the same moves: one move after the other is followed
+ * from all of them. The machine foresees that; which calendar comes next it does not. */
+typedef struct {
+  uint64_t world[SOTER_CROWD];
+  uint64_t then[SOTER_CROWD]; /* when the move begins, but for the schedule */
+  uint64_t did[SOTER_CROWD];  /* what the step does, folded, */
+  uint64_t heirs;             /* and how many come of it */
+  uint32_t count;
+} crowd;
+
+/* All of them, so many ticks later. */
+static void make_crowd_older(const soter_model* m, crowd* q, uint64_t ticks) {
+  (void)memcpy(q->then, q->world, q->count * sizeof q->then[0]);
+  for (uint32_t k = 0; ticks > 0U && k < m->ageings; k++) {
+    const soter_ageing g = m->ageing[k];
+    const uint64_t bits = (UINT64_C(1) << g.width) - 1U;
+    SOTER_CHECK(g.width < 64U && g.at + g.width <= 64U);
+    for (uint32_t i = 0; i < q->count; i++) {
+      const uint64_t before = q->then[i] >> g.at & bits;
+      const uint64_t change = before ^ aged(&g, before, ticks);
+      SOTER_CHECK(change <= bits);
+      q->then[i] ^= change << g.at;
+    }
+  }
+}
+
+/* What the step of a plan does to each; false: it cannot be kept. */
+static bool find_effects(soter_expander* e, crowd* q, const plan* p, const uint64_t* bits) {
+  struct soter_memo* const memo = e->memo;
+  const soter_model* const m = e->place.m;
+  const bool clocked = memo->clocked[p->actor];
+  const uint64_t kept = clocked ? ~m->scheduled[0] : UINT64_MAX;
+  const uint64_t added = clocked ? *bits : 0U;
+  const uint64_t* const reads = m->actor[p->actor].reads;
+  const map* const steps = &memo->steps[2U * p->actor + (p->first ? 1U : 0U)];
+  q->heirs = 0U;
+  for (uint32_t i = 0; i < q->count; i++) {
+    const uint64_t asked = (q->then[i] & kept) | added;
+    uint64_t did = slot_of(steps, &asked, reads, 1U)[1];
+    if (did == 0U) {
+      bool unpacked = false;
+      did = effect_of(e, q->world + i, q->then + i, p, bits, 1U, &unpacked);
+    }
+    if (did == 0U) {
+      return false;
+    }
+    q->did[i] = did;
+    q->heirs += did >> 32U & MOST_OUTCOMES;
+    if (!breaks_nothing(did)) {
+      e->broken = e->broke ? e->broken : unfolded(memo, did).broken;
+      e->broke = true;
+      e->transitions++;
+    }
+  }
+  return true;
+}
+
+/* The heirs by a step, of all; false: there is no memory, or they are too many. */
+static bool add_crowd(soter_expander* e, const crowd* q, const plan* p, uint64_t bits) {
+  const struct soter_memo* const memo = e->memo;
+  const uint64_t clear = memo->clear[p->actor];
+  const uint64_t* const values = memo->values.item;
+  uint64_t* heir = soter_next_heirs(e, q->heirs);
+  for (uint32_t i = 0; heir != NULL && i < q->count; i++) {
+    const uint64_t rest = (q->then[i] & ~clear) | bits;
+    const uint64_t* const value = values + (uint32_t)q->did[i];
+    const uint32_t outcomes = (uint32_t)(q->did[i] >> 32U) & MOST_OUTCOMES;
+    for (uint32_t o = 0; o < outcomes; o++) {
+      *heir++ = rest | value[o];
+    }
+  }
+  return heir != NULL;
+}
+
+/* The heirs by a release that is lost. */
+static bool add_crowd_lost(soter_expander* e, const crowd* q, uint64_t bits) {
+  const uint64_t clear = e->place.m->scheduled[0];
+  uint64_t* const heir = soter_next_heirs(e, q->count);
+  for (uint32_t i = 0; heir != NULL && i < q->count; i++) {
+    heir[i] = (q->then[i] & ~clear) | bits;
+  }
+  return heir != NULL;
+}
+
+/* All heirs of a crowd; false: there is no memory, or they are too many. */
+static bool follow_crowd(soter_expander* e, crowd* q, const calendar* c) {
+  const struct soter_memo* const memo = e->memo;
+  const plan* const plans = (const plan*)memo->plans.item + c->first;
+  const uint64_t* const bits = (const uint64_t*)memo->bits.item + c->first;
+  const uint64_t wanted = (e->reduce & SOTER_REDUCE_AMPLE) != 0U ? c->ample : UINT64_MAX;
+  uint32_t of = SOTER_NOTHING; /* whose step `did` is */
+  bool fine = true;
+  for (uint32_t k = 0; fine && k < c->count; k++) {
+    const plan* const p = &plans[k];
+    if ((wanted >> p->actor & 1U) == 0U) {
+      continue;
+    }
+    make_crowd_older(e->place.m, q, p->later);
+    if (p->lost) {
+      fine = add_crowd_lost(e, q, bits[k]);
+      continue;
+    }
+    if (of != p->actor || !memo->steady[of]) {
+      of = p->actor;
+      fine = find_effects(e, q, p, bits + k);
+    }
+    fine = fine && add_crowd(e, q, p, bits[k]);
+  }
+  return fine;
+}
+
+/* The calendars of worlds: each is linked with the next that has the same. False: there is none for
+ * some. */
+static bool find_crowds(soter_expander* e, const uint64_t* packed, uint32_t count, uint32_t* when,
+                        uint32_t* next) {
+  struct soter_memo* const memo = e->memo;
+  for (uint32_t i = 0; i < count; i++) {
+    bool unpacked = false;
+    calendar* const c = calendar_of(e, packed + i, 1U, &unpacked);
+    if (c == NULL) {
+      return false;
+    }
+    when[i] = SOTER_NOTHING;
+    next[i] = SOTER_NOTHING;
+    if (c->turn == memo->turn) {
+      next[c->last] = i;
+    } else {
+      when[i] = (uint32_t)(c - (const calendar*)memo->calendars.item);
+    }
+    c->turn = memo->turn;
+    c->last = i;
+  }
+  return true;
+}
+
+bool soter_memo_expand_crowd(soter_expander* e, const uint64_t* packed, uint32_t count) {
+  struct soter_memo* const memo = e->memo;
+  const uint64_t transitions = e->transitions;
+  uint32_t when[SOTER_CROWD]; /* of the first one of a crowd */
+  uint32_t next[SOTER_CROWD];
+  crowd q;
+  SOTER_CHECK(e->instant == NULL && (e->reduce & SOTER_REDUCE_SLEEP) == 0U);
+  if (memo == NULL || memo->words != 1U || memo->promises) {
+    return false;
+  }
+  e->begin = e->heirs.count;
+  e->broke = false;
+  memo->turn += count;
+  bool fine = find_crowds(e, packed, count, when, next);
+  for (uint32_t i = 0; fine && i < count; i++) {
+    q.count = 0U;
+    for (uint32_t k = when[i] != SOTER_NOTHING ? i : count; k < count; k = next[k]) {
+      q.world[q.count++] = packed[k];
+    }
+    fine = q.count == 0U || follow_crowd(e, &q, (const calendar*)memo->calendars.item + when[i]);
+  }
+  if (!fine) {
+    e->heirs.count = e->begin;
+    e->transitions = transitions;
+    e->broke = false;
+  }
+  return fine;
 }
 
 /* Whether a world violates something, which follows from the bits of `decides`: looked up in

@@ -503,62 +503,90 @@ typedef struct {
 SOTER_INLINE void look_ahead(const soter_store* s, const uint64_t* packed, uint32_t count,
                              coming* to) {
   const uint32_t bits = s->first;
+  const uint32_t common = s->common;
+  const uint64_t lowest = common > 0U ? 1U : 0U;
   const uint64_t all = s->all;
   uint64_t differ = 0U;
   for (uint32_t i = 0; i < count; i++) {
-    const uint64_t key = mixed(without(s, packed[i]), bits, all);
+    const uint64_t key = mixed(packed[i] >> common | lowest, bits, all);
     soter_segment* const g = segment_of(s, packed + i, &key);
     uint8_t* const place = g->entry + home_of(s, g, key) * s->bytes;
-    const coming one = {key, place, g};
     prefetch(place);
-    to[i] = one;
+    to[i].key = key;
+    to[i].place = place;
+    to[i].of = g;
     differ |= packed[i] ^ packed[0];
   }
-  SOTER_CHECK((differ & s->low) == 0U || s->common == 0U);
+  SOTER_CHECK((differ & s->low) == 0U || common == 0U);
 }
 
-/* Puts what does not stand where its way begins: most find nothing there. As soter_store_put. */
-SOTER_INLINE int put_short(soter_store* s, const coming* c) {
-  uint64_t none = 0U;
-  const uint64_t there = load(c->place, UINT64_MAX);
-  if ((there & s->mask) != 0U || c->of->count >= c->of->limit) {
-    return put_in(s, c->of, &c->key, &none, &none);
-  }
-  const uint64_t both = there | c->key; /* behind it another one may begin */
-  (void)memcpy(c->place, &both, sizeof both);
+/* Puts a key into an entry that is empty. */
+SOTER_INLINE int put_there(soter_store* s, const coming* c, uint8_t* place) {
+  uint64_t both;
+  (void)memcpy(&both, place, sizeof both);
+  both |= c->key; /* behind it another one may begin */
+  (void)memcpy(place, &both, sizeof both);
   c->of->count++;
   s->count++;
   SOTER_CHECK(s->count <= s->room);
   return 1;
 }
 
+/* Puts what does not stand where its way begins. As soter_store_put. */
+SOTER_INLINE int put_short(soter_store* s, const coming* c) {
+  uint64_t none = 0U;
+  bool found = false;
+  uint8_t* const place =
+      load(c->place, s->mask) == 0U ? c->place : short_place_of(s, c->of, c->key, &found);
+  if (found) {
+    return 0;
+  }
+  if (place != NULL && c->of->count < c->of->limit) {
+    return put_there(s, c, place);
+  }
+  return put_in(s, c->of, &c->key, &none, &none);
+}
+
+/* Puts them until the table grows, or there is no memory; returns how many. */
+static uint32_t put_some(soter_store* s, const uint64_t* packed, uint32_t count, uint64_t* fresh,
+                         uint32_t* news) {
+  coming ahead[AHEAD];
+  const uint64_t mask = s->mask;
+  const uint64_t room = s->room;
+  uint32_t found = *news;
+  uint32_t i = 0U;
+  look_ahead(s, packed, count, ahead);
+  for (; i < count && s->room == room; i++) {
+    if (load(ahead[i].place, mask) == ahead[i].key) {
+      continue; /* most that are known stand where their way begins */
+    }
+    const int put = put_short(s, &ahead[i]);
+    if (put < 0) {
+      break;
+    }
+    fresh[found] = packed[i];
+    found += (uint32_t)put;
+  }
+  *news = found;
+  return i;
+}
+
 uint32_t soter_store_put_short(soter_store* s, const uint64_t* packed, uint32_t* count,
                                uint64_t* fresh) {
-  coming ahead[AHEAD];
-  uint64_t room = 0U; /* of the table when these were looked for */
-  uint32_t first = 0U;
-  uint32_t end = 0U;
   uint32_t news = 0U;
+  uint32_t done = 0U;
+  uint32_t some = 1U;
   SOTER_CHECK(soter_store_is_short(s) && s->key <= 8U);
   if (*count > 0U && !belongs(s, packed)) {
     SOTER_CHECK(!"all worlds of a table have its bits in common");
     *count = 0U;
   }
-  for (uint32_t i = 0; i < *count; i++) {
-    if (i == end || s->room != room) {
-      first = i;
-      end = *count - i < AHEAD ? *count : i + AHEAD;
-      room = s->room;
-      look_ahead(s, packed + i, end - i, ahead);
-    }
-    const coming* const c = &ahead[i - first];
-    if (load(c->place, s->mask) != c->key) {
-      const int put = put_short(s, c);
-      fresh[news] = packed[i];
-      news += put > 0;
-      *count = put < 0 ? i : *count;
-    }
+  while (done < *count && some > 0U) {
+    const uint32_t left = *count - done;
+    some = put_some(s, packed + done, left < AHEAD ? left : AHEAD, fresh, &news);
+    done += some;
   }
+  *count = done;
   return news;
 }
 
@@ -599,6 +627,32 @@ bool soter_store_next(const soter_store* s, soter_cursor* at, uint64_t* packed, 
     }
   }
   return false;
+}
+
+void soter_store_next_short(const soter_store* s, soter_cursor* at, uint32_t count,
+                            uint64_t* packed) {
+  uint32_t found = 0U;
+  SOTER_CHECK(soter_store_is_short(s));
+  while (found < count) {
+    const soter_segment* const g = &s->segment[at->segment];
+    const uint64_t end = g->count > 0U ? g->buckets * BUCKET : 0U;
+    const uint8_t* e = g->entry + at->entry * s->bytes;
+    SOTER_CHECK(at->segment < s->segments);
+    for (; at->entry < end && found < count; at->entry++, e += s->bytes) {
+      packed[found] = load(e, s->mask);
+      found += packed[found] != 0U; /* no branch: no machine knows beforehand */
+    }
+    if (at->entry >= end) {
+      at->segment++;
+      at->entry = 0U;
+    }
+  }
+  for (uint32_t i = 0; i < count; i++) {
+    packed[i] = unmixed(packed[i], s->first, s->all);
+    if (s->common > 0U) {
+      stretch(s, packed + i);
+    }
+  }
 }
 
 uint64_t soter_store_each(const soter_store* s, void (*each)(void* to, const uint64_t* packed),
