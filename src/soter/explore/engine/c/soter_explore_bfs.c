@@ -135,14 +135,32 @@ static bool stops(const layered* all) {
   return all->s->progress->stop != 0;
 }
 
+/* New worlds that violate nothing wait in the table. */
+static void take_fine(worker* w, const uint64_t* packed, uint32_t count) {
+  const soter_model* const m = w->all->s->m;
+  int64_t least = w->next_ns;
+  for (uint32_t k = 0; k < count; k++) {
+    least = soter_earlier(least, soter_time_of(m, packed + k));
+  }
+  w->next_ns = least;
+  w->count += count;
+  w->fresh += count;
+}
+
 /* Takes in all heirs at once, where they are a word each and nobody else's. */
 static void take_all_in(worker* w) {
   const soter_heirs* const h = &w->expander.heirs;
   uint32_t count = h->count;
   const uint32_t news = soter_store_put_short(&w->store, h->packed, &count, w->key);
   w->full = w->full || count < h->count;
-  for (uint32_t k = 0; k < news; k++) {
-    take_new(w, w->key + k, 0U, w->moved + w->first);
+  const bool wait = w->all->tables && w->all->s->o->noted == NULL;
+  for (uint32_t k = 0; k < news;) {
+    const uint32_t fine = wait ? soter_memo_fine(&w->expander, w->key + k, news - k) : 0U;
+    take_fine(w, w->key + k, fine);
+    k += fine;
+    if (k < news) {
+      take_new(w, w->key + k++, 0U, w->moved + w->first);
+    }
   }
 }
 

@@ -483,6 +483,8 @@ bool soter_memo_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep
 /* The same for a crowd of worlds of a word, all moves, where nothing sleeps and all worlds are
  * given to the search; false: they have to be expanded one by one, and nothing was done. */
 bool soter_memo_expand_crowd(soter_expander* e, const uint64_t* packed, uint32_t count);
+/* How many worlds of a word, from the first one on, are known to violate nothing. */
+uint32_t soter_memo_fine(const soter_expander* e, const uint64_t* packed, uint32_t count);
 bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* broken);
 
 /* Sleep sets: what sleeps after `actor` has moved, when `before` are the siblings made earlier. */

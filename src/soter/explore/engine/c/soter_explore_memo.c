@@ -912,3 +912,30 @@ bool soter_memo_broken(soter_expander* e, const uint64_t* packed, soter_broken* 
   return e->memo->words == 1U ? is_broken(e, packed, broken, 1U)
                               : is_broken(e, packed, broken, e->memo->words);
 }
+
+/* Whether a world is known to violate nothing, by its calendar. */
+SPECIAL bool is_fine(const struct soter_memo* memo, const calendar* c, const uint64_t* packed) {
+  if (!c->observable) {
+    return true;
+  }
+  return breaks_nothing(slot_of(&memo->seen[c->over ? 2U : 1U], packed, memo->judged, 1U)[1]);
+}
+
+uint32_t soter_memo_fine(const soter_expander* e, const uint64_t* packed, uint32_t count) {
+  const struct soter_memo* const memo = e->memo;
+  const uint64_t* const scheduled = e->place.m->scheduled;
+  const calendar* c = NULL;
+  uint64_t last = 0U; /* the schedule of the one before: most have the same */
+  bool fine = memo != NULL && memo->words == 1U && !memo->promises;
+  uint32_t i = 0U;
+  while (fine && i < count) {
+    if (c == NULL || (packed[i] & *scheduled) != last) {
+      const uint64_t number = slot_of(&memo->when, packed + i, scheduled, 1U)[1];
+      c = number != 0U ? (const calendar*)memo->calendars.item + (number - 1U) : NULL;
+      last = packed[i] & *scheduled;
+    }
+    fine = c != NULL && is_fine(memo, c, packed + i);
+    i += fine;
+  }
+  return i;
+}
