@@ -142,9 +142,13 @@ def _topic(system: System, index: int) -> object:
 
 def _contracts(flat: System, module: Module) -> list[str]:
     sc = flat.components[module.sc].node
-    if sc is None or not (sc.assumes or sc.guarantees):
-        return []
-    return [f"contracts of {sc.name}: judged in runs and tests, no part of the proof"]
+    judged = "judged in runs and tests, no part of the proof"
+    found = []
+    if module.symbol.contract:
+        found.append(f"the contract of {module.symbol.name}: {judged}")
+    if sc is not None and (sc.assumes or sc.guarantees):
+        found.append(f"contracts of {sc.name}: {judged}")
+    return found
 
 
 def _taken(flat: System, module: Module, problem: Problem) -> list[Guarantee]:

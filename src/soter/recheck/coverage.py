@@ -81,6 +81,8 @@ def _of(facts: Covered) -> Iterator[Said]:
         )
     if facts.symbol.verify.dropout is None and facts.symbol.verify.induction is None:
         yield Said(f"dropout {name}", f"runs of {name} in which a sensor drops out")
+    if facts.symbol.contract:
+        yield Said(f"contract of {name}", f"the contract of {name}: assumes, guarantees")
     sc = facts.sc.node
     if sc is not None and (sc.assumes or sc.guarantees):
         yield Said(f"contracts {sc.name}", f"the contracts of {sc.name}: assumes, guarantees")

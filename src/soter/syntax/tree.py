@@ -581,6 +581,16 @@ class Synthesized:
     span: Span
 
 
+@dataclass(frozen=True, slots=True)
+class Clause:
+    """`assumes name: e;` or `guarantees name: e;` of a module."""
+
+    kind: str
+    name: Name
+    condition: Expr
+    span: Span
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RtaDecl(Decl):
     """`rta Name {...}`; a part that is missing is None (reported by the checker)."""
@@ -593,6 +603,7 @@ class RtaDecl(Decl):
     ttf: Expr | None
     clean: Expr | None
     verify: VerifyBlock | None
+    contract: tuple[Clause, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -768,6 +779,8 @@ class TestDecl(Decl):
     faults: tuple[TimingFault | Repeated, ...] = ()
     inputs: tuple[DriveInput | Repeated, ...] = ()
     sets: tuple[SetParam | Repeated, ...] = ()
+    order: Span | None = None
+    """Where it says `order deployed;`."""
 
 
 @dataclass(frozen=True, slots=True)

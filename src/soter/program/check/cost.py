@@ -62,7 +62,7 @@ def count_costs(program: typed.Program, diagnostics: Diagnostics) -> None:
         counter.expressions(exprs, f"`{plant.name}`", plant.span)
     for module in program.modules.values():
         decided = [e for e in (module.ttf, module.safer) if e is not None]
-        others = [e for e in module.spoken if e not in decided]
+        others = [e for e in module.expressions if e not in decided]
         blocks = (module.verify, *(v.block for v in module.verify.views))
         links = [link for block in blocks for link in block.abstracts]
         others += [link.value for link in links if link.value is not None]

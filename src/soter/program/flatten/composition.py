@@ -217,7 +217,7 @@ class Composition:
             return list(zip(c.plant.reads, c.plant.read_spans, strict=True))
         assert c.module is not None
         m = self.system.modules[c.module].symbol
-        return [(t, read.span) for t, read in topic_reads(*m.spoken).items()]
+        return [(t, read.span) for t, read in topic_reads(*m.expressions).items()]
 
     def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
         index = self._source(index)

@@ -349,7 +349,7 @@ class Elaborator(Topics):
         ac, sc = placed.controllers()
         name = f"{placed.name}.dm"
         period = self._period(module.period, f"the period of module `{module.name}`", name)
-        reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*module.spoken)]))
+        reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*module.expressions)]))
         scope = self._scope(placed, reads)
         ac_name, sc_name = controller_names(placed.name, ac, sc)
         found = [
@@ -509,8 +509,7 @@ class Elaborator(Topics):
                 wanted = mode_reads(*node.step, *(node.takeover or ()), *contracts)
             elif component.role == "dm" and component.module is not None:
                 own = modules[component.module].symbol
-                predicates = (own.safe, own.ttf, own.safer, *own.verify.lemmas)
-                wanted = mode_reads(*(e for e in predicates if e is not None))
+                wanted = mode_reads(*own.expressions)
             for symbol, read in wanted.items():
                 found = beside.get((prefixes[home], symbol), [])
                 if len(found) == 1:
@@ -550,7 +549,29 @@ class Elaborator(Topics):
                 scope = component.scope
                 found = Property(len(result), kind, expr, scope, text, expr.span, component.index)
                 result.append(found)
+        for module in modules:
+            self._contract_of(module, modules, components, result)
         return result
+
+    def _contract_of(
+        self,
+        module: Module,
+        modules: list[Module],
+        components: list[Component],
+        result: list[Property],
+    ) -> None:
+        """The contract of a module: its clauses are judged as any of its controllers steps."""
+        inside = {module.index}
+        below = module.over
+        while below is not None:
+            inside.add(below)
+            below = modules[below].over
+        own = [c for c in components if c.module in inside and c.role in {"ac", "sc"}]
+        for clause in module.symbol.contract:
+            for c in own:
+                text = f"{clause.name} of {module.name}: {clause.text} in {c.name}"
+                parts = (clause.kind, clause.condition, module.scope, text, clause.span, c.index)
+                result.append(Property(len(result), *parts))
 
     def add_property(
         self, result: list[Property], item: typed.PropertySymbol, scope: Scope, text: str

@@ -535,6 +535,15 @@ class AbstractionLink:
     span: Span
 
 
+@dataclass(eq=False)
+class ClauseSymbol(Symbol):
+    """`assumes name: e;` or `guarantees name: e;` of a module; `text` is `e` as it is written."""
+
+    kind: str
+    condition: Expr
+    text: str
+
+
 @dataclass(eq=False, kw_only=True)
 class ModuleSymbol(Symbol):
     """An `rta` module: (N_ac, N_sc, N_dm, Delta, phi_safe, phi_safer) of the paper.
@@ -560,6 +569,8 @@ class ModuleSymbol(Symbol):
     sc_span: Span | None = None
     """Where the module names its controllers."""
     over: ModuleSymbol | None = None
+    contract: tuple[ClauseSymbol, ...] = ()
+    """What it relies on and promises, judged as its controllers step."""
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:
@@ -584,8 +595,13 @@ class ModuleSymbol(Symbol):
 
     @property
     def spoken(self) -> tuple[Expr, ...]:
-        """The same and the lemmas: everything that names topics."""
+        """The same and the lemmas: what a proof is about."""
         return (*self.predicates, *self.verify.lemmas)
+
+    @property
+    def expressions(self) -> tuple[Expr, ...]:
+        """The same and the contract: everything that names topics."""
+        return (*self.spoken, *(c.condition for c in self.contract))
 
 
 @dataclass(eq=False)
@@ -704,6 +720,11 @@ class SetSymbol:
 
 
 @dataclass(eq=False)
+class ByContract(Symbol):
+    """What stands in `replace M by contract;` where others name a node or a plant."""
+
+
+@dataclass(eq=False)
 class SystemSymbol(Symbol):
     """A system: instances, properties and overrides."""
 
@@ -712,7 +733,7 @@ class SystemSymbol(Symbol):
     until: Expr | None
     properties: tuple[PropertySymbol, ...]
     forces: tuple[tuple[str, str, Span], ...]
-    replaces: tuple[tuple[str, NodeSymbol | PlantSymbol, Span], ...]
+    replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]
     sets: tuple[SetSymbol, ...]
     inputs: tuple[InputSymbol, ...]
 
@@ -724,10 +745,10 @@ class SystemSymbol(Symbol):
 
 @dataclass(eq=False)
 class TestSymbol(Symbol):
-    """A `test` block; executed by `soter test`."""
+    """A `test` block; executed by `soter test`. `order`: where it declares the deployed order."""
 
     system: SystemSymbol
-    replaces: tuple[tuple[str, NodeSymbol | PlantSymbol, Span], ...]
+    replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]
     skew: Expr | None
     horizon: Expr | None
     properties: tuple[PropertySymbol, ...]
@@ -735,6 +756,7 @@ class TestSymbol(Symbol):
     faults: tuple[FaultSymbol, ...] = ()
     inputs: tuple[InputSymbol, ...] = ()
     sets: tuple[SetSymbol, ...] = ()
+    order: Span | None = None
 
 
 class Cost(NamedTuple):

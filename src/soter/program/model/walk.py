@@ -74,7 +74,7 @@ def topics_mentioned(what: object) -> list[typed.TopicSymbol]:
     if isinstance(what, typed.ModuleSymbol):
         nodes_ = [*topics_mentioned(what.ac), *topics_mentioned(what.sc)]
         below = [t for m in what.below for t in topics_mentioned(m)]
-        return [*nodes_, *below, *what.topics_read, *topic_reads(*what.spoken)]
+        return [*nodes_, *below, *what.topics_read, *topic_reads(*what.expressions)]
     return []
 
 

@@ -62,7 +62,7 @@ DECLARATIONS: dict[type, str] = {
     t.Subscribed: "topic queue policy span",
     t.TopicSymbol: "name span type input values default max_age",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
-    "sc_span over",
+    "sc_span over contract",
     t.VerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
     "response_sc acts recover late_of response_of dropout views induction lemmas span",
     t.ViewSymbol: "name block span",

@@ -32,6 +32,11 @@ class _NodeParts(OnceParts):
     guarantees: list[tree.Expr] = field(default_factory=list)
 
 
+@dataclass(slots=True)
+class _RtaParts(OnceParts):
+    contract: list[tree.Clause] = field(default_factory=list)
+
+
 class NodeParser(VerifyParser):
     """The part of the parser that reads nodes and modules."""
 
@@ -201,7 +206,7 @@ class NodeParser(VerifyParser):
         start = self.starts[self.i]
         self.i += 1
         name = self.declare("the name of the module")
-        parts = OnceParts()
+        parts = _RtaParts()
         self.body(f"module `{visible(name.text)}`", parts, _RTA_ITEMS)
         once = parts.once.get
         return tree.RtaDecl(
@@ -215,7 +220,26 @@ class NodeParser(VerifyParser):
             ttf=once("ttf"),
             clean=once("clean"),
             verify=once("verify"),
+            contract=tuple(parts.contract),
         )
+
+    def _clause(self, parts: _RtaParts) -> None:
+        """`assumes name: e;` and `guarantees name: e;`."""
+        start = self.starts[self.i]
+        kind = "assumes" if self.texts[self.i] == "assumes" else "guarantees"
+        what = "the assumption" if kind == "assumes" else "the guarantee"
+        self.i += 1
+        if self.kinds[self.i] != NAME or self.kinds[self.i + 1] != ":":
+            raise self.failure(
+                "S005",
+                f"expected a name and `:` after `{kind}`, found {self.found()}",
+                notes=("reports tell the clauses of a module's contract by their names",),
+                helps=(f"write `{kind} bounded: ...;`",),
+            )
+        name = self.name(f"the name of {what}")
+        self.expect(":", f"after the name of {what}")
+        condition = self.value(what)
+        parts.contract.append(tree.Clause(kind, name, condition, self.span_from(start)))
 
     def _controller(self, parts: OnceParts) -> None:
         at = self.i
@@ -264,7 +288,7 @@ _NODE_ITEMS: dict[str, Callable[[NodeParser, _NodeParts], None]] = {
     "on": NodeParser._on,
     "step": NodeParser._step,
 }
-_RTA_ITEMS: dict[str, Callable[[NodeParser, OnceParts], None]] = {
+_RTA_ITEMS: dict[str, Callable[[NodeParser, _RtaParts], None]] = {
     "ac": NodeParser._controller,
     "sc": NodeParser._controller,
     "period": NodeParser._module_period,
@@ -272,6 +296,8 @@ _RTA_ITEMS: dict[str, Callable[[NodeParser, OnceParts], None]] = {
     "safer": predicate("safer", "the safer condition"),
     "ttf": predicate("ttf", "the ttf condition"),
     "clean": predicate("clean", "the value of `clean`"),
+    "assumes": NodeParser._clause,
+    "guarantees": NodeParser._clause,
     "verify": NodeParser._verify,
 }
 HOMES["a node"] = frozenset(_NODE_ITEMS)

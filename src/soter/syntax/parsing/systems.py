@@ -231,7 +231,17 @@ def test(parser: BodyParser) -> tree.Decl:
         faults=tuple(parts.faults),
         inputs=tuple(parts.inputs),
         sets=tuple(parts.sets),
+        order=once("order"),
     )
+
+
+def _order(parser: BodyParser, parts: _SystemParts) -> None:
+    """`order deployed;`."""
+    at = parser.i
+    parser.i += 1
+    parser.expect_word("deployed", "after `order`")
+    parser.semicolon("the order")
+    parser.keep_once(parts, "order", parser.span_from(parser.starts[at]), at)
 
 
 def _tested_system(parser: BodyParser, parts: _SystemParts) -> None:
@@ -340,6 +350,7 @@ _TEST_ITEMS: dict[str, Callable[[BodyParser, _SystemParts], None]] = {
     "never": _always,
     "eventually": _eventually,
     "quantum": _test_time,
+    "order": _order,
     "late": _late,
     "overrun": _late,
     "skip": _skip,

@@ -8,15 +8,20 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.check.base import sound
+from soter.program.check.base import is_error, sound
 from soter.program.check.context import Context
+from soter.program.check.expressions.field import listed
 from soter.program.check.parts.node import period_or_unknown
 from soter.program.check.parts.verify import VerifyChecker
 from soter.program.model import typed
 from soter.program.model.types import BOOL, DURATION, INT
+from soter.program.model.walk import topic_reads
 from soter.syntax import tree
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.span import Span
     from soter.program.check.scope import FileScope
     from soter.program.check.shared import Shared
 
@@ -184,5 +189,55 @@ class ModuleChecker:
                 notes=("one decides when to leave AC, the other when to return to it",),
                 helps=(f"write `{what}` too, or leave both out: then they are computed",),
             )
+        module.contract = tuple(self._contract(module, decl, scope))
         if decl.verify is not None:
             self.verification.check(module, decl.verify, scope)
+
+    def _contract(
+        self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
+    ) -> Iterator[typed.ClauseSymbol]:
+        """What it relies on and promises: of topics, their ages, the time and modes."""
+        where = f"the contract of module `{decl.name.text}`"
+        context = Context(scope, where, topics="any", has_time=True, has_modes=True)
+        seen: dict[str, Span] = {}
+        for item in decl.contract:
+            name = item.name
+            condition = self.shared.check_expr(item.condition, context, BOOL)
+            first = seen.setdefault(name.text, name.span)
+            if first is not name.span:
+                self.shared.names.twice(name.text, name.span, first)
+            elif not is_error(condition):
+                self._about_its_outputs(module, item, condition)
+                text = " ".join(item.condition.span.text.split())
+                yield typed.ClauseSymbol(name.text, item.span, item.kind, condition, text)
+
+    def _about_its_outputs(
+        self, module: typed.ModuleSymbol, item: tree.Clause, condition: typed.Expr
+    ) -> None:
+        """M022: a guarantee speaks of what the module publishes, an assumption does not."""
+        outputs = set(module.sc.publishes)
+        read = topic_reads(condition)
+        own = [e for t, e in read.items() if t in outputs]
+        published = listed([t.name for t in module.sc.publishes])
+        also = ((module.span, f"publishes {published}"),)
+        if item.kind == "guarantees" and not own:
+            self.diagnostics.error(
+                "M022",
+                f"`{item.name.text}` says nothing of what module `{module.name}` publishes",
+                item.condition.span,
+                also=also,
+                notes=("a module can promise what it publishes, and nothing that others do",),
+                helps=(
+                    "let the node that publishes it guarantee this",
+                    "or state it as a property: `always ...;`",
+                ),
+            )
+        elif item.kind == "assumes" and own:
+            self.diagnostics.error(
+                "M022",
+                f"`{item.name.text}` assumes something of what module `{module.name}` publishes",
+                own[0].span,
+                also=also,
+                notes=("a module relies on others, and answers for its own outputs",),
+                helps=("write `guarantees`, or leave its outputs out",),
+            )

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from soter.program.check.shared import Shared
     from soter.program.model.types import Type
 
-    Replaced = tuple[str, typed.NodeSymbol | typed.PlantSymbol, Span]
+    Replaced = tuple[str, typed.NodeSymbol | typed.PlantSymbol | typed.ByContract, Span]
 
 INSTANTIABLE = ("plant", "node", "module", "system")
 
@@ -304,10 +304,32 @@ class SystemChecker:
             helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
         )
 
-    def replaces(self, items: list[tree.Replace], scope: FileScope) -> list[Replaced]:
+    def _by_contract(
+        self, item: tree.Replace, found: list[Replaced], *, in_test: bool
+    ) -> None:
+        """`replace M by contract;`, of tests only."""
+        if in_test:
+            by = typed.ByContract("contract", item.by.span)
+            found.append((item.what.text, by, item.what.span))
+            return
+        self.diagnostics.error(
+            "E012",
+            f"only a test can replace `{item.what.text}` by its contract",
+            item.by.span,
+            notes=("any value that a contract permits: a test tries them all, a run has none",),
+            helps=("write it in a `test` block, or name a node",),
+        )
+
+    def replaces(
+        self, items: list[tree.Replace], scope: FileScope, *, in_test: bool = False
+    ) -> list[Replaced]:
         """`replace A by B;`: what stands in for what."""
         found: list[Replaced] = []
         for item in items:
+            if item.by.text == "contract" and "contract" not in scope.entries:
+                self._by_contract(item, found, in_test=in_test)
+                mentioned(item.what, scope)
+                continue
             entry = self.shared.names.find_ref(scope, item.by)
             symbol = self.shared.resolve(entry, item.by.span) if entry else None
             if isinstance(symbol, (typed.NodeSymbol, typed.PlantSymbol)):

@@ -65,13 +65,16 @@ class TestChecker(SystemChecker):
         test.skew = self.time(decl.skew, context, "`skew`")
         test.horizon = self.time(decl.horizon, context, "`horizon`")
         test.quantum = self.time(decl.quantum, context, "`quantum`")
-        test.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope))
+        test.replaces = tuple(
+            self.replaces(unroller.items(decl.replaces), scope, in_test=True)
+        )
         inside = self.inside(scope, name, instances, self.shared.lost[test.system])
         found = [self._asked(p, inside, test) for p in unroller.items(decl.properties)]
         test.properties = tuple(p for p in found if p is not None)
         test.faults = tuple(self._fault(f, context) for f in unroller.items(decl.faults))
         test.inputs = tuple(self.inputs(unroller.items(decl.inputs), inside))
         own = [("", s) for s in unroller.items(decl.sets)]
+        test.order = decl.order
         test.sets = tuple(self.sets.all(own, test.system, scope))
         if self.shared.mark() != mark or name in scope.broken:
             self.shared.damaged.add(test)
