@@ -92,8 +92,13 @@ class Composition:
                 topics = [t for t, _ in c.plant.drives]
             elif c.role == "node" and c.node is not None:
                 topics = list(c.node.publishes)
+            who = f"{c.role} `{c.name}`", c.span
+            if c.stands_for is not None:
+                who = f"{c.stands_for.kind} `{c.stands_for.of}`", c.span
             for t in topics:
-                found.setdefault(c.scope.topics[t], []).append((f"{c.role} `{c.name}`", c.span))
+                drivers = found.setdefault(c.scope.topics[t], [])
+                if c.stands_for is None or who not in drivers:
+                    drivers.append(who)
         below = {m.over for m in self.system.modules}
         for m in self.system.modules:
             span = self.system.components[m.dm].span

@@ -11,8 +11,10 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.program.flatten.composition import Composition, hyperperiod
+from soter.program.flatten.contracts import stand_in
 from soter.program.flatten.idle import Idle
 from soter.program.flatten.measure import TooLargeError
+from soter.program.flatten.placing import controller_names
 from soter.program.flatten.value_sets import Topics, beyond, first_outside
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
@@ -35,7 +37,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.span import Span
-    from soter.program.flatten.placing import Part, Placed
+    from soter.program.flatten.placing import Gone, Part, Placed
     from soter.program.model.types import Value
 
 CLEAN_DEFAULT = 3
@@ -43,7 +45,6 @@ MAX_CLEAN = 1_000_000
 MAX_SUBSTEPS = 1_000
 MAX_CELLS = 1_000_000
 MAX_LEVELS = 100
-ROLES = ("ac", "sc")
 RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
 __all__ = ["Elaborator", "elaborate", "first_outside", "implicit_system", "show_ns"]
@@ -255,6 +256,11 @@ class Elaborator(Topics):
         role: str,
         module: int | None = None,
     ) -> Component:
+        by, stands_for = placed.by_contract.get(node.name), None
+        if by is not None:
+            scope = self._scope(placed, list(node.publishes))
+            published = {t: self.topics[scope.topics[t]] for t in node.publishes}
+            node, stands_for = stand_in(node, by, published, self.diagnostics)
         scope = self._scope(placed, [*(s.topic for s in node.subscribes), *node.publishes])
         for subscribed in node.subscribes:
             if subscribed.queue is not None:
@@ -277,6 +283,7 @@ class Elaborator(Topics):
             initial=self._first_values(tuple(locals_), tuple(initial[v] for v in locals_)),
             failsafe=self._failsafe(node, scope),
             binding=node.source,
+            stands_for=stands_for,
         )
 
     def _phase(self, node: typed.NodeSymbol, period: int, name: str) -> int:
@@ -522,6 +529,10 @@ class Elaborator(Topics):
     ) -> None:
         if count == 0 and self.partial:
             return
+        gone = [g for g in self.gone.values() if g.symbol is symbol]
+        if count == 0 and gone:
+            self.mode_is_gone(symbol.name, gone[0], read.span)
+            return
         self.diagnostics.error(
             "M013",
             f"there is no module `{symbol.name}` {where}"
@@ -531,6 +542,18 @@ class Elaborator(Topics):
             read.span,
             "its mode is read here",
             also=((self.symbol.span, "in this system"),),
+        )
+
+    def mode_is_gone(self, name: str, gone: Gone, span: Span) -> None:
+        """E016 where something is asked of a module that a test replaced."""
+        self.diagnostics.error(
+            "E016",
+            f"`{name}` is replaced as a whole: it has no decision module",
+            span,
+            "asked of it here",
+            also=((gone.span, "replaced here"),),
+            notes=("of what stands in its place nothing is known but what it publishes",),
+            helps=("ask this in a test in which the module runs as it is",),
         )
 
     def _properties(self, modules: list[Module], components: list[Component]) -> list[Property]:
@@ -608,6 +631,10 @@ class Elaborator(Topics):
                 scope.plants[node.instance] = plants[part.prefix + node.instance]
         for module, mode in mode_reads(*roots).items():
             if isinstance(module, str):
+                gone = self.gone.get(part.prefix + module)
+                if gone is not None:
+                    self.mode_is_gone(part.prefix + module, gone, mode.span)
+                    continue
                 scope.modules[module] = modules[part.prefix + module].index
                 continue
             found = [
@@ -672,19 +699,11 @@ def _contracts(component: Component) -> list[tuple[str, typed.Expr]]:
     return [*assumed, *(("guarantees", e) for e in node.guarantees)]
 
 
-def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) -> tuple[str, str]:
-    """Full names of the controllers of a module: `M.Fast`, or `M.ac.Fast` where that is taken."""
-    short = [n.name.rpartition(".")[2] for n in (ac, sc)]
-    alike = short[0] == short[1]
-    roles = [
-        f"{role}.{s}" if alike or s == "dm" else s for role, s in zip(ROLES, short, strict=True)
-    ]
-    return f"{module}.{roles[0]}", f"{module}.{roles[1]}"
-
-
 def _deployed_order(components: list[Component]) -> list[Component]:
     """Ruling 5: plants, DMs, SCs, the rest; ties by declaration."""
-    ordered = sorted(components, key=lambda c: RANK[c.role])
+    ordered = sorted(
+        components, key=lambda c: RANK[c.stands_for.role if c.stands_for else c.role]
+    )
     for index, component in enumerate(ordered):
         component.index = index
     return ordered

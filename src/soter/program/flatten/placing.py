@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.program.check.expressions.field import listed
+from soter.program.flatten.contracts import Contracted
 from soter.program.flatten.numbers import Numbers
 from soter.program.flatten.wellformed import check_messages
 from soter.program.model import typed
@@ -24,6 +25,8 @@ if TYPE_CHECKING:
     from soter.program.flatten.parameters import Values
     from soter.program.model.types import Value
 
+Replacement = typed.NodeSymbol | typed.PlantSymbol | typed.ByContract
+ROLES = ("ac", "sc")
 TopicKey = tuple[str, typed.TopicSymbol]
 Wires = dict[typed.TopicSymbol, TopicKey]
 
@@ -43,6 +46,8 @@ class Placed:
     replaced: dict[str, typed.NodeSymbol] = field(default_factory=dict)
     below: Placed | None = None
     """Of a module: the one that stands in the place of its AC."""
+    by_contract: dict[str, Contracted] = field(default_factory=dict)
+    """Nodes of it, by the names of their declarations, of which only the contract counts."""
 
     def controllers(self) -> tuple[typed.NodeSymbol, typed.NodeSymbol]:
         """AC and SC of a module, replacements applied."""
@@ -50,6 +55,14 @@ class Placed:
         assert isinstance(module, typed.ModuleSymbol)
         ac = self.replaced.get(module.ac.name, module.ac)
         return ac, self.replaced.get(module.sc.name, module.sc)
+
+
+@dataclass(frozen=True)
+class Gone:
+    """A module that was replaced as a whole, and where that is said."""
+
+    symbol: typed.ModuleSymbol
+    span: Span
 
 
 @dataclass(frozen=True)
@@ -86,6 +99,10 @@ class Placing(Numbers):
         self.params_at: dict[str, Values] = {"": self.params}
         """The values of parameters in the systems, by prefix: topics belong to systems."""
         self._topics_beside: dict[typed.SystemSymbol, Collection[typed.TopicSymbol]] = {}
+        self.gone: dict[str, Gone] = {}
+        """Modules that a test replaced as a whole, by full name."""
+        self.whole_modules = False
+        """Whether modules may be replaced as a whole."""
         self.partial = symbol in program.damaged or (draft and program.incomplete)
         """Whether something is missing that was reported: then absence is no error."""
 
@@ -166,39 +183,112 @@ class Placing(Numbers):
                     ),
                 )
 
-    def _replace(
-        self, prefix: str, path: str, by: typed.NodeSymbol | typed.PlantSymbol, span: Span
-    ) -> None:
+    def _replace(self, prefix: str, path: str, by: Replacement, span: Span) -> None:
         self.partial = self.partial or by in self.program.damaged
         hit = False
-        for placed in self.placed:
+        for placed in tuple(self.placed):
             if not placed.name.startswith(prefix):
                 continue
             local, symbol = placed.name[len(prefix) :], placed.symbol
-            if isinstance(symbol, typed.ModuleSymbol) and isinstance(by, typed.NodeSymbol):
-                for node in symbol.own:
-                    short = node.name.rsplit(".", 1)[-1]
-                    if path in {node.name, short, f"{local}.{short}"}:
-                        hit = True
-                        self._same_outputs(node, by, span)
-                        placed.replaced[node.name] = by
-                        check_messages(symbol, by, span, self.diagnostics)
-                self._still_two(placed, span)
-            elif type(symbol) is type(by) and path in {local, symbol.name}:
+            if isinstance(symbol, typed.ModuleSymbol):
+                if self.whole_modules and path in {local, symbol.name}:
+                    hit = self._whole(placed, by, span) or hit
+                else:
+                    hit = self._controllers(placed, local, path, by, span) or hit
+            elif placed.by_contract or path not in {local, symbol.name}:
+                continue
+            elif isinstance(by, typed.ByContract) and isinstance(symbol, typed.NodeSymbol):
+                hit = True
+                placed.by_contract[symbol.name] = Contracted(placed.name, "node", "node", (), span)
+            elif isinstance(by, (typed.NodeSymbol, typed.PlantSymbol)) and type(symbol) is type(by):
                 hit = True
                 self._same_outputs(symbol, by, span)
                 self._same_truth(placed, by, span)
                 placed.symbol = by
         if not hit and not self.partial:
-            what = "plant" if isinstance(by, typed.PlantSymbol) else "node"
-            known = [n[len(prefix) :] for n in self._replaceable(type(by)) if n.startswith(prefix)]
-            self.diagnostics.error(
-                "M013",
-                f"this system has no {what} `{path}` to replace",
-                span,
-                notes=(f"its {what}s are {listed(known)}",) if known else (),
-                helps=self.diagnostics.did_you_mean(path, known),
+            self._nothing_to_replace(prefix, path, by, span)
+
+    def _nothing_to_replace(self, prefix: str, path: str, by: Replacement, span: Span) -> None:
+        plant = isinstance(by, typed.PlantSymbol)
+        what = "plant" if plant else "node or module" if self.whole_modules else "node"
+        found = self._replaceable(typed.PlantSymbol if plant else typed.NodeSymbol)
+        if self.whole_modules and not plant:
+            found += [p.name for p in self.placed if isinstance(p.symbol, typed.ModuleSymbol)]
+        known = [n[len(prefix) :] for n in found if n.startswith(prefix)]
+        there = "nodes and modules" if what == "node or module" else f"{what}s"
+        self.diagnostics.error(
+            "M013",
+            f"this system has no {what} `{path}` to replace",
+            span,
+            notes=(f"its {there} are {listed(known)}",) if known else (),
+            helps=self.diagnostics.did_you_mean(path, known),
+        )
+
+    def _controllers(
+        self, placed: Placed, local: str, path: str, by: Replacement, span: Span
+    ) -> bool:
+        """Replace those of a module that a path names; False: it names none."""
+        module = placed.symbol
+        assert isinstance(module, typed.ModuleSymbol)
+        hit = False
+        for node in module.own:
+            short = node.name.rsplit(".", 1)[-1]
+            if path not in {node.name, short, f"{local}.{short}"}:
+                continue
+            if isinstance(by, typed.ByContract):
+                hit = True
+                name = f"{placed.name}.{short}"
+                placed.by_contract[node.name] = Contracted(name, "node", "node", (), span)
+            elif isinstance(by, typed.NodeSymbol):
+                hit = True
+                self._same_outputs(node, by, span)
+                placed.replaced[node.name] = by
+                check_messages(module, by, span, self.diagnostics)
+        if isinstance(by, typed.NodeSymbol):
+            self._still_two(placed, span)
+        return hit
+
+    def _whole(self, placed: Placed, by: Replacement, span: Span) -> bool:
+        """Put a node, or what the contract permits, in the place of a module and all below it."""
+        module = placed.symbol
+        assert isinstance(module, typed.ModuleSymbol)
+        above = next((p for p in self.placed if p.below is placed), None)
+        if isinstance(by, typed.PlantSymbol) or above is not None:
+            return False
+        tower = [placed]
+        while tower[-1].below is not None:
+            tower.append(tower[-1].below)
+        self.gone[placed.name] = Gone(module, span)
+        at = self.placed.index(placed)
+        self.placed = [p for p in self.placed if p not in tower]
+        if isinstance(by, typed.NodeSymbol):
+            self._same_outputs(module, by, span)
+            self.placed.insert(
+                at,
+                Placed(placed.name, by, placed.prefix, placed.wires, placed.span, placed.params),
             )
+        else:
+            self.placed[at:at] = self._stand_ins(tower, span)
+        return True
+
+    def _stand_ins(self, tower: list[Placed], span: Span) -> list[Placed]:
+        """A node for each controller of modules that stand above each other."""
+        found: list[Placed] = []
+        clauses: tuple[typed.ClauseSymbol, ...] = ()
+        for p in tower:
+            module = p.symbol
+            assert isinstance(module, typed.ModuleSymbol)
+            clauses = (*clauses, *module.contract)
+            controllers = p.controllers()
+            names = controller_names(p.name, *controllers)
+            for node, name, role in zip(controllers, names, ROLES, strict=True):
+                if p.below is not None and node is controllers[0]:
+                    continue  # the module below has it
+                by = Contracted(tower[0].name, "module", role, clauses, span)
+                made = Placed(name, node, p.prefix, p.wires, p.span, p.params)
+                made.by_contract[node.name] = by
+                found.append(made)
+        return found
 
     def _replaceable(self, kind: type) -> list[str]:
         """Full names of the plants, or of the nodes, those of modules included."""
@@ -213,8 +303,8 @@ class Placing(Numbers):
 
     def _same_outputs(self, old: object, new: object, span: Span) -> None:
         def outputs(s: object) -> set[typed.TopicSymbol]:
-            if isinstance(s, typed.NodeSymbol):
-                return set(s.publishes)
+            if isinstance(s, (typed.NodeSymbol, typed.ModuleSymbol)):
+                return set(s.publishes if isinstance(s, typed.NodeSymbol) else s.sc.publishes)
             return {t for t, _ in s.drives} if isinstance(s, typed.PlantSymbol) else set()
 
         if outputs(old) == outputs(new) or {old, new} & self.program.damaged:
@@ -329,6 +419,16 @@ class Placing(Numbers):
             notes=("a wire gives a topic the place of another one: somewhere there must be one",),
             helps=("leave one of the wires out",),
         )
+
+
+def controller_names(module: str, ac: typed.NodeSymbol, sc: typed.NodeSymbol) -> tuple[str, str]:
+    """Full names of the controllers of a module: `M.Fast`, or `M.ac.Fast` where that is taken."""
+    short = [n.name.rpartition(".")[2] for n in (ac, sc)]
+    alike = short[0] == short[1]
+    roles = [
+        f"{role}.{s}" if alike or s == "dm" else s for role, s in zip(ROLES, short, strict=True)
+    ]
+    return f"{module}.{roles[0]}", f"{module}.{roles[1]}"
 
 
 def _start(span: Span) -> int:

@@ -71,6 +71,7 @@ class _TestElaborator(Elaborator):
         if test.system in program.damaged:
             program.damaged.add(system)
         super().__init__(program, system, overrides, diagnostics)
+        self.whole_modules = True
         self.test = test
         self.timed: list[TimedProperty] = []
         self.sound = True
@@ -166,6 +167,10 @@ class _TestElaborator(Elaborator):
         below = {m.over for m in modules}
         about = [m for m in modules if m.index not in below]
         if item.module is not None:
+            gone = self.gone.get(item.module)
+            if gone is not None:
+                self.mode_is_gone(item.module, gone, item.span)
+                return
             about = [m for m in about if m.name == item.module]
         if not modules and not self.partial:
             self.diagnostics.error(

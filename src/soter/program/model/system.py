@@ -94,6 +94,22 @@ class Measurement:
     stream: str
 
 
+@dataclass(frozen=True)
+class StandIn:
+    """What a component stands for that a test replaced by its contract.
+
+    `of`: full name of the module or node; `role`: of the node in it that is stood for, which has
+    its place in the deployed order; `clauses`: what its publications satisfy; `left`: the clauses
+    that nobody could ask for there.
+    """
+
+    of: str
+    kind: str
+    role: str
+    clauses: tuple[str, ...]
+    left: tuple[str, ...]
+
+
 @dataclass(eq=False)
 class Component:
     """Anything the calendar releases: a plant, a DM or a node.
@@ -125,6 +141,7 @@ class Component:
     substeps: int = 1
     binding: str | None = None
     """For externs: `python:file.py:name`, `c:file.c:name`, or None (must be bound to run)."""
+    stands_for: StandIn | None = None
 
     @property
     def extern(self) -> bool:

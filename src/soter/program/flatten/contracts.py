@@ -1,0 +1,235 @@
+"""What stands for a node of which only the contract counts: any publication that satisfies it.
+
+Purpose: `replace M by contract;` of a test (docs/testing.md, "Contracts"): a node that at the
+releases of another one publishes nothing, or any values of the sets of its topics of which the
+guarantees are true. Clauses that cannot be asked there are left out: more is permitted then.
+Non-goals: where it stands (`placing.py`), whether what it stands for keeps its contract (tests).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.source import Source
+from soter.diagnostics.span import Span
+from soter.program.check.expressions.choose import MAX_CHOICES
+from soter.program.model import typed
+from soter.program.model.system import StandIn
+from soter.program.model.types import (
+    BOOL,
+    ArrayType,
+    BoolType,
+    EnumType,
+    IntType,
+    RecordType,
+    leaf_count,
+)
+from soter.program.model.walk import mode_reads, nodes, topic_reads
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from soter.diagnostics.diagnostic import Diagnostics
+    from soter.program.model.system import Bound, Topic
+    from soter.program.model.types import Type
+
+    Put = Mapping[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]]
+
+
+@dataclass(frozen=True)
+class Contracted:
+    """`of`: full name of the module or node that is replaced; `clauses`: those of its modules.
+
+    `role`: of the node that is stood for: "ac" or "sc" of a module, "node" elsewhere.
+    """
+
+    of: str
+    kind: str
+    role: str
+    clauses: tuple[typed.ClauseSymbol, ...]
+    span: Span
+
+
+class EndlessError(Exception):
+    """A topic has values that cannot be tried one by one; the message says which."""
+
+
+def stand_in(
+    node: typed.NodeSymbol,
+    by: Contracted,
+    topics: Mapping[typed.TopicSymbol, Topic],
+    diagnostics: Diagnostics,
+) -> tuple[typed.NodeSymbol, StandIn]:
+    """The node in the place of `node`; `topics`: what it publishes, with sets. E015 if endless."""
+    own = [("", e) for e in node.guarantees]
+    given = [(c.name, c.condition) for c in by.clauses if c.kind == "guarantees"]
+    used = [(n, e) for n, e in [*given, *own] if _can_be_asked(e, node)]
+    wholes = [e for _, e in used]
+    reads = [t for t in topic_reads(*wholes) if t not in node.publishes]
+    try:
+        step = tuple(_step(node, by, topics, wholes))
+    except EndlessError as problem:
+        step = ()
+        diagnostics.error(
+            "E015",
+            f"`{by.of}` cannot be replaced by its contract: {problem}",
+            by.span,
+            also=((node.span, "publishes it"),),
+            notes=("every value that a contract permits is a branch of every execution",),
+            helps=("replace it by a node that chooses the values that matter",),
+        )
+    made = replace(
+        node,
+        extern=False,
+        source=None,
+        subscribes=tuple(typed.Subscribed(t, None, "drop_oldest", by.span) for t in reads),
+        failsafe={},
+        locals=(),
+        initial=(),
+        assumes=(),
+        guarantees=(),
+        takeover=None,
+        step=step,
+        bursts={},
+    )
+    texts = [(n, " ".join(e.span.text.split())) for n, e in [*given, *own]]
+    told = [f"{n}: {text}" if n else text for n, text in texts]
+    left = [t for t, pair in zip(told, [*given, *own], strict=True) if pair not in used]
+    kept = tuple(t for t in told if t not in left)
+    return made, StandIn(by.of, by.kind, by.role, kept, tuple(left))
+
+
+def _can_be_asked(e: typed.Expr, node: typed.NodeSymbol) -> bool:
+    """Not of modes, of queues, or of the age of what has just been published."""
+    queued = {s.topic for s in node.subscribes if s.queue is not None}
+    aged = {n.topic for n in nodes([e]) if isinstance(n, typed.AgeRead)}
+    return not (mode_reads(e) or queued & topic_reads(e).keys() or aged & set(node.publishes))
+
+
+# ---------------------------------------------------------------- its step
+
+
+def _step(
+    node: typed.NodeSymbol,
+    by: Contracted,
+    topics: Mapping[typed.TopicSymbol, Topic],
+    guarantees: Sequence[typed.Expr],
+) -> Iterator[typed.Stmt]:
+    """For each topic: is it published, with which value; then all of them, if that is permitted."""
+    put: dict[typed.TopicSymbol, tuple[typed.Variable, typed.Variable | None]] = {}
+    single = len(node.publishes) == 1
+    inner: list[typed.Stmt] = []
+    alternatives = 1
+    for symbol in node.publishes:
+        topic = topics[symbol]
+        value, count = _any_value(topic.type, topic.bounds, topic.name)
+        alternatives *= count
+        if alternatives > MAX_CHOICES:
+            raise EndlessError(f"there are more than {MAX_CHOICES} values of what it publishes")
+        short = symbol.name.rpartition(".")[2]
+        chosen = typed.Variable(short, symbol.type, "let", by.span, used=True)
+        if single:
+            put[symbol] = chosen, None
+        else:
+            is_put = typed.Variable(f"{short}_published", BOOL, "let", by.span, used=True)
+            put[symbol] = chosen, is_put
+            yield typed.Declare(by.span, is_put, _published(symbol))
+            read = typed.VarRead(BOOL, by.span, is_put)
+            value = typed.Conditional(symbol.type, by.span, read, value, _first(value))
+        inner.append(typed.Declare(by.span, chosen, value))
+    inner += _published_if(put, by.span, [_with(e, put) for e in guarantees])
+    if single:
+        arm = (_published(node.publishes[0]), tuple(inner))
+        yield typed.If(by.span, (arm,), ())
+    else:
+        yield from inner
+
+
+def _published_if(put: Put, span: Span, holds: Sequence[typed.Expr]) -> list[typed.Stmt]:
+    """Publish, where all guarantees hold."""
+    out: list[typed.Stmt] = []
+    for symbol, (chosen, is_put) in put.items():
+        value = typed.VarRead(symbol.type, span, chosen)
+        publish = typed.Publish(span, symbol, value)
+        if is_put is None:
+            out.append(publish)
+        else:
+            out.append(typed.If(span, ((typed.VarRead(BOOL, span, is_put), (publish,)),), ()))
+    if not holds:
+        return out
+    condition = holds[0]
+    for other in holds[1:]:
+        condition = typed.Binary(BOOL, span, "&&", condition, other)
+    return [typed.If(span, ((condition, tuple(out)),), ())]
+
+
+def _with(e: typed.Expr, put: Put) -> typed.Expr:
+    """An expression about topics with what is about to be published in their place."""
+    if isinstance(e, typed.TopicRead) and e.topic in put:
+        chosen, is_put = put[e.topic]
+        value: typed.Expr = typed.VarRead(e.type, e.span, chosen)
+        if is_put is None:
+            return value
+        return typed.Conditional(e.type, e.span, typed.VarRead(BOOL, e.span, is_put), value, e)
+    changed: dict[str, object] = {}
+    for name, part in vars(e).items():
+        if isinstance(part, typed.Expr):
+            changed[name] = _with(part, put)
+        elif isinstance(part, tuple) and any(isinstance(x, typed.Expr) for x in part):
+            changed[name] = tuple(_with(x, put) if isinstance(x, typed.Expr) else x for x in part)
+    return replace(e, **changed) if changed else e  # type: ignore[arg-type]
+
+
+# ---------------------------------------------------------------- any value
+
+
+def _any_value(
+    t: Type, bounds: Sequence[Bound | None], name: str
+) -> tuple[typed.Expr, int]:
+    """An expression that may be every value of a type within bounds, and how many there are."""
+    if isinstance(t, (RecordType, ArrayType)):
+        parts = [(f".{n}", f) for n, f in t.fields] if isinstance(t, RecordType) else []
+        if isinstance(t, ArrayType):
+            parts = [(f"[{i}]", t.element) for i in range(t.size)]
+        elements: list[typed.Expr] = []
+        total, at = 1, 0
+        for ending, part in parts:
+            width = leaf_count(part)
+            value, count = _any_value(part, bounds[at : at + width], name + ending)
+            elements.append(value)
+            total *= count
+            at += width
+        return typed.Aggregate(t, _span(name), tuple(elements)), total
+    low, count = 0, 0
+    if isinstance(t, BoolType):
+        count = 2
+    elif isinstance(t, EnumType):
+        count = len(t.members)
+    elif isinstance(t, IntType):
+        bound = bounds[0]
+        low, high = (t.low, t.high) if bound is None else (int(bound.low), int(bound.high))
+        count = high - low + 1
+    if not count:
+        raise EndlessError(f"the values of `{name}`, `{t}`, cannot be tried one by one")
+    if count > MAX_CHOICES:
+        raise EndlessError(f"`{name}` has {count} values, more than {MAX_CHOICES}")
+    return typed.Choose(t, _span(f"any {name}"), count, low, (), None), count
+
+
+def _published(symbol: typed.TopicSymbol) -> typed.Expr:
+    return typed.Choose(BOOL, _span(f"publish {symbol.name}?"), 2, 0, (), None)
+
+
+def _first(value: typed.Expr) -> typed.Expr:
+    """One of the values, where it does not matter which."""
+    if isinstance(value, typed.Aggregate):
+        return replace(value, elements=tuple(_first(e) for e in value.elements))
+    assert isinstance(value, typed.Choose)
+    number = bool(value.low) if isinstance(value.type, BoolType) else value.low
+    return typed.Literal(value.type, value.span, number)
+
+
+def _span(words: str) -> Span:
+    """Words for people, as if they stood in a program: choices are told by them."""
+    return Span(Source("contract", words), 0, len(words))
