@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.explore import contracts
 from soter.explore.methods import LEAVES_MAX
 from soter.explore.trace.schedule import plan_of
 from soter.program.flatten.derived import OUTSIDE
@@ -81,6 +82,7 @@ def _all(
             yield f"{name} {what} by at most {show_ns(f.by_ns)}"
     for name, by in replaced:
         yield f"{name} is replaced by {by}: said of whatever does only what {by} may do"
+    yield from contracts.told(system)
     yield "steps are atomic: a step reads, computes and publishes at one time, unless it overruns"
     yield "the compiled steps are those that `soter build` deploys: the same C, the same arithmetic"
     yield from _calculated(times)

@@ -48,6 +48,7 @@ from soter.explore.trace.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
 from soter.program.flatten.derived import with_test
 from soter.program.flatten.tested import MAX_STEPS
 from soter.program.model.durations import show_ns
+from soter.program.model.typed import ByContract
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -131,7 +132,8 @@ def chosen(tests: Mapping[str, TestSymbol], path: str, name: str | None) -> list
 
 def replaced_in(test: TestSymbol) -> tuple[tuple[str, str], ...]:
     """What stands for what in a test: path of the instance, name of the replacement."""
-    found = {path: by.name for path, by, _ in (*test.system.replaces, *test.replaces)}
+    said = (*test.system.replaces, *test.replaces)
+    found = {p: by.name for p, by, _ in said if not isinstance(by, ByContract)}
     return tuple(found.items())
 
 

@@ -1,0 +1,75 @@
+"""Which contracts stand in the place of modules and nodes, and which tests hold them to it.
+
+Purpose: assumptions are output: who was replaced by its contract, what that says, where it runs.
+Non-goals: verdicts of those tests: each is a test of its own.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.explore.trace.schedule import plan_of
+from soter.program.check.expressions.field import listed
+from soter.program.model import typed
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.program.model.system import StandIn, System
+
+
+def told(system: System) -> Iterator[str]:
+    """A sentence for each module and node that is replaced by its contract."""
+    stand_ins: dict[str, list[StandIn]] = {}
+    for c in system.components:
+        if c.stands_for is not None:
+            stand_ins.setdefault(c.stands_for.of, []).append(c.stands_for)
+    for of, found in stand_ins.items():
+        clauses = list(dict.fromkeys(t for s in found for t in s.clauses))
+        left = list(dict.fromkeys(t for s in found for t in s.left))
+        said = "; ".join(clauses) or "no clause, any value of the sets of its topics"
+        more = f"; not asked for, so that more is permitted: {'; '.join(left)}" if left else ""
+        yield f"{of} is replaced by its contract ({said}{more}): {_held_to_it(system, of)}"
+
+
+def _held_to_it(system: System, of: str) -> str:
+    tests = {n: t for n, t in system.program.tests.items() if n != plan_of(system).name}
+    whole, partly = [], []
+    for name, test in tests.items():
+        replaced = _replaced(test, of)
+        if replaced is None or of in replaced:
+            continue
+        (partly if replaced else whole).append(name)
+    if whole:
+        return (
+            f"whether it keeps it is asked by {listed(whole)}, where it runs as it is, as far as "
+            "horizon, faults, order and replacements there go"
+        )
+    but = f" ({listed(partly)} but for a controller)" if partly else ""
+    return f"no test of this program runs it as it is{but}: that it keeps it is assumed"
+
+
+def _replaced(test: typed.TestSymbol, of: str) -> set[str] | None:
+    """What of it is replaced in a test, itself as `of`; None where the test does not have it."""
+    what: object = test.system
+    for name in of.split("."):
+        if isinstance(what, typed.ModuleSymbol):
+            names = {n.name.rpartition(".")[2]: n for n in what.own}
+            what = names.get(name)
+            continue
+        instance = what.by_name.get(name) if isinstance(what, typed.SystemSymbol) else None
+        what = None if instance is None else instance.what
+    if not isinstance(what, (typed.ModuleSymbol, typed.NodeSymbol)):
+        return None
+    inside = what.own if isinstance(what, typed.ModuleSymbol) else ()
+    for m in what.below if isinstance(what, typed.ModuleSymbol) else ():
+        inside = (*inside, *m.own)
+    found: set[str] = set()
+    for path, _, _ in (*test.system.replaces, *test.replaces):
+        if path in {of, what.name} or of.startswith(f"{path}."):
+            found.add(of)
+        elif any(path in {n.name, n.name.rpartition(".")[2]} for n in inside):
+            found.add(path)
+        elif path.startswith(f"{of}."):
+            found.add(path)
+    return found
