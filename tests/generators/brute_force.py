@@ -304,8 +304,12 @@ class BruteForce:
         limit = min((high for _, high in filter(None, windows)), default=None)
         if limit is None:
             return
+        may = [i for i, w in enumerate(windows) if w is not None and w[0] <= limit]
+        if self.plan.ordered:  # inputs, then components as the system has them
+            inputs = [i for i in may if self.actors[i].kind == "input"]
+            may = (inputs or may)[:1]
         for i, window in enumerate(windows):
-            if window is None or window[0] > limit:  # somebody's hi is before this one's lo
+            if window is None or i not in may:  # somebody's hi is before this one's lo
                 continue
             first = max(w.c.ct, window[0])
             kind = self._kind(w, i)

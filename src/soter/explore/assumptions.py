@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from soter.explore.engine.search import Found
     from soter.explore.model.plan import Times
     from soter.explore.results import Options
-    from soter.program.model.system import System
+    from soter.program.model.system import System, TestPlan
 
 FINGERPRINT_BITS = 64
 PLACES = 3
@@ -70,7 +70,7 @@ def _all(
         hope = found.closable and found.status == "exhausted"
         more = "; a longer one may show that it holds for ever" if hope else ""
         yield f"nothing is said about times after the horizon, {horizon}{more}"
-    yield _orders(plan.skew_ns, times)
+    yield _orders(plan, times)
     for name in undriven(system):
         yield f"{name} keeps its default: the test has no `input {name} every ...;`"
     for f in plan.faults:
@@ -97,11 +97,16 @@ def _all(
         yield _missed(found.states)
 
 
-def _orders(skew_ns: int, times: Times | None) -> str:
-    if skew_ns == 0:
+def _orders(plan: TestPlan, times: Times | None) -> str:
+    if plan.ordered:
+        return (
+            "steps happen at their release, within an instant in the deployed order, inputs first, "
+            "as the test declares: other orders were not tried"
+        )
+    if plan.skew_ns == 0:
         said = "steps happen at their release, in every order within an instant (skew 0)"
     else:
-        said = f"every step happens within {show_ns(skew_ns)} of its release"
+        said = f"every step happens within {show_ns(plan.skew_ns)} of its release"
     if times is None:
         return said
     return (

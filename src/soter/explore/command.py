@@ -158,6 +158,10 @@ def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> S
             message = f"with a horizon of {show_ns(horizon)} `{t.text}` is not judged"
             note = f"its deadline of {show_ns(t.within_ns)} has to lie before the end"
             raise SoterError((Diagnostic("E013", message, notes=(note,)),))
+    if plan.ordered and skew:
+        message = f"test {plan.name} declares the deployed order: no step of it may be late"
+        note = f"with a skew of {show_ns(skew)} steps of one instant happen at different times"
+        raise SoterError((Diagnostic("E017", message, notes=(note,)),))
     return with_test(system, replace(plan, skew_ns=skew, horizon_ns=horizon))
 
 

@@ -58,6 +58,8 @@ class Joined:
         s, loose = settings, engine.loose
         if loose is None or not engine.model.plain or s.known or s.max_states:
             return False
+        if engine.model.ordered:  # what is put together would be in the order of the parts
+            return False
         if s.memory < LEAST * SHARE * len(loose.parts):
             return False
         how = (s.strategy, s.storage, s.reduction) == ("bfs", "exact", "all")

@@ -345,6 +345,7 @@ class _ModelBuilder(UnitBuilder):
                 ("tick_ns", int_number(plan.tick_ns)),
                 ("quantum_ns", int_number(plan.quantum_ns)),
                 ("horizon_ns", int_number(plan.horizon_ns)),
+                ("ordered", _truth(self.test.ordered)),
                 ("timely", _truth(plan.timely)),
                 ("now_mask", word((1 << now) - 1)),
                 ("sampled", _truth(plan.sampled)),

@@ -93,6 +93,7 @@ class Schedule:
         self.number = {a.name: i for i, a in enumerate(self.actors)}
         self.horizon_ns = plan_of(system).horizon_ns
         self.quantum_ns = quantum_of(system)
+        self.ordered = plan_of(system).ordered
         self.now = -1
         self._born = False
         self.done = [0] * len(self.actors)
@@ -149,7 +150,7 @@ class Schedule:
         if window is None:
             raise NotAllowedError(f"`{step.actor}` has no release left up to the horizon")
         self._check_kind(step, i, window)
-        self._check_time(step, window)
+        self._check_time(step, i, window)
         self._move(step, i)
         return i
 
@@ -170,7 +171,11 @@ class Schedule:
             many = f"more than {actor.skips} in a row" if actor.skips else "any"
             raise NotAllowedError(f"the test does not let `{actor.name}` skip {many}")
 
-    def _check_time(self, step: Step, window: tuple[int, int]) -> None:
+    def _place(self, i: int) -> tuple[bool, int]:
+        """Where an actor stands in the deployed order: inputs come before components."""
+        return self.actors[i].drive is None, i
+
+    def _check_time(self, step: Step, i: int, window: tuple[int, int]) -> None:
         lo, hi = window
         early = max(lo, self.now)
         if not early <= step.time_ns <= hi:
@@ -184,7 +189,12 @@ class Schedule:
             raise NotAllowedError("a lost release has its place as early as possible")
         for j, actor in enumerate(self.actors):
             other = self.window(j)
-            if other is not None and other[1] < step.time_ns:
+            if other is None:
+                continue
+            if self.ordered and other[0] <= step.time_ns and self._place(j) < self._place(i):
+                message = f"`{actor.name}` steps before it in the deployed order"
+                raise NotAllowedError(message)
+            if other[1] < step.time_ns:
                 raise NotAllowedError(f"`{actor.name}` has to step before, by {show_ns(other[1])}")
 
     def _move(self, step: Step, i: int) -> None:

@@ -95,12 +95,14 @@ class _TestElaborator(Elaborator):
         faults = tuple(self._faults(flat))
         name, span = self.test.name, self.test.span
         timed = tuple(self.timed)
-        plan = TestPlan(name, skew, horizon or 0, quantum, faults, timed, span)
+        ordered = self.test.order is not None
+        plan = TestPlan(name, skew, horizon or 0, quantum, faults, timed, span, ordered)
         flat = derived.with_test(flat, plan)
         if self.sound:
             self._check_code(flat)
         self._check_size(flat, horizon)
         self._check_quantum(plan)
+        self._check_order(plan)
         if horizon is not None:
             self._check_deadlines(plan)
         return flat
@@ -367,6 +369,23 @@ class _TestElaborator(Elaborator):
             helps=("choose a quantum that divides the skew and the times of the faults",)
             if room
             else ("leave it out, or say `skew` or `late`",),
+        )
+
+    def _check_order(self, plan: TestPlan) -> None:
+        """The order of an instant is one of steps that happen at their releases."""
+        late = [f for f in plan.faults if f.kind != "skip"]
+        if self.test.order is None or not (plan.skew_ns or late):
+            return
+        what = "skew" if plan.skew_ns else late[0].kind
+        at = self.test.skew.span if plan.skew_ns and self.test.skew is not None else None
+        self.diagnostics.error(
+            "E017",
+            f"`order deployed` and `{what}` exclude each other",
+            self.test.order,
+            "steps of an instant in the deployed order",
+            also=((at or late[0].span, "steps that are late"),),
+            notes=("a step that is late comes after those of later instants, too",),
+            helps=("leave one of them out, or write two tests",),
         )
 
     def _check_deadlines(self, plan: TestPlan) -> None:

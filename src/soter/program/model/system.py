@@ -243,7 +243,10 @@ class TimingFault:
 
 @dataclass(eq=False)
 class TestPlan:
-    """What a `test` block adds to its system. Times in ns; `quantum_ns` as declared."""
+    """What a `test` block adds to its system. Times in ns; `quantum_ns` as declared.
+
+    `ordered`: within an instant steps happen in the deployed order, inputs first.
+    """
 
     name: str
     skew_ns: int
@@ -252,6 +255,7 @@ class TestPlan:
     faults: tuple[TimingFault, ...]
     timed: tuple[TimedProperty, ...]
     span: Span
+    ordered: bool = False
 
     __test__ = False  # not a test of pytest's
 

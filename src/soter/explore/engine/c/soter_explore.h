@@ -101,6 +101,7 @@ typedef struct {
   int64_t tick_ns;         /* every time is a multiple */
   int64_t quantum_ns;      /* steps happen at multiples of it, where `timely` */
   int64_t horizon_ns;
+  bool ordered;      /* the steps of an instant happen in the order of the actors */
   bool timely;       /* when a step happens matters: its time is a choice */
   bool sampled;      /* a continuum is sampled: never exhausted */
   uint64_t now_mask; /* of a packed world's first word without its lowest bit: now */

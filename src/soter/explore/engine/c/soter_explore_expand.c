@@ -14,6 +14,9 @@
 /* The reductions that are sound for a model, of those asked for. */
 static uint32_t reductions(const soter_model* m, uint32_t asked) {
   uint32_t sound = asked;
+  if (m->ordered) {
+    return asked & ~(SOTER_REDUCE_SLEEP | SOTER_REDUCE_AMPLE); /* one move at a time anyway */
+  }
   if (m->timely) {
     sound &= ~SOTER_REDUCE_SLEEP; /* moving first changes at which times others may move */
   }
@@ -59,6 +62,7 @@ bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore
   if (!soter_place_open(&e->place, m, o, s->progress, coverage) || !open_instants(e, m, o)) {
     return false;
   }
+  e->place.any_order = true; /* of those that it is told to move, the first moves */
   open_memo(e, m, o);
   return true;
 }
@@ -162,6 +166,9 @@ void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uin
     const uint64_t bit = UINT64_C(1) << a;
     if ((set & only & ~sleep & bit) == 0U) {
       continue;
+    }
+    if (x->m->ordered && before != 0U) {
+      break;
     }
     const uint64_t asleep =
         (e->reduce & SOTER_REDUCE_SLEEP) != 0U ? soter_still_asleep(x->m, a, sleep, before) : 0U;

@@ -58,6 +58,8 @@ typedef struct {
   soter_answers answers;
   soter_window window[SOTER_ACTORS]; /* of `here` */
   int64_t limit;                     /* no move of `here` is later: the least `high` */
+  uint32_t turn;  /* whose turn it is in `here`; SOTER_NOTHING: anybody's who may move */
+  bool any_order; /* whoever asks sees to the order within an instant himself */
   soter_explore_coverage* coverage;
   uint64_t seed;
   uint64_t actors, properties, timeds; /* the part of the system that is looked at */
@@ -90,7 +92,7 @@ void soter_look(soter_place* x);
 
 /* Whether an actor may move in `here`. */
 SOTER_INLINE bool soter_may_move(const soter_place* x, uint32_t actor) {
-  return x->window[actor].low <= x->limit;
+  return x->window[actor].low <= x->limit && (x->turn == SOTER_NOTHING || x->turn == actor);
 }
 
 /* The moves of an actor in `here`, one after the other: number 0, 1, ...; false: there are no more.

@@ -677,6 +677,9 @@ SPECIAL bool expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, u
     if ((wanted & self) == 0U) {
       continue;
     }
+    if (e->place.m->ordered && (before & ~self) != 0U) {
+      break;
+    }
     const uint64_t asleep = p.ends ? SOTER_AT_END
                             : (e->reduce & SOTER_REDUCE_SLEEP) != 0U
                                 ? soter_still_asleep(e->place.m, p.actor, sleep, before & ~self)

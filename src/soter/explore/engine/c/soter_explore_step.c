@@ -16,6 +16,7 @@ bool soter_place_open(soter_place* x, const soter_model* m, const soter_explore_
   x->p = m->program;
   x->size = m->world_size;
   const bool whole = o == NULL || o->actors == 0U;
+  x->turn = SOTER_NOTHING;
   x->seed = o == NULL ? 0U : o->seed;
   x->actors = whole ? UINT64_MAX : o->actors;
   x->properties = whole ? UINT64_MAX : o->properties;
@@ -139,6 +140,12 @@ void soter_look(soter_place* x) {
   }
   if (x->limit == SOTER_NO_DEADLINE) {
     x->limit = SOTER_NO_DEADLINE - 1; /* nothing is left: nobody may move */
+  }
+  x->turn = SOTER_NOTHING;
+  for (uint32_t i = 0; x->m->ordered && !x->any_order && i < x->m->actors; i++) {
+    if (x->window[i].low <= x->limit && x->turn == SOTER_NOTHING) {
+      x->turn = i;
+    }
   }
 }
 
