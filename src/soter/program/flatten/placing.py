@@ -213,7 +213,9 @@ class Placing(Numbers):
         what = "plant" if plant else "node or module" if self.whole_modules else "node"
         found = self._replaceable(typed.PlantSymbol if plant else typed.NodeSymbol)
         if self.whole_modules and not plant:
-            found += [p.name for p in self.placed if isinstance(p.symbol, typed.ModuleSymbol)]
+            below = [p.below for p in self.placed]
+            whole = [p for p in self.placed if isinstance(p.symbol, typed.ModuleSymbol)]
+            found += [p.name for p in whole if p not in below]
         known = [n[len(prefix) :] for n in found if n.startswith(prefix)]
         there = "nodes and modules" if what == "node or module" else f"{what}s"
         self.diagnostics.error(
@@ -311,6 +313,7 @@ class Placing(Numbers):
             return
         assert isinstance(old, typed.Symbol)
         assert isinstance(new, typed.Symbol)
+        self.partial = True  # what is driven by nobody now was meant to be
         self.diagnostics.error(
             "M014",
             f"`{new.name}` does not publish what `{old.name}` publishes",
