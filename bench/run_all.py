@@ -250,6 +250,13 @@ BENCHMARKS = (
         "before. Bytes are the most of table and frontier, and of all, for each configuration.",
     ),
     Benchmark(
+        "soter test: three modules, one at a time",
+        ("bench/testing_contracts.py",),
+        "Planner, motion primitive and battery module in the small, 400 ms: each as it is among "
+        "the contracts of the others, then all three as they are, for 175 s at most; and a safe "
+        "controller that forgets to land.",
+    ),
+    Benchmark(
         "soter test: seeded bugs in float programs",
         ("bench/testing_falsify.py", "--quick"),
         "Twenty bugs whose sizes were fixed by directed schedules before any search; 10 s of CPU "

@@ -52,7 +52,13 @@ def test_the_tests_of_the_page_end_as_it_says(tmp_path: Path) -> None:
         if check_file(str(path)).tests:
             report = soter.load(path).explore(output=None)
             found |= {t.name: t.verdict for t in report.tests}
-    assert found == {"InTime": "exhausted", "Delayed": "violated", "TwoLate": "exhausted"}
+    assert found == {
+        "AsItIs": "exhausted",
+        "InItsPlace": "exhausted",
+        "InTime": "exhausted",
+        "Delayed": "violated",
+        "TwoLate": "exhausted",
+    }
     for name, verdict in found.items():
         assert re.search(rf"`{name}` is \*{verdict}", PAGE)
 

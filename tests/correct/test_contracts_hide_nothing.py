@@ -1,0 +1,98 @@
+"""Modules replaced by their contracts: what the whole violates is found where one of them runs.
+
+Judged by the brute-force enumerator, over random programs with two modules that read each other.
+More of them: SOTER_CONTRACTED_PROGRAMS=400 pytest tests/correct/test_contracts_hide_nothing.py
+"""
+
+from __future__ import annotations
+
+import os
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import pytest
+
+from generators.agreement import compared, enumerated
+from generators.brute_force import TooLargeError
+from generators.contracted import VARIANTS, contracted
+from soter.program.flatten import contracts
+from soter.program.model import typed
+
+if TYPE_CHECKING:
+    from generators.brute_force import Broken
+
+CHUNKS = 4
+PROGRAMS = int(os.environ.get("SOTER_CONTRACTED_PROGRAMS", "20"))
+MOST = 3_000
+TELLING = (46, 88, 40, 42)
+"""Programs with something to hide; the first two an abstraction that leaves out a value gets wrong."""
+
+
+def violated(seed: int) -> dict[tuple[str, bool], set[Broken]] | None:
+    """What each variant violates, with the property asked and without; None: it is too large."""
+    program = contracted(seed)
+    found = {}
+    for name in VARIANTS:
+        for asked in (False, True):
+            try:
+                of = enumerated(seed, program.variant(name, asked=asked), MOST).found
+            except TooLargeError:
+                return None
+            found[name, asked] = set(of.least)
+    return found
+
+
+def hidden(seed: int) -> tuple[list[str], bool]:
+    """What the abstractions of a program hide, and whether there was anything to hide."""
+    found = violated(seed)
+    if found is None:
+        return [], False
+    kept = not found["M", False] and not found["N", False]
+    some = []
+    if found["concrete", False] and kept:
+        some.append("a contract that the whole breaks is kept by each module alone")
+    if kept and found["concrete", True]:
+        some += [
+            f"the property is not violated with {name} as it is"
+            for name in VARIANTS
+            if not found[name, True]
+        ]
+    return some, bool(found["concrete", True])
+
+
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_what_the_whole_violates_is_found_one_module_at_a_time(chunk: int) -> None:
+    told = 0
+    for seed in [*range(chunk, PROGRAMS, CHUNKS), *TELLING[chunk::CHUNKS]]:
+        some, tells = hidden(seed)
+        told += tells
+        assert not some, "\n".join([*some, contracted(seed).variant("concrete", asked=True)])
+    assert told
+
+
+def test_an_abstraction_that_leaves_out_a_value_is_seen(monkeypatch: pytest.MonkeyPatch) -> None:
+    whole = contracts._any_value
+
+    def fewer(*about: object) -> tuple[typed.Expr, int]:
+        value, count = whole(*about)  # type: ignore[arg-type]
+        assert isinstance(value, typed.Choose)
+        return replace(value, count=value.count - 1), count
+
+    monkeypatch.setattr(contracts, "_any_value", fewer)
+    assert all(hidden(seed)[0] for seed in TELLING[:2])
+
+
+@pytest.mark.parametrize("variant", ["M", "neither"])
+def test_explorer_and_enumerator_agree_on_what_stands_for_modules(variant: str) -> None:
+    seen = 0
+    for seed in range(40):
+        try:
+            s = enumerated(seed, contracted(seed).variant(variant, asked=True), MOST)
+        except TooLargeError:
+            continue
+        told = compared(s, ("-O0",))
+        assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
+        seen += 1
+        if seen == 6:
+            return
+    assert seen

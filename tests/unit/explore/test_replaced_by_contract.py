@@ -1,0 +1,179 @@
+"""`replace M by contract;`: what stands there, what is said of it, who holds M to it."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.cli.main import main
+from soter.diagnostics.diagnostic import SoterError
+from soter.explore import command, contracts
+from soter.explore.engine.search import Search
+from soter.explore.results import Options
+from soter.program.build import check_file, system_of_test
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.explore.results import TestResult
+
+MODULE = """soter 1;
+topic w: int in [0, 3];
+topic u: int in [0, 3];
+topic v: bool;
+topic seen: int in [0, 3];
+node Wind period 10ms { publishes w; step { publish w = choose [0, 3]; } }
+node Fast period 10ms { subscribes w; publishes u, v; step { publish u = %s; publish v = u2(w); } }
+node Slow period 10ms { publishes u, v; step { publish u = 0; publish v = false; } }
+node Eye period 10ms { subscribes u, v; publishes seen; step { publish seen = v ? u : 0; } }
+rta M { ac Fast; sc Slow; period 10ms; safe u < 4; ttf w > 2; safer w < 2; %s }
+fun u2(n: int): bool { return n > 0; }
+system S { node Wind; node Eye; module M; }
+"""
+TESTS = """
+test AsItIs { system S; horizon 40ms; always true; }
+test Replaced { system S; replace M by contract; horizon 40ms; always %s; }
+"""
+
+
+def explored(text: str, name: str) -> TestResult:
+    checked = check_file("p.soter", text)
+    system = system_of_test(checked, name)
+    told = command.Told("p.soter", {}, command.replaced_in(checked.tests[name]))
+    return command.explore_test(system, Options(minimise=0.0), told)
+
+
+def verdict(text: str, name: str) -> str:
+    return explored(text, name).verdict
+
+
+@pytest.mark.parametrize(
+    ("asked", "clean"),
+    [
+        ("u < 3", True),  # what the contract says
+        ("u != 2", False),  # it permits 0, 1 and 2
+        ("u != 1", False),
+        ("!v || u == 0", False),  # one output without the other: v stays, u changes
+        ("v || u == 0", False),
+        ("seen < 3", True),
+    ],
+)
+def test_all_that_the_contract_permits_is_published_and_nothing_else(
+    asked: str, clean: bool
+) -> None:
+    text = MODULE % ("min(w, 2)", "guarantees small: u < 3;") + TESTS % asked
+    assert verdict(text, "AsItIs") == "exhausted"
+    assert verdict(text, "Replaced") == ("exhausted" if clean else "violated")
+
+
+def test_a_contract_that_misses_a_value_is_reported_where_the_module_runs() -> None:
+    text = MODULE % ("min(w, 2)", "guarantees small: u < 2;") + TESTS % "u < 2"
+    found = explored(text, "AsItIs")
+    assert found.verdict == "violated"
+    assert found.broken is not None
+    assert "small of M: u < 2 in M.Fast" in found.broken.text
+    assert verdict(text, "Replaced") == "exhausted"
+
+
+def test_an_assumption_that_does_not_hold_is_reported_as_one() -> None:
+    text = MODULE % ("min(w, 2)", "assumes calm: w < 3;") + TESTS % "true"
+    found = explored(text, "AsItIs")
+    assert found.broken is not None
+    assert found.broken.text.startswith("assumes calm of M: w < 3 in M.")
+
+
+def test_guarantees_that_read_others_are_asked_with_what_they_read() -> None:
+    text = MODULE % ("min(w, 2)", "guarantees led: u <= w;") + TESTS % "u <= w || seen < 9"
+    assert verdict(text, "AsItIs") == "exhausted"
+    assert verdict(text, "Replaced") == "exhausted"
+    # not always true: w may change afterwards
+    assert verdict(text.replace("u <= w || seen < 9", "u <= w"), "Replaced") == "violated"
+    # of what was read as it was published it is: w < 1 leaves u = 0
+    still = text.replace("publish w = choose [0, 3]", "publish w = 0")
+    assert verdict(still.replace("u <= w || seen < 9", "u == 0"), "Replaced") == "exhausted"
+
+
+def test_the_report_says_who_is_asked_to_keep_the_contract() -> None:
+    text = MODULE % ("min(w, 2)", "guarantees small: u < 3;") + TESTS % "u < 3"
+    told = list(contracts.told(system_of_test(check_file("p.soter", text), "Replaced")))
+    assert told == [
+        "M is replaced by its contract (small: u < 3): whether it keeps it is asked by `AsItIs`, "
+        "where it runs as it is, as far as horizon, faults, order and replacements there go"
+    ]
+    alone = text.replace("system S; horizon", "system S; replace Fast by Slow2; horizon")
+    alone = alone.replace(
+        "rta M", "node Slow2 period 10ms { publishes u, v; step { publish u = 0; } }\nrta M"
+    )
+    told = list(contracts.told(system_of_test(check_file("p.soter", alone), "Replaced")))
+    assert len(told) == 1
+    assert told[0].endswith(
+        "no test of this program runs it as it is (`AsItIs` but for a controller): "
+        "that it keeps it is assumed"
+    )
+
+
+def test_a_clause_that_cannot_be_asked_permits_more_and_is_named() -> None:
+    clause = "guarantees led: mode(M) == Mode.AC || u == 0; guarantees small: u < 3;"
+    text = MODULE % ("min(w, 2)", clause) + TESTS % "u < 3"
+    system = system_of_test(check_file("p.soter", text), "Replaced")
+    [told] = contracts.told(system)
+    assert "(small: u < 3; not asked for, so that more is permitted: led: mode(M) ==" in told
+    with Search(system, Options()) as search:
+        assert search.run().status == "exhausted"
+
+
+def test_a_module_may_be_replaced_by_a_node_and_a_node_by_its_contract() -> None:
+    text = MODULE % ("min(w, 2)", "") + TESTS % "u == 0"
+    by_node = text.replace("M by contract", "M by Slow")
+    assert verdict(by_node, "Replaced") == "exhausted"
+    found = explored(by_node, "Replaced")
+    assert any(a.startswith("M is replaced by Slow: said of whatever") for a in found.assumptions)
+    text = text.replace("replace M by contract", "replace Eye by contract")
+    text = text.replace("publishes seen; step", "publishes seen; guarantees seen < 3; step")
+    assert verdict(text.replace("always u == 0", "always seen < 3"), "Replaced") == "exhausted"
+    assert verdict(text.replace("always u == 0", "always seen < 2"), "Replaced") == "violated"
+
+
+def test_a_controller_may_be_replaced_by_its_contract() -> None:
+    text = MODULE % ("min(w, 2)", "") + TESTS % "u < 3"
+    text = text.replace("M by contract", "Fast by contract")
+    assert verdict(text, "Replaced") == "violated"
+    text = text.replace("publishes u, v; step { publish u = m", "publishes u, v; guarantees u < 3; step { publish u = m")
+    assert verdict(text, "Replaced") == "exhausted"
+
+
+def test_a_tower_is_replaced_as_one() -> None:
+    tower = MODULE % ("min(w, 2)", "guarantees small: u < 3;") + TESTS % "u < 3"
+    tower = tower.replace(
+        "system S {",
+        "node Top period 10ms { publishes u, v; step { publish u = 1; publish v = true; } }\n"
+        "rta Above { ac module M; sc Top; period 10ms; safe u < 4; ttf w > 1; safer w < 1; "
+        "guarantees mine: u != 2; }\nsystem S {",
+    ).replace("module M; }", "module Above; }")
+    tower = tower.replace("replace M by", "replace Above by")
+    found = explored(tower, "AsItIs")
+    assert found.broken is not None
+    assert "mine of Above: u != 2 in Above.M.Fast" in found.broken.text
+    tower = tower.replace("min(w, 2)", "min(w, 1)")
+    assert verdict(tower, "AsItIs") == "exhausted"
+    assert verdict(tower, "Replaced") == "violated"  # Top has no word on u < 3
+    assert verdict(tower.replace("always u < 3", "always u != 2"), "Replaced") == "exhausted"
+
+
+def test_the_deployed_order_is_told_and_excludes_a_skew(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    text = MODULE % ("min(w, 2)", "") + TESTS % "true"
+    text = text.replace("system S; horizon", "system S; order deployed; horizon")
+    (tmp_path / "p.soter").write_text(text, encoding="utf-8")
+    assert main(["test", "--json", "--test", "AsItIs", "p.soter"]) == 0
+    document = json.loads(capsys.readouterr().out)
+    said = document["tests"][0]["assumptions"]
+    assert any("within an instant in the deployed order, inputs first" in s for s in said)
+    system = system_of_test(check_file("p.soter", text), "AsItIs")
+    with pytest.raises(SoterError) as problem:
+        command.with_times(system, 1_000_000, None)
+    assert problem.value.diagnostics[0].code == "E017"
