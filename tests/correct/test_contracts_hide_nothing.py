@@ -25,7 +25,7 @@ CHUNKS = 4
 PROGRAMS = int(os.environ.get("SOTER_CONTRACTED_PROGRAMS", "20"))
 MOST = 3_000
 TELLING = (46, 88, 40, 42)
-"""Programs with something to hide; the first two an abstraction that leaves out a value gets wrong."""
+"""Programs with something to hide; the first two show an abstraction that leaves out a value."""
 
 
 def violated(seed: int) -> dict[tuple[str, bool], set[Broken]] | None:

@@ -51,7 +51,16 @@ CHANGED = [
 
 def _tested(file: Path, folder: Path) -> tuple[int, dict[str, str]]:
     """Exit code, and per test its verdict."""
-    command = [sys.executable, "-m", "soter.cli.main", "test", "--json", "--minimise", "3", str(file)]
+    command = [
+        sys.executable,
+        "-m",
+        "soter.cli.main",
+        "test",
+        "--json",
+        "--minimise",
+        "3",
+        str(file),
+    ]
     done = processes.run(command, cwd=folder, capture_output=True, text=True, check=False)
     document = json.loads(done.stdout)
     return done.returncode, {t["name"]: t["verdict"] for t in document["tests"]}

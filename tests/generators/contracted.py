@@ -134,13 +134,13 @@ class _Maker:
 
 def contracted(seed: int) -> Contracted:
     """Program number `seed`."""
-    random = Random(seed)
+    random = Random(seed)  # noqa: S311
     maker = _Maker(random)
     all_of = maker.outputs["M"] + maker.outputs["N"]
     head = "soter 1;\n" + "".join(f"topic {t}: int in [0, 2];\n" for t in all_of)
     head += "topic c: int in [0, 3];\n"
     head += maker.module("M", maker.outputs["N"]) + maker.module("N", maker.outputs["M"])
-    body = f"publish c = {' + '.join(['a', 'b'])} > 3 ? 3 : a + b;"
+    body = "publish c = a + b > 3 ? 3 : a + b;"
     queue = ""
     if random.random() < 0.3:
         queue = f" queue {random.choice([1, 2])}"

@@ -15,7 +15,8 @@ from soter.api.files import write_test_page
 from soter.api.given import complete, params_as_json, time_ns, values_of
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.explore.checkpoint.asked import asked, checkpoints
-from soter.explore.command import Told, chosen, explore_test, replaced_in, save, with_times
+from soter.explore.command import Told, chosen, explore_test, save, with_times
+from soter.explore.contracts import replaced_in
 from soter.explore.results import ExploreReport
 from soter.explore.settings import options_of
 from soter.program.build import system_of_test

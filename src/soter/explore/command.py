@@ -48,7 +48,6 @@ from soter.explore.trace.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
 from soter.program.flatten.derived import with_test
 from soter.program.flatten.tested import MAX_STEPS
 from soter.program.model.durations import show_ns
-from soter.program.model.typed import ByContract
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -128,13 +127,6 @@ def chosen(tests: Mapping[str, TestSymbol], path: str, name: str | None) -> list
         message = f"there is no test `{name}`"
         problem = Diagnostic("U010", message, notes=(f"there are: {there}",))
     raise SoterError((problem,))
-
-
-def replaced_in(test: TestSymbol) -> tuple[tuple[str, str], ...]:
-    """What stands for what in a test: path of the instance, name of the replacement."""
-    said = (*test.system.replaces, *test.replaces)
-    found = {p: by.name for p, by, _ in said if not isinstance(by, ByContract)}
-    return tuple(found.items())
 
 
 def with_times(system: System, skew_ns: int | None, horizon_ns: int | None) -> System:

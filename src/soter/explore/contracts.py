@@ -18,6 +18,16 @@ if TYPE_CHECKING:
     from soter.program.model.system import StandIn, System
 
 
+def replaced_in(test: typed.TestSymbol) -> tuple[tuple[str, str], ...]:
+    """What stands for what in a test: path of the instance, name of the replacement.
+
+    What is replaced by its contract is told apart (`told`).
+    """
+    said = (*test.system.replaces, *test.replaces)
+    found = {p: by.name for p, by, _ in said if not isinstance(by, typed.ByContract)}
+    return tuple(found.items())
+
+
 def told(system: System) -> Iterator[str]:
     """A sentence for each module and node that is replaced by its contract."""
     stand_ins: dict[str, list[StandIn]] = {}
@@ -34,7 +44,8 @@ def told(system: System) -> Iterator[str]:
 
 def _held_to_it(system: System, of: str) -> str:
     tests = {n: t for n, t in system.program.tests.items() if n != plan_of(system).name}
-    whole, partly = [], []
+    whole: list[str] = []
+    partly: list[str] = []
     for name, test in tests.items():
         replaced = _replaced(test, of)
         if replaced is None or of in replaced:
@@ -68,8 +79,8 @@ def _replaced(test: typed.TestSymbol, of: str) -> set[str] | None:
     for path, _, _ in (*test.system.replaces, *test.replaces):
         if path in {of, what.name} or of.startswith(f"{path}."):
             found.add(of)
-        elif any(path in {n.name, n.name.rpartition(".")[2]} for n in inside):
-            found.add(path)
-        elif path.startswith(f"{of}."):
+        elif any(path in {n.name, n.name.rpartition(".")[2]} for n in inside) or path.startswith(
+            f"{of}."
+        ):
             found.add(path)
     return found

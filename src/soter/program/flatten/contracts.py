@@ -184,9 +184,7 @@ def _with(e: typed.Expr, put: Put) -> typed.Expr:
 # ---------------------------------------------------------------- any value
 
 
-def _any_value(
-    t: Type, bounds: Sequence[Bound | None], name: str
-) -> tuple[typed.Expr, int]:
+def _any_value(t: Type, bounds: Sequence[Bound | None], name: str) -> tuple[typed.Expr, int]:
     """An expression that may be every value of a type within bounds, and how many there are."""
     if isinstance(t, (RecordType, ArrayType)):
         parts = [(f".{n}", f) for n, f in t.fields] if isinstance(t, RecordType) else []

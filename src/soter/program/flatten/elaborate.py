@@ -701,9 +701,7 @@ def _contracts(component: Component) -> list[tuple[str, typed.Expr]]:
 
 def _deployed_order(components: list[Component]) -> list[Component]:
     """Ruling 5: plants, DMs, SCs, the rest; ties by declaration."""
-    ordered = sorted(
-        components, key=lambda c: RANK[c.stands_for.role if c.stands_for else c.role]
-    )
+    ordered = sorted(components, key=lambda c: RANK[c.stands_for.role if c.stands_for else c.role])
     for index, component in enumerate(ordered):
         component.index = index
     return ordered

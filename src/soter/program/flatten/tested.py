@@ -95,8 +95,8 @@ class _TestElaborator(Elaborator):
         faults = tuple(self._faults(flat))
         name, span = self.test.name, self.test.span
         timed = tuple(self.timed)
-        ordered = self.test.order is not None
-        plan = TestPlan(name, skew, horizon or 0, quantum, faults, timed, span, ordered)
+        plan = TestPlan(name, skew, horizon or 0, quantum, faults, timed, span)
+        plan.ordered = self.test.order is not None
         flat = derived.with_test(flat, plan)
         if self.sound:
             self._check_code(flat)

@@ -161,14 +161,12 @@ void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uin
   if ((e->reduce & SOTER_REDUCE_AMPLE) != 0U) {
     set = soter_ample(x, set);
   }
+  set = soter_in_order(x->m, set & only);
   uint64_t before = 0U;
   for (uint32_t a = 0; a < x->m->actors; a++) {
     const uint64_t bit = UINT64_C(1) << a;
-    if ((set & only & ~sleep & bit) == 0U) {
+    if ((set & ~sleep & bit) == 0U) {
       continue;
-    }
-    if (x->m->ordered && before != 0U) {
-      break;
     }
     const uint64_t asleep =
         (e->reduce & SOTER_REDUCE_SLEEP) != 0U ? soter_still_asleep(x->m, a, sleep, before) : 0U;

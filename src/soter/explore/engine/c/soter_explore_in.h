@@ -95,6 +95,11 @@ SOTER_INLINE bool soter_may_move(const soter_place* x, uint32_t actor) {
   return x->window[actor].low <= x->limit && (x->turn == SOTER_NOTHING || x->turn == actor);
 }
 
+/* Of those who may move now: whoever is next, where the order within an instant is declared. */
+SOTER_INLINE uint64_t soter_in_order(const soter_model* m, uint64_t set) {
+  return m->ordered ? set & (~set + 1U) : set;
+}
+
 /* The moves of an actor in `here`, one after the other: number 0, 1, ...; false: there are no more.
  */
 bool soter_move_of(const soter_place* x, uint32_t actor, uint32_t number, soter_move* move);

@@ -45,7 +45,7 @@ typedef struct {
 
 typedef struct {
   uint32_t first, count; /* plans, with `words` of schedule bits each */
-  uint64_t ample;
+  uint64_t ample, enabled;
   bool observable;
   bool over;     /* nobody moves any more */
   uint32_t last; /* the last one of many worlds that has it, */
@@ -329,7 +329,8 @@ static bool compute_calendar(soter_expander* e, struct soter_memo* memo, const u
   const int64_t now = soter_schedule_of(x->p, x->here)->now;
   const bool observable = now >= 0 && x->limit > now;
   const uint64_t enabled = soter_enabled(x);
-  calendar c = {memo->plans.count, 0U, soter_ample(x, enabled), observable, enabled == 0U, 0U, 0U};
+  calendar c = {
+      memo->plans.count, 0U, soter_ample(x, enabled), enabled, observable, enabled == 0U, 0U, 0U};
   bool fine = may_remember(memo);
   for (uint32_t a = 0; fine && a < m->actors; a++) {
     soter_move move;
@@ -655,6 +656,12 @@ SPECIAL bool follow(soter_expander* e, const uint64_t* packed, const plan* p, co
   return *last != 0U && add_outcomes(e, then, p, bits, &done, asleep, words);
 }
 
+/* Whose moves are enough, of some actors. */
+static uint64_t wanted_of(const soter_expander* e, const calendar* c, uint64_t only) {
+  const bool fewer = (e->reduce & SOTER_REDUCE_AMPLE) != 0U;
+  return soter_in_order(e->place.m, only & (fewer ? c->ample : c->enabled));
+}
+
 SPECIAL bool expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only,
                     const uint32_t words) {
   struct soter_memo* const memo = e->memo;
@@ -665,8 +672,7 @@ SPECIAL bool expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, u
     return give_up(e);
   }
   const calendar c = *known;
-  const uint64_t ample = (e->reduce & SOTER_REDUCE_AMPLE) != 0U ? c.ample : UINT64_MAX;
-  const uint64_t wanted = only & ~sleep & ample;
+  const uint64_t wanted = wanted_of(e, &c, only) & ~sleep;
   uint64_t before = 0U;
   plan of = {0};
   uint64_t last = 0U;
@@ -676,9 +682,6 @@ SPECIAL bool expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, u
     SOTER_CHECK(p.actor < memo->actors);
     if ((wanted & self) == 0U) {
       continue;
-    }
-    if (e->place.m->ordered && (before & ~self) != 0U) {
-      break;
     }
     const uint64_t asleep = p.ends ? SOTER_AT_END
                             : (e->reduce & SOTER_REDUCE_SLEEP) != 0U
@@ -796,7 +799,7 @@ static bool follow_crowd(soter_expander* e, crowd* q, const calendar* c) {
   const struct soter_memo* const memo = e->memo;
   const plan* const plans = (const plan*)memo->plans.item + c->first;
   const uint64_t* const bits = (const uint64_t*)memo->bits.item + c->first;
-  const uint64_t wanted = (e->reduce & SOTER_REDUCE_AMPLE) != 0U ? c->ample : UINT64_MAX;
+  const uint64_t wanted = wanted_of(e, c, UINT64_MAX);
   uint32_t of = SOTER_NOTHING; /* whose step `did` is */
   bool fine = true;
   for (uint32_t k = 0; fine && k < c->count; k++) {

@@ -304,9 +304,7 @@ class SystemChecker:
             helps=("write it in a `test` block: `always invariant(M);`, `always invariants;`",),
         )
 
-    def _by_contract(
-        self, item: tree.Replace, found: list[Replaced], *, in_test: bool
-    ) -> None:
+    def _by_contract(self, item: tree.Replace, found: list[Replaced], *, in_test: bool) -> None:
         """`replace M by contract;`, of tests only."""
         if in_test:
             by = typed.ByContract("contract", item.by.span)

@@ -65,9 +65,7 @@ class TestChecker(SystemChecker):
         test.skew = self.time(decl.skew, context, "`skew`")
         test.horizon = self.time(decl.horizon, context, "`horizon`")
         test.quantum = self.time(decl.quantum, context, "`quantum`")
-        test.replaces = tuple(
-            self.replaces(unroller.items(decl.replaces), scope, in_test=True)
-        )
+        test.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope, in_test=True))
         inside = self.inside(scope, name, instances, self.shared.lost[test.system])
         found = [self._asked(p, inside, test) for p in unroller.items(decl.properties)]
         test.properties = tuple(p for p in found if p is not None)
