@@ -38,8 +38,21 @@ LEAVES_MAX = 4096
 """Leaves of topics that are told apart for coverage."""
 STEPS_MAX = 65_536
 """Steps of a trace."""
-REDUCTIONS = {"none": 0, "sleep": 1, "ample": 2, "instants": 4, "groups": 12, "all": 15}
-"""As bits: 1 sleep sets, 2 ample sets, 4 only ends of instants, 8 by groups. The default last."""
+SYMMETRY = 16
+REDUCTIONS = {
+    "none": 0,
+    "sleep": 1,
+    "ample": 2,
+    "instants": 4,
+    "groups": 12,
+    "symmetry": SYMMETRY,
+    "parts": 15,
+    "all": 15 | SYMMETRY,
+}
+"""As bits: 1 sleep sets, 2 ample sets, 4 only ends of instants, 8 by groups, 16 equal instances.
+The default last."""
+PARTS = frozenset({"parts", "all"})
+"""With these, parts of a system that share nothing are explored apart."""
 
 
 def constant(name: str) -> str:

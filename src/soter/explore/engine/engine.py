@@ -17,7 +17,9 @@ from typing import TYPE_CHECKING, Any, Generic, TypeVar
 
 import numpy as np
 
+from soter.explore.engine.equal import Equal
 from soter.explore.engine.progress import progress_of
+from soter.explore.engine.seen import coverage_of, nothing_seen
 from soter.explore.methods import REDUCTIONS, STATUSES, STEPS_MAX, constant
 from soter.explore.model.actors import plan_of
 from soter.explore.model.model import generate_model
@@ -148,24 +150,6 @@ class SearchResult(Generic[S]):
 Searched = SearchResult[RawStep]
 
 
-@dataclass(frozen=True)
-class Seen:
-    """Coverage, added up over all searches of an engine; see `soter_explore_coverage`.
-
-    `branches`: one word for 64 branches; `classes`: (leaves, 256); `modes` and `switches`:
-    (modules, 2), SC first; `fired`: (actors,); `judged`: (properties and timed ones,); `nearest`:
-    (guides,), the least robustness that `falsify` met, infinity where it did not look.
-    """
-
-    branches: Words
-    classes: Bytes
-    modes: Bytes
-    switches: Bytes
-    fired: Bytes
-    judged: Bytes
-    nearest: npt.NDArray[np.float64]
-
-
 class Engine:
     """The explorer on one system that was flattened for a test."""
 
@@ -193,16 +177,8 @@ class Engine:
         self._kept = self.ffi.NULL
         self.wanted: Callable[[], bool] = lambda: False
         """Whether somebody wants searches to end; asked ten times a second."""
-        modules, leaves = len(system.modules), int(self.model.leaves)
-        self.seen = Seen(
-            np.zeros(-(-int(self.model.branches) // 64) or 1, dtype=np.uint64),
-            np.zeros((leaves, 256), dtype=np.uint8),
-            np.zeros((modules, 2), dtype=np.uint8),
-            np.zeros((modules, 2), dtype=np.uint8),
-            np.zeros(len(self.actors), dtype=np.uint8),
-            np.zeros(len(system.properties) + len(system.test.timed) + 1, dtype=np.uint8),
-            np.full(len(self.generated.aims), math.inf),
-        )
+        self.seen = nothing_seen(system, self.generated)
+        self.equal = Equal(system, lowered, self.generated)
 
     def close(self) -> None:
         """Give back the memory of kept worlds."""
@@ -236,7 +212,9 @@ class Engine:
                 self.model, options, progress, coverage, result, trace, STEPS_MAX
             )
 
-        return self._run(settings, look, search, patience_s, saver)
+        found = self._run(settings, look, search, patience_s, saver)
+        self.equal.spread(settings, self.seen)
+        return found
 
     def least(
         self,
@@ -374,17 +352,13 @@ class Engine:
                 "known": self._known,
                 "knowns": len(s.known),
                 **(s.noted.options(self.ffi) if s.noted else {}),
+                **self.equal.options(self.ffi, s),
             },
         )
 
     def coverage(self) -> Any:  # noqa: ANN401 - cdata
         """`soter_explore_coverage`: what is seen is added to `seen`."""
-        kinds = {"branches": "uint64_t *", "nearest": "double *"}
-        places = {
-            name: self.ffi.cast(kinds.get(name, "uint8_t *"), seen.ctypes.data)
-            for name, seen in vars(self.seen).items()
-        }
-        return self.ffi.new("soter_explore_coverage *", places)
+        return coverage_of(self.seen, self.ffi)
 
     def _searched(self, r: Any, trace: Any, seconds: float) -> Searched:  # noqa: ANN401 - cdata
         status = STATUSES[int(r.status)]

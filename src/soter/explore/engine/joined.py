@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.explore.engine.noted import Noted
-from soter.explore.methods import STATUSES
+from soter.explore.methods import PARTS, STATUSES
 from soter.explore.model.parts import Part
 
 if TYPE_CHECKING:
@@ -62,7 +62,7 @@ class Joined:
             return False
         if s.memory < LEAST * SHARE * len(loose.parts):
             return False
-        how = (s.strategy, s.storage, s.reduction) == ("bfs", "exact", "all")
+        how = (s.strategy, s.storage) == ("bfs", "exact") and s.reduction in PARTS
         return how and all(len(j.parts) <= MOST for j in loose.joints)
 
     def run(self, patience_s: float) -> list[Searched] | None:

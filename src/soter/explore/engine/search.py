@@ -37,7 +37,7 @@ from soter.explore.engine.joined import Joined
 from soter.explore.engine.progress import Progress
 from soter.explore.engine.shrink import Shrinker
 from soter.explore.engine.slice import Slicer
-from soter.explore.methods import EXHAUSTIVE, FALSIFY
+from soter.explore.methods import EXHAUSTIVE, FALSIFY, PARTS
 from soter.explore.results import Looked, Robustness
 from soter.explore.trace.choices import ENDING
 from soter.explore.trace.schedule import INPUT, plan_of
@@ -114,7 +114,7 @@ class Search:
         if self._checkpoint is not None and not known:
             return self._named(_sum(self._kept(settings, until, self._checkpoint)))
         parts: tuple[Part | None, ...] = (None,)
-        if settings.reduction == "all" and settings.strategy in EXHAUSTIVE and not known:
+        if settings.reduction in PARTS and settings.strategy in EXHAUSTIVE and not known:
             apart = self._may_be_apart(settings)
             found = self._joined(settings, until) if apart else None
             if found is not None:
@@ -125,7 +125,7 @@ class Search:
     def _kept(self, settings: Settings, until: float, kept: Checkpoint) -> list[Searched]:
         """A search that is written down; parts that only properties join are one part then."""
         parts: tuple[Part | None, ...] = self._engine.parts
-        apart = settings.reduction == "all" and len(parts) > 1
+        apart = settings.reduction in PARTS and len(parts) > 1
         if kept.parts is not None:
             apart = kept.parts > 1  # as it began
         elif apart:

@@ -56,6 +56,38 @@ static void break_off(worker* w, const soter_broken* broken, uint64_t culprit) {
   }
 }
 
+/* What is looked up and stored for a world: with links it stays as it came, so that the way to it
+ * is one that was gone. */
+static const uint64_t* stands_for(worker* w, const uint64_t* packed, uint64_t* room) {
+  const soter_explore_options* const o = w->all->s->o;
+  if (o->families == 0U || !w->all->link) {
+    return packed; /* it was folded */
+  }
+  SOTER_CHECK(w->all->words <= SOTER_WORDS);
+  soter_copy_words(room, packed, w->all->words);
+  soter_fold(o, room);
+  return room;
+}
+
+/* Folds the heirs, and says what stands in the table for each. */
+static void name_heirs(worker* w) {
+  const layered* const all = w->all;
+  const soter_heirs* const h = &w->expander.heirs;
+  const bool folds = all->s->o->families > 0U;
+  for (uint32_t k = 0; folds && k < h->count; k++) {
+    uint64_t* const packed = h->packed + (size_t)k * all->words;
+    uint64_t room[SOTER_WORDS];
+    if (!all->link) {
+      soter_fold(all->s->o, packed);
+    } else {
+      soter_store_key(&w->store, stands_for(w, packed, room), w->key + (size_t)k * all->words);
+    }
+  }
+  if (!folds || !all->link) {
+    soter_store_announce(&w->store, h->packed, h->count, w->key);
+  }
+}
+
 /* Keeps what is noted of an end; whether there is something about it that was sought. */
 static bool note(worker* w, const uint64_t* packed) {
   const soter_explore_options* const o = w->all->s->o;
@@ -116,7 +148,9 @@ static void take_new(worker* w, const uint64_t* packed, uint64_t sleep, uint64_t
 static void take_in(worker* w, const uint64_t* packed, const uint64_t* key, uint64_t sleep,
                     uint64_t from) {
   uint64_t again = 0U;
-  const int fresh = soter_store_put_key(&w->store, packed, key, &sleep, &again);
+  uint64_t room[SOTER_WORDS];
+  const uint64_t* const stored = stands_for(w, packed, room);
+  const int fresh = soter_store_put_key(&w->store, stored, key, &sleep, &again);
   if (fresh < 0) {
     w->full = true;
     return;
@@ -169,12 +203,12 @@ static void hand_on(worker* w) {
   layered* const all = w->all;
   const uint32_t words = all->words;
   const soter_heirs* const h = &w->expander.heirs;
-  if (all->threads == 1U && soter_store_is_short(&w->store)) {
+  if (all->threads == 1U && all->s->o->families == 0U && soter_store_is_short(&w->store)) {
     w->taken += h->count;
     take_all_in(w);
     return;
   }
-  soter_store_announce(&w->store, h->packed, h->count, w->key);
+  name_heirs(w);
   w->taken += h->count;
   for (uint32_t k = 0; k < h->count && !w->full; k++) {
     const uint64_t* const packed = h->packed + (size_t)k * words;
@@ -290,7 +324,8 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
 
 /* Whether worlds of the frontier are expanded many at a time. */
 static bool in_crowds(const worker* w) {
-  const bool fine = w->all->tables && w->expander.instant == NULL;
+  const bool fine =
+      w->all->tables && w->expander.instant == NULL && w->all->s->o->families == 0U;
   return fine && w->crowd > 0U && soter_store_is_short(&w->before);
 }
 
@@ -726,9 +761,13 @@ static bool take_births(void* to) {
   const soter_heirs* const h = &first->expander.heirs;
   bool fine = true;
   for (uint32_t k = 0; fine && k < h->count; k++) {
-    const uint64_t* const packed = h->packed + (size_t)k * all->words;
+    uint64_t* const packed = h->packed + (size_t)k * all->words;
     uint64_t key[SOTER_WORDS];
-    soter_store_key(&first->store, packed, key);
+    uint64_t room[SOTER_WORDS];
+    if (!all->link) {
+      soter_fold(all->s->o, packed);
+    }
+    soter_store_key(&first->store, stands_for(first, packed, room), key);
     worker* const owner = &all->w[soter_owner_of(all, key)];
     take_in(owner, packed, key, 0U, SOTER_NO_DEADLINE);
     if (++owner->taken >= LOOK) {

@@ -55,7 +55,9 @@ static bool out_of_bounds(soter_stack* t) {
 /* Takes a world in: what has to be expanded lies on top of the stack then. */
 static void take_in(soter_stack* t, const uint64_t* packed, uint64_t sleep) {
   uint64_t again = 0U;
-  const int fresh = soter_store_put(&t->store, packed, &sleep, &again);
+  soter_copy_words(t->stored, packed, t->words);
+  soter_fold(t->s->o, t->stored); /* on the stack it stays as it came: that is a way */
+  const int fresh = soter_store_put(&t->store, t->stored, &sleep, &again);
   if (fresh < 0) {
     t->full = true;
     return;

@@ -12,13 +12,16 @@
 #define LONG 4096U   /* answers of a step: a violation need not wait for the rest */
 
 /* The reductions that are sound for a model, of those asked for. */
-static uint32_t reductions(const soter_model* m, uint32_t asked) {
-  uint32_t sound = asked;
+static uint32_t reductions(const soter_model* m, const soter_explore_options* o) {
+  uint32_t sound = o->reduce;
   if (m->ordered) {
-    return asked & ~(SOTER_REDUCE_SLEEP | SOTER_REDUCE_AMPLE); /* one move at a time anyway */
+    return sound & ~(SOTER_REDUCE_SLEEP | SOTER_REDUCE_AMPLE); /* one move at a time anyway */
   }
   if (m->timely) {
     sound &= ~SOTER_REDUCE_SLEEP; /* moving first changes at which times others may move */
+  }
+  if (o->families > 0U && !soter_by_instants(m, o)) {
+    sound &= ~SOTER_REDUCE_SLEEP; /* who sleeps in a world does not in the one that is stored */
   }
   for (uint32_t i = 0; i < m->timeds; i++) {
     if (m->timely && m->timed[i].kind != SOTER_INVARIANT) {
@@ -51,7 +54,7 @@ bool soter_expander_open(soter_expander* e, const soter_search* s, soter_explore
   const soter_model* const m = s->m;
   const soter_explore_options* const o = s->o;
   (void)memset(e, 0, sizeof *e);
-  e->reduce = reductions(m, o->reduce);
+  e->reduce = reductions(m, o);
   e->words = m->words;
   e->memory = memory;
   e->go_on = o->go_on;

@@ -5,6 +5,7 @@
  * soter_explore_store.c the table of packed worlds; soter_explore_room.c its memory
  * soter_explore_instant.c only ends of instants
  * soter_explore_groups.c and what groups of actors do in one, remembered
+ * soter_explore_fold.c  one world for all that differ by the places of equal instances
  * soter_explore_joined.c properties of parts that share nothing else
  * soter_explore_saved.c breadth-first search on a disk, and back
  * one file per strategy: _bfs, _dfs, _deepening, _random, _pct, _coverage, _falsify, _replay;
@@ -394,6 +395,9 @@ void soter_expand(soter_expander* e, const uint64_t* packed, uint64_t sleep, uin
 /* The same, or, where only ends of instants are stored, the ends that come next: no heir sleeps.
  * What breaks something in the middle is `broken`. */
 void soter_expand_next(soter_expander* e, const uint64_t* packed, uint64_t sleep, uint64_t only);
+
+/* Puts the equal instances of a packed world into order: the world that is stored for it. */
+void soter_fold(const soter_explore_options* o, uint64_t* packed);
 
 /* Whether a search stores only ends of instants: it was asked to, and all windows are points. */
 bool soter_by_instants(const soter_model* m, const soter_explore_options* o);
