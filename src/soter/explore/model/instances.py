@@ -178,6 +178,9 @@ class _Swap:
     def _queues(self, a: int, b: int) -> None:
         """Queues behind two topics, of one subscriber or of two that are swapped."""
         topics = self.system.topics
+        of_a, of_b = topics[a].queue_of, topics[b].queue_of
+        if of_a is not None and of_b is not None:
+            self.add("topic", of_a, of_b)
         for q in topics[a].queues:
             if q in self.made.topics:
                 continue
@@ -187,8 +190,9 @@ class _Swap:
                 self.add("topic", q, same[0])
 
     def _who(self, topic: int) -> list[int]:
-        of = ("topic", topic)
-        return [x.index for x in self.system.components if of in self.judge.reads(x)]
+        """Components whose code names a topic, or a queue behind it."""
+        some = {("topic", t) for t in (topic, *self.system.topics[topic].queues)}
+        return [x.index for x in self.system.components if some & set(self.judge.reads(x))]
 
 
 def _proposed(judge: Judge, x: Component, y: Component) -> Renaming | None:
