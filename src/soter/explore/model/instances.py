@@ -77,7 +77,7 @@ def families_of(
             if r is not None and judge.accepts(r):
                 tried |= set(r.components.items())
                 swaps.append((y, r))
-        for family in _families(places, x, swaps):
+        for family in _families(system, places, x, swaps):
             if not any(_includes(f, family) for f in found):
                 found.append(family)
                 tried |= _pairs(family)
@@ -207,6 +207,7 @@ def _proposed(judge: Judge, x: Component, y: Component) -> Renaming | None:
 
 
 def _families(
+    system: System,
     places: dict[Label, list[Span]],
     first: Component,
     swaps: list[tuple[Component, Renaming]],
@@ -220,7 +221,7 @@ def _families(
         if len(some) == 1:
             row = [x for x in row if x < moved[some[0]][x]]  # one of each two
         blocks = [row, *([moved[i][x] for x in row] for i in some)]
-        made.append(_family(places, first, [swaps[i] for i in some], blocks))
+        made.append(_family(system, places, first, [swaps[i] for i in some], blocks))
         left = [i for i in left if i not in some]
     return [f for f in made if f is not None]
 
@@ -245,6 +246,7 @@ def _moved(places: dict[Label, list[Span]], r: Renaming) -> dict[Label, Label]:
 
 
 def _family(
+    system: System,
     places: dict[Label, list[Span]],
     first: Component,
     swaps: Sequence[tuple[Component, Renaming]],
@@ -257,7 +259,7 @@ def _family(
         return None
     renamed = [r for _, r in swaps]
     return Family(
-        names=_names([first.name, *(y.name for y, _ in swaps)]),
+        names=_names(system, [first.name, *(y.name for y, _ in swaps)], renamed),
         blocks=tuple([tuple(b) for b in own]),
         swaps=tuple(renamed),
         actors=_mask(i for r in renamed for i, j in r.actors.items() if i != j),
@@ -282,11 +284,16 @@ def _merged(blocks: list[list[Span]]) -> list[list[Span]]:
     return found
 
 
-def _names(names: list[str]) -> tuple[str, ...]:
-    """`r[0]`, `r[1]` of `r[0].Go`, `r[1].Go`."""
+def _names(system: System, names: list[str], renamed: Sequence[Renaming]) -> tuple[str, ...]:
+    """`r[0]`, `r[1]` of `r[0].Go`, `r[1].Go`, if all that is in them is swapped."""
+    moved = {system.components[i].name for r in renamed for i in r.components}
+    still = [x.name for x in system.components if x.name not in moved]
     parts = [n.split(".") for n in names]
     while min(len(p) for p in parts) > 1 and len({p[-1] for p in parts}) == 1:
-        parts = [p[:-1] for p in parts]
+        shorter = [p[:-1] for p in parts]
+        if any(n.startswith(".".join(p) + ".") for p in shorter for n in still):
+            break
+        parts = shorter
     return tuple([".".join(p) for p in parts])
 
 
