@@ -325,9 +325,7 @@ def _figures(test: TestResult) -> str:
         how += f" of {options.threads} asked for: {options.why_fewer}"
     if test.quantum_ns is not None:
         how += f"; times at multiples of {show_ns(test.quantum_ns)}"
-    if test.parts > 1:
-        how += f"; {test.parts} parts that share no data, explored apart"
-    return f"{', '.join(parts)}\n{how}"
+    return f"{', '.join(parts)}\n{how}{test.divided}"
 
 
 def _coverage(test: TestResult, console: Console) -> list[str]:
@@ -471,6 +469,7 @@ def _test(t: TestResult) -> dict[str, object]:
         "storage": o.storage,
         "reduction": o.reduction,
         "parts": t.parts,
+        "equal_instances": [list(some) for some in t.equal_instances],
         "quantum_ns": t.quantum_ns,
         "covered_ns": t.covered_ns,
         "closed_ns": t.closed_ns,

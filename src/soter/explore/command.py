@@ -197,6 +197,7 @@ def explore_test(
                 depth=found.depth,
                 bits=search.bits,
                 parts=search.parts,
+                equal_instances=search.equal,
                 table_bytes=found.table_bytes,
                 frontier_bytes=found.frontier_bytes,
                 total_bytes=found.total_bytes,
@@ -216,11 +217,8 @@ def explore_test(
         if verdict == VIOLATED:
             try:
                 _explain(result, search, found, told)
-                if (
-                    result.replayed is not None
-                    and options.all_properties
-                    and not result.interrupted
-                ):
+                shown = result.replayed is not None and not result.interrupted
+                if shown and options.all_properties:
                     _go_on(result, search, found, told)
             except KeyboardInterrupt:
                 _interrupted(result)

@@ -223,6 +223,9 @@ class TestResult:
     """Which bound was reached, for people."""
     parts: int = 1
     """How many parts of the system, which share no data, were explored apart."""
+    equal_instances: tuple[tuple[str, ...], ...] = ()
+    """Names of instances of which only the places were told apart, so that one configuration was
+    stored for all orders of them; docs/testing.md."""
     coverage: Coverage = field(default_factory=Coverage)
     assumptions: tuple[str, ...] = ()
     broken: Broken | None = None
@@ -298,6 +301,14 @@ class TestResult:
         if self.covered_ns == 0:
             return f"no part of {of} was covered in all executions{also}"
         return f"all executions were covered before {show_ns(self.covered_ns)} of {of}{also}"
+
+    @property
+    def divided(self) -> str:
+        """What of the system was explored apart, and taken as equal; part of a sentence."""
+        told = f"; {self.parts} parts that share no data, explored apart" if self.parts > 1 else ""
+        for some in self.equal_instances:
+            told += f"; {len(some)} equal instances: {', '.join(some)}"
+        return told
 
     @property
     def for_ever(self) -> str:

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from soter.explore.checkpoint.saver import Saver
     from soter.explore.engine.noted import Noted
     from soter.explore.engine.progress import Progress
+    from soter.explore.model.instances import Family
     from soter.lower.core import CoreSystem
     from soter.program.model.system import System
 
@@ -213,7 +214,7 @@ class Engine:
             )
 
         found = self._run(settings, look, search, patience_s, saver)
-        self.equal.spread(settings, self.seen)
+        self.equal.spread(self.families(settings), self.seen)
         return found
 
     def least(
@@ -352,9 +353,17 @@ class Engine:
                 "known": self._known,
                 "knowns": len(s.known),
                 **(s.noted.options(self.ffi) if s.noted else {}),
-                **self.equal.options(self.ffi, s),
+                **self.equal.options(self.ffi, self.families(s)),
             },
         )
+
+    def families(self, s: Settings) -> tuple[Family, ...]:
+        """The equal instances that a search makes use of.
+
+        None where it looks for another violation than those that are known, as that may be of one
+        instance and not of the other; or notes what it sees for parts that a property joins.
+        """
+        return () if s.known or s.noted is not None else self.equal.of(s, s.part)
 
     def coverage(self) -> Any:  # noqa: ANN401 - cdata
         """`soter_explore_coverage`: what is seen is added to `seen`."""

@@ -21,11 +21,12 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
-    from soter.explore.engine.engine import Settings
     from soter.explore.engine.seen import Seen
     from soter.explore.model.instances import Family
     from soter.explore.model.model import Model
+    from soter.explore.model.parts import Part
     from soter.explore.model.symmetry import Renaming
+    from soter.explore.results import Options
     from soter.lower.core import CoreSystem
     from soter.program.model.system import System
 
@@ -44,21 +45,14 @@ class Equal:
         """All of them."""
         return families_of(self._system, self._lowered, self._model.plan, self._model.fields)
 
-    def of(self, s: Settings) -> tuple[Family, ...]:
-        """Those that a search with such settings makes use of.
-
-        None where it looks for another violation than what is known, as that may be of one
-        instance and not of the other; or notes what it sees for parts that a property joins.
-        """
+    def of(self, s: Options, part: Part | None) -> tuple[Family, ...]:
+        """Those that a search of a part of the system (None: all of it) can make use of."""
         if not REDUCTIONS[s.reduction] & SYMMETRY or s.strategy not in EXHAUSTIVE:
             return ()
-        if s.known or s.noted is not None:
-            return ()
-        return tuple([f for f in self.families if f.is_of(s.part)])
+        return tuple([f for f in self.families if f.is_of(part)])
 
-    def options(self, ffi: Any, s: Settings) -> dict[str, object]:  # noqa: ANN401 - cffi
+    def options(self, ffi: Any, some: Sequence[Family]) -> dict[str, object]:  # noqa: ANN401 - cffi
         """Of `soter_explore_options`; what it points to lives until the next ones."""
-        some = self.of(s)
         self._fields = [ffi.new("soter_field[]", [x for b in f.blocks for x in b]) for f in some]
         rows = [(len(f.blocks), len(f.blocks[0]), x) for f, x in zip(some, self._fields)]  # noqa: B905
         self._fields.append(ffi.new("soter_family[]", rows))
@@ -66,9 +60,9 @@ class Equal:
 
     # ------------------------------------------------------------ coverage
 
-    def spread(self, s: Settings, seen: Seen) -> None:
+    def spread(self, some: Sequence[Family], seen: Seen) -> None:
         """What was seen of one instance was seen of each."""
-        for family in self.of(s):
+        for family in some:
             for r in family.swaps:
                 self._spread(r, seen)
             for r in family.swaps:  # and back from the first one to the others

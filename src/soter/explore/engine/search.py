@@ -95,6 +95,8 @@ class Search:
         self.times = self._engine.plan.times
         self.parts = 1
         """How many parts of the system the last search explored apart."""
+        self.equal: tuple[tuple[str, ...], ...] = ()
+        """Names of the instances that it took as equal."""
 
     def __enter__(self) -> Search:  # noqa: PYI034 - typing.Self came with Python 3.11
         return self
@@ -109,7 +111,7 @@ class Search:
 
         With `known` violations it looks for others, in all of the system.
         """
-        settings = replace(self._settings, known=known)
+        settings, self.equal = replace(self._settings, known=known), ()
         until = time.perf_counter() + self._time_s
         if self._checkpoint is not None and not known:
             return self._named(_sum(self._kept(settings, until, self._checkpoint)))
@@ -167,6 +169,7 @@ class Search:
         for number, part in enumerate(parts):
             left = settings.max_states - sum(f.states for f in found)
             once = replace(settings, part=part, max_states=left if settings.max_states else 0)
+            self.equal += tuple([f.names for f in self._engine.families(once)])
             left_s = max(until - time.perf_counter(), 0.0)
             if kept is not None and number < len(kept.ended):
                 found.append(_ended(kept.ended[number]))

@@ -121,6 +121,7 @@ class Judge:
                 and all(self._fits(x, r) for x in self.system.components)
                 and all(self._module(m, r) == self._module(self._stands_for(m, r))
                         for m in self.system.modules)
+                and self._plan(r)
                 and self._calendars(r)
                 and self._judged(r)
                 and all(self.widths[x] == self.widths.get(r.label(x)) for x in self.widths)
@@ -216,6 +217,12 @@ class Judge:
         )
 
     # ------------------------------------------------------------ the test
+
+    def _plan(self, r: Renaming) -> bool:
+        """Whether as much of a topic or a component is packed."""
+        p = self.plan
+        topics = all({r.topic(t) for t in some} == some for some in (p.read, p.aged, p.limited))
+        return topics and {r.component(x) for x in p.may_fault} == p.may_fault
 
     def _calendars(self, r: Renaming) -> bool:
         """Whether actors have the calendars, inputs the values, and nodes the faults."""
