@@ -271,6 +271,13 @@ BENCHMARKS = (
         "ring.",
     ),
     Benchmark(
+        "soter test: equal instances",
+        ("bench/testing_equal.py",),
+        "Two, three and four robots that share a passage and a guard, told apart and taken as "
+        "equal: configurations stored, and time, for the same verdict. *fewer*: by how much, of "
+        "what all orders of so many robots could give at most.",
+    ),
+    Benchmark(
         "soter test: memory",
         ("bench/testing_memory.py",),
         "Bytes of the table for each stored configuration, exact and as fingerprints, depth first "
@@ -298,6 +305,13 @@ BENCHMARKS = (
         "soter test and parts that only properties join",
         ("bench/testing_soundness.py", "--joined", "--programs", "100"),
         "The same comparison on parts that share nothing but a property.",
+    ),
+    Benchmark(
+        "soter test and instances that are equal, or nearly",
+        ("bench/testing_soundness.py", "--equal", "--programs", "300"),
+        "Programs of two or three instances that share something: verdicts, lengths of traces, "
+        "coverage, and one configuration stored for every orbit of those that the enumerator "
+        "reaches, with instances swapped by their names.",
     ),
     Benchmark(
         "soter test: bugs seeded in the examples",

@@ -102,7 +102,9 @@ def _orbits(
         for w in worlds:
             here, there = s.judge.canonical(w), s.judge.canonical(swap(w))
             if there not in first:
-                told.complaints.append(f"swapping {i} and {j} leads out of what is reachable: {there}")
+                told.complaints.append(
+                    f"swapping {i} and {j} leads out of what is reachable: {there}"
+                )
                 return None
             first[root(here)] = root(there)
     found = {x: root(x) for x in first}
@@ -144,7 +146,9 @@ def _one(
         _check_orbits(name, ends, s.found.ends, orbit, told)
 
 
-def _check_trace(s: Small, engine: Engine, name: str, how: Settings, steps: object, told: Told) -> None:
+def _check_trace(
+    s: Small, engine: Engine, name: str, how: Settings, steps: object, told: Told
+) -> None:
     """It is an execution; breadth first and deepening without leaving orders out: a shortest."""
     possible, broken, _ = engine.replay(steps)  # type: ignore[arg-type]
     length = sum(step.actor >= 0 for step in steps)  # type: ignore[attr-defined]

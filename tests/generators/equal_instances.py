@@ -42,7 +42,9 @@ class EqualMaker(FleetMaker):
     def _declare(self) -> list[tuple[Topic, str]]:
         few = self.count == 3
         kinds = self.pick(
-            (("node",), ("plant",), ("node", "node"), ("plant", "node"), ("module",))[: 2 if few else 5]
+            (("node",), ("plant",), ("node", "node"), ("plant", "node"), ("module",))[
+                : 2 if few else 5
+            ]
         )
         out = self._topic()
         out.max_age = 0
@@ -79,7 +81,9 @@ class EqualMaker(FleetMaker):
         again = "".join(f"  {x}\n" for x in self._around())
         parts = f"  for i in 0..{self.count} {{ r[i]: Part{inside}; }}\n"
         self.seen_in_one = self._sees()
-        self.p.replaced = [f"for i in 0..{self.count} {{ {x} }}" for x in self._in_loops(self.p.replaced)]
+        self.p.replaced = [
+            f"for i in 0..{self.count} {{ {x} }}" for x in self._in_loops(self.p.replaced)
+        ]
         self._spread(self.count)
         self.p.actors += bool(at)
         test = "".join(f"  {item}\n" for item in self._test())
@@ -105,7 +109,9 @@ class EqualMaker(FleetMaker):
             return told, "hub"
         low_high = RANGES.get(self.out.type)
         values = f" in [{low_high[0]}, {low_high[1]}]" if low_high else ""
-        told += "".join(f"input topic in{k} : {self.out.type}{values};\n" for k in range(self.count))
+        told += "".join(
+            f"input topic in{k} : {self.out.type}{values};\n" for k in range(self.count)
+        )
         return told + self._hub_node(), "hub"
 
     def _hub_node(self) -> str:

@@ -213,7 +213,7 @@ typedef struct {
   const uint64_t*
       goal; /* [words]: an end with these noted bits violates `sought`; NULL: none does */
   soter_broken sought;
-  uint64_t noted_bytes; /* that what is noted may take */
+  uint64_t noted_bytes;       /* that what is noted may take */
   const soter_family* family; /* [families]: of worlds that differ by the places of equal instances
                                  one is stored; of exhaustive searches. Blocks of one may lie
                                  inside of those of a later one */

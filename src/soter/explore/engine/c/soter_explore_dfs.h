@@ -18,9 +18,9 @@ typedef struct {
   int64_t beyond; /* the least time of what lies deeper than the bound */
   bool cut;       /* something lies deeper than the bound */
   soter_broken broken;
-  uint64_t last[SOTER_WORDS]; /* the world that violates */
+  uint64_t last[SOTER_WORDS];   /* the world that violates */
   uint64_t stored[SOTER_WORDS]; /* what stands for the one that is taken in */
-  uint64_t here[SOTER_WORDS]; /* the one that is expanded */
+  uint64_t here[SOTER_WORDS];   /* the one that is expanded */
   soter_explore_status status;
 } soter_stack;
 

@@ -1,0 +1,38 @@
+"""Equal instances: as many configurations are stored as there are orbits, and nothing is missed.
+
+The orbits are counted over the configurations of the brute-force enumerator, with instances
+swapped by their names; see tests/generators/agreement_of_equals.py. More programs:
+bench/testing_soundness.py --equal.
+
+    SOTER_EQUAL_PROGRAMS=300 pytest tests/correct/test_equal_instances_agree.py -n 2
+"""
+
+from __future__ import annotations
+
+import os
+
+import pytest
+
+from generators.agreement import small
+from generators.agreement_of_equals import compared_as_equals
+from generators.equal_instances import equal_instances
+
+CHUNKS = 6
+PROGRAMS = int(os.environ.get("SOTER_EQUAL_PROGRAMS", "36"))
+MOST = 2_500
+FAST = ("-O0",)
+
+
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_equal_instances_are_stored_once(chunk: int) -> None:
+    equal = counted = 0
+    for seed in range(chunk, PROGRAMS, CHUNKS):
+        s = small(seed, MOST, equal_instances)
+        if s is None:
+            continue
+        told = compared_as_equals(s, FAST)
+        assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
+        equal += bool(told.equal)
+        counted += 0 < told.stored < told.whole
+    assert equal >= 2, "programs of which hardly any has equal instances show nothing"
+    assert counted >= 1
