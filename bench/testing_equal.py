@@ -3,8 +3,9 @@
     .venv/bin/python bench/testing_equal.py [--runs 3] [--ticks 3] [--json FILE]
 
 Each robot has a body, a battery, and a pilot that decides for itself whether to go on; a guard
-reads all of them, between their steps, and closes the passage while two are in it. `apart` is `soter test --reduction
-parts`: all reductions, but robots are told apart; `equal` is `soter test`. Times are medians.
+reads all of them, between their steps, and closes the passage while two are in it. `apart` is
+`soter test --reduction parts`: all reductions, but robots are told apart; `equal` is `soter test`.
+Times are medians.
 
 Purpose: the figure of issue 11 about symmetric instances. Non-goals: verdicts (tests/correct).
 """

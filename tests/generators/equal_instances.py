@@ -52,7 +52,10 @@ class EqualMaker(FleetMaker):
         self.shared, self.out = shared, out
         self.p.topics.append(shared)
         driven = [out, *(self._topic() for _ in kinds[1:])]
-        return [*(() if self.hub == "none" else ((shared, "open"),)), *zip(driven, kinds)]
+        return [
+            *(() if self.hub == "none" else ((shared, "open"),)),
+            *zip(driven, kinds, strict=True),
+        ]
 
     def _reads(self, publishes: list[Topic]) -> list[Topic]:
         """Mostly what is shared, too."""
@@ -101,10 +104,12 @@ class EqualMaker(FleetMaker):
         kind = "input topic" if self.hub == "drawn" else "topic"
         told = f"{kind} hub : {self.shared.type}{values};\n"
         if self.hub == "plant":
-            return told + (
+            changed = self._choose(self.shared.type, [])
+            told += (
                 f"plant Hub period {self._period(2)}ms {{\n  drives hub = s;\n"
-                f"  state s: {self.shared.type};\n  next s = {self._choose(self.shared.type, [])};\n}}"
-            ), "hub"
+                f"  state s: {self.shared.type};\n  next s = {changed};\n}}"
+            )
+            return told, "hub"
         if self.hub == "drawn":
             return told, "hub"
         low_high = RANGES.get(self.out.type)
@@ -177,10 +182,7 @@ class EqualMaker(FleetMaker):
         return sees + [Seen(f"(mode(r[@].{m}) == Mode.AC)", "bool") for m in self.p.modules]
 
     def _properties(self) -> list[str]:
-        if self.hub != "none":
-            hub = [Seen("hub", self.shared.type)]
-        else:
-            hub = []
+        hub = [] if self.hub == "none" else [Seen("hub", self.shared.type)]
         found = []
         for _ in range(self.pick((1, 1, 2))):
             way = self.pick(("always", "always", "never", "within", "leadsto"))

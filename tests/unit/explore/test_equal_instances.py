@@ -114,7 +114,8 @@ EQUAL: dict[str, dict[str, str]] = {
     "faults of both": {"TEST": "skip r[0].Robot; skip r[1].Robot; always !open || open;"},
     "a property of each": {"TEST": "always r[0].at < 3; always r[1].at < 3;"},
     "a deadline of each": {
-        "TEST": "r[0].moved leadsto r[0].at > 0 within 10ms; r[1].moved leadsto r[1].at > 0 within 10ms;"
+        "TEST": "r[0].moved leadsto r[0].at > 0 within 10ms;"
+        " r[1].moved leadsto r[1].at > 0 within 10ms;"
     },
 }
 APART: dict[str, dict[str, str]] = {
@@ -124,7 +125,8 @@ APART: dict[str, dict[str, str]] = {
     "a property of one": {"TEST": "always r[0].at < 2;"},
     "a deadline of one": {"TEST": "r[0].moved leadsto r[0].at > 0 within 10ms;"},
     "deadlines that differ": {
-        "TEST": "r[0].moved leadsto r[0].at > 0 within 10ms; r[1].moved leadsto r[1].at > 0 within 20ms;"
+        "TEST": "r[0].moved leadsto r[0].at > 0 within 10ms;"
+        " r[1].moved leadsto r[1].at > 0 within 20ms;"
     },
     "a property that asks who is first": {"TEST": "always r[0].at <= r[1].at + 1;"},
     "a function that asks who is first": {"TEST": "always before(r[0].at, r[1].at) < 2;"},
@@ -242,9 +244,21 @@ topic all : bool;
 input topic first : bool;
 input topic second : bool;
 input topic go : bool;
-node Sensor period 10ms { subscribes go; publishes on; step { publish on = go ? false : choose bool; } }
-node Both period 20ms { subscribes first, second; publishes all; step { publish all = first && second; } }
-node Top period 20ms { subscribes first, second; publishes all; step { publish all = first || second; } }
+node Sensor period 10ms {
+  subscribes go;
+  publishes on;
+  step { publish on = go ? false : choose bool; }
+}
+node Both period 20ms {
+  subscribes first, second;
+  publishes all;
+  step { publish all = first && second; }
+}
+node Top period 20ms {
+  subscribes first, second;
+  publishes all;
+  step { publish all = first || second; }
+}
 system Robot {
   for i in 0..2 { s[i]: Half { go = go }; }
   b: Both { first = s[0].on, second = s[1].on };

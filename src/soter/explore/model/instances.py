@@ -233,7 +233,7 @@ def _together(
     inside = set(moved[first]) & set(moved[second])
     taken, found = set(inside), []
     for i in dict.fromkeys((first, second, *others)):
-        block = {moved[i].get(x) for x in inside}
+        block = {moved[i].get(x, x) for x in inside}
         if set(moved[i]) == inside | block and not block & taken:
             found.append(i)
             taken |= block
