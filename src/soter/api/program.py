@@ -419,13 +419,12 @@ class Program:
         fingerprint; `reduction`: none, sleep, ample, instants, groups, symmetry, parts, all.
         `memory`: as `"512M"`. `max_states`: 0 for no bound of its own; `runs` and `seed` are of
         the random strategies. `skew` and `horizon`: seconds or text, in place of the test's own.
-        A violation has a trace
-        that the interpreter has replayed: the least one, where that is found within `minimise`
-        seconds (0: none). It is written to the folder `output` (None: not), with `html` also as a
-        page. `all_properties`: find which others can be violated. `time`: seconds for each search.
-        `checkpoint`: a folder to write searches to, all `checkpoint_every` seconds and as they end;
-        `resume`: to go on from. Ctrl-C raises `KeyboardInterrupt`, or gives what was covered
-        (`partial`).
+        A violation has a trace that the interpreter has replayed: the least one, where that is
+        found within `minimise` seconds (0: none). It is written to the folder `output` (None: not),
+        with `html` also as a page. `all_properties`: find which others can be violated. `time`:
+        seconds for each search. `checkpoint`: a folder to write searches to, all `checkpoint_every`
+        seconds and as they end; `resume`: to go on from. Ctrl-C raises `KeyboardInterrupt`, or
+        gives what was covered (`partial`).
         """
         from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
 
