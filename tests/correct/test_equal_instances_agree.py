@@ -25,7 +25,7 @@ FAST = ("-O0",)
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_equal_instances_are_stored_once(chunk: int) -> None:
-    equal = counted = 0
+    equal = 0
     for seed in range(chunk, PROGRAMS, CHUNKS):
         s = small(seed, MOST, equal_instances)
         if s is None:
@@ -33,6 +33,14 @@ def test_equal_instances_are_stored_once(chunk: int) -> None:
         told = compared_as_equals(s, FAST)
         assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
         equal += bool(told.equal)
-        counted += 0 < told.stored < told.whole
     assert equal >= 2, "programs of which hardly any has equal instances show nothing"
-    assert counted >= 1
+
+
+def test_orbits_are_counted() -> None:
+    """Of some programs there is more to say than the verdict."""
+    counted = 0
+    for seed in range(3000, 3012):
+        s = small(seed, MOST, equal_instances)
+        told = None if s is None else compared_as_equals(s, FAST)
+        counted += told is not None and 0 < told.stored < told.whole
+    assert counted >= 2
