@@ -139,6 +139,7 @@ APART: dict[str, dict[str, str]] = {
     "who is subtracted": {"GATE": "in0 - in1 > 0"},
     "another wire": {"WIRE": "open"},
     "a first value of what is kept": {"HUB": "Clerk", "KEPT": "1"},
+    "the order within an instant": {"TEST": "order deployed; always r[0].at + r[1].at < 4;"},
 }
 
 
@@ -161,6 +162,7 @@ SHOWN = (
     "a property that asks who is first",
     "a first value of what is kept",
     "lateness that differs",
+    "the order within an instant",
 )
 
 
