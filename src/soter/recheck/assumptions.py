@@ -159,6 +159,8 @@ def _way(facts: Facts) -> Iterator[Said]:
         "vehicle": "{} is part of the vehicle that is abstracted: its last value is its state, and "
         "what stands behind it, delays included, belongs to the abstraction",
         "extern": "{} publishes in every step",
+        "beside": "{}, of which the proof knows nothing, is heard by nodes before the module: "
+        "whatever it says, and however old that is, what they publish shows the plants of the proof",
     }
     for kind, name in facts.ways.notes:
         yield Said(f"{kind} {name}", texts[kind].format(name))

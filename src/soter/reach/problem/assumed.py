@@ -163,6 +163,14 @@ def _ways(place: Place, routes: Routes) -> list[str]:
                 f"{through} read (how old that is, is followed)"
             )
         found.append(text)
+    topics: dict[str, list[str]] = {}
+    for topic, who in routes.beside:
+        topics.setdefault(who, []).append(topic)
+    found += [
+        f"{who}, of which the proof knows nothing, is heard by nodes behind {', '.join(read)}: "
+        "whatever it says, and however old that is, these show the plants of the proof"
+        for who, read in topics.items()
+    ]
     for kind, words in BEHIND.items():
         nodes = list(dict.fromkeys(n for w in routes.ways for n in getattr(w, kind)))
         if nodes:

@@ -56,6 +56,10 @@ class Routes:
     by_sc: list[Route] = field(default_factory=list)
     ways: list[Way] = field(default_factory=list)
     """From SC to plants."""
+    beside: dict[tuple[str, str], None] = field(default_factory=dict)
+    """Topics and who else their publishers listen to, that is no part of the proof: plants that no
+    `abstracts` names, controllers of other modules. They say what is done, not where the plant of
+    the proof is, so how old that is does not matter (an assumption, printed)."""
     releases: dict[Component, Releases] = field(default_factory=dict)
     """Of the nodes behind SC."""
 
@@ -80,8 +84,8 @@ def routes_of(
     def releases(c: Component) -> Releases:
         return releases_of(place, c, ns)
 
-    found.by_dm += [r for index in dm for r in _to(place, index, releases)]
-    found.by_sc += [r for index in sc for r in _to(place, index, releases)]
+    found.by_dm += [r for index in dm for r in _to(place, index, releases, found.beside)]
+    found.by_sc += [r for index in sc for r in _to(place, index, releases, found.beside)]
     if place.abstract:
         found.ways = ways_behind(place)
         found.releases = {n: releases(n) for n in found.behind}
@@ -120,7 +124,12 @@ def outputs_of(routes: Routes, acts: int) -> tuple[Output, ...]:
     return tuple(dict.fromkeys(ways)) or (Output(0, acts),)
 
 
-def _to(place: Place, index: int, releases: Callable[[Component], Releases]) -> Iterator[Route]:
+def _to(
+    place: Place,
+    index: int,
+    releases: Callable[[Component], Releases],
+    beside: dict[tuple[str, str], None],
+) -> Iterator[Route]:
     topic = place.system.topics[index]
     if not place.abstract:
         plant = place.driven[index]
@@ -133,6 +142,9 @@ def _to(place: Place, index: int, releases: Callable[[Component], Releases]) -> 
         found += 1
         if found > ROUTES_MAX:
             raise UnfollowedError(way.nodes[-1], f"more than {ROUTES_MAX} ways lead to it")
+        if way.beside is not None:
+            beside[topic.name, way.beside.name] = None
+            continue
         nodes = way.nodes[1:] if way.source and len(way.nodes) > 1 else way.nodes
         path = Path(
             way.first,
@@ -163,22 +175,29 @@ class _Way:
     nodes: tuple[Component, ...]
     first: Releases
     source: bool = False
+    beside: Component | None = None
+    """Who stands at its beginning, where that is no part of the proof."""
 
 
 def _upstream(place: Place, index: int, seen: tuple[Component, ...]) -> Iterator[_Way]:
     """Every way to a topic of the flying system that does not run in a circle."""
-    flat = place.flat
+    flat, links = place.flat, place.module.symbol.verify.abstracts
+    shown = {place.around + link.instance for link in links}
     for drive in flat.inputs:
         if drive.topic == index:
             yield _Way(None, (), Releases(drive.every_ns))
     for c in flat.components:
         if c.plant is not None and any(c.scope.topics[t] == index for t, _ in c.plant.drives):
-            yield _Way(c, (), Releases(c.period_ns, c.phase_ns))
+            beside = None if c.name in shown else c
+            yield _Way(c, (), Releases(c.period_ns, c.phase_ns), beside=beside)
         if c.node is None or c in seen or c.module == place.home.index:
             continue
         if not _publishes(c, index):
             continue
         if c.role != "node":
+            if seen:
+                yield _Way(None, (c,), Releases(1), beside=c)
+                continue
             raise UnfollowedError(c, "the AC of another module may publish anything there")
         must_publish(c, index)
         ways = 0

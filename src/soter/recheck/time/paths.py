@@ -53,7 +53,13 @@ class Ways:
         found: list[Path] = []
         for c in self._writers(index):
             if c.plant is not None:
-                found.append(Path(Clock(c.name, c.period_ns, c.phase_ns)))
+                if self._of_the_proof(c):
+                    found.append(Path(Clock(c.name, c.period_ns, c.phase_ns)))
+                else:
+                    self.notes["beside", c.name] = None
+                continue
+            if c.role != "node":
+                self.notes["beside", c.name] = None
                 continue
             if c.index in behind:
                 continue  # what it feeds back to itself
@@ -91,7 +97,7 @@ class Ways:
         if index in self.module.outputs:
             return True
         for c in self._writers(index):
-            if c.plant is None and c.index not in behind and len(behind) < NODES_MAX:
+            if c.role == "node" and c.index not in behind and len(behind) < NODES_MAX:
                 more = (*behind, c.index)
                 if any(self._commanded(i, more) for i in _subscribed(self.system, c)):
                     return True
@@ -163,13 +169,18 @@ class Ways:
         home = self.module.name.rpartition(".")[0]
         return [c.name, c.name.removeprefix(f"{home}.") if home else c.name]
 
+    def _of_the_proof(self, c: Component) -> bool:
+        """Whether a plant is one that `abstracts` names; all are where it names none."""
+        links = self.module.symbol.verify.abstracts
+        return not links or any(link.instance in self._names(c) for link in links)
+
     def _writers(self, index: int) -> list[Component]:
-        """Plants and nodes outside modules that publish a topic."""
+        """Plants, nodes, and controllers of other modules that publish a topic."""
         found = []
         for c in self.system.components:
             if c.plant is not None:
                 written = [t for t, _ in c.plant.drives]
-            elif c.node is not None and c.role == "node":
+            elif c.node is not None and c.module != self.module.index:
                 written = list(c.node.publishes)
             else:
                 continue
