@@ -81,7 +81,7 @@ def flight(run: Run) -> Flight:
         tuple(v.what for v in run.violation_list for _ in range(v.count)),
         int(book["number"]),
         int(book["forced"]),
-        int(book["aloft"]),
+        int(book["late"]),
         {k: int(n) for k, n in enumerate(book["charges"]) if n},
         float(book["least"]),
         float(book["left"]),
