@@ -61,6 +61,15 @@ BENCHMARKS = (
         "ground, ceiling or edge, or leaving the box that is flown, on the true state.",
     ),
     Benchmark(
+        "The surveillance drone, whole",
+        ("bench/drone_stack.py",),
+        "The whole program with missions that never charge, battery ACs that land when they like, "
+        "planners that lie and ACs that ram, wind at its bounds; two shorter arms have "
+        "RRT*. A violation is a collision, leaving the box in force, a plan in force that is not "
+        "sound, an empty battery aloft, a landing that is not over in time. `by DM`: landings that "
+        "the decision module asked for; `s left`: of the time for a landing, at touch-down.",
+    ),
+    Benchmark(
         "The drone against the plant of its proof",
         ("bench/drone_conformance.py",),
         "Every 5 ms of 1,000 seeded laps and of flights with hostile ACs: the least bound on |d| "

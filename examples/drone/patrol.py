@@ -51,16 +51,13 @@ def said(run: Run) -> list[tuple[str, str]]:
     lines.append(("plans refused", f"{int(force['refused'])}" + (f": {reasons}" if why else "")))
     lines.append(("battery at the end", f"{float(battery['charge']):.0%}, {docked}"))
     if book["number"]:
-        lines.append(
-            (
-                "landings",
-                f"{int(book['number'])}, {int(book['forced'])} asked for by the decision module; at "
-                f"touch-down at least {float(book['least']):.1%} charge and {float(book['left']):.0f} s "
-                "left",
-            )
-        )
+        asked = f"{int(book['number'])}, {int(book['forced'])} of them by the decision module"
+        least = f"{float(book['least']):.1%} charge and {float(book['left']):.0f} s left"
+        lines.append(("landings", f"{asked}; at touch-down at least {least}"))
     lines.append(("violations", f"{run.violations}"))
-    lines += [(f"  at {v.time_s:.1f} s", v.what) for v in run.violation_list if v.time_s is not None]
+    lines += [
+        (f"  at {v.time_s:.1f} s", v.what) for v in run.violation_list if v.time_s is not None
+    ]
     return lines
 
 

@@ -1,4 +1,4 @@
-"""The surveillance drone as one program: flown, proved module by module, broken where it must be."""
+"""The surveillance drone as one program: flown, proved by module, broken where it must be."""
 
 from __future__ import annotations
 
@@ -114,7 +114,7 @@ def test_a_reserve_for_a_shorter_landing_is_used_up(copied: Path) -> None:
 def test_a_planner_that_lets_no_plan_settle_loses_control(copied: Path) -> None:
     """One good plan after the other, faster than any can be taken: delayed, not starved."""
 
-    def straight(inputs: Any) -> dict[str, Any]:  # noqa: ANN401 - soter's record
+    def straight(inputs: Any) -> dict[str, Any]:
         ends = (inputs.request.start, inputs.request.goal)
         return {"candidate": [(p.x, p.y, p.z) for p in ends]}
 

@@ -160,7 +160,7 @@ def _way(facts: Facts) -> Iterator[Said]:
         "what stands behind it, delays included, belongs to the abstraction",
         "extern": "{} publishes in every step",
         "beside": "{}, of which the proof knows nothing, is heard by nodes before the module: "
-        "whatever it says, and however old that is, what they publish shows the plants of the proof",
+        "whatever it says, and however old that is, they show the plants of the proof",
     }
     for kind, name in facts.ways.notes:
         yield Said(f"{kind} {name}", texts[kind].format(name))
