@@ -161,8 +161,8 @@ def campaign(missions: int) -> dict[str, list[Flight]]:
 def main() -> int:
     """Fly, print, judge."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("--missions", type=int, default=1500, help="that end in a landing, in all")
-    parser.add_argument("--rrt-hours", type=float, default=1.0, help="of each arm with RRT*")
+    parser.add_argument("--missions", type=int, default=800, help="that end in a landing, in all")
+    parser.add_argument("--rrt-hours", type=float, default=0.5, help="of each arm with RRT*")
     arguments = parser.parse_args()
     began = time.perf_counter()
     flown = campaign(arguments.missions)

@@ -11,7 +11,7 @@ import soter
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.api.reports import VerifyReport
+    from soter.reach.claims.results import VerifyReport
 
 PROGRAM = """soter 1;
 topic seen: float max_age 20ms;
