@@ -226,6 +226,7 @@ def _details(module: ModuleResult, console: Console) -> list[str]:
     size = f", {module.cells:,} cells" if module.cells else ""
     lines = ["", f"{' · '.join(shares)} of the grid's volume{size}"] if shares or size else []
     lines += [module.at_the_start] if module.at_the_start else []
+    lines += ["", *module.notes] if module.notes else []
     told: list[str] = []
     for name in ("P2a", "ttf", "safer", *module.findings):
         finding = module.findings[name]
@@ -287,6 +288,7 @@ def _module(module: ModuleResult, runs: Mapping[str, Path]) -> dict[str, object]
         "headline": module.headline,
         "vacuous": _vacuous(module),
         "at_the_start": module.at_the_start,
+        "notes": list(module.notes),
         "horizon_s": times.horizon_ns / 1e9 if sets else None,
         "horizon_needed_s": times.h_star / 1e9 if sets else None,
         "recover_s": module.recover_s,

@@ -149,7 +149,7 @@ def _module(m: ModuleResult) -> ModuleProof:
         name=m.name,
         verdict=m.verdict,
         headline=f"{len(m.problem.assumptions)} assumptions, {_cells(m)}{m.seconds:.1f} s"
-        + (f"; {m.at_the_start}" if m.at_the_start else ""),
+        + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
         properties=rows,
         times=_times(m),
         shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),

@@ -562,6 +562,8 @@ class VerifyBlock:
     views: tuple[View, ...]
     induction: Span | None
     lemmas: tuple[Expr, ...]
+    progress: tuple[Expr, ...]
+    enters: Expr | None
     span: Span
 
 

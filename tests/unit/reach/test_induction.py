@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 import soter
+from generators.opaque import OPAQUE
 from soter.api.program import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.reach.to_report import page
@@ -15,7 +16,7 @@ from soter.reach.to_report import page
 if TYPE_CHECKING:
     from pathlib import Path
 
-    from soter.reach.claims.results import VerifyReport
+    from soter.reach.claims.results import ModuleResult, VerifyReport
 
 pytest.importorskip("z3")
 
@@ -355,3 +356,141 @@ def test_what_an_induction_rests_on_is_said_and_nothing_of_sets(tmp_path: Path) 
     said = " ".join(f"{row.meaning} {row.detail}" for row in found.modules[0].properties)
     assert "R(H)" not in said
     assert "core K" not in said
+
+
+def opaque(tmp_path: Path, *changes: tuple[str, str]) -> ModuleResult:
+    text = OPAQUE
+    for old, new in changes:
+        assert old in text, old
+        text = text.replace(old, new)
+    path = tmp_path / "opaque.soter"
+    path.write_text(text)
+    return load(path).verify(refute=False)["Planner"]
+
+
+def test_what_is_opaque_is_named_and_no_assumption(tmp_path: Path) -> None:
+    found = opaque(tmp_path)
+    assert found.verdict == "proved"
+    assert found.findings["P2a"].verdict == "proved"
+    (note,) = found.notes
+    assert "good" in note
+    assert "made" in note
+    assert not any("equal" in a for a in found.problem.assumptions)
+
+
+def test_progress_is_assumed_and_printed(tmp_path: Path) -> None:
+    found = opaque(tmp_path)
+    returns = found.findings["P2b"]
+    assert returns.verdict == "assumed"
+    assert "`progress` holds" in returns.text
+    assert "no step of Planner.Safe or Follower faults" in returns.text
+    assert found.recover_s is None
+    said = found.problem.assumptions
+    assert any(a.startswith("progress") and "made(asked)" in a for a in said)
+    assert any("Follower faults" in a for a in said)
+
+
+PROGRESS = "    progress fits(made(asked), asked);\n"
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        (PROGRESS, ""),
+        (PROGRESS, "    progress good(made(asked));\n"),
+        (PROGRESS, "    progress fits(made(asked), asked) && asked > 8 && asked < 3;\n"),
+        (
+            "told = asked;\n      waited",
+            "told = asked;\n      if false { told = 1; }\n      waited",
+        ),
+        ("waited = waited < 5 ? waited + 1 : waited;", ""),
+        ("|| waited == 5", "|| true"),
+    ],
+    ids=["none", "not enough", "contradicted", "as before", "said once", "said always"],
+)
+def test_without_progress_nothing_says_that_ac_gets_control_back(
+    tmp_path: Path, change: tuple[str, str]
+) -> None:
+    """SC says it again: from any state a `told` that is wrong does not matter for long."""
+    found = opaque(tmp_path, change).findings
+    assert found["P2a"].verdict == "proved"
+    expected = "assumed" if "if false" in change[1] or "true" in change[1] else "undecided"
+    assert found["P2b"].verdict == expected
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        [("&& good(candidate) { now", "{ now")],
+        [("good(candidate) { now", "good(now) { now")],
+        [("good(candidate) { now = candidate;", "good(made(3)) { now = made(4);")],
+        [("publish inForce = now", "publish inForce = candidate")],
+        [("{ now = candidate; }", "{ now = candidate; now.ends[0] = 0.25; }")],
+        [("{ now = candidate; }", "{ now = candidate; push now.ends, 0.25; }")],
+        [("{ now = candidate; }", "{ now.ends = candidate.ends; now.n = 1; }")],
+        [
+            # what is published for ever after a fault counts, too
+            ("  publishes inForce;\n", "  publishes inForce;\n  failsafe inForce = BAD;\n"),
+            ("topic asked", "const BAD: Way = { ends: [1.0], n: 1 };\ntopic asked"),
+            ("good(candidate) { now", "good(made(candidate.n)) && good(candidate) { now"),
+        ],
+    ],
+    ids=["unchecked", "another", "two", "around", "element", "push", "parts", "fail-safe"],
+)
+def test_what_is_opaque_proves_nothing_wrong(
+    tmp_path: Path, changes: list[tuple[str, str]]
+) -> None:
+    found = opaque(tmp_path, *changes)
+    assert found.findings["P2a"].verdict == "undecided"
+    assert found.verdict == "undecided"
+
+
+def test_a_fail_safe_value_that_is_safe_does_no_harm(tmp_path: Path) -> None:
+    found = opaque(
+        tmp_path,
+        ("  publishes inForce;\n", "  publishes inForce;\n  failsafe inForce = STILL;\n"),
+        ("topic asked", "const STILL: Way = { ends: [1.0], n: 0 };\ntopic asked"),
+        ("good(candidate) { now", "good(made(candidate.n)) && good(candidate) { now"),
+    )
+    assert found.findings["P2a"].verdict == "proved"
+
+
+def test_floats_are_equal_as_floats_are_and_not_as_terms(tmp_path: Path) -> None:
+    """NaN is not equal to itself, and -0.0 equals 0.0."""
+    for changed in (
+        ("good(candidate) {", "candidate.ends[0] == candidate.ends[0] {"),
+        ("good(candidate) {", "(candidate.ends[0] != candidate.ends[0] || good(candidate)) {"),
+    ):
+        assert opaque(tmp_path, changed).findings["P2a"].verdict == "undecided"
+
+
+def test_lists_of_other_things_are_other_lists(tmp_path: Path) -> None:
+    """Two floats, and one pair of floats: as lists they have no length in common."""
+    lists = """let a: float[<=2] = [candidate.ends[0], candidate.ends[1]];
+    let b: Pair[<=2] = [{ x: candidate.ends[0], y: candidate.ends[1] }];
+    if a.len + b.len > 5 { now.n = 3; }
+    if true { now = candidate; }"""
+    found = opaque(
+        tmp_path,
+        ("if age(candidate) > seconds(50ms) && good(candidate) { now = candidate; }", lists),
+        ("topic asked", "type Pair = { x: float, y: float };\ntopic asked"),
+    )
+    assert found.findings["P2a"].verdict == "undecided"
+
+
+def test_functions_have_names_of_their_own(tmp_path: Path) -> None:
+    """`element` of the program is not what takes an element out of a list."""
+    function = """fun element(xs: float[<=4], i: int): float {
+  var x = 0.0;
+  for k in 0..100 { x = x + float(i); }
+  return x;
+}
+"""
+    low = "element(candidate.ends, 2) < 0.5 && !(candidate.ends[2] < 0.5)"
+    step = f"if {low} || good(candidate) {{ now"
+    found = opaque(
+        tmp_path,
+        ("if age(candidate) > seconds(50ms) && good(candidate) { now", step),
+        ("node Any", function + "node Any"),
+    )
+    assert found.findings["P2a"].verdict == "undecided"

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from generators.opaque import OPAQUE as SLOW
 from soter.api.program import load
 from soter.api.rechecking import recheck
 
@@ -158,3 +159,60 @@ def test_too_small_a_k_is_rejected(tmp_path: Path) -> None:
     assert recheck(folder).accepted
     sealed_again(folder, edited("k", k - 1))
     assert not recheck(folder).accepted
+
+
+OPAQUE = SLOW.replace("period 400ms", "period 40ms")
+
+
+def test_what_is_opaque_is_accepted_as_far_as_it_is_proved(tmp_path: Path) -> None:
+    """P2b rests on `progress`: assumed, and not confirmed."""
+    report = recheck(certificate(tmp_path, OPAQUE))
+    assert report.accepted, report.reason
+    assert report.safe
+    assert not report.returns
+    (module,) = report.modules
+    assert any("latches its node" in a.text for a in module.assumptions)
+
+
+def latching(manifest: dict[str, Any]) -> None:
+    manifest["modules"][0]["induction"]["latching"] = False
+
+
+def returns(manifest: dict[str, Any]) -> None:
+    manifest["modules"][0]["claims"]["P2b"] = "proved"
+    manifest["modules"][0]["induction"]["returns"] = 3
+
+
+@pytest.mark.parametrize("change", [latching, returns, edited("progress", [])])
+def test_more_than_is_proved_of_what_is_opaque_is_rejected(
+    tmp_path: Path, change: Callable[[dict[str, Any]], None]
+) -> None:
+    folder = certificate(tmp_path, OPAQUE)
+    sealed_again(folder, change)
+    assert not recheck(folder).accepted
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [
+        ("&& good(candidate) { now", "{ now"),
+        ("good(candidate) { now", "good(now) { now"),
+        ("publish inForce = now", "publish inForce = candidate"),
+        ("{ now = candidate; }", "{ now.ends = candidate.ends; now.n = 1; }"),
+        ("safe inForce.n == 0 ||", "safe"),
+        ("  publishes inForce;\n", "  publishes inForce;\n  failsafe inForce = BAD;\n"),
+    ],
+    ids=["unchecked", "another", "around", "parts", "at the start", "fail-safe"],
+)
+def test_wrong_programs_of_what_is_opaque_are_rejected(tmp_path: Path, old: str, new: str) -> None:
+    text = OPAQUE.replace("topic asked", "const BAD: Way = { ends: [1.0], n: 1 };\ntopic asked")
+    good = certificate(tmp_path, text)
+    (module,) = json.loads((good / "manifest.json").read_text())["modules"]
+    assert module["claims"]["P2a"] == "proved"
+    (tmp_path / "wrong").mkdir()
+    assert old in text
+    wrong = certificate(tmp_path / "wrong", text.replace(old, new))
+    sealed_again(wrong, lambda manifest: manifest.update(modules=[module]))
+    report = recheck(wrong)
+    assert not report.accepted
+    assert "something fails" in report.reason

@@ -512,6 +512,10 @@ class VerifyBlock:
     induction: Span | None = None
     """Where it asks for a proof by induction (`reach/induction/`)."""
     lemmas: tuple[Expr, ...] = ()
+    progress: tuple[Expr, ...] = ()
+    """What P2b takes for granted: nobody proves it."""
+    enters: Expr | None = None
+    """What holds of a node's step in which topics change that the maps of views read."""
     span: Span | None = None
 
 
@@ -595,8 +599,10 @@ class ModuleSymbol(Symbol):
 
     @property
     def spoken(self) -> tuple[Expr, ...]:
-        """The same and the lemmas: what a proof is about."""
-        return (*self.predicates, *self.verify.lemmas)
+        """The same, lemmas and what progress rests on: everything that names topics."""
+        verify = self.verify
+        enters = () if verify.enters is None else (verify.enters,)
+        return (*self.predicates, *verify.lemmas, *verify.progress, *enters)
 
     @property
     def expressions(self) -> tuple[Expr, ...]:

@@ -260,6 +260,8 @@ class ModuleResult:
     """That the sets are empty, or nearly: said in the headline."""
     at_the_start: str = ""
     """A line where AC cannot have control at the start."""
+    notes: tuple[str, ...] = ()
+    """Lines about how it was proved that are no assumptions."""
 
     def __repr__(self) -> str:
         held = ", ".join(f"{name} {f.verdict}" for name, f in self.findings.items())

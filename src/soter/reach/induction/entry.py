@@ -33,6 +33,8 @@ def induction_entry(result: InductionResult, system: str) -> dict[str, object]:
             "returns": returns,
             "hyperperiod_ns": found.hyperperiod_ns,
             "lemmas": list(problem.lemma_texts),
+            "progress": list(problem.progress_texts),
+            "latching": bool(found.latching),
             "clocks": {
                 problem.system.components[c.component].name: [
                     c.period,

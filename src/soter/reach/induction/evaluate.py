@@ -64,6 +64,8 @@ class Evaluation:
         self.env: dict[str, Term] = {}
         self.types: dict[str, Type] = {}
         self.fault: Term = False
+        self.doubt: Term = False
+        """A fault that hangs on something uninterpreted: there may be none."""
         self.published: dict[int, tuple[Term, Term, Type]] = {}
         """By output: whether there is a publication, its value."""
         self.left = budget or STATEMENTS_MAX
@@ -114,7 +116,11 @@ class Evaluation:
             self.published[s.output] = (True, self.expr(s.value), s.value.type)
 
     def _faults(self, where: Term, condition: Term) -> None:
-        self.fault = self.terms.either(self.fault, self.terms.both(where, condition))
+        found = self.terms.both(where, condition)
+        if self.terms.is_opaque(condition):
+            self.doubt = self.terms.either(self.doubt, found)
+        else:
+            self.fault = self.terms.either(self.fault, found)
 
     def _if(self, s: core.If, where: Term) -> None:
         terms = self.terms
@@ -225,13 +231,15 @@ class Evaluation:
                 inner.bind(p.name, p.type, a)
             inner.run(f.body)
             value, fault = inner.expr(f.result), inner.fault
+            self.doubt = self.terms.either(self.doubt, self.terms.both(where, inner.doubt))
             self.left = inner.left
             self.uninterpreted |= inner.uninterpreted
         else:
             pairs = zip(arguments, f.parameters, strict=True)
             given = [x for a, p in pairs for x in self.terms.flat(a, p.type)]
-            value = self.terms.apply(f.name, given, f.result_type)
-            fault = self.terms.apply(f"{f.name} faults", given, BOOL) if f.can_fault else False
+            name = f"fun {f.name}"
+            value = self.terms.apply(name, given, f.result_type)
+            fault = self.terms.apply(f"{name} faults", given, BOOL) if f.can_fault else False
             self.uninterpreted[f.source_name] = None
         self._faults(where, fault)
         self.bind(s.name, s.type, value)

@@ -28,7 +28,17 @@ if TYPE_CHECKING:
     from soter.program.model import typed
     from soter.program.model.system import Component, Module, System
 
-OTHERS = ("groups", "abstracts", "commands", "core", "horizon", "levels", "acts", "dropout")
+OTHERS = (
+    "groups",
+    "abstracts",
+    "commands",
+    "core",
+    "horizon",
+    "levels",
+    "acts",
+    "dropout",
+    "enters",
+)
 """What a `verify` block may say that is for sets, and for no induction."""
 WORDS = {"groups": "grid`, `polytope", "acts": "acts within"}
 
@@ -49,6 +59,9 @@ class InductionProblem(Problem):
     safe: Predicate
     lemmas: tuple[Predicate, ...]
     lemma_texts: tuple[str, ...]
+    progress: tuple[Predicate, ...]
+    """What P2b takes for granted at all times."""
+    progress_texts: tuple[str, ...]
     any_value: dict[str, str] = field(default_factory=dict)
     """Topics of which nothing but their set is known: name -> why, in words."""
     first_ns: int = 0
@@ -80,14 +93,15 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
     assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
     times, clocks, declared, absent = _times(system, at, diagnostics)
     _stop(diagnostics)
-    asked = (at.symbol.safe, *at.symbol.verify.lemmas)
+    lemmas_, progress_ = at.symbol.verify.lemmas, at.symbol.verify.progress
+    asked = (at.symbol.safe, *lemmas_, *progress_)
     texts = tuple(" ".join(e.span.text.split()) for e in asked)
     properties = [
         Property(k, "always", e, at.scope, text, e.span)
         for k, (e, text) in enumerate(zip(asked, texts, strict=True))
     ]
     core = lower(derived.with_properties(system, properties))
-    safe, *lemmas = core.properties
+    safe, *others = core.properties
     recover = at.symbol.verify.recover
     calculator = Calculator(diagnostics, at.scope.params)
     problem = InductionProblem(
@@ -112,8 +126,10 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
         declared=declared,
         undeclared=tuple(absent),
         safe=safe,
-        lemmas=tuple(lemmas),
-        lemma_texts=texts[1:],
+        lemmas=tuple(others[: len(lemmas_)]),
+        lemma_texts=texts[1 : 1 + len(lemmas_)],
+        progress=tuple(others[len(lemmas_) :]),
+        progress_texts=texts[1 + len(lemmas_) :],
         any_value=any_value,
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
         flying=flat.name,

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 
 from soter.reach.induction.calendar import hyperperiod, settled
 from soter.reach.induction.evaluate import TooLongError
-from soter.reach.induction.relation import SC, Stretch
+from soter.reach.induction.relation import Stretch
 from soter.reach.induction.terms import Terms
 
 if TYPE_CHECKING:
@@ -50,9 +50,13 @@ class Induction:
     why: str = ""
     """Why nothing was found."""
     uninterpreted: dict[str, None] = field(default_factory=dict)
+    latching: tuple[str, ...] = ()
+    """Components of which nothing shows that they do not fault: what is proved holds if they do."""
     returns: int = 0
     """So many whole hyperperiods SC never keeps control; 0: not shown."""
     returns_s: float = 0.0
+    contradicted: bool = False
+    """What progress rests on never holds for long."""
 
     @property
     def returns_ns(self) -> int:
@@ -69,7 +73,9 @@ def induct(problem: InductionProblem, progress: Callable[[float], None] | None =
         found.why = f"a hyperperiod has {found.steps} steps, too many to be followed"
         return found
     try:
-        _deepen(problem, found, began, progress)
+        _deepen(problem, found, progress)
+        if not found.proved and found.about != "safe":
+            _latching(problem, found, progress)
         if found.proved:
             _returns(problem, found)
     except TooLongError:
@@ -78,12 +84,34 @@ def induct(problem: InductionProblem, progress: Callable[[float], None] | None =
     return found
 
 
-def _deepen(
-    problem: InductionProblem,
-    found: Induction,
-    began: float,
-    progress: Callable[[float], None] | None,
+def _latching(
+    problem: InductionProblem, found: Induction, progress: Callable[[float], None] | None
 ) -> None:
+    """The same where a step may fault, and latches its node: what holds then holds anyway."""
+    names = _may_fault(problem)
+    if not names:
+        return
+    other = Induction(found.hyperperiod_ns, found.steps, latching=names)
+    _deepen(problem, other, progress)
+    if other.proved or other.about == "safe":
+        found.latching, found.k, found.proved = names, other.k, other.proved
+        found.uninterpreted |= other.uninterpreted
+    if other.about == "safe":
+        found.about, found.what, found.fails_ns = other.about, other.what, other.fails_ns
+
+
+def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
+    """SC, and nodes beside the module, with a step that may fault for all that is known of it."""
+    terms = Terms()
+    stretch = Stretch(problem, terms, hyperperiod(problem.clocks))
+    found = {d.step.component for d in stretch.done if d.doubt is not False}
+    return tuple(problem.system.components[i].name for i in sorted(found))
+
+
+def _deepen(
+    problem: InductionProblem, found: Induction, progress: Callable[[float], None] | None
+) -> None:
+    began = time.perf_counter()
     for n, k in enumerate(DEPTHS):
         if progress is not None:
             progress(n / len(DEPTHS))
@@ -108,7 +136,7 @@ def _base(problem: InductionProblem, found: Induction, k: int) -> str:
     """Whether all holds in the first k hyperperiods of every run, and before them."""
     terms = Terms()
     end = settled(problem.clocks) + k * found.hyperperiod_ns
-    stretch = Stretch(problem, terms, end, first=True)
+    stretch = Stretch(problem, terms, end, first=True, latching=bool(found.latching))
     found.uninterpreted |= stretch.uninterpreted
     bad = _bad(stretch, 0, end)
     solver = _solver(terms)
@@ -140,7 +168,7 @@ def _step(problem: InductionProblem, found: Induction, k: int) -> bool:
     """Whether all that held for k hyperperiods holds in the next one."""
     terms = Terms()
     whole = found.hyperperiod_ns
-    stretch = Stretch(problem, terms, (k + 1) * whole)
+    stretch = Stretch(problem, terms, (k + 1) * whole, latching=bool(found.latching))
     solver = _solver(terms)
     _assume(solver, stretch, k * whole)
     bad = _bad(stretch, k * whole, (k + 1) * whole)
@@ -185,23 +213,25 @@ def _returns(problem: InductionProblem, found: Induction) -> None:
             break
         if problem.recover_ns is not None and (n + 1) * whole > problem.recover_ns:
             break
-        terms = Terms()
-        stretch = Stretch(problem, terms, n * whole, returning=True)
-        solver = _solver(terms)
-        _assume(solver, stretch, n * whole)
-        for done in stretch.done:
-            if done.mode is not None:
-                inside = done.step.effect.latest < n * whole or done.step.effect.at < n * whole
-                stays = (
-                    [done.mode == SC]
-                    if done.before is None
-                    else [done.before == SC, done.mode == SC]
-                )
-                solver.add(terms.z3.Implies(_term(terms, inside), terms.z3.And(*stays)))
-        if solver.check() == terms.z3.unsat:
-            found.returns = n
+        if _nothing(problem, found, n, stays=True):
+            found.contradicted = bool(problem.progress) and _nothing(problem, found, 1, stays=False)
+            found.returns = 0 if found.contradicted else n
             break
     found.returns_s = time.perf_counter() - began
+
+
+def _nothing(problem: InductionProblem, found: Induction, n: int, *, stays: bool) -> bool:
+    """Whether no state is followed by n hyperperiods in which all holds; `stays`: and SC all along.
+
+    No step faults there, and what progress rests on holds.
+    """
+    terms, end = Terms(), n * found.hyperperiod_ns
+    stretch = Stretch(problem, terms, end, returning=True, stays=stays)
+    solver = _solver(terms)
+    _assume(solver, stretch, end)
+    granted = [terms.either(terms.no(s.counts), s.granted) for s in stretch.seen]
+    solver.add(*[_term(terms, g) for g in granted])
+    return bool(solver.check() == terms.z3.unsat)
 
 
 # ---------------------------------------------------------------- the solver

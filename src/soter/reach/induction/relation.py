@@ -9,71 +9,33 @@ Non-goals: proving anything (`prove.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.lower import core
 from soter.lower.footprint import walk
 from soter.program.model.system import queues_of
-from soter.program.model.types import FLOAT, MODE
+from soter.program.model.types import BOOL, MODE
 from soter.reach.induction.calendar import before, clusters, steps_of
 from soter.reach.induction.evaluate import Evaluation
-from soter.reach.induction.terms import Age
+from soter.reach.induction.sight import AC, NEVER, SC, Done, Seen, State, View, if_
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
+    from soter.program.model.system import Component
     from soter.program.model.types import Type
     from soter.reach.induction.calendar import Point, Step
     from soter.reach.induction.problem import InductionProblem
     from soter.reach.induction.terms import Term, Terms
 
-SC, AC = 0, 1
-NEVER = -(2**62)
-
-
-@dataclass
-class State:
-    """Between two clusters: topics with their stamps, locals, the mode."""
-
-    topics: dict[int, tuple[Term, Term]]
-    locals: dict[tuple[int, str], Term]
-    mode: Term
-
-
-@dataclass(eq=False)
-class Done:
-    """What a step did: publications (whether, what), its mode where it is a DM's."""
-
-    step: Step
-    published: dict[int, tuple[Term, Term]] = field(default_factory=dict)
-    mode: Term | None = None
-    before: Term | None = None
-    """The mode that a DM found."""
-    fault: Term = False
-
-
-@dataclass(frozen=True)
-class Seen:
-    """An instant at which properties are judged: when it counts, and what holds there.
-
-    `holds`: what is proved: that no step faulted, `safe`, then the lemmas, at `at`; `later`: `safe`
-    at any time until something happens, where ages matter to it.
-    """
-
-    counts: Term
-    earliest: int
-    latest: int
-    at: Term
-    holds: tuple[Term, ...]
-    later: Term
-    component: int
-
 
 class Stretch:
     """The time [0, end) of a run (`first`), or from any hyperperiod on, from any state.
 
-    `returning`: what the DM reads is fresh, and the gate has nothing against AC (P2b).
+    `returning`: what the DM reads is fresh, and the gate has nothing against AC (P2b); `stays`: the
+    mode is SC all the time.
+    `latching`: a step may fault where that hangs on something uninterpreted; its node is latched
+    then, as in semantics.md. Without it every fault is something that fails.
     """
 
     def __init__(
@@ -84,9 +46,11 @@ class Stretch:
         *,
         first: bool = False,
         returning: bool = False,
+        stays: bool = False,
+        latching: bool = False,
     ) -> None:
         self.problem, self.terms, self.end = problem, terms, end
-        self.returning = returning
+        self.returning, self.stays, self.latching = returning, stays, latching
         self.functions = {f.name: f for f in problem.core.functions}
         self.writers = _writers(problem)
         self.aged = any(isinstance(n, core.Fact) for n in _facts(problem.safe))
@@ -116,7 +80,8 @@ class Stretch:
             if c.node is not None:
                 for v, value in zip(c.node.locals, c.initial, strict=True):
                     found[c.index, v.name] = terms.constant(v.type, value)
-        return State(topics, found, SC)
+        nobody: dict[int, Term] = {c.index: False for c in system.components}
+        return State(topics, found, SC, dict(nobody), nobody)
 
     def _any(self) -> State:
         system, terms = self.problem.system, self.terms
@@ -132,7 +97,11 @@ class Stretch:
             if c.node is not None
             for v in c.node.locals
         }
-        return State(topics, found, terms.fresh(MODE, "mode"))
+        indices = [c.index for c in system.components]
+        had = {i: terms.truth("had control") for i in indices}
+        latched = {i: terms.truth("latched") if self.latching else False for i in indices}
+        mode = SC if self.stays else terms.fresh(MODE, "mode")
+        return State(topics, found, mode, had, latched)
 
     def _see_start(self) -> None:
         view = View(self, None, 0)
@@ -153,69 +122,8 @@ class Stretch:
         value = found.expr(p.value)
         self.uninterpreted |= found.uninterpreted
         terms = self.terms
-        if fault:
-            return terms.either(value, found.fault)
-        return terms.both(value, terms.no(found.fault))
-
-
-class View:
-    """What is read at a point of a cluster, `own` included where it is an effect."""
-
-    def __init__(
-        self,
-        of: Stretch,
-        cluster: Cluster | None,
-        now: Term,
-        point: Point | None = None,
-        own: Step | None = None,
-        *,
-        enabled: Term = True,
-    ) -> None:
-        self.of, self.cluster, self.now, self.point, self.own = of, cluster, now, point, own
-        self.enabled = enabled
-        self._known: dict[int, tuple[Term, Term]] = {}
-
-    def cell(self, cell: core.Cell, t: Type) -> Term:
-        """A topic; one that nobody of the relation publishes holds anything of its set."""
-        assert cell.kind == "topic", cell
-        if cell.owner not in self.of.writers:
-            topic = self.of.problem.system.topics[cell.owner]
-            bounds = topic.bounds if topic.queue_of is None else None
-            return self.of.terms.fresh(t, topic.name, bounds)
-        return self.topic(cell.owner)[0]
-
-    def topic(self, index: int) -> tuple[Term, Term]:
-        """Value and stamp."""
-        if index not in self._known:
-            found = self.of.state.topics[index]
-            if self.cluster is not None:
-                found = self.cluster.last(index, found, self.point, self.own)
-            self._known[index] = found
-        return self._known[index]
-
-    def stamp(self, index: int) -> Term:
-        """Of a topic; of one that nobody of the relation publishes, any."""
-        if index in self.of.writers:
-            return self.topic(index)[1]
-        terms = self.of.terms
-        found = terms.whole("stamp")
-        terms.state(found <= self.now)
-        return found
-
-    def mode(self) -> Term:
-        """Of the module."""
-        found = self.of.state.mode
-        return found if self.cluster is None else self.cluster.mode(found, self.point, self.own)
-
-    def fact(self, fact: core.Fact) -> Term:
-        """`time` may be anything."""
-        if fact.fact == "mode":
-            return self.mode()
-        if fact.fact == "in_control":
-            return self.enabled
-        if fact.fact == "age":
-            return Age(self.now - self.stamp(fact.index))
-        return self.of.terms.fresh(FLOAT, "time")
+        faults = terms.either(found.fault, found.doubt)
+        return terms.either(value, faults) if fault else terms.both(value, terms.no(faults))
 
 
 class Cluster:
@@ -225,6 +133,7 @@ class Cluster:
         self.of, self.terms, self.steps, self.after = of, of.terms, steps, after
         self.done = [self._announced(s) for s in steps]
         self.locals = dict(of.state.locals)
+        self.had, self.latched = dict(of.state.had), dict(of.state.latched)
 
     def run(self) -> None:
         """Define every effect, see what is to be seen, and go on from where it ends."""
@@ -241,7 +150,7 @@ class Cluster:
                 terms.named(stamp, "stamp"),
             )
         mode = terms.named(self.mode(of.state.mode, None, None), "mode")
-        of.state = State(topics, self.locals, mode)
+        of.state = State(topics, self.locals, mode, self.had, self.latched)
         of.done += self.done
 
     # ------------------------------------------------------------ who came before
@@ -267,7 +176,7 @@ class Cluster:
             ]
             is_last = terms.both(counts, terms.no(terms.either(*later)))
             value = terms.chosen(is_last, new, value, t)
-            stamp = _if(terms, is_last, d.step.effect.at, stamp)
+            stamp = if_(terms, is_last, d.step.effect.at, stamp)
         return value, stamp
 
     def mode(self, old: Term, point: Point | None, own: Step | None) -> Term:
@@ -276,7 +185,7 @@ class Cluster:
         for d in self.done:  # decisions of one DM are in order
             if d.mode is not None:
                 here = self._there(d, point, own)
-                found = _if(self.terms, here, d.mode, found)
+                found = if_(self.terms, here, d.mode, found)
         return found
 
     def _there(self, d: Done, point: Point | None, own: Step | None) -> Term:
@@ -293,7 +202,11 @@ class Cluster:
         component = of.problem.system.components[step.component]
         done = Done(step)
         if component.role == "dm":
-            done.mode = terms.fresh(MODE, "mode")
+            inside = of.stays and step.effect.latest < of.end
+            done.mode = SC if inside else terms.fresh(MODE, "mode")
+            if of.stays and not inside:
+                still = step.effect.at >= of.end
+                terms.state(terms.either(still, done.mode == SC))
             return done
         for index in of.problem.outputs[step.component]:
             topic = of.problem.system.topics[index]
@@ -332,9 +245,9 @@ class Cluster:
         leaves = terms.either(ttf, stale, gate_fault)
         enters = terms.both(safer, terms.no(stale), clean)
         done.before = view.mode()
-        from_ac = _if(terms, leaves, SC, AC)
-        from_sc = _if(terms, enters, AC, SC)
-        terms.state(done.mode == _if(terms, done.before == AC, from_ac, from_sc))
+        from_ac = if_(terms, leaves, SC, AC)
+        from_sc = if_(terms, enters, AC, SC)
+        terms.state(done.mode == if_(terms, done.before == AC, from_ac, from_sc))
 
     def _compute(self, done: Done) -> None:
         """SC, and a node beside the module: what its Core does with what it reads."""
@@ -345,34 +258,69 @@ class Cluster:
         enabled = self._enabled(done, step.start)
         view = View(of, self, step.start.at, step.start, enabled=enabled)
         found = Evaluation(terms, of.functions, view)
-        if code.takeover:
-            self._havoc_locals(component.index)
-            for copy in code.locals:
-                found.bind(copy.name, copy.type, self.locals[component.index, copy.cell.name])
-            found.run(code.takeover)
-            self._havoc_locals(component.index)
         for copy in code.locals:
             found.bind(copy.name, copy.type, self.locals[component.index, copy.cell.name])
+        if code.takeover:
+            takes = terms.both(enabled, terms.no(self.had[component.index]))
+            old = dict(found.env)
+            found.run(code.takeover, takes)
+            for copy in code.locals:
+                value = terms.chosen(takes, found.env[copy.name], old[copy.name], copy.type)
+                found.bind(copy.name, copy.type, value)
         found.run(code.body)
         of.uninterpreted |= found.uninterpreted
-        fault = found.fault
-        said = {}
+        fault, doubt = found.fault, found.doubt
+        said, values = {}, {}
         for k, output in enumerate(code.outputs):
             flag, value, t = found.published.get(k, (False, None, output.type))
             said[output.topic] = flag
             if flag is False:
                 continue
             passes = terms.may_publish(value, t, output.bounds)
-            fault = terms.either(fault, terms.both(flag, terms.no(passes)))
-            self._equal(done.published[output.topic][1], value, t, terms.both(flag, passes))
+            refused = terms.both(flag, terms.no(passes))
+            if terms.is_opaque(passes):
+                doubt = terms.either(doubt, refused)
+            else:
+                fault = terms.either(fault, refused)
+            values[output.topic] = (value, t, terms.both(flag, passes))
         for q in queues_of(system, component):
             if system.topics[q].policy == "fault":
                 fault = terms.either(fault, terms.truth("queue lost a value"))
-        done.fault = terms.named(fault, "fault")
+        done.fault, done.doubt = terms.named(fault, "fault"), terms.named(doubt, "doubt")
+        runs = self._latch(component, done) if of.latching else True
+        for index, (value, t, passed) in values.items():
+            self._equal(done.published[index][1], value, t, terms.both(passed, runs))
         for copy in code.locals:
-            value = terms.defined(found.env[copy.name], copy.type, copy.name)
-            self.locals[component.index, copy.cell.name] = value
+            key = component.index, copy.cell.name
+            value = terms.chosen(runs, found.env[copy.name], self.locals[key], copy.type)
+            self.locals[key] = terms.defined(value, copy.type, copy.name)
+        if code.takeover:
+            had = terms.chosen(runs, enabled, self.had[component.index], BOOL)
+            self.had[component.index] = terms.named(had, "had control")
+        if runs is not True:
+            said = self._failsafe(component, done, runs, said)
         self._gate(done, said)
+
+    def _latch(self, component: Component, done: Done) -> Term:
+        """Whether the step runs to its end: a node that faults, or did, does nothing any more."""
+        terms = self.terms
+        bad = terms.either(self.latched[component.index], done.fault, done.doubt)
+        self.latched[component.index] = bad = terms.named(bad, "latched")
+        return terms.no(bad)
+
+    def _failsafe(
+        self, component: Component, done: Done, runs: Term, said: Mapping[int, Term]
+    ) -> dict[int, Term]:
+        """What a step wants to publish where it may be latched: then its fail-safe values."""
+        terms, found = self.terms, {}
+        for index, wanted in said.items():
+            falls_back = index in component.failsafe
+            if falls_back:
+                t = self.of.problem.system.topics[index].type
+                value = terms.constant(t, component.failsafe[index])
+                self._equal(done.published[index][1], value, t, terms.no(runs))
+            found[index] = terms.chosen(runs, wanted, falls_back, BOOL)
+        return found
 
     def _gate(self, done: Done, said: Mapping[int, Term]) -> None:
         """What a step wants to publish counts if it is in control, AC's as it likes."""
@@ -403,6 +351,9 @@ class Cluster:
             terms.state(terms.z3.Implies(where, a == b))
 
     def _havoc_locals(self, component: int) -> None:
+        self.had[component] = self.terms.truth("had control")
+        if self.of.latching:
+            self.latched[component] = self.terms.truth("latched")
         node = self.of.problem.system.components[component].node
         for v in node.locals if node is not None else ():
             self.locals[component, v.name] = self.terms.fresh(v.type, v.name)
@@ -445,18 +396,21 @@ class Cluster:
             view = View(of, self, now, point, d.step)
             holds_then = of.predicate(of.problem.safe, view, fault=False)
             later = terms.either(terms.no(terms.both(*still)), holds_then)
-        faults = [terms.no(e.fault) for e in self.done] if point is None else [terms.no(d.fault)]
-        no_fault = terms.both(*faults)
+        over = self.done if point is None else [d]
+        faults = [e.fault if of.latching else terms.either(e.fault, e.doubt) for e in over]
+        no_fault = terms.no(terms.either(*faults))
+        granted: Term = True
+        if of.returning:
+            view = View(of, self, at.at, point, d.step)
+            asked = of.problem.progress
+            granted = terms.both(*[of.predicate(p, view, fault=False) for p in asked])
+        every = (no_fault, *holds)
+        who = d.step.component
         of.seen.append(
-            Seen(counts, at.earliest, at.latest, at.at, (no_fault, *holds), later, d.step.component)
+            Seen(
+                counts, at.earliest, at.latest, at.at, every, later, component=who, granted=granted
+            )
         )
-
-
-def _if(terms: Terms, condition: Term, then: Term, otherwise: Term) -> Term:
-    """Of two integers."""
-    if isinstance(condition, bool):
-        return then if condition else otherwise
-    return terms.z3.If(condition, then, otherwise)
 
 
 def _writers(problem: InductionProblem) -> list[int]:

@@ -40,6 +40,8 @@ Term = Any
 records and short arrays; an `Age`."""
 ARRAY_MAX = 16
 """Longer arrays are one value of the uninterpreted sort."""
+ELEMENTS_MAX = 8
+"""Of a list that is known: so many of its elements are."""
 AGE_MAX = 2**63
 
 
@@ -85,6 +87,17 @@ def parts(t: Type) -> list[Type]:
     return [t.element] * t.size
 
 
+def structure(t: Type) -> str:
+    """A type by what its values are made of: two that differ have no value in common."""
+    if isinstance(t, RecordType):
+        return "{" + ", ".join(f"{n}: {structure(f)}" for n, f in t.fields) + "}"
+    if isinstance(t, ArrayType):
+        return f"{structure(t.element)}[{t.size}]"
+    if isinstance(t, ListType):
+        return f"{structure(t.element)}[<={t.capacity}]"
+    return str(t)
+
+
 def is_whole(t: Type) -> bool:
     """Whether values of a type are integers of the solver."""
     return isinstance(t, (IntType, DurationType, EnumType))
@@ -104,6 +117,7 @@ class Terms:
         self._inside: dict[tuple[Type, object], tuple[Bounds, Term]] = {}
         self._made: list[tuple[Type, Term, list[tuple[Term, Type]]]] = []
         self._told: set[tuple[str, int]] = set()
+        self._opaque: dict[int, tuple[Term, bool]] = {}
 
     # ------------------------------------------------------------ truths
 
@@ -182,14 +196,23 @@ class Terms:
             return value
         key = (t, repr(value))
         if key not in self._constants:
-            term = self.z3.Const(f"{t} {value!r}", self.sort)
+            term = self.z3.Const(f"{structure(t)} {value!r}", self.sort)
             self._constants[key] = (value, term)
             for (of, _), (bounds, predicate) in self._inside.items():
                 if of == t:
                     self._decide(predicate(term), t, value, bounds)
             if isinstance(t, ListType) and isinstance(value, tuple):
-                self.state(self.length(term) == len(value))
+                self._list_of(term, t, value)
         return self._constants[key][1]
+
+    def _list_of(self, term: Term, t: ListType, value: tuple[Value, ...]) -> None:
+        """What is known of a list that is known."""
+        self.state(self.length(term) == len(value))
+        for k, element in enumerate(value[:ELEMENTS_MAX]):
+            found = self.apply("element", [term, self.z3.IntVal(k)], t.element)
+            known = self.constant(t.element, element)
+            pairs = zip(self.flat(found, t.element), self.flat(known, t.element), strict=True)
+            self.state(self.both(*[a == b for a, b in pairs]))
 
     def length(self, term: Term) -> Term:
         """Of a list."""
@@ -199,7 +222,7 @@ class Terms:
         """Whether a value of the sort may be published where these bounds hold."""
         key = (t, tuple(None if b is None else (b.low, b.high) for b in bounds))
         if key not in self._inside:
-            name = f"may be published {t} {key[1]}"
+            name = f"may be published {structure(t)} {key[1]}"
             predicate = self.z3.Function(name, self.sort, self.z3.BoolSort())
             self._inside[key] = (bounds, predicate)
             for (of, _), (value, term) in list(self._constants.items()):
@@ -226,7 +249,8 @@ class Terms:
         """A list or long array, made of its elements."""
         if not elements:
             return self.lifted(t, ())
-        found = self.apply("list of", [x for v, p in elements for x in self.flat(v, p)], t)
+        given = [x for v, p in elements for x in self.flat(v, p)]
+        found = self.apply(f"made {structure(t)} {len(elements)}", given, t)
         self._made.append((t, found, elements))
         for (of, _), (bounds, predicate) in list(self._inside.items()):
             if of == t:
@@ -279,6 +303,20 @@ class Terms:
             self._told.add((name, found.get_id()))
             self.state(self.z3.And(low <= found, found <= high))
         return found
+
+    def is_opaque(self, term: Term) -> bool:
+        """Whether what is uninterpreted stands in a term (its names are not looked behind)."""
+        if is_known(term):
+            return False
+        known = self._opaque.get(term.get_id())
+        if known is None:
+            own = term.sort() == self.sort or (term.num_args() and self._declared(term))
+            found = bool(own) or any(self.is_opaque(x) for x in term.children())
+            known = self._opaque[term.get_id()] = term, found  # kept: ids are given again
+        return known[1]
+
+    def _declared(self, term: Term) -> bool:
+        return bool(term.decl().kind() == self.z3.Z3_OP_UNINTERPRETED)
 
     def _function(self, name: str, sorts: list[Term], result: Term) -> Term:
         if not sorts:

@@ -27,7 +27,7 @@ from soter.reach.induction.prove import induct
 from soter.reach.induction.refute import refuting_run
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from soter.reach.induction.problem import InductionProblem
     from soter.reach.induction.prove import Induction
@@ -72,19 +72,23 @@ def verify_by_induction(
     _static(problem, findings)
     findings["P2a"] = _safe(problem, found)
     findings["P2b"] = _returns(problem, found)
+    _taken_for_granted(problem, found)
     for name in TOGETHER:
         findings[name] = _part_of_it(name, findings["P2a"])
-    if found.proved:
-        result.recover_s = found.returns_ns / 1e9 if found.returns else None
-    elif search is not None and found.about in ("safe", "fault") and found.fails_ns is not None:
+    if found.proved and findings["P2b"].verdict == PROVED:
+        result.recover_s = found.returns_ns / 1e9
+    elif (
+        not found.proved
+        and search is not None
+        and found.about in ("safe", "fault")
+        and found.fails_ns is not None
+    ):
         _refute(problem, found, findings, search)
     findings["DM"] = _decision_module(result)
     result.findings = {p: findings[p] for p in PROPERTIES}
     if found.uninterpreted:
         names = ", ".join(found.uninterpreted)
-        problem.assumptions.append(
-            f"nothing but that equal arguments give equal answers is used of {names}"
-        )
+        result.notes = (f"opaque (of equal arguments equal answers, and nothing else): {names}",)
     result.seconds = time.perf_counter() - began
     return result
 
@@ -138,12 +142,36 @@ def _returns(problem: InductionProblem, found: Induction) -> Finding:
     if found.proved and found.returns:
         finding.verdict = PROVED
         finding.text = f"SC gives control back within {show_ns(found.returns_ns)}"
+        granted = [*(["`progress` holds"] if problem.progress else [])]
+        granted += [f"no step of {_named(found.latching, 'or')} faults"] if found.latching else []
+        if granted:
+            finding.verdict = ASSUMED
+            finding.text += f" while {' and '.join(granted)}: not proved"
+    elif found.contradicted:
+        finding.text = "what `progress` takes for granted holds in no run"
+        finding.hint = "say what always holds: at the start, too, and of topics' defaults"
     elif found.proved:
         finding.text = "not proved: from some state that nothing excludes SC keeps control"
         finding.hint = "a lemma that excludes it, or a `safer` that SC reaches"
         if problem.recover_ns is not None:
             finding.hint = f"longer than `recover within` {show_ns(problem.recover_ns)}"
     return finding
+
+
+def _taken_for_granted(problem: InductionProblem, found: Induction) -> None:
+    """What nothing proves: P2b rests on it, and `safe` does not."""
+    for text in problem.progress_texts:
+        problem.assumptions.append(f"progress, for P2b alone, proved by nobody: `{text}`")
+    if found.proved and found.latching:
+        problem.assumptions.append(
+            f"for P2b alone: no step of {_named(found.latching, 'or')} faults, which nothing "
+            "shows of what is opaque; one that faults is latched, and `safe` holds all the same"
+        )
+
+
+def _named(names: Sequence[str], word: str) -> str:
+    *most, last = names
+    return f"{', '.join(most)} {word} {last}" if most else last
 
 
 def _part_of_it(name: str, safe: Finding) -> Finding:

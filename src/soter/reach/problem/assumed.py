@@ -12,6 +12,7 @@ from soter.prelude.bounds import BOUNDS
 from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
 from soter.program.model.walk import calls_in, topic_reads
+from soter.reach.induction.handover import handovers
 from soter.reach.time.timing import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
 if TYPE_CHECKING:
@@ -71,13 +72,30 @@ def _jumps(place: Place) -> list[str]:
     """What of a view's state stands in topics, and so may change at once."""
     found = []
     for link in place.module.symbol.verify.abstracts:
-        read = ", ".join(t.name for t in topic_reads(link.value))
-        if read:
+        given = {h.topic: h for h in handovers(place.flat, place.home, link)}
+        kept = [h for h in given.values() if not h.why]
+        rest = [t for t in topic_reads(link.value) if t not in {h.topic for h in kept}]
+        if rest:
+            read = ", ".join(t.name for t in rest)
             found.append(
                 f"where {read} change, on which the state of {link.name} rests, that state moves "
                 f"as {link.plant.name} does, or jumps while the estimate lies in S_0 of where it "
                 "jumps to, whichever mode; DM and SC read what shows it from that instant on"
             )
+        for h in kept:
+            assert place.home.whole is not None
+            enters = place.home.whole.verify.enters
+            assert enters is not None
+            found.append(
+                f"wherever `{' '.join(enters.span.text.split())}` holds of what {h.node} reads and "
+                f"publishes in one step, the state of {link.name} lies in R(H) of where it jumps "
+                f"to ({h.node} changes what it rests on of {h.topic.name} in no other step, and "
+                "shows it to DM and SC in the same one: proved)"
+            )
+        found += [
+            f"`enters` shows nothing of {h.topic.name}, on which {link.name} rests: {h.why}"
+            for h in ([] if kept else given.values())
+        ]
     return found
 
 

@@ -38,6 +38,10 @@ LEVELS_DEFAULT = 3
 CASES_MAX = 4096
 
 
+OF_NODES = "it is on sets of states; that belongs to one of nodes, by induction: `induction;`"
+OF_VIEWS = "it says when the state of a view may jump, and there is no view"
+
+
 def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     """The problem of `module` of the flat system; `SoterError` with R... where there is none."""
     diagnostics = Diagnostics()
@@ -159,13 +163,21 @@ def require_sets(problem: Problem) -> None:
 
 
 def _no_lemmas(module: Module, diagnostics: Diagnostics) -> None:
-    for lemma in module.symbol.verify.lemmas:
+    verify = module.symbol.verify
+    alone = (verify.enters,) if verify.enters is not None and not module.view else ()
+    for word, said in (
+        ("lemma", verify.lemmas),
+        ("progress", verify.progress),
+        ("enters", alone),
+    ):
+        if not said:
+            continue
         diagnostics.error(
             "R031",
-            "a `lemma` says nothing to a proof on sets of states",
-            lemma.span,
-            notes=("lemmas are proved together with `safe`, by induction",),
-            helps=("ask for it: `induction;`",),
+            f"`{word}` says nothing to this proof",
+            said[0].span,
+            notes=(OF_VIEWS if word == "enters" else OF_NODES,),
+            helps=(f"leave `{word}` out",),
         )
 
 

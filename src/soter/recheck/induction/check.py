@@ -47,6 +47,9 @@ def recheck_induction(flat: System, entry: dict[str, Any]) -> tuple[InductionFac
         if k < 1:
             raise RejectedError("an induction needs a hypothesis: k is 0")
         _induction(facts, k)
+    conditional = facts.latching or bool(facts.symbol.verify.progress)
+    if "P2b" in claims and conditional:
+        raise RejectedError("P2b rests on what nobody proves: it is assumed, not proved")
     if "P2b" in claims:
         _returns(facts, returns, entry["recover_ns"])
     report = ModuleReport(entry["module"], said, system=flat.name)
@@ -84,25 +87,47 @@ def _static(facts: InductionFacts, said: dict[str, str]) -> None:
 
 
 def _induction(facts: InductionFacts, k: int) -> None:
-    from soter.recheck.induction.machine import Machine  # noqa: PLC0415 - an extra
+    """Each instant of a turn after those before it; then as much of the start as that rests on."""
+    from soter.recheck.induction.machine import Machine, calendar_of  # noqa: PLC0415 - an extra
 
+    times = sorted(calendar_of(facts, (k + 1) * facts.turn))
+    rests_on = max(_rests_on(facts, at, times) for at in times if at >= k * facts.turn)
     settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
     run = Machine(facts, first=True)
-    run.run(settled + k * facts.turn)
-    _never(run, 0, "the first hyperperiods")
-    step = Machine(facts, first=False)
-    step.run((k + 1) * facts.turn)
-    _never(step, k * facts.turn, f"the induction over {k} hyperperiods")
+    run.run(settled + min(rests_on, k * facts.turn))
+    solver = _solver(run)
+    _refuse(_fails(solver, run.instants), "the first hyperperiods")
 
 
-def _never(run: Any, begin: int, what: str) -> None:  # noqa: ANN401 - see the import
-    """Nothing fails from `begin` on, if nothing did before."""
+def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
+    """For how long all must have held before an instant for it to hold then.
+
+    A few instants at first, from any state at all: what follows from them follows from more.
+    """
+    from soter.recheck.induction.machine import Machine  # noqa: PLC0415 - an extra
+
+    before = [0, *(b for b in times if 0 < b < at)]
+    many = 1
+    while True:
+        begin = before[max(len(before) - many, 0)]
+        run = Machine(facts, first=False, begin=begin)
+        run.run(at + 1)
+        last = begin == 0
+        solver = _solver(run, PATIENCE_MS if last else PATIENCE_MS // 10)
+        solver.add(*[i.holds for i in run.instants[:-1]])
+        answer = _fails(solver, run.instants[-1:])
+        if last:
+            _refuse(answer, "the induction")
+        if last or str(answer) == "unsat":
+            return at - begin
+        many *= 2
+
+
+def _fails(solver: Any, instants: list[Any]) -> Any:  # noqa: ANN401 - see the import
     import z3  # noqa: PLC0415 - an extra
 
-    solver = _solver(run)
-    solver.add(*[i.holds for i in run.instants if i.at < begin])
-    solver.add(z3.Or(*[z3.Not(z3.And(i.holds, i.always)) for i in run.instants if i.at >= begin]))
-    _refuse(solver.check(), what)
+    solver.add(z3.Or(*[z3.Not(z3.And(i.holds, i.always)) for i in instants]))
+    return solver.check()
 
 
 def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
@@ -120,11 +145,11 @@ def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
     _refuse(solver.check(), "P2b")
 
 
-def _solver(run: Any) -> Any:  # noqa: ANN401 - see the import
+def _solver(run: Any, patience_ms: int = PATIENCE_MS) -> Any:  # noqa: ANN401 - see the import
     import z3  # noqa: PLC0415 - an extra
 
     solver = z3.Solver()
-    solver.set("timeout", PATIENCE_MS)
+    solver.set("timeout", patience_ms)
     solver.add(*run.constraints)
     return solver
 
@@ -146,6 +171,12 @@ def _assumptions(facts: InductionFacts) -> list[Said]:
         Said("z3", "z3 is right where it says that no counterexample exists"),
         Said("machine", "the compiler and the hardware do what the C of the steps says"),
     ]
+    if facts.latching:
+        text = (
+            "a step that faults in what is opaque latches its node: `safe` holds all the same, "
+            "and nothing says that AC gets control back then"
+        )
+        found.append(Said("latching", text))
     if facts.undeclared:
         found.append(Said("undeclared", "undeclared times are zero: nobody is late, or takes time"))
     return found + [

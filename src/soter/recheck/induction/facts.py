@@ -36,6 +36,8 @@ class InductionFacts:
     actors: list[Component] = field(default_factory=list)
     late: dict[int, int] = field(default_factory=dict)
     undeclared: bool = False
+    latching: bool = False
+    """By the certificate: a fault of what is opaque is followed, and is not shown to be none."""
     topics: list[int] = field(default_factory=list)
     """What the actors publish: these are followed, everything else may hold anything of its set."""
 
@@ -85,7 +87,8 @@ def _gather(facts: InductionFacts) -> None:
     flat, module, symbol = facts.flying, facts.flying_module, facts.symbol
     facts.actors = [flat.components[i] for i in (module.dm, module.ac, module.sc)]
     scope = module.scope.topics
-    roots = (symbol.safe, symbol.ttf, symbol.safer, *symbol.verify.lemmas)
+    verify = symbol.verify
+    roots = (symbol.safe, symbol.ttf, symbol.safer, *verify.lemmas, *verify.progress)
     wanted = {scope[t] for t in reads_of(*roots)}
     assert facts.sc.node is not None
     wanted |= {facts.sc.scope.topics[t] for t in reads_of(*facts.sc.node.step)}
@@ -152,12 +155,16 @@ def _times(facts: InductionFacts) -> None:
 
 def compare(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
     """K and the hyperperiods of P2b; RejectedError where a figure is another in the program."""
-    names = ("k", "returns", "hyperperiod_ns", "lemmas", "clocks")
+    names = ("k", "returns", "hyperperiod_ns", "lemmas", "progress", "latching", "clocks")
     if not isinstance(given, dict) or set(given) != set(names):
         raise RejectedError("`induction` is not as it should be")
-    lemmas = [" ".join(e.span.text.split()) for e in facts.symbol.verify.lemmas]
-    if given["lemmas"] != lemmas:
-        raise RejectedError("the lemmas are others in the program")
+    verify = facts.symbol.verify
+    for name, said in (("lemmas", verify.lemmas), ("progress", verify.progress)):
+        if given[name] != [" ".join(e.span.text.split()) for e in said]:
+            raise RejectedError(f"`{name}`: the program says something else")
+    if type(given["latching"]) is not bool:
+        raise RejectedError("`latching` is no truth")
+    facts.latching = given["latching"]
     clocks = {c.name: [c.period_ns, c.phase_ns, 0, 0] for c in facts.actors}
     if given["clocks"] != clocks:
         raise RejectedError("the nodes, or their times, are others in the program")

@@ -8,7 +8,8 @@ Non-goals: what a step does to its environment (`reading.py`), induction (`check
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import z3
@@ -25,6 +26,7 @@ from soter.recheck.induction.reading import (
     opaque,
     unknown,
 )
+from soter.recheck.induction.shapes import is_exact
 
 if TYPE_CHECKING:
     from soter.program.model.system import Component
@@ -45,6 +47,8 @@ class Now:
     locals: dict[int, tuple[Term, ...]]
     mode: Term
     faulted: Term
+    had: dict[int, Term]
+    latched: dict[int, Term]
 
 
 @dataclass(frozen=True)
@@ -58,14 +62,29 @@ class Instant:
     """The modes that the DM found and left, where it stepped."""
 
 
-class Machine:
-    """Runs the instants in [begin, end); before it `began` from the first values, or from any."""
+def calendar_of(
+    facts: InductionFacts, end: int, *, first: bool = False
+) -> dict[int, list[Component]]:
+    """Who is due when, up to `end`; `first`: from the start of a run, else of a later turn."""
+    found: dict[int, list[Component]] = {}
+    for c in facts.actors:
+        for at in range(c.phase_ns if first else c.phase_ns % c.period_ns, end, c.period_ns):
+            found.setdefault(at, []).append(c)
+    return found
 
-    def __init__(self, facts: InductionFacts, *, first: bool, fresh: bool = False) -> None:
+
+class Machine:
+    """Runs the instants in [begin, end): from the first values, or after any state."""
+
+    def __init__(
+        self, facts: InductionFacts, *, first: bool, fresh: bool = False, begin: int = 0
+    ) -> None:
         self.facts = facts
-        self.first = first
+        self.first, self.begin = first, begin
         self.fresh = fresh
         """The DM's reads are fresh and the gate has nothing against AC."""
+        self.tolerant = facts.latching and not fresh
+        """A fault of what is opaque latches its node; without it such a fault fails."""
         self.constraints: list[Term] = []
         self.instants: list[Instant] = []
         self.now = self._start()
@@ -81,7 +100,7 @@ class Machine:
             topics[i] = unknown(topic.type, topic.name, self.constraints)
             self.constraints.append(inside(topics[i], topic.type, topic.bounds))
             stamps[i] = z3.FreshInt("stamp")
-            self.constraints.append(stamps[i] < 0)
+            self.constraints.append(stamps[i] < self.begin)
         for c in self.facts.actors:
             if c.node is not None:
                 pairs = zip(c.node.locals, c.initial, strict=True)
@@ -90,23 +109,24 @@ class Machine:
                     for v, x in pairs
                 )
         mode = z3.IntVal(IN_SC) if self.first else unknown(MODE, "mode", self.constraints)
-        return Now(topics, stamps, found, mode, NO)
+        indices = [c.index for c in self.facts.actors]
+        had = {i: NO if self.first else z3.FreshBool("had") for i in indices}
+        free = self.tolerant and not self.first
+        latched = {i: z3.FreshBool("latched") if free else NO for i in indices}
+        return Now(topics, stamps, found, mode, NO, had, latched)
 
     # ------------------------------------------------------------ time
 
     def run(self, end: int) -> None:
         """Everything up to `end`."""
-        calendar: dict[int, list[Component]] = {}
-        for c in self.facts.actors:
-            begin = c.phase_ns if self.first else c.phase_ns % c.period_ns
-            for at in range(begin, end, c.period_ns):
-                calendar.setdefault(at, []).append(c)
-        if self.first:
-            self._before_everything(min(calendar, default=end))
+        longest = max(c.period_ns + c.phase_ns for c in self.facts.actors)
+        calendar = calendar_of(self.facts, end + longest, first=self.first)
         times = sorted(calendar)
-        first_of_a_turn = min(c.phase_ns % c.period_ns for c in self.facts.actors)
-        for at, following in zip(times, [*times[1:], end + first_of_a_turn], strict=True):
-            self._instant(at, calendar[at], max(following, at + 1))
+        if self.first:
+            self._before_everything(times[0])
+        for at, following in pairwise(times):
+            if self.begin <= at < end:
+                self._instant(at, calendar[at], following)
 
     def _before_everything(self, first: int) -> None:
         """Other components may step, and `safe` be judged, before any that is followed."""
@@ -144,6 +164,8 @@ class Machine:
             {i: self._name(v) for i, v in state.locals.items()},
             self._name(state.mode),
             self._name(state.faulted),
+            {i: self._name(v) for i, v in state.had.items()},
+            {i: self._name(v) for i, v in state.latched.items()},
         )
 
     def _name(self, value: Term) -> Term:
@@ -213,7 +235,7 @@ class Machine:
         mode = z3.If(good, z3.IntVal(IN_AC), z3.IntVal(IN_SC))
         now = self.now
         seen = z3.And(now.mode == IN_SC, mode == IN_SC)
-        return Now(now.topics, now.stamps, now.locals, mode, now.faulted), seen
+        return replace(now, mode=mode), seen
 
     def _anything(self, c: Component, at: int, on: Term) -> Now:
         """AC: each of its topics, or not, any value of the set."""
@@ -226,40 +248,46 @@ class Machine:
             self.constraints.append(inside(value, flying.topics[i].type, flying.topics[i].bounds))
             out = z3.And(on, z3.FreshBool("published"))
             topics[i], stamps[i] = _both(out, value, at, topics[i], stamps[i])
-        return Now(topics, stamps, now.locals, now.mode, now.faulted)
+        return replace(now, topics=topics, stamps=stamps)
 
     def _code(self, c: Component, at: int, on: Term) -> Now:
         """SC or a node: its statements."""
         now, flying, node = self.now, self.facts.flying, c.node
         assert node is not None
         reading = Reading(self._sight(c, z3.IntVal(at), on))
-        values = now.locals[c.index]
-        if node.takeover is not None:
-            self._takeover(c, at, on, reading)
-            values = tuple(unknown(v.type, v.name, self.constraints) for v in node.locals)
-        reading.env = dict(zip(node.locals, values, strict=True))
+        reading.env = dict(zip(node.locals, now.locals[c.index], strict=True))
+        reading.run(node.takeover or (), z3.And(on, z3.Not(now.had[c.index])))
         reading.run(node.step, YES)
-        fault = reading.fault
-        topics, stamps = dict(now.topics), dict(now.stamps)
+        fault, doubt = reading.fault, reading.doubt
         for symbol, (flag, value) in reading.said.items():
-            i = c.scope.topics[symbol]
-            taken = inside(value, flying.topics[i].type, flying.topics[i].bounds)
-            fault = z3.Or(fault, z3.And(flag, z3.Not(taken)))
-            out = z3.And(on, flag)
-            topics[i], stamps[i] = _both(out, value, at, topics[i], stamps[i])
+            topic = flying.topics[c.scope.topics[symbol]]
+            refused = z3.And(flag, z3.Not(inside(value, topic.type, topic.bounds)))
+            if is_exact(topic.type):
+                fault = z3.Or(fault, refused)
+            else:
+                doubt = z3.Or(doubt, refused)
         if any(flying.topics[c.scope.topics[s.topic]].policy == "fault" for s in node.subscribes):
             fault = z3.Or(fault, z3.FreshBool("lost"))
-        kept = {**now.locals, c.index: tuple(reading.env[v] for v in node.locals)}
-        return Now(topics, stamps, kept, now.mode, z3.Or(now.faulted, fault))
-
-    def _takeover(self, c: Component, at: int, on: Term, reading: Reading) -> None:
-        """What it sets is not followed; whether it faults is."""
-        node = c.node
-        assert node is not None
-        first = Reading(self._sight(c, z3.IntVal(at), on))
-        first.env = {v: unknown(v.type, v.name, self.constraints) for v in node.locals}
-        first.run(node.takeover or (), YES)
-        reading.fault = first.fault
+        gone = z3.Or(now.latched[c.index], fault, doubt) if self.tolerant else NO
+        faulted = z3.Or(now.faulted, fault) if self.tolerant else z3.Or(now.faulted, fault, doubt)
+        topics, stamps = dict(now.topics), dict(now.stamps)
+        for symbol in node.publishes:
+            i = c.scope.topics[symbol]
+            flag, value = reading.said.get(symbol, (NO, topics[i]))
+            if i in c.failsafe:
+                value = either(gone, known(flying.topics[i].type, c.failsafe[i]), value)
+            out = z3.And(on, z3.If(gone, z3.BoolVal(i in c.failsafe), flag))
+            topics[i], stamps[i] = _both(out, value, at, topics[i], stamps[i])
+        after = tuple(reading.env[v] for v in node.locals)
+        return Now(
+            topics,
+            stamps,
+            {**now.locals, c.index: either(gone, now.locals[c.index], after)},
+            now.mode,
+            faulted,
+            {**now.had, c.index: z3.If(gone, now.had[c.index], on)},
+            {**now.latched, c.index: gone},
+        )
 
     # ------------------------------------------------------------ what holds
 
@@ -293,4 +321,6 @@ def _merge(c: Term, a: Now, b: Now) -> Now:
         {i: either(c, a.locals[i], b.locals[i]) for i in a.locals},
         either(c, a.mode, b.mode),
         either(c, a.faulted, b.faulted),
+        {i: either(c, a.had[i], b.had[i]) for i in a.had},
+        {i: either(c, a.latched[i], b.latched[i]) for i in a.latched},
     )

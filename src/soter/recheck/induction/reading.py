@@ -18,14 +18,14 @@ import z3
 from soter.program.model import typed
 from soter.program.model.types import (
     BoolType,
-    DurationType,
     EnumType,
     FloatType,
     IntType,
+    ListType,
     RecordType,
     leaves,
 )
-from soter.program.model.walk import nodes as parts_of
+from soter.recheck.induction.shapes import is_exact, is_plain, is_short, is_simple
 from soter.recheck.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
@@ -63,11 +63,6 @@ def true(x: bool | Term) -> Term:
 # ---------------------------------------------------------------- values
 
 
-def is_plain(t: Type) -> bool:
-    """A type whose values are exact."""
-    return isinstance(t, (BoolType, IntType, EnumType, DurationType))
-
-
 def unknown(t: Type, name: str, facts: list[Term]) -> Term:
     """Any value of a type; what the type says of it goes to `facts`."""
     if isinstance(t, RecordType):
@@ -99,7 +94,7 @@ def known(t: Type, value: Value) -> Term:
         return z3.IntVal(int(value))
     if isinstance(t, FloatType):
         return Seconds(value)
-    return z3.Const(f"{t}: {value!r}", OPAQUE)
+    return z3.Const(f"{t!r}: {value!r}", OPAQUE)
 
 
 def opaque(value: Term) -> Term:
@@ -150,7 +145,7 @@ def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
         limits = said[0] or (float("-inf"), float("inf"))
         finite = value.value - value.value == 0.0
         return z3.BoolVal(finite and limits[0] <= value.value <= limits[1])
-    return z3.Function(f"taken {t} {said}", OPAQUE, z3.BoolSort())(opaque(value))
+    return z3.Function(f"taken {t!r} {said}", OPAQUE, z3.BoolSort())(opaque(value))
 
 
 # ---------------------------------------------------------------- ages
@@ -220,6 +215,8 @@ class Reading:
     sight: Sight
     env: dict[typed.Variable, Term] = field(default_factory=dict)
     fault: Term = field(default_factory=lambda: z3.BoolVal(False))
+    doubt: Term = field(default_factory=lambda: z3.BoolVal(False))
+    """That a function which is not read faults, or the gate refuses what it made."""
     said: dict[typed.TopicSymbol, tuple[Term, Term]] = field(default_factory=dict)
     returned: Term = field(default_factory=lambda: z3.BoolVal(False))
     result: Term = None
@@ -228,7 +225,7 @@ class Reading:
     def truth(self, e: typed.Expr) -> tuple[Term, Term]:
         """The value of a predicate, and whether it faults. NotRecheckedError as `value`."""
         value = self.value(e, z3.BoolVal(True))
-        return value, self.fault
+        return value, z3.Or(self.fault, self.doubt)
 
     def _faulty(self, where: Term, condition: Term) -> None:
         self.fault = z3.Or(self.fault, z3.And(where, true(condition)))
@@ -298,6 +295,10 @@ class Reading:
             return sight.mode
         if isinstance(e, typed.InControl):
             return sight.in_control
+        if isinstance(e, (typed.TimeRead, typed.PeriodRead)):
+            return unknown(e.type, "time", sight.facts)
+        if isinstance(e, typed.Length):
+            return self._length(e, where)
         if isinstance(e, typed.Conditional):
             c = self.value(e.condition, where)
             then = self.value(e.then, z3.And(where, c))
@@ -325,6 +326,14 @@ class Reading:
         if isinstance(e, typed.Binary):
             return self._binary(e, where)
         raise NotRecheckedError(f"`{type(e).__name__.lower()}` in what is proved by induction")
+
+    def _length(self, e: typed.Length, where: Term) -> Term:
+        t = e.target.type
+        if not isinstance(t, ListType):
+            raise NotRecheckedError("the length of what is no list")
+        found = z3.Function("length", OPAQUE, z3.IntSort())(opaque(self.value(e.target, where)))
+        self.sight.facts.append(z3.And(found >= 0, found <= t.capacity))
+        return found
 
     def _chosen(self, e: typed.Choose, where: Term) -> Term:
         options = [self.value(o, where) for o in e.options]
@@ -410,17 +419,20 @@ class Reading:
         values = [self.value(a, where) for a in e.arguments]
         if fun.extern or fun.body is None:
             raise NotRecheckedError(f"`{fun.name}` is an extern function")
-        if all(_exact(p.type) for p in fun.parameters) and _exact(fun.result) and _simple(fun):
+        exact = all(is_exact(p.type) for p in fun.parameters) and is_exact(fun.result)
+        if (exact and is_simple(fun)) or is_short(fun):
             inner = Reading(self.sight, dict(zip(fun.parameters, values, strict=True)))
             inner.rounds = self.rounds
             inner.run(fun.body, z3.BoolVal(True))
             self.rounds = inner.rounds
             self._faulty(where, inner.fault)
+            self.doubt = z3.Or(self.doubt, z3.And(where, inner.doubt))
             return inner.result
         self.rounds += 1
         given = dict(self.sight.scope.params.items())
-        name = f"fun {fun.name} {sorted((p.name, repr(v)) for p, v in given.items())}"
-        self._faulty(where, self._same_for_same(f"{name} faults", values, _BOOL))
+        name = f"fun {fun.name} {id(fun)} {sorted((p.name, repr(v)) for p, v in given.items())}"
+        faults = self._same_for_same(f"{name} faults", values, _BOOL)
+        self.doubt = z3.Or(self.doubt, z3.And(where, faults))
         return self._same_for_same(name, values, fun.result)
 
     def _same_for_same(self, name: str, values: list[Term], t: Type) -> Term:
@@ -438,22 +450,6 @@ class Reading:
 
 
 _BOOL = BoolType()
-_SIMPLE = (
-    typed.Literal, typed.ParamRead, typed.VarRead, typed.Conditional, typed.Field, typed.Narrow,
-    typed.Call, typed.Unary, typed.Binary, typed.Return, typed.If, typed.Declare, typed.Assign,
-    typed.Place, typed.Aggregate, typed.Builtin, typed.ForRange, typed.Assert,
-)  # fmt: skip
-
-
-def _exact(t: Type) -> bool:
-    return all(_exact(f) for _, f in t.fields) if isinstance(t, RecordType) else is_plain(t)
-
-
-def _simple(fun: typed.FunSymbol) -> bool:
-    """Whether its body is all of what is read here."""
-    found = list(parts_of(fun.body or ()))
-    exact = all(_exact(n.type) for n in found if isinstance(n, typed.Expr))
-    return exact and all(isinstance(n, _SIMPLE) for n in found)
 
 
 def _put(old: Term, path: Sequence[Any], new: Term) -> Term:

@@ -64,7 +64,8 @@ DECLARATIONS: dict[type, str] = {
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
     "sc_span over contract",
     t.VerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
-    "response_sc acts recover late_of response_of dropout views induction lemmas span",
+    "response_sc acts recover late_of response_of dropout views induction lemmas progress enters "
+    "span",
     t.ViewSymbol: "name block span",
     t.AbstractionLink: "instance name plant value span",
     t.AxisGroup: "kind axes span",

@@ -29,6 +29,7 @@ class _VerifyParts(_ViewParts):
     commands: list[tree.CommandSet] = field(default_factory=list)
     views: list[tree.View] = field(default_factory=list)
     lemmas: list[tree.Expr] = field(default_factory=list)
+    progress: list[tree.Expr] = field(default_factory=list)
 
 
 class VerifyParser(BodyParser):
@@ -57,6 +58,8 @@ class VerifyParser(BodyParser):
             views=tuple(inner.views),
             induction=once("induction"),
             lemmas=tuple(inner.lemmas),
+            progress=tuple(inner.progress),
+            enters=once("enters"),
             span=self.span_from(self.starts[at]),
         )
         self.keep_once(parts, "verify", block, at)
@@ -150,6 +153,11 @@ class VerifyParser(BodyParser):
         parts.lemmas.append(self.expr("the lemma"))
         self.semicolon("the lemma")
 
+    def _progress(self, parts: _VerifyParts) -> None:
+        self.i += 1
+        parts.progress.append(self.expr("what progress rests on"))
+        self.semicolon("what progress rests on")
+
     # ------------------------------------------------------------ times
 
     def _delays(self, parts: _VerifyParts) -> None:
@@ -200,6 +208,7 @@ _VERIFY_ITEMS: dict[str, Callable[[VerifyParser, _VerifyParts], None]] = {
     "view": VerifyParser._view,
     "commands": VerifyParser._commands,
     "core": predicate("core", "the core"),
+    "enters": predicate("enters", "where views are entered"),
     "horizon": predicate("horizon", "the horizon"),
     "levels": predicate("levels", "the levels"),
     "late": VerifyParser._delays,
@@ -209,6 +218,7 @@ _VERIFY_ITEMS: dict[str, Callable[[VerifyParser, _VerifyParts], None]] = {
     "dropout": VerifyParser._dropout,
     "induction": VerifyParser._induction,
     "lemma": VerifyParser._lemma,
+    "progress": VerifyParser._progress,
 }
 HOMES["a `verify` block"] = frozenset(_VERIFY_ITEMS)
 HOMES["a view of a `verify` block"] = frozenset(_VIEW_ITEMS)

@@ -44,9 +44,13 @@ class VerifyChecker:
         if verify.core is not None:
             context = Context(scope, f"module `{module.name}`", topics="any")
             block.core = self.shared.check_expr(verify.core, context, BOOL)
+        if verify.enters is not None:
+            context = Context(scope, f"`enters` of module `{module.name}`", topics="any")
+            block.enters = self.shared.check_expr(verify.enters, context, BOOL)
         block.induction = verify.induction
         lemma = Context(scope, f"a lemma of module `{module.name}`", topics="any", has_modes=True)
         block.lemmas = tuple(self.shared.check_expr(e, lemma, BOOL) for e in verify.lemmas)
+        block.progress = tuple(self.shared.check_expr(e, lemma, BOOL) for e in verify.progress)
         if module.synthesized:
             topics = [a.topic for g in block.groups for a in g.axes if a.topic is not None]
             module.sc.subscribes = tuple(

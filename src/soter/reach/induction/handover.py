@@ -1,0 +1,252 @@
+"""When the state of a view may jump: only in steps of which `enters` holds (docs/proof.md).
+
+Purpose: a topic that the map of a view reads is followed back to the node that publishes it. Any
+two steps of that node in a row, and its first: what the map reads of the topic is published as it
+was, or `enters` holds of what the later step reads and publishes, and that step publishes all that
+the plants of the view drive.
+Non-goals: that the state lies in R(H) wherever `enters` holds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from importlib.util import find_spec
+from typing import TYPE_CHECKING
+
+from soter.lower.steps import lower
+from soter.program.flatten import derived
+from soter.program.model import typed
+from soter.program.model.system import Property
+from soter.program.model.types import FLOAT, MODE, RecordType
+from soter.program.model.walk import nodes, topic_reads
+from soter.reach.induction.evaluate import Evaluation, TooLongError
+from soter.reach.induction.terms import Age, Terms
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.lower import core
+    from soter.program.model.system import Component, Module, System
+    from soter.program.model.types import Type
+    from soter.reach.induction.terms import Term
+
+Path = tuple[int, ...]
+QUERY_MS = 20_000
+
+
+@dataclass(frozen=True)
+class Handover:
+    """Of one topic: the node that publishes it, and why nothing is shown; "": it is."""
+
+    topic: typed.TopicSymbol
+    node: str
+    why: str = ""
+
+
+def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iterator[Handover]:
+    """For every topic that the map of a view reads; none where the module has no `enters`."""
+    assert module.whole is not None
+    enters = module.whole.verify.enters
+    if enters is None:
+        return
+    for topic in topic_reads(link.value):
+        index = module.scope.topics.get(topic, -1)
+        writers = [c for c in flat.components if c.node and index in _written(c)]
+        why = _not_for_this(flat, index, writers) or _remembers(flat, module)
+        name = writers[0].name if writers else ""
+        if not why:
+            changed = Changed(index, _paths(link.value, topic), _driven(flat, module, link))
+            why = _shown(flat, module, enters, writers[0], changed)
+        yield Handover(topic, name, why)
+
+
+@dataclass(frozen=True)
+class Changed:
+    """A topic, what the map reads of it, and the topics that show it to DM and SC."""
+
+    index: int
+    paths: list[Path]
+    shown: list[int]
+
+
+def _remembers(flat: System, module: Module) -> str:
+    """An SC with locals may go by what was there before the jump."""
+    sc = flat.components[module.sc]
+    return f"{sc.name} keeps locals" if sc.node is None or sc.node.locals else ""
+
+
+def _driven(flat: System, module: Module, link: typed.AbstractionLink) -> list[int]:
+    """What the plant of a view drives, as far as the module reads it."""
+    scopes = (module.scope.topics, flat.components[module.sc].scope.topics)
+    found = [next((s[t] for s in scopes if t in s), -1) for t, _ in link.plant.drives]
+    return [i for i in found if i >= 0]
+
+
+def _written(c: Component) -> list[int]:
+    assert c.node is not None
+    return [c.scope.topics[t] for t in c.node.publishes]
+
+
+def _not_for_this(flat: System, index: int, writers: list[Component]) -> str:
+    if find_spec("z3") is None:
+        return "z3 is not installed"
+    if len(writers) != 1 or index in {d.topic for d in flat.inputs}:
+        return "it is published by more than one, or by nobody"
+    (c,) = writers
+    assert c.node is not None
+    if c.role != "node" or c.extern or c.node.bursts:
+        return f"{c.name} is no node with one value a step"
+    if index in c.failsafe:
+        return f"{c.name} publishes its fail-safe value after a fault"
+    if any(s.queue is not None for s in c.node.subscribes):
+        return f"{c.name} reads a queue"
+    return ""
+
+
+def _paths(value: typed.Expr | None, topic: typed.TopicSymbol) -> list[Path]:
+    """The parts of a topic that an expression reads; () is all of it."""
+    every = [n for n in nodes([value]) if isinstance(n, typed.Expr)]
+    around = {id(n.target): n for n in every if isinstance(n, typed.Field)}
+    found: dict[Path, None] = {}
+    for read in every:
+        if isinstance(read, typed.AgeRead) and read.topic is topic:
+            found[()] = None
+        if not isinstance(read, typed.TopicRead) or read.topic is not topic:
+            continue
+        path, at = [], id(read)
+        while at in around:
+            path.append(around[at].index)
+            at = id(around[at])
+        found[tuple(path)] = None
+    return list(found)
+
+
+# ---------------------------------------------------------------- the steps
+
+
+@dataclass
+class StepReads:
+    """What one step reads: a value a topic, any of its set; later what it published, too."""
+
+    terms: Terms
+    flat: System
+    values: dict[int, Term] = field(default_factory=dict)
+
+    def cell(self, cell: core.Cell, t: Type) -> Term:
+        """A topic."""
+        if cell.owner not in self.values:
+            topic = self.flat.topics[cell.owner]
+            self.values[cell.owner] = self.terms.fresh(t, topic.name, topic.bounds)
+        return self.values[cell.owner]
+
+    def fact(self, fact: core.Fact) -> Term:
+        """Anything, at every read."""
+        if fact.fact == "in_control":
+            return True
+        if fact.fact == "mode":
+            return self.terms.fresh(MODE, "mode")
+        if fact.fact == "age":
+            found = self.terms.whole("age")
+            self.terms.state(found >= 0)
+            return Age(found)
+        return self.terms.fresh(FLOAT, "time")
+
+
+@dataclass
+class Stepped:
+    """One step: its locals, what it publishes (whether, what), whether it faults, `enters` then."""
+
+    locals: dict[str, Term]
+    published: dict[int, tuple[Term, Term]]
+    faults: Term
+    enters: Term
+
+
+def _shown(
+    flat: System,
+    module: Module,
+    enters: typed.Expr,
+    c: Component,
+    changed: Changed,
+) -> str:
+    """Why it is not shown; "" where it is."""
+    told = Property(0, "always", enters, module.scope, "enters", enters.span)
+    program = lower(derived.with_properties(flat, (told,)))
+    topic = flat.topics[changed.index]
+    terms = Terms()
+    assert c.node is not None
+    anything = {v.name: terms.fresh(v.type, v.name) for v in c.node.locals}
+    start = {
+        v.name: terms.constant(v.type, value)
+        for v, value in zip(c.node.locals, c.initial, strict=True)
+    }
+    default = terms.constant(topic.type, topic.default)
+    first = Stepped({}, {changed.index: (True, default)}, False, False)
+    try:
+        before = _step(terms, flat, program, c, anything)
+        cases = [
+            ("the first step", _step(terms, flat, program, c, start), first),
+            ("a step", _step(terms, flat, program, c, before.locals), before),
+        ]
+        for what, step, last in cases:
+            if _jumps(terms, step, last, topic.type, changed):
+                return (
+                    f"{what} of {c.name} may change it where `enters` does not hold, or without "
+                    "showing it to DM and SC"
+                )
+    except TooLongError:
+        return f"a step of {c.name} takes more statements than are followed"
+    return ""
+
+
+def _jumps(terms: Terms, step: Stepped, last: Stepped, t: Type, changed: Changed) -> bool:
+    """Whether a step may publish something else than the last one did, where it must not."""
+    nothing = (False, terms.fresh(t, "whatever"))
+    says, value = step.published.get(changed.index, nothing)
+    said, old = last.published.get(changed.index, nothing)
+    old = terms.chosen(said, old, terms.fresh(t, "before"), t)
+    same = terms.both(*[_same(terms, value, old, t, p) for p in changed.paths])
+    shows = [step.published.get(i, (False, None))[0] for i in changed.shown]
+    runs = terms.no(terms.either(step.faults, last.faults))
+    good = terms.either(same, terms.both(step.enters, *shows))
+    bad = terms.both(runs, says, terms.no(good))
+    if isinstance(bad, bool):
+        return bad
+    solver = terms.z3.Solver()
+    solver.set("timeout", QUERY_MS)
+    solver.add(*terms.facts)
+    return bool(solver.check(bad) != terms.z3.unsat)
+
+
+def _same(terms: Terms, a: Term, b: Term, t: Type, path: Path) -> Term:
+    for k in path:
+        assert isinstance(t, RecordType)
+        a, b, t = a[k], b[k], t.fields[k][1]
+    pairs = zip(terms.flat(a, t), terms.flat(b, t), strict=True)
+    return terms.both(*[x == y for x, y in pairs])
+
+
+def _step(
+    terms: Terms, flat: System, program: core.CoreSystem, c: Component, state: dict[str, Term]
+) -> Stepped:
+    code = program.nodes[c.index]
+    functions = {f.name: f for f in program.functions}
+    reads = StepReads(terms, flat)
+    found = Evaluation(terms, functions, reads)
+    for copy in code.locals:
+        found.bind(copy.name, copy.type, state[copy.cell.name])
+    found.run(code.body)
+    after = {copy.cell.name: found.env[copy.name] for copy in code.locals}
+    published = {
+        o.topic: found.published[k][:2] for k, o in enumerate(code.outputs) if k in found.published
+    }
+    (asked,) = program.properties
+    shown = StepReads(terms, flat, dict(reads.values))
+    for i, (says, value) in published.items():
+        t = flat.topics[i].type
+        shown.values[i] = terms.chosen(says, value, terms.fresh(t, "before"), t)
+    later = Evaluation(terms, functions, shown)
+    later.run(asked.body)
+    holds = later.expr(asked.value)
+    holds = terms.both(holds, terms.no(terms.either(later.fault, later.doubt)))
+    return Stepped(after, published, terms.either(found.fault, found.doubt), holds)

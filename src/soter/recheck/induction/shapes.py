@@ -1,0 +1,65 @@
+"""Which values are exact, and which functions are read where they are called.
+
+Purpose: the re-checker's own rule for what is opaque.
+Non-goals: reading (`reading.py`).
+"""
+
+from __future__ import annotations
+
+from soter.program.model import typed
+from soter.program.model.types import (
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    Type,
+)
+from soter.program.model.walk import nodes as parts_of
+
+SHORT = 60
+"""Nodes of the tree of a function that is read although its values are opaque."""
+
+
+def is_plain(t: Type) -> bool:
+    """A type whose values are exact."""
+    return isinstance(t, (BoolType, IntType, EnumType, DurationType))
+
+
+_SIMPLE = (
+    typed.Literal, typed.ParamRead, typed.VarRead, typed.Conditional, typed.Field, typed.Narrow,
+    typed.Call, typed.Unary, typed.Binary, typed.Return, typed.If, typed.Declare, typed.Assign,
+    typed.Place, typed.Aggregate, typed.Builtin, typed.ForRange, typed.Assert,
+)  # fmt: skip
+
+
+def is_exact(t: Type) -> bool:
+    """Whether all of a value is."""
+    return all(is_exact(f) for _, f in t.fields) if isinstance(t, RecordType) else is_plain(t)
+
+
+def is_simple(fun: typed.FunSymbol) -> bool:
+    """Whether its body is all of what is read here."""
+    found = list(parts_of(fun.body or ()))
+    exact = all(is_exact(n.type) for n in found if isinstance(n, typed.Expr))
+    return exact and all(isinstance(n, _SIMPLE) for n in found)
+
+
+def is_short(fun: typed.FunSymbol) -> bool:
+    """Whether it only puts together what others found: then it is read, whatever its values."""
+    found = list(parts_of(fun.body or ()))
+    return len(found) <= SHORT and all(isinstance(n, _SIMPLE) and _joins(n) for n in found)
+
+
+def _joins(n: object) -> bool:
+    if isinstance(n, typed.Binary):
+        t = n.left.type
+        return is_plain(t) or (isinstance(t, FloatType) and isinstance(n.type, BoolType))
+    if isinstance(n, typed.Aggregate):
+        return isinstance(n.type, RecordType)
+    if isinstance(n, typed.Place):
+        return all(isinstance(p, int) for p in n.path)
+    if isinstance(n, (typed.Builtin, typed.Unary)):
+        return is_plain(n.type)
+    return not isinstance(n, typed.ForRange)
