@@ -15,6 +15,7 @@ import numpy as np
 
 from soter.explore.methods import EXHAUSTIVE, REDUCTIONS, SYMMETRY
 from soter.explore.model.instances import families_of
+from soter.explore.trace.schedule import plan_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -43,7 +44,7 @@ class Equal:
     @cached_property
     def families(self) -> tuple[Family, ...]:
         """All of them; none where an order is declared that puts one before the other."""
-        if self._model.test.ordered:
+        if plan_of(self._system).ordered:
             return ()
         return families_of(self._system, self._lowered, self._model.plan, self._model.fields)
 
