@@ -324,8 +324,7 @@ static void next_of_frontier(worker* w, uint64_t i, uint64_t* item) {
 
 /* Whether worlds of the frontier are expanded many at a time. */
 static bool in_crowds(const worker* w) {
-  const bool fine =
-      w->all->tables && w->expander.instant == NULL && w->all->s->o->families == 0U;
+  const bool fine = w->all->tables && w->expander.instant == NULL && w->all->s->o->families == 0U;
   return fine && w->crowd > 0U && soter_store_is_short(&w->before);
 }
 
