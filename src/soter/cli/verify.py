@@ -154,11 +154,12 @@ def _together(report: VerifyReport, console: Console) -> list[str]:
     from soter.report.summary import Styled, table  # noqa: PLC0415 - needs NumPy
 
     verdict = console.paint(PAINTS[report.together], report.together.upper())
-    rows = [
-        (t.module, t.what, Styled(t.why, "strong" if t.open else "plain")) for t in rows_of(report)
-    ]
+    taken = rows_of(report)
+    rows = [(t.module, t.what, Styled(t.why, "strong" if t.open else "plain")) for t in taken]
     shown = table(("module", "takes for granted", "because"), rows, color=console.color_out)
-    return ["", f"all of them together (Theorem 4.1)  {verdict}", "", shown]
+    count = sum(t.open for t in taken)
+    under = f", where {count} of these {'is' if count == 1 else 'are'} assumed" if count else ""
+    return ["", f"all of them together (Theorem 4.1)  {verdict}{under}", "", shown]
 
 
 def _listed(texts: tuple[str, ...]) -> list[str]:

@@ -13,6 +13,7 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import system_of
 from soter.program.flatten.views import as_seen
 from soter.reach.coverage import Coverage, Guarantee
+from soter.reach.induction.problem import InductionProblem
 from soter.reach.problem.extract import extract
 from soter.reach.promised import promise_of
 
@@ -168,6 +169,10 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[Guarantee]:
     for parameter in problem.parameters:
         what = f"{parameter.name} changes only inside S_0 of the new value"
         found.append(Guarantee(problem.name, what, "whoever changes it", "assumed"))
+    if isinstance(problem, InductionProblem):
+        for text in problem.progress_texts:
+            what = f"progress, for P2b alone: {text}"
+            found.append(Guarantee(problem.name, what, "the program: proved by nobody", "assumed"))
     plants = [c.name for c in problem.system.components if c.plant is not None]
     if plants and not module.symbol.verify.abstracts:
         moved = " and what is said of others" if problem.influences else ""

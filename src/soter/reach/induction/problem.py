@@ -64,6 +64,8 @@ class InductionProblem(Problem):
     progress_texts: tuple[str, ...]
     any_value: dict[str, str] = field(default_factory=dict)
     """Topics of which nothing but their set is known: name -> why, in words."""
+    heard: frozenset[int] = frozenset()
+    """Those of them by nodes that hear plants or other modules: P2b takes them for still."""
     first_ns: int = 0
     """The first instant of the whole system."""
 
@@ -85,7 +87,7 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
     diagnostics = Diagnostics()
     _refuse(flat, module, diagnostics)
     _stop(diagnostics)
-    nodes, any_value = _neighbours(flat, module)
+    nodes, any_value, heard = _neighbours(flat, module)
     kept = [module.dm, module.sc, module.ac, *nodes]
     system = derived.undriven(flat, kept)
     index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
@@ -131,6 +133,7 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
         progress=tuple(others[len(lemmas_) :]),
         progress_texts=texts[1 + len(lemmas_) :],
         any_value=any_value,
+        heard=frozenset(i for i in heard if not flat.topics[i].queues),
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
         flying=flat.name,
     )
@@ -210,15 +213,21 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
 # ---------------------------------------------------------------- which nodes matter
 
 
-def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]]:
-    """The nodes that what is proved rests on; other topics that it rests on, and why not."""
+def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str], list[int]]:
+    """The nodes that what is proved rests on; other topics that it rests on, and why not.
+
+    Who writes what `safe` and the lemmas read is followed; of others those that hear neither plants
+    nor other modules: what these say is unknown anyway. Topics of the last kind come third.
+    """
     symbol, scope = module.symbol, module.scope
     own = {module.dm, module.sc, module.ac}
+    needed = {scope.topics[t] for t in topic_reads(symbol.safe, *symbol.verify.lemmas)}
     todo = [scope.topics[t] for t in topic_reads(*symbol.spoken)]
     todo += _read_by(flat.components[module.sc])
     seen: set[int] = set()
     nodes: dict[int, None] = {}
     any_value: dict[str, str] = {}
+    heard: list[int] = []
     while todo:
         index = todo.pop()
         source = flat.topics[index].queue_of
@@ -229,6 +238,9 @@ def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]
         name = flat.topics[index].name
         writers = [c for c in flat.components if index in _written_by(c)]
         why = _not_followed(flat, module, writers)
+        if not why and index not in needed:
+            why = _hears(flat, module, writers)
+            heard += [index] if why else []
         if why:
             any_value[name] = why
             continue
@@ -236,7 +248,21 @@ def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]
             if c.index not in own and c.index not in nodes:
                 nodes[c.index] = None
                 todo += _read_by(c)
-    return list(nodes), any_value
+    return list(nodes), any_value, heard
+
+
+def _hears(flat: System, module: Module, writers: list[Component]) -> str:
+    """That a node rests on what plants or other modules publish, in words; "": it does not."""
+    todo, seen = list(writers), set(module.outputs)
+    while todo:
+        c = todo.pop()
+        if c.plant is not None or c.module not in (None, module.index):
+            return f"published by {writers[0].name}, which hears {c.role} {c.name}"
+        for index in () if c.extern else _read_by(c):
+            if index not in seen:
+                seen.add(index)
+                todo += [w for w in flat.components if index in _written_by(w)]
+    return ""
 
 
 def _not_followed(flat: System, module: Module, writers: list[Component]) -> str:
@@ -374,6 +400,9 @@ def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:
     found.append("no release is skipped, and what a step reads it reads at one instant")
     found += [f"{n}: any value of its set at any time ({w})" for n, w in problem.any_value.items()]
     found.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
+    if problem.heard:
+        still = ", ".join(sorted(problem.system.topics[i].name for i in problem.heard))
+        found.append(f"for P2b alone: {still} stays as it is until SC gives control back")
     found.append("z3 is right where it says that no counterexample exists")
     found.append("the compiler and the hardware do what the C of the steps says")
     return found

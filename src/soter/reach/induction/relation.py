@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 class Stretch:
     """The time [0, end) of a run (`first`), or from any hyperperiod on, from any state.
 
-    `returning`: what the DM reads is fresh, and the gate has nothing against AC (P2b); `stays`: the
-    mode is SC all the time.
+    `returning`: what the DM reads is fresh, the gate has nothing against AC, and what is said of
+    plants and other modules stays as it is (P2b); `stays`: the mode is SC all the time.
     `latching`: a step may fault where that hangs on something uninterpreted; its node is latched
     then, as in semantics.md. Without it every fault is something that fails.
     """
@@ -53,6 +53,7 @@ class Stretch:
         self.returning, self.stays, self.latching = returning, stays, latching
         self.functions = {f.name: f for f in problem.core.functions}
         self.writers = _writers(problem)
+        self.still = {i: self._anything(i) for i in problem.heard} if returning else {}
         self.aged = any(isinstance(n, core.Fact) for n in _facts(problem.safe))
         self.uninterpreted: dict[str, None] = {}
         self.seen: list[Seen] = []
@@ -87,10 +88,9 @@ class Stretch:
         system, terms = self.problem.system, self.terms
         topics = {}
         for i in self.writers:
-            topic = system.topics[i]
-            stamp = terms.whole(f"stamp {topic.name}")
+            stamp = terms.whole(f"stamp {system.topics[i].name}")
             terms.state(stamp < 0)
-            topics[i] = (terms.fresh(topic.type, topic.name, topic.bounds), stamp)
+            topics[i] = (self._anything(i), stamp)
         found = {
             (c.index, v.name): terms.fresh(v.type, f"{c.name}.{v.name}")
             for c in system.components
@@ -102,6 +102,10 @@ class Stretch:
         latched = {i: terms.truth("latched") if self.latching else False for i in indices}
         mode = SC if self.stays else terms.fresh(MODE, "mode")
         return State(topics, found, mode, had, latched)
+
+    def _anything(self, index: int) -> Term:
+        topic = self.problem.system.topics[index]
+        return self.terms.fresh(topic.type, topic.name, topic.bounds)
 
     def _see_start(self) -> None:
         view = View(self, None, 0)

@@ -77,6 +77,8 @@ class Around(Protocol):
     terms: Terms
     writers: list[int]
     state: State
+    still: dict[int, Term]
+    """Topics that nobody of the relation publishes, and that do not change."""
 
 
 class Order(Protocol):
@@ -111,6 +113,8 @@ class View:
     def cell(self, cell: core.Cell, t: Type) -> Term:
         """A topic; one that nobody of the relation publishes holds anything of its set."""
         assert cell.kind == "topic", cell
+        if cell.owner in self.of.still:
+            return self.of.still[cell.owner]
         if cell.owner not in self.of.writers:
             topic = self.of.problem.system.topics[cell.owner]
             bounds = topic.bounds if topic.queue_of is None else None

@@ -143,10 +143,12 @@ def _returns(problem: InductionProblem, found: Induction) -> Finding:
         finding.verdict = PROVED
         finding.text = f"SC gives control back within {show_ns(found.returns_ns)}"
         granted = [*(["`progress` holds"] if problem.progress else [])]
+        still = sorted(problem.system.topics[i].name for i in problem.heard)
+        granted += [f"{_named(still, 'and')} stays as it is"] if still else []
         granted += [f"no step of {_named(found.latching, 'or')} faults"] if found.latching else []
         if granted:
             finding.verdict = ASSUMED
-            finding.text += f" while {' and '.join(granted)}: not proved"
+            finding.text += f" while {_named(granted, 'and')}: not proved"
     elif found.contradicted:
         finding.text = "what `progress` takes for granted holds in no run"
         finding.hint = "say what always holds: at the start, too, and of topics' defaults"

@@ -102,12 +102,13 @@ def _gather(facts: InductionFacts) -> None:
                 facts.actors.append(c)
                 wanted |= {c.scope.topics[t] for t in reads_of(*c.node.step)}
                 changed = True
-    for c in facts.actors:
-        if c.node is not None:
-            facts.topics += [c.scope.topics[t] for t in c.node.publishes]
-    facts.topics = sorted(set(facts.topics))
+    facts.topics = _published(facts.actors)
     for index in facts.topics:
         _published_here_only(facts, index)
+
+
+def _published(actors: list[Component]) -> list[int]:
+    return sorted({c.scope.topics[t] for c in actors if c.node for t in c.node.publishes})
 
 
 def _plain(c: Component) -> bool:
@@ -153,6 +154,17 @@ def _times(facts: InductionFacts) -> None:
 # ---------------------------------------------------------------- the certificate
 
 
+def _without(facts: InductionFacts, followed: object) -> None:
+    """Leaves out nodes beside the module that a certificate does without.
+
+    What they publish may then be anything of its set, at any time: that holds of more.
+    """
+    if not isinstance(followed, dict):
+        raise RejectedError("`clocks` are not as they should be")
+    facts.actors = [c for c in facts.actors if c.role != "node" or c.name in followed]
+    facts.topics = _published(facts.actors)
+
+
 def compare(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN401 - any JSON
     """K and the hyperperiods of P2b; RejectedError where a figure is another in the program."""
     names = ("k", "returns", "hyperperiod_ns", "lemmas", "progress", "latching", "clocks")
@@ -165,6 +177,7 @@ def compare(facts: InductionFacts, given: Any) -> tuple[int, int]:  # noqa: ANN4
     if type(given["latching"]) is not bool:
         raise RejectedError("`latching` is no truth")
     facts.latching = given["latching"]
+    _without(facts, given["clocks"])
     clocks = {c.name: [c.period_ns, c.phase_ns, 0, 0] for c in facts.actors}
     if given["clocks"] != clocks:
         raise RejectedError("the nodes, or their times, are others in the program")

@@ -1,0 +1,103 @@
+"""Inductions beside plants: nodes that hear them are left out, and say anything at any time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import pytest
+
+from soter.api.program import load
+from soter.recheck.rechecker import recheck
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.reach.claims.results import ModuleResult
+
+pytest.importorskip("z3")
+
+PROGRAM = """soter 1;
+type Plan = enum { Hover, Around, ThroughBuilding };
+topic place: float;
+topic wish: Plan;
+topic candidate: Plan;
+topic inForce: Plan;
+fun PhiPlan(p: Plan): bool { return p != Plan.ThroughBuilding; }
+fun Best(p: Plan): Plan { return PhiPlan(p) ? p : Plan.Hover; }
+plant Vehicle period 10ms {
+  drives place = p; state p: float; disturbance w: float in [-1.0, 1.0]; der p = w;
+}
+node Dispatch period 10ms {
+  subscribes place;
+  publishes wish;
+  step { publish wish = place > 0.0 ? Plan.Hover : Plan.Around; }
+}
+node RRTStar period 10ms { publishes candidate; step { publish candidate = choose Plan; } }
+node Known period 10ms {
+  subscribes wish;
+  publishes candidate;
+  step { publish candidate = Best(wish); }
+}
+node Follower period 10ms {
+  subscribes candidate, wish;
+  publishes inForce;
+  var plan: Plan;
+  step {
+    if PhiPlan(candidate) { plan = candidate; }
+    publish inForce = plan;
+  }
+}
+rta SafePlanner {
+  ac RRTStar;
+  sc Known;
+  period 20ms;
+  safe PhiPlan(inForce);
+  ttf !PhiPlan(candidate);
+  safer candidate == Best(wish);
+  verify { induction; }
+}
+system S { v: Vehicle; node Dispatch; node Follower; module SafePlanner; until 160ms; }
+"""
+OTHER_SOURCE = ("if PhiPlan(candidate) { plan = candidate; }", "plan = wish;")
+LEMMA = ("induction;", "induction; lemma PhiPlan(wish);")
+ALONE = (("subscribes place;\n", ""), ("place > 0.0 ? Plan.Hover : Plan.Around", "Plan.Around"))
+
+
+def verified(tmp_path: Path, *changes: tuple[str, str]) -> ModuleResult:
+    text = PROGRAM
+    for old, new in changes:
+        assert old in text
+        text = text.replace(old, new)
+    (tmp_path / "p.soter").write_text(text)
+    found = load(tmp_path / "p.soter").verify(cert=str(tmp_path / "cert"), refute=False)
+    return found["SafePlanner"]
+
+
+def test_what_hears_a_plant_says_anything_and_stands_still_for_progress(tmp_path: Path) -> None:
+    found = verified(tmp_path)
+    assert found.findings["P2a"].verdict == "proved"
+    assert found.findings["P2b"].verdict == "assumed"
+    assert "while wish stays as it is" in found.findings["P2b"].text
+    said = "\n".join(found.problem.assumptions)
+    assert "wish: any value of its set at any time (published by Dispatch, which hears" in said
+    assert "for P2b alone: wish stays as it is" in said
+    checked = recheck(tmp_path / "cert")
+    assert checked.accepted, checked.reason
+
+
+def test_what_does_not_is_followed(tmp_path: Path) -> None:
+    found = verified(tmp_path, *ALONE)
+    assert found.findings["P2b"].verdict == "proved"
+    assert not any("stays as it is" in a for a in found.problem.assumptions)
+
+
+def test_safety_never_rests_on_its_standing_still(tmp_path: Path) -> None:
+    found = verified(tmp_path, OTHER_SOURCE)
+    assert found.findings["P2a"].verdict == "undecided"
+    assert found.verdict == "undecided"
+
+
+def test_a_lemma_about_it_has_it_followed(tmp_path: Path) -> None:
+    found = verified(tmp_path, OTHER_SOURCE, LEMMA)
+    assert found.findings["P2a"].verdict == "proved"
+    assert recheck(tmp_path / "cert").accepted
