@@ -96,26 +96,28 @@ def row_of(program: Path, recheck: bool) -> Row:
             first = lines[0] if lines else ""
             said = f"{checked.code}: {first.replace(str(certificate), '').replace('    ', '  ')}"
             times = (checked.wall_s, checked.cpu_s)
-    (module,) = found["modules"].values()
-    properties = module["properties"]
-    seconds = {p: float(f["seconds"]) for p, f in properties.items() if p != "P3"}
+    modules = list(found["modules"].values())
+    properties = [(p, f) for m in modules for p, f in m["properties"].items()]
+    seconds = {p: sum(float(f["seconds"]) for q, f in properties if q == p) for p, _ in properties}
+    unproved = (p for p, f in properties if f["verdict"] not in ("proved", "assumed"))
+    given = [m["shares"]["lets_ac"] for m in modules if "lets_ac" in m.get("shares", {})]
     return Row(
         program.stem,
-        found["verdict"],
-        tuple(p for p, f in properties.items() if f["verdict"] not in ("proved", "assumed")),
+        found["together"],
+        tuple(dict.fromkeys(unproved)),
         run.wall_s,
         run.cpu_s,
-        sum(seconds.values()) + float(properties["P3"]["seconds"]) - _both(seconds),
+        sum(seconds.values()) - _counted_twice(seconds),
         seconds["P2b"],
-        module.get("shares", {}),
+        {"lets_ac": min(given)} if given else {},
         said,
         *times,
     )
 
 
-def _both(seconds: dict[str, float]) -> float:
+def _counted_twice(seconds: dict[str, float]) -> float:
     """P3 counts `ttf` and `safer` again."""
-    return seconds["ttf"] + seconds["safer"]
+    return min(seconds["P3"], seconds["ttf"] + seconds["safer"])
 
 
 def main() -> int:
@@ -124,9 +126,11 @@ def main() -> int:
     parser.add_argument("--json", type=Path)
     parser.add_argument("--recheck", action="store_true")
     parser.add_argument("--only", nargs="*", default=[])
+    parser.add_argument("--program", type=Path, help="this one in place of the folder's")
     arguments = parser.parse_args()
     programs = [p for p in sorted(PROGRAMS.glob("*.soter"))
                 if not arguments.only or p.stem in arguments.only]  # fmt: skip
+    programs = [arguments.program.resolve()] if arguments.program else programs
     rows = [row_of(p, arguments.recheck) for p in programs]
     heads = ["module", "verdict", "wall", "CPU", "CPU / 2", "P2b of it", "AC", "<= 30 s"]
     heads += ["recheck", "CPU"] if arguments.recheck else []

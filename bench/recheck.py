@@ -44,6 +44,7 @@ EXAMPLES = (
     Example("cart", "examples/wall/cart.soter", 60.0),
     Example("drone", "examples/drone/motion_primitive.soter", 120.0),
     Example("corridor", "examples/drone/corridor.soter", 300.0),
+    Example("surveillance", "examples/drone/surveillance.soter", 300.0),
 )
 
 
