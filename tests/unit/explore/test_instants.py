@@ -95,10 +95,12 @@ def test_groups_give_the_ends_that_steps_give() -> None:
     assert system.test is not None
     engine = Engine(replace(system, test=replace(system.test, horizon_ns=60_000_000)))
     found = []
-    for how in (Settings(reduction="instants"), Settings(reduction="groups"), Settings()):
-        assert engine.explore(replace(how, keep=True)).status == "exhausted"
+    for reduction in ("instants", "groups", "parts", "all"):
+        how = Settings(reduction=reduction, keep=True)
+        assert engine.explore(how).status == "exhausted"
         found.append({w.tobytes() for w in engine.worlds()})
     assert found[0] == found[1] == found[2]
+    assert found[3] < found[2], "of equal instances one order is stored"
 
 
 def test_where_windows_are_no_points_every_configuration_is_stored() -> None:
