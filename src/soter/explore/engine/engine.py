@@ -48,7 +48,8 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent / "c"
 FLAGS = ("-pthread", "-DSOTER_CHECKED")
 NAMED = """soter_explore_options *, soter_explore_progress *, soter_explore_result *,
-soter_explore_coverage *, soter_trace_step[], soter_broken[], uint64_t *, uint8_t *, double *"""
+soter_explore_coverage *, soter_trace_step[], soter_broken[], soter_field[], soter_family[],
+uint64_t *, uint8_t *, double *"""
 """Types that a search has: cffi reads each name once, which takes 15 ms that are no search."""
 LOOK_S = 0.1
 """Seconds between two looks at how far a search is."""
