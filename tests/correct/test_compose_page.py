@@ -21,6 +21,18 @@ def test_the_table_of_the_page_is_printed() -> None:
     assert shown in done.stdout
 
 
+def test_a_module_alone_shows_who_is_not_verified_here() -> None:
+    command = [sys.executable, "-m", "soter.cli.main", "verify", "--module", "SafeGap"]
+    convoy = "examples/generality/convoy.soter"
+    done = processes.run([*command, convoy], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert "`safe` of SafeLead: not verified here" in done.stdout
+    assert "ASSUMED, where 1 of these is assumed" in done.stdout
+    lead = [*command[:-1], "SafeLead", convoy]
+    done = processes.run(lead, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout
+    assert "takes for granted" not in done.stdout
+
+
 def test_the_code_of_the_page_is_that_of_the_example() -> None:
     text = (ROOT / "examples" / "generality" / "convoy.soter").read_text(encoding="utf-8")
     for line in (

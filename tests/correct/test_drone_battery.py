@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import json
 import math
-import shutil
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,6 +13,7 @@ import numpy as np
 import pytest
 
 import soter
+from examples_changed import changed
 from soter.api import load
 
 if TYPE_CHECKING:
@@ -21,19 +21,6 @@ if TYPE_CHECKING:
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 ALL = {"P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start"}
-
-
-@pytest.fixture
-def copied(tmp_path: Path) -> Path:
-    folder = tmp_path / "drone"
-    shutil.copytree(DRONE, folder, ignore=shutil.ignore_patterns("__pycache__", ".soter"))
-    return folder
-
-
-def changed(path: Path, old: str, new: str) -> None:
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 # ---------------------------------------------------------------- the proof
@@ -67,10 +54,10 @@ def test_the_battery_is_proved_and_confirmed(tmp_path: Path) -> None:
         pytest.param("acts within 110ms;", "acts within 2s;", id="a slow start"),
     ],
 )
-def test_a_battery_without_reserve_is_not_proved(copied: Path, old: str, new: str) -> None:
-    changed(copied / "battery.soter", old, new)
+def test_a_battery_without_reserve_is_not_proved(drone: Path, old: str, new: str) -> None:
+    changed(drone / "battery.soter", old, new)
     try:
-        (module,) = load(copied / "battery.soter").verify(refute=False).modules
+        (module,) = load(drone / "battery.soter").verify(refute=False).modules
     except soter.SoterError as refused:  # a diagnostic is no proof either
         assert str(refused)  # noqa: PT017 - either way
         return
@@ -80,21 +67,21 @@ def test_a_battery_without_reserve_is_not_proved(copied: Path, old: str, new: st
 # ---------------------------------------------------------------- what the proof assumes
 
 
-def test_what_is_left_behaves_as_the_plant_of_the_proof(copied: Path) -> None:
+def test_what_is_left_behaves_as_the_plant_of_the_proof(drone: Path) -> None:
     """m falls no faster than SPENT, and rises by GAIN at least once a landing was asked for."""
     changed(
-        copied / "battery.soter",
+        drone / "battery.soter",
         "node Land period",
         "input topic nerve: float in [-1.0, 3.0];\n"
         "node Fickle period 500ms {\n  subscribes nerve;\n  publishes go;\n"
         "  step { publish go = clamp(nerve, 0.0, 1.0); }\n}\nnode Land period",
     )
     changed(
-        copied / "battery.soter",
+        drone / "battery.soter",
         "  module SafeBattery;\n",
         "  module SafeBattery;\n  replace Onwards by Fickle;\n  input nerve every 17s;\n",
     )
-    program = load(copied / "battery.soter")
+    program = load(drone / "battery.soter")
     run = program.simulate(until=1500.0, seed=4)
     assert run.violations == 0
     known = {n: float(program.constant(n)) for n in ("DRAIN", "SPENT", "GAIN", "E", "TOP")}
@@ -188,7 +175,7 @@ def test_from_everywhere_a_dock_is_no_farther_than_a_landing_may_lead(script: An
         ("vec3(24.0, 18.0, 4.5)", "on a building"),
     ],
 )
-def test_a_dock_that_is_none_is_refused(copied: Path, dock: str, words: str) -> None:
-    changed(copied / "docks.soter", "vec3(44.4, 26.0, POST)", dock)
+def test_a_dock_that_is_none_is_refused(drone: Path, dock: str, words: str) -> None:
+    changed(drone / "docks.soter", "vec3(44.4, 26.0, POST)", dock)
     with pytest.raises(soter.SoterError, match=words):
-        load(copied / "docks.soter").verify(refute=False)
+        load(drone / "docks.soter").verify(refute=False)

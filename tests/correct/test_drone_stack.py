@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import ast
 import re
-import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from examples_changed import changed
 from soter.api import load
 
 if TYPE_CHECKING:
@@ -18,19 +18,6 @@ if TYPE_CHECKING:
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 STACK, HOSTILE = DRONE / "surveillance.soter", DRONE / "surveillance_adversaries.soter"
 WALLS = ("east", "west", "north", "south", "above", "below")
-
-
-@pytest.fixture
-def copied(tmp_path: Path) -> Path:
-    folder = tmp_path / "drone"
-    shutil.copytree(DRONE, folder, ignore=shutil.ignore_patterns("__pycache__", ".soter"))
-    return folder
-
-
-def changed(path: Path, old: str, new: str) -> None:
-    text = path.read_text(encoding="utf-8")
-    assert old in text
-    path.write_text(text.replace(old, new), encoding="utf-8")
 
 
 def flown(path: Path, system: str, until_s: float, seed: int) -> tuple[Run, dict[str, Any]]:
@@ -82,15 +69,15 @@ def test_hostile_parts_break_nothing(system: str, least: int) -> None:
         assert sum(book["reasons"]) == last["inForce"]["refused"]
 
 
-def test_a_landing_is_flown_by_sc_alone(copied: Path) -> None:
+def test_a_landing_is_flown_by_sc_alone(drone: Path) -> None:
     changed(
-        copied / HOSTILE.name,
+        drone / HOSTILE.name,
         "  always battery.landing.left > 0.0;\n",
         "  always !battery.landing.active || b.truth.docked\n"
         "      || battery.landing.left > battery.LANDING - 0.5\n"
         "      || mode(SafeMotionPrimitive) == Mode.SC;\n",
     )
-    run, last = flown(copied / HOSTILE.name, "Ramming", 400.0, 5)
+    run, last = flown(drone / HOSTILE.name, "Ramming", 400.0, 5)
     assert run.violations == 0
     assert last["landings"]["number"] >= 1
 
@@ -98,30 +85,30 @@ def test_a_landing_is_flown_by_sc_alone(copied: Path) -> None:
 # ---------------------------------------------------------------- what it rests on is needed
 
 
-def test_a_landing_that_ac_may_fly_is_not_over_in_time(copied: Path) -> None:
-    changed(copied / "corridor.soter", "if !way.careful {", "if true {")
-    run, _ = flown(copied / HOSTILE.name, "Ramming", 600.0, 5)
+def test_a_landing_that_ac_may_fly_is_not_over_in_time(drone: Path) -> None:
+    changed(drone / "corridor.soter", "if !way.careful {", "if true {")
+    run, _ = flown(drone / HOSTILE.name, "Ramming", 600.0, 5)
     assert any("landing.left" in v.what for v in run.violation_list)
 
 
-def test_a_reserve_for_a_shorter_landing_is_used_up(copied: Path) -> None:
-    changed(copied / "battery.soter", "const SPEED: float = 0.5;", "const SPEED: float = 4.0;")
-    changed(copied / "battery.soter", "const DELAY: float = 15.0;", "const DELAY: float = 1.0;")
-    run, _ = flown(copied / HOSTILE.name, "Careless", 900.0, 5)
+def test_a_reserve_for_a_shorter_landing_is_used_up(drone: Path) -> None:
+    changed(drone / "battery.soter", "const SPEED: float = 0.5;", "const SPEED: float = 4.0;")
+    changed(drone / "battery.soter", "const DELAY: float = 15.0;", "const DELAY: float = 1.0;")
+    run, _ = flown(drone / HOSTILE.name, "Careless", 900.0, 5)
     assert any("landing.left" in v.what for v in run.violation_list)
 
 
-def test_a_planner_that_lets_no_plan_settle_loses_control(copied: Path) -> None:
+def test_a_planner_that_lets_no_plan_settle_loses_control(drone: Path) -> None:
     """One good plan after the other, faster than any can be taken: delayed, not starved."""
 
     def straight(inputs: Any) -> dict[str, Any]:
         ends = (inputs.request.start, inputs.request.goal)
         return {"candidate": [(p.x, p.y, p.z) for p in ends]}
 
-    program = load(copied / "planner.soter").bind("RRTStar", straight)
+    program = load(drone / "planner.soter").bind("RRTStar", straight)
     served = program.simulate(until=150.0, seed=1, trace=False)
-    changed(copied / "planner.soter", "|| inForce.overdue;", ";")
-    program = load(copied / "planner.soter").bind("RRTStar", straight)
+    changed(drone / "planner.soter", "|| inForce.overdue;", ";")
+    program = load(drone / "planner.soter").bind("RRTStar", straight)
     starved = program.simulate(until=150.0, seed=1, trace=False)
     adopted = [int(r.final["topics"]["inForce"]["adopted"]) for r in (served, starved)]
     assert served.violations == starved.violations == 0

@@ -145,7 +145,7 @@ def _coverage(report: VerifyReport, console: Console) -> list[str]:
         lines += ["", "the same problem, and so the same verdict", *_listed(coverage.also)]
     if coverage.rest:
         lines += ["", "not covered", *_listed(coverage.rest)]
-    return [*lines, *_together(report, console)] if len(report.modules) > 1 else lines
+    return [*lines, *_together(report, console)] if report.composed else lines
 
 
 def _together(report: VerifyReport, console: Console) -> list[str]:

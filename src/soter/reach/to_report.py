@@ -97,7 +97,7 @@ def page(found: VerifyReport) -> ProofPage:
             "python": platform.python_version(),
             "numpy": np.__version__,
         },
-        together=found.together if len(found.modules) > 1 else "",
+        together=found.together if found.composed else "",
         taken=tuple(TakenRow(t.module, t.what, t.why, t.open) for t in rows_of(found)),
     )
 

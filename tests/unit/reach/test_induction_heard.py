@@ -60,6 +60,17 @@ system S { v: Vehicle; node Dispatch; node Follower; module SafePlanner; until 1
 """
 OTHER_SOURCE = ("if PhiPlan(candidate) { plan = candidate; }", "plan = wish;")
 LEMMA = ("induction;", "induction; lemma PhiPlan(wish);")
+QUEUED = (
+    ("topic wish: Plan;", "topic wish: Plan;\ntopic near: bool;"),
+    (
+        "node Dispatch period 10ms {\n  subscribes place;",
+        """node Sensor period 10ms {
+  subscribes place; publishes near; step { publish near = place > 0.0; } }
+node Dispatch period 10ms {\n  subscribes near queue 2 drop_oldest; var is: bool;""",
+    ),
+    ("step { publish wish = place > 0.0 ?", "step { for n in near { is = n; } publish wish = is ?"),
+    ("node Dispatch;", "node Sensor; node Dispatch;"),
+)
 ALONE = (("subscribes place;\n", ""), ("place > 0.0 ? Plan.Hover : Plan.Around", "Plan.Around"))
 
 
@@ -83,6 +94,13 @@ def test_what_hears_a_plant_says_anything_and_stands_still_for_progress(tmp_path
     assert "for P2b alone: wish stays as it is" in said
     checked = recheck(tmp_path / "cert")
     assert checked.accepted, checked.reason
+
+
+def test_what_hears_a_plant_through_a_queue_hears_it(tmp_path: Path) -> None:
+    found = verified(tmp_path, *QUEUED)
+    said = "\n".join(found.problem.assumptions)
+    assert "wish: any value of its set at any time (published by Dispatch, which hears" in said
+    assert recheck(tmp_path / "cert").accepted
 
 
 def test_what_does_not_is_followed(tmp_path: Path) -> None:

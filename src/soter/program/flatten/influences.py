@@ -7,9 +7,9 @@ Non-goals: who keeps these topics in their sets (`reach/covered.py`).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import lru_cache
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from soter.program.model import typed
 from soter.program.model.system import Bound, Disturbance
@@ -21,7 +21,7 @@ from soter.program.model.types import (
     RecordType,
     leaves,
 )
-from soter.program.model.walk import topic_reads
+from soter.program.model.walk import rewritten, topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -96,14 +96,18 @@ def _opened(
         names = [".".join((topic.name, *path)) for path, _ in leaves(topic.type)]
         made[topic] = tuple(typed.Variable(n, FLOAT, "disturbance", topic.span) for n in names)
     whole = {t: _value(t.type, iter(made[t]), t) for t in topics}
+
+    def value(e: typed.Expr) -> typed.Expr:
+        return _of_topics(e, whole)
+
     opened = replace(
         plant,
         reads=tuple(t for t in plant.reads if t not in whole),
         read_spans=(),
-        lets=tuple((v, _replaced(e, whole)) for v, e in plant.lets),
-        der={v: _replaced(e, whole) for v, e in plant.der.items()},
-        next={v: _replaced(e, whole) for v, e in plant.next.items()},
-        drives=tuple((t, _replaced(e, whole)) for t, e in plant.drives),
+        lets=tuple((v, rewritten(e, value)) for v, e in plant.lets),
+        der={v: rewritten(e, value) for v, e in plant.der.items()},
+        next={v: rewritten(e, value) for v, e in plant.next.items()},
+        drives=tuple((t, rewritten(e, value)) for t, e in plant.drives),
         disturbances=(*plant.disturbances, *_declared(made)),
     )
     return opened, made
@@ -136,22 +140,17 @@ def _equations(plant: typed.PlantSymbol) -> list[typed.Expr]:
     return [*(e for _, e in plant.lets), *plant.der.values(), *plant.next.values()]
 
 
-def _replaced(node: Any, by: Mapping[typed.TopicSymbol, typed.Expr]) -> Any:  # noqa: ANN401
-    """The same with values in place of the topics; expressions have no effects."""
-    if isinstance(node, typed.TopicRead):
-        return by.get(node.topic, node)
-    if isinstance(node, typed.Field):
-        target = _replaced(node.target, by)
-        if isinstance(target, typed.Aggregate):
-            return target.elements[node.index]
-        return node if target is node.target else replace(node, target=target)
-    if isinstance(node, tuple):
-        return tuple(_replaced(x, by) for x in node)
-    if not isinstance(node, typed.Expr):
-        return node
-    changed = {
-        f.name: _replaced(getattr(node, f.name), by)
-        for f in fields(node)
-        if f.name not in ("type", "span", "fun")
-    }
-    return replace(node, **changed)
+def _of_topics(e: typed.Expr, by: Mapping[typed.TopicSymbol, typed.Expr]) -> typed.Expr:
+    """A reading of a topic, or of a field of one: the value that stands for it."""
+    if isinstance(e, typed.TopicRead):
+        return by.get(e.topic, e)
+    if isinstance(e, typed.Field) and isinstance(e.target, typed.Aggregate) and _plain(e.target):
+        return e.target.elements[e.index]
+    return e
+
+
+def _plain(e: typed.Expr) -> bool:
+    """Whether it is made of variables alone: what is left out of it cannot fault."""
+    if isinstance(e, typed.Aggregate):
+        return all(_plain(x) for x in e.elements)
+    return isinstance(e, typed.VarRead)

@@ -8,13 +8,10 @@ Non-goals: any other rewriting; a predicate that is no conjunction is its own on
 
 from __future__ import annotations
 
-from dataclasses import fields, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import replace
 
 from soter.program.model import typed
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
+from soter.program.model.walk import rewritten
 
 PARTS_MAX = 16
 
@@ -53,21 +50,9 @@ def _returned(call: typed.Call) -> typed.Expr | None:
     if body is None or len(body) != 1 or not isinstance(body[0], typed.Return):
         return None
     given = dict(zip(call.fun.parameters, call.arguments, strict=True))
-    found: typed.Expr = _replaced(body[0].value, given)
+
+    def argument(e: typed.Expr) -> typed.Expr:
+        return given.get(e.variable, e) if isinstance(e, typed.VarRead) else e
+
+    found: typed.Expr = rewritten(body[0].value, argument)
     return found
-
-
-def _replaced(node: Any, given: Mapping[typed.Variable, typed.Expr]) -> Any:  # noqa: ANN401
-    """The same with arguments in place of the parameters; expressions have no effects."""
-    if isinstance(node, typed.VarRead):
-        return given.get(node.variable, node)
-    if isinstance(node, tuple):
-        return tuple(_replaced(x, given) for x in node)
-    if not isinstance(node, typed.Expr):
-        return node
-    changed = {
-        f.name: _replaced(getattr(node, f.name), given)
-        for f in fields(node)
-        if f.name not in ("type", "span", "fun")
-    }
-    return replace(node, **changed)

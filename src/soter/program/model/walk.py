@@ -6,12 +6,13 @@ Non-goals: meaning; nothing here follows a call into the function.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from dataclasses import fields, replace
+from typing import TYPE_CHECKING, Any
 
 from soter.program.model import typed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
+    from collections.abc import Callable, Iterable, Iterator
 
 _SKIPPED = {"type", "span", "fun", "param", "topic", "module", "variable"}
 
@@ -40,6 +41,21 @@ def nodes(roots: Iterable[object]) -> Iterator[object]:
         node = todo.pop()
         yield node
         todo.extend(reversed(children(node)))
+
+
+def rewritten(node: Any, instead: Callable[[Any], Any]) -> Any:  # noqa: ANN401 - any part of a tree
+    """An expression with others in the places of some; expressions have no effects.
+
+    `instead` is asked of each, parts before the whole, and gives what it was given where it stays.
+    """
+    if isinstance(node, tuple):
+        return tuple(rewritten(x, instead) for x in node)
+    if not isinstance(node, typed.Expr):
+        return node
+    names = [f.name for f in fields(node) if f.name not in ("type", "span", "fun")]
+    parts = {name: rewritten(getattr(node, name), instead) for name in names}
+    same = all(parts[name] is getattr(node, name) for name in names)
+    return instead(node if same else replace(node, **parts))
 
 
 def calls_in(*roots: object) -> list[typed.Call]:

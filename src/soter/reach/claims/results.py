@@ -333,6 +333,12 @@ class VerifyReport:
         promised = (g.by for g in self.coverage.guarantees if g.how == "guaranteed")
         return self.verdict if proved.issuperset(promised) or self.verdict != PROVED else ASSUMED
 
+    @property
+    def composed(self) -> bool:
+        """Whether several modules are spoken of, or one that rests on what another guarantees."""
+        taken = any(g.how == "guaranteed" for g in self.coverage.guarantees)
+        return taken or len(self.modules) > 1
+
     def __getitem__(self, module: str) -> ModuleResult:
         """The result of one module, by full name; KeyError where there is none."""
         for m in self.modules:

@@ -229,9 +229,7 @@ def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]
     any_value: dict[str, str] = {}
     heard: list[int] = []
     while todo:
-        index = todo.pop()
-        source = flat.topics[index].queue_of
-        index = index if source is None else source
+        index = _source(flat, todo.pop())
         if index in seen or index in module.outputs:
             continue
         seen.add(index)
@@ -251,6 +249,12 @@ def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]
     return list(nodes), any_value, heard
 
 
+def _source(flat: System, topic: int) -> int:
+    """The topic itself; of a queue, the one whose values it collects."""
+    source = flat.topics[topic].queue_of
+    return topic if source is None else source
+
+
 def _hears(flat: System, module: Module, writers: list[Component]) -> str:
     """That a node rests on what plants or other modules publish, in words; "": it does not."""
     todo, seen = list(writers), set(module.outputs)
@@ -258,7 +262,8 @@ def _hears(flat: System, module: Module, writers: list[Component]) -> str:
         c = todo.pop()
         if c.plant is not None or c.module not in (None, module.index):
             return f"published by {writers[0].name}, which hears {c.role} {c.name}"
-        for index in () if c.extern else _read_by(c):
+        for read in () if c.extern else _read_by(c):
+            index = _source(flat, read)
             if index not in seen:
                 seen.add(index)
                 todo += [w for w in flat.components if index in _written_by(w)]

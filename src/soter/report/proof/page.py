@@ -87,10 +87,15 @@ def _together(page: ProofPage) -> str:
         f'<span class="badge {escape(page.together)}">{SIGNS.get(page.together, "?")} '
         f"{escape(page.together)}</span></h2>"
         '<p class="note lead">Theorem 4.1: the conjunction, and who keeps what a module takes for '
-        'granted</p><div class="scroll"><table class="events proof"><thead><tr>'
+        f"granted{_open(sum(t.open for t in page.taken))}</p>"
+        '<div class="scroll"><table class="events proof"><thead><tr>'
         '<th scope="col">module</th><th scope="col">takes for granted</th>'
         f'<th scope="col">because</th></tr></thead><tbody>{rows}</tbody></table></div></section>'
     )
+
+
+def _open(count: int) -> str:
+    return f"; {count} of these {'is' if count == 1 else 'are'} assumed" if count else ""
 
 
 def _properties(m: ModuleProof) -> str:
