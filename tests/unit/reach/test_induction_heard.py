@@ -59,6 +59,14 @@ rta SafePlanner {
 system S { v: Vehicle; node Dispatch; node Follower; module SafePlanner; until 160ms; }
 """
 OTHER_SOURCE = ("if PhiPlan(candidate) { plan = candidate; }", "plan = wish;")
+MOVES = (
+    ("var plan: Plan;", "var plan: Plan; var seen: Plan; var known: bool;"),
+    (
+        OTHER_SOURCE[0],
+        """plan = known && wish != seen ? Plan.ThroughBuilding : Plan.Hover;
+    seen = wish; known = true;""",
+    ),
+)
 LEMMA = ("induction;", "induction; lemma PhiPlan(wish);")
 QUEUED = (
     ("topic wish: Plan;", "topic wish: Plan;\ntopic near: bool;"),
@@ -113,6 +121,11 @@ def test_safety_never_rests_on_its_standing_still(tmp_path: Path) -> None:
     found = verified(tmp_path, OTHER_SOURCE)
     assert found.findings["P2a"].verdict == "undecided"
     assert found.verdict == "undecided"
+
+
+def test_safety_fails_where_it_holds_only_of_what_stands_still(tmp_path: Path) -> None:
+    found = verified(tmp_path, *MOVES)
+    assert found.findings["P2a"].verdict == "undecided"
 
 
 def test_a_lemma_about_it_has_it_followed(tmp_path: Path) -> None:
