@@ -62,7 +62,7 @@ BENCHMARKS = (
     ),
     Benchmark(
         "The surveillance drone, whole",
-        ("bench/drone_stack.py",),
+        ("bench/drone_stack.py", "--missions", "10000"),
         "The whole program with missions that never charge, battery ACs that land when they like, "
         "planners that lie and ACs that ram, wind at its bounds; two shorter arms have "
         "RRT*. A violation is a collision, leaving the box in force, a plan in force that is not "
