@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from soter.program.model.durations import show_ns
 from soter.reach.claims import claims
 from soter.reach.claims.case import Case, Clock
+from soter.reach.claims.entered import not_entered
 from soter.reach.claims.levels import deploy, levels
 from soter.reach.claims.recovery import in_time, recover
 from soter.reach.claims.refine import refined
@@ -89,6 +90,7 @@ def verify_module(
     result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
     _scheme(problem, done)
     _together(problem, done)
+    _handed_over(problem, result, done)
     result.findings["DM"] = _decision_module(result)
     result.findings = {p: result.findings[p] for p in PROPERTIES}
     result.recover_s = _recover_s(done, result)
@@ -256,6 +258,22 @@ def _together(problem: Problem, done: list[Case]) -> None:
             text = f"what SC publishes begins to act in all of these at one instant: {names}"
             if text not in problem.assumptions:
                 problem.assumptions.append(text)
+
+
+def _handed_over(problem: Problem, result: ModuleResult, done: list[Case]) -> None:
+    """That the state of a view lies in R(H) wherever `enters` holds: shown, it is assumed no more.
+
+    That is about all of K and R(H), not about estimates, so it is no claim of a case.
+    """
+    if not problem.entered:
+        return
+    why = next(filter(None, map(not_entered, done)), "")
+    if why:
+        result.notes += (f"that `enters` implies R(H) is assumed, not shown: {why}",)
+        return
+    for text, shown in problem.entered.items():
+        problem.assumptions.remove(text)
+        result.notes += (shown,)
 
 
 def _follows_scheme(case: Case) -> bool:

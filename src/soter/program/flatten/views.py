@@ -65,9 +65,12 @@ def _seen(flat: System, module: Module, view: typed.ViewSymbol) -> tuple[System,
     symbol, topics = module.symbol, speaks_of(view.block)
     assert symbol.ttf is not None
     assert symbol.safer is not None
+    enters = symbol.verify.enters
+    if enters is not None:
+        enters = _joined("&&", _kept(conjuncts(enters), topics), enters)
     part = replace(
         symbol,
-        verify=view.block,
+        verify=replace(view.block, enters=enters),
         safe=_joined("&&", _kept(conjuncts(symbol.safe), topics), symbol.safe),
         ttf=_joined("||", _kept(disjuncts(symbol.ttf), topics), symbol.ttf),
         safer=_joined("&&", _kept(conjuncts(symbol.safer), topics), symbol.safer),

@@ -65,6 +65,11 @@ class GroupProof(GroupResult):
     def inclusion(self, case: Case, predicate: str) -> None:
         """`ttf` or `safer`: an estimate from which AC may have control comes from R(H)."""
 
+    def entered(self, case: Case) -> str:
+        """Why `enters` of an estimate does not show that the state lies in R(H); "": it does."""
+        del case
+        return f"its {self.group.representation} is not looked at"
+
     @abstractmethod
     def levels(self, case: Case) -> None:
         """S_0 ... S_(m-2) of estimates, where predicates are computed."""

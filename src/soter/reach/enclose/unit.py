@@ -9,6 +9,7 @@ What a function does not read as an input ranges over its declared set, without 
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -110,6 +111,8 @@ class _Unit:
         for name, said in (("ttf", symbol.ttf), ("safer", symbol.safer)):
             if said is not None:
                 self._estimated(name, said)
+        if symbol.verify.enters is not None:
+            self._if_possible("enters", symbol.verify.enters)
 
     def _law(self) -> None:
         """All controls at once, and each alone: a group is moved by few, and asks very often.
@@ -131,6 +134,11 @@ class _Unit:
         parts = conjuncts(said)
         for k, part in enumerate(parts if len(parts) > 1 else []):
             self._conjunct(f"{name}_{k}", part, estimated=True)
+
+    def _if_possible(self, name: str, said: Expr) -> None:
+        """Nothing where it cannot be enclosed: what rests on it is not shown then."""
+        with suppress(EnclosureError):
+            self._truth(name, lambda e: e.expression(said, estimated=True))
 
     def _conjunct(self, name: str, part: Expr, *, estimated: bool) -> None:
         self._truth(name, lambda e: e.expression(part, estimated=estimated))

@@ -106,6 +106,14 @@ class GridProof(GroupProof):
             hint = f"a finer grid, or a `{predicate}` that is more careful there"
             case.fail(predicate, text, self, hint).cells = wrong
 
+    def entered(self, case: Case) -> str:
+        """On every cell, with all errors; `safe` is not yet known of where the state jumps to."""
+        del case
+        assert self.found.free is not None
+        wrong = int((self.engine.may_hold("enters") & ~self.found.free).sum())
+        names = ", ".join(a.name for a in self.group.axes)
+        return f"it may hold on {wrong:,} cells of {names} outside R(H)" if wrong else ""
+
     def levels(self, case: Case) -> None:
         """S_0, S_1, ... of estimates."""
         levels.find(case, self, self.engine, self.found)

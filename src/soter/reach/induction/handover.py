@@ -50,7 +50,7 @@ def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iter
     if enters is None:
         return
     for topic in topic_reads(link.value):
-        index = module.scope.topics.get(topic, -1)
+        index = _index(flat, topic)
         writers = [c for c in flat.components if c.node and index in _written(c)]
         why = _not_for_this(flat, index, writers) or _remembers(flat, module)
         name = writers[0].name if writers else ""
@@ -58,6 +58,12 @@ def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iter
             changed = Changed(index, _paths(link.value, topic), _driven(flat, module, link))
             why = _shown(flat, module, enters, writers[0], changed)
         yield Handover(topic, name, why)
+
+
+def _index(flat: System, topic: typed.TopicSymbol) -> int:
+    """Of a topic that some node or plant names; -1 where that is not one topic of the system."""
+    found = {c.scope.topics[topic] for c in flat.components if topic in c.scope.topics}
+    return found.pop() if len(found) == 1 else -1
 
 
 @dataclass(frozen=True)

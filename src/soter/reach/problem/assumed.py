@@ -46,11 +46,14 @@ NO_DROPOUT = (
 
 
 def assumptions_of(
-    place: Place, inputs: Inputs, times: Times, routes: Routes, kind: str
+    place: Place, inputs: Inputs, times: Times, routes: Routes, kind: str, jumps: list[str]
 ) -> list[str]:
-    """Every assumption; SCHEME is taken out again where the scheme turns out to be covered."""
+    """Every assumption; SCHEME is taken out again where the scheme turns out to be covered.
+
+    `jumps`: those of `jumps_of`.
+    """
     found = [
-        *_environment(place, inputs),
+        *_environment(place, inputs, jumps),
         *_ways(place, routes),
         *_timing(place, times, routes, kind),
     ]
@@ -68,9 +71,14 @@ def assumptions_of(
     return found
 
 
-def _jumps(place: Place) -> list[str]:
-    """What of a view's state stands in topics, and so may change at once."""
-    found = []
+def jumps_of(place: Place) -> tuple[list[str], dict[str, str]]:
+    """What of a view's state stands in topics, and so may change at once.
+
+    Second: those that say that it then lies in R(H), each with what is said where that turns out to
+    be shown.
+    """
+    found: list[str] = []
+    entered: dict[str, str] = {}
     for link in place.module.symbol.verify.abstracts:
         given = {h.topic: h for h in handovers(place.flat, place.home, link)}
         kept = [h for h in given.values() if not h.why]
@@ -86,17 +94,21 @@ def _jumps(place: Place) -> list[str]:
             assert place.home.whole is not None
             enters = place.home.whole.verify.enters
             assert enters is not None
-            found.append(
+            fact = (
                 f"wherever `{' '.join(enters.span.text.split())}` holds of what {h.node} reads and "
-                f"publishes in one step, the state of {link.name} lies in R(H) of where it jumps "
-                f"to ({h.node} changes what it rests on of {h.topic.name} in no other step, and "
-                "shows it to DM and SC in the same one: proved)"
+                f"publishes in one step, the state of {link.name} lies in R(H) of where it jumps to"
             )
+            alone = (
+                f"{h.node} changes what it rests on of {h.topic.name} in no other step, and shows "
+                "it to DM and SC in the same one"
+            )
+            found.append(f"{fact} ({alone}: proved)")
+            entered[found[-1]] = f"{fact}; {alone}: proved"
         found += [
             f"`enters` shows nothing of {h.topic.name}, on which {link.name} rests: {h.why}"
             for h in ([] if kept else given.values())
         ]
-    return found
+    return found, entered
 
 
 def _judged(place: Place) -> list[str]:
@@ -113,14 +125,14 @@ def _judged(place: Place) -> list[str]:
     return found
 
 
-def _environment(place: Place, inputs: Inputs) -> list[str]:
+def _environment(place: Place, inputs: Inputs, jumps: list[str]) -> list[str]:
     found = [
         f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
         f"within its bounds, from the initial states of {link.name} on"
         for link in place.module.symbol.verify.abstracts
     ]
     if place.home.view:
-        found += _jumps(place)
+        found += jumps
     if place.abstract:
         found += _judged(place)
     names = ", ".join(c.name for c in place.plants)

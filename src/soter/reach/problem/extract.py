@@ -18,7 +18,7 @@ from soter.program.model.system import modules_above
 from soter.program.model.types import leaves
 from soter.reach.enclose.scheme import ORDER
 from soter.reach.induction.problem import InductionProblem, extract_induction
-from soter.reach.problem.assumed import assumptions_of
+from soter.reach.problem.assumed import assumptions_of, jumps_of
 from soter.reach.problem.axes import Axes
 from soter.reach.problem.following import check_followed
 from soter.reach.problem.inputs import Inputs, inputs_of
@@ -67,6 +67,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     symbol = at.module.symbol
     levels = symbol.verify.levels
     recover = symbol.verify.recover
+    jumps, entered = jumps_of(at)
     return Problem(
         system=at.system,
         core=lower(at.system),
@@ -88,15 +89,17 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         computed=symbol.ttf is None,
         synthesize=synthesize,
         topic_leaf_of_state={s: at_ for at_, s in groups.topic_leaves.items()} | groups.shown,
+        state_of_leaf=groups.topic_leaves,
         assumptions=[
             *_forced(flat, module),
-            *assumptions_of(at, inputs, times, routes, kind),
+            *assumptions_of(at, inputs, times, routes, kind, jumps),
             *_open(found),
         ],
         name=f"{module.name} as {module.view}" if module.view else module.name,
         beside=beside(at),
         view=module.view,
         whole=whole(at) if module.view else None,
+        entered=entered,
         influences=at.influences,
         commands=commands,
         parameter_start=tuple(inputs.parameter_start),

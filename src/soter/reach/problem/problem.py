@@ -193,6 +193,8 @@ class Problem:
     """SC is to be found (`soter verify --synthesize`)."""
     topic_leaf_of_state: dict[int, tuple[int, int]] = field(default_factory=dict)
     """State -> (topic, leaf) that equals it, where there is one."""
+    state_of_leaf: Mapping[tuple[int, int], int] = field(default_factory=dict)
+    """(topic, leaf) -> the state that it equals, for every leaf that does."""
     assumptions: list[str] = field(default_factory=list)
     name: str = ""
     """Full name of the module in its own system, for people; with the name of the view."""
@@ -202,6 +204,9 @@ class Problem:
     """Topics of SC that no plant drives -> the node that publishes them in every step."""
     whole: System | None = None
     """Of a view: the verification system with all of the module's predicates."""
+    entered: Mapping[str, str] = field(default_factory=dict)
+    """Of a view: assumptions that its state lies in R(H) where it jumps -> what is said of each
+    where that is shown."""
     influences: tuple[Influence, ...] = ()
     """What others publish and what moves the plants: the last disturbances of each plant."""
     commands: tuple[tuple[float, ...], ...] = ()

@@ -1,0 +1,92 @@
+"""That the state lies in R(H) wherever `enters` holds: shown, or not, of cells and beyond them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from generators.handover_program import handover
+from soter.api.program import load
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.reach.claims.results import ModuleResult
+
+pytest.importorskip("z3")
+
+IN = """fun In(l: Wall, r: Wall): bool {
+  return Fits(l, 0.05) && Fits(r, 0.05) && l.room < 50.0 && r.room < 50.0;
+}
+"""
+MAY = "({ room: m.x - b.low, toward: -m.v }, { room: b.high - m.x, toward: m.v });"
+SHOWN, NOT_SHOWN = "the state of seen lies in R(H)", "that `enters` implies R(H) is assumed"
+
+
+def verified(tmp_path: Path, inside: str) -> tuple[ModuleResult, ...]:
+    """The views of the two boxes, entered where `inside` says so."""
+    text = handover(enters="In(left, right)")
+    begin, end = text.index("  return Fits({ room: m.x"), text.index("node Estimator")
+    text = text[:begin] + "  return In" + MAY + "\n}\n" + text[end:]
+    text = text.replace("fun May", inside + "fun May")
+    path = tmp_path / "boxes.soter"
+    path.write_text(text)
+    return load(path).verify(refute=False).modules
+
+
+def is_shown(module: ModuleResult) -> bool:
+    """Said in exactly one of the two places."""
+    assumed = any(SHOWN in a for a in module.problem.assumptions)
+    noted = any(n.startswith("wherever") and SHOWN in n for n in module.notes)
+    why = any(NOT_SHOWN in n for n in module.notes)
+    assert assumed == why == (not noted)
+    return noted
+
+
+def test_it_is_shown_and_assumed_no_more(tmp_path: Path) -> None:
+    found = verified(tmp_path, IN)
+    assert [m.verdict for m in found] == ["proved", "proved"]
+    assert [is_shown(m) for m in found] == [True, True]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "shown", "why"),
+    [
+        ("Fits(l, 0.05)", "Fits(l, 0.0)", [False, True], "outside R(H)"),
+        ("Fits(l, 0.05) && ", "", [False, True], "outside the grid"),
+        ("l.room < 50.0", "true", [False, True], "outside the grid"),
+        ("r.room < 50.0", "r.room < 70.0", [True, False], "outside the grid"),
+        ("Fits(r, 0.05)", "(Fits(r, 0.05) || r.toward < -2.3)", [True, False], "the grid"),
+        ("Fits(r, 0.05)", "r.room > 0.5 && abs(r.toward) < 2.0", [True, False], "outside R(H)"),
+    ],
+)
+def test_a_guard_that_lets_too_much_in_is_not(
+    tmp_path: Path, old: str, new: str, shown: list[bool], why: str
+) -> None:
+    assert old in IN
+    found = verified(tmp_path, IN.replace(old, new))
+    assert [is_shown(m) for m in found] == shown
+    assert [any(why in n for n in m.notes) for m in found] == [not s for s in shown]
+
+
+@pytest.mark.parametrize("tau", [0.0, 0.03, 0.05])
+def test_what_is_let_in_lies_in_the_set_wherever_that_is_shown(tmp_path: Path, tau: float) -> None:
+    """By a second reading of `Fits`, on states drawn at random."""
+    module = verified(tmp_path, IN.replace("0.05", str(tau)))[0]
+    (case,) = module.cases
+    (group,) = case.groups
+    rooms, speeds = (np.array(a.edges) for a in group.group.axes)
+    chance = np.random.default_rng(int(1000 * tau))
+    room, toward = chance.uniform(-1.0, 4.0, 200_000), chance.uniform(-3.0, 3.0, 200_000)
+    later = np.maximum(toward + 3.0 * tau, 0.0)
+    moved = np.maximum((toward + 1.5 * tau) * tau, 0.0) + later**2 / 4.0 + 0.15
+    let_in = (room >= moved) & (np.abs(toward) + 3.0 * tau <= 2.2)
+    at = np.searchsorted(rooms, room[let_in]) - 1, np.searchsorted(speeds, toward[let_in]) - 1
+    assert min(a.min() for a in at) >= 0
+    assert group.free is not None
+    escapes = int((~group.free[at]).sum())
+    if is_shown(module):
+        assert escapes == 0
+    assert is_shown(module) == (tau >= 0.04) or escapes == 0
