@@ -237,6 +237,7 @@ def _summary(report: ExploreReport, console: Console) -> list[str]:
     lines = ["all tests"]
     for test in report.tests:
         word, colour, more = _verdict(test)
+        more = more or report.unsettled(test)
         lines.append(
             f"  {test.name:<{width}}  {console.paint(colour, f'{word:<19}')}  {more}".rstrip()
         )
@@ -470,6 +471,7 @@ def _test(t: TestResult) -> dict[str, object]:
         "reduction": o.reduction,
         "parts": t.parts,
         "equal_instances": [list(some) for some in t.equal_instances],
+        "contracts": {of: list(names) for of, names in t.contracts.items()},
         "quantum_ns": t.quantum_ns,
         "covered_ns": t.covered_ns,
         "closed_ns": t.closed_ns,

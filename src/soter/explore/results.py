@@ -23,6 +23,7 @@ from soter.explore.methods import (
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from soter.explore.judge.replay import Replayed
@@ -226,6 +227,8 @@ class TestResult:
     equal_instances: tuple[tuple[str, ...], ...] = ()
     """Names of instances of which only the places were told apart, so that one configuration was
     stored for all orders of them; docs/testing.md."""
+    contracts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """What is replaced by its contract -> the tests of the program in which it runs as it is."""
     coverage: Coverage = field(default_factory=Coverage)
     assumptions: tuple[str, ...] = ()
     broken: Broken | None = None
@@ -356,6 +359,15 @@ class ExploreReport:
     def interrupted(self) -> bool:
         """Whether somebody stopped it; later tests are then missing."""
         return any(t.interrupted for t in self.tests) or bool(self.not_started)
+
+    def unsettled(self, test: TestResult) -> str:
+        """That tests here ask for contracts which `test` rests on, and are not clean; "": none."""
+        asked = {name for names in test.contracts.values() for name in names}
+        found = [t.name for t in self.tests if t.name in asked and t.verdict != EXHAUSTED]
+        names = " and ".join(f"`{name}`" for name in found)
+        return f"but {names}, asked for a contract that it rests on, did not end clean" * bool(
+            found
+        )
 
     def __getitem__(self, test: str) -> TestResult:
         """The result of one test by name; KeyError where there is none."""
