@@ -83,7 +83,11 @@ node Cart period 10ms {{
     publish place = at;
   }}
 }}
-node Clock period {every}ms {{ publishes tick; var on: bool; step {{ on = !on; publish tick = on; }} }}
+node Clock period {every}ms {{
+  publishes tick;
+  var on: bool;
+  step {{ on = !on; publish tick = on; }}
+}}
 topic tick: bool;
 system Robot {{ node Cart; }}
 system Hall {{

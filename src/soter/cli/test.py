@@ -263,6 +263,7 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     """Everything about one test."""
     muted = "muted"
     lines = [_headline(test, console), console.paint(muted, _figures(test))]
+    lines += [console.paint("yellow", test.dear)] if test.dear else []
     lines += _checkpoint(test, console)
     lines += ["", *_coverage(test, console), *_robustness(test, console)]
     if test.replayed is not None:

@@ -30,6 +30,10 @@ if TYPE_CHECKING:
     from soter.explore.trace.trace import Broken
     from soter.program.model.system import System
 
+ENDS_ONLY = ("all", "instants", "groups")
+"""Reductions that store only ends of instants, where that can be."""
+DEAR, DEAR_S = 64, 2.0
+"""Transitions a configuration, and seconds, from which on it is said that others may be faster."""
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
 UNJUDGED, UNDRIVEN, GRID, DRAWN = "unjudged", "undriven", "grid", "drawn"
@@ -312,6 +316,22 @@ class TestResult:
         for some in self.equal_instances:
             told += f"; {len(some)} equal instances: {', '.join(some)}"
         return told
+
+    @property
+    def dear(self) -> str:
+        """That another reduction may be faster, and why; empty where nothing says so.
+
+        Between ends of instants a search goes anew from each beginning, so ways that meet in the
+        middle are gone many times.
+        """
+        ends_only = self.options.strategy == "bfs" and self.options.reduction in ENDS_ONLY
+        each = self.transitions / max(self.states, 1)
+        if not ends_only or each < DEAR or self.seconds < DEAR_S:
+            return ""
+        return (
+            f"each configuration took {each:,.0f} transitions, as only ends of instants are "
+            "stored: `--reduction ample` stores what lies between, too, and may be faster"
+        )
 
     @property
     def for_ever(self) -> str:
