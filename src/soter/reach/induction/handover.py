@@ -44,9 +44,8 @@ class Handover:
 
 
 def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iterator[Handover]:
-    """For every topic that the map of a view reads; none where the module has no `enters`."""
-    assert module.whole is not None
-    enters = module.whole.verify.enters
+    """For every topic that the map of a view reads; none where there is no view or no `enters`."""
+    enters = None if module.whole is None else module.whole.verify.enters
     if enters is None:
         return
     for topic in topic_reads(link.value):

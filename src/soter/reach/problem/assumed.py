@@ -76,7 +76,7 @@ def assumptions_of(
 
 
 def jumps_of(place: Place) -> tuple[list[str], dict[str, str]]:
-    """What of a view's state stands in topics, and so may change at once.
+    """What of the state of an abstraction stands in topics, and so may change at once.
 
     Second: those that say that it then lies in R(H), each with what is said where that turns out to
     be shown.
@@ -135,8 +135,7 @@ def _environment(place: Place, inputs: Inputs, jumps: list[str]) -> list[str]:
         f"within its bounds, from the initial states of {link.name} on"
         for link in place.module.symbol.verify.abstracts
     ]
-    if place.home.view:
-        found += jumps
+    found += jumps
     if place.abstract:
         found += _judged(place)
     names = ", ".join(c.name for c in place.plants)
