@@ -32,7 +32,7 @@ $(VENV)/.dev: pyproject.toml | $(VENV)/bin/python
 
 setup: $(VENV)/.dev  ## make .venv with everything for running, testing and linting
 
-demo: $(VENV)/.run  ## fly the drone through the city three ways and write the report
+demo: $(VENV)/.run  ## fly laps three ways and the whole mission, write the reports
 	$(PY) examples/drone/demo.py
 
 test: $(VENV)/.dev  ## the whole test suite, under ten minutes on two cores

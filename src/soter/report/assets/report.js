@@ -33,8 +33,13 @@
     return value;
   }
 
+  // A trace of several groups is drawn while all of them are on.
+  function groups(trace) {
+    return trace.group === undefined ? [] : trace.group.split(" ");
+  }
+
   function isShown(trace) {
-    return trace.group === undefined || shown[trace.group] !== false;
+    return groups(trace).every((group) => shown[group] !== false);
   }
 
   // A metre is as long upwards as sideways, and no strip of the place stays empty.
@@ -90,9 +95,11 @@
       }
     }
     for (const figure of figures) {
-      const indices = figure.data.flatMap((trace, i) => (trace.group === group ? [i] : []));
+      const of = (trace, i) => (groups(trace).includes(group) ? [i] : []);
+      const indices = figure.data.flatMap(of);
       if (indices.length > 0) {
-        Plotly.restyle("figure-" + figure.key, { visible: on }, indices);
+        const visible = indices.map((i) => isShown(figure.data[i]));
+        Plotly.restyle("figure-" + figure.key, { visible }, indices);
       }
     }
   }

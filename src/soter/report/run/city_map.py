@@ -28,6 +28,7 @@ from soter.report.run.figure import (
     takeover_dot,
     violation_cross,
     violation_hover,
+    way_group,
 )
 from soter.report.run.geometry import box_outline, height_levels, join, tube_outline, window
 from soter.report.run.trajectory import by_controller, flight_indices, givebacks, place, takeovers
@@ -52,6 +53,8 @@ def city_map(scene: Scene, flights: Sequence[Flight]) -> Figure:
     shown = window(scene, flights)
     data = [*_buildings(scene, shown), *_tubes(scene)]
     dashes = dash_of(flights)
+    for flight in flights:
+        data += _ways(flight)
     for flight in flights:
         data += _trajectory(flight, dashes[flight.name])
     for flight in flights:
@@ -159,6 +162,31 @@ def _tubes(scene: Scene) -> list[Json]:
     return traces
 
 
+def _ways(flight: Flight) -> list[Json]:
+    """Draw the plans: dotted what was in force, dashed and red what was refused."""
+    traces: list[Json] = []
+    for refused, colour, dash in ((False, "@ink", "dot"), (True, "@takeover", "dash")):
+        ways = [way for way in flight.ways if way.refused is refused]
+        if not ways:
+            continue
+        rows = join(way.points for way in ways)
+        texts = [escape(way.text) for way in ways for _ in range(len(way.points) + 1)][:-1]
+        traces.append(
+            {
+                "type": "scatter",
+                "mode": "lines+markers",
+                "x": numbers(rows[:, 0]),
+                "y": numbers(rows[:, 1]),
+                "text": texts,
+                "hovertemplate": f"<b>{escape(flight.title)}</b><br>%{{text}}<extra></extra>",
+                "line": line(colour, 1.4, dash),
+                "marker": {"symbol": "circle", "size": 3, "color": colour},
+                "group": way_group(flight.name, refused=refused),
+            }
+        )
+    return traces
+
+
 def _trajectory(flight: Flight, dash: str) -> list[Json]:
     """Draw what AC flew and what SC flew, each in its colour."""
     chosen = flight_indices(flight)
@@ -196,8 +224,8 @@ def _events(flight: Flight) -> list[Json]:
     """Draw red dots, green dots and crosses, above every line."""
     group = arm_group(flight.name)
     traces = [
-        _decision_marks(flight, takeovers(flight.decisions), takeover_dot(), group),
         _decision_marks(flight, givebacks(flight.decisions), giveback_dot(), group),
+        _decision_marks(flight, takeovers(flight.decisions), takeover_dot(), group),
     ]
     places = [place(flight, v.time_s, v.position) for v in flight.violations]
     traces.append(

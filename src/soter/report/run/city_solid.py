@@ -23,11 +23,13 @@ from soter.report.run.figure import (
     layout,
     numbers,
     violation_hover,
+    way_group,
 )
 from soter.report.run.geometry import (
     HEIGHT_LEVELS,
     box_rings,
     height_levels,
+    join,
     loft_edges,
     loft_mesh,
     tube_rings,
@@ -53,6 +55,7 @@ def city_solid(scene: Scene, flights: Sequence[Flight]) -> Figure:
     """Draw the scene and the flights in three dimensions, true to scale."""
     data = [*_ground(scene), *_buildings(scene), *_tubes(scene)]
     for flight in flights:
+        data += _ways(flight)
         data += _trajectory(flight)
         data += _events(flight)
     data += _goals(scene)
@@ -158,6 +161,17 @@ def _tubes(scene: Scene) -> list[Json]:
         {**_lines(edges, "@tube-line", 1.2), "group": TUBE_GROUP},
         {**_mesh(bodies, "@giveback", 0.1), "group": TUBE_GROUP},
     ]
+
+
+def _ways(flight: Flight) -> list[Json]:
+    """Draw the plans: thin what was in force, red what was refused."""
+    traces: list[Json] = []
+    for refused, colour in ((False, "@muted"), (True, "@takeover")):
+        ways = [way.points for way in flight.ways if way.refused is refused]
+        if ways:
+            group = way_group(flight.name, refused=refused)
+            traces.append({**_lines(join(ways), colour, 2.0), "group": group})
+    return traces
 
 
 def _trajectory(flight: Flight) -> list[Json]:

@@ -3,7 +3,7 @@
 Purpose: what every figure of the report shares: axes, markers, hover texts, colour names.
 Colours are written as `@name`; the page's script replaces them by the style sheet's
 `--name`, so one figure serves light, dark and paper. A trace may belong to a `group` that the
-reader switches on and off.
+reader switches on and off, or to several, parted by spaces: it is drawn while all of them are on.
 Non-goals: importing the drawing library. Figures are tested, and built, without it.
 """
 
@@ -28,6 +28,7 @@ Json = dict[str, object]
 
 AC_COLOUR, SC_COLOUR = "@ac", "@sc"
 TUBE_GROUP = "tubes"
+PLAN_GROUP, REFUSED_GROUP = "plans", "refused"
 
 
 @dataclass(frozen=True)
@@ -51,8 +52,13 @@ def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
 
 
 def arm_group(name: str) -> str:
-    """Return the group of one arm's traces."""
-    return f"arm:{name}"
+    """Return the group of one arm's traces, a word."""
+    return "arm:" + "_".join(name.split())
+
+
+def way_group(name: str, *, refused: bool) -> str:
+    """Return the groups of an arm's plans: they go with their arm, and with all plans."""
+    return f"{arm_group(name)} {REFUSED_GROUP if refused else PLAN_GROUP}"
 
 
 def line(colour: str, width: float = 2.0, dash: str = "solid") -> Json:

@@ -13,7 +13,14 @@ import numpy as np
 
 from soter.report.run.city_map import city_map, dash_of
 from soter.report.run.city_solid import city_solid
-from soter.report.run.figure import TUBE_GROUP, arm_group, change_text, predicates_text
+from soter.report.run.figure import (
+    PLAN_GROUP,
+    REFUSED_GROUP,
+    TUBE_GROUP,
+    arm_group,
+    change_text,
+    predicates_text,
+)
 from soter.report.run.record import Flight
 from soter.report.run.thumbnail import flight_thumbnail, mode_bar
 from soter.report.run.timeline import chart_timeline, flight_timeline
@@ -187,9 +194,12 @@ def _switches(page: ReportPage) -> str:
     """Let the reader choose arms and regions; both city figures obey.
 
     At first only arms flown by both controllers are on: the others are in the small maps above.
+    Of arms with plans it is the first: two of them with all their plans fill the city.
     """
     mixed = [f for f in page.flights if f.in_control.any() != f.in_control.all()]
     on = mixed or list(page.flights)
+    if any(flight.ways for flight in page.flights):
+        on = on[:1]
     dashes = dash_of(page.flights)
     buttons = [
         f'<button type="button" data-group="{escape(arm_group(flight.name))}" '
@@ -202,6 +212,13 @@ def _switches(page: ReportPage) -> str:
             f'<button type="button" data-group="{TUBE_GROUP}" aria-pressed="true">'
             '<i class="sample region"></i>tubes</button>'
         )
+    ways = [way for flight in page.flights for way in flight.ways]
+    for group, text in ((PLAN_GROUP, "plans in force"), (REFUSED_GROUP, "plans refused")):
+        if any(way.refused is (group == REFUSED_GROUP) for way in ways):
+            buttons.append(
+                f'<button type="button" data-group="{group}" aria-pressed="true">'
+                f'<i class="sample {group}"></i>{text}</button>'
+            )
     return f'<div class="switches" role="group" aria-label="what is shown">{"".join(buttons)}</div>'
 
 
@@ -281,7 +298,8 @@ def _violations(arms: Sequence[Flight | Chart]) -> str:
     )
     if not rows:
         return ""
-    where = '<th scope="col">where / m</th>' if isinstance(arms[0], Flight) else ""
+    placed = any(isinstance(arm, Flight) for arm in arms)
+    where = '<th scope="col">where / m</th>' if placed else ""
     return (
         '<section><h2>Violations</h2><div class="scroll tall"><table class="events"><thead><tr>'
         '<th scope="col" class="number">t / s</th><th scope="col">arm</th>'

@@ -91,6 +91,21 @@ class Violation(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
+class Way:
+    """A plan as it was made: `points` (k, 3) in m, from where it starts to its goal.
+
+    `text`: what is told of it: its number, since when it is in force, why it is `refused`.
+    """
+
+    points: NDArray[np.float64]
+    text: str
+    refused: bool = False
+
+    def __post_init__(self) -> None:
+        _check_shape("points", self.points, (len(self.points), 3))
+
+
+@dataclass(frozen=True, eq=False)
 class Flight:
     """One arm of a comparison that moves through a scene.
 
@@ -99,7 +114,8 @@ class Flight:
     to the next; `module`: the RTA module it belongs to; `clearance_m` (N,), distance to the
     nearest obstacle, the vehicle's radius taken off; `speed` (N,) in m/s.
     `summary` may hold `lap_s`, `violations`, `switches_to_sc`, `switches_to_ac`, `ac_share`
-    (0..1), `min_clearance_m`, and other figures, which are shown under their own names.
+    (0..1), `min_clearance_m`, and other figures, which are shown under their own names. `ways`:
+    the plans that it was given, those refused among them.
     """
 
     name: str
@@ -113,6 +129,7 @@ class Flight:
     decisions: tuple[Decision, ...] = ()
     violations: tuple[Violation, ...] = ()
     summary: Summary = field(default_factory=dict)
+    ways: tuple[Way, ...] = ()
 
     def __post_init__(self) -> None:
         count = _sample_count(self.time_s)

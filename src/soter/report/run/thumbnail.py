@@ -87,8 +87,8 @@ def _events(shown: Window, flight: Flight) -> list[str]:
     parts = [
         f'<circle class="{kind}" cx="{x:.2f}" cy="{y:.2f}" r="{radius:.2f}"/>'
         for kind, decisions in (
-            ("takeover", takeovers(flight.decisions)),
             ("giveback", givebacks(flight.decisions)),
+            ("takeover", takeovers(flight.decisions)),
         )
         for x, y in [
             _spot(shown, place(flight, decision.time_s, decision.position))

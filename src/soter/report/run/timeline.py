@@ -47,8 +47,8 @@ if TYPE_CHECKING:
 
     from soter.report.run.record import Chart, Decision, Flight, Series, Violation
 
-BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX = 16, 132, 30, 54
-MARGIN_TOP_PX = 12
+BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX = 16, 132, 30, 62
+MARGIN_TOP_PX = 20
 LABEL_SHARE = 0.2
 """Part of a panel's height that the label of a level needs above it."""
 MINUS = "\N{MINUS SIGN}"
@@ -383,11 +383,11 @@ def _lowest_mark(stack: _Stack, flight: Flight, index: int) -> tuple[Json, Json]
 
 
 def _decision_marks(stack: _Stack, row: int, decisions: Sequence[Decision]) -> list[Json]:
-    """Put the decisions on the mode band."""
+    """Put the decisions on the mode band; a takeover stands above the return that follows soon."""
     size = crowded(len(decisions), 9)
     kinds = (
-        (takeovers(decisions), takeover_dot(size)),
         (givebacks(decisions), giveback_dot(size)),
+        (takeovers(decisions), takeover_dot(size)),
     )
     return [
         {
