@@ -214,10 +214,32 @@ def test_SC_stops_before_every_wall_from_the_boundary_of_S0(  # noqa: N802 - the
         up = (k["U_UP"], k["B_UP"], k["TAIL_UP"], k["CREEP_UP"])
         aim = length - k["BEFORE"]
         cases = (
-            Axis(*along, aim, -back, length + front, np.linspace(-1, 5, 61)),
+            Axis(*along, aim, -back, length + front, np.linspace(-1, 5.3, 64)),
             Axis(*along, -aim, -length - front, back, np.linspace(-1, 3, 41)),
             Axis(*side, 0.0, -radius, radius, np.linspace(-1, 2.5, 36)),
             Axis(*up, 0.0, -height, height, np.linspace(-1, 1.8, 29)),
         )
         for axis in cases:
             assert least_margin(k, axis) > k["LAG"]
+
+
+# ---------------------------------------------------------------- laps
+
+
+def test_the_aggressive_AC_keeps_control_for_most_of_its_laps() -> None:  # noqa: N802 - their names
+    times: dict[str, list[float]] = {"Protected": [], "AdvancedOnly": []}
+    shares = []
+    for system, found in times.items():
+        program = NativeProgram(
+            system_of(check_file(str(DRONE / "motion_primitive.soter")), system)
+        )
+        for seed in range(500, 540):
+            run = program.run(15 * 10**9, seed)
+            lap = run.final["topics"]["lap"]
+            if system == "Protected":
+                assert run.violations == 0
+                shares.append(float(lap["ac_s"]) / float(lap["lap_s"]))
+            if lap["finished"] and not run.violations:
+                found.append(float(lap["lap_s"]))
+    assert np.mean(shares) >= 0.96
+    assert np.mean(times["Protected"]) <= 1.05 * np.mean(times["AdvancedOnly"])
