@@ -29,7 +29,7 @@ from soter.report.summary import table
 from soter.simulate.run import NativeProgram
 
 DRONE = Path(__file__).resolve().parent.parent / "examples" / "drone"
-HOSTILE = ("Twitching", "Jerking", "Pushing", "Ramming", "Failing", "Shaken")
+HOSTILE = ("Twitching", "Jerking", "Pushing", "Ramming", "Failing", "Shaken", "Reversing")
 FIRST_SEED = 20_000
 STEP_S = 0.005
 QUANTILES = (0.5, 0.99, 0.9999)
