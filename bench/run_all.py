@@ -126,6 +126,15 @@ BENCHMARKS = (
         "goal.",
     ),
     Benchmark(
+        "The surveillance drone: stacks that must not be proved",
+        ("bench/drone_wrong.py",),
+        "Changes to the sources of the whole drone, each unsafe in a world that is admissible. "
+        "`verify` stops at the first module or view that is not proved. `repeated`: the reference "
+        "interpreter flies the same seed to the same violation, at the same time, with the same "
+        "hash of all states. The second table breaks what the proofs take for granted of the "
+        "program: those are proved, and the verdict has to name what is broken.",
+    ),
+    Benchmark(
         "Sets on grids",
         ("bench/reach_sets.py",),
         "K, S_j and R(t) where the answer is known, warm, on two threads; the peer is "
