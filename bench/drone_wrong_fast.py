@@ -113,12 +113,6 @@ MOTIONS = (
     _fast(M, "SC reversed", "SC goes the wrong way", (LAW, LAW.replace("clamp(9.0", "clamp(-9.0"))),
     _fast(
         M,
-        "SC in a hurry",
-        "SC creeps at 6 m/s",
-        ("const CREEP: float = 0.9;", "const CREEP: float = 6.0;"),
-    ),
-    _fast(
-        M,
         "SC without margins",
         "SC goes wherever is wished",
         (
@@ -172,9 +166,9 @@ TIMES = (
     _fast(
         T,
         "slow both",
-        "DM looks, and SC speaks, every 100 ms",
-        ("  sc MotionPrimitiveSC;\n  period 10ms;", "  sc MotionPrimitiveSC;\n  period 100ms;"),
-        ("node MotionPrimitiveSC period 10ms", "node MotionPrimitiveSC period 100ms"),
+        "DM looks, and SC speaks, every 200 ms",
+        ("  sc MotionPrimitiveSC;\n  period 10ms;", "  sc MotionPrimitiveSC;\n  period 200ms;"),
+        ("node MotionPrimitiveSC period 10ms", "node MotionPrimitiveSC period 200ms"),
     ),
     _fast(
         T,

@@ -138,16 +138,16 @@ def _planner(name: str, words: str, *edits: tuple[str, ...]) -> Wrong:
     )
 
 
+SOON = (SETTLED[0], SETTLED[1].format(50))
+"""With 250 ms DM sees to it that nothing unfit is ever refused: then what follows harms nobody."""
 TRUSTS = (JUDGED, JUDGED.replace("if Proper(c)", "if true"))
 REFUSED = "          now.refused = after(now.refused);\n"
 COVERED = "          now.corridor = c;\n"
-STRAIGHT = """          if c.verdict == boxes.Verdict.InBuilding {
-            now.corridor = {
-              verdict: boxes.Verdict.Covered,
-              blocks: [{ low: request.start, high: request.goal, aim: request.goal }]
-            };
-            now.number = request.number;
-          }
+STRAIGHT = """          now.corridor = {
+            verdict: boxes.Verdict.Covered,
+            blocks: [{ low: request.start, high: request.goal, aim: request.goal }]
+          };
+          now.number = request.number;
 """
 WIDER = "          now.corridor.blocks[0].high.x = c.blocks[0].high.x + 1.0;\n"
 FIRST = """const FIRST: InForce = {
@@ -160,13 +160,14 @@ PLANNERS = (
         "θ ≤ H, 50 ms",
         "the follower trusts DM alone, and adopts after 50 ms",
         TRUSTS,
-        (SETTLED[0], SETTLED[1].format(50)),
+        SOON,
     ),
     _planner(
         "ttf forgets the plan",
-        "the follower trusts DM alone, which asks only whether an answer is overdue",
+        "the follower trusts DM alone, which asks only whether an answer is late, after 100 ms",
         TRUSTS,
         ("ttf !Fits(candidate, request) || inForce.overdue;", "ttf inForce.overdue;"),
+        (SETTLED[0], SETTLED[1].format(100)),
     ),
     _planner(
         "checks what was there",
@@ -177,20 +178,22 @@ PLANNERS = (
             "      judged = false;\n      good = Proper(Judged(candidate, request));\n",
         ),
         (JUDGED, JUDGED.replace("if Proper(c)", "if good")),
-        (SETTLED[0], SETTLED[1].format(50)),
+        SOON,
     ),
     _planner(
         "adopts, then looks",
-        "the corridor changes before it is judged",
+        "the corridor changes before it is judged, after 50 ms",
         (
             JUDGED,
             JUDGED.replace("        if Proper", "        now.corridor = c;\n        if Proper"),
         ),
+        SOON,
     ),
     _planner(
         "refused, but answered",
-        "a refused plan counts as the answer to its request",
+        "a refused plan counts as the answer to its request, after 50 ms",
         (REFUSED, REFUSED + COVERED + "          now.number = request.number;\n"),
+        SOON,
     ),
     _planner(
         "in force from the start",
@@ -210,8 +213,9 @@ PLANNERS = (
     ),
     _planner(
         "straight on",
-        "what leads through a building is flown in one box",
+        "what cannot be covered is flown in one box, after 50 ms",
         (REFUSED, REFUSED + STRAIGHT),
+        SOON,
     ),
     _planner(
         "no inflation",
