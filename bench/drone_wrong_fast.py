@@ -113,27 +113,6 @@ MOTIONS = (
     _fast(M, "SC reversed", "SC goes the wrong way", (LAW, LAW.replace("clamp(9.0", "clamp(-9.0"))),
     _fast(
         M,
-        "SC without margins",
-        "SC goes wherever is wished",
-        (
-            "  return max(min(wished, m.high - margin), margin - m.low);",
-            "  return wished;",
-        ),
-        ("  if m.high < margin { return m.high - margin; }\n", ""),
-        ("  if m.low < margin { return margin - m.low; }\n", ""),
-    ),
-    _fast(
-        M,
-        "one wall only",
-        "SC keeps from high walls alone",
-        (
-            "  return max(min(wished, m.high - margin), margin - m.low);",
-            "  return min(wished, m.high - margin);",
-        ),
-        ("  if m.low < margin { return margin - m.low; }\n", ""),
-    ),
-    _fast(
-        M,
         "a gale",
         "five times the wind in the world and in the proof",
         ("iris.soter", "const WIND: float = 0.3;", "const WIND: float = 1.5;"),
