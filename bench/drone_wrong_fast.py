@@ -24,7 +24,6 @@ def _worlds(*systems: str) -> tuple[World, ...]:
 
 RAMMED = _worlds("Ramming", "Pushing", "Jerking")
 STACK = tuple(World(HOSTILE, s, 60.0, LEFT, 3) for s in ("Ramming", "Twitching"))
-FIERCE = (World(OWN, "Ramming", 60.0, LEFT, 4, (("MOST", 12.4), ("MOST_UP", 5.3))),)
 
 
 def _fast(
@@ -116,19 +115,6 @@ MOTIONS = (
         "a gale",
         "five times the wind in the world and in the proof",
         ("iris.soter", "const WIND: float = 0.3;", "const WIND: float = 1.5;"),
-    ),
-    _fast(
-        M,
-        "a wide gate",
-        "AC may ask for three times as much as the sets count on",
-        (
-            "topic control: Vec3 in { x in [-U, U], y in [-U, U], z in [-U_UP, U_UP] };",
-            (
-                "topic control: Vec3 in {\n  x in [-3.0 * U, 3.0 * U], y in [-3.0 * U, 3.0 * U], "
-                "z in [-3.0 * U_UP, 3.0 * U_UP]\n};"
-            ),
-        ),
-        worlds=FIERCE,
     ),
 )
 
