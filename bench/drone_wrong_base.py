@@ -173,7 +173,7 @@ def verdict(tree: Tree, verify: tuple[str, str | None]) -> Verdict:
                 open_ = ", ".join(c for c, f in found.findings.items() if not f.holds)
                 text = f"{found.verdict}: {open_} of {name}"
                 return Verdict(False, text, time.perf_counter() - began)
-            told += problem.assumptions
+            told += [*problem.assumptions, *found.notes]
             names.append(f"{name} {found.verdict}")
     except SoterError as refused:
         return refusal(refused.diagnostics, began)

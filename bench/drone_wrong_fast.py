@@ -314,10 +314,16 @@ ASSUMED = (
     ),
     _fast(
         A,
-        "narrow boxes",
-        "boxes of half the width that the views count on",
-        ("boxes.soter", "MARGIN_H: float = 0.785;", "MARGIN_H: float = 0.30;"),
-        assumed="shows, within the errors declared, the state of d that Follower",
+        "no inflation in Sound",
+        "boxes are free that keep no radius from walls: `safe` itself says too little",
+        (
+            "boxes.soter",
+            "const R: float[3] = [city.RADIUS, city.RADIUS, city.RADIUS];",
+            "const R: float[3] = [0.0, 0.0, 0.0];",
+        ),
+        verify=("planner.soter", "SafePlanner"),
+        worlds=(World(RAMS, "Ramming", 60.0, "NoCollision", 4),),
+        assumed="opaque .*Sound",
     ),
     _fast(
         A,
