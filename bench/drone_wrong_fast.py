@@ -167,6 +167,9 @@ TIMES = (
 
 # ---------------------------------------------------------------- follower and hand-over
 F = "follower"
+GUARD = """  return Nested(e) && Level(e, H) && Nested(w) && Level(w, H) && Nested(n) && Level(n, H)
+      && Nested(s) && Level(s, H) && Nested(a) && Upright(a, H) && Nested(b) && Upright(b, H);
+"""
 NEXT = "      if MayEnter(blocks[at + 1], m) {\n"
 WAY = "      if MayEnter(way.corridor.blocks[0], m) {\n"
 JUMPS = _worlds("Jumping")
@@ -180,9 +183,20 @@ FOLLOWERS = (
     ),
     _fast(
         F,
-        "nested, no S_0",
-        "the next box is entered with p, q1, q2 inside, at any speed",
-        (NEXT, "      if Nested(blocks[at + 1], m) {\n"),
+        "speed forgotten",
+        "the guard of a box, and what it promises, say nothing of S_0",
+        (
+            GUARD,
+            "  return Nested(e) && Nested(w) && Nested(n) && Nested(s) && Nested(a)\n"
+            "      && Nested(b);\n",
+        ),
+    ),
+    _fast(
+        F,
+        "guard says yes",
+        "the guard of a box, and what it promises, are always true",
+        (GUARD, "  return e.room > -LONG || w.room + n.room + s.room + a.room + b.room > 0.0;\n"),
+        worlds=JUMPS,
     ),
     _fast(
         F,
@@ -307,13 +321,6 @@ MPR = ("corridor.soter", "SafeMotionPrimitive")
 ASSUMED = (
     _fast(
         A,
-        "MayEnter says yes",
-        "the guard of the next box is always true",
-        ("  return Nested(b, m) && S0(", "  return b.high.x > b.low.x || S0("),
-        assumed="wherever `MayEnter",
-    ),
-    _fast(
-        A,
         "no inflation in Sound",
         "boxes are free that keep no radius from walls: `safe` itself says too little",
         (
@@ -337,8 +344,14 @@ ASSUMED = (
         A,
         "walls shown too far",
         "Follower shows every wall half a metre farther",
-        ("room: wall - p, ahead: wall - q3,", "room: wall - p + 0.5, ahead: wall - q3 + 0.5,"),
-        ("room: p - wall, ahead: q3 - wall,", "room: p - wall + 0.5, ahead: q3 - wall + 0.5,"),
+        *(
+            (f"room: {p}, one: {a}, two: {b}, ahead: {c},", shown.format(p, a, b, c))
+            for p, a, b, c in (
+                ("wall - p", "wall - q1", "wall - q2", "wall - q3"),
+                ("p - wall", "q1 - wall", "q2 - wall", "q3 - wall"),
+            )
+            for shown in ("room: {} + 0.5, one: {} + 0.5, two: {} + 0.5, ahead: {} + 0.5,",)
+        ),
         assumed="shows, within the errors declared, the state of d that Follower",
     ),
     _fast(
