@@ -160,6 +160,8 @@ class _TestElaborator(Elaborator):
                     scope=scope,
                     text=_text(item),
                     span=item.span,
+                    asks=item.asks,
+                    promises=item.text,
                 )
             )
         return result
