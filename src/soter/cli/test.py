@@ -10,10 +10,11 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
+from soter.cli.terminal.junit import problems_as_junit, report_as_junit
 from soter.cli.terminal.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, seconds, seed, whole
 from soter.cli.terminal.progress import LineOfProgress
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import SoterError
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
 from soter.program.model.durations import show_ns
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.cli.terminal.console import Console
+    from soter.diagnostics.diagnostic import Diagnostic
     from soter.explore.results import ExploreReport, Kept, TestResult
 
     Options = argparse.Namespace
@@ -140,11 +142,12 @@ def _add_checkpoints(made: Parser) -> None:
 def run(args: Options, console: Console) -> Outcome:
     """Explore."""
     console.listen()
-    program = load(args.file)
-    for name, target in args.bindings:
-        program.bind(name, target)
-    warnings = program.diagnostics if program.ok else ()
+    warnings: tuple[Diagnostic, ...] = ()
     try:
+        program = load(args.file)
+        for name, target in args.bindings:
+            program.bind(name, target)
+        warnings = program.diagnostics if program.ok else ()
         with LineOfProgress(console) as line:
             report = program.explore(
                 args.test,
@@ -172,25 +175,14 @@ def run(args: Options, console: Console) -> Outcome:
             )
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
+        if args.junit is not None:
+            items = problems_as_junit(args.file, items, args.junit)
         return Outcome(exit_of(items), items, {"file": args.file})
     _say(report, console)
     if args.junit is not None:
-        _write_junit(report, args.junit, console)
+        report_as_junit(report, args.junit, console)
     code = INTERRUPTED if report.interrupted else EXITS[report.verdict]
     return Outcome(code, warnings, _fields(report))
-
-
-def _write_junit(report: ExploreReport, path: str, console: Console) -> None:
-    """Write the verdicts as XML; `SoterError` D006."""
-    from soter.explore.junit import write  # noqa: PLC0415 - only then
-    from soter.report.errors import ReportError  # noqa: PLC0415 - the same
-
-    try:
-        written = write(report, path)
-    except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
-    console.say()
-    console.say(f"junit  {written}")
 
 
 def progress_text(looked: object) -> str:

@@ -455,6 +455,33 @@ def test_the_verdicts_are_written_as_junit_xml(soter: Soter, here: Path) -> None
     assert "junit  out/results.xml" in done.out
 
 
+@pytest.mark.parametrize(
+    ("text", "options", "codes"),
+    [
+        (CORRIDOR.replace("END; }", "END; never nowhere == 1; }"), (), ["N001"]),
+        (CORRIDOR.replace("(at + move", "(att + move").replace("at) <= 9", "t) <= 9"), (),
+         ["N001", "N004"]),
+        (CORRIDOR, ("--test", "Nothing"), ["U010"]),
+    ],
+)  # fmt: skip
+def test_what_keeps_tests_from_being_explored_takes_the_place_of_an_earlier_xml(
+    soter: Soter, here: Path, text: str, options: tuple[str, ...], codes: list[str]
+) -> None:
+    (here / "corridor.soter").write_text(text, encoding="utf-8")
+    (here / "results.xml").write_text("an earlier one", encoding="utf-8")
+    done = soter("test", "corridor.soter", "--junit", "results.xml", *options, "--json")
+    assert done.codes == codes
+    (suite,) = ET.parse(here / "results.xml").getroot()  # noqa: S314 - our own
+    count = str(len(codes))
+    assert [suite.get(k) for k in ("tests", "failures", "errors")] == [count, "0", count]
+    assert [(c.get("name"), c[0].tag, c[0].get("type")) for c in suite] == [
+        (code, "error", code) for code in codes
+    ]
+    assert [c[0].get("message") for c in suite] == [
+        d["message"] for d in done.document["diagnostics"]
+    ]
+
+
 def test_a_junit_file_that_cannot_be_written_is_a_diagnostic(soter: Soter, here: Path) -> None:
     (here / "corridor.soter").write_text(CORRIDOR, encoding="utf-8")
     (here / "there").write_text("", encoding="utf-8")
