@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING
 from soter.api import load
 from soter.cli.terminal.junit import problems_as_junit, report_as_junit
 from soter.cli.terminal.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings, seconds, seed, whole
+from soter.cli.terminal.parser import (
+    Parser,
+    add_file,
+    add_settings,
+    at_least_one,
+    seconds,
+    seed,
+    whole,
+)
 from soter.cli.terminal.progress import LineOfProgress
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
@@ -57,7 +65,9 @@ def parser() -> Parser:
     """The command line."""
     made = Parser("test", "Explore every execution of the tests of a file.", EXAMPLES)
     add_file(made)
-    made.add_argument("--test", metavar="T", help="only this test; by default all of the file")
+    made.add_argument(
+        "--test", action="append", metavar="T", help="only this test, or these; by default all"
+    )
     made.add_argument(
         "--strategy",
         default=STRATEGIES[0],
@@ -83,11 +93,11 @@ def parser() -> Parser:
     made.add_argument(
         "--time",
         type=seconds,
-        metavar="SECONDS",
-        help="for the search of a test; by default no end",
+        metavar="TIME",
+        help="for the search of a test, such as 90 (seconds) or 10min; by default no end",
     )
     made.add_argument(
-        "--max-states", type=whole, default=0, metavar="N", help="stop after so many configurations"
+        "--max-states", type=at_least_one, default=0, metavar="N", help="stop after so many"
     )
     made.add_argument(
         "--runs",
@@ -101,8 +111,8 @@ def parser() -> Parser:
         "--minimise",
         type=seconds,
         default=30.0,
-        metavar="SECONDS",
-        help="to minimise or shrink the trace of a violation; by default 30, 0: do not",
+        metavar="TIME",
+        help="to minimise or shrink the trace of a violation; by default 30 s, 0: do not",
     )
     made.add_argument(
         "--all",
@@ -133,8 +143,8 @@ def _add_checkpoints(made: Parser) -> None:
     made.add_argument(
         "--checkpoint-every",
         type=seconds,
-        metavar="SECONDS",
-        help="between two checkpoints; by default 60",
+        metavar="TIME",
+        help="between two checkpoints; by default 60 s",
     )
     made.add_argument("--resume", metavar="DIR", help="go on from there, and write there")
 
@@ -357,13 +367,13 @@ def _other(test: TestResult, console: Console) -> list[str]:
 
 def _rest(test: TestResult) -> str:
     """What the search for violations of other properties came to."""
-    from soter.explore.results import BOUNDS  # noqa: PLC0415 - only then
+    from soter.explore.results import bound_text  # noqa: PLC0415 - only then
 
     found = 1 + len(test.others)
     head = f"{found} {'property' if found == 1 else 'properties'} violated"
     if test.others_bound is None:
         return f"{head}; the search for violations of others ended without one"
-    return f"{head}; there may be others: {BOUNDS.get(test.others_bound, test.others_bound)}"
+    return f"{head}; there may be others: {bound_text(test.others_bound, test.options)}"
 
 
 def _trace(test: TestResult, console: Console) -> list[str]:

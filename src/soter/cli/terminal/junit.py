@@ -1,6 +1,6 @@
 """The file of `soter test --junit`: verdicts, or why there are none.
 
-Purpose: whatever ends a command that was understood, the file says it: none of an earlier run stays.
+Purpose: whatever ends a command that was understood, the file says it; nothing old stays there.
 Non-goals: the XML (`explore/junit.py`).
 """
 

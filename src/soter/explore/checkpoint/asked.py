@@ -55,6 +55,10 @@ def asked(
     if checkpoint is not None and resume is not None:
         message = "`checkpoint` begins anew and `resume` goes on: they cannot both be"
         problems.append((message, "`resume` alone writes there, too"))
+    for given in (checkpoint, resume):
+        if given and Path(given).exists() and not Path(given).is_dir():
+            message = f"a checkpoint needs a folder, and `{given}` is a file"
+            problems.append((message, "every test has its own file in it: name another one"))
     if isinstance(every, bool) or not (
         isinstance(every, (int, float)) and 0 < every <= EVERY_MAX_S
     ):
