@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.explore.results import ExploreReport, Kept, TestResult
 
-    Options = argparse.Namespace
-
 EXAMPLES = """\
   soter test late_sc.soter                            every test of the file
   soter test late_sc.soter --test Late --html         with a page for the trace
@@ -76,36 +74,12 @@ def parser() -> Parser:
         f"{FALSIFY} towards a violation",
     )
     made.add_argument(
-        "--storage",
-        default=STORAGES[0],
-        metavar="S",
-        help=_named(STORAGES, STORAGES[0], " or "),
+        "--storage", default="exact", metavar="S", help=_named(STORAGES, "exact", " or ")
     )
     made.add_argument(
         "--reduction", default="all", metavar="R", help=_named(REDUCTIONS, "all", " or ")
     )
-    made.add_argument(
-        "--threads", type=whole, default=1, metavar="N", help="of bfs, up to 16; by default 1"
-    )
-    made.add_argument(
-        "--memory", default="2G", metavar="SIZE", help="for all that it keeps; by default 2G"
-    )
-    made.add_argument(
-        "--time",
-        type=seconds,
-        metavar="TIME",
-        help="for the search of a test, such as 90 (seconds) or 10min; by default no end",
-    )
-    made.add_argument(
-        "--max-states", type=at_least_one, default=0, metavar="N", help="stop after so many"
-    )
-    made.add_argument(
-        "--runs",
-        type=whole,
-        default=10_000,
-        metavar="N",
-        help="of the sampling strategies; by default 10,000",
-    )
+    _add_bounds(made)
     made.add_argument("--seed", type=seed, default=1, metavar="N", help="likewise; by default 1")
     made.add_argument(
         "--minimise",
@@ -135,6 +109,36 @@ def parser() -> Parser:
     return made
 
 
+def _add_bounds(made: Parser) -> None:
+    """How much it may take."""
+    made.add_argument(
+        "--threads", type=whole, default=1, metavar="N", help="of bfs, up to 16; by default 1"
+    )
+    made.add_argument(
+        "--memory", default="2G", metavar="SIZE", help="for all that it keeps; by default 2G"
+    )
+    made.add_argument(
+        "--time",
+        type=seconds,
+        metavar="TIME",
+        help="for the search of a test, such as 90 (seconds) or 10min; by default no end",
+    )
+    made.add_argument(
+        "--max-states",
+        type=at_least_one,
+        default=0,
+        metavar="N",
+        help="stop after so many configurations",
+    )
+    made.add_argument(
+        "--runs",
+        type=whole,
+        default=10_000,
+        metavar="N",
+        help="of the sampling strategies; by default 10,000",
+    )
+
+
 def _add_checkpoints(made: Parser) -> None:
     """Where searches are written, and gone on from."""
     made.add_argument(
@@ -149,7 +153,7 @@ def _add_checkpoints(made: Parser) -> None:
     made.add_argument("--resume", metavar="DIR", help="go on from there, and write there")
 
 
-def run(args: Options, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Explore."""
     console.listen()
     warnings: tuple[Diagnostic, ...] = ()

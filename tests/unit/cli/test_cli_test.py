@@ -393,8 +393,6 @@ def test_the_threads_told_are_those_that_ran(
         (("--time", "0s"), "U001"),
         (("--time", "10parsec"), "U003"),
         (("--max-states", "0"), "U003"),
-        (("--checkpoint", "corridor.soter"), "U001"),
-        (("--resume", "corridor.soter"), "U001"),
         (("--test", "Far", "--test", "Nothing"), "U010"),
     ],
 )
@@ -424,8 +422,9 @@ def test_several_tests_may_be_chosen(soter: Soter, corridor: str) -> None:
 
 
 def test_a_file_is_no_folder_for_checkpoints(soter: Soter, corridor: str) -> None:
-    done = soter("test", corridor, "--checkpoint", corridor)
-    assert f"a checkpoint needs a folder, and `{corridor}` is a file" in done.err
+    for option, code in (("--checkpoint", "D006"), ("--resume", "D012")):
+        done = soter("test", corridor, option, corridor)
+        assert f"[{code}]: checkpoints stand in a folder, and `{corridor}` is a file" in done.err
 
 
 @pytest.mark.parametrize("strategy", ["random", "pct", "coverage", "falsify"])

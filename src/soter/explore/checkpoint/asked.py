@@ -55,10 +55,6 @@ def asked(
     if checkpoint is not None and resume is not None:
         message = "`checkpoint` begins anew and `resume` goes on: they cannot both be"
         problems.append((message, "`resume` alone writes there, too"))
-    for given in (checkpoint, resume):
-        if given and Path(given).exists() and not Path(given).is_dir():
-            message = f"a checkpoint needs a folder, and `{given}` is a file"
-            problems.append((message, "every test has its own file in it: name another one"))
     if isinstance(every, bool) or not (
         isinstance(every, (int, float)) and 0 < every <= EVERY_MAX_S
     ):
@@ -74,6 +70,11 @@ def asked(
         raise SoterError(tuple(Diagnostic("U001", m, helps=(help_,)) for m, help_ in problems))
     folder = checkpoint if resume is None else resume
     assert folder is not None
+    if Path(folder).exists() and not Path(folder).is_dir():
+        message = f"checkpoints stand in a folder, and `{folder}` is a file"
+        help_ = "name a folder: every test has a file of its own in it"
+        code = "D006" if resume is None else "D012"
+        raise SoterError((Diagnostic(code, message, helps=(help_,)),))
     return Asked(Path(folder), float(every), resume is not None)
 
 
