@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
+from soter.cli.terminal.amounts import rounded, size
 from soter.cli.terminal.junit import problems_as_junit, report_as_junit
 from soter.cli.terminal.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import (
@@ -391,22 +392,6 @@ def _trace(test: TestResult, console: Console) -> list[str]:
     lines.append(view.remark if test.minimal else console.paint("yellow", view.remark))
     files = (("trace", test.trace), ("page", test.page))
     return lines + [f"{kind:<6} {path}" for kind, path in files if path is not None]
-
-
-def rounded(x: float) -> str:
-    """A rate: `1.4 M`, `23 k`, `840`."""
-    for unit, factor in (("G", 1e9), ("M", 1e6), ("k", 1e3)):
-        if x >= 0.9995 * factor:
-            return f"{x / factor:.3g} {unit}"
-    return f"{x:.0f}"
-
-
-def size(count: int) -> str:
-    """A size: `9.6 MB`."""
-    for unit, factor in (("GB", 2**30), ("MB", 2**20), ("kB", 2**10)):
-        if count >= 0.9995 * factor:
-            return f"{count / factor:.{3 if count < 999.5 * factor else 4}g} {unit}"
-    return f"{count} bytes"
 
 
 # ---------------------------------------------------------------- as JSON
