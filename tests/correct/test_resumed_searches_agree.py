@@ -6,16 +6,26 @@ SOTER_RESUMED_ONLY=17 pytest tests/correct/test_resumed_searches_agree.py    one
 
 from __future__ import annotations
 
+import math
 import os
 from typing import TYPE_CHECKING
 
 import pytest
 
-from generators.interrupted import anywhere, bounds, chance, in_one_piece, in_pieces
+from generators.interrupted import (
+    NEVER_S,
+    anywhere,
+    bounds,
+    chance,
+    in_one_piece,
+    in_pieces,
+    once,
+)
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants
 from generators.small_programs import small_program
 from soter.diagnostics.diagnostic import SoterError
+from soter.explore.checkpoint.asked import Asked
 from soter.explore.results import Options
 from soter.program.build import check_file, system_of_test
 
@@ -50,6 +60,68 @@ def program(seed: int) -> tuple[str, System | None]:
         return text, system_of_test(check_file(f"p{seed}.soter", text), "T")
     except SoterError:
         return text, None
+
+
+PASSAGE = """soter 1;
+type Place = enum {{ Before, Inside, Behind }};
+topic place: Place;
+input topic other: Place;
+node Cart period 10ms {{
+  subscribes other;
+  publishes place;
+  var at: Place;
+  var since: int in [0, 3];
+  step {{
+    if at == Place.Before {{
+      if other != Place.Inside && choose bool {{ at = Place.Inside; since = 0; }}
+    }} elseif at == Place.Inside {{
+      since = min(since + 1, 3);
+      if since >= 2 && choose bool {{ at = Place.Behind; }}
+    }} elseif choose bool {{
+      at = Place.Before;
+    }}
+    publish place = at;
+  }}
+}}
+node Clock period {every}ms {{
+  publishes tick;
+  var on: bool;
+  step {{ on = !on; publish tick = on; }}
+}}
+topic tick: bool;
+system Robot {{ node Cart; }}
+system Hall {{
+  a: Robot {{ other = b.place }};
+  b: Robot {{ other = a.place }};
+  node Clock;
+  always tick || true;
+}}
+test T {{ system Hall; horizon 400ms; }}
+"""
+
+
+@pytest.mark.parametrize("every", [10, 20, 30])
+@pytest.mark.parametrize("way", [w for w in WAYS if w.reduction in ("groups", "all")])
+def test_in_pieces_a_search_sees_nearly_as_soon_that_it_holds_for_ever(
+    way: Options, every: int, tmp_path: Path
+) -> None:
+    text = PASSAGE.format(every=every)
+    system = system_of_test(check_file("passage.soter", text), "T")
+    random = chance(every)
+    with anywhere():
+        whole = in_one_piece(system, way, tmp_path / "whole")
+        assert 0 < whole.closed_ns < 400_000_000
+        as_soon = 0
+        for n in range(12):
+            ends = bounds(random, whole.states)
+            said = in_pieces(system, way, tmp_path / str(n), random, ends)
+            as_soon += said == whole
+            assert said.status == whole.status
+            later = said.closed_ns - whole.closed_ns  # a cut in the layer that is to be kept
+            assert 0 <= later <= said.middles * math.lcm(10, every) * 1_000_000
+            again = once(system, way, Asked(tmp_path / str(n), NEVER_S, resume=True))
+            assert again == said, "what had come to its end says so again"
+        assert as_soon >= 6
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))

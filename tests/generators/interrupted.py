@@ -45,6 +45,7 @@ class Said:
     states: int
     depth: int
     covered_ns: int
+    closed_ns: int
     coverage: Any
     pieces: int = 1
     middles: int = 0
@@ -60,7 +61,10 @@ class Said:
         """What has to be equal."""
         if self.broken is not None:
             return self.status, self.broken, self.steps, self.depth
-        return self.status, self.states, self.depth, self.covered_ns, self.coverage
+        return (
+            *(self.status, self.states, self.depth, self.covered_ns, self.closed_ns),
+            self.coverage,
+        )
 
 
 @contextmanager
@@ -144,5 +148,6 @@ def _said(found: Found, search: Search) -> Said:
         found.states,
         found.depth,
         found.covered_ns,
+        found.closed_ns,
         search.coverage(),
     )

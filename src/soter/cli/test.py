@@ -244,6 +244,7 @@ def _summary(report: ExploreReport, console: Console) -> list[str]:
     lines = ["all tests"]
     for test in report.tests:
         word, colour, more = _verdict(test)
+        more = more or report.unsettled(test)
         lines.append(
             f"  {test.name:<{width}}  {console.paint(colour, f'{word:<19}')}  {more}".rstrip()
         )
@@ -269,6 +270,7 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     """Everything about one test."""
     muted = "muted"
     lines = [_headline(test, console), console.paint(muted, _figures(test))]
+    lines += [console.paint("yellow", test.dear)] if test.dear else []
     lines += _checkpoint(test, console)
     lines += ["", *_coverage(test, console), *_robustness(test, console)]
     if test.replayed is not None:
@@ -461,6 +463,7 @@ def _test(t: TestResult) -> dict[str, object]:
         "reduction": o.reduction,
         "parts": t.parts,
         "equal_instances": [list(some) for some in t.equal_instances],
+        "contracts": {of: list(names) for of, names in t.contracts.items()},
         "quantum_ns": t.quantum_ns,
         "covered_ns": t.covered_ns,
         "closed_ns": t.closed_ns,

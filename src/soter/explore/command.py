@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.explore import assumptions
+from soter.explore import assumptions, contracts
 from soter.explore.judge.replay import broken_of, replay
 from soter.explore.methods import SAMPLING, STEPS_MAX
 from soter.explore.results import (
@@ -201,6 +201,7 @@ def explore_test(
                 bits=search.bits,
                 parts=search.parts,
                 equal_instances=search.equal,
+                contracts=contracts.asked_by(system),
                 table_bytes=found.table_bytes,
                 frontier_bytes=found.frontier_bytes,
                 total_bytes=found.total_bytes,

@@ -43,25 +43,53 @@ def told(system: System) -> Iterator[str]:
 
 
 def _held_to_it(system: System, of: str) -> str:
-    tests = {n: t for n, t in system.program.tests.items() if n != plan_of(system).name}
-    whole: list[str] = []
-    partly: list[str] = []
-    for name, test in tests.items():
-        replaced = _replaced(test, of)
-        if replaced is None or of in replaced:
-            continue
-        (partly if replaced else whole).append(name)
-    if whole:
+    program = system.program
+    here = program.tests[plan_of(system).name]
+    found: dict[str, list[str]] = {}
+    for name, test in program.tests.items():
+        how = _asked(test, here, of)
+        if how is not None:
+            found.setdefault(how, []).append(name)
+    if "" in found:
         return (
-            f"whether it keeps it is asked by {listed(whole)}, where it runs as it is, as far as "
-            "horizon, faults, order and replacements there go"
+            f"whether it keeps it is asked by {listed(found[''])}, where it runs as it is, as far "
+            "as horizon, skew, faults, order and replacements there go"
         )
-    but = f" ({listed(partly)} but for a controller)" if partly else ""
+    but = ", ".join(f"{listed(names)} {how}" for how, names in found.items())
+    but = f" ({but})" if but else ""
     return f"no test of this program runs it as it is{but}: that it keeps it is assumed"
 
 
-def _replaced(test: typed.TestSymbol, of: str) -> set[str] | None:
-    """What of it is replaced in a test, itself as `of`; None where the test does not have it."""
+def asked_by(system: System) -> dict[str, list[str]]:
+    """What is replaced by its contract -> the tests in which it runs as it is."""
+    tests = system.program.tests
+    here = tests[plan_of(system).name]
+    names = {c.stands_for.of for c in system.components if c.stands_for is not None}
+    return {of: [n for n, t in tests.items() if _asked(t, here, of) == ""] for of in sorted(names)}
+
+
+def _asked(test: typed.TestSymbol, here: typed.TestSymbol, of: str) -> str | None:
+    """How a test differs from one in which what `here` replaces runs as it is; "": it is one.
+
+    None where it is not in it, or replaced in it, too.
+    """
+    what = _at(test, of)
+    replaced = None if what is None or what is not _at(here, of) else _replaced(test, what, of)
+    if test is here or replaced is None or of in replaced:
+        return None
+    if test.system is not here.system:
+        return "in another system"
+    if _parameters(test) != _parameters(here):
+        return "with other parameters"
+    return "but for a controller" if replaced else ""
+
+
+def _parameters(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str]]:
+    return {(s.path, s.param, repr(s.value)) for s in test.sets}
+
+
+def _at(test: typed.TestSymbol, of: str) -> typed.ModuleSymbol | typed.NodeSymbol | None:
+    """The module or node of that name."""
     what: object = test.system
     for name in of.split("."):
         if isinstance(what, typed.ModuleSymbol):
@@ -70,8 +98,13 @@ def _replaced(test: typed.TestSymbol, of: str) -> set[str] | None:
             continue
         instance = what.by_name.get(name) if isinstance(what, typed.SystemSymbol) else None
         what = None if instance is None else instance.what
-    if not isinstance(what, (typed.ModuleSymbol, typed.NodeSymbol)):
-        return None
+    return what if isinstance(what, (typed.ModuleSymbol, typed.NodeSymbol)) else None
+
+
+def _replaced(
+    test: typed.TestSymbol, what: typed.ModuleSymbol | typed.NodeSymbol, of: str
+) -> set[str]:
+    """What of it is replaced in a test, itself as `of`."""
     inside = what.own if isinstance(what, typed.ModuleSymbol) else ()
     for m in what.below if isinstance(what, typed.ModuleSymbol) else ():
         inside = (*inside, *m.own)

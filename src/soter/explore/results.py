@@ -23,12 +23,17 @@ from soter.explore.methods import (
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from soter.explore.judge.replay import Replayed
     from soter.explore.trace.trace import Broken
     from soter.program.model.system import System
 
+ENDS_ONLY = ("all", "instants", "groups")
+"""Reductions that store only ends of instants, where that can be."""
+DEAR, DEAR_S = 64, 2.0
+"""Transitions a configuration, and seconds, from which on it is said that others may be faster."""
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
 UNJUDGED, UNDRIVEN, GRID, DRAWN = "unjudged", "undriven", "grid", "drawn"
@@ -226,6 +231,8 @@ class TestResult:
     equal_instances: tuple[tuple[str, ...], ...] = ()
     """Names of instances of which only the places were told apart, so that one configuration was
     stored for all orders of them; docs/testing.md."""
+    contracts: Mapping[str, Sequence[str]] = field(default_factory=dict)
+    """What is replaced by its contract -> the tests of the program in which it runs as it is."""
     coverage: Coverage = field(default_factory=Coverage)
     assumptions: tuple[str, ...] = ()
     broken: Broken | None = None
@@ -311,6 +318,22 @@ class TestResult:
         return told
 
     @property
+    def dear(self) -> str:
+        """That another reduction may be faster, and why; empty where nothing says so.
+
+        Between ends of instants a search goes anew from each beginning, so ways that meet in the
+        middle are gone many times.
+        """
+        ends_only = self.options.strategy == "bfs" and self.options.reduction in ENDS_ONLY
+        each = self.transitions / max(self.states, 1)
+        if not ends_only or each < DEAR or self.seconds < DEAR_S:
+            return ""
+        return (
+            f"each configuration took {each:,.0f} transitions, as only ends of instants are "
+            "stored: `--reduction ample` stores what lies between, too, and may be faster"
+        )
+
+    @property
     def for_ever(self) -> str:
         """What it says of times after the horizon, part of a sentence; empty where nothing."""
         if self.closed_ns is None:
@@ -361,6 +384,15 @@ class ExploreReport:
     def interrupted(self) -> bool:
         """Whether somebody stopped it; later tests are then missing."""
         return any(t.interrupted for t in self.tests) or bool(self.not_started)
+
+    def unsettled(self, test: TestResult) -> str:
+        """That tests here ask for contracts which `test` rests on, and are not clean; "": none."""
+        asked = {name for names in test.contracts.values() for name in names}
+        found = [t.name for t in self.tests if t.name in asked and t.verdict != EXHAUSTED]
+        names = " and ".join(f"`{name}`" for name in found)
+        return f"but {names}, asked for a contract that it rests on, did not end clean" * bool(
+            found
+        )
 
     def __getitem__(self, test: str) -> TestResult:
         """The result of one test by name; KeyError where there is none."""

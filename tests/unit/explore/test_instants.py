@@ -9,7 +9,9 @@ import pytest
 
 from generators.brute_force import BruteForce
 from generators.explored import Decoder
+from soter.api.program import load
 from soter.explore.engine.engine import Engine, Settings
+from soter.explore.results import Options
 from soter.program.build import check_file, system_of_test
 
 EXAMPLES = Path(__file__).parents[3] / "examples/testing"
@@ -174,3 +176,17 @@ def test_what_an_instant_had_no_memory_for_is_not_forgotten_in_the_next(strategy
             ("exhausted", True),
         }
         assert found.covered_ns == (whole.covered_ns if found.status == "exhausted" else 0)
+
+
+def test_a_search_that_goes_the_same_ways_again_and_again_says_what_else_there_is(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "chain.soter"
+    path.write_text(CHAIN)
+    [found] = load(path).explore("End").tests
+    dear = replace(found, states=10, transitions=10_000, seconds=3.0)
+    assert "took 1,000 transitions" in dear.dear
+    assert "--reduction ample" in dear.dear
+    assert not replace(dear, transitions=500).dear
+    assert not replace(dear, seconds=0.5).dear
+    assert not replace(dear, options=Options(reduction="ample")).dear

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.api.program import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore import command, contracts
@@ -101,7 +102,7 @@ def test_the_report_says_who_is_asked_to_keep_the_contract() -> None:
     assert len(told) == 1
     assert told[0] == (
         "M is replaced by its contract (small: u < 3): whether it keeps it is asked by `AsItIs`, "
-        "where it runs as it is, as far as horizon, faults, order and replacements there go"
+        "where it runs as it is, as far as horizon, skew, faults, order and replacements there go"
     )
     alone = text.replace("system S; horizon", "system S; replace Fast by Slow2; horizon")
     alone = alone.replace(
@@ -181,3 +182,59 @@ def test_the_deployed_order_is_told_and_excludes_a_skew(
     with pytest.raises(SoterError) as problem:
         command.with_times(system, 1_000_000, None)
     assert problem.value.diagnostics[0].code == "E017"
+
+
+LIAR = """soter 1;
+param MAX: int = 3;
+topic go: int in [0, 3];
+topic seen: int in [0, 9];
+node Liar period 10ms { publishes go; guarantees go <= 1; step { publish go = MAX; } }
+node Honest period 10ms { publishes go; guarantees go <= 2; step { publish go = 1; } }
+node Count period 10ms { subscribes go; publishes seen; step { publish seen = go; } }
+system S { watch: Liar; node Count; }
+system Other { watch: %s; node Count; }
+test CountAlone { system S; horizon 20ms; replace watch by contract; never seen > 1; }
+test WatchAlone { system %s; horizon 20ms; %s never go > 3; }
+"""
+
+
+@pytest.mark.parametrize(
+    ("other", "system", "sets", "said"),
+    [
+        ("Honest", "Other", "", "as it is: that"),
+        ("Liar", "Other", "", "as it is (`WatchAlone` in another system): that"),
+        ("Liar", "S", "set MAX = 1;", "as it is (`WatchAlone` with other parameters): that"),
+    ],
+)
+def test_only_a_test_of_the_same_node_in_the_same_system_asks_for_its_contract(
+    other: str, system: str, sets: str, said: str
+) -> None:
+    text = LIAR % (other, system, sets)
+    [told] = contracts.told(system_of_test(check_file("p.soter", text), "CountAlone"))
+    assert told.endswith(f"no test of this program runs it {said} it keeps it is assumed")
+
+
+def test_the_summary_names_a_test_that_was_asked_for_a_contract_and_is_not_clean(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "p.soter"
+    path.write_text(LIAR % ("Honest", "S", ""))
+    report = load(path).explore()
+    assert [t.verdict for t in report.tests] == ["exhausted", "violated"]
+    assert report.tests[0].contracts == {"watch": ["WatchAlone"]}
+    assert report.unsettled(report.tests[0]).startswith("but `WatchAlone`, asked for a contract")
+    path.write_text((LIAR % ("Honest", "S", "")).replace("= MAX; }", "= 1; }"))
+    report = load(path).explore()
+    assert not report.unsettled(report.tests[0])
+
+
+def test_a_clause_that_cannot_be_judged_is_not_said_to_be_a_fault_of_the_node(
+    tmp_path: Path,
+) -> None:
+    text = LIAR % ("Honest", "S", "")
+    text = text.replace("guarantees go <= 1", "guarantees 6 / go > 2").replace("= MAX;", "= 1;")
+    path = tmp_path / "p.soter"
+    path.write_text(text)
+    [found] = load(path).explore("CountAlone").tests
+    assert found.broken is not None
+    assert found.broken.text == "what the contract of watch permits can be judged"

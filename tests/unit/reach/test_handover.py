@@ -77,6 +77,15 @@ def test_without_enters_nothing_is_tried(tmp_path: Path) -> None:
     assert shown(tmp_path, handover().replace("enters May(box, motion);", "")) == []
 
 
+def test_without_enters_every_change_is_an_assumption(tmp_path: Path) -> None:
+    """Nothing was promised: proved, and printed."""
+    path = tmp_path / "boxes.soter"
+    path.write_text(handover(*CHANGES["none"]).replace("enters May(box, motion);", ""))
+    for module in load(path).verify(refute=False).modules:
+        assert module.verdict == "proved"
+        assert any("jumps while" in a for a in module.problem.assumptions)
+
+
 def test_enters_without_views_is_refused(tmp_path: Path) -> None:
     text = handover()
     begin, end = text.index("view left"), text.index("view right")
@@ -88,20 +97,25 @@ def test_enters_without_views_is_refused(tmp_path: Path) -> None:
     assert any("`enters` says nothing" in d.message for d in error.value.diagnostics)
 
 
-def test_the_verdict_says_what_it_rests_on(tmp_path: Path) -> None:
+def test_where_no_node_keeps_it_nothing_is_proved(tmp_path: Path) -> None:
+    path = tmp_path / "boxes.soter"
+    path.write_text(handover(*CHANGES["none"]))
+    for module in load(path).verify(refute=False).modules:
+        assert {c for c, f in module.findings.items() if not f.holds} == {"P2a", "P3"}
+        assert "shows nothing" in module.findings["P2a"].text
+        assert any("jumps while" in a for a in module.problem.assumptions)
+
+
+def test_of_what_no_plant_of_the_view_drives_nothing_is_proved(tmp_path: Path) -> None:
+    """A node keeps it, and nobody can say what it says of the view's state."""
     path = tmp_path / "boxes.soter"
     path.write_text(handover())
-    report = load(path).verify(refute=False)
-    assert report.verdict == "proved"
-    for module in report.modules:
+    for module in load(path).verify(refute=False).modules:
+        assert {c for c, f in module.findings.items() if not f.holds} == {"P2a", "P3"}
         said = [a for a in module.problem.assumptions if "May(box, motion)" in a]
         assert len(said) == 1
         assert "in the same one: proved)" in said[0]
         assert not any("jumps while" in a for a in module.problem.assumptions)
-    path.write_text(handover(*CHANGES["none"]))
-    for module in load(path).verify(refute=False).modules:
-        assert any("jumps while" in a for a in module.problem.assumptions)
-        assert any("`enters` shows nothing" in a for a in module.problem.assumptions)
 
 
 @pytest.mark.parametrize("seed", range(6))

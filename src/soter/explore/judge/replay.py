@@ -407,7 +407,11 @@ def broken_of(system: System, what: str, index: int) -> Broken | None:
     """What can be violated under this kind and number; None where nothing can."""
     plan = plan_of(system)
     if what == FAULT and index < len(system.components):
-        return Broken(FAULT, index, f"no step of {system.components[index].name} faults")
+        c = system.components[index]
+        if c.stands_for is not None:
+            told = f"what the contract of {c.stands_for.of} permits can be judged"
+            return Broken(FAULT, index, told)
+        return Broken(FAULT, index, f"no step of {c.name} faults")
     if what == TIMED and index < len(plan.timed):
         return Broken(TIMED, index, plan.timed[index].text)
     if what not in (PROPERTY, CONTRACT) or index >= len(system.properties):

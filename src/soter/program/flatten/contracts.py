@@ -25,7 +25,7 @@ from soter.program.model.types import (
     RecordType,
     leaf_count,
 )
-from soter.program.model.walk import mode_reads, nodes, topic_reads
+from soter.program.model.walk import mode_reads, nodes, rewritten, topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -67,18 +67,15 @@ def stand_in(
     used = [(n, e) for n, e in [*given, *own] if _can_be_asked(e, node)]
     wholes = [e for _, e in used]
     reads = [t for t in topic_reads(*wholes) if t not in node.publishes]
-    try:
-        step = tuple(_step(node, by, topics, wholes))
-    except EndlessError as problem:
-        step = ()
-        diagnostics.error(
-            "E015",
-            f"`{by.of}` cannot be replaced by its contract: {problem}",
-            by.span,
-            also=((node.span, "publishes it"),),
-            notes=("every value that a contract permits is a branch of every execution",),
-            helps=("replace it by a node that chooses the values that matter",),
-        )
+    step: tuple[typed.Stmt, ...] = ()
+    if node.bursts:
+        _refuse_messages(node, by, diagnostics)
+    else:
+        try:
+            step = tuple(_step(node, by, topics, wholes))
+        except EndlessError as problem:
+            note = "every value that a contract permits is a branch of every execution"
+            _refuse(str(problem), note, node, by, diagnostics)
     made = replace(
         node,
         extern=False,
@@ -98,6 +95,26 @@ def stand_in(
     left = [t for t, pair in zip(told, [*given, *own], strict=True) if pair not in used]
     kept = tuple(t for t in told if t not in left)
     return made, StandIn(by.of, by.kind, by.role, kept, tuple(left))
+
+
+def _refuse_messages(node: typed.NodeSymbol, by: Contracted, diagnostics: Diagnostics) -> None:
+    names = ", ".join(f"`{t.name}`" for t in node.bursts)
+    why = f"{node.name} may publish several messages on {names} in one step"
+    note = "a contract speaks of the last message; queues get all of them"
+    _refuse(why, note, node, by, diagnostics)
+
+
+def _refuse(
+    why: str, note: str, node: typed.NodeSymbol, by: Contracted, diagnostics: Diagnostics
+) -> None:
+    diagnostics.error(
+        "E015",
+        f"`{by.of}` cannot be replaced by its contract: {why}",
+        by.span,
+        also=((node.span, "publishes it"),),
+        notes=(note,),
+        helps=("replace it by a node that chooses the values that matter",),
+    )
 
 
 def _can_be_asked(e: typed.Expr, node: typed.NodeSymbol) -> bool:
@@ -166,19 +183,19 @@ def _published_if(put: Put, span: Span, holds: Sequence[typed.Expr]) -> list[typ
 
 def _with(e: typed.Expr, put: Put) -> typed.Expr:
     """An expression about topics with what is about to be published in their place."""
-    if isinstance(e, typed.TopicRead) and e.topic in put:
-        chosen, is_put = put[e.topic]
-        value: typed.Expr = typed.VarRead(e.type, e.span, chosen)
+
+    def value(read: typed.Expr) -> typed.Expr:
+        if not isinstance(read, typed.TopicRead) or read.topic not in put:
+            return read
+        chosen, is_put = put[read.topic]
+        said = typed.VarRead(read.type, read.span, chosen)
         if is_put is None:
-            return value
-        return typed.Conditional(e.type, e.span, typed.VarRead(BOOL, e.span, is_put), value, e)
-    changed: dict[str, object] = {}
-    for name, part in vars(e).items():
-        if isinstance(part, typed.Expr):
-            changed[name] = _with(part, put)
-        elif isinstance(part, tuple) and any(isinstance(x, typed.Expr) for x in part):
-            changed[name] = tuple(_with(x, put) if isinstance(x, typed.Expr) else x for x in part)
-    return replace(e, **changed) if changed else e  # type: ignore[arg-type]
+            return said
+        asked = typed.VarRead(BOOL, read.span, is_put)
+        return typed.Conditional(read.type, read.span, asked, said, read)
+
+    found: typed.Expr = rewritten(e, value)
+    return found
 
 
 # ---------------------------------------------------------------- any value

@@ -45,6 +45,10 @@ NO_DROPOUT = (
 )
 
 
+UNKEPT = "`enters` shows nothing of"
+"""How the assumption begins that a declared `enters` leaves where nobody was shown to keep it."""
+
+
 def assumptions_of(
     place: Place, inputs: Inputs, times: Times, routes: Routes, kind: str, jumps: list[str]
 ) -> list[str]:
@@ -105,7 +109,7 @@ def jumps_of(place: Place) -> tuple[list[str], dict[str, str]]:
             found.append(f"{fact} ({alone}: proved)")
             entered[found[-1]] = f"{fact}; {alone}: proved"
         found += [
-            f"`enters` shows nothing of {h.topic.name}, on which {link.name} rests: {h.why}"
+            f"{UNKEPT} {h.topic.name}, on which {link.name} rests: {h.why}"
             for h in ([] if kept else given.values())
         ]
     return found, entered

@@ -391,7 +391,7 @@ static uint64_t expand_some(worker* w, uint64_t first) {
 
 /* ------------------------------------------------------------------ layers */
 
-static bool open_store(worker* w, soter_store* store) {
+bool soter_layers_open_store(worker* w, soter_store* store) {
   const soter_search* const s = w->all->s;
   const uint32_t common = w->all->forgets && w->expander.instant != NULL ? s->m->calendar : 0U;
   const bool fine = soter_store_open(store, s->m, s->o->storage, soter_keeps_sleep(&w->expander),
@@ -538,8 +538,8 @@ static void decide(layered* all) {
   all->whole = is_whole(all);
   all->s->progress->covered_ns = covered(all);
   const bool ends = all->status != SOTER_EXHAUSTED;
-  all->done = all->done || ends || (all->whole && soter_layers_waiting(all) == 0U) ||
-              soter_closed_look(all);
+  const bool closed = soter_closed_look(all); /* also where it ends: what is written down says so */
+  all->done = all->done || ends || closed || (all->whole && soter_layers_waiting(all) == 0U);
   all->depth += all->whole || ends ? 1U : 0U;
   count_steps(all);
 }
@@ -589,7 +589,7 @@ static void forget_layer(worker* w) {
   if (s->o->keep && s->o->storage == SOTER_EXACT) {
     w->kept = soter_keep(w->kept, &w->store);
     soter_store_close(&w->store); /* where it could not be kept */
-    w->full = !open_store(w, &w->store) || w->full;
+    w->full = !soter_layers_open_store(w, &w->store) || w->full;
   } else {
     w->full = !soter_store_empty(&w->store) || w->full;
   }
@@ -617,7 +617,7 @@ static void turn_over(worker* w) {
   w->here_ns = w->next_ns;
   w->next_ns = SOTER_NO_DEADLINE;
   if (soter_closed_turn(w)) {
-    w->full = !open_store(w, &w->store) || w->full;
+    w->full = !soter_layers_open_store(w, &w->store) || w->full;
   } else if (w->all->forgets) {
     forget_layer(w); /* by rows, what is in it has a row */
   } else {
@@ -702,7 +702,8 @@ static bool open_worker(layered* all, uint32_t id) {
   const bool fine =
       coverage_open(&w->coverage, s->m) &&
       soter_expander_open(&w->expander, s, &w->coverage, s->o->memory / 4U / all->threads) &&
-      open_store(w, &w->store) && (!all->tables || open_store(w, &w->before)) && open_noted(w);
+      soter_layers_open_store(w, &w->store) &&
+      (!all->tables || soter_layers_open_store(w, &w->before)) && open_noted(w);
   w->here.width = w->next.width = all->words + (w->expander.instant != NULL ? 0U : 2U);
   w->expander.spill = take_away;
   w->expander.to = w;
@@ -806,7 +807,7 @@ static void begin(layered* all) {
   for (uint32_t k = 0; k < all->threads; k++) {
     weigh(&all->w[k]);
   }
-  all->done = all->status == SOTER_DAMAGED ||
+  all->done = all->status == SOTER_DAMAGED || all->closing.closed_ns != 0 ||
               (soter_layers_waiting(all) == 0U && is_whole(all)); /* it had come to its end */
   count_steps(all);
 }
@@ -839,7 +840,7 @@ static void sum_up(layered* all, soter_explore_result* r) {
   r->status = all->status;
   r->depth = all->depth;
   r->threads = all->threads;
-  r->closed_ns = all->closing.closed_ns;
+  r->closed_ns = all->status == SOTER_EXHAUSTED ? all->closing.closed_ns : 0;
   r->closable = all->closing.may;
   r->covered_ns = r->closed_ns != 0 ? SOTER_NO_DEADLINE : covered(all);
   for (uint32_t k = 0; k < all->threads; k++) {

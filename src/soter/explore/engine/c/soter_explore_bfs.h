@@ -30,9 +30,19 @@ typedef struct {
   int64_t anchored;          /* when; 0: none is; */
   int64_t again_ns;          /* the same is expected */
   int64_t closed_ns;         /* all that comes after was there before; 0: that is not known */
+  uint64_t more;             /* worlds of this layer that an earlier piece of the search expanded */
   soter_turn* turn;
   uint32_t turns, room;
 } soter_closing;
+
+/* What is written of it: `from_ns`, ... are the model's. */
+typedef struct {
+  int64_t closed_ns, at_ns, anchored, again_ns;
+  uint64_t at, compare, same; /* of the layer that is expanded, or is next where it was whole; */
+  uint64_t digest, count;     /* its worlds */
+  uint64_t whole, turns;
+  uint64_t table; /* the layer that is kept follows */
+} soter_closing_kept;
 
 typedef struct worker {
   struct layered* all;
@@ -121,6 +131,9 @@ SOTER_INLINE uint64_t soter_layers_waiting(const layered* all) {
   return waiting;
 }
 
+/* A worker's table of a layer. */
+bool soter_layers_open_store(worker* w, soter_store* store);
+
 /* Before the search, when all workers are open, and after it. */
 void soter_closed_open(layered* all);
 void soter_closed_close(layered* all);
@@ -128,6 +141,15 @@ void soter_closed_close(layered* all);
 bool soter_closed_look(layered* all);
 /* A worker begins a layer: `before`. Whether what it expanded last, `store`, was taken away. */
 bool soter_closed_turn(worker* w);
+
+/* What there is to be written, while nobody works. */
+soter_closing_kept soter_closed_kept(const layered* all);
+/* The table of a worker that is then written, too. */
+const soter_store* soter_closed_table(const layered* all, uint32_t id);
+/* Room for beginnings that were written; NULL: there is none. */
+soter_turn* soter_closed_room(layered* all, uint64_t turns);
+/* Goes on from what was written, when all tables were read. */
+void soter_closed_resume(layered* all, const soter_closing_kept* kept);
 
 /* Writes all that a search needs to go on, while nobody works; false: it cannot be written. */
 bool soter_layers_write(const layered* all, int file);

@@ -14,7 +14,7 @@
 
 #define PIECE (UINT64_C(1) << 20) /* bytes that are written at once */
 #define NUMBERS 16U
-#define MARK UINT64_C(0x31736579616c6f73)
+#define MARK UINT64_C(0x32736579616c6f73)
 #define COVERS 6U
 
 enum {
@@ -141,6 +141,17 @@ static void put_tables(pen* p, const layered* all, bool next) {
   }
 }
 
+/* Whether what comes was there before. */
+static void put_closing(pen* p, const layered* all) {
+  const soter_cursor begin = {0U, 0U};
+  const soter_closing_kept kept = soter_closed_kept(all);
+  put(p, &kept, sizeof kept);
+  put(p, all->closing.turn, kept.turns * sizeof *all->closing.turn);
+  for (uint32_t k = 0; kept.table != 0U && k < all->threads; k++) {
+    put_table(p, soter_closed_table(all, k), begin);
+  }
+}
+
 static void put_numbers(pen* p, const layered* all, bool tables) {
   uint64_t number[NUMBERS];
   describe(all, number);
@@ -178,6 +189,7 @@ bool soter_layers_write(const layered* all, int file) {
     put_rows(&p, all, &all->w[k]);
   }
   put_tables(&p, all, tables);
+  put_closing(&p, all);
   const uint64_t end = MARK;
   put(&p, &end, sizeof end);
   write_all(&p, p.piece, p.used);
@@ -281,6 +293,11 @@ static soter_store* frontier_of(worker* w, int64_t** time) {
 static soter_store* store_of(worker* w, int64_t** time) {
   *time = w->all->tables ? &w->next_ns : NULL;
   return &w->store;
+}
+
+static soter_store* anchor_of(worker* w, int64_t** time) {
+  *time = NULL;
+  return &w->anchor;
 }
 
 static void put_entry(layered* all, table_of* table, uint32_t segment, soter_entry* e) {
@@ -408,6 +425,31 @@ static bool get_worlds(reader* r, layered* all, bool tables) {
   return fine && (!tables || get_table(r, all, store_of));
 }
 
+/* The last of it: `set_out` comes before. */
+static bool get_closing(reader* r, layered* all) {
+  soter_closing_kept kept;
+  const uint8_t* from = get(r, 1U, sizeof kept);
+  if (from == NULL) {
+    return false;
+  }
+  (void)memcpy(&kept, from, sizeof kept);
+  from = get(r, kept.turns, sizeof *all->closing.turn);
+  soter_turn* const turn = from == NULL ? NULL : soter_closed_room(all, kept.turns);
+  if (turn == NULL) {
+    return false;
+  }
+  (void)memcpy(turn, from, kept.turns * sizeof *turn);
+  bool fine = true;
+  for (uint32_t k = 0; kept.table != 0U && fine && k < all->threads; k++) {
+    fine = soter_layers_open_store(&all->w[k], &all->w[k].anchor);
+  }
+  fine = fine && (kept.table == 0U || get_table(r, all, anchor_of));
+  if (fine) {
+    soter_closed_resume(all, &kept);
+  }
+  return fine;
+}
+
 bool soter_layers_read(layered* all, const uint8_t* from, uint64_t bytes) {
   reader r = {from, bytes, 0U};
   bool tables = false;
@@ -415,5 +457,6 @@ bool soter_layers_read(layered* all, const uint8_t* from, uint64_t bytes) {
   const bool fine =
       get_numbers(&r, all, &tables) && get_coverage(&r, all) && get_worlds(&r, all, tables);
   set_out(all);
-  return fine && get_number(&r, &end) && end == MARK && r.left == 0U;
+  const bool read = fine && get_closing(&r, all);
+  return read && get_number(&r, &end) && end == MARK && r.left == 0U;
 }
