@@ -35,7 +35,7 @@ def explore(
     checked: Checked,
     path: str,
     *,
-    test: str | None,
+    test: str | Sequence[str] | None,
     skew: float | str | None,
     horizon: float | str | None,
     params: Mapping[str, object] | None,

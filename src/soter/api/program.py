@@ -389,7 +389,7 @@ class Program:
 
     def explore(
         self,
-        test: str | None = None,
+        test: str | Sequence[str] | None = None,
         *,
         strategy: str = "bfs",
         storage: str = "exact",
@@ -413,7 +413,7 @@ class Program:
         progress: Callable[[Looked], None] | None = None,
         partial: bool = False,
     ) -> ExploreReport:
-        """Explore every execution of every test, or of one (docs/testing.md).
+        """Explore every execution of every test, or of some (docs/testing.md).
 
         `strategy`: bfs, dfs, deepening; random, pct, coverage, falsify. `storage`: exact or
         fingerprint; `reduction`: none, sleep, ample, instants, groups, symmetry, parts, all.

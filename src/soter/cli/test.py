@@ -10,10 +10,20 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
+from soter.cli.terminal.amounts import rounded, size
+from soter.cli.terminal.junit import problems_as_junit, report_as_junit
 from soter.cli.terminal.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings, seconds, seed, whole
+from soter.cli.terminal.parser import (
+    Parser,
+    add_file,
+    add_settings,
+    at_least_one,
+    seconds,
+    seed,
+    whole,
+)
 from soter.cli.terminal.progress import LineOfProgress
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.diagnostic import SoterError
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
 from soter.program.model.durations import show_ns
 
@@ -22,9 +32,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.cli.terminal.console import Console
+    from soter.diagnostics.diagnostic import Diagnostic
     from soter.explore.results import ExploreReport, Kept, TestResult
-
-    Options = argparse.Namespace
 
 EXAMPLES = """\
   soter test late_sc.soter                            every test of the file
@@ -55,7 +64,9 @@ def parser() -> Parser:
     """The command line."""
     made = Parser("test", "Explore every execution of the tests of a file.", EXAMPLES)
     add_file(made)
-    made.add_argument("--test", metavar="T", help="only this test; by default all of the file")
+    made.add_argument(
+        "--test", action="append", metavar="T", help="only this test, or these; by default all"
+    )
     made.add_argument(
         "--strategy",
         default=STRATEGIES[0],
@@ -64,43 +75,19 @@ def parser() -> Parser:
         f"{FALSIFY} towards a violation",
     )
     made.add_argument(
-        "--storage",
-        default=STORAGES[0],
-        metavar="S",
-        help=_named(STORAGES, STORAGES[0], " or "),
+        "--storage", default="exact", metavar="S", help=_named(STORAGES, "exact", " or ")
     )
     made.add_argument(
         "--reduction", default="all", metavar="R", help=_named(REDUCTIONS, "all", " or ")
     )
-    made.add_argument(
-        "--threads", type=whole, default=1, metavar="N", help="of bfs, up to 16; by default 1"
-    )
-    made.add_argument(
-        "--memory", default="2G", metavar="SIZE", help="for all that it keeps; by default 2G"
-    )
-    made.add_argument(
-        "--time",
-        type=seconds,
-        metavar="SECONDS",
-        help="for the search of a test; by default no end",
-    )
-    made.add_argument(
-        "--max-states", type=whole, default=0, metavar="N", help="stop after so many configurations"
-    )
-    made.add_argument(
-        "--runs",
-        type=whole,
-        default=10_000,
-        metavar="N",
-        help="of the sampling strategies; by default 10,000",
-    )
+    _add_bounds(made)
     made.add_argument("--seed", type=seed, default=1, metavar="N", help="likewise; by default 1")
     made.add_argument(
         "--minimise",
         type=seconds,
         default=30.0,
-        metavar="SECONDS",
-        help="to minimise or shrink the trace of a violation; by default 30, 0: do not",
+        metavar="TIME",
+        help="to minimise or shrink the trace of a violation; by default 30 s, 0: do not",
     )
     made.add_argument(
         "--all",
@@ -123,6 +110,36 @@ def parser() -> Parser:
     return made
 
 
+def _add_bounds(made: Parser) -> None:
+    """How much it may take."""
+    made.add_argument(
+        "--threads", type=whole, default=1, metavar="N", help="of bfs, up to 16; by default 1"
+    )
+    made.add_argument(
+        "--memory", default="2G", metavar="SIZE", help="for all that it keeps; by default 2G"
+    )
+    made.add_argument(
+        "--time",
+        type=seconds,
+        metavar="TIME",
+        help="for the search of a test, such as 90 (seconds) or 10min; by default no end",
+    )
+    made.add_argument(
+        "--max-states",
+        type=at_least_one,
+        default=0,
+        metavar="N",
+        help="stop after so many configurations",
+    )
+    made.add_argument(
+        "--runs",
+        type=whole,
+        default=10_000,
+        metavar="N",
+        help="of the sampling strategies; by default 10,000",
+    )
+
+
 def _add_checkpoints(made: Parser) -> None:
     """Where searches are written, and gone on from."""
     made.add_argument(
@@ -131,20 +148,21 @@ def _add_checkpoints(made: Parser) -> None:
     made.add_argument(
         "--checkpoint-every",
         type=seconds,
-        metavar="SECONDS",
-        help="between two checkpoints; by default 60",
+        metavar="TIME",
+        help="between two checkpoints; by default 60 s",
     )
     made.add_argument("--resume", metavar="DIR", help="go on from there, and write there")
 
 
-def run(args: Options, console: Console) -> Outcome:
+def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Explore."""
     console.listen()
-    program = load(args.file)
-    for name, target in args.bindings:
-        program.bind(name, target)
-    warnings = program.diagnostics if program.ok else ()
+    warnings: tuple[Diagnostic, ...] = ()
     try:
+        program = load(args.file)
+        for name, target in args.bindings:
+            program.bind(name, target)
+        warnings = program.diagnostics if program.ok else ()
         with LineOfProgress(console) as line:
             report = program.explore(
                 args.test,
@@ -172,25 +190,14 @@ def run(args: Options, console: Console) -> Outcome:
             )
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
+        if args.junit is not None:
+            items = problems_as_junit(args.file, items, args.junit)
         return Outcome(exit_of(items), items, {"file": args.file})
     _say(report, console)
     if args.junit is not None:
-        _write_junit(report, args.junit, console)
+        report_as_junit(report, args.junit, console)
     code = INTERRUPTED if report.interrupted else EXITS[report.verdict]
     return Outcome(code, warnings, _fields(report))
-
-
-def _write_junit(report: ExploreReport, path: str, console: Console) -> None:
-    """Write the verdicts as XML; `SoterError` D006."""
-    from soter.explore.junit import write  # noqa: PLC0415 - only then
-    from soter.report.errors import ReportError  # noqa: PLC0415 - the same
-
-    try:
-        written = write(report, path)
-    except ReportError as error:
-        raise SoterError((Diagnostic("D006", str(error)),)) from error
-    console.say()
-    console.say(f"junit  {written}")
 
 
 def progress_text(looked: object) -> str:
@@ -367,13 +374,13 @@ def _other(test: TestResult, console: Console) -> list[str]:
 
 def _rest(test: TestResult) -> str:
     """What the search for violations of other properties came to."""
-    from soter.explore.results import BOUNDS  # noqa: PLC0415 - only then
+    from soter.explore.results import bound_text  # noqa: PLC0415 - only then
 
     found = 1 + len(test.others)
     head = f"{found} {'property' if found == 1 else 'properties'} violated"
     if test.others_bound is None:
         return f"{head}; the search for violations of others ended without one"
-    return f"{head}; there may be others: {BOUNDS.get(test.others_bound, test.others_bound)}"
+    return f"{head}; there may be others: {bound_text(test.others_bound, test.options)}"
 
 
 def _trace(test: TestResult, console: Console) -> list[str]:
@@ -387,22 +394,6 @@ def _trace(test: TestResult, console: Console) -> list[str]:
     lines.append(view.remark if test.minimal else console.paint("yellow", view.remark))
     files = (("trace", test.trace), ("page", test.page))
     return lines + [f"{kind:<6} {path}" for kind, path in files if path is not None]
-
-
-def rounded(x: float) -> str:
-    """A rate: `1.4 M`, `23 k`, `840`."""
-    for unit, factor in (("G", 1e9), ("M", 1e6), ("k", 1e3)):
-        if x >= 0.9995 * factor:
-            return f"{x / factor:.3g} {unit}"
-    return f"{x:.0f}"
-
-
-def size(count: int) -> str:
-    """A size: `9.6 MB`."""
-    for unit, factor in (("GB", 2**30), ("MB", 2**20), ("kB", 2**10)):
-        if count >= 0.9995 * factor:
-            return f"{count / factor:.{3 if count < 999.5 * factor else 4}g} {unit}"
-    return f"{count} bytes"
 
 
 # ---------------------------------------------------------------- as JSON

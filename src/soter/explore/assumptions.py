@@ -103,10 +103,14 @@ def _orders(plan: TestPlan, times: Times | None) -> str:
             "steps happen at their release, within an instant in the deployed order, inputs first, "
             "as the test declares: other orders were not tried"
         )
+    late = any(f.kind == "late" for f in plan.faults)
+    but = ", but for those that are told below," if late else ""
     if plan.skew_ns == 0:
-        said = "steps happen at their release, in every order within an instant (skew 0)"
+        said = (
+            f"steps happen at their release{but or ','} in every order within an instant (skew 0)"
+        )
     else:
-        said = f"every step happens within {show_ns(plan.skew_ns)} of its release"
+        said = f"every step happens within {show_ns(plan.skew_ns)} of its release{but.rstrip(',')}"
     if times is None:
         return said
     return (

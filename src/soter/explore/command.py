@@ -41,6 +41,7 @@ from soter.explore.results import (
     WIDTH,
     Kept,
     TestResult,
+    bound_text,
     why_not_shortest,
 )
 from soter.explore.trace.schedule import plan_of
@@ -113,18 +114,20 @@ class Told:
 # ---------------------------------------------------------------- which tests
 
 
-def chosen(tests: Mapping[str, TestSymbol], path: str, name: str | None) -> list[TestSymbol]:
+def chosen(
+    tests: Mapping[str, TestSymbol], path: str, names: str | Sequence[str] | None
+) -> list[TestSymbol]:
     """The tests that are meant, in the program's order; `SoterError` U010 where there is none."""
-    if name is not None and name in tests:
-        return [tests[name]]
-    if name is None and tests:
-        return list(tests.values())
-    if name is None:
+    wanted = [names] if isinstance(names, str) else names
+    unknown = [n for n in wanted or () if n not in tests]
+    if tests and not unknown:
+        return [t for n, t in tests.items() if wanted is None or n in wanted]
+    if not unknown:
         help_ = "write one: `test Name { system S; horizon 1s; always ...; }`"
         problem = Diagnostic("U010", f"`{path}` has no `test`", helps=(help_,))
     else:
         there = ", ".join(f"`{n}`" for n in tests) or "none"
-        message = f"there is no test `{name}`"
+        message = f"there is no test `{unknown[0]}`"
         problem = Diagnostic("U010", message, notes=(f"there are: {there}",))
     raise SoterError((problem,))
 
@@ -326,7 +329,7 @@ def _why(bound: str | None, search: Search, found: Found) -> str:
         return ""
     if found.status == "no_memory" and found.needed_bytes:
         return f"{BOUNDS[MEMORY]}: the first tables alone take {found.needed_bytes:,} bytes"
-    return BOUNDS[bound].format(who=search.chooser(found), words=search.words)
+    return bound_text(bound, search.options, search.chooser(found), search.words)
 
 
 def _explain(result: TestResult, search: Search, found: Found, told: Told) -> None:

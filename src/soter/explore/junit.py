@@ -2,7 +2,7 @@
 
 Purpose: one `testsuite` a program, one `testcase` a test: violated is a failure, a bound that was
 reached is an error (nothing is wrong that is known, nothing is shown either), what was not started
-is skipped.
+is skipped. Where there is no report, every diagnostic is a `testcase` with an error.
 Non-goals: traces in full; the file of a trace is named.
 """
 
@@ -11,12 +11,15 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
+from soter.diagnostics.diagnostic import Severity
 from soter.explore.results import BOUND, VIOLATED
 from soter.report.html import write_text
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
     from pathlib import Path
 
+    from soter.diagnostics.diagnostic import Diagnostic
     from soter.explore.results import ExploreReport, TestResult
 
 
@@ -30,16 +33,47 @@ def document(report: ExploreReport) -> str:
         "errors": len(of[BOUND]),
         "skipped": len(report.not_started),
     }
-    counted = {k: str(v) for k, v in figures.items()} | {"time": f"{seconds:.3f}"}
-    suites = ET.Element("testsuites", {"name": "soter test", **counted})
-    suite = ET.SubElement(suites, "testsuite", {"name": report.path, **counted})
+    suites, suite = _suite(report.path, figures, seconds)
     for test in report.tests:
         _case(suite, report, test)
     for name in report.not_started:
         case = ET.SubElement(suite, "testcase", {"classname": report.path, "name": name})
         ET.SubElement(case, "skipped", {"message": "not started: one before was interrupted"})
+    return _text(suites)
+
+
+def document_of_problems(file: str, problems: Iterable[Diagnostic]) -> str:
+    """The XML where no test was explored: an error for every diagnostic that is one."""
+    errors = [d for d in problems if d.severity is Severity.ERROR]
+    count = len(errors)
+    figures = {"tests": count, "failures": 0, "errors": count, "skipped": 0}
+    suites, suite = _suite(file, figures, 0.0)
+    for d in errors:
+        named = {"classname": file, "name": d.code, "file": file, "time": "0.000"}
+        case = ET.SubElement(suite, "testcase", named)
+        error = ET.SubElement(case, "error", {"type": d.code, "message": d.message})
+        where = "" if d.primary is None else d.primary.span.source.name
+        if d.primary is not None:
+            where += f":{d.primary.span.line}:{d.primary.span.column}"
+        error.text = "\n".join(filter(None, (where, *d.notes, *d.helps)))
+    return _text(suites)
+
+
+def _suite(file: str, figures: dict[str, int], seconds: float) -> tuple[ET.Element, ET.Element]:
+    """The root and its one suite."""
+    counted = {k: str(v) for k, v in figures.items()} | {"time": f"{seconds:.3f}"}
+    suites = ET.Element("testsuites", {"name": "soter test", **counted})
+    return suites, ET.SubElement(suites, "testsuite", {"name": file, **counted})
+
+
+def _text(suites: ET.Element) -> str:
     ET.indent(suites)
     return f'<?xml version="1.0" encoding="utf-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'
+
+
+def write_problems(file: str, problems: Iterable[Diagnostic], path: str | Path) -> Path:
+    """Write why no test was explored; `ReportError` where that cannot be."""
+    return write_text(document_of_problems(file, problems), path)
 
 
 def write(report: ExploreReport, path: str | Path) -> Path:

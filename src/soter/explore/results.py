@@ -48,7 +48,7 @@ BOUNDS = {
     "other was tried (without `hold`, in a plant of its own with that period, they are)",
     MEMORY: "the memory that was allowed is full (--memory)",
     STATES: "as many configurations as were allowed are stored (--max-states)",
-    RUNS: "random executions never cover everything (--runs; --strategy bfs does)",
+    RUNS: "executions drawn by {strategy} never cover everything (--runs; --strategy bfs does)",
     SAMPLED: "a continuum is sampled at three values: what lies between was not looked at",
     INTERRUPTED: "interrupted",
     TIME: "the time that was allowed is over (--time)",
@@ -350,6 +350,11 @@ class TestResult:
     def __repr__(self) -> str:
         what = f" {self.broken.text}" if self.broken else f" {self.bound}" if self.bound else ""
         return f"<soter.TestResult {self.name} {self.verdict}{what}, {self.states:,} states>"
+
+
+def bound_text(bound: str, options: Options, who: str = "a step", words: int = WORDS_MAX) -> str:
+    """Which bound was reached, for people. `who` asks for too many choices; `words`: too many."""
+    return BOUNDS[bound].format(strategy=options.strategy, who=who, words=words)
 
 
 def why_not_shortest(bound: str, options: Options) -> str:

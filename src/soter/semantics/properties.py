@@ -39,6 +39,18 @@ def judged(machine: Machine, c: Configuration, component: Component, kind: str) 
     return {i: _is_violated(machine, i, env) for i in own}
 
 
+def fault_of(
+    machine: Machine, c: Configuration, index: int, component: Component | None = None
+) -> StepFault | None:
+    """What goes wrong as a property, or a contract of a node, is judged; None: nothing."""
+    condition, _ = machine.properties[index]
+    try:
+        condition(machine.environment(c, component))
+    except StepFault as fault:
+        return fault
+    return None
+
+
 def _is_violated(machine: Machine, index: int, env: Environment) -> bool:
     condition, wanted = machine.properties[index]
     try:

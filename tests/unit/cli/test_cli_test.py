@@ -17,6 +17,7 @@ import pytest
 
 import processes
 from json_documents import SCHEMAS, _check
+from soter.cli.terminal.parser import seconds
 from soter.explore.methods import STRATEGIES
 
 if TYPE_CHECKING:
@@ -95,7 +96,7 @@ def test_a_clean_test_says_what_was_covered_and_what_was_not(
     done = soter("test", corridor, "--test", "Near")
     assert done.exit == 0
     assert "EXHAUSTED AND CLEAN" in done.out
-    assert "never  Keeper.Home, corridor.soter:18, where the condition holds" in done.out
+    assert "never  Keeper.Home, corridor.soter:18:5, where the condition holds" in done.out
     golden("cli/test_clean.txt", steady(done.out))
 
 
@@ -118,7 +119,7 @@ def test_a_bound_is_no_verdict(soter: Soter, corridor: str) -> None:
     assert done.document["tests"][0]["bound"] == "states"
     done = soter("test", corridor, "--test", "Near", "--strategy", "random", "--runs", "50")
     assert done.exit == 4
-    assert "BOUND REACHED  no violation was found; random executions" in done.out
+    assert "BOUND REACHED  no violation was found; executions drawn by random" in done.out
 
 
 def test_a_sampled_continuum_is_never_exhausted(soter: Soter, here: Path) -> None:
@@ -389,6 +390,10 @@ def test_the_threads_told_are_those_that_ran(
         (("--time", "0"), "U001"),
         (("--time", "nan"), "U001"),
         (("--time", "long"), "U003"),
+        (("--time", "0s"), "U001"),
+        (("--time", "10parsec"), "U003"),
+        (("--max-states", "0"), "U003"),
+        (("--test", "Far", "--test", "Nothing"), "U010"),
     ],
 )
 def test_mistakes_of_the_command_line(
@@ -397,6 +402,56 @@ def test_mistakes_of_the_command_line(
     done = soter("test", corridor, *arguments, "--json")
     assert done.exit == 2
     assert done.codes == [code]
+
+
+def test_a_time_has_a_unit_or_is_in_seconds(soter: Soter, corridor: str) -> None:
+    given = ("1h", "1.5min", "60", "0.25", "250ms")
+    assert [seconds(text) for text in given] == [3600.0, 90.0, 60.0, 0.25, 0.25]
+    assert soter("test", corridor, "--test", "Near", "--time", "1h").exit == 0
+    done = soter("test", corridor, "--time", "long")
+    assert "write seconds, or a number with its unit" in done.err
+
+
+def test_several_tests_may_be_chosen(soter: Soter, corridor: str) -> None:
+    (here_,) = soter("test", corridor, "--test", "Near", "--json").document["tests"]
+    both = soter("test", corridor, "--test", "Near", "--test", "Far", "--json").document["tests"]
+    again = soter("test", corridor, "--test", "Near", "--test", "Near", "--json")
+    assert here_["name"] == "Near"
+    assert [t["name"] for t in both] == ["Far", "Near"], "in the order of the file"
+    assert len(again.document["tests"]) == 1
+
+
+def test_a_file_is_no_folder_for_checkpoints(soter: Soter, corridor: str) -> None:
+    for option, code in (("--checkpoint", "D006"), ("--resume", "D012")):
+        done = soter("test", corridor, option, corridor)
+        assert f"[{code}]: checkpoints stand in a folder, and `{corridor}` is a file" in done.err
+
+
+@pytest.mark.parametrize("strategy", ["random", "pct", "coverage", "falsify"])
+def test_what_sampling_does_not_cover_is_said_of_its_strategy(
+    soter: Soter, corridor: str, strategy: str
+) -> None:
+    done = soter("test", corridor, "--test", "Near", "--strategy", strategy, "--runs", "5")
+    assert f"executions drawn by {strategy} never cover everything" in done.out
+
+
+def test_two_conditions_of_one_line_have_their_columns(soter: Soter, here: Path) -> None:
+    text = CORRIDOR.replace("if cell > 8 {", "if cell > 8 && 100 / cell > 50 {")
+    (here / "corridor.soter").write_text(text, encoding="utf-8")
+    done = soter("test", "corridor.soter", "--test", "Near", "--json")
+    never = done.document["tests"][0]["coverage"]["branches"]["unreached"]
+    assert len(never) == len(set(never)) == 2, never
+
+
+def test_who_is_late_is_left_out_of_who_is_not(soter: Soter, here: Path) -> None:
+    text = CORRIDOR.replace("horizon 60ms;", "horizon 60ms; late Home by 5ms;")
+    (here / "corridor.soter").write_text(text, encoding="utf-8")
+    options = ("test", "corridor.soter", "--test", "Near", "--reduction", "all")
+    at = "steps happen at their release, but for those that are told below, in every order within"
+    assert at in soter(*options).out
+    within = "every step happens within 2 ms of its release, but for those that are told below"
+    assert within in soter(*options, "--skew", "2ms").out
+    assert "told below" not in soter(*options[:2], "--test", "Far").out
 
 
 def test_a_file_without_tests_has_nothing_to_explore(soter: Soter) -> None:
@@ -453,6 +508,33 @@ def test_the_verdicts_are_written_as_junit_xml(soter: Soter, here: Path) -> None
     assert far[0].get("message") == "always abs(robot.truth.at) <= END"
     assert idle[0].get("type") == "unjudged"
     assert "junit  out/results.xml" in done.out
+
+
+@pytest.mark.parametrize(
+    ("text", "options", "codes"),
+    [
+        (CORRIDOR.replace("END; }", "END; never nowhere == 1; }"), (), ["N001"]),
+        (CORRIDOR.replace("(at + move", "(att + move").replace("at) <= 9", "t) <= 9"), (),
+         ["N001", "N004"]),
+        (CORRIDOR, ("--test", "Nothing"), ["U010"]),
+    ],
+)  # fmt: skip
+def test_what_keeps_tests_from_being_explored_takes_the_place_of_an_earlier_xml(
+    soter: Soter, here: Path, text: str, options: tuple[str, ...], codes: list[str]
+) -> None:
+    (here / "corridor.soter").write_text(text, encoding="utf-8")
+    (here / "results.xml").write_text("an earlier one", encoding="utf-8")
+    done = soter("test", "corridor.soter", "--junit", "results.xml", *options, "--json")
+    assert done.codes == codes
+    (suite,) = ET.parse(here / "results.xml").getroot()  # noqa: S314 - our own
+    count = str(len(codes))
+    assert [suite.get(k) for k in ("tests", "failures", "errors")] == [count, "0", count]
+    assert [(c.get("name"), c[0].tag, c[0].get("type")) for c in suite] == [
+        (code, "error", code) for code in codes
+    ]
+    assert [c[0].get("message") for c in suite] == [
+        d["message"] for d in done.document["diagnostics"]
+    ]
 
 
 def test_a_junit_file_that_cannot_be_written_is_a_diagnostic(soter: Soter, here: Path) -> None:

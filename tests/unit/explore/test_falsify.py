@@ -224,3 +224,53 @@ def test_the_least_robustness_is_negative_iff_the_property_was_violated(seed: in
         least[key] = min(least.get(key, near), near)
     engine.close()
     assert {key for key, near in least.items() if near < 0.0} == set(known)
+
+
+LATE = """soter 1;
+topic h: float in [-50.0, 50.0];
+topic u: float in [-1.0, 1.0];
+plant Tank period 50ms {
+  reads u; drives h = clamp(x, -50.0, 50.0); state x: float; der x = u;
+}
+node Ctl period 100ms { publishes u; step { publish u = choose { 1.0, -1.0 }; } }
+system S { t: Tank; node Ctl; until 10s; }
+test Answer { system S; horizon 2s; abs(h) > 0.3 leadsto abs(h) < 0.3 within 800ms; }
+test Late { system S; skew 20ms; horizon 2s; abs(h) > 0.3 leadsto abs(h) < 0.3 within 800ms; }
+test End { system S; horizon 2s; eventually h > 1.5 within 2s; }
+test Reach { system S; horizon 2s; eventually h > 1.5 within 1900ms; }
+test Both { system S; horizon 2s; eventually h > 1.9 within 1500ms; eventually h < 9.0 within 1s; }
+"""
+
+
+@pytest.mark.parametrize("test", ["Answer", "Late", "End", "Reach", "Both"])
+@pytest.mark.parametrize("seed", [2, 3, 4])
+def test_a_deadline_that_was_missed_is_below_zero_and_one_that_was_kept_above(
+    test: str, seed: int
+) -> None:
+    options = Options(strategy="falsify", runs=300, seed=seed)
+    with Search(system_of_text(LATE, test), options) as searched:
+        found = searched.run()
+        told = searched.robustness()
+    assert found.status == "violated"
+    assert found.broken is not None
+    least = [r.least for r in told]
+    below = [i for i, r in enumerate(least) if r is not None and r < 0.0]
+    assert below == [found.broken[1]], least
+    assert all(r != 0.0 for r in least)
+
+
+def test_a_promise_that_is_kept_in_the_last_instant_of_its_time_is_kept() -> None:
+    text = """soter 1;
+topic n: int in [0, 9];
+node Count period 10ms {
+  publishes n; var k: int in [0, 9]; step { k = min(k + 1, 9); publish n = k; }
+}
+system S { node Count; until 1s; }
+test In { system S; horizon 60ms; eventually n == 4 within 30ms; }
+test Out { system S; horizon 60ms; eventually n == 4 within 20ms; }
+"""
+    kept, missed = (nearest(text, test, 5).popitem()[1].least for test in ("In", "Out"))
+    assert kept is not None
+    assert missed is not None
+    assert 0.0 < kept < 1e-3
+    assert missed == pytest.approx(-0.5), "10 ms over, of 20 ms"

@@ -164,11 +164,9 @@ def test_an_overrun_says_how_long_it_took() -> None:
 
 
 def test_an_overrun_of_no_time_says_so() -> None:
-    for s in view(TESTED, "Overruns").steps:
-        if s.kind == "effect" and s.lasts_ns == 0:
-            assert does(s)[0] == "takes effect at once"
-            return
-    pytest.fail("no step takes effect at once")
+    steps = view(TESTED, "Overruns").steps
+    said = [does(s)[0] for s in steps if s.lasts_ns == 0]
+    assert set(said) == {"starts", "takes effect, 0 ms later"}
 
 
 def test_the_heading_is_short_and_does_not_repeat_the_property() -> None:
@@ -199,3 +197,58 @@ test T {{ system S; horizon 10ms; always a < 6; }}
 """
     step = view(source, "T").steps[-1]
     assert list(does(step)) == said
+
+
+# ---------------------------------------------------------------- which instance, which fault
+
+FLEET = """soter 1;
+topic n: int in [0, 9];
+topic done: bool;
+node C period 10ms {
+  publishes n, done;
+  guarantees n < 10;
+  var k: int in [0, 9];
+  step { k = min(k + choose [0, 1], 9); publish n = k; publish done = k > 2; }
+}
+system One { node C; }
+system S { for i in 0..2 { r[i]: One; } }
+test Leads { system S; horizon 60ms; for i in 0..2 { r[i].n > 0 leadsto r[i].done within 20ms; } }
+test Comes { system S; horizon 60ms; for i in 1..2 { eventually r[i].done within 40ms; } }
+test Divides { system S; horizon 60ms; for i in 0..2 { always 10 / (r[i].n - 3) != 100; } }
+test Waits { system S; horizon 60ms; eventually 10 / (r[0].n - r[0].n) == 1 within 40ms; }
+test First { system S; horizon 60ms; order deployed; never r[0].n == 2; }
+test Last { system S; horizon 60ms; order deployed; never r[1].n == 2; }
+"""
+
+
+def test_a_property_of_a_loop_is_told_of_the_instance() -> None:
+    for test, condition, premise in (
+        ("Leads", "r[0].done", "`r[0].n > 0` held at"),
+        ("Comes", "r[1].done", ""),
+    ):
+        said = why(FLEET, test)
+        assert f"`{condition}` did not hold" in said
+        assert premise in said
+        assert "[i]" not in said
+
+
+def test_a_property_that_cannot_be_judged_says_what_goes_wrong() -> None:
+    line = FLEET[: FLEET.index("test Divides")].count("\n") + 1
+    assert f"judging it faults (divide, small.soter:{line})" in why(FLEET, "Divides")
+    assert f"(judging it faulted at 0 ms: divide, small.soter:{line + 1})" in why(FLEET, "Waits")
+    assert "judging it faults (divide, small.soter:6)" in why(
+        FLEET.replace("n < 10;", "10 / (4 - n) < 11;"), "Last"
+    )
+    unsafe = TESTED.replace("safe abs(cell) <= 3;", "safe 10 / (cell - cell) <= 3;")
+    assert "judging `safe` of `Keeper` faults (divide, " in why(unsafe, "Theorem")
+    assert "faults" not in why(TESTED, "Far")
+
+
+def test_who_only_lets_time_pass_is_not_blamed() -> None:
+    first, last = (view(FLEET, test) for test in ("First", "Last"))
+    assert first.steps[-1].lane == last.steps[-1].lane == "r[1].C"
+    assert explanation(first).endswith(
+        "`r[1].C`: it failed before this step already, but is judged where time passes, after the "
+        "last step of an instant."
+    )
+    assert "already" not in explanation(last)

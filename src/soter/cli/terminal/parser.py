@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import re
+from contextlib import suppress
 from typing import NoReturn
 
 from soter.cli.terminal.outcome import UsageError
@@ -88,11 +89,24 @@ def whole(text: str) -> int:
     return int(text)
 
 
+def at_least_one(text: str) -> int:
+    """A whole number that is not 0; ArgumentTypeError for any other text."""
+    if whole(text) == 0:
+        raise argparse.ArgumentTypeError("it has to be 1 at least: leave it out for no such bound")
+    return whole(text)
+
+
 def seconds(text: str) -> float:
-    """A number of seconds in plain digits; ArgumentTypeError, or ValueError, for any other text."""
-    if "_" in text or not text.isascii():
-        raise argparse.ArgumentTypeError(f"`{text}` is no number")
-    return float(text)
+    """Seconds: a number in plain digits, or one with its unit; ArgumentTypeError for other text."""
+    from soter.simulate.settings import WrongTextError, duration_ns  # noqa: PLC0415 - only then
+
+    if text.isascii() and "_" not in text:
+        with suppress(ValueError):
+            return float(text)
+        with suppress(WrongTextError):
+            return duration_ns(text) / 10**9
+    problem = f"`{text}` is no time: write seconds, or a number with its unit, such as 10min"
+    raise argparse.ArgumentTypeError(problem)
 
 
 def seed(text: str) -> int:

@@ -70,6 +70,11 @@ def asked(
         raise SoterError(tuple(Diagnostic("U001", m, helps=(help_,)) for m, help_ in problems))
     folder = checkpoint if resume is None else resume
     assert folder is not None
+    if Path(folder).exists() and not Path(folder).is_dir():
+        message = f"checkpoints stand in a folder, and `{folder}` is a file"
+        help_ = "name a folder: every test has a file of its own in it"
+        code = "D006" if resume is None else "D012"
+        raise SoterError((Diagnostic(code, message, helps=(help_,)),))
     return Asked(Path(folder), float(every), resume is not None)
 
 

@@ -429,9 +429,9 @@ def _sum(found: list[Searched]) -> Searched:
 
 
 def branch_name(b: Branch) -> str:
-    """`SafeMotion.Careful, cart.soter:41, the condition holds`."""
+    """`SafeMotion.Careful, cart.soter:41:8, where the condition holds`."""
     side = "where the condition holds" if b.taken else "where the condition does not hold"
-    return f"{b.component}, {Path(b.span.source.name).name}:{b.span.line}, {side}"
+    return f"{b.component}, {Path(b.span.source.name).name}:{b.span.line}:{b.span.column}, {side}"
 
 
 def _streams(system: System) -> Iterator[str]:

@@ -8,6 +8,7 @@ Non-goals: contracts and step faults, which the step itself tells
 from __future__ import annotations
 
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.explore.trace.schedule import plan_of
@@ -15,7 +16,7 @@ from soter.explore.trace.trace import PROPERTY, TIMED, Broken
 from soter.program.meaning.arith import StepFault
 from soter.program.meaning.statements import Evaluator
 from soter.program.model.durations import show_ns
-from soter.semantics.properties import violated
+from soter.semantics.properties import fault_of, violated
 from soter.semantics.record import AC, SC, Outcome, Verdict
 
 if TYPE_CHECKING:
@@ -58,6 +59,8 @@ class Judge:
         }
         self._since: dict[int, int] = {}
         """When the premise held that a deadline waits for."""
+        self._faulted: dict[int, str] = {}
+        """What went wrong, and when, as the condition of a deadline was judged."""
         self._drop_beyond_horizon()
 
     def _code(self, prop: TimedProperty, expr: Expr | None) -> Compiled | None:
@@ -113,8 +116,9 @@ class Judge:
             due = self._due.get(p.index)
             if p.kind == "invariant" or (due is not None and due < c.ct):
                 continue  # a missed deadline stays missed
-            if self._holds(self._condition[p.index], c):
+            if self._met(p, c):
                 self._due.pop(p.index, None)
+                self._faulted.pop(p.index, None)
             elif p.kind == "leadsto" and due is None and self._holds(self._premise[p.index], c):
                 self._due[p.index] = c.ct + p.within_ns
                 self._since[p.index] = c.ct
@@ -124,6 +128,13 @@ class Judge:
         """Deadlines beyond the horizon are not judged."""
         self._due = {i: due for i, due in self._due.items() if due <= self._horizon_ns}
 
+    def _met(self, p: TimedProperty, c: Configuration) -> bool:
+        """Whether what a deadline waits for holds; false where that faults, which is noted."""
+        fault = self._fault(self._condition[p.index], c)
+        if fault is not None and p.index in self._due:
+            self._faulted.setdefault(p.index, f"{_at(c.ct)}: {fault_text(fault)}")
+        return fault is None and self._holds(self._condition[p.index], c)
+
     def _holds(self, code: Compiled | None, c: Configuration) -> bool:
         """A condition, false where it faults."""
         assert code is not None
@@ -131,6 +142,14 @@ class Judge:
             return bool(code(self._machine.environment(c)))
         except StepFault:
             return False
+
+    def _fault(self, code: Compiled | None, c: Configuration) -> StepFault | None:
+        assert code is not None
+        try:
+            code(self._machine.environment(c))
+        except StepFault as fault:
+            return fault
+        return None
 
     def _invariant(self, p: TimedProperty, c: Configuration) -> bool:
         """(F) safe and an AC verdict is recent enough, or (S) safe and SC has the plant."""
@@ -143,24 +162,42 @@ class Judge:
 
     # ------------------------------------------------------------ why
 
-    def reason(self, broken: Broken, c: Configuration) -> str:
-        """What failed where `at` found a violation in `c`, a clause; empty where it says itself."""
+    def reason(self, broken: Broken, c: Configuration, before: Configuration) -> str:
+        """What failed where `at` found a violation in `c`, a clause; empty where it says itself.
+
+        `before`: where the step was made that led to `c`.
+        """
         if broken.what != TIMED:
-            return ""
+            return self._property_reason(broken.index, c, before)
         p = self._timed[broken.index]
         if p.kind == "invariant":
             return self._invariant_reason(p, c)
-        assert p.condition is not None
         due_ns = self._due[p.index]
-        missed = f"`{_source(p.condition)}` did not hold in any observable configuration"
+        missed = f"`{p.promises}` did not hold in any observable configuration"
+        fault = self._faulted.get(p.index)
+        faulted = "" if fault is None else f" (judging it faulted at {fault})"
         if p.premise is None:
-            return f"{missed} up to {_at(due_ns)}"
-        held = f"`{_source(p.premise)}` held at {_at(self._since[p.index])}"
-        return f"{held}, and {missed} from then on up to {_at(due_ns)}"
+            return f"{missed} up to {_at(due_ns)}{faulted}"
+        held = f"`{p.asks}` held at {_at(self._since[p.index])}"
+        return f"{held}, and {missed} from then on up to {_at(due_ns)}{faulted}"
+
+    def _property_reason(self, index: int, c: Configuration, before: Configuration) -> str:
+        """Of an `always` or `never`: that judging it faults, and that another step is to blame."""
+        fault = fault_of(self._machine, c, index)
+        said = [] if fault is None else [f"judging it faults ({fault_text(fault)})"]
+        if violated(self._machine, before)[index]:
+            said.append(
+                "it failed before this step already, but is judged where time passes, "
+                "after the last step of an instant"
+            )
+        return "; ".join(said)
 
     def _invariant_reason(self, p: TimedProperty, c: Configuration) -> str:
         assert p.module is not None
         module, clock = self._system.modules[p.module], self._clocks[p.module]
+        fault = self._fault(self._safe[p.module], c)
+        if fault is not None:
+            return f"judging `safe` of `{module.name}` faults ({fault_text(fault)})"
         if not self._holds(self._safe[p.module], c):
             return f"`{_source(module.symbol.safe)}`, `safe` of `{module.name}`, fails"
         said = f"the DM last said AC at {_at(clock.verdict_ns)}"
@@ -169,6 +206,13 @@ class Judge:
         period = _at(module.period_ns)
         acted = "and SC has not acted" if c.L[module.dm] == SC else "and has not handed over to SC"
         return f"{said}, {acted} by {_at(c.ct)}, more than two periods of {period} later"
+
+
+def fault_text(fault: StepFault) -> str:
+    """What went wrong, and where in the source: `divide, cart.soter:7`."""
+    if fault.span is None:
+        return str(fault)
+    return f"{fault}, {Path(fault.span.source.name).name}:{fault.span.line}"
 
 
 def _source(e: Expr) -> str:

@@ -9,11 +9,10 @@ Non-goals: speed; finding traces; files (`trace.py`), showing them (`to_report.p
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.explore.judge.answers import TraceDraws, WrongPickError
-from soter.explore.judge.judge import Judge
+from soter.explore.judge.judge import Judge, fault_text
 from soter.explore.trace.choices import ChoiceWords
 from soter.explore.trace.schedule import NotAllowedError, Schedule, actors_of, plan_of
 from soter.explore.trace.trace import (
@@ -31,6 +30,7 @@ from soter.explore.trace.trace import (
 from soter.program.model.types import ListType
 from soter.program.model.values import to_json
 from soter.semantics.interpreter import Interpreter
+from soter.semantics.properties import fault_of
 from soter.semantics.record import Outcome, Verdict
 from soter.semantics.rules import environment_input
 
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     from soter.explore.trace.schedule import Actor
     from soter.explore.trace.trace import Choice, Trace
-    from soter.program.meaning.arith import StepFault
     from soter.program.model.system import System
     from soter.program.model.types import Value
     from soter.semantics.configuration import Configuration
@@ -194,6 +193,8 @@ class _Run:
         """The start of the world is step 0, whether the trace says so or not."""
         self.draws.begin(first.choices if first is not None and born else ())
         self.c: Configuration = self.interpreter.initial()
+        self._before = self.c
+        """Where the last step was made."""
         self.ended = False
         """Something is violated: no execution goes on from there."""
         self.steps: list[Stepped] = []
@@ -208,6 +209,7 @@ class _Run:
             self._tell(number, step, "", self.draws.end(), _Event())
             return
         actor = self.schedule.actors[i]
+        self._before = self.c
         self.c = replace(self.c, ct=step.time_ns)
         self.draws.begin(step.choices)
         event = self._act(actor, step)
@@ -244,8 +246,9 @@ class _Run:
         told = _Event(broken=self._broken(n, event))
         self.ended = bool(told.broken)
         if event.fault is not None:
-            told.fault = self._fault(event.fault)
+            told.fault = fault_text(event.fault)
             told.reasons = self._fault_reasons(n, told)
+        told.reasons |= self._contract_reasons(n, told, before)
         told.gated = not before.OE[n]
         if held_back:
             self._hold_back(before, n, event)
@@ -273,15 +276,21 @@ class _Run:
                 )
         return found
 
-    def _fault(self, fault: StepFault) -> str:
-        """What went wrong, and where in the source."""
-        if fault.span is None:
-            return str(fault)
-        return f"{fault}, {Path(fault.span.source.name).name}:{fault.span.line}"
-
     def _fault_reasons(self, n: int, told: _Event) -> dict[Broken, str]:
         name = self.system.components[n].name
         return {b: f"`{name}` faults ({told.fault})" for b in told.broken if b.what == FAULT}
+
+    def _contract_reasons(self, n: int, told: _Event, before: Configuration) -> dict[Broken, str]:
+        """Of contracts that could not be judged: what went wrong."""
+        component, reasons = self.system.components[n], {}
+        for b in told.broken:
+            if b.what == CONTRACT:
+                assumed = self.system.properties[b.index].kind == "assumes"
+                c = before if assumed else self.c
+                fault = fault_of(self.machine, c, b.index, component)
+                if fault is not None:
+                    reasons[b] = f"judging it faults ({fault_text(fault)})"
+        return reasons
 
     def _decided(self, verdict: Verdict) -> _Event:
         name = self.system.modules[verdict.module].name
@@ -339,7 +348,7 @@ class _Run:
         if not self.ended and step.kind != START:
             over = self.schedule.is_over
             found = self.judge.at(self.c, observable=observable, over=over)
-            event.reasons |= {b: self.judge.reason(b, self.c) for b in found}
+            event.reasons |= {b: self.judge.reason(b, self.c, self._before) for b in found}
             broken = [*broken, *found]
             self.ended = bool(broken)
         self.steps.append(

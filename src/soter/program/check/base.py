@@ -116,6 +116,16 @@ class ExprBase(ABC):
         if context.broken:
             self.names.losses += 1
             return
+        elements = [n for n in context.instances or () if n.startswith(f"{name.text}[")]
+        if elements:
+            self.diagnostics.error(
+                "N001",
+                f"`{name.text}` is an array of instances",
+                name.span,
+                "which of them is not said",
+                helps=(f"write `{elements[0]}`",),
+            )
+            return
         known = chain(context.local_names(), more, context.instances or ())
         self.names.unknown(
             context.scope, name.text, name.span, known, where=context.where, dotted=dotted

@@ -160,6 +160,8 @@ class _TestElaborator(Elaborator):
                     scope=scope,
                     text=_text(item),
                     span=item.span,
+                    asks=item.asks,
+                    promises=item.text,
                 )
             )
         return result
@@ -362,9 +364,11 @@ class _TestElaborator(Elaborator):
             return
         self.diagnostics.warning(
             "W008",
-            f"a quantum of {show_ns(plan.quantum_ns)} is coarser than the time a step may be late",
+            f"a quantum of {show_ns(plan.quantum_ns)} is coarser than the time a step may be late"
+            if room
+            else f"a quantum of {show_ns(plan.quantum_ns)} does nothing where no step may be late",
             expr.span,
-            f"at most {show_ns(room)}" if room else "no step of this test may be late",
+            f"at most {show_ns(room)}" if room else "every step of this test is in time",
             notes=("a step happens as early as it can, or later, at a multiple of the quantum",),
             helps=("choose a quantum that divides the skew and the times of the faults",)
             if room

@@ -228,6 +228,9 @@ class TimedProperty:
     scope: Scope
     text: str
     span: Span
+    asks: str = ""
+    promises: str = ""
+    """The premise and the condition as people read them: in a loop with its variables filled in."""
 
 
 @dataclass(eq=False)

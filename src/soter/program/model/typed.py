@@ -677,7 +677,8 @@ class PropertySymbol:
 
     "invariant" (tests only) has no expressions: `module` is the instance path it is about, None
     for `invariants`, all of them. `whole` is what people read where its place in the program does
-    not say it: in a loop, with the loop variables filled in.
+    not say it: in a loop, with the loop variables filled in; so are `text`, of the condition, and
+    `asks`, of the premise.
     """
 
     kind: str
@@ -688,6 +689,7 @@ class PropertySymbol:
     span: Span
     module: str | None = None
     whole: str = ""
+    asks: str = ""
 
 
 @dataclass(eq=False)

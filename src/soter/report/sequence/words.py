@@ -81,7 +81,7 @@ def _kind(step: SequenceStep) -> str:
     if step.lasts_ns is None:
         return KINDS[step.kind]
     if step.lasts_ns == 0:
-        return "starts, takes effect at once" if step.kind == "overrun" else "takes effect at once"
+        return "starts" if step.kind == "overrun" else f"{KINDS[step.kind]}, 0 ms later"
     if step.kind == "overrun":
         return f"starts, takes effect {duration_text(step.lasts_ns)} later"
     return f"{KINDS[step.kind]} {duration_text(step.lasts_ns)} after its start"

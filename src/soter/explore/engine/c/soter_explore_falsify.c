@@ -199,6 +199,27 @@ static uint32_t who(soter_walk* w, uint64_t enabled) {
 
 /* ------------------------------------------------------------------ robustness */
 
+/* The share of a time that is left, positive at its last instant; negative: it is over. */
+static double share(int64_t left_ns, int64_t within_ns) {
+  return (double)(left_ns < 0 ? left_ns : left_ns + 1) / ((double)within_ns + 1.0);
+}
+
+/* Of a promise that was not kept in its time: how long it has been over, negative. Nothing keeps
+ * one after the end of an execution. Seen in every configuration. */
+static double missed(soter_walk* w, const soter_aim* g) {
+  soter_place* const x = &w->x;
+  const int64_t due = soter_due_of(x->p, x->there)[g->index];
+  const int64_t now = soter_schedule_of(x->p, x->there)->now;
+  const int64_t within = x->m->timed[g->index].within_ns;
+  if (due == SOTER_NO_DEADLINE || now < 0) {
+    return INFINITY;
+  }
+  if (due < now) {
+    return share(due - now, within);
+  }
+  return soter_at_the_end(x) ? share(due - x->m->horizon_ns - 1, within) : (double)INFINITY;
+}
+
 /* Of a promise: what was left of its time when it was kept; where none was asked for, how far the
  * premise is from asking. */
 static double promise(soter_walk* w, const soter_aim* g, double* scale) {
@@ -208,8 +229,7 @@ static double promise(soter_walk* w, const soter_aim* g, double* scale) {
   const int64_t after = soter_due_of(x->p, x->there)[g->index];
   if (before != SOTER_NO_DEADLINE) {
     const int64_t now = soter_schedule_of(x->p, x->there)->now;
-    const double left = (double)(before - now) / ((double)t->within_ns + 1.0);
-    return before == after ? (double)INFINITY : left;
+    return before == after ? (double)INFINITY : share(before - now, t->within_ns);
   }
   if (after != SOTER_NO_DEADLINE || g->premise == NULL) {
     return INFINITY; /* it is asked for from now on; or was kept for good */
@@ -228,25 +248,26 @@ static double invariant(soter_walk* w, const soter_aim* g, double* scale) {
   }
   const int64_t now = soter_schedule_of(x->p, x->there)->now;
   const int64_t until = soter_verdict_of(x->m, x->there)[t->module] + t->within_ns;
-  const double left = (double)(until - now) / ((double)t->within_ns + 1.0);
+  const double left = share(until - now, t->within_ns);
   return left < safe ? left : safe;
 }
 
-static double robustness(soter_walk* w, const soter_aim* g, double* scale) {
+static double robustness(soter_walk* w, const soter_aim* g, double* scale, bool observable) {
   if (g->what == 0U) {
-    return g->of(w->x.there, scale);
+    return observable ? g->of(w->x.there, scale) : (double)INFINITY;
   }
-  const bool always = w->x.m->timed[g->index].kind == SOTER_INVARIANT;
-  return always ? invariant(w, g, scale) : promise(w, g, scale);
+  if (w->x.m->timed[g->index].kind == SOTER_INVARIANT) {
+    return observable ? invariant(w, g, scale) : (double)INFINITY;
+  }
+  const double over = missed(w, g);
+  return observable && over > 0.0 ? promise(w, g, scale) : over;
 }
 
 static void observe(soter_walk* w) {
   falsifier* const f = w->own;
-  if (!soter_is_observable(&w->x)) {
-    return;
-  }
+  const bool observable = soter_is_observable(&w->x);
   for (uint32_t i = 0; i < w->x.m->guides; i++) {
-    const double found = robustness(w, &w->x.m->guide[i], f->scale);
+    const double found = robustness(w, &w->x.m->guide[i], f->scale, observable);
     if (found < f->least[i]) {
       f->least[i] = found;
       f->when[i] = time_now(w);

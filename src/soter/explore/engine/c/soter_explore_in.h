@@ -164,6 +164,9 @@ SOTER_INLINE bool soter_is_known(const soter_place* x, const soter_broken* broke
 /* Whether time may pass in the world in `there`. */
 bool soter_is_observable(soter_place* x);
 
+/* Whether nobody has a step left in `there`. */
+bool soter_at_the_end(soter_place* x);
+
 /* Whether the world in `there` violates a property, and which: one that is not known, if any. */
 bool soter_violates(soter_place* x, soter_broken* broken);
 void soter_cover(soter_place* x, uint32_t actor);

@@ -298,7 +298,7 @@ bool soter_is_observable(soter_place* x) {
   return true;
 }
 
-static bool at_the_end(soter_place* x) {
+bool soter_at_the_end(soter_place* x) {
   for (uint32_t i = 0; i < x->m->actors; i++) {
     if (window_of(x, i, x->there).low != SOTER_NO_DEADLINE) {
       return false;
@@ -428,7 +428,7 @@ static bool timed_fails(soter_place* x, uint32_t i, bool observable) {
     return false;
   }
   const int64_t now = soter_schedule_of(x->p, x->there)->now;
-  return due < now || (now >= 0 && at_the_end(x));
+  return due < now || (now >= 0 && soter_at_the_end(x));
 }
 
 /* Something that is violated: the first of it, and of that the first that is not known. Whether it

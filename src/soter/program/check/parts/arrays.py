@@ -98,6 +98,8 @@ class Unroller:
             except _LostError:
                 self.shared.names.losses += 1
                 continue
+            if high < low and not values:
+                self._backwards(item, low, high)
             for i in range(low, high):
                 if self._left <= 0:
                     self._too_many(item)
@@ -124,6 +126,22 @@ class Unroller:
             item.low.span.to(item.high.span),
             "here at the latest",
             notes=("everything that runs has a place in memory of its own from the start",),
+        )
+
+    def _backwards(self, item: tree.Repeated, low: int, high: int) -> None:
+        """W011: the loop ends before it begins, and no loop around it has set its bounds.
+
+        Where it ends as it begins, that may be meant.
+        """
+        name = item.name.text
+        self.shared.diagnostics.warning(
+            "W011",
+            f"the loop over `{name}` makes nothing: it goes from {low} up to before {high}",
+            item.low.span.to(item.high.span),
+            "the end is less than the beginning",
+            helps=(
+                f"the end is the first number that is left out: `for {name} in 0..3` is 0, 1, 2",
+            ),
         )
 
     def _int(self, expr: tree.Expr, values: Values, what: str, code: str = "T008") -> int:

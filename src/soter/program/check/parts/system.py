@@ -290,10 +290,11 @@ class SystemChecker:
         within = self.time(item.within, Context(context.scope, context.where), "`within`")
         if is_error(condition) or (premise is not None and is_error(premise)):
             return None
-        text = print_expr(item.condition) if item.in_loop else source_line(item.condition)
+        read = print_expr if item.in_loop else source_line
         whole = _whole(item) if item.in_loop else ""
-        parts = (item.kind, premise, condition, within, text, item.span)
-        return typed.PropertySymbol(*parts, whole=whole)
+        asks = read(item.premise) if item.premise else ""
+        parts = (item.kind, premise, condition, within, read(item.condition), item.span)
+        return typed.PropertySymbol(*parts, whole=whole, asks=asks)
 
     def _only_in_a_test(self, item: tree.Property) -> None:
         self.diagnostics.error(
