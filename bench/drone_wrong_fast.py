@@ -187,8 +187,10 @@ FOLLOWERS = (
         "the guard of a box, and what it promises, say nothing of S_0",
         (
             GUARD,
-            "  return Nested(e) && Nested(w) && Nested(n) && Nested(s) && Nested(a)\n"
-            "      && Nested(b);\n",
+            (
+                "  return Nested(e) && Nested(w) && Nested(n) && Nested(s) && Nested(a)\n"
+                "      && Nested(b);\n"
+            ),
         ),
     ),
     _fast(
