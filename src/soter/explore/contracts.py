@@ -43,13 +43,9 @@ def told(system: System) -> Iterator[str]:
 
 
 def _held_to_it(system: System, of: str) -> str:
-    program = system.program
-    here = program.tests[plan_of(system).name]
     found: dict[str, list[str]] = {}
-    for name, test in program.tests.items():
-        how = _asked(test, here, of)
-        if how is not None:
-            found.setdefault(how, []).append(name)
+    for name, how in _asked_of(system, of):
+        found.setdefault(how, []).append(name)
     if "" in found:
         return (
             f"whether it keeps it is asked by {listed(found[''])}, where it runs as it is, as far "
@@ -62,10 +58,18 @@ def _held_to_it(system: System, of: str) -> str:
 
 def asked_by(system: System) -> dict[str, list[str]]:
     """What is replaced by its contract -> the tests in which it runs as it is."""
-    tests = system.program.tests
-    here = tests[plan_of(system).name]
     names = {c.stands_for.of for c in system.components if c.stands_for is not None}
-    return {of: [n for n, t in tests.items() if _asked(t, here, of) == ""] for of in sorted(names)}
+    return {of: [n for n, how in _asked_of(system, of) if not how] for of in sorted(names)}
+
+
+def _asked_of(system: System, of: str) -> Iterator[tuple[str, str]]:
+    """Tests of the program that have it, and how; none of a test that is made up on the way."""
+    tests = system.program.tests
+    here = tests.get(plan_of(system).name)
+    for name, test in tests.items():
+        how = None if here is None else _asked(test, here, of)
+        if how is not None:
+            yield name, how
 
 
 def _asked(test: typed.TestSymbol, here: typed.TestSymbol, of: str) -> str | None:

@@ -125,14 +125,18 @@ def _no_list(t: Type) -> SoterError:
 def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
     """Everything an agent may publish: a `Box` of floats, or `Discrete` for one int or enum.
 
-    SoterError U001 where it is neither.
+    SoterError U001 where it is neither, or where no float32 lies in a set.
     """
     bounds = [b for t in topics for b in t.bounds]
     kinds = [k for t in topics for _, k in leaves(t.type)]
     if all(isinstance(k, FloatType) for k in kinds) and None not in bounds:
         low = np.array([b.low for b in bounds if b is not None])
         high = np.array([b.high for b in bounds if b is not None])
-        return spaces.Box(_inward(low, high), _inward(high, low), dtype=np.float32)
+        least, most = _inward(low, high), _inward(high, low)
+        if (least < low).any() or (most > high).any() or (least > most).any():
+            names = ", ".join(f"`{t.name}`" for t in topics)
+            raise wrong_choice(f"no float32 lies in a set of {names}", "give action_space=...")
+        return spaces.Box(least, most, dtype=np.float32)
     if len(kinds) == 1:
         return _discrete(kinds[0], bounds[0])
     names = ", ".join(f"`{t.name}`" for t in topics)

@@ -9,7 +9,7 @@ import pytest
 from gym_cart import CART, WALL, Cart, Replay  # type: ignore[import-not-found]
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
-from hypothesis import given
+from hypothesis import example, given
 from hypothesis import strategies as st
 
 import soter
@@ -276,12 +276,18 @@ def test_linked_c_with_a_memory_steps_once_a_step(
 
 
 @given(st.floats(-1e6, 1e6), st.floats(0.0, 1e6))
+@example(-262144.4296875, 0.015625)
+@example(0.1, 0.0)
 def test_no_action_of_the_space_is_outside_the_set(low: float, width: float) -> None:
     topic = soter.load(CART).flat().topic("accel")
     high = low + width
     topic.bounds = (Bound(low, high),)
-    if np.float32(low) == np.float32(high) and not low <= float(np.float32(low)) <= high:
-        return  # no float32 at all lies in it
+    least = np.float32(low)
+    least = least if float(least) >= low else np.nextafter(least, np.float32(np.inf))
+    if float(least) > high:
+        with pytest.raises(soter.SoterError, match="no float32 lies in a set"):
+            action_space([topic])
+        return
     box = action_space([topic])
     assert isinstance(box, spaces.Box)
     assert low <= float(box.low[0]) <= float(box.high[0]) <= high
