@@ -32,7 +32,7 @@ from soter.reach.grid.sets import UnboundedError
 from soter.reach.induction.problem import InductionProblem
 from soter.reach.induction.verify import verify_by_induction
 from soter.reach.methods import in_order, method_of
-from soter.reach.problem.assumed import SCHEME, UNKEPT
+from soter.reach.problem.assumed import SCHEME
 from soter.reach.problem.extract import cases
 from soter.reach.time.timing import DELAYS, in_words
 from soter.reach.undecided.patience import recover_at_last
@@ -265,11 +265,8 @@ def _handed_over(problem: Problem, result: ModuleResult, done: list[Case]) -> No
 
     That the state lies in R(H) wherever it holds is about all of K and R(H): no claim of one case.
     """
-    unkept = [a for a in problem.assumptions if a.startswith(UNKEPT)]
-    if not problem.entered and not unkept:
-        return
-    why = unkept[0] if unkept else ""
-    if not why:
+    entered, why = problem.jumps.entered, problem.jumps.unkept
+    if entered and not why:
         open_ = next(filter(None, map(not_entered, done)), "")
         why = f"nothing shows that `enters` implies R(H): {open_}" if open_ else ""
     for finding in (result.findings[c] for c in ("P2a", "P3") if why):
@@ -277,7 +274,7 @@ def _handed_over(problem: Problem, result: ModuleResult, done: list[Case]) -> No
             finding.verdict, finding.text = UNDECIDED, why
             finding.hint = "a guard that lets less in, over what the view's plants drive; or leave "
             finding.hint += "`enters` out: then every change is an assumption"
-    for text, shown in problem.entered.items() if not why else ():
+    for text, shown in entered.items() if not why else ():
         problem.assumptions.remove(text)
         result.notes += (shown,)
 

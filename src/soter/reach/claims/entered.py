@@ -32,8 +32,8 @@ def not_entered(case: Case) -> str:
     problem, library = case.problem, case.forms.library
     if library.symbol(ENTERS) == library.ffi.NULL:
         return "what it says cannot be enclosed"
-    if case.failures:
-        return "the view is not proved"
+    if case.failed("P2a"):  # else R(H) is there, whatever else is not shown
+        return "there is no R(H)"
     if {a.state for p in case.proofs for a in p.group.axes} != set(range(len(problem.states))):
         return "not every state is on an axis"
     reach = _reach(problem)

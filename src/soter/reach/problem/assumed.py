@@ -13,6 +13,7 @@ from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
 from soter.program.model.walk import calls_in, topic_reads
 from soter.reach.induction.handover import handovers
+from soter.reach.problem.problem import Jumps
 from soter.reach.time.timing import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
 if TYPE_CHECKING:
@@ -45,17 +46,10 @@ NO_DROPOUT = (
 )
 
 
-UNKEPT = "`enters` shows nothing of"
-"""How the assumption begins that a declared `enters` leaves where nobody was shown to keep it."""
-
-
 def assumptions_of(
-    place: Place, inputs: Inputs, times: Times, routes: Routes, kind: str, jumps: list[str]
+    place: Place, inputs: Inputs, times: Times, routes: Routes, kind: str, jumps: Jumps
 ) -> list[str]:
-    """Every assumption; SCHEME is taken out again where the scheme turns out to be covered.
-
-    `jumps`: those of `jumps_of`.
-    """
+    """Every assumption; SCHEME is taken out again where the scheme turns out to be covered."""
     found = [
         *_environment(place, inputs, jumps),
         *_ways(place, routes),
@@ -75,14 +69,11 @@ def assumptions_of(
     return found
 
 
-def jumps_of(place: Place) -> tuple[list[str], dict[str, str]]:
-    """What of the state of an abstraction stands in topics, and so may change at once.
-
-    Second: those that say that it then lies in R(H), each with what is said where that turns out to
-    be shown.
-    """
+def jumps_of(place: Place) -> Jumps:
+    """Of all abstractions of a module."""
     found: list[str] = []
     entered: dict[str, str] = {}
+    unkept: list[str] = []
     for link in place.module.symbol.verify.abstracts:
         given = {h.topic: h for h in handovers(place.flat, place.home, link)}
         kept = [h for h in given.values() if not h.why]
@@ -108,11 +99,11 @@ def jumps_of(place: Place) -> tuple[list[str], dict[str, str]]:
             )
             found.append(f"{fact} ({alone}: proved)")
             entered[found[-1]] = f"{fact}; {alone}: proved"
-        found += [
-            f"{UNKEPT} {h.topic.name}, on which {link.name} rests: {h.why}"
+        unkept += [
+            f"`enters` shows nothing of {h.topic.name}, on which {link.name} rests: {h.why}"
             for h in ([] if kept else given.values())
         ]
-    return found, entered
+    return Jumps((*found, *unkept), entered, unkept[0] if unkept else "")
 
 
 def _judged(place: Place) -> list[str]:
@@ -129,13 +120,13 @@ def _judged(place: Place) -> list[str]:
     return found
 
 
-def _environment(place: Place, inputs: Inputs, jumps: list[str]) -> list[str]:
+def _environment(place: Place, inputs: Inputs, jumps: Jumps) -> list[str]:
     found = [
         f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
         f"within its bounds, from the initial states of {link.name} on"
         for link in place.module.symbol.verify.abstracts
     ]
-    found += jumps
+    found += jumps.told
     if place.abstract:
         found += _judged(place)
     names = ", ".join(c.name for c in place.plants)

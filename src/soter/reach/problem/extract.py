@@ -67,7 +67,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     symbol = at.module.symbol
     levels = symbol.verify.levels
     recover = symbol.verify.recover
-    jumps, entered = jumps_of(at)
+    jumps = jumps_of(at)
     return Problem(
         system=at.system,
         core=lower(at.system),
@@ -99,7 +99,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         beside=beside(at),
         view=module.view,
         whole=whole(at) if module.view else None,
-        entered=entered,
+        jumps=jumps,
         influences=at.influences,
         commands=commands,
         parameter_start=tuple(inputs.parameter_start),

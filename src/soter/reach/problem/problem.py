@@ -159,6 +159,20 @@ class Parameter:
     values: tuple[int, ...]
 
 
+@dataclass(frozen=True)
+class Jumps:
+    """What of an abstraction's state stands in topics, so that it may change at once.
+
+    `told`: the assumptions. `entered`: those of them that say that the state then lies in R(H) ->
+    what is said of each where that is shown. `unkept`: that nobody was shown to keep to `enters`,
+    also one of them; "": somebody was, or there is none.
+    """
+
+    told: tuple[str, ...] = ()
+    entered: Mapping[str, str] = field(default_factory=dict)
+    unkept: str = ""
+
+
 @dataclass(eq=False, kw_only=True)
 class Problem:
     """One module with its verification plants.
@@ -204,9 +218,7 @@ class Problem:
     """Topics of SC that no plant drives -> the node that publishes them in every step."""
     whole: System | None = None
     """Of a view: the verification system with all of the module's predicates."""
-    entered: Mapping[str, str] = field(default_factory=dict)
-    """Of a view: assumptions that its state lies in R(H) where it jumps -> what is said of each
-    where that is shown."""
+    jumps: Jumps = field(default_factory=Jumps)
     influences: tuple[Influence, ...] = ()
     """What others publish and what moves the plants: the last disturbances of each plant."""
     commands: tuple[tuple[float, ...], ...] = ()
