@@ -125,7 +125,7 @@ def test_the_residual_stays_below_what_the_sets_assume(constants: dict[str, Any]
         for seed in range(3):
             run = run_of("adversaries.soter", "Shaken", seed, 60, SHAKE=shake_ms * 10**6)
             worst = np.maximum(worst, residual(run).max(axis=0))
-    for system in ("Twitching", "Jerking", "Pushing", "Ramming"):
+    for system in ("Twitching", "Jerking", "Pushing", "Ramming", "Reversing", "Rhythmic"):
         worst = np.maximum(worst, residual(run_of("adversaries.soter", system, 0, 60)).max(axis=0))
     assert worst.max() <= constants["RESIDUAL"], worst
     assert worst.max() >= 0.05, "a residual of nothing was measured wrongly"
