@@ -76,6 +76,13 @@ BENCHMARKS = (
         "with which the verification plant explains what the 13-state vehicle did, on true states.",
     ),
     Benchmark(
+        "The rhythm that the drone follows worst",
+        ("bench/drone_rhythms.py",),
+        "A search for the set-points that are followed worst, on laps and in corridors, along each "
+        "axis and along all: the least bound on |d| that explains each 5 ms, beside the D of the "
+        "proof. Exit code 1 where one is beyond it.",
+    ),
+    Benchmark(
         "The drone's plans",
         ("bench/drone_plans.py",),
         "10,000 plans by OMPL's RRT*, 10,000 by the roadmap, 10,000 by RRT* with a bug put in, "
