@@ -55,6 +55,14 @@ _LOOK_AHEAD = 5  # tokens the parser may look ahead without asking for the end
 
 #: A word of the grammar where a statement begins with it and a name follows; a name elsewhere.
 PUSH = "push"
+#: Reserved words that begin something: names, too, where what stands beside them says so.
+SOFT = frozenset(["next", "state", "period", "phase", "step", "type", "test"])
+_OPERATOR = frozenset("= , . ( [ ? + - * / % < > <= >= == != && || ..".split())
+_NAME_FOLLOWS = _OPERATOR | set(
+    "! var let const param fun topic state next der test subscribes publishes publish for if elseif "
+    "return assert".split()
+)
+_NAME_BEFORE = (_OPERATOR - {"("}) | set(": ; ) ] } in".split())
 _KIND_OF_WORD = {word: word for word in (*RESERVED, PUSH)}
 
 _DIGITS = r"[0-9]+(?:_[0-9]+)*"
@@ -207,7 +215,20 @@ def lex(source: Source) -> Tokens:
         tokens.add(EOF, "", len(text), len(text))
     if PUSH in kinds:
         _push_is_a_name_elsewhere(kinds)
+    if not SOFT.isdisjoint(kinds):
+        _soft_words(kinds)
     return tokens
+
+
+def _soft_words(kinds: list[str]) -> None:
+    """`next x = e;` begins a rule and `m.next` reads a field: a neighbour tells which.
+
+    Such a word is a name behind one that a name follows, and before `=`, `:`, an operator or a
+    closing bracket, where nothing could begin.
+    """
+    for i, kind in enumerate(kinds):
+        if kind in SOFT and (kinds[i + 1] in _NAME_BEFORE or (i and kinds[i - 1] in _NAME_FOLLOWS)):
+            kinds[i] = NAME
 
 
 def _push_is_a_name_elsewhere(kinds: list[str]) -> None:

@@ -201,7 +201,7 @@ SLIPS = [
     ("return m.x", "while m.x < 1 { let a = 1; } return m.x", "S018"),
     ("return m.x", "for (i = 0; i < 3; i = i + 1) { a = 3; } return m.x", "S006"),
     ("return m.x", "for i = 0..3 { } return m.x", "S005"),
-    ("return m.x", "let state = 3; let b = state + state; return m.x", "S006"),
+    ("return m.x", "let node = 3; let b = node + node; return m.x", "S006"),
     ("return m.x", "let = 3; return m.x", "S006"),
     ("return m.x", "let a = ; return m.x", "S007"),
     ("return m.x", "let a; return m.x", "S005"),

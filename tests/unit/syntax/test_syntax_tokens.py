@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.diagnostics.source import Source
-from soter.syntax.tokens import EOF, lex, string_value, visible
+from soter.syntax.tokens import EOF, SOFT, lex, string_value, visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -147,3 +147,18 @@ def test_string_value_resolves_the_escapes() -> None:
 def test_visible_makes_any_text_printable_and_short() -> None:
     assert visible("a\x00b\n") == "a<U+0000>b<U+000A>"
     assert visible("x" * 100) == "x" * 24 + "..."
+
+
+def test_a_soft_word_is_a_name_beside_what_tells_so() -> None:
+    source = Source("t.soter", "next x = m.next + next; state state: float; period 10ms step { }")
+    tokens = lex(source)
+    words = [(t, k) for t, k in zip(tokens.texts, tokens.kinds, strict=True) if t in SOFT]
+    assert [(t, k == t) for t, k in words] == [
+        ("next", True),
+        ("next", False),
+        ("next", False),
+        ("state", True),
+        ("state", False),
+        ("period", True),
+        ("step", True),
+    ]
