@@ -193,9 +193,10 @@ def _modes(problem: Problem) -> list[Guarantee]:
         Guarantee(problem.name, f"mode({name}) is SC or AC", f"the DM of {name}", "enforced")
         for name in problem.modes.topics.values()
     ]
-    for name in problem.modes.waits:
-        found.append(Guarantee(problem.name, f"for P2b alone: {name} in AC", name, "assumed"))
-    return found
+    return found + [
+        Guarantee(problem.name, f"for P2b alone: {name} in AC", name, "assumed")
+        for name in problem.modes.waits
+    ]
 
 
 def _moved(flat: System, problem: Problem) -> list[Guarantee]:

@@ -19,6 +19,7 @@ from soter.program.model.durations import show_ns
 from soter.program.model.system import Property
 from soter.program.model.walk import calls_in, mode_reads, topic_reads
 from soter.reach.induction.calendar import Clock
+from soter.reach.problem.modes import NO_MODES
 from soter.reach.problem.problem import NODES, Problem, Times
 from soter.reach.problem.quantities import Quantities
 from soter.reach.time.schedule import Releases, Schedule
@@ -29,6 +30,10 @@ if TYPE_CHECKING:
     from soter.program.model.system import Component, Module, System
     from soter.reach.problem.modes import Modes
 
+OF_MODES = (
+    "modes of others may stand in SC, `ttf` and `safer`; another mode may change at any instant, "
+    "so `safe` and lemmas have to hold in all of them"
+)
 OTHERS = (
     "groups",
     "abstracts",
@@ -85,7 +90,7 @@ class InductionProblem(Problem):
     """The system that the module stands in."""
 
 
-def extract_induction(flat: System, module: Module, modes: Modes) -> InductionProblem:
+def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> InductionProblem:
     """The problem of `module` of the flat system; `SoterError` R030, R031 or R032.
 
     `modes`: whose modes it reads, as topics that nobody publishes.
@@ -200,10 +205,7 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
                 "R030",
                 f"module `{module.name}` speaks of the mode of another module",
                 read.span,
-                notes=(
-                    "modes of others may stand in SC, `ttf` and `safer`; another mode may change "
-                    "at any instant, so `safe` and lemmas have to hold in all of them",
-                ),
+                notes=(OF_MODES,),
             )
     for topic in topic_reads(symbol.safe):
         index = module.scope.topics[topic]

@@ -33,7 +33,8 @@ class Stretch:
     """The time [0, end) of a run (`first`), or from any hyperperiod on, from any state.
 
     `returning`: what the DM reads is fresh, the gate has nothing against AC, what is said of plants
-    and other modules stays as it is, and those are in AC for whom `safer` waits (P2b); `stays`: the mode is SC all the time.
+    and other modules stays as it is, and those are in AC for whom `safer` waits (P2b); `stays`:
+    the mode is SC all the time.
     `latching`: a step may fault where that hangs on something uninterpreted; its node is latched
     then, as in semantics.md. Without it every fault is something that fails.
     """

@@ -146,7 +146,8 @@ def _returns(problem: InductionProblem, found: Induction) -> Finding:
         granted = [*(["`progress` holds"] if problem.progress else [])]
         still = sorted(problem.system.topics[i].name for i in problem.heard)
         granted += [f"{_named(still, 'and')} stays as it is"] if still else []
-        granted += [f"{said(problem.modes.waits)} in AC"] if problem.waited else []
+        if problem.modes is not None and problem.modes.waits:
+            granted += [f"{said(problem.modes.waits)} in AC"]
         granted += [f"no step of {_named(found.latching, 'or')} faults"] if found.latching else []
         if granted:
             finding.verdict = ASSUMED

@@ -53,6 +53,9 @@ class Modes:
         return found + ([f"for P2b nothing can be assumed: {self.never}"] if self.never else [])
 
 
+NO_MODES = Modes()
+
+
 def said(names: tuple[str, ...]) -> str:
     """`A is`, or `A and B are`."""
     *most, last = names
@@ -70,7 +73,7 @@ def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes
     read = _read_by(module, sc)
     others = {s: own[s] for s in read if s in own and own[s] != module.index}
     if not others:
-        return flat, module, Modes()
+        return flat, module, NO_MODES
     by_index = {i: _symbol(flat.modules[i].name, flat.modules[i].symbol) for i in others.values()}
     names: Names = tuple((s, by_index[i]) for s, i in others.items())
     topics = dict.fromkeys(by_index.values())

@@ -131,7 +131,8 @@ def _published_here_only(facts: InductionFacts, index: int) -> None:
 def modes_of_others(facts: InductionFacts) -> list[str]:
     """Modules whose modes the actors and the module's predicates read."""
     flat, own = facts.flying, facts.flying_module
-    asked = [(own.scope, [e for e in (facts.symbol.ttf, facts.symbol.safer) if e is not None])]
+    predicates: list[object] = [facts.symbol.ttf, facts.symbol.safer]
+    asked = [(own.scope, [e for e in predicates if e is not None])]
     asked += [(c.scope, list(c.node.step)) for c in facts.actors if c.node and c.role != "ac"]
     read = {
         scope.modules.get(n.module, own.index)

@@ -124,10 +124,10 @@ class Model:
     # ------------------------------------------------------------ SC and predicates
 
     def commands(self, terms: Terms, states: Sequence[Linear]) -> list[Linear]:
-        """What SC publishes after a sample of these states, whatever its locals and other modes are.
+        """What SC publishes after a sample of these states, whatever its locals and others' modes.
 
-        Obligations are those of its step, for every value of its locals and of every mode. NotRecheckedError where a
-        step may publish no command.
+        Obligations are those of its step, for every value of its locals and of every mode.
+        NotRecheckedError where a step may publish no command.
         """
         sc = self.facts.sc
         assert sc.node is not None

@@ -1,7 +1,7 @@
 """Modes of other modules, as the re-checker reads them.
 
-Purpose: who decides them is no part of a certificate: a step of SC is read once for each combination
-of them, a predicate with each of them open.
+Purpose: who decides them is no part of a certificate: a step of SC is read once for each
+combination of them, a predicate with each of them open.
 Non-goals: what a module waits for (P2b is not claimed of one that waits); sharing code with
 `reach/problem/modes.py`, which reads topics in their place.
 """
@@ -31,8 +31,9 @@ MODES_MAX = 4
 
 def modes_in(code: Sequence[object]) -> list[Key]:
     """Modules whose mode is read."""
-    found = [n.module for n in nodes([x for x in code if x is not None])
-             if isinstance(n, typed.ModeRead)]
+    found = [
+        n.module for n in nodes([x for x in code if x is not None]) if isinstance(n, typed.ModeRead)
+    ]
     return list(dict.fromkeys(found))
 
 
@@ -51,7 +52,7 @@ def any_mode(terms: Terms, code: Sequence[object]) -> dict[Key, Any]:
 
 
 def only_modes_of_others(facts: Facts) -> None:
-    """`NotRecheckedError` where the module's own mode is read, or one that is unknown; or in `safe`.
+    """`NotRecheckedError` where the module's own mode is read, an unknown one, or one in `safe`.
 
     Asked where the module flies: symbols of a view, or of an abstraction, are others.
     """
@@ -78,4 +79,6 @@ def names_of(facts: Facts) -> tuple[list[str], list[str]]:
     read = [sc.scope.modules[k] for k in modes_in(sc.node.step)]
     read += [module.scope.modules[k] for k in modes_in([facts.symbol.ttf])]
     every = sorted({*read, *waited})
-    return [flying.modules[i].name for i in every], [flying.modules[i].name for i in sorted({*waited})]
+    return [flying.modules[i].name for i in every], [
+        flying.modules[i].name for i in sorted({*waited})
+    ]

@@ -55,8 +55,9 @@ CODE: dict[type, str] = {
 }
 """Expressions, statements and functions, each with its fields.
 
-Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age`, `truth`, `choose`,
-`push`. `mode` is that of another module, and stands in SC, `ttf` and `safer` alone (`modes.py`).
+Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age`, `truth`,
+`choose`, `push`. `mode` is that of another module, and stands in SC, `ttf` and `safer` alone
+(`modes.py`).
 """
 DECLARATIONS: dict[type, str] = {
     t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "
