@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import random
 from typing import TYPE_CHECKING
 
+import numpy as np
 import pytest
 
 from generators.coordinated import (
@@ -33,14 +35,16 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.reach.claims.results import ModuleResult, VerifyReport
-    from soter.recheck.report import RecheckReport
+    from soter.recheck.report import Report
 
 SAFETY = ("P2a", "P3", "ttf", "safer", "start", "DM")
 HEARD = (
     "node SlowX",
-    "topic brake: float in [0.5, 1.0] = 1.0;\n"
-    "node Brake period 50ms { publishes brake; "
-    "step { publish brake = mode(KeepY) == Mode.SC ? 0.5 : 1.0; } }\nnode SlowX",
+    (
+        "topic brake: float in [0.5, 1.0] = 1.0;\n"
+        "node Brake period 50ms { publishes brake; "
+        "step { publish brake = mode(KeepY) == Mode.SC ? 0.5 : 1.0; } }\nnode SlowX"
+    ),
 )
 BRAKED = [
     HEARD,
@@ -50,14 +54,17 @@ BRAKED = [
 ]
 AC_LOOKS = (
     "node FastX period 20ms { publishes u; step { publish u = 1.0; } }",
-    "node FastX period 20ms { publishes u; "
-    "step { publish u = mode(KeepY) == Mode.AC ? 1.0 : mode(KeepX) == Mode.AC ? 0.5 : 0.1; } }",
+    (
+        "node FastX period 20ms { publishes u; "
+        "step { publish u = mode(KeepY) == Mode.AC ? 1.0 : mode(KeepX) == Mode.AC ? 0.5 : 0.1; } }"
+    ),
 )
-FLAG = ("publish u =", "let careful = mode(KeepY) == Mode.SC;\n publish u =")
 IN_A_BRANCH = (
     "publish u = " + LAW + ";",
-    "var most = 1.0; if mode(KeepY) == Mode.SC { most = 0.5; } "
-    "publish u = clamp(-2.0 * x, -most, most);",
+    (
+        "var most = 1.0; if mode(KeepY) == Mode.SC { most = 0.5; } "
+        "publish u = clamp(-2.0 * x, -most, most);"
+    ),
 )
 
 
@@ -73,7 +80,7 @@ def of_x(folder: Path, *changes: tuple[str, str]) -> ModuleResult:
     return verified(folder, *changes)["KeepX"]
 
 
-def rechecked(folder: Path) -> RecheckReport:
+def rechecked(folder: Path) -> Report:
     return recheck(folder / "cert")
 
 
@@ -330,3 +337,37 @@ rta KeepX {
     verdict, why = start("seen - 9.0")
     assert verdict == "undecided"
     assert "SC faults on the defaults" in why
+
+
+def test_an_adversary_who_chooses_the_mode_never_leaves_what_was_proved(tmp_path: Path) -> None:
+    """Pairs of laws, drawn: from cells of K he switches as he likes, and mostly to do harm."""
+    chance = random.Random(3)  # noqa: S311 - test points
+    seen = {"proved": 0, "undecided": 0}
+    for _ in range(6):
+        drawn = [chance.choice((-1, 1)) * chance.uniform(0.2, 1.2) for _ in range(4)]
+        laws = [(round(drawn[0], 2), round(drawn[1], 2)), (round(drawn[2], 2), round(drawn[3], 2))]
+        text = TURN.replace("long ? 1.8 : 0.45", f"long ? {laws[0][0]} : {laws[1][0]}")
+        text = text.replace("long ? -0.45 : -1.8", f"long ? {laws[0][1]} : {laws[1][1]}")
+        which = ("WHICH", "mode(KeepY) == Mode.SC")
+        found = verified(tmp_path, which, text=text, module="KeepZ")["KeepZ"]
+        verdict = found.findings["P2a"].verdict
+        seen[verdict] += 1
+        if verdict == "proved":
+            (sets,) = found.cases[0].groups
+            for _ in range(200):
+                cell = chance.choice([tuple(c) for c in np.argwhere(sets.core > 0)])
+                start = [
+                    chance.uniform(e[i], e[i + 1]) for e, i in zip(sets.edges, cell, strict=True)
+                ]
+                _drive(chance, start, laws)
+    assert min(seen.values()) > 0, seen
+
+
+def _drive(chance: random.Random, start: list[float], laws: list[tuple[float, float]]) -> None:
+    """200 steps; greedy for a while, then at random."""
+    p, q = start
+    for k in range(200):
+        assert abs(p) < 1.95
+        assert abs(q) < 1.95
+        after = [(min(max(a * q, -2.0), 2.0), min(max(b * p, -2.0), 2.0)) for a, b in laws]
+        p, q = chance.choice(after) if k % 3 == 0 else max(after, key=lambda z: max(map(abs, z)))

@@ -26,8 +26,10 @@ SAFETY = ("P2a", "P3", "ttf", "safer", "start", "DM")
 HOVER = "step { publish candidate = Plan.Hover; }"
 FLIES_ON = (
     HOVER,
-    "step { if mode(KeepY) == Mode.SC { publish candidate = Plan.Around; } "
-    "else { publish candidate = Plan.Hover; } }",
+    (
+        "step { if mode(KeepY) == Mode.SC { publish candidate = Plan.Around; } "
+        "else { publish candidate = Plan.Hover; } }"
+    ),
 )
 SILENT = (HOVER, "step { if mode(KeepY) == Mode.AC { publish candidate = Plan.Hover; } }")
 FAULTS = (HOVER, "step { assert mode(KeepY) == Mode.AC; publish candidate = Plan.Hover; }")
