@@ -38,7 +38,10 @@ def modes_in(code: Sequence[object]) -> list[Key]:
 
 
 def every_mode(code: Sequence[object]) -> Iterator[dict[Key, int]]:
-    """Every combination of the modes that a step reads; one empty one where it reads none."""
+    """Every combination of the modes that a step reads; one empty one where it reads none.
+
+    NotRecheckedError where there are too many.
+    """
     keys = modes_in(code)
     if len(keys) > MODES_MAX:
         raise NotRecheckedError(f"SC looks at the modes of more than {MODES_MAX} modules")
