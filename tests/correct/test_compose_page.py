@@ -5,7 +5,10 @@ from __future__ import annotations
 import sys
 from pathlib import Path
 
+import pytest
+
 import processes
+from soter.api import load
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "compose-proved-modules.md").read_text(encoding="utf-8")
@@ -42,3 +45,55 @@ def test_the_code_of_the_page_is_that_of_the_example() -> None:
     ):
         assert line in text
         assert line in PAGE
+
+
+LANDING = ROOT / "examples" / "wall" / "landing.soter"
+
+
+def test_the_module_that_waits_is_that_of_the_example_and_proved_as_the_page_says() -> None:
+    shown = PAGE.split("its AC waits:\n\n```\n")[1].split("```")[0]
+    assert len(shown.splitlines()) == 17
+    node, module = shown.split("rta ")
+    text = LANDING.read_text(encoding="utf-8")
+    assert node in text
+    assert "rta " + module in text
+    report = load(LANDING).verify(refute=False)
+    assert (report.verdict, report.together) == ("proved", "proved")
+    back = report["SafeCart"].findings["P2b"]
+    said = PAGE.split("which is the one claim that rests on the other module:\n\n```\n")[1]
+    assert said.startswith(back.text + "\n```")
+    assert back.verdict == "assumed"
+    run = load(LANDING).simulate(until=60.0)
+    assert not run.violations
+    assert 0.2 < (run.mode("SafeCart") == 1).mean() < 0.9
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "wrong"),
+    [
+        ("NEAR + 0.5 || mode", "NEAR + 0.5 && mode", {"SafeCart": {"P3", "ttf"}}),
+        ("NEAR && mode", "NEAR || mode", {"SafeCart": {"P3", "safer"}}),
+        (
+            "? 0.5 : 1.5",
+            "? -0.5 : 1.5",
+            {"SafeCart": {"P2a", "P2b", "P3", "ttf", "safer", "start"}},
+        ),
+        (
+            "safer charge > 0.85",
+            "safer charge > 0.85 && mode(SafeCart) == Mode.AC",
+            {"SafeCart": {"P2b"}, "SafeBattery": {"P2b"}},
+        ),
+    ],
+    ids=["and", "or", "negative", "a circle"],
+)
+def test_what_the_page_says_of_changes_is_so(
+    tmp_path: Path, old: str, new: str, wrong: dict[str, set[str]]
+) -> None:
+    text = LANDING.read_text(encoding="utf-8")
+    assert text.count(old) == 1
+    path = tmp_path / "landing.soter"
+    path.write_text(text.replace(old, new), encoding="utf-8")
+    report = load(path).verify(refute=False)
+    for module in report.modules:
+        found = {n for n, f in module.findings.items() if f.verdict == "undecided"}
+        assert found == wrong.get(module.name, set())

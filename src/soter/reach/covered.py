@@ -162,6 +162,7 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[Guarantee]:
         by = (there[0] if there else topic).driver or "nobody (its default)"
         what = f"{topic.name} lies in its declared set"
         found.append(Guarantee(problem.name, what, by, "enforced"))
+    found += _modes(problem)
     found += _moved(flat, problem)
     for link in module.symbol.verify.abstracts:
         what = f"{link.instance} behaves like {link.plant.name}, whatever others do"
@@ -182,6 +183,20 @@ def _taken(flat: System, module: Module, problem: Problem) -> list[Guarantee]:
         what = "disturbances within their ranges"
         found.append(Guarantee(problem.name, what, "the world", "declared"))
     return found
+
+
+def _modes(problem: Problem) -> list[Guarantee]:
+    """Modes of others: nothing is asked of them, but where P2b waits."""
+    if problem.modes is None:
+        return []
+    found = [
+        Guarantee(problem.name, f"mode({name}) is SC or AC", f"the DM of {name}", "enforced")
+        for name in problem.modes.topics.values()
+    ]
+    return found + [
+        Guarantee(problem.name, f"for P2b alone: {name} in AC", name, "assumed")
+        for name in problem.modes.waits
+    ]
 
 
 def _moved(flat: System, problem: Problem) -> list[Guarantee]:

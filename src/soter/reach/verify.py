@@ -34,6 +34,7 @@ from soter.reach.induction.verify import verify_by_induction
 from soter.reach.methods import in_order, method_of
 from soter.reach.problem.assumed import SCHEME
 from soter.reach.problem.extract import cases
+from soter.reach.problem.modes import said
 from soter.reach.time.timing import DELAYS, in_words
 from soter.reach.undecided.patience import recover_at_last
 from soter.reach.undecided.vacuity import at_the_start, vacuity
@@ -91,12 +92,13 @@ def verify_module(
     _scheme(problem, done)
     _together(problem, done)
     _handed_over(problem, result, done)
+    _waits(problem, result.findings["P2b"])
     result.findings["DM"] = _decision_module(result)
     result.findings = {p: result.findings[p] for p in PROPERTIES}
     result.recover_s = _recover_s(done, result)
     result.shares = _shares(done)
     result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
-    if refute:
+    if refute and problem.modes is None:  # in a run somebody has to decide what the others do
         _refute(problem, result)
     if refute if explain is None else explain:
         _diagnose(done, result)
@@ -277,6 +279,19 @@ def _handed_over(problem: Problem, result: ModuleResult, done: list[Case]) -> No
     for text, shown in entered.items() if not why else ():
         problem.assumptions.remove(text)
         result.notes += (shown,)
+
+
+def _waits(problem: Problem, finding: Finding) -> None:
+    """P2b of a module that waits for others is about times at which these are in AC."""
+    modes = problem.modes
+    if modes is None or not modes.waits or finding.verdict != PROVED:
+        return
+    if modes.never:
+        finding.verdict, finding.text = UNDECIDED, modes.never
+        finding.hint = "let one of them give control back whatever the other one does"
+        return
+    finding.verdict = ASSUMED
+    finding.text += f" while {said(modes.waits)} in AC: not proved"
 
 
 def _follows_scheme(case: Case) -> bool:

@@ -14,6 +14,7 @@ from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
 from soter.program.model.walk import calls_in, topic_reads
 from soter.recheck.reading.facts import driven_topics
+from soter.recheck.reading.modes import names_of
 from soter.recheck.time.module_times import DELAYS, read_by
 
 if TYPE_CHECKING:
@@ -147,6 +148,12 @@ def _inputs(facts: Facts) -> Iterator[Said]:
             yield Said(f"one instant {who}: {names}", text)
     for name in dict.fromkeys(o.name for o in facts.others):
         yield Said(f"other {name}", f"{name}: any value of the declared set, at any time")
+    modes, waited = names_of(facts)
+    for name in modes:
+        yield Said(f"mode {name}", f"mode({name}): SC or AC, anew at every step that reads it")
+    for name in waited:
+        text = f"nothing is confirmed of P2b: `safer` waits until {name} is in AC"
+        yield Said(f"waits {name}", text)
 
 
 def _way(facts: Facts) -> Iterator[Said]:

@@ -44,18 +44,20 @@ def nodes(roots: Iterable[object]) -> Iterator[object]:
 
 
 def rewritten(node: Any, instead: Callable[[Any], Any]) -> Any:  # noqa: ANN401 - any part of a tree
-    """An expression with others in the places of some; expressions have no effects.
+    """Code with other expressions in the places of some; expressions have no effects.
 
     `instead` is asked of each, parts before the whole, and gives what it was given where it stays.
     """
     if isinstance(node, tuple):
-        return tuple(rewritten(x, instead) for x in node)
-    if not isinstance(node, typed.Expr):
+        parts_ = tuple(rewritten(x, instead) for x in node)
+        return node if all(a is b for a, b in zip(node, parts_, strict=True)) else parts_
+    if not isinstance(node, (typed.Expr, typed.Stmt, typed.Place)):
         return node
     names = [f.name for f in fields(node) if f.name not in ("type", "span", "fun")]
     parts = {name: rewritten(getattr(node, name), instead) for name in names}
     same = all(parts[name] is getattr(node, name) for name in names)
-    return instead(node if same else replace(node, **parts))
+    found = node if same else replace(node, **parts)
+    return instead(found) if isinstance(node, typed.Expr) else found
 
 
 def calls_in(*roots: object) -> list[typed.Call]:

@@ -42,11 +42,12 @@ def _targets(case: Case) -> list[Part] | None:
             case.fail("P2b", "not every case has sets: the DM never gives control back")
             return None
         return found
-    parts = parts_of(case, "safer")
+    predicate = case.problem.returning
+    parts = parts_of(case, predicate)
     if parts is None:
         case.fail("P2b", "no state was found on which `safer` surely holds")
         return None
-    if not product_holds(case.forms, parts, "safer"):
+    if not product_holds(case.forms, parts, predicate):
         case.fail("P2b", "`safer` is no product over the groups")
         return None
     return parts

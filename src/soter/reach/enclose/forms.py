@@ -18,6 +18,7 @@ from soter.lower.steps import lower_predicate
 from soter.program.meaning.conjuncts import PARTS_MAX
 from soter.reach.enclose.library import ReachLibrary
 from soter.reach.enclose.unit import EnclosureError, generate_enclosures
+from soter.reach.problem.modes import in_ac
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.lower.core import Function, Predicate
+    from soter.program.model.typed import Expr
     from soter.reach.problem.problem import Problem
 
     Floats = NDArray[np.float64]
@@ -41,7 +43,13 @@ def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
     hint, functions = _hint(problem)
     try:
         unit = generate_enclosures(
-            problem.system, problem.core, problem.module, problem.quantities, hint, functions
+            problem.system,
+            problem.core,
+            problem.module,
+            problem.quantities,
+            core_hint=hint,
+            hint_functions=functions,
+            back=_back(problem),
         )
     except EnclosureError as error:
         diagnostics = Diagnostics()
@@ -55,6 +63,14 @@ def library_of(problem: Problem) -> tuple[ReachLibrary, tuple[str, ...]]:
         )
         raise SoterError(diagnostics.items) from error
     return ReachLibrary(unit.source), unit.prelude
+
+
+def _back(problem: Problem) -> Expr | None:
+    """`safer` while those are in AC for whom it waits; None where it waits for nobody."""
+    safer = problem.module.symbol.safer
+    if safer is None or problem.modes is None or not problem.modes.waits:
+        return None
+    return in_ac(safer, problem.modes)
 
 
 def _hint(problem: Problem) -> tuple[Predicate | None, dict[str, Function]]:

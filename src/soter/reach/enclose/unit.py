@@ -63,14 +63,16 @@ def generate_enclosures(
     quantities: Quantities,
     core_hint: core_ir.Predicate | None = None,
     hint_functions: Mapping[str, core_ir.Function] | None = None,
+    back: Expr | None = None,
 ) -> EnclosureUnit:
     """The enclosures of a module in its verification system.
 
     `core_hint` is the predicate of `core e;`; functions it calls that are not in `core` stand in
-    `hint_functions`. EnclosureError says for people why something cannot be enclosed.
+    `hint_functions`; `back` is what P2b takes for `safer`, where that is something else.
+    EnclosureError says for people why something cannot be enclosed.
     """
     unit = _Unit(system, core, module, quantities)
-    unit.run(core_hint, hint_functions or {})
+    unit.run(core_hint, hint_functions or {}, back)
     return EnclosureUnit(unit.text(), tuple(sorted(unit.prelude)), tuple(unit.names))
 
 
@@ -91,6 +93,7 @@ class _Unit:
         self,
         hint: core_ir.Predicate | None,
         more: Mapping[str, core_ir.Function],
+        back: Expr | None,
     ) -> None:
         """Emit every function that there is something for."""
         symbol = self.module.symbol
@@ -108,7 +111,7 @@ class _Unit:
             self._conjunct(f"safe_{k}", part, estimated=False)
         if hint is not None:
             self._truth("core", lambda e: e.predicate(hint, more, estimated=False))
-        for name, said in (("ttf", symbol.ttf), ("safer", symbol.safer)):
+        for name, said in (("ttf", symbol.ttf), ("safer", symbol.safer), ("back", back)):
             if said is not None:
                 self._estimated(name, said)
         if symbol.verify.enters is not None:

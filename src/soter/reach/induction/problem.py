@@ -19,6 +19,7 @@ from soter.program.model.durations import show_ns
 from soter.program.model.system import Property
 from soter.program.model.walk import calls_in, mode_reads, topic_reads
 from soter.reach.induction.calendar import Clock
+from soter.reach.problem.modes import NO_MODES
 from soter.reach.problem.problem import NODES, Problem, Times
 from soter.reach.problem.quantities import Quantities
 from soter.reach.time.schedule import Releases, Schedule
@@ -27,7 +28,12 @@ if TYPE_CHECKING:
     from soter.lower.core import Predicate
     from soter.program.model import typed
     from soter.program.model.system import Component, Module, System
+    from soter.reach.problem.modes import Modes
 
+OF_MODES = (
+    "modes of others may stand in SC, `ttf` and `safer`; another mode may change at any instant, "
+    "so `safe` and lemmas have to hold in all of them"
+)
 OTHERS = (
     "groups",
     "abstracts",
@@ -66,6 +72,8 @@ class InductionProblem(Problem):
     """Topics of which nothing but their set is known: name -> why, in words."""
     heard: frozenset[int] = frozenset()
     """Those of them by nodes that hear plants or other modules: P2b takes them for still."""
+    waited: frozenset[int] = frozenset()
+    """Modes that `safer` reads: P2b takes these for AC."""
     first_ns: int = 0
     """The first instant of the whole system."""
 
@@ -82,12 +90,15 @@ class InductionProblem(Problem):
     """The system that the module stands in."""
 
 
-def extract_induction(flat: System, module: Module) -> InductionProblem:
-    """The problem of `module` of the flat system; `SoterError` R030, R031 or R032."""
+def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> InductionProblem:
+    """The problem of `module` of the flat system; `SoterError` R030, R031 or R032.
+
+    `modes`: whose modes it reads, as topics that nobody publishes.
+    """
     diagnostics = Diagnostics()
     _refuse(flat, module, diagnostics)
     _stop(diagnostics)
-    nodes, any_value, heard = _neighbours(flat, module)
+    nodes, any_value, heard = _neighbours(flat, module, modes)
     kept = [module.dm, module.sc, module.ac, *nodes]
     system = derived.undriven(flat, kept)
     index = next(i for i, m in enumerate(system.modules) if m.name == module.name)
@@ -133,11 +144,13 @@ def extract_induction(flat: System, module: Module) -> InductionProblem:
         progress=tuple(others[len(lemmas_) :]),
         progress_texts=texts[1 + len(lemmas_) :],
         any_value=any_value,
+        modes=modes if modes.topics else None,
+        waited=frozenset(at.scope.topics[t] for t, n in modes.topics.items() if n in modes.waits),
         heard=frozenset(i for i in heard if not flat.topics[i].queues),
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
         flying=flat.name,
     )
-    problem.assumptions = _assumptions(problem, absent)
+    problem.assumptions = [*_assumptions(problem, absent), *modes.assumptions]
     return problem
 
 
@@ -185,14 +198,14 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
             also=((call.fun.span, "declared here"),),
             helps=("write it in Soter",),
         )
-    own = (symbol, module.name)
+    known = {**sc.scope.modules, **module.scope.modules}
     for where, read in mode_reads(*symbol.spoken, *sc.node.step, *(sc.node.takeover or ())).items():
-        if where not in own:
+        if known.get(where) != module.index:
             diagnostics.error(
                 "R030",
                 f"module `{module.name}` speaks of the mode of another module",
                 read.span,
-                notes=("a module is proved alone: what others do is left open",),
+                notes=(OF_MODES,),
             )
     for topic in topic_reads(symbol.safe):
         index = module.scope.topics[topic]
@@ -213,7 +226,9 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
 # ---------------------------------------------------------------- which nodes matter
 
 
-def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str], list[int]]:
+def _neighbours(
+    flat: System, module: Module, modes: Modes
+) -> tuple[list[int], dict[str, str], list[int]]:
     """The nodes that what is proved rests on; other topics that it rests on, and why not.
 
     Who writes what `safe` and the lemmas read is followed; of others those that hear neither plants
@@ -224,6 +239,7 @@ def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]
     needed = {scope.topics[t] for t in topic_reads(symbol.safe, *symbol.verify.lemmas)}
     todo = [scope.topics[t] for t in topic_reads(*symbol.spoken)]
     todo += _read_by(flat.components[module.sc])
+    decided = {scope.topics[t]: f"decided by the DM of {name}" for t, name in modes.topics.items()}
     seen: set[int] = set()
     nodes: dict[int, None] = {}
     any_value: dict[str, str] = {}
@@ -235,7 +251,7 @@ def _neighbours(flat: System, module: Module) -> tuple[list[int], dict[str, str]
         seen.add(index)
         name = flat.topics[index].name
         writers = [c for c in flat.components if index in _written_by(c)]
-        why = _not_followed(flat, module, writers)
+        why = decided.get(index) or _not_followed(flat, module, writers)
         if not why and index not in needed:
             why = _hears(flat, module, writers)
             heard += [index] if why else []
@@ -403,7 +419,12 @@ def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:
         names = ", ".join(absent)
         found.append(f"undeclared times are zero: {names}")
     found.append("no release is skipped, and what a step reads it reads at one instant")
-    found += [f"{n}: any value of its set at any time ({w})" for n, w in problem.any_value.items()]
+    modes = set() if problem.modes is None else {t.name for t in problem.modes.topics}
+    found += [
+        f"{n}: any value of its set at any time ({w})"
+        for n, w in problem.any_value.items()
+        if n not in modes
+    ]
     found.append("P2b: what the DM reads is fresh, and no gate fault keeps AC out")
     if problem.heard:
         still = ", ".join(sorted(problem.system.topics[i].name for i in problem.heard))

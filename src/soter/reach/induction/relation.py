@@ -32,8 +32,9 @@ if TYPE_CHECKING:
 class Stretch:
     """The time [0, end) of a run (`first`), or from any hyperperiod on, from any state.
 
-    `returning`: what the DM reads is fresh, the gate has nothing against AC, and what is said of
-    plants and other modules stays as it is (P2b); `stays`: the mode is SC all the time.
+    `returning`: what the DM reads is fresh, the gate has nothing against AC, what is said of plants
+    and other modules stays as it is, and those are in AC for whom `safer` waits (P2b); `stays`:
+    the mode is SC all the time.
     `latching`: a step may fault where that hangs on something uninterpreted; its node is latched
     then, as in semantics.md. Without it every fault is something that fails.
     """
@@ -53,7 +54,10 @@ class Stretch:
         self.returning, self.stays, self.latching = returning, stays, latching
         self.functions = {f.name: f for f in problem.core.functions}
         self.writers = _writers(problem)
-        self.still = {i: self._anything(i) for i in problem.heard} if returning else {}
+        self.still: dict[int, Term] = {}
+        if returning:
+            self.still = {i: self._anything(i) for i in problem.heard}
+            self.still |= {i: terms.constant(MODE, AC) for i in problem.waited}
         self.aged = any(isinstance(n, core.Fact) for n in _facts(problem.safe))
         self.uninterpreted: dict[str, None] = {}
         self.seen: list[Seen] = []

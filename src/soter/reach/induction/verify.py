@@ -25,6 +25,7 @@ from soter.reach.claims.results import (
 )
 from soter.reach.induction.prove import induct
 from soter.reach.induction.refute import refuting_run
+from soter.reach.problem.modes import said
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -145,10 +146,15 @@ def _returns(problem: InductionProblem, found: Induction) -> Finding:
         granted = [*(["`progress` holds"] if problem.progress else [])]
         still = sorted(problem.system.topics[i].name for i in problem.heard)
         granted += [f"{_named(still, 'and')} stays as it is"] if still else []
+        if problem.modes is not None and problem.modes.waits:
+            granted += [f"{said(problem.modes.waits)} in AC"]
         granted += [f"no step of {_named(found.latching, 'or')} faults"] if found.latching else []
         if granted:
             finding.verdict = ASSUMED
             finding.text += f" while {_named(granted, 'and')}: not proved"
+        if problem.modes is not None and problem.modes.never:
+            finding.verdict, finding.text = UNDECIDED, problem.modes.never
+            finding.hint = "let one of them give control back whatever the other one does"
     elif found.contradicted:
         finding.text = "what `progress` takes for granted holds in no run"
         finding.hint = "say what always holds: at the start, too, and of topics' defaults"

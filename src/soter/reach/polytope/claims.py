@@ -315,7 +315,7 @@ class Polytopes(Method):
     ) -> Sequence[BoxPart] | None:
         """Ranges over which the predicate surely holds, of all groups together."""
         own = [p for p in proofs if isinstance(p, PolytopeProof)]
-        if predicate == "safer":
+        if predicate == case.problem.returning:
             return _targets(case, own)
         if not any(p.fresh for p in own):
             return [BoxPart(p.estimates) for p in own]
@@ -365,7 +365,7 @@ def _targets(case: Case, own: Sequence[PolytopeProof]) -> list[Target] | None:
         for a, row, (low, high) in zip(p.group.axes, eye, p.found.limits, strict=True):
             least, most = -program.greatest(-row)[0], program.greatest(row)[0]
             ends[a.state] = (max(low, least), min(high, most))
-    found = box_of(case.forms, case.problem, "safer", ends)
+    found = box_of(case.forms, case.problem, case.problem.returning, ends)
     if found is None:
         return None
     targets = []

@@ -22,6 +22,7 @@ from soter.reach.problem.assumed import assumptions_of, jumps_of
 from soter.reach.problem.axes import Axes
 from soter.reach.problem.following import check_followed
 from soter.reach.problem.inputs import Inputs, inputs_of
+from soter.reach.problem.modes import modes_as_topics
 from soter.reach.problem.place import Place, place, whole
 from soter.reach.problem.problem import Interval, Problem
 from soter.reach.time.routes import beside
@@ -48,8 +49,9 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     refuse_views(module)
     _stands_alone(flat, module, diagnostics)
     _stop(diagnostics)
+    flat, module, modes = modes_as_topics(flat, module)
     if module.symbol.verify.induction is not None:
-        return extract_induction(flat, module)
+        return extract_induction(flat, module, modes)
     _no_lemmas(module, diagnostics)
     _stop(diagnostics)
     at = place(flat, module)
@@ -94,12 +96,14 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
             *_forced(flat, module),
             *assumptions_of(at, inputs, times, routes, kind, jumps),
             *_open(found),
+            *modes.assumptions,
         ],
         name=f"{module.name} as {module.view}" if module.view else module.name,
         beside=beside(at),
         view=module.view,
         whole=whole(at) if module.view else None,
         jumps=jumps,
+        modes=modes if modes.topics else None,
         influences=at.influences,
         commands=commands,
         parameter_start=tuple(inputs.parameter_start),

@@ -25,6 +25,10 @@ UNKNOWN_FACTS = {
     typed.ModeRead: "`mode(...)`",
     typed.InControl: "`in_control`",
 }
+OF_MODES = (
+    "modes of other modules may stand in SC, `ttf` and `safer`; another mode may change at any "
+    "instant, so `safe` has to hold in all of them"
+)
 LOCAL_VALUES_MAX = 2**31
 
 
@@ -208,11 +212,16 @@ def _facts(roots: object, where: str, diagnostics: Diagnostics) -> None:
     for node in nodes(roots):
         word = UNKNOWN_FACTS.get(type(node))
         if word is not None and isinstance(node, typed.Expr):
+            notes: tuple[str, ...] = (
+                "sets are over the plant's state; what else decides is unknown there",
+            )
+            if isinstance(node, typed.ModeRead):
+                notes = (OF_MODES,)
             diagnostics.error(
                 "R007",
                 f"{where} reads {word}, which a proof cannot follow",
                 node.span,
-                notes=("sets are over the plant's state; what else decides is unknown there",),
+                notes=notes,
             )
     _externs(roots, where, roots, set(), diagnostics)
 

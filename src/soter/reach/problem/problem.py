@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from soter.lower.core import CoreSystem
     from soter.program.flatten.influences import Influence
     from soter.program.model.system import Module, System
+    from soter.reach.problem.modes import Modes
     from soter.reach.problem.quantities import Quantities
     from soter.reach.time.schedule import Schedule
 
@@ -219,6 +220,8 @@ class Problem:
     whole: System | None = None
     """Of a view: the verification system with all of the module's predicates."""
     jumps: Jumps = field(default_factory=Jumps)
+    modes: Modes | None = None
+    """Whose modes the module reads; None: nobody else's."""
     influences: tuple[Influence, ...] = ()
     """What others publish and what moves the plants: the last disturbances of each plant."""
     commands: tuple[tuple[float, ...], ...] = ()
@@ -232,6 +235,11 @@ class Problem:
     scheme is not covered: an assumption."""
     recover_ns: int | None = None
     """T of P2b where it is declared: `recover within d;`."""
+
+    @property
+    def returning(self) -> str:
+        """The predicate under which P2b gives control back: `safer` with all other modes in AC."""
+        return "back" if self.modes is not None and self.modes.waits else "safer"
 
     def in_horizon(self, ns: int) -> int:
         """A time as proofs take it: a map's is a whole number of its periods."""

@@ -9,16 +9,22 @@ Non-goals: steps on states (the enclosures).
 from __future__ import annotations
 
 from dataclasses import replace
+from itertools import product
 from typing import TYPE_CHECKING
 
 from soter.program.flatten import derived
+from soter.reach.problem.modes import AC, SC
 from soter.reach.problem.place import sc_reads
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import ac_or_sc_step
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+
     from soter.program.model.system import System
+    from soter.program.model.typed import TopicSymbol
     from soter.reach.problem.problem import Problem
+    from soter.semantics.configuration import Configuration
 
 STEPS_MAX = 10_000
 
@@ -32,7 +38,8 @@ def fault_on_defaults(problem: Problem) -> str:
     system, sc = _alone(problem)
     component = system.components[sc]
     assert component.node is not None
-    topics = {component.scope.topics[t] for t in sc_reads(component.node)}
+    modes = [component.scope.topics[t] for t in sc_reads(component.node) if t in _modes(problem)]
+    topics = {component.scope.topics[t] for t in sc_reads(component.node)} - {*modes}
     paths = schedule.read_by_sc
     at_once = len({p.publisher for p in paths}) == 1
     if not any(p.nodes for p in paths) and not schedule.dropout:
@@ -46,6 +53,8 @@ def fault_on_defaults(problem: Problem) -> str:
         return "SC may read the default of one topic beside a value of another"
     known = {p.topic for p in schedule.read_by_dm}
     kept = bool(component.node.locals) or component.node.takeover is not None
+    if kept and modes:
+        return "SC steps on defaults in any mode of others, with what it keeps: not followed"
     if kept and any(p.topic not in known for p in schedule.read_by_sc):
         return "SC may lose control and take it over, with what it keeps, before it has read"
     dummies = {c.name: _silent for c in system.components if c.extern}
@@ -53,10 +62,22 @@ def fault_on_defaults(problem: Problem) -> str:
     c = interpreter.initial()
     for k in range(steps):
         at = component.phase_ns + k * component.period_ns
-        c, outcome = ac_or_sc_step(interpreter.machine, replace(c, ct=at, FN=(sc,)), sc)
-        if outcome.fault is not None:
-            return f"SC faults on the defaults that it reads at first: {outcome.fault}"
+        for seen in _in_every_mode(replace(c, ct=at, FN=(sc,)), modes):
+            c, outcome = ac_or_sc_step(interpreter.machine, seen, sc)
+            if outcome.fault is not None:
+                return f"SC faults on the defaults that it reads at first: {outcome.fault}"
     return ""
+
+
+def _modes(problem: Problem) -> Mapping[TopicSymbol, str]:
+    return {} if problem.modes is None else problem.modes.topics
+
+
+def _in_every_mode(c: Configuration, modes: Sequence[int]) -> Iterator[Configuration]:
+    """The same with every combination of other modes; SC keeps nothing from one to the next."""
+    for found in product((SC, AC), repeat=len(modes)):
+        by = dict(zip(modes, found, strict=True))
+        yield replace(c, Topics=tuple(by.get(i, value) for i, value in enumerate(c.Topics)))
 
 
 def _alone(problem: Problem) -> tuple[System, int]:

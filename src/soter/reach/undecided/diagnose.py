@@ -240,7 +240,8 @@ def _strength(case: Case, grid: GridProof, budget: Budget) -> Iterator[Cause]:
     """With which part of what stands against SC there would be a K."""
     there = against(case)
     if not there:
-        yield Cause("weak", "nothing stands against SC: no disturbance, error or delay")
+        modes = " but modes of others, which may change at any step" if case.problem.modes else ""
+        yield Cause("weak", f"nothing stands against SC{modes}: no disturbance, error or delay")
         return
     listed = _and(there)
 

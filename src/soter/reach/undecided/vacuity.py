@@ -188,12 +188,13 @@ class _Drawer:
         return count / DRAWN
 
     def _lets(self, point: Floats) -> bool:
-        """Whether an estimate of the state surely lets AC have control."""
+        """Whether an estimate of the state lets AC have control; in some mode of the others."""
         whole = self.case.forms.whole
         box = np.repeat(self.chance.uniform(whole[:, :1], whole[:, 1:]), 2, axis=1)
         box[: len(point)] = point[:, None]
         found = self.case.forms.truth(self.predicate, box)
-        return found & 3 == LETS[self.predicate]
+        wanted = LETS[self.predicate]
+        return bool(found & wanted) if self.case.problem.modes else found & 3 == wanted
 
     def _anchors(self) -> list[Floats]:
         """Where the other groups are: usual points, and drawn ones at which AC has control."""

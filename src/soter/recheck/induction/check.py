@@ -16,7 +16,12 @@ from soter.recheck.assumptions import Said
 from soter.recheck.certificate.errors import RejectedError
 from soter.recheck.claims import CLAIMS, PROVED, claimed_of
 from soter.recheck.coverage import parameters_of
-from soter.recheck.induction.facts import compare, nanoseconds, read_induction
+from soter.recheck.induction.facts import (
+    compare,
+    modes_of_others,
+    nanoseconds,
+    read_induction,
+)
 from soter.recheck.report import ModuleReport
 from soter.recheck.terms.terms import NotRecheckedError
 
@@ -177,6 +182,9 @@ def _assumptions(facts: InductionFacts) -> list[Said]:
             "and nothing says that AC gets control back then"
         )
         found.append(Said("latching", text))
+    for name in modes_of_others(facts):
+        text = f"mode({name}): SC or AC, anew at every step that reads it"
+        found.append(Said(f"mode {name}", text))
     if facts.undeclared:
         found.append(Said("undeclared", "undeclared times are zero: nobody is late, or takes time"))
     return found + [

@@ -128,6 +128,21 @@ def _published_here_only(facts: InductionFacts, index: int) -> None:
         raise NotRecheckedError(f"`{flat.topics[index].name}` is drawn as an input, too")
 
 
+def modes_of_others(facts: InductionFacts) -> list[str]:
+    """Modules whose modes the actors and the module's predicates read."""
+    flat, own = facts.flying, facts.flying_module
+    predicates: list[object] = [facts.symbol.ttf, facts.symbol.safer]
+    asked = [(own.scope, [e for e in predicates if e is not None])]
+    asked += [(c.scope, list(c.node.step)) for c in facts.actors if c.node and c.role != "ac"]
+    read = {
+        scope.modules.get(n.module, own.index)
+        for scope, code in asked
+        for n in parts_of(code)
+        if isinstance(n, typed.ModeRead)
+    }
+    return [flat.modules[i].name for i in sorted(read - {own.index})]
+
+
 def nanoseconds(facts: InductionFacts, expr: typed.Expr | None) -> int:
     """A time of the `verify` block; 0 where there is none."""
     calculator = Calculator(Diagnostics(), facts.flying_module.scope.params)

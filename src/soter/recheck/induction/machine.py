@@ -212,7 +212,8 @@ class Machine:
             self.constraints.append(found >= 0)
             return found
 
-        return Sight(c.scope, topic, age, now.mode, self.facts.symbol, on, self.constraints)
+        own = self.facts.flying_module.index
+        return Sight(c.scope, topic, age, now.mode, own, on, self.constraints)
 
     def _decision(self, at: int) -> tuple[Now, Term]:
         dm, symbol, module = self.facts.dm, self.facts.symbol, self.facts.flying_module

@@ -203,9 +203,22 @@ class Sight:
     topic: Callable[[int], Term]
     age: Callable[[int], Term]
     mode: Term
-    module: object
+    module: int
     in_control: Term
     facts: list[Term]
+    others: dict[int, Term] = field(default_factory=dict)
+    """Modes of other modules, as far as they were read: anything, the same for all of a step."""
+
+    def mode_of(self, e: typed.ModeRead) -> Term:
+        """The mode that is read. NotRecheckedError where it is not known whose."""
+        index = self.scope.modules.get(e.module)
+        if index is None:
+            raise NotRecheckedError("the mode of an unknown module")
+        if index == self.module:
+            return self.mode
+        if index not in self.others:
+            self.others[index] = unknown(e.type, "mode of another", self.facts)
+        return self.others[index]
 
 
 @dataclass
@@ -290,9 +303,7 @@ class Reading:
         if isinstance(e, typed.AgeRead):
             return Elapsed(sight.age(sight.scope.topics[e.topic]))
         if isinstance(e, typed.ModeRead):
-            if e.module is not sight.module:
-                raise NotRecheckedError("the mode of another module")
-            return sight.mode
+            return sight.mode_of(e)
         if isinstance(e, typed.InControl):
             return sight.in_control
         if isinstance(e, (typed.TimeRead, typed.PeriodRead)):

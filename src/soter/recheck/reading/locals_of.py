@@ -35,7 +35,10 @@ WIDEST = 2**31
 def combinations(
     terms: Terms, variables: Sequence[typed.Variable]
 ) -> Iterator[dict[typed.Variable, Any]]:
-    """Every combination of values; without locals the empty one."""
+    """Every combination of values; without locals the empty one.
+
+    Also for what is no local and may change from step to step as it likes.
+    """
     parts = [of for v in variables for _, of in _leaves(v)]
     sizes = [_size(of) for of in parts]
     by_size = sorted(range(len(parts)), key=lambda k: sizes[k])

@@ -15,6 +15,7 @@ from soter.program.model.types import BoolType, FloatType, leaves
 from soter.program.model.walk import topic_reads
 from soter.recheck.reading.facts import topics_of_others
 from soter.recheck.reading.locals_of import combinations, one_of
+from soter.recheck.reading.modes import any_mode, every_mode
 from soter.recheck.reading.problem import driven_topics
 from soter.recheck.reading.symbolic import Reader, Surroundings, variables_in
 from soter.recheck.reading.values import filled, flat, truth_of
@@ -123,20 +124,23 @@ class Model:
     # ------------------------------------------------------------ SC and predicates
 
     def commands(self, terms: Terms, states: Sequence[Linear]) -> list[Linear]:
-        """What SC publishes after a sample of these states, whatever its locals are.
+        """What SC publishes after a sample of these states, whatever its locals and others' modes.
 
-        Obligations are those of its step, for every value of its locals. NotRecheckedError where a
-        step may publish no command.
+        Obligations are those of its step, for every value of its locals and of every mode.
+        NotRecheckedError where a step may publish no command.
         """
         sc = self.facts.sc
         assert sc.node is not None
         values = self.topics(terms, states, errors=True)
         known = {t: values[i] for t, i in sc.scope.topics.items() if i in values}
-        reader = Reader(terms, Surroundings(sc.scope.params, known, _seconds(sc.period_ns)))
-        published = [
-            {sc.scope.topics[t]: v for t, v in reader.step(sc.node.step, known_locals).items()}
-            for known_locals in combinations(terms, sc.node.locals)
-        ]
+        published = []
+        for modes in every_mode(sc.node.step):
+            around = Surroundings(sc.scope.params, known, _seconds(sc.period_ns), modes=modes)
+            reader = Reader(terms, around)
+            published += [
+                {sc.scope.topics[t]: v for t, v in reader.step(sc.node.step, known_locals).items()}
+                for known_locals in combinations(terms, sc.node.locals)
+            ]
         found = []
         for control in self.facts.controls:
             alternatives = []
@@ -160,7 +164,8 @@ class Model:
         values = self.topics(terms, states, errors=errors)
         scope = self.facts.module.scope
         known = {t: values[i] for t, i in scope.topics.items() if i in values}
-        reader = Reader(terms, Surroundings(scope.params, known))
+        modes = any_mode(terms, [expr])
+        reader = Reader(terms, Surroundings(scope.params, known, modes=modes))
         found = reader.expression(expr)
         return truth_of(found)
 

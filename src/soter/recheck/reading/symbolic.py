@@ -56,6 +56,8 @@ class Surroundings:
     topics: Mapping[t.TopicSymbol, Value]
     period: float | None = None
     truths: Mapping[str, Value] = field(default_factory=dict)
+    modes: Mapping[t.ModuleSymbol | str, Value] = field(default_factory=dict)
+    """Of other modules, where they may be read."""
 
 
 @dataclass(eq=False)
@@ -238,6 +240,11 @@ class Reader:
             raise NotRecheckedError(f"`dt` {NOT_HERE} here")
         return self.around.period
 
+    def _mode(self, e: t.ModeRead, _: _Frame) -> Value:
+        if e.module not in self.around.modes:
+            raise NotRecheckedError(f"`mode` {NOT_HERE}")
+        return self.around.modes[e.module]
+
     def _in_control(self, _: t.InControl, __: _Frame) -> Value:
         return True
 
@@ -369,6 +376,7 @@ _READINGS: dict[type[t.Expr], Callable[[Reader, Any, _Frame], Value]] = {
     t.VarRead: Reader._variable,  # noqa: SLF001
     t.TopicRead: Reader._topic,  # noqa: SLF001
     t.PeriodRead: Reader._period,  # noqa: SLF001
+    t.ModeRead: Reader._mode,  # noqa: SLF001
     t.InControl: Reader._in_control,  # noqa: SLF001
     t.Unary: Reader._unary,  # noqa: SLF001
     t.Binary: Reader._binary,  # noqa: SLF001

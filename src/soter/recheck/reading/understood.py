@@ -13,6 +13,7 @@ from dataclasses import fields, is_dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.program.model import typed as t
+from soter.recheck.reading.modes import only_modes_of_others
 from soter.recheck.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
@@ -28,6 +29,7 @@ CODE: dict[type, str] = {
     t.VarRead: f"{_EXPR} variable",
     t.TopicRead: f"{_EXPR} topic",
     t.PeriodRead: _EXPR,
+    t.ModeRead: f"{_EXPR} module",
     t.Unary: f"{_EXPR} op operand",
     t.Binary: f"{_EXPR} op left right",
     t.Vector: f"{_EXPR} op left right",
@@ -53,8 +55,9 @@ CODE: dict[type, str] = {
 }
 """Expressions, statements and functions, each with its fields.
 
-Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age`, `mode`, `truth`,
-`choose`, `push`.
+Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age`, `truth`,
+`choose`, `push`. `mode` is that of another module, and stands in SC, `ttf` and `safer` alone
+(`modes.py`).
 """
 DECLARATIONS: dict[type, str] = {
     t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "
@@ -94,6 +97,7 @@ def understood(facts: Facts) -> None:
         raise NotRecheckedError(f"`{module.name}` stands above or below another module")
     assert facts.sc.node is not None
     _safe_controller(facts.sc.node)
+    only_modes_of_others(facts)
     _topics(facts)
     for expr in facts.symbol.predicates:
         _code(expr, "the predicates of the module")
@@ -218,7 +222,6 @@ _SAID: dict[type, str] = {
     t.InControl: "in_control",
     t.TimeRead: "time",
     t.AgeRead: "age",
-    t.ModeRead: "mode",
     t.TruthRead: "truth",
     t.Choose: "choose",
     t.Push: "push",

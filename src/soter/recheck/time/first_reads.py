@@ -13,6 +13,7 @@ from soter.program.meaning import arith
 from soter.program.model.types import FloatType, leaves
 from soter.recheck.inclusions.predicates import both_all
 from soter.recheck.reading.facts import read_by_sc
+from soter.recheck.reading.modes import any_mode
 from soter.recheck.reading.symbolic import Reader, Surroundings
 from soter.recheck.reading.values import filled, flat
 from soter.recheck.terms.balls import ONE, exact
@@ -42,7 +43,8 @@ def survives_the_start(facts: Facts) -> None:
         running = facts.flying.topics[facts.running[topic.index]].name
         empty = any(p.may_publish_nothing(setting.silent) for p in paths.get(running, ()))
         known[symbol] = _anything(terms, topic, default=running in paths and not empty)
-    reader = Reader(terms, Surroundings(sc.scope.params, known, arith.seconds(sc.period_ns)))
+    seconds, modes = arith.seconds(sc.period_ns), any_mode(terms, sc.node.step)
+    reader = Reader(terms, Surroundings(sc.scope.params, known, seconds, modes=modes))
     published = {
         sc.scope.topics[topic]: value for topic, value in reader.step(sc.node.step, {}).items()
     }

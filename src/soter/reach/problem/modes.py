@@ -1,0 +1,218 @@
+"""The modes of other modules: a topic each, of which a proof takes any value at any read.
+
+Purpose: `modes_as_topics`: a module whose SC, `ttf` or `safer` reads `mode(M)` of another one reads
+a topic in its place that nobody of the proof drives; for whom P2b waits, and whether those wait in
+turn (docs/proof.md, Coordinated switching).
+Non-goals: `safe`, `core` and lemmas, in which no other mode may stand; one's own mode; the
+re-checker, which reads `mode` by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from soter.program.flatten import derived
+from soter.program.model import typed
+from soter.program.model.system import Topic
+from soter.program.model.types import MODE
+from soter.program.model.walk import mode_reads, rewritten, topic_reads
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.program.model.system import Component, Module, Scope, System
+
+    Names = tuple[tuple[typed.ModuleSymbol | str, typed.TopicSymbol], ...]
+
+SC, AC = MODE.members.index("SC"), MODE.members.index("AC")
+
+
+@dataclass(frozen=True)
+class Modes:
+    """Whose modes a module reads.
+
+    `topics`: what stands for a mode -> the name of its module; `waits`: those that `safer` reads;
+    `never`: why nothing shows that all of these are in AC at some time; "": nothing speaks against.
+    """
+
+    topics: Mapping[typed.TopicSymbol, str] = field(default_factory=dict)
+    waits: tuple[str, ...] = ()
+    never: str = ""
+
+    @property
+    def assumptions(self) -> list[str]:
+        """In words: what is not restricted, and what P2b rests on."""
+        found = [f"mode({name}): SC or AC, anew at every read" for name in self.topics.values()]
+        if self.waits:
+            found.append(
+                f"for P2b alone: {said(self.waits)} in AC; otherwise `safer` may not hold and SC "
+                "keeps control"
+            )
+        return found + ([f"for P2b nothing can be assumed: {self.never}"] if self.never else [])
+
+
+NO_MODES = Modes()
+
+
+def said(names: tuple[str, ...]) -> str:
+    """`A is`, or `A and B are`."""
+    *most, last = names
+    return f"{', '.join(most)} and {last} are" if most else f"{last} is"
+
+
+def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes]:
+    """The system with a topic for every other mode that SC, `ttf` or `safer` of a module reads.
+
+    The module and its SC read these topics; nobody publishes them. Without such reads everything
+    stays as it is.
+    """
+    sc = flat.components[module.sc]
+    own = {**sc.scope.modules, **module.scope.modules}
+    read = _read_by(module, sc)
+    others = {s: own[s] for s in read if s in own and own[s] != module.index}
+    if not others:
+        return flat, module, NO_MODES
+    by_index = {i: _symbol(flat.modules[i].name, flat.modules[i].symbol) for i in others.values()}
+    names: Names = tuple((s, by_index[i]) for s, i in others.items())
+    topics = dict.fromkeys(by_index.values())
+    at = {t: len(flat.topics) + k for k, t in enumerate(topics)}
+    made = [
+        Topic(
+            index=at[symbol],
+            name=symbol.name,
+            symbol=symbol,
+            type=MODE,
+            bounds=(None,),
+            set_declared=True,
+            default=SC,
+            max_age_ns=None,
+            driver=flat.modules[i].name,
+        )
+        for i, symbol in by_index.items()
+    ]
+    symbol = _module(module.symbol, names)
+    reads = tuple(t for t in topics if t in symbol.topics_read)
+    found = replace(
+        module,
+        symbol=symbol,
+        scope=_beside(module.scope, at),
+        inputs=(*module.inputs, *(at[t] for t in reads)),
+        whole=None if module.whole is None else _module(module.whole, names),
+    )
+    dm = replace(flat.components[module.dm], scope=found.scope)
+    assert sc.node is not None
+    controller = replace(sc, node=_node(sc.node, names), scope=_beside(sc.scope, at))
+    system = replace(flat, topics=(*flat.topics, *made))
+    system = derived.with_components(derived.with_module(system, found), [dm, controller])
+    waits = _read_in(module, "safer")
+    return (
+        system,
+        found,
+        Modes(
+            {by_index[i]: flat.modules[i].name for i in by_index},
+            tuple(flat.modules[i].name for i in waits),
+            _never(flat, module, waits),
+        ),
+    )
+
+
+def in_ac(e: typed.Expr, modes: Modes) -> typed.Expr:
+    """An expression where all modes of others are AC."""
+
+    def instead(part: typed.Expr) -> typed.Expr:
+        if isinstance(part, typed.TopicRead) and part.topic in modes.topics:
+            return typed.Literal(MODE, part.span, AC)
+        return part
+
+    found: typed.Expr = rewritten(e, instead)
+    return found
+
+
+# ---------------------------------------------------------------- who waits for whom
+
+
+def _read_by(module: Module, sc: Component) -> list[typed.ModuleSymbol | str]:
+    symbol, node = module.symbol, sc.node
+    assert node is not None
+    code = () if node.extern else (*node.step, *(node.takeover or ()))
+    predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
+    return list(mode_reads(*code, *predicates))
+
+
+def _read_in(module: Module, *predicates: str) -> list[int]:
+    """The modules whose modes these predicates of a module read, without itself."""
+    symbol = module.symbol if module.whole is None else module.whole
+    said = [e for e in (getattr(symbol, p) for p in predicates) if e is not None]
+    found = [module.scope.modules.get(s, module.index) for s in mode_reads(*said)]
+    return [i for i in dict.fromkeys(found) if i != module.index]
+
+
+def _never(flat: System, module: Module, waits: list[int]) -> str:
+    """Why those that a module waits for may never be in AC together, in words.
+
+    One is forced to SC; or what one of them decides hangs, through any modes, on this module, which
+    is in SC while it waits.
+    """
+    for i in waits:
+        there = flat.modules[i]
+        if there.forced == "sc":
+            return f"{there.name} is forced to SC"
+        seen, todo = {i}, [i]
+        while todo:
+            here = flat.modules[todo.pop()]
+            for k in _read_in(here, "ttf", "safer"):
+                if k == module.index:
+                    return (
+                        f"{module.name} waits for {there.name} to be in AC, whose DM goes by "
+                        f"the mode of {module.name}: each may wait for the other for ever"
+                    )
+                todo += [k] if k not in seen else []
+                seen.add(k)
+    return ""
+
+
+# ---------------------------------------------------------------- the same for the same, always
+
+
+@lru_cache(maxsize=256)
+def _symbol(name: str, module: typed.ModuleSymbol) -> typed.TopicSymbol:
+    """Symbols are compared by identity: the same for the same module, as are those below."""
+    return typed.TopicSymbol(f"{name}.mode", module.span, MODE, False, {}, None, None)
+
+
+@lru_cache(maxsize=256)
+def _module(symbol: typed.ModuleSymbol, names: Names) -> typed.ModuleSymbol:
+    ttf, safer = (None if e is None else _of(e, names) for e in (symbol.ttf, symbol.safer))
+    read = topic_reads(*(e for e in (ttf, safer) if e is not None))
+    more = tuple(t for t in dict(names).values() if t in read)
+    more = tuple(dict.fromkeys(more))
+    return replace(symbol, ttf=ttf, safer=safer, topics_read=(*symbol.topics_read, *more))
+
+
+@lru_cache(maxsize=256)
+def _node(node: typed.NodeSymbol, names: Names) -> typed.NodeSymbol:
+    if node.extern:
+        return node
+    step = _of(node.step, names)
+    takeover = None if node.takeover is None else _of(node.takeover, names)
+    read = topic_reads(*step, *(takeover or ()))
+    heard = dict.fromkeys(t for _, t in names if t in read)
+    more = tuple(typed.Subscribed(t, None, "", node.span) for t in heard)
+    return replace(node, step=step, takeover=takeover, subscribes=(*node.subscribes, *more))
+
+
+def _of(code: Any, names: Names) -> Any:  # noqa: ANN401 - any part of a tree
+    by = dict(names)
+
+    def instead(part: Any) -> Any:  # noqa: ANN401 - any part of a tree
+        if isinstance(part, typed.ModeRead) and part.module in by:
+            return typed.TopicRead(MODE, part.span, by[part.module])
+        return part
+
+    return rewritten(code, instead)
+
+
+def _beside(scope: Scope, topics: Mapping[typed.TopicSymbol, int]) -> Scope:
+    return replace(scope, topics={**scope.topics, **topics})
