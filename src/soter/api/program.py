@@ -20,6 +20,7 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from soter.api.campaigning import Campaign
     from soter.api.given import Progress
     from soter.explore.results import ExploreReport, Looked
     from soter.monitor.membership import Judgement
@@ -207,6 +208,15 @@ class Program:
         if report is not None:
             self.write_report(run, report)
         return run
+
+    def campaign(
+        self, system: str | None = None, params: Mapping[str, object] | None = None, **how: Any
+    ) -> Campaign:
+        """Fly many seeds of a system: see `soter.api.campaigning.campaign` for `how`."""
+        from soter.api.campaigning import campaign  # noqa: PLC0415 - see the docstring
+
+        flat, _ = self._completed(system, params, how.get("progress"))
+        return campaign(flat, self.path, **how)
 
     def write_log(self, run: Run, path: str | Path) -> Path:
         """Write the MCAP log of a traced run; `SoterError` D006, D007."""
