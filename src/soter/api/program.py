@@ -36,21 +36,21 @@ if TYPE_CHECKING:
     from soter.targets.package import Package
 
 
-def load(path: str | Path) -> Program:
-    """Read and check the program in a file.
+def load(path: str | Path, progress: Callable[[str], None] | None = None) -> Program:
+    """Read and check the program in a file; `progress` is told what may take seconds, in words.
 
     Never fails: a program with mistakes has them in `.diagnostics`, and whatever needs a sound
     program then raises `SoterError`.
     """
-    return Program(str(path))
+    return Program(str(path), progress)
 
 
 class Program:
     """A program: text, everything known about it, and the externs bound to it."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, progress: Callable[[str], None] | None = None) -> None:
         self.path = path
-        self._checked: Checked = check_file(path)
+        self._checked: Checked = check_file(path, tell=progress)
         self._bound: dict[str, object] = {}
         self._prepared = Preparations()
         self._flat: list[System] | None = None

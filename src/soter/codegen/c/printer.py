@@ -7,6 +7,7 @@ Non-goals: choosing what to print.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
@@ -15,6 +16,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 WIDTH = 100
+ROW_BYTES = 512
+"""Of a table in a string; C99 promises 4095."""
+QUIET_ROWS = (
+    "#if defined __clang__ ? __clang_major__ >= 21 : __GNUC__ >= 15",
+    '#pragma GCC diagnostic ignored "-Wunterminated-string-initialization"',
+    "#endif",
+)
+"""Rows are whole, without a zero at their end: on purpose."""
 PRECEDENCE = {
     "||": 1,
     "&&": 2,
@@ -254,6 +263,8 @@ def top(item: c.CTop) -> Iterator[str]:
         yield f"}} {item.name};"
     elif isinstance(item, c.FunctionDef):
         yield from _function(item)
+    elif isinstance(item, c.TableDef):
+        yield from _table(item)
     else:
         assert isinstance(item, c.VariableDef)
         yield from _variable(item)
@@ -280,6 +291,32 @@ def _function(item: c.FunctionDef) -> Iterator[str]:
     body = tuple(s for s in item.body if not (isinstance(s, c.Unused) and s.name in read))
     yield from statements(body, 1)
     yield "}"
+
+
+def _table(item: c.TableDef) -> Iterator[str]:
+    """Short strings, which every compiler reads at once and which standard C allows."""
+    rows = -(-len(item.image) // ROW_BYTES)
+    image = memoryview(item.image.ljust(rows * ROW_BYTES, b"\0"))
+    yield "/* its bytes, little-endian: numbers would take compilers minutes */"
+    yield "#if defined __BYTE_ORDER__ && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__"
+    yield '#error "a table of this program is for little-endian processors"'
+    yield "#endif"
+    yield from QUIET_ROWS
+    yield "static const union {"
+    yield f"  char bytes[{rows}][{ROW_BYTES}];"
+    yield f"  {declarator(item.type, 'value')};"
+    yield f"}} {item.name} = {{{{"
+    texts = _text_of_bytes()
+    for at in range(0, len(image), ROW_BYTES):
+        yield f'"{"".join(map(texts.__getitem__, image[at : at + ROW_BYTES]))}",'
+    yield "}};"
+
+
+@lru_cache(maxsize=1)
+def _text_of_bytes() -> tuple[str, ...]:
+    """Each byte inside a string of C; `?` might begin a trigraph."""
+    shown = [chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in range(256)]
+    return tuple(shown)
 
 
 def _variable(item: c.VariableDef) -> Iterator[str]:
