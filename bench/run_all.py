@@ -175,6 +175,12 @@ BENCHMARKS = (
         "to hash and copy).",
     ),
     Benchmark(
+        "Tables of data",
+        ("bench/tables.py",),
+        "A node that reads rows of a table, from each kind of file; every line is two fresh "
+        "processes, with an empty cache folder and with what the first one compiled.",
+    ),
+    Benchmark(
         "The house",
         ("bench/house.py", "--against", "6a82360", "--assertions"),
         "Counts over src/ as tests assert them (complexity: a rough count over the text); CPU "

@@ -189,31 +189,45 @@ def declarator(type_: str, name: str) -> str:
 
 
 def broken(line: str, depth: int) -> Iterator[str]:
-    """A long line, broken at spaces outside strings."""
+    """A long line, broken at spaces outside strings; it may be megabytes long."""
     pad = "  " * depth + "    "
-    while len(line) > WIDTH:
-        cut = _break_at(line)
+    begin, at = "", 0
+    while len(begin) + len(line) - at > WIDTH:
+        cut = _break_in(begin, line, at)
         if cut < 0:
             break
-        yield line[:cut].rstrip()
-        line = pad + line[cut:].lstrip()
-    yield line
+        yield (begin + line[at:cut]).rstrip()
+        begin, at = pad, cut
+        while at < len(line) and line[at] == " ":
+            at += 1
+    yield begin + line[at:]
 
 
-def _break_at(line: str) -> int:
-    """Where to break: the last space before WIDTH that is outside a string, past the indent."""
+def _break_in(begin: str, line: str, at: int) -> int:
+    """Where in `line` to break what begins with `begin` and goes on there; -1 for nowhere."""
+    size = 2 * WIDTH
+    while True:
+        cut, sure = _break_at(begin + line[at : at + size])
+        if sure or at + size >= len(line):
+            return -1 if cut < 0 else at + cut - len(begin)
+        size *= 2
+
+
+def _break_at(line: str) -> tuple[int, bool]:
+    """The last space before WIDTH that is outside a string, past the indent, -1 for none.
+
+    And whether more of the line could not change that.
+    """
     start = len(line) - len(line.lstrip()) + 8
     inside, best = False, -1
     for i, ch in enumerate(line):
-        if ch == '"' and line[i - 1] != "\\":
+        if ch == '"' and (i == 0 or line[i - 1] != "\\"):
             inside = not inside
         if ch == " " and not inside and i > start:
-            if i > WIDTH and best > 0:
-                break
-            best = i
             if i > WIDTH:
-                break
-    return best
+                return (best if best > 0 else i), True
+            best = i
+    return best, False
 
 
 # ---------------------------------------------------------------- top level
