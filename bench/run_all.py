@@ -173,6 +173,21 @@ BENCHMARKS = (
         "100 Hz and 200 Hz), beside the reference interpreter in the same run.",
     ),
     Benchmark(
+        "Calls of simulate from Python",
+        ("bench/simulate_calls.py",),
+        "One `Program.simulate` after the other, wall time: what does not depend on the seed is "
+        "made once. Before, medians of later calls with the whole trace were 58 ms for the "
+        "mountain car, 2.7 ms for the cart, 50 ms for a lap of the drone and 322 ms for the "
+        "whole drone, whose planner is Python (most of what is left of it, with 32 MB of states "
+        "to hash and copy).",
+    ),
+    Benchmark(
+        "Tables of data",
+        ("bench/tables.py",),
+        "A node that reads rows of a table, from each kind of file; every line is two fresh "
+        "processes, with an empty cache folder and with what the first one compiled.",
+    ),
+    Benchmark(
         "The house",
         ("bench/house.py", "--against", "6a82360", "--assertions"),
         "Counts over src/ as tests assert them (complexity: a rough count over the text); CPU "

@@ -18,6 +18,10 @@ TWO_BOXES = """[
   {"low": {"x": 0, "y": 0, "z": 0}, "high": {"x": 1, "y": 1, "z": 5}},
   {"low": {"x": 2, "y": 2, "z": 0}, "high": {"x": 3, "y": 3, "z": 7.5}}
 ]"""
+TWO_PLANS = """[
+  {"length": 12.5, "corners": [{"x": 0, "y": 0, "z": 2}, {"x": 3, "y": 4, "z": 2}]},
+  {"length": 0, "corners": []}
+]"""
 DURATION_NS = 2_000_000_000
 
 
@@ -33,6 +37,7 @@ def test_an_example_checks_clean_and_runs_alike_on_both_engines(
 ) -> None:
     info, text = BLOCKS[position]
     (tmp_path / "two_boxes.json").write_text(TWO_BOXES)
+    (tmp_path / "two_plans.json").write_text(TWO_PLANS)
     checked = check_file(str(tmp_path / "example.soter"), text)
     assert [d.message for d in checked.diagnostics.items] == []
     assert info in {"soter", "soter,needs data"}

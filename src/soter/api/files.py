@@ -138,16 +138,3 @@ def write_sequence(view: SequenceView, path: Path, kind: str) -> Path:
         raise SoterError((Diagnostic("D007", str(error)),)) from error
     except (OSError, ReportError, LogError) as error:
         raise SoterError((Diagnostic("D006", f"cannot write `{path}`: {error}"),)) from error
-
-
-def age(binding: str) -> tuple[int, ...]:
-    """When the C file of a binding, and what it includes, was last changed.
-
-    Empty where it cannot be read: X003 follows.
-    """
-    from soter.native.includes import included  # noqa: PLC0415 - see `soter.api`
-
-    try:
-        return tuple(p.stat().st_mtime_ns for p in included(binding.split(":")[1]))
-    except (OSError, SoterError):
-        return ()

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.api.files import format_text, read_text, require_writers, run_log, write_advice
 from soter.api.given import chosen_modules, complete, end_of, mistake, require_engine, values_of
+from soter.api.prepared import Preparations
 from soter.api.reports import CheckReport, check_report
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.program.build import Checked, check_file, system_of
@@ -31,28 +32,28 @@ if TYPE_CHECKING:
     from soter.reach.claims.results import VerifyReport
     from soter.simulate.externs.bindings import Bindings
     from soter.simulate.outputs.to_log import RunLog
+    from soter.simulate.parts import Kept
     from soter.simulate.result import Run
-    from soter.simulate.run import NativeProgram
     from soter.targets.package import Package
 
 
-def load(path: str | Path) -> Program:
-    """Read and check the program in a file.
+def load(path: str | Path, progress: Callable[[str], None] | None = None) -> Program:
+    """Read and check the program in a file; `progress` is told what may take seconds, in words.
 
     Never fails: a program with mistakes has them in `.diagnostics`, and whatever needs a sound
     program then raises `SoterError`.
     """
-    return Program(str(path))
+    return Program(str(path), progress)
 
 
 class Program:
     """A program: text, everything known about it, and the externs bound to it."""
 
-    def __init__(self, path: str) -> None:
+    def __init__(self, path: str, progress: Callable[[str], None] | None = None) -> None:
         self.path = path
-        self._checked: Checked = check_file(path)
+        self._checked: Checked = check_file(path, tell=progress)
         self._bound: dict[str, object] = {}
-        self._native: dict[object, NativeProgram] = {}
+        self._prepared = Preparations()
         self._flat: list[System] | None = None
         """Every system with parameters at their defaults: what `bind` looks for names in."""
 
@@ -163,7 +164,8 @@ class Program:
         engine: str = "native",
         params: Mapping[str, object] | None = None,
         *,
-        trace: bool = True,
+        trace: Kept = True,
+        sha256: bool = True,
         log: str | Path | RunLog | None = None,
         report: str | Path | None = None,
         progress: Progress | None = None,
@@ -174,7 +176,8 @@ class Program:
 
         `until`: seconds or a text such as `"30s"`, by default the system's own. `params`: values
         of parameters by full name; lengths of time in s or as text. `seed`: a whole number, 0 to
-        2^64 - 1. `trace` keeps the state after every instant. `log`, `report`: files to write,
+        2^64 - 1. `trace` keeps the state after every instant, or only the named topics, truths and
+        modules of it; `sha256` hashes it. `log`, `report`: files to write (a report keeps it all),
         the log while the run goes on. `progress` is called with the share that is done. Ctrl-C,
         with a log SIGTERM and SIGHUP, too, ends the run at an instant and raises
         `KeyboardInterrupt` (the others end the process), or, where `partial`, gives back what
@@ -185,19 +188,21 @@ class Program:
 
         require_engine(engine)
         seed = seed_value(seed)
-        flat, computed = self._completed(system, params, progress)
-        end_ns = end_of(flat, until)
+        values = self._values(params)
+        prepared = self._prepared.of(self._checked, system, values, self._bound, progress)
+        end_ns = end_of(prepared.system, until)
         writer = run_log(log)
         require_writers(log if isinstance(log, (str, Path)) else None, report)
         report = None if report is None else Path(report).absolute()  # externs may move
         run = simulate(
-            self._bindings(flat),
+            self._prepared,
+            prepared,
+            dict(self._bound),
             engine,
-            self._native,
-            computed,
             until_ns=end_ns,
             seed=seed,
-            keep_trace=trace or report is not None,
+            keep=trace if report is None else True,
+            sha256=sha256,
             progress=progress,
             real_time=real_time,
             writer=writer,

@@ -1,7 +1,8 @@
 """A run of a system with its externs bound, and what is told of it while it goes on.
 
-Purpose: build or find the engine, run until the end or a signal, keep the log.
-Non-goals: what may be asked for (`program.py`), the run itself (`simulate/run.py`).
+Purpose: find the engine, run until the end or a signal, keep the log.
+Non-goals: what may be asked for (`program.py`), what runs share (`prepared.py`), the run itself
+(`simulate/run.py`).
 """
 
 from __future__ import annotations
@@ -10,10 +11,9 @@ from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.api.files import age
 from soter.lower.layout import state_layout
 from soter.semantics.externs import Stop
-from soter.simulate.externs.bindings import callables
+from soter.simulate.externs.bindings import bind_again, callables
 from soter.simulate.interrupt import (
     ANY_END,
     INTERRUPT,
@@ -24,39 +24,42 @@ from soter.simulate.interrupt import (
 )
 from soter.simulate.pace import Pacer
 from soter.simulate.params import changed
-from soter.simulate.run import NativeProgram, run_interpreted
+from soter.simulate.run import run_interpreted
 from soter.version import VERSION
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Mapping
 
     from soter.api.given import Progress
-    from soter.simulate.externs.bindings import Bindings
+    from soter.api.prepared import Preparations, Prepared
     from soter.simulate.outputs.to_log import RunLog
+    from soter.simulate.parts import Kept
     from soter.simulate.result import Run
 
 
 def simulate(
-    bindings: Bindings,
+    preparations: Preparations,
+    prepared: Prepared,
+    given: Mapping[str, object],
     engine: str,
-    compiled: dict[object, NativeProgram],
-    computed: list[str],
     *,
     until_ns: int,
     seed: int,
-    keep_trace: bool,
+    keep: Kept,
+    sha256: bool,
     progress: Progress | None,
     real_time: bool,
     writer: RunLog | None,
     partial: bool,
 ) -> Run:
-    """Run in virtual time, as `Program.simulate` says; `computed`: notes on the run's modules.
+    """Run in virtual time, as `Program.simulate` says; `given`: what externs are bound to.
 
     `KeyboardInterrupt` where it is stopped, unless `partial`.
     """
     stop = stop_request()
+    bindings = bind_again(prepared.bindings, given)
     bound = callables(bindings, engine, stop)
-    go = _engine(engine, bindings, compiled)
+    go = _engine(engine, preparations, prepared)
     if writer is not None:
         layout = state_layout(bindings.system)
         writer.begin(bindings.system, layout, seed, engine, bindings.texts())
@@ -66,7 +69,8 @@ def simulate(
                 until_ns,
                 seed,
                 bound,
-                keep_trace=keep_trace,
+                keep_trace=keep,
+                hash_trace=sha256,
                 progress=progress,
                 stop=stop,
                 pacer=Pacer() if real_time else None,
@@ -79,7 +83,7 @@ def simulate(
             writer.end_by(error)
         raise
     run.externs = bindings.texts()
-    run.computed = computed
+    run.computed = list(prepared.computed)
     if writer is not None:
         writer.end(run, stopped_by(stop) if run.interrupted else "")
     if run.interrupted and not partial:
@@ -87,23 +91,11 @@ def simulate(
     return run
 
 
-def _engine(
-    engine: str, bindings: Bindings, compiled: dict[object, NativeProgram]
-) -> Callable[..., Run]:
+def _engine(engine: str, preparations: Preparations, prepared: Prepared) -> Callable[..., Run]:
     """What runs the system: everything slow that is no run happens here."""
     if engine == "interp":
-        return partial_(run_interpreted, bindings.system)
-    return partial_(_compiled(bindings, compiled).run, hash_trace=True)
-
-
-def _compiled(bindings: Bindings, known: dict[object, NativeProgram]) -> NativeProgram:
-    """The compiled system; kept, so that the next seed costs nothing."""
-    system = bindings.system
-    linked = tuple((n, t, age(t)) for n, t in bindings.texts().items() if t.startswith("c:"))
-    key = (system.name, tuple(system.params.items()), linked)
-    if key not in known:
-        known[key] = NativeProgram(system, core=bindings.core)
-    return known[key]
+        return partial_(run_interpreted, prepared.system)
+    return partial_(preparations.native(prepared).run, observed=True)
 
 
 def write_report(run: Run, path: str | Path, program: str) -> Path:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from soter.api import load
 from soter.cli.terminal.outcome import Outcome
 from soter.cli.terminal.parser import Parser, add_file, add_settings
-from soter.cli.terminal.progress import Progress
+from soter.cli.terminal.progress import LineOfProgress, Progress
 from soter.targets.build import TARGETS
 
 if TYPE_CHECKING:
@@ -42,7 +42,8 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Build."""
-    program = load(args.file)
+    with LineOfProgress(console) as line:
+        program = load(args.file, line)
     for name, target in args.bindings:
         program.bind(name, target)
     with Progress(console) as progress:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from soter.api import load
 from soter.cli.terminal.outcome import Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings
+from soter.cli.terminal.progress import LineOfProgress
 
 if TYPE_CHECKING:
     import argparse
@@ -42,7 +43,8 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Check."""
-    program = load(args.file)
+    with LineOfProgress(console) as line:
+        program = load(args.file, line)
     for name, target in args.bindings:
         program.bind(name, target)
     if not program.ok:

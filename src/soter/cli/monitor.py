@@ -12,6 +12,7 @@ from soter.api import load
 from soter.cli.terminal.apart import apart
 from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, seed
+from soter.cli.terminal.progress import LineOfProgress
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -51,7 +52,8 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Judge, or write the node."""
-    program = load(args.file)
+    with LineOfProgress(console) as line:
+        program = load(args.file, line)
     if program.externs and args.log is None and args.emit is None:
         apart(console, lambda _: ())
     for name, target in args.bindings:

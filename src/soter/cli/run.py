@@ -17,7 +17,7 @@ from soter.api import ENGINES, Program, load, require_writers
 from soter.cli.terminal.apart import apart
 from soter.cli.terminal.outcome import DIAGNOSTICS, FINE, INTERRUPTED, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, seed
-from soter.cli.terminal.progress import Progress
+from soter.cli.terminal.progress import LineOfProgress, Progress
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
@@ -74,7 +74,8 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Run."""
-    program = load(args.file)
+    with LineOfProgress(console) as line:
+        program = load(args.file, line)
     if program.externs:
         apart(console, lambda process: _rescued(args, process))
     console.listen()

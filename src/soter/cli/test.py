@@ -159,7 +159,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     console.listen()
     warnings: tuple[Diagnostic, ...] = ()
     try:
-        program = load(args.file)
+        with LineOfProgress(console) as line:
+            program = load(args.file, line)
         for name, target in args.bindings:
             program.bind(name, target)
         warnings = program.diagnostics if program.ok else ()

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from soter.api import load
 from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings
-from soter.cli.terminal.progress import Progress
+from soter.cli.terminal.progress import LineOfProgress, Progress
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -70,7 +70,8 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Verify."""
-    program = load(args.file)
+    with LineOfProgress(console) as line:
+        program = load(args.file, line)
     for name, target in args.bindings:
         program.bind(name, target)
     warnings = program.diagnostics if program.ok else ()

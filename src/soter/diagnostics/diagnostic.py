@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.near import did_you_mean
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     from soter.diagnostics.span import Span
 
@@ -58,9 +58,13 @@ class Diagnostic:
 
 
 class Diagnostics:
-    """A growing list of diagnostics, in the order they were found, without repetitions."""
+    """A growing list of diagnostics, in the order they were found, without repetitions.
 
-    def __init__(self) -> None:
+    `tell` is called with what is being done, where that may take seconds.
+    """
+
+    def __init__(self, tell: Callable[[str], None] | None = None) -> None:
+        self.tell: Callable[[str], None] = tell or (lambda _: None)
         self._items: list[Diagnostic] = []
         self._seen: set[tuple[str, str, int, str]] = set()
         self._errors = 0

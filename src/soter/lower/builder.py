@@ -14,6 +14,7 @@ from soter.lower.expressions import ExpressionBuilder
 from soter.program.check.stmt import always_returns
 from soter.program.meaning.arith import FaultKind
 from soter.program.model import typed
+from soter.program.model.table import Table
 from soter.program.model.types import (
     BOOL,
     INT,
@@ -164,7 +165,9 @@ class Builder(ExpressionBuilder):
             self.emit(core.Loop(s.span, name, s.low, s.high, body))
 
     def _for_each(self, s: typed.ForEach) -> None:
-        sequence = self.let(s.span, "items", self.expr(s.sequence))
+        sequence = self.expr(s.sequence)
+        if not isinstance(sequence, core.Const) or not isinstance(sequence.value, Table):
+            sequence = self.let(s.span, "items", sequence)
         t = sequence.type
         index = self.fresh("k")
         i = core.Var(INT, index)

@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     import numpy as np
 
     from soter.program.model.system import System
+    from soter.program.model.table import Table
     from soter.program.model.types import Type, Value
 
 INT_KINDS = (
@@ -255,6 +256,21 @@ def encode_into(buffer: bytearray, offset: int, t: Type, value: Value) -> None:
         for i, element in enumerate(value):
             encode_into(buffer, offset + items.offset + i * step, t.element, element)
         struct.pack_into("<i", buffer, offset + length.offset, len(value))
+
+
+def image_of_table(t: ArrayType | ListType, value: Table) -> bytes:
+    """The image of a table."""
+    if not value.of_floats or len(value) * size_of(t.element) != len(value.packed):
+        whole = bytearray(size_of(t))
+        encode_into(whole, 0, t, value)
+        return bytes(whole)
+    if isinstance(t, ArrayType):
+        return value.packed
+    whole = bytearray(size_of(t))
+    places = {m.name: m.offset for m in struct_of(t).members}
+    struct.pack_into("<i", whole, places["len"], len(value))
+    whole[places["items"] : places["items"] + len(value.packed)] = value.packed
+    return bytes(whole)
 
 
 def decode_from(buffer: Any, offset: int, t: Type) -> Value:  # noqa: ANN401 - any buffer

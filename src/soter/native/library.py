@@ -46,8 +46,6 @@ class Library:
         self.lib = opened(self.ffi, path, owners)
         self._program = address(self.ffi, path, f"{prefix}_program", "const soter_program *")
         self.state_size = state_size
-        self._written = self.ffi.new("size_t *")
-        self._due = self.ffi.new("uint32_t *")
 
     def new_state(self, seed: int) -> Bytes:
         """A fresh state, (state_size,), started."""
@@ -67,10 +65,11 @@ class Library:
         """
         room = 0 if trace is None else len(trace)
         target = self.ffi.NULL if trace is None else self._pointer(trace)
+        written, due = self.ffi.new("size_t *"), self.ffi.new("uint32_t *")  # threads share `self`
         status = self.lib.soter_run(
-            self._program, self._pointer(state), until_ns, target, room, self._written, self._due
+            self._program, self._pointer(state), until_ns, target, room, written, due
         )
-        return RunStatus(status), int(self._written[0]), int(self._due[0])
+        return RunStatus(status), int(written[0]), int(due[0])
 
     def next_instant(self, state: Bytes) -> int:
         """Time of the next instant in ns; `state` (state_size,)."""

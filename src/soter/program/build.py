@@ -22,7 +22,7 @@ from soter.program.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 from soter.program.summary import for_people
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from soter.program.model.system import System
     from soter.program.model.typed import Program, TestSymbol
@@ -65,23 +65,34 @@ class Checked:
 
 
 def check_file(
-    path: str, text: str | None = None, overrides: Mapping[str, Value] | None = None
+    path: str,
+    text: str | None = None,
+    overrides: Mapping[str, Value] | None = None,
+    tell: Callable[[str], None] | None = None,
 ) -> Checked:
     """Check the program in `path` (or in `text`, with `path` as its name).
 
-    The cycle collector rests meanwhile: a program is many small objects and hardly any garbage.
+    `tell` is called with what is being done, where that may take seconds. The cycle collector
+    rests meanwhile: a program is many small objects and hardly any garbage.
     """
     collecting = gc.isenabled()
+    found = Diagnostics(tell)
     gc.disable()
     try:
-        return _check_file(path, text, overrides)
+        return _check_file(path, text, overrides or {}, found)
     finally:
+        found.tell = _nobody
         if collecting:
             gc.enable()
 
 
-def _check_file(path: str, text: str | None, overrides: Mapping[str, Value] | None) -> Checked:
-    found = Diagnostics()
+def _nobody(_: str) -> None:
+    """The check is over: whoever looked at it does no longer."""
+
+
+def _check_file(
+    path: str, text: str | None, overrides: Mapping[str, Value], found: Diagnostics
+) -> Checked:
     loaded = load(path, found, text)
     if loaded is None:
         return Checked(None, found)
@@ -96,7 +107,7 @@ def _check_file(path: str, text: str | None, overrides: Mapping[str, Value] | No
         check_declaration(module, found, program.damaged)
     components = 0
     for system in own.values():
-        flat = _flatten(program, system, overrides or {}, found, draft=draft)
+        flat = _flatten(program, system, overrides, found, draft=draft)
         components += program.system_sizes[system][0] if flat is not None else 0
         if components > ALL_COMPONENTS_MAX:
             found.error(
@@ -108,7 +119,7 @@ def _check_file(path: str, text: str | None, overrides: Mapping[str, Value] | No
             )
             break
     for test in program.tests.values():
-        elaborate_test(program, test, overrides or {}, found)
+        elaborate_test(program, test, overrides, found)
     _check_the_rest(program, own, found)
     return Checked(program, for_people(found, [f.source for f in loaded.files]), own)
 

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     import numpy.typing as npt
 
     from soter.program.model.system import System
+    from soter.simulate.parts import Parts
 
     Rows = npt.NDArray[np.uint8]
     Also = Callable[[npt.NDArray[Any], Sequence["ModeChange"]], None]
@@ -61,8 +62,10 @@ class Observer:
         *,
         keep_trace: bool,
         hash_trace: bool,
+        parts: Parts | None = None,
         also: Also | None = None,
     ) -> None:
+        """`parts`: what is kept of each state, all of it by default."""
         self.instants = 0
         self.changes: list[ModeChange] = []
         self.first_faults: dict[int, FirstFault] = {}
@@ -70,6 +73,7 @@ class Observer:
         """The last state seen, (size,) bytes."""
         self._also = also
         self._dtype = dtype
+        self._parts = parts
         self._digest = hashlib.sha256() if hash_trace else None
         self._kept: list[Rows] | None = [] if keep_trace else None
         self._kept_bytes = 0
@@ -86,9 +90,9 @@ class Observer:
         self.last = rows[-1].copy()
         if self._digest is not None:
             self._digest.update(np.ascontiguousarray(rows).data)
-        if self._kept is not None:
-            self._keep(rows)
         states = np.ascontiguousarray(rows).view(self._dtype).reshape(-1)
+        if self._kept is not None:
+            self._keep(rows if self._parts is None else _bytes(self._parts.of(states)))
         known = len(self.changes)
         if len(self._modes):
             self._see_modes(states)
@@ -107,26 +111,26 @@ class Observer:
         return self._digest.hexdigest() if self._digest is not None else None
 
     def trace(self) -> npt.NDArray[Any] | None:
-        """All states as records, (instants,), None where they were not kept.
+        """All states, or their parts, as records, (instants,); None where they were not kept.
 
         Asked for once, at the end.
         """
         if self._kept is None:
             return None
-        size = self._dtype.itemsize
+        dtype = self._dtype if self._parts is None else self._parts.dtype
         if self._file is not None:
             self._spill()
             with self._file as file:  # a map keeps what it needs of a file
                 file.flush()
-                return np.memmap(file, dtype=self._dtype, mode="r", shape=(self.instants,))
-        rows = np.concatenate(self._kept) if self._kept else np.zeros((0, size), dtype=np.uint8)
-        return np.ascontiguousarray(rows).view(self._dtype).reshape(-1)
+                return np.memmap(file, dtype=dtype, mode="r", shape=(self.instants,))
+        rows = np.concatenate(self._kept) if self._kept else _no_rows(dtype)
+        return np.ascontiguousarray(rows).view(dtype).reshape(-1)
 
     # ------------------------------------------------------------ keeping
 
     def _keep(self, rows: Rows) -> None:
         assert self._kept is not None
-        self._kept.append(rows.copy())
+        self._kept.append(rows.copy() if self._parts is None else rows)  # parts are copies
         self._kept_bytes += rows.size
         if self._kept_bytes > IN_MEMORY_BYTES:
             self._spill()
@@ -173,3 +177,13 @@ class Observer:
                 latched = bool(states["components"]["latched"][row, component])
                 time_ns = int(states["header"]["ct"][row])
                 self.first_faults[int(component)] = FirstFault(time_ns, latched)
+
+
+def _bytes(records: npt.NDArray[Any]) -> Rows:
+    """The same memory, (n, size) bytes, of records, (n,)."""
+    return records.view(np.uint8).reshape(len(records), -1)
+
+
+def _no_rows(dtype: np.dtype[Any]) -> Rows:
+    """(0, size) bytes."""
+    return np.zeros((0, dtype.itemsize), dtype=np.uint8)

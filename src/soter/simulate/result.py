@@ -62,7 +62,8 @@ class ModuleSummary:
 class Run:
     """The result of a run (docs/python.md).
 
-    `trace` has one record per instant (dtype `state_dtype`), or is None.
+    `trace` has one record per instant (dtype `state_dtype`), or is None. Where only some parts
+    were `recorded`, its records have those.
 
     `duration_s` is what was asked for, `reached_s` the time of the last instant; they differ
     where the run was `interrupted`. `changes` and `first_faults` are filled where the run was
@@ -80,6 +81,8 @@ class Run:
     duration_s: float
     wall_s: float
     trace_sha256: str | None
+    recorded: tuple[str, ...] | None = None
+    """The topics, truths and modules that the trace was to keep; None: everything, or no trace."""
     extern_failures: dict[str, str] = field(default_factory=dict)
     """First failure of each extern that had one."""
     changes: list[ModeChange] = field(default_factory=list)
@@ -167,14 +170,16 @@ class Run:
     # Everything below needs a trace: SoterError U001 without one, or for an unknown name.
 
     def require_trace(self) -> npt.NDArray[Any]:
-        """The trace, (instants,); SoterError U001 where none was kept."""
-        if self.trace is None:
-            raise usage_error("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
-        return self.trace
+        """The whole trace, (instants,); SoterError U001 where none, or only parts, were kept."""
+        found = _kept(self)
+        if self.recorded is not None:
+            message = f"this run recorded only {', '.join(f'`{n}`' for n in self.recorded)}"
+            raise usage_error("U001", message, "ask for everything: simulate(trace=True)")
+        return found
 
     def time_s(self) -> npt.NDArray[np.float64]:
         """Times of the instants in s, (n,)."""
-        return self.require_trace()["header"]["ct"] / 1e9
+        return _kept(self)["header"]["ct"] / 1e9
 
     def topic(self, name: str) -> npt.NDArray[Any]:
         """Values of a topic after every instant, (n,); records have fields.
@@ -208,16 +213,26 @@ def _declaration(x: Component) -> Span:
 # ---------------------------------------------------------------- what a trace holds
 
 
+def _kept(run: Run, name: str = "") -> npt.NDArray[Any]:
+    """What was kept of the trace, (n,); SoterError U001 where `name` is not in it."""
+    if run.trace is None:
+        raise usage_error("U001", "this run kept no trace", "ask for it: simulate(trace=True)")
+    if name and run.recorded is not None and name not in run.recorded:
+        help_ = f'name it, too: simulate(trace=["{name}", ...])'
+        raise usage_error("U001", f"this run did not record `{name}`", help_)
+    return run.trace
+
+
 def _values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
     """Type and values, (n,), of a topic or of a plant's truth; SoterError U001."""
-    trace = run.require_trace()
+    _kept(run)
     for topic in run.system.topics:
         if topic.name == name:
-            return topic.type, trace["topics"][name]
+            return topic.type, _kept(run, name)["topics"][name]
     for group in run.layout.groups:
         x = run.system.components[group.owner] if group.owner >= 0 else None
         if x is not None and x.plant is not None and name == f"{x.name}.truth":
-            return x.plant.truth, trace[group_field(group)]
+            return x.plant.truth, _kept(run, name)[group_field(group)]
     raise usage_error(
         "U001", f"the run has no topic and no truth `{name}`", did_you_mean(name, _names(run))
     )
@@ -225,17 +240,16 @@ def _values(run: Run, name: str) -> tuple[Type, npt.NDArray[Any]]:
 
 def _mode(run: Run, module: str) -> npt.NDArray[np.uint8]:
     """Mode of a module, (n,); SoterError U001."""
-    trace = run.require_trace()
+    _kept(run)
     for m in run.system.modules:
         if m.name == module:
-            return trace["modules"]["mode"][:, m.index]
+            return _kept(run, module)["modules"]["mode"][:, m.index]
     known = did_you_mean(module, [m.name for m in run.system.modules])
     raise usage_error("U001", f"the run has no module `{module}`", known)
 
 
 def _array(run: Run, path: str) -> npt.NDArray[np.float64]:
     """Floats of a topic, a truth or a part of one: (n,) or (n, k); SoterError U001."""
-    run.require_trace()
     known = [n for n in _names(run) if path == n or path.startswith(f"{n}.")]
     name = max(known, key=len, default=path)
     t, found = _values(run, name)

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import os
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -29,12 +29,14 @@ from soter.simulate.externs.surroundings import end_copy
 from soter.simulate.image import image
 from soter.simulate.interrupt import StopRequest
 from soter.simulate.observe import Observer
+from soter.simulate.parts import Parts, names_of, wanted
 from soter.simulate.result import Run
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
     from soter.lower.core import CoreSystem
+    from soter.lower.layout import StateLayout
     from soter.native.library import Bytes
     from soter.program.model.system import System
     from soter.semantics.configuration import Configuration
@@ -42,6 +44,7 @@ if TYPE_CHECKING:
     from soter.simulate.externs.externs import Tally
     from soter.simulate.observe import Also
     from soter.simulate.pace import Pacer
+    from soter.simulate.parts import Kept
 
     Progress = Callable[[float], None]
 
@@ -84,8 +87,9 @@ class NativeProgram:
         seed: int,
         bound: Mapping[str, object] | None = None,
         *,
-        keep_trace: bool = False,
+        keep_trace: Kept = False,
         hash_trace: bool = False,
+        observed: bool = False,
         progress: Progress | None = None,
         stop: StopRequest | None = None,
         pacer: Pacer | None = None,
@@ -93,17 +97,16 @@ class NativeProgram:
     ) -> Run:
         """Run from the start to `until_ns`, or until `stop` is wanted.
 
-        `also` is given what a hashed or traced run observes, block by block: records (n,) and the
-        changes of mode in them.
+        What is hashed, traced or `observed` counts instants, changes of mode and first faults.
+        `also` is given what is observed, block by block: records (n,) and the changes of mode in
+        them. SoterError U001 where `keep_trace` names no part of the system.
         """
         require_plain()
         bound = bound or {}
         _reset_all(bound, seed)
         observer = None
-        if keep_trace or hash_trace:
-            observer = Observer(
-                self.system, self.dtype, keep_trace=keep_trace, hash_trace=hash_trace, also=also
-            )
+        if wanted(keep_trace) or hash_trace or observed:
+            observer = _observer(self.system, self.layout, self.dtype, keep_trace, hash_trace, also)
         drive = _Drive(self, bound, seed, observer, stop or StopRequest())
         began = time.perf_counter()
         finished = drive.to(until_ns, progress, pacer)
@@ -119,6 +122,7 @@ class NativeProgram:
             engine="native",
             final=last.view(self.dtype)[0],
             trace=observer.trace() if observer else None,
+            recorded=names_of(keep_trace),
             instants=observer.instants if observer else 0,
             duration_s=until_ns / 1e9,
             wall_s=wall,
@@ -209,7 +213,8 @@ def run_interpreted(
     seed: int,
     bound: Mapping[str, object] | None = None,
     *,
-    keep_trace: bool = False,
+    keep_trace: Kept = False,
+    hash_trace: bool = True,
     progress: Progress | None = None,
     stop: StopRequest | None = None,
     pacer: Pacer | None = None,
@@ -221,10 +226,9 @@ def run_interpreted(
     """
     layout = state_layout(system)
     dtype = state_dtype(system, layout)
-    observer = Observer(system, dtype, keep_trace=keep_trace, hash_trace=True, also=also)
-    request = stop or StopRequest()
+    observer = _observer(system, layout, dtype, keep_trace, hash_trace, also)
+    request, process = stop or StopRequest(), os.getpid()
     waiting: list[bytes] = []
-    process = os.getpid()
 
     def flush() -> None:
         if waiting:
@@ -246,9 +250,8 @@ def run_interpreted(
 
     failures: dict[str, str] = {}
     tallies: dict[str, Tally] = {}
-    noted = noting(system, bound or {}, failures, tallies)
     began = time.perf_counter()
-    interpreter = Interpreter(system, seed, noted)
+    interpreter = Interpreter(system, seed, noting(system, bound or {}, failures, tallies))
     finished = _interpret(interpreter, until_ns, observe)
     flush()
     wall = time.perf_counter() - began
@@ -261,6 +264,7 @@ def run_interpreted(
         engine="interp",
         final=last.view(dtype)[0],
         trace=observer.trace(),
+        recorded=names_of(keep_trace),
         instants=observer.instants,
         duration_s=until_ns / 1e9,
         wall_s=wall,
@@ -273,6 +277,21 @@ def run_interpreted(
         extern_tallies=tallies,
         decided=observer.decided,
     )
+
+
+def _observer(
+    system: System,
+    layout: StateLayout,
+    dtype: np.dtype[Any],
+    keep_trace: Kept,
+    hash_trace: bool,
+    also: Also | None,
+) -> Observer:
+    """What watches a run; SoterError U001 where `keep_trace` names no part of the system."""
+    names = names_of(keep_trace)
+    parts = None if names is None else Parts(system, layout, dtype, names)
+    kept = wanted(keep_trace)
+    return Observer(system, dtype, keep_trace=kept, hash_trace=hash_trace, parts=parts, also=also)
 
 
 def _interpret(

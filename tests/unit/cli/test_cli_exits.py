@@ -74,7 +74,7 @@ def test_3_a_violated_property(soter: Soter) -> None:
 
 
 def test_70_a_defect_of_soter(soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def broken(_: object) -> None:
+    def broken(*_: object) -> None:
         raise AssertionError("a defect")
 
     monkeypatch.setattr("soter.cli.check.load", broken)
@@ -90,14 +90,14 @@ def test_70_where_no_crash_file_can_be_written(
     soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     (here / ".soter").write_text("in the way")
-    monkeypatch.setattr("soter.cli.check.load", lambda _: 1 // 0)
+    monkeypatch.setattr("soter.cli.check.load", lambda *_: 1 // 0)
     done = soter("check", "cart.soter")
     assert done.exit == 70
     assert "ZeroDivisionError in test_cli_exits.py" in done.err
 
 
 def test_130_an_interrupt(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None:
-    def pressed(_: object) -> None:
+    def pressed(*_: object) -> None:
         raise KeyboardInterrupt
 
     monkeypatch.setattr("soter.cli.check.load", pressed)

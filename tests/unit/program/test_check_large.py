@@ -1,4 +1,7 @@
-"""Programs of a size, or with numbers, that nobody writes: checked in under two seconds."""
+"""Programs of a size, or with numbers, that nobody writes: checked in under two seconds.
+
+But for constants, which may take as long as their budgets.
+"""
 
 from __future__ import annotations
 
@@ -10,6 +13,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import KEPT_MAX, Diagnostics
 from soter.program.build import Checked, check_file, system_of
+from soter.program.check import const
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -212,6 +216,14 @@ def test_a_hundred_topics_of_a_hundred_thousand_numbers() -> None:
     assert codes(text + node + "system S { node A; }") == ["M007"]
 
 
+@pytest.fixture
+def _budgets_of_a_second(monkeypatch: pytest.MonkeyPatch) -> None:
+    """That a check ends hangs on budgets alone: they may be twenty seconds as well."""
+    monkeypatch.setattr(const, "CONSTANT_BUDGET", 1_000_000)
+    monkeypatch.setattr(const, "PROGRAM_BUDGET", 2_000_000)
+
+
+@pytest.mark.usefixtures("_budgets_of_a_second")
 def test_constants_that_compute_for_ever() -> None:
     loop = "for i in 0..900 {{ for j in 0..900 {{ s = s + i * j; }} }}"
     text = lines(50, "fun f{i}(): int {{ var s = 0; " + loop + " return s; }}")
@@ -219,6 +231,7 @@ def test_constants_that_compute_for_ever() -> None:
     assert found == ["T020", "T020"]
 
 
+@pytest.mark.usefixtures("_budgets_of_a_second")
 def test_constants_that_copy_for_ever() -> None:
     text = "type V = float[1000];\nfun f(v: V): V { var s = v; "
     text += "for i in 0..1000 { s = s + v; } return s; }\nconst Z: V = ["

@@ -7,6 +7,7 @@ Non-goals: choosing what to print.
 
 from __future__ import annotations
 
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
@@ -15,6 +16,14 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 WIDTH = 100
+ROW_BYTES = 512
+"""Of a table in a string; C99 promises 4095."""
+QUIET_ROWS = (
+    "#if defined __clang__ ? __clang_major__ >= 21 : __GNUC__ >= 15",
+    '#pragma GCC diagnostic ignored "-Wunterminated-string-initialization"',
+    "#endif",
+)
+"""Rows are whole, without a zero at their end: on purpose."""
 PRECEDENCE = {
     "||": 1,
     "&&": 2,
@@ -180,31 +189,45 @@ def declarator(type_: str, name: str) -> str:
 
 
 def broken(line: str, depth: int) -> Iterator[str]:
-    """A long line, broken at spaces outside strings."""
+    """A long line, broken at spaces outside strings; it may be megabytes long."""
     pad = "  " * depth + "    "
-    while len(line) > WIDTH:
-        cut = _break_at(line)
+    begin, at = "", 0
+    while len(begin) + len(line) - at > WIDTH:
+        cut = _break_in(begin, line, at)
         if cut < 0:
             break
-        yield line[:cut].rstrip()
-        line = pad + line[cut:].lstrip()
-    yield line
+        yield (begin + line[at:cut]).rstrip()
+        begin, at = pad, cut
+        while at < len(line) and line[at] == " ":
+            at += 1
+    yield begin + line[at:]
 
 
-def _break_at(line: str) -> int:
-    """Where to break: the last space before WIDTH that is outside a string, past the indent."""
+def _break_in(begin: str, line: str, at: int) -> int:
+    """Where in `line` to break what begins with `begin` and goes on there; -1 for nowhere."""
+    size = 2 * WIDTH
+    while True:
+        cut, sure = _break_at(begin + line[at : at + size])
+        if sure or at + size >= len(line):
+            return -1 if cut < 0 else at + cut - len(begin)
+        size *= 2
+
+
+def _break_at(line: str) -> tuple[int, bool]:
+    """The last space before WIDTH that is outside a string, past the indent, -1 for none.
+
+    And whether more of the line could not change that.
+    """
     start = len(line) - len(line.lstrip()) + 8
     inside, best = False, -1
     for i, ch in enumerate(line):
-        if ch == '"' and line[i - 1] != "\\":
+        if ch == '"' and (i == 0 or line[i - 1] != "\\"):
             inside = not inside
         if ch == " " and not inside and i > start:
-            if i > WIDTH and best > 0:
-                break
-            best = i
             if i > WIDTH:
-                break
-    return best
+                return (best if best > 0 else i), True
+            best = i
+    return best, False
 
 
 # ---------------------------------------------------------------- top level
@@ -254,6 +277,8 @@ def top(item: c.CTop) -> Iterator[str]:
         yield f"}} {item.name};"
     elif isinstance(item, c.FunctionDef):
         yield from _function(item)
+    elif isinstance(item, c.TableDef):
+        yield from _table(item)
     else:
         assert isinstance(item, c.VariableDef)
         yield from _variable(item)
@@ -280,6 +305,32 @@ def _function(item: c.FunctionDef) -> Iterator[str]:
     body = tuple(s for s in item.body if not (isinstance(s, c.Unused) and s.name in read))
     yield from statements(body, 1)
     yield "}"
+
+
+def _table(item: c.TableDef) -> Iterator[str]:
+    """Short strings, which every compiler reads at once and which standard C allows."""
+    rows = -(-len(item.image) // ROW_BYTES)
+    image = memoryview(item.image.ljust(rows * ROW_BYTES, b"\0"))
+    yield "/* its bytes, little-endian: numbers would take compilers minutes */"
+    yield "#if defined __BYTE_ORDER__ && __BYTE_ORDER__ != __ORDER_LITTLE_ENDIAN__"
+    yield '#error "a table of this program is for little-endian processors"'
+    yield "#endif"
+    yield from QUIET_ROWS
+    yield "static const union {"
+    yield f"  char bytes[{rows}][{ROW_BYTES}];"
+    yield f"  {declarator(item.type, 'value')};"
+    yield f"}} {item.name} = {{{{"
+    texts = _text_of_bytes()
+    for at in range(0, len(image), ROW_BYTES):
+        yield f'"{"".join(map(texts.__getitem__, image[at : at + ROW_BYTES]))}",'
+    yield "}};"
+
+
+@lru_cache(maxsize=1)
+def _text_of_bytes() -> tuple[str, ...]:
+    """Each byte inside a string of C; `?` might begin a trigraph."""
+    shown = [chr(b) if 32 <= b < 127 and chr(b) not in '"\\?' else f"\\{b:03o}" for b in range(256)]
+    return tuple(shown)
 
 
 def _variable(item: c.VariableDef) -> Iterator[str]:

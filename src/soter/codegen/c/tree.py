@@ -278,6 +278,15 @@ class VariableDef(CTop):
     comment: str = ""
 
 
+@dataclass(frozen=True)
+class TableDef(CTop):
+    """A static const union of a value and its bytes: a table, by which compilers are not slowed."""
+
+    type: str
+    name: str
+    image: bytes
+
+
 def names_read(node: object) -> Iterator[str]:
     """Names that a piece of C reads; one that is only assigned to is not read."""
     if isinstance(node, Name):

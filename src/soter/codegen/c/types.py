@@ -12,7 +12,8 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, field_name
-from soter.lower.layout import scalar, size_of, struct_of
+from soter.lower.layout import image_of_table, scalar, size_of, struct_of
+from soter.program.model.table import Table
 from soter.program.model.types import (
     ArrayType,
     BoolType,
@@ -111,9 +112,14 @@ class TypeTable:
         if known is None:
             known = self.unique(f"{self.prefix}_{name or 'constant'}")
             self._pool[key] = known
-            initial = self.initializer(t, value)
-            self.constants.append(c.VariableDef(self.stored(t), known, initial))
-        return c.Name(known)
+            if isinstance(value, Table):
+                assert isinstance(t, (ArrayType, ListType))
+                image = image_of_table(t, value)
+                self.constants.append(c.TableDef(self.stored(t), known, image))
+            else:
+                initial = self.initializer(t, value)
+                self.constants.append(c.VariableDef(self.stored(t), known, initial))
+        return c.Member(c.Name(known), "value") if isinstance(value, Table) else c.Name(known)
 
     def named_constant(self, t: Type, value: Value, name: str | None) -> c.CExpr:
         """The same; a number by the name that the source gives it: `#define cart_WALL 10.0`."""

@@ -135,6 +135,10 @@ class ExprBase(ABC):
     def dispatch(self, expr: tree.Expr, context: Context, expected: Type | None) -> typed.Expr:
         """The typed expression, not yet converted; `expected` is a hint for literals."""
 
+    @abstractmethod
+    def container(self, expr: tree.Expr, context: Context) -> typed.Expr:
+        """The typed expression of which a part is read in place: it may be a table."""
+
     def check(
         self,
         expr: tree.Expr,

@@ -30,10 +30,13 @@ if TYPE_CHECKING:
     from soter.program.model.types import Type, Value
     from soter.syntax import tree
 
-PROGRAM_BUDGET = 2_000_000
-"""Operations that all constants of a program may take together: about a second."""
-CONSTANT_BUDGET = 1_000_000
+PROGRAM_BUDGET = 100_000_000
+"""Operations that all constants of a program may take together: some twenty seconds."""
+CONSTANT_BUDGET = 50_000_000
 """And one of them alone."""
+NUMBERS_BUDGET = 2_000_000
+"""And all numbers of one system: they are computed again for every choice of parameters."""
+MILLION = 1_000_000
 
 WHY = {
     FaultKind.OVERFLOW: "an int leaves its range",
@@ -50,11 +53,16 @@ class Calculator:
     """Evaluates closed expressions over some parameters, all within one budget of operations."""
 
     def __init__(
-        self, diagnostics: Diagnostics, params: Mapping[typed.ParamSymbol, Value] | None = None
+        self,
+        diagnostics: Diagnostics,
+        params: Mapping[typed.ParamSymbol, Value] | None = None,
+        budgets: tuple[int, int] | None = None,
     ) -> None:
+        """`budgets`: of operations, of one value and of all; those of a system by default."""
         self.diagnostics = diagnostics
-        self.left = PROGRAM_BUDGET
-        self._evaluator = Evaluator(params or {}, None, PROGRAM_BUDGET)
+        self._most, self.left = budgets or (NUMBERS_BUDGET // 2, NUMBERS_BUDGET)
+        self._all = self.left
+        self._evaluator = Evaluator(params or {}, None, self.left)
 
     def value(self, expr: typed.Expr, what: str) -> Value | None:
         """The value, or None after a report (T020) that begins with `what`."""
@@ -62,8 +70,11 @@ class Calculator:
             return expr.value
         if self.left <= 0:
             return None  # reported when the budget ran out
-        allowed = min(self.left, CONSTANT_BUDGET)
+        allowed = min(self.left, self._most)
         self._evaluator.allow(allowed)
+        self._evaluator.tell = lambda n: self.diagnostics.tell(
+            f"{what}: {n / MILLION:.0f} million operations"
+        )
         try:
             return self._evaluator.value(expr)
         except StepFault as fault:
@@ -73,9 +84,7 @@ class Calculator:
                 "T020",
                 f"{what} takes too long to compute",
                 expr.span,
-                notes=(
-                    f"one constant may take {CONSTANT_BUDGET} operations, all {PROGRAM_BUDGET}",
-                ),
+                notes=(f"one constant may take {self._most} operations, all {self._all}",),
                 helps=('compute a large table once and read it: `data "file.json"`',),
             )
         finally:
@@ -103,7 +112,8 @@ class ConstantChecker:
     def __init__(self, shared: Shared, digest: hashlib._Hash) -> None:
         self.shared = shared
         self.diagnostics = shared.diagnostics
-        self.calculator = Calculator(shared.diagnostics)
+        budgets = (CONSTANT_BUDGET, PROGRAM_BUDGET)
+        self.calculator = Calculator(shared.diagnostics, None, budgets)
         self._digest = digest
 
     def constant(
@@ -191,7 +201,7 @@ class ConstantChecker:
         assert decl.data is not None
         path = scope.loaded.path.parent / decl.data
         try:
-            value, raw = read_data(path, t)
+            value, raw = read_data(path, t, self.diagnostics.tell)
         except ReadError as error:
             if error.missing:
                 self.diagnostics.error(

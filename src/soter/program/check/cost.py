@@ -16,6 +16,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.program.model import typed
+from soter.program.model.table import is_table
 from soter.program.model.types import ArrayType, ListType, leaf_count
 from soter.program.model.walk import calls_in, children, nodes
 
@@ -190,7 +191,8 @@ def _declared(s: object) -> int:
     if isinstance(s, (typed.Declare, typed.ForRange)):
         return leaf_count(s.variable.type)
     if isinstance(s, typed.ForEach):
-        return leaf_count(s.variable.type) + leaf_count(s.sequence.type)
+        copied = 0 if is_table(s.sequence.type) else leaf_count(s.sequence.type)
+        return leaf_count(s.variable.type) + copied
     return 0
 
 

@@ -126,7 +126,8 @@ class DeclChecker:
         return None if isinstance(t, ErrorType) else t
 
     def _const(self, decl: tree.ConstDecl, scope: FileScope, full: str) -> object:
-        t = self.shared.resolve_type(decl.type, scope, duration=True)
+        data = decl.data is not None
+        t = self.shared.resolve_type(decl.type, scope, duration=True, table=data)
         what = f"constant `{decl.name.text}`"
         value = None
         if decl.data is not None and not isinstance(t, (ErrorType, DurationType)):

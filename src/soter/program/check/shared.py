@@ -54,6 +54,7 @@ class Shared(Protocol):
         around: Context | None = None,
         *,
         duration: bool = False,
+        table: bool = False,
     ) -> Type:
         """The type it means, ERROR after a report: `TypeChecker.check`."""
 

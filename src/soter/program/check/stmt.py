@@ -336,7 +336,7 @@ class StmtChecker:
         return typed.ForRange(s.span, variable, low, high, body)
 
     def _for_each(self, s: tree.ForEachStmt, context: Context) -> typed.Stmt | None:
-        sequence = self.expressions.check(s.sequence, context)
+        sequence = self.expressions.container(s.sequence, context)
         t = sequence.type
         element: Type = ERROR
         if isinstance(t, (ArrayType, ListType)):

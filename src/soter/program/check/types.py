@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.program.model.table import TABLE_MAX, VALUE_MAX
 from soter.program.model.types import (
     BOOL,
     DURATION,
@@ -32,7 +33,6 @@ if TYPE_CHECKING:
     from soter.program.check.scope import FileScope
     from soter.program.check.shared import Shared
 
-MAX_LEAVES = 100_000
 BUILTIN_TYPES: dict[str, Type] = {
     "bool": BOOL,
     "int": INT,
@@ -56,13 +56,15 @@ class TypeChecker:
         around: Context | None = None,
         *,
         duration: bool = False,
+        table: bool = False,
     ) -> Type:
         """The type it means, ERROR after a report; `duration` where one may stand (T014).
 
         `around` is the place it stands in, where that has locals: sizes cannot mention them.
+        `table`: it is the type of data, which is read in place, so an array or list may be large.
         """
         outer, self._around = self._around, around
-        t = self._dispatch(expr, scope)
+        t = self._dispatch(expr, scope, TABLE_MAX if table else VALUE_MAX)
         self._around = outer
         if isinstance(t, DurationType) and not duration:
             self.diagnostics.error(
@@ -75,7 +77,7 @@ class TypeChecker:
             return ERROR
         return t
 
-    def _dispatch(self, expr: tree.TypeExpr, scope: FileScope) -> Type:
+    def _dispatch(self, expr: tree.TypeExpr, scope: FileScope, most: int) -> Type:
         if isinstance(expr, tree.BuiltinType):
             return BUILTIN_TYPES[expr.name]
         if isinstance(expr, tree.RangedIntType):
@@ -83,23 +85,29 @@ class TypeChecker:
         if isinstance(expr, tree.NamedType):
             return self._named(expr, scope)
         if isinstance(expr, tree.RecordTypeExpr):
-            return self._bounded(self._record(expr, scope), expr)
+            return self._bounded(self._record(expr, scope), expr, VALUE_MAX)
         if isinstance(expr, (tree.ArrayTypeExpr, tree.ListTypeExpr)):
-            return self._bounded(self._array(expr, scope), expr)
+            return self._bounded(self._array(expr, scope, most), expr, most)
         self.shared.names.losses += 1  # what could not be parsed
         return ERROR
 
-    def _bounded(self, t: Type, expr: tree.TypeExpr) -> Type:
-        """T011 for a type of too many scalars: every value of it is copied as a whole."""
+    def _bounded(self, t: Type, expr: tree.TypeExpr, most: int) -> Type:
+        """T011 for a type of too many scalars: a value is copied as a whole, a table compiled."""
         count = 0 if isinstance(t, ErrorType) else leaf_count(t)
-        if count <= MAX_LEAVES:
+        if count <= most:
             return t
+        note = f"a value has at most {VALUE_MAX} numbers, as steps copy values whole"
+        if most == TABLE_MAX:
+            note = f"a table of data has at most {TABLE_MAX} numbers"
         self.diagnostics.error(
             "T011",
             "this type is too large",
             expr.span,
             f"{count} numbers",
-            notes=(f"a value has at most {MAX_LEAVES} numbers, as steps copy values whole",),
+            notes=(note,),
+            helps=()
+            if most == TABLE_MAX or count > TABLE_MAX or isinstance(t, RecordType)
+            else ('a constant may have more where it is read: `const NAME: T[n] = data "file";`',),
         )
         return ERROR
 
@@ -157,7 +165,9 @@ class TypeChecker:
             spans[name.text] = name.span
         return ERROR if failed else RecordType(tuple(fields.items()))
 
-    def _array(self, expr: tree.ArrayTypeExpr | tree.ListTypeExpr, scope: FileScope) -> Type:
+    def _array(
+        self, expr: tree.ArrayTypeExpr | tree.ListTypeExpr, scope: FileScope, most: int
+    ) -> Type:
         element = self.check(expr.element, scope, self._around)
         is_array = isinstance(expr, tree.ArrayTypeExpr)
         what = "the size of an array" if is_array else "the capacity of a list"
@@ -165,12 +175,12 @@ class TypeChecker:
         size = self._constant(size_expr, scope, what)
         if size is None or isinstance(element, ErrorType):
             return ERROR
-        if not 1 <= size <= MAX_LEAVES:
+        if not 1 <= size <= most:
             self.diagnostics.error(
                 "T011",
                 f"{what} cannot be {size}",
                 size_expr.span,
-                f"1 to {MAX_LEAVES} are possible",
+                f"1 to {most} are possible",
             )
             return ERROR
         return ArrayType(element, size) if is_array else ListType(element, size)

@@ -16,6 +16,7 @@ from operator import mul
 from typing import TYPE_CHECKING, Any
 
 from soter.program.load.files import read_bytes
+from soter.program.model.table import Table, is_table
 from soter.program.model.types import (
     ArrayType,
     BoolType,
@@ -25,17 +26,22 @@ from soter.program.model.types import (
     ListType,
     RecordType,
 )
-from soter.program.model.values import ValueShapeError, from_json
+from soter.program.model.values import ValueShapeError, check_length, from_json
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
     from pathlib import Path
 
     from soter.program.model.types import Type, Value
 
 MAX_DATA_BYTES = 16 * 1024 * 1024
-MAX_ITEMS = 1_000_000
-"""Lists and numbers in an array; a value has at most a tenth of that. Empty lists need no bytes."""
+MAX_TABLE_BYTES = 128 * 1024 * 1024
+"""Of a file that holds a table."""
+MAX_ITEMS = 10_000_000
+"""Lists and numbers in an array; more than twice what a table has. Empty lists need no bytes."""
 NPY_MAGIC = b"\x93NUMPY"
+NUMBER_BYTES = 8
+TOLD_EVERY = 4096
 KINDS = {".json", ".csv", ".npy"}
 
 
@@ -43,30 +49,54 @@ class DataError(Exception):
     """A data file that is no value of the declared type; the text says why."""
 
 
-def read_data(path: Path, t: Type) -> tuple[Value, bytes]:
+def read_data(path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
     """The value of type `t` in the file and the file's bytes (for the program's hash).
 
-    Raises `ReadError` where the file cannot be read, `DataError` where its content is wrong.
+    `tell` is called with what is being done, again and again where that takes long. Raises
+    `ReadError` where the file cannot be read, `DataError` where its content is wrong.
     """
     suffix = path.suffix.lower()
     if suffix not in KINDS:
         kind = f"a file called `*{suffix}`" if suffix else "a file without an ending"
         raise DataError(f"{kind} cannot be read as data: .json, .csv and .npy can")
-    raw = read_bytes(path, MAX_DATA_BYTES)
+    raw = read_bytes(path, MAX_TABLE_BYTES if is_table(t) else MAX_DATA_BYTES)
+    tell(f"reading `{path.name}`")
     if suffix == ".json":
         document = _without_comment(_json(raw))
     elif suffix == ".csv":
         document = _csv(raw, t)
     else:
-        document = _npy(raw)
+        document = _npy(raw, t)
     try:
-        value = from_json(t, document)
+        value = _value(t, document, lambda n: tell(f"reading `{path.name}`: {n} elements"))
     except (ValueShapeError, RecursionError) as error:
         raise DataError(str(error)) from error
     wrong = _not_finite(t, value, "")
     if wrong is not None:
         raise DataError(wrong)
     return value, raw
+
+
+def _value(t: Type, document: object, tell: Callable[[int], None]) -> Value:
+    """The value that a document stands for, a `Table` where the type is one."""
+    if isinstance(document, Table):
+        check_length(t, len(document), "")
+        return document
+    if (
+        not isinstance(t, (ArrayType, ListType))
+        or not is_table(t)
+        or not isinstance(document, list)
+    ):
+        return from_json(t, document)
+    check_length(t, len(document), "")
+    return Table.of(t.element, _elements(t.element, document, tell))
+
+
+def _elements(t: Type, documents: list[object], tell: Callable[[int], None]) -> Iterator[Value]:
+    for i, document in enumerate(documents):
+        if i % TOLD_EVERY == 0:
+            tell(i)
+        yield from_json(t, document, f"[{i}]")
 
 
 def _not_finite(t: Type, value: Value, path: str) -> str | None:
@@ -76,6 +106,9 @@ def _not_finite(t: Type, value: Value, path: str) -> str | None:
             return None
         return (f"{path}: " if path else "") + f"{value} is no number a constant may have"
     parts: list[tuple[str, Type, Value]] = []
+    if isinstance(value, Table):
+        at = value.first_not_finite()
+        return None if at is None else _not_finite(value.element, value[at], f"{path}[{at}]")
     if isinstance(t, RecordType):
         pairs = zip(t.fields, value, strict=True)
         parts = [(f"{path}.{n}" if path else n, f, v) for (n, f), v in pairs]
@@ -174,7 +207,7 @@ def _cell(text: str, t: Type, row: int) -> object:
 # ---------------------------------------------------------------- npy
 
 
-def _npy(raw: bytes) -> object:
+def _npy(raw: bytes, t: Type) -> object:
     if not raw.startswith(NPY_MAGIC):
         raise DataError("it is not an npy file")
     import numpy as np  # noqa: PLC0415 - only programs with npy data pay for it
@@ -190,4 +223,20 @@ def _npy(raw: bytes) -> object:
         raise DataError(f"its elements are `{array.dtype}`, not numbers or bools")
     if sum(accumulate(array.shape, mul)) > MAX_ITEMS:
         raise DataError(f"its shape {array.shape} is too large")
+    if (
+        isinstance(t, (ArrayType, ListType))
+        and is_table(t)
+        and array.dtype.itemsize <= NUMBER_BYTES
+    ):
+        shape = _shape(t.element)
+        if shape == array.shape[1:] and array.dtype.kind in "iuf":
+            return Table(t.element, array.astype("<f8", order="C").tobytes())
     return array.tolist()
+
+
+def _shape(t: Type) -> tuple[int, ...] | None:
+    """The shape of floats that a value is, None for anything but floats in arrays."""
+    if isinstance(t, FloatType):
+        return ()
+    inner = _shape(t.element) if isinstance(t, ArrayType) else None
+    return (t.size, *inner) if isinstance(t, ArrayType) and inner is not None else None

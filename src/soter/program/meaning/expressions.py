@@ -66,6 +66,10 @@ _FLOAT_FUNCTIONS: dict[str, Callable[[Any], float]] = {
 }
 
 
+SLICE = 250_000
+"""Operations, a twentieth of a second, between two looks at the budget."""
+
+
 class ExpressionEvaluator(ABC):
     """Compiles expressions of one scope; see `Evaluator` for the arguments."""
 
@@ -82,7 +86,9 @@ class ExpressionEvaluator(ABC):
         self._params = params
         self._externs = {} if externs is None else externs
         self._budget = budget
-        self._left = 0
+        self._left = self._reserve = 0
+        self.tell: Callable[[int], None] | None = None
+        """Called with the operations that a value took, again and again while it is computed."""
         self._topics = {} if topics is None else topics
         self._plants = {} if plants is None else plants
         self._modules = {} if modules is None else modules
@@ -98,7 +104,7 @@ class ExpressionEvaluator(ABC):
 
         Calls that nest deeper than Python's stack exceed any budget.
         """
-        self._left = self._budget or 0
+        self._left, self._reserve = 0, self._budget or 0
         try:
             return self.expression(expr)(Environment())
         except RecursionError:
@@ -112,7 +118,7 @@ class ExpressionEvaluator(ABC):
     @property
     def spent(self) -> int:
         """Operations that the last value took."""
-        return (self._budget or 0) - self._left
+        return (self._budget or 0) - self._reserve - self._left
 
     def expression(self, expr: t.Expr) -> Compiled:
         """`environment -> value`; the closure raises `StepFault`."""
@@ -125,6 +131,16 @@ class ExpressionEvaluator(ABC):
 
     def _spend(self, operations: int) -> None:
         self._left -= operations
+        if self._left < 0:
+            self._take_more()
+
+    def _take_more(self) -> None:
+        """From the reserve, a slice at a time, so that those who wait can be told."""
+        if self.tell is not None and self.spent > SLICE:
+            self.tell(self.spent)
+        more = min(self._reserve, SLICE - self._left)
+        self._left += more
+        self._reserve -= more
         if self._left < 0:
             raise BudgetExceeded
 

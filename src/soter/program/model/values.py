@@ -14,6 +14,7 @@ from collections.abc import Mapping
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any, SupportsFloat, SupportsIndex, cast
 
+from soter.program.model.table import Table
 from soter.program.model.types import (
     ArrayType,
     BoolType,
@@ -62,6 +63,9 @@ def to_python(t: Type, value: Value) -> Any:  # noqa: ANN401  any type of Soter
         if _is_block(t.element):
             import numpy as np  # noqa: PLC0415  see the module's docstring
 
+            if isinstance(value, Table):
+                doubles = np.frombuffer(value.packed, dtype="<f8").astype(np.float64)
+                return doubles.reshape(len(value), *_shape(t.element))
             return np.array(value, dtype=np.float64).reshape(len(value), *_shape(t.element))
         return [to_python(t.element, v) for v in value]
     return value
@@ -108,7 +112,7 @@ def from_python(t: Type, given: object, path: str = "") -> Value:
     if not _is_sequence(given):
         raise _wrong(path, f"a sequence for `{t}`", given)
     items = list(cast("Any", given))
-    _check_length(t, len(items), path)
+    check_length(t, len(items), path)
     return tuple([from_python(t.element, v, f"{path}[{i}]") for i, v in enumerate(items)])
 
 
@@ -224,7 +228,9 @@ def from_json(t: Type, given: object, path: str = "") -> Value:
     if isinstance(t, (ArrayType, ListType)):
         if not isinstance(given, list):
             raise _wrong(path, f"an array for `{t}`", given)
-        _check_length(t, len(given), path)
+        check_length(t, len(given), path)
+        if isinstance(t.element, FloatType) and {float} == set(map(type, given)):
+            return tuple(given)  # as below, and quick
         return tuple([from_json(t.element, v, f"{path}[{i}]") for i, v in enumerate(given)])
     return from_python(t, given, path)
 
@@ -266,7 +272,8 @@ def _check_keys(names: list[str], given: Mapping[Any, object], path: str) -> Non
         raise ValueShapeError(path, f"there is no field `{extra[0]}`")
 
 
-def _check_length(t: ArrayType | ListType, found: int, path: str) -> None:
+def check_length(t: Type, found: int, path: str) -> None:
+    """`ValueShapeError` where an array or list cannot have so many elements."""
     if isinstance(t, ArrayType) and found != t.size:
         raise ValueShapeError(path, f"expected {t.size} elements for `{t}`, found {found}")
     if isinstance(t, ListType) and found > t.capacity:

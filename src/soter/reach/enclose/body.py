@@ -11,7 +11,8 @@ from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 from soter.lower import core
-from soter.program.model.types import IntType, ListType
+from soter.program.model.table import Table
+from soter.program.model.types import IntType, ListType, leaf_count
 from soter.reach.enclose.emit import Branch, EnclosureError, Merged
 from soter.reach.enclose.ops import UNKNOWN, Operations
 from soter.reach.enclose.prelude import enclosed_call
@@ -75,6 +76,11 @@ class EnclosureBody:
         return found  # type: ignore[no-any-return]
 
     def _const(self, e: core.Const) -> Item:
+        if isinstance(e.value, Table):
+            msg = (
+                f"the table `{e.name}` of {leaf_count(e.type)} numbers is too large to be enclosed"
+            )
+            raise EnclosureError(msg)
         return Constant(e.type, e.value)
 
     def _var(self, e: core.Var) -> Item:

@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.program.model.table import Table
 from soter.program.model.types import (
     FLOAT,
     ArrayType,
@@ -192,7 +193,7 @@ class Terms:
         """A float, list or array as an element of the sort."""
         if isinstance(value, Age):
             return self.apply("seconds", [value.ns], FLOAT)
-        if not isinstance(value, (float, int, tuple)):
+        if not isinstance(value, (float, int, tuple, Table)):  # of a table nothing is known
             return value
         key = (t, repr(value))
         if key not in self._constants:

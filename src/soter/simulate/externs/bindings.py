@@ -102,13 +102,24 @@ def bind(system: System, given: Mapping[str, object]) -> Bindings:
     problems = [_unknown(system, externs, name) for name in given if not _named(externs, name)]
     if problems:
         raise SoterError(tuple(problems))
+    _assign(externs, given)
+    _enter_c(core, externs)
+    return Bindings(system, core, externs)
+
+
+def bind_again(bindings: Bindings, given: Mapping[str, object]) -> Bindings:
+    """The same system with other Python objects under the same names and texts."""
+    externs = [replace(x) for x in bindings.externs]
+    _assign(externs, given)
+    return Bindings(bindings.system, bindings.core, externs)
+
+
+def _assign(externs: list[Extern], given: Mapping[str, object]) -> None:
     for exactness in (2, 1, 0):
         for name, target in given.items():
             for extern in externs:
                 if exactness in _exactness(extern, name):
                     extern.bound = check_text(name, target) if isinstance(target, str) else target
-    _enter_c(core, externs)
-    return Bindings(system, core, externs)
 
 
 def bind_somewhere(systems: Sequence[System], given: Mapping[str, object]) -> None:

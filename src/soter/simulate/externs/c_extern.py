@@ -16,7 +16,9 @@ from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.lower.layout import align_of, arrange, decode_from, encode_into, scalar, size_of
 from soter.native.build import library
+from soter.native.includes import included
 from soter.native.interface import interface, opened
+from soter.native.kept import digest
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType
 from soter.program.model.values import from_python, to_python
 from soter.simulate.externs.externs import PlainError
@@ -60,10 +62,22 @@ def c_externs(
 
 def linked_symbols(system: System, core: CoreSystem | None) -> dict[str, str]:
     """The C file that each function of a binding to C is expected in."""
+    return {name: file for file, name in _linked(system, core)}
+
+
+def linked_content(system: System, core: CoreSystem) -> str:
+    """A hash of the C files of bindings and of all that they include; SoterError X003."""
+    files = dict.fromkeys(file for file, _ in _linked(system, core))
+    found = {p: t for file in files for p, t in included(file).items()}
+    return digest(x for p, t in found.items() for x in (str(p), t)) if found else ""
+
+
+def _linked(system: System, core: CoreSystem | None) -> list[tuple[str, str]]:
+    """File and function of every binding to C."""
     texts = [x.binding for x in system.components if x.extern]
     texts += [f.source for f in core.functions] if core is not None else []
     parts = [t.split(":") for t in texts if t is not None and t.startswith("c:")]
-    return {name: file for _, file, name in parts}
+    return [(file, name) for _, file, name in parts]
 
 
 def _refuse_the_impossible(nodes: Sequence[Component], funs: list[FunSymbol]) -> None:

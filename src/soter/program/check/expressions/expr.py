@@ -23,6 +23,7 @@ from soter.program.check.expressions.field import listed
 from soter.program.check.expressions.operator import OperatorChecker
 from soter.program.check.scope import BUILTIN_FUNCTIONS
 from soter.program.model import typed
+from soter.program.model.table import VALUE_MAX, Table
 from soter.program.model.types import (
     BOOL,
     DURATION,
@@ -34,6 +35,7 @@ from soter.program.model.types import (
     ListType,
     RecordType,
     Type,
+    leaf_count,
 )
 from soter.syntax import tree
 
@@ -52,6 +54,24 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
 
     def dispatch(self, expr: tree.Expr, context: Context, expected: Type | None) -> typed.Expr:
         """The typed expression, not yet converted; `expected` is a hint for literals."""
+        found = self._any(expr, context, expected)
+        if not isinstance(found, typed.Literal) or not isinstance(found.value, Table):
+            return found
+        self.diagnostics.error(
+            "T021",
+            f"the table `{found.name}` is too large to be a value",
+            expr.span,
+            f"{leaf_count(found.type)} numbers",
+            notes=(f"what is passed on is copied, and has at most {VALUE_MAX} numbers",),
+            helps=("read elements of it: `TABLE[i]`, `TABLE.len`, `for x in TABLE { ... }`",),
+        )
+        return error_expr(expr.span)
+
+    def container(self, expr: tree.Expr, context: Context) -> typed.Expr:
+        """The typed expression of which a part is read in place: it may be a table."""
+        return self._any(expr, context, None)
+
+    def _any(self, expr: tree.Expr, context: Context, expected: Type | None) -> typed.Expr:
         method = self._METHODS.get(type(expr))
         if method is None:  # what could not be parsed
             self.names.losses += 1

@@ -81,7 +81,7 @@ class FieldChecker(ExprBase):
             found = found or self._below_name(expr, names, context)
             if found is not None:
                 return found
-        target = self.check(expr.target, context)
+        target = self.container(expr.target, context)
         if is_error(target):
             return error_expr(expr.span)
         return self._select(target, expr.field, expr.span)
@@ -264,7 +264,7 @@ class FieldChecker(ExprBase):
 
     def index(self, expr: tree.IndexExpr, context: Context, _: Type | None) -> typed.Expr:
         """`target[index]`."""
-        target = self.check(expr.target, context)
+        target = self.container(expr.target, context)
         index = self.check(expr.index, context, INT)
         if is_error(target, index):
             return error_expr(expr.span)

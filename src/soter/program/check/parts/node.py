@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 from soter.program.check.base import is_error, sound
 from soter.program.check.bindings import check_binding, located
 from soter.program.check.context import Context
-from soter.program.check.types import MAX_LEAVES
 from soter.program.model import typed
+from soter.program.model.table import VALUE_MAX
 from soter.program.model.types import BOOL, DURATION, leaf_count
 
 if TYPE_CHECKING:
@@ -106,12 +106,12 @@ class NodeChecker:
                 self.diagnostics.error(
                     "T011", "a queue holds at least one message", s.span, f"not {s.queue}"
                 )
-            elif s.queue is not None and s.queue * leaf_count(topic.type) > MAX_LEAVES:
+            elif s.queue is not None and s.queue * leaf_count(topic.type) > VALUE_MAX:
                 self.diagnostics.error(
                     "T011",
                     f"this queue holds {s.queue * leaf_count(topic.type)} numbers",
                     s.span,
-                    f"at most {MAX_LEAVES} are possible",
+                    f"at most {VALUE_MAX} are possible",
                 )
             policy = s.policy or "drop_oldest"
             queue = None if s.queue is None else max(s.queue, 1)
@@ -127,12 +127,12 @@ class NodeChecker:
             self.diagnostics.error(
                 "T011", "a step publishes at least one message", span, f"not {count}"
             )
-        elif count * leaf_count(topic.type) > MAX_LEAVES:
+        elif count * leaf_count(topic.type) > VALUE_MAX:
             self.diagnostics.error(
                 "T011",
                 f"these messages hold {count * leaf_count(topic.type)} numbers",
                 span,
-                f"at most {MAX_LEAVES} are possible",
+                f"at most {VALUE_MAX} are possible",
             )
         return max(count, 1)
 
