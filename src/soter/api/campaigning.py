@@ -74,7 +74,7 @@ def campaign(
     count = _count(hours, flights, until_ns)
     threads = workers if workers is not None else os.cpu_count() or 1
     if not 1 <= threads <= WORKERS_MAX:
-        raise mistake("U001", f"{threads} workers: 1 to {WORKERS_MAX} are possible")
+        raise mistake("U001", f"{threads} workers cannot fly", f"give 1 to {WORKERS_MAX}")
     about = About(
         program=Path(path).name,
         program_sha256=flat.program.sha256,
@@ -110,16 +110,17 @@ def _quiet(_: float) -> None:
 
 def _count(hours: float | None, flights: int | None, until_ns: int) -> int:
     if hours is not None and flights is not None:
-        raise mistake("U001", "`hours` and `flights` say the same: give one of them")
+        raise mistake("U001", "`hours` and `flights` say the same", "give one of them")
     if flights is not None:
         if flights < 1:
-            raise mistake("U001", f"{flights} flights: at least one is needed")
+            raise mistake("U001", f"{flights} flights say nothing", "give 1 at least")
         return flights
     wanted = 1.0 if hours is None else hours
     if not 0.0 < wanted <= HOURS_MAX:  # NaN, too
-        raise mistake("U001", f"{wanted:g} hours: more than 0 and at most {HOURS_MAX:g} are possible")
+        limit = f"give more than 0 and at most {HOURS_MAX:g}"
+        raise mistake("U001", f"{wanted:g} hours cannot be flown", limit)
     if until_ns <= 0:
-        raise mistake("U001", "flights of no time make no hours: give a time with --until")
+        raise mistake("U001", "flights of no time make no hours", "give a time with `until`")
     return ceil(wanted * 3600.0e9 / until_ns)
 
 

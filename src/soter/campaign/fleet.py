@@ -123,7 +123,7 @@ class Fleet:
                 self._own.room = room
         return found
 
-    def _flight(self, number: int, seed: int, events: Any, last: Any, digest: str) -> Flight:  # noqa: ANN401, PLR0913, PLR0917 - records
+    def _flight(self, number: int, seed: int, events: Any, last: Any, digest: str) -> Flight:  # noqa: ANN401 - records
         system, modules = self.system, range(len(self.system.modules))
         broken = [
             f"{p.kind} {p.text}"
@@ -167,7 +167,8 @@ def _without_externs(system: System) -> None:
 
 def _of(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]:
     """The events (n,) of one module."""
-    return events[(events["kind"] <= TO_AC) & (events["index"] == module)]
+    found: npt.NDArray[Any] = events[(events["kind"] <= TO_AC) & (events["index"] == module)]
+    return found
 
 
 def _in_ac(

@@ -27,9 +27,7 @@ def rate(count: int, amount: float, confidence: float = CONFIDENCE) -> tuple[flo
     if count == 0:
         return 0.0, -log(missed) / amount
     low = _solved(lambda m: 1.0 - _poisson(count - 1, m), missed / 2, rising=True, high=count)
-    high = _solved(
-        lambda m: _poisson(count, m), missed / 2, rising=False, high=10.0 * count + 50.0
-    )
+    high = _solved(lambda m: _poisson(count, m), missed / 2, rising=False, high=10.0 * count + 50.0)
     return low / amount, high / amount
 
 
@@ -41,9 +39,7 @@ def share(count: int, of: int, confidence: float = CONFIDENCE) -> tuple[float, f
     if count in (0, of):
         bound = missed ** (1.0 / of)
         return (0.0, 1.0 - bound) if count == 0 else (bound, 1.0)
-    low = _solved(
-        lambda p: 1.0 - _binomial(count - 1, of, p), missed / 2, rising=True, high=1.0
-    )
+    low = _solved(lambda p: 1.0 - _binomial(count - 1, of, p), missed / 2, rising=True, high=1.0)
     high = _solved(lambda p: _binomial(count, of, p), missed / 2, rising=False, high=1.0)
     return low, high
 

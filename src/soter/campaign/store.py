@@ -14,7 +14,6 @@ import hashlib
 import json
 import os
 from dataclasses import asdict, dataclass
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.campaign.fleet import Flight
@@ -22,6 +21,7 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
+    from pathlib import Path
 
 ABOUT, FLIGHTS = "campaign.json", "flights.csv"
 SCHEMA = 1

@@ -27,8 +27,8 @@ static bool soter_note(soter_events* e, int64_t time, soter_event_kind kind, uin
   return true;
 }
 
-/* What is in `state` and was not in `before`; then `before` is as `state` where that is looked at. */
-static bool soter_compare(const soter_program* p, void* state, void* before, soter_events* e) {
+/* Modes that are others than `before`, which follows. */
+static bool soter_modes(const soter_program* p, void* state, void* before, soter_events* e) {
   const int64_t ct = soter_header_of(state)->ct;
   const soter_module* const m = soter_modules_of(p, state);
   soter_module* const n = soter_modules_of(p, before);
@@ -40,13 +40,15 @@ static bool soter_compare(const soter_program* p, void* state, void* before, sot
       n[i].mode = m[i].mode;
     }
   }
-  soter_header* const h = soter_header_of(before);
-  if (soter_header_of(state)->violations == h->violations) {
-    return fits;
-  }
-  h->violations = soter_header_of(state)->violations;
+  return fits;
+}
+
+/* Violations that `before` did not have; it follows. */
+static bool soter_violations(const soter_program* p, void* state, void* before, soter_events* e) {
+  const int64_t ct = soter_header_of(state)->ct;
   const soter_property* const q = soter_properties_of(p, state);
   soter_property* const r = soter_properties_of(p, before);
+  bool fits = true;
   for (uint32_t i = 0; i < p->properties; i++) {
     if (q[i].count != r[i].count) {
       fits = soter_note(e, ct, SOTER_VIOLATED, i) && fits;
@@ -62,6 +64,16 @@ static bool soter_compare(const soter_program* p, void* state, void* before, sot
     }
   }
   return fits;
+}
+
+static bool soter_compare(const soter_program* p, void* state, void* before, soter_events* e) {
+  const bool fits = soter_modes(p, state, before, e);
+  soter_header* const h = soter_header_of(before);
+  if (soter_header_of(state)->violations == h->violations) {
+    return fits;
+  }
+  h->violations = soter_header_of(state)->violations;
+  return soter_violations(p, state, before, e) && fits;
 }
 
 /* One flight; false where its events do not fit, or an extern is due. */

@@ -34,10 +34,10 @@ typedef struct {
   char digest[65]; /* out: SHA-256 of its events and its last state */
 } soter_flight;
 
-/* Runs each flight from its start up to and including `until_ns`. `states`: room for `count` states,
- * and for one more; the last states of the flights are left there. Gives how many flights were flown:
- * fewer than `count` where the next one has more events than there is `room` left, or needs an
- * extern. `used`: how many events were written. */
+/* Runs each flight from its start up to and including `until_ns`. `states` has room for one state
+ * more than there are flights; their last states are left there. Gives how many flights were
+ * flown: fewer than `count` where the next one has more events than there is `room` left, or needs
+ * an extern. `used`: how many events were written. */
 uint32_t soter_batch(const soter_program* p, soter_flight* flights, uint32_t count,
                      int64_t until_ns, void* states, soter_event* events, size_t room,
                      size_t* used);
