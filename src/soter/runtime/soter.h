@@ -71,6 +71,8 @@ typedef enum {
 } soter_role;
 
 #define SOTER_NEVER (-(INT64_C(1) << 62))
+#define SOTER_RELEASED 1U
+#define SOTER_TAKES_EFFECT 2U
 #define SOTER_LOST INT64_C(0) /* the stamp of a queue that was full and may not be; else NEVER */
 
 /* ------------------------------------------------------------------ the state's fixed part */
@@ -90,7 +92,7 @@ typedef struct {
   uint8_t oe; /* OE: outputs enabled; of a DM: those of its module */
   uint8_t latched;
   uint8_t had_control;
-  uint8_t pending; /* member of FN */
+  uint8_t pending; /* member of FN: SOTER_RELEASED, SOTER_TAKES_EFFECT, or both */
   uint8_t reserved[7];
 } soter_component;
 
@@ -159,6 +161,16 @@ typedef struct {
   uint32_t outputs; /* one bit per output */
   soter_step_fn* step;
   void (*failsafe)(void* state); /* publishes the declared fail-safe values; may be NULL */
+  /* A node whose steps take time, between `least_ns` and `most_ns` (of others 0), drawn from
+   * `stream`. They write what they publish into topic `held`, whose stamp is when it takes effect,
+   * SOTER_NEVER where no step lasts. `effect` publishes it, if the outputs are enabled; `exchange`
+   * swaps what is held and what the topics have, so that contracts can be judged. */
+  int64_t least_ns;
+  int64_t most_ns;
+  uint64_t stream;
+  uint32_t held;
+  void (*effect)(void* state);
+  void (*exchange)(void* state);
 } soter_component_info;
 
 typedef struct {

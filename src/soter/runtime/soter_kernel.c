@@ -87,12 +87,22 @@ void soter_start_with(const soter_program* p, void* state, uint64_t seed, const 
 
 /* ------------------------------------------------------------------ Discrete-Time-Progress-Step */
 
+/* When the step of a component ends that lasts; SOTER_NEVER: none does. */
+static int64_t effect_of(const soter_program* p, void* state, uint32_t component) {
+  const soter_component_info* const info = &p->component[component];
+  return info->most_ns > 0 ? soter_stamps_of(p, state)[info->held] : SOTER_NEVER;
+}
+
 int64_t soter_next_instant(const soter_program* p, const void* state) {
   assert(p != NULL);
   const soter_header* const h = (const soter_header*)state;
   const soter_component* const c = (const soter_component*)(h + 1);
   int64_t next = INT64_MAX;
   for (uint32_t i = 0; i < p->components; i++) {
+    const int64_t effect = effect_of(p, (void*)(uintptr_t)state, i);
+    if (effect != SOTER_NEVER && effect < next) {
+      next = effect;
+    }
     if (c[i].next < next) {
       next = c[i].next;
     }
@@ -111,13 +121,16 @@ void soter_progress(const soter_program* p, void* state) {
   assert(p != NULL);
   soter_header* const h = soter_header_of(state);
   soter_component* const c = soter_components_of(state);
-  assert(h->firing == 0U);              /* dt1: FN is empty */
-  h->ct = soter_next_instant(p, state); /* dt2 */
-  for (uint32_t i = 0; i < p->components; i++) {
-    if (c[i].next == h->ct) { /* dt3 */
-      c[i].pending = 1;
+  assert(h->firing == 0U);                       /* dt1: FN is empty */
+  h->ct = soter_next_instant(p, state);          /* dt2 */
+  for (uint32_t i = 0; i < p->components; i++) { /* dt3 */
+    const int64_t effect = effect_of(p, state, i);
+    uint32_t due = effect == h->ct ? SOTER_TAKES_EFFECT : 0U;
+    if (c[i].next == h->ct) {
+      due |= effect > h->ct ? 0U : SOTER_RELEASED; /* a node that is still busy loses it */
       c[i].next += p->component[i].period_ns;
     }
+    c[i].pending = (uint8_t)due;
   }
   h->firing = 1U;
 }
@@ -246,17 +259,41 @@ static bool contracts_hold(const soter_program* p, void* state, uint32_t compone
   return hold;
 }
 
+/* Contracts are judged as if what a step publishes counted at once. */
+static void judge_guarantees(const soter_program* p, void* state, uint32_t index) {
+  const soter_component_info* const info = &p->component[index];
+  if (info->exchange != NULL) {
+    info->exchange(state);
+  }
+  (void)contracts_hold(p, state, index, SOTER_AFTER_STEP);
+  if (info->exchange != NULL) {
+    info->exchange(state);
+  }
+}
+
+/* A step that has begun lasts until a time that is drawn, whatever became of it. */
+static void last(const soter_program* p, void* state, uint32_t index) {
+  const soter_component_info* const info = &p->component[index];
+  const soter_header* const h = soter_header_of(state);
+  if (info->most_ns > 0) {
+    const int64_t release = (h->ct - info->phase_ns) / info->period_ns;
+    soter_stamps_of(p, state)[info->held] =
+        h->ct + soter_draw_int(h, info->stream, release, info->least_ns, info->most_ns);
+  }
+}
+
 static uint32_t run_step(const soter_program* p, void* state, uint32_t index, const void* answer) {
   uint32_t published = 0U;
   const bool assumed = contracts_hold(p, state, index, SOTER_BEFORE_STEP);
   const uint32_t flags = flags_of(p, state, index);
   const soter_fault fault = p->component[index].step(state, flags, &published, answer);
   after_step(p, state, index, fault, published);
+  last(p, state, index);
   if (fault != SOTER_OK) {
     return 0U;
   }
   if (assumed && soter_components_of(state)[index].oe != 0U) {
-    (void)contracts_hold(p, state, index, SOTER_AFTER_STEP);
+    judge_guarantees(p, state, index);
   }
   return published;
 }
@@ -272,6 +309,7 @@ void soter_answer(const soter_program* p, void* state, uint32_t component, soter
   } else {
     (void)contracts_hold(p, state, component, SOTER_BEFORE_STEP);
     after_step(p, state, component, fault == SOTER_OK ? SOTER_EXTERN_FAULT : fault, 0U);
+    last(p, state, component);
   }
 }
 
@@ -321,6 +359,10 @@ soter_status soter_instant(const soter_program* p, void* state, uint32_t* due) {
     soter_progress(p, state);
   }
   for (uint32_t i = 0; i < p->components; i++) {
+    if ((c[i].pending & SOTER_TAKES_EFFECT) != 0U) {
+      p->component[i].effect(state);
+      c[i].pending = (uint8_t)(c[i].pending & SOTER_RELEASED);
+    }
     if (c[i].pending == 0U) {
       continue;
     }
