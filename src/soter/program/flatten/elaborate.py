@@ -15,7 +15,7 @@ from soter.program.flatten.contracts import stand_in
 from soter.program.flatten.idle import Idle
 from soter.program.flatten.measure import TooLargeError
 from soter.program.flatten.placing import controller_names
-from soter.program.flatten.taking import held_topic, may_take
+from soter.program.flatten.taking import held_topic, may_take, said_twice
 from soter.program.flatten.value_sets import Topics, beyond, first_outside
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
@@ -154,6 +154,7 @@ class Elaborator(Topics):
                     pending.append(placed)
         components = _deployed_order(components)
         modules = self._modules(pending, components)
+        said_twice(modules, components, self.diagnostics)
         for c in components:
             self._hold(c)
         return components, modules

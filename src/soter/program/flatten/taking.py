@@ -15,10 +15,10 @@ from soter.program.model.system import Topic
 from soter.program.model.types import BOOL, INT, RecordType, default_value
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.program.model.system import Bound, Component
+    from soter.program.model.system import Bound, Component, Module
     from soter.program.model.typed import NodeSymbol
     from soter.program.model.types import Type
 
@@ -84,6 +84,31 @@ def _reasons(
             "`takes` says when what a step publishes counts",
             "leave it out",
         )
+
+
+def said_twice(
+    modules: Iterable[Module], components: Iterable[Component], diagnostics: Diagnostics
+) -> None:
+    """N002 where a `verify` block says a `response` of a node that says itself what it takes."""
+    lasting = [c for c in components if c.takes_ns is not None]
+    for m in modules:
+        home = m.name.rpartition(".")[0]
+        said = m.symbol.verify.response_of
+        for c in lasting:
+            assert c.node is not None
+            assert c.node.takes is not None
+            name = c.name.removeprefix(f"{home}.") if home else c.name
+            if name not in said:
+                continue
+            diagnostics.error(
+                "N002",
+                f"how long a step of `{name}` takes is said twice",
+                said[name].span,
+                "its `response`",
+                also=((c.node.takes[0].span.to(c.node.takes[1].span), "what it says itself"),),
+                notes=("a proof counts with the longest that the node says",),
+                helps=("leave out the `response`",),
+            )
 
 
 def held_topic(index: int, c: Component, topics: Sequence[Topic]) -> Topic:
