@@ -87,6 +87,8 @@ class Elaborator(Topics):
         self._modes_in_scope(components, modules)
         properties = self._properties(modules, components)
         inputs = self._inputs()
+        for c in components:
+            self._hold(c)
         system = System(
             name=self.symbol.name,
             program=self.program,
@@ -155,8 +157,6 @@ class Elaborator(Topics):
         components = _deployed_order(components)
         modules = self._modules(pending, components)
         said_twice(modules, components, self.diagnostics)
-        for c in components:
-            self._hold(c)
         return components, modules
 
     def _hold(self, c: Component) -> None:

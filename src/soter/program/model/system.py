@@ -241,13 +241,17 @@ class TimedProperty:
 
 @dataclass(eq=False)
 class TimingFault:
-    """A node or DM that may be "late", "skip" or "overrun" (docs/testing.md)."""
+    """A node or DM that may be "late", "skip" or "overrun" (docs/testing.md).
+
+    `least_ns` > 0 of an overrun: no fault, a node that says how long its steps take.
+    """
 
     kind: str
     component: int
     by_ns: int
     at_most: int
     span: Span
+    least_ns: int = 0
 
 
 @dataclass(eq=False)
