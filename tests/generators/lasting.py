@@ -12,7 +12,7 @@ from random import Random
 from generators.small_programs import TICK, small_program
 
 NODE = re.compile(
-    r"(?P<extern>extern )?node (?P<name>\w+) period (?P<period>\d+)ms[^{]*\{\n"
+    r"(?P<extern>extern )?node (?P<name>\w+) period \d+ms[^{]*\{\n"
     r"(?:  subscribes [^\n]*\n)?  publishes (?P<topics>[^;]*);"
 )
 
@@ -23,7 +23,6 @@ def lasting_program(seed: int) -> str:
     text = small_program(seed)
     queued = set(re.findall(r"(\w+) queue \d", text))
     safe = set(re.findall(r"\bsc (\w+);", text))
-    advanced = set(re.findall(r"\bac (\w+);", text))
     overrun = {path.rpartition(".")[2] for path in re.findall(r"overrun ([\w.]+) by", text)}
 
     def lasting(found: re.Match[str]) -> str:
@@ -31,9 +30,7 @@ def lasting_program(seed: int) -> str:
         barred = found["extern"] or "[" in found["topics"] or name in safe | overrun
         if barred or queued & set(topics) or random.random() < 0.35:
             return found[0]
-        period = int(found["period"])
         most = random.choice((0.5, 1, 1, 1.5, 2)) * TICK
-        most = min(most, period) if name in advanced else most
         least = random.choice((most, TICK / 2, TICK / 2))
         return f"{found[0]} takes [{least:g}ms, {most:g}ms];"
 

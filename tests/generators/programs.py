@@ -304,7 +304,7 @@ class ProgramMaker:
         choose = self.choose
         if role == "sc" or not choose.chance(25 if role == "ac" else 50):
             return ""
-        most = period_us if role == "ac" else period_us * choose.pick((1, 2, 4))
+        most = period_us * choose.pick((1, 2, 4))
         high = choose.pick((most, 1 + choose.below(most)))
         low = choose.pick((high, 1 + choose.below(high)))
         return f" takes [{low}us, {high}us];"

@@ -299,10 +299,10 @@ class Elaborator(Topics):
             failsafe=self._failsafe(node, scope),
             binding=node.source,
             stands_for=stands_for,
-            takes_ns=self._takes(node, role if module is not None else "node", period),
+            takes_ns=self._takes(node, role if module is not None else "node"),
         )
 
-    def _takes(self, node: typed.NodeSymbol, role: str, period: int) -> tuple[int, int] | None:
+    def _takes(self, node: typed.NodeSymbol, role: str) -> tuple[int, int] | None:
         if node.takes is None:
             return None
         what = f"what a step of `{node.name}` takes"
@@ -310,7 +310,7 @@ class Elaborator(Topics):
         if low is None or high is None:
             return None
         if node not in self.program.damaged:
-            may_take(node, role, period, (low, high), self.diagnostics)
+            may_take(node, role, (low, high), self.diagnostics)
         return low, max(low, high)
 
     def _phase(self, node: typed.NodeSymbol, period: int, name: str) -> int:

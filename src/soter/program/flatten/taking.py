@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.program.model.durations import show_ns, write_ns
+from soter.program.model.durations import write_ns
 from soter.program.model.system import Topic
 from soter.program.model.types import BOOL, INT, RecordType, default_value
 
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 def may_take(
     node: NodeSymbol,
     role: str,
-    period_ns: int,
     times: tuple[int, int],
     diagnostics: Diagnostics,
 ) -> None:
@@ -45,7 +44,7 @@ def may_take(
             "the lower bound is above the upper one",
         )
         return
-    for message, note, help_ in _reasons(node, role, period_ns, high):
+    for message, note, help_ in _reasons(node, role):
         diagnostics.error(
             "M023",
             message,
@@ -56,21 +55,13 @@ def may_take(
         )
 
 
-def _reasons(
-    node: NodeSymbol, role: str, period_ns: int, high: int
-) -> Iterator[tuple[str, str, str]]:
+def _reasons(node: NodeSymbol, role: str) -> Iterator[tuple[str, str, str]]:
     """Why a node may not take so long: message, note, help."""
     if role == "sc":
         yield (
             f"`{node.name}` is a safe controller: its steps may not take time",
             "what SC publishes has to count when the decision module calls for it",
             "say in the `verify` block what the machine needs for it: `response sc ...;`",
-        )
-    if role == "ac" and high > period_ns:
-        yield (
-            f"a step of the advanced controller `{node.name}` may not take longer than its period",
-            f"a busy node loses releases, and P1a asks AC for a value every {show_ns(period_ns)}",
-            "let a node outside the module do what takes long, and AC read what that publishes",
         )
     for topic in node.bursts:
         yield (
