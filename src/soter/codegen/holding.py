@@ -23,7 +23,7 @@ PARAMETERS = (("void *", "state"),)
 
 def hold(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
     """At the end of a step: keep what it publishes; the kernel draws until when."""
-    found: list[c.CStmt] = []
+    found: list[c.CStmt] = [_nothing(frame, component)]
     published = c.Unary("*", c.Name("published"))
     for k, output in enumerate(outputs):
         note = c.Assign(published, c.Binary("|", published, c.Number(f"{1 << k}U")))
@@ -57,10 +57,7 @@ def effect(
     body = (
         frame.state_pointer(),
         c.IfStmt(c.Binary("!=", c.Member(own, "oe"), c.Number("0U")), tuple(stores)),
-        c.Assign(
-            frame.topic(component.held),
-            frame.types.default(frame.system.topics[component.held].type),
-        ),
+        _nothing(frame, component),
         c.Assign(_stamp(component.held), c.Name("SOTER_NEVER")),
     )
     doc = f"what {component.name} held takes effect"
@@ -85,6 +82,12 @@ def exchange(
         body.append(c.IfStmt(_is_held(frame, component, k), tuple(swaps)))
     doc = f"what {component.name} holds and what the topics have change places"
     return c.FunctionDef("void", f"{name}_exchange", PARAMETERS, tuple(body), doc)
+
+
+def _nothing(frame: Frame, component: Component) -> c.CStmt:
+    assert component.held is not None
+    t = frame.system.topics[component.held].type
+    return c.Assign(frame.topic(component.held), frame.types.default(t))
 
 
 def _part(frame: Frame, component: Component, what: str, k: int) -> c.CExpr:

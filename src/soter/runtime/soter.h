@@ -71,8 +71,6 @@ typedef enum {
 } soter_role;
 
 #define SOTER_NEVER (-(INT64_C(1) << 62))
-#define SOTER_RELEASED 1U
-#define SOTER_TAKES_EFFECT 2U
 #define SOTER_LOST INT64_C(0) /* the stamp of a queue that was full and may not be; else NEVER */
 
 /* ------------------------------------------------------------------ the state's fixed part */
@@ -92,7 +90,7 @@ typedef struct {
   uint8_t oe; /* OE: outputs enabled; of a DM: those of its module */
   uint8_t latched;
   uint8_t had_control;
-  uint8_t pending; /* member of FN: SOTER_RELEASED, SOTER_TAKES_EFFECT, or both */
+  uint8_t pending; /* member of FN */
   uint8_t reserved[7];
 } soter_component;
 
@@ -240,9 +238,10 @@ void soter_start(const soter_program* p, void* state, uint64_t seed);
 void soter_start_with(const soter_program* p, void* state, uint64_t seed, const void* answer);
 
 /* One step of a component at the time ct, by whichever rule it takes; it need not be a member of
- * FN, and leaves it. `next` is not touched. For drivers that choose the order; `answer` may be
- * soter_answers, or for an extern step what the driver computed. Gives the outputs that the step
- * published or, not enabled, would have: one bit each; none for a fault, a latched node or a DM. */
+ * FN, and leaves it. What a step held and is due takes effect first, or is all there is to do.
+ * `next` is not touched. For drivers that choose the order; `answer` may be soter_answers, or for
+ * an extern step what the driver computed. Gives the outputs that the step published or, not
+ * enabled, would have: one bit each; none for a fault, a latched node or a DM. */
 uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer);
 
 /* dt2: the time of the next instant, ns. */

@@ -88,9 +88,13 @@ void soter_start_with(const soter_program* p, void* state, uint64_t seed, const 
 /* ------------------------------------------------------------------ Discrete-Time-Progress-Step */
 
 /* When the step of a component ends that lasts; SOTER_NEVER: none does. */
-static int64_t effect_of(const soter_program* p, void* state, uint32_t component) {
+static int64_t effect_of(const soter_program* p, const void* state, uint32_t component) {
+  const soter_component* const c = (const soter_component*)((const soter_header*)state + 1);
+  const soter_module* const m = (const soter_module*)(c + p->components);
+  const soter_property* const q = (const soter_property*)(m + p->modules);
+  const int64_t* const stamps = (const int64_t*)(q + p->properties);
   const soter_component_info* const info = &p->component[component];
-  return info->most_ns > 0 ? soter_stamps_of(p, state)[info->held] : SOTER_NEVER;
+  return info->most_ns > 0 ? stamps[info->held] : SOTER_NEVER;
 }
 
 int64_t soter_next_instant(const soter_program* p, const void* state) {
@@ -99,7 +103,7 @@ int64_t soter_next_instant(const soter_program* p, const void* state) {
   const soter_component* const c = (const soter_component*)(h + 1);
   int64_t next = INT64_MAX;
   for (uint32_t i = 0; i < p->components; i++) {
-    const int64_t effect = effect_of(p, (void*)(uintptr_t)state, i);
+    const int64_t effect = effect_of(p, state, i);
     if (effect != SOTER_NEVER && effect < next) {
       next = effect;
     }
@@ -125,12 +129,12 @@ void soter_progress(const soter_program* p, void* state) {
   h->ct = soter_next_instant(p, state);          /* dt2 */
   for (uint32_t i = 0; i < p->components; i++) { /* dt3 */
     const int64_t effect = effect_of(p, state, i);
-    uint32_t due = effect == h->ct ? SOTER_TAKES_EFFECT : 0U;
+    if (effect == h->ct || (effect < h->ct && c[i].next == h->ct)) { /* busy: a release is lost */
+      c[i].pending = 1;
+    }
     if (c[i].next == h->ct) {
-      due |= effect > h->ct ? 0U : SOTER_RELEASED; /* a node that is still busy loses it */
       c[i].next += p->component[i].period_ns;
     }
-    c[i].pending = (uint8_t)due;
   }
   h->firing = 1U;
 }
@@ -335,11 +339,25 @@ static bool needs_driver(const soter_program* p, void* state, uint32_t index) {
   return info->role != SOTER_ROLE_PLANT || !first;
 }
 
+/* What a component holds and is due now counts; false where there is no step besides. */
+static bool take_effect(const soter_program* p, void* state, uint32_t index) {
+  const soter_component_info* const info = &p->component[index];
+  const int64_t ct = soter_header_of(state)->ct;
+  if (effect_of(p, state, index) != ct) {
+    return true;
+  }
+  info->effect(state);
+  return ct >= info->phase_ns && (ct - info->phase_ns) % info->period_ns == 0;
+}
+
 uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer) {
   assert(component < p->components);
   soter_component* const c = soter_components_of(state) + component;
   const soter_component_info* const info = &p->component[component];
   c->pending = 0;
+  if (!take_effect(p, state, component)) {
+    return 0U;
+  }
   if (c->latched != 0U) {
     publish_failsafe(info, c, state);
   } else if (info->role == SOTER_ROLE_DM) {
@@ -359,11 +377,11 @@ soter_status soter_instant(const soter_program* p, void* state, uint32_t* due) {
     soter_progress(p, state);
   }
   for (uint32_t i = 0; i < p->components; i++) {
-    if ((c[i].pending & SOTER_TAKES_EFFECT) != 0U) {
-      p->component[i].effect(state);
-      c[i].pending = (uint8_t)(c[i].pending & SOTER_RELEASED);
-    }
     if (c[i].pending == 0U) {
+      continue;
+    }
+    if (!take_effect(p, state, i)) {
+      c[i].pending = 0;
       continue;
     }
     if (c[i].latched == 0U && needs_driver(p, state, i)) {

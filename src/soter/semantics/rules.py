@@ -27,7 +27,7 @@ from soter.semantics.gate import (
     refuse,
 )
 from soter.semantics.properties import judged
-from soter.semantics.random_draws import chooser
+from soter.semantics.random_draws import chooser, draw_bits
 from soter.semantics.record import AC, SC, Outcome, Verdict
 
 if TYPE_CHECKING:
@@ -101,9 +101,11 @@ def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configura
     c = replace(c, FN=_without(c.FN, n))
     if component.held is None:
         return _node_step(machine, c, component)
-    c, late = take_effect(machine, c, component)
-    if not _is_released(component, c.ct):
-        return c, Outcome(n, late)
+    late: dict[int, Value] = {}
+    if c.stamps[component.held] == c.ct:
+        c, late = take_effect(machine, c, component)
+        if not _is_released(component, c.ct):
+            return c, Outcome(n, late)
     runs = not c.latched[n]
     c, outcome = _node_step(machine, c, component)
     c = last(machine, c, component) if runs else c
@@ -208,7 +210,8 @@ def last(machine: Machine, c: Configuration, component: Component) -> Configurat
     assert component.takes_ns is not None
     low, high = component.takes_ns
     index = (c.ct - component.phase_ns) // component.period_ns
-    took = low + machine.draws.choice(f"{component.name}.takes", index, high - low + 1)
+    drawn = draw_bits(machine.seed, f"{component.name}.takes", index)
+    took = low + drawn % (high - low + 1)
     return replace(c, stamps=put(c.stamps, component.held, c.ct + took))
 
 
@@ -227,10 +230,8 @@ def hold(
 def take_effect(
     machine: Machine, c: Configuration, component: Component
 ) -> tuple[Configuration, dict[int, Value]]:
-    """What is held and due now is published, if the outputs are enabled, and what that was."""
+    """What is held is published, if the outputs are enabled, and what that was."""
     assert component.held is not None
-    if c.stamps[component.held] != c.ct:
-        return c, {}
     value = c.Topics[component.held]
     outputs = machine.nodes[component.index].outputs
     out = {t: value[3 * k + 2] for k, t in enumerate(outputs) if value[3 * k]}
