@@ -285,7 +285,9 @@ class _TestElaborator(Elaborator):
     def _overrun(self, system: System, c: Component, item: typed.FaultSymbol) -> None:
         assert c.node is not None
         if c.takes_ns is None:
-            self._has_no_queue(system, c, item.span, f"let it be late: `late {item.path} by ...;`")
+            self._has_no_queue(
+                system, c, item.span, f"let it be late instead: `late {item.path} by ...;`"
+            )
             return
         assert c.node.takes is not None
         self.diagnostics.error(
