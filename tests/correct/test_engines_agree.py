@@ -192,8 +192,12 @@ LEAST_SHARES = {
     "sometimes stale": 0.08,
     "still moving": 0.8,
     "sub-systems": 0.2,
+    "release lost": 0.03,
+    "starts anew": 0.1,
     "switch to AC": 0.3,
     "switch to SC": 0.3,
+    "takes": 0.2,
+    "takes in AC": 0.1,
     "ten switches": 0.1,
     "two modules": 0.2,
 }

@@ -16,6 +16,7 @@ import pytest
 
 from generators.agreement import compared, enumerated, small
 from generators.brute_force import BruteForce, TooLargeError
+from generators.lasting import lasting_program
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants, program_joined
 from generators.small_fleets import small_fleet
@@ -56,6 +57,19 @@ def test_they_agree_on_what_is_violated_first_and_with_what(seed: int) -> None:
     s = small(seed)
     assert s is not None
     assert not compared(s, FAST).complaints, s.text
+
+
+@pytest.mark.parametrize("chunk", range(CHUNKS))
+def test_they_agree_on_steps_that_take_time(chunk: int) -> None:
+    tried = 0
+    for seed in seeds(chunk):
+        s = small(seed, make=lasting_program)
+        if s is None or "takes" not in s.text:
+            continue
+        tried += 1
+        told = compared(s, FAST)
+        assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
+    assert tried or ONLY
 
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))

@@ -123,6 +123,8 @@ class Actor:
     window: int = 0
     skips: int = 0
     overrun: int = 0
+    least: int = 0
+    """Of an overrun: so long each of them takes at least."""
 
 
 @dataclass(frozen=True)
@@ -294,7 +296,7 @@ class BruteForce:
         """When the next step of actor `i` may happen; None where it has none left."""
         a, held = self.actors[i], w.held[i]
         if held is not None:
-            return held.since, held.since + a.overrun
+            return held.since + a.least, held.since + a.overrun
         release = a.phase + w.done[i] * a.period
         return None if release > self.plan.horizon_ns else (release, release + a.window)
 
@@ -426,7 +428,8 @@ class BruteForce:
         a, held = self.actors[i], w.held[i]
         assert held is not None
         done = w.done[i]
-        while a.phase + done * a.period <= min(c.ct, self.plan.horizon_ns):
+        ready = c.ct - 1 if a.least > 0 else c.ct  # a release as it ends is not lost
+        while a.phase + done * a.period <= min(ready, self.plan.horizon_ns):
             done += 1
         effective = c.OE[a.index] and bool(held.published)
         if effective:
@@ -590,6 +593,7 @@ def actors_of(system: System) -> tuple[Actor, ...]:
                 window=0 if n.role == "plant" else system.test.skew_ns + late,
                 skips=by["skip"].at_most if "skip" in by else 0,
                 overrun=by["overrun"].by_ns if "overrun" in by else 0,
+                least=by["overrun"].least_ns if "overrun" in by else 0,
             )
         )
     found += [Actor("input", i, d.every_ns, 0) for i, d in enumerate(system.inputs)]

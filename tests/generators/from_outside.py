@@ -27,7 +27,7 @@ from soter.program.model.types import (
     leaves,
 )
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.rules import next_release
+from soter.semantics.rules import next_instant
 from soter.simulate.image import image
 
 if TYPE_CHECKING:
@@ -199,7 +199,7 @@ def first_disagreement(
             index = chance.choice(own) if chance.random() < 0.95 else len(s.system.topics) - 1
             topic = s.system.topics[index]
             raw = some_bytes(topic, chance)
-            until = next_release(interpreter.machine, c.ct)
+            until = next_instant(interpreter.machine, c)
             times = (c.ct, until, (c.ct + until) // 2, c.stamps[index], c.stamps[index] - 1)
             time_ns = chance.choice((*times, until + 1) if chance.random() < 0.2 else times[:3])
             kind = native.publish_bytes(index, raw, time_ns)

@@ -102,6 +102,8 @@ class ProgramMaker:
         self.module_names: list[str] = []
         self.queued: set[str] = set()
         self.bursting: set[str] = set()
+        self.lasting: list[tuple[list[str], int, str, int]] = []
+        """Nodes whose steps may take time: lines, the one of what it publishes, role, period."""
 
     def run(self) -> str:
         """The text of the program."""
@@ -117,6 +119,8 @@ class ProgramMaker:
             self.parts.append(Part("node", node, outputs))
             self._node(node, self._period(), outputs, role="node")
         systems = self._systems()
+        for lines, at, role, period_us in self.lasting:
+            lines[at] += self._takes(role, period_us)
         declarations = self.choose.shuffled(self.text) if self.choose.chance(15) else self.text
         body = ["\n".join(lines) for lines in [*declarations, *systems]]
         return "soter 1;\n\n" + "\n\n".join(body) + "\n"
@@ -269,6 +273,8 @@ class ProgramMaker:
         if outputs:
             told = [t.name + self._messages(t, bursts) for t in choose.shuffled(outputs)]
             lines.append(f"  publishes {', '.join(told)};")
+            if not bursts:
+                self.lasting.append((lines, len(lines) - 1, role, period_us))
         lines += [
             f"  failsafe {t.name} = {self.expressions.fixed(t.type, t.values)};"
             for t in outputs
@@ -292,6 +298,16 @@ class ProgramMaker:
 
         lines += [*self.statements.step(sight, published, conditions), "  }", "}"]
         self.text.append(lines)
+
+    def _takes(self, role: str, period_us: int) -> str:
+        """How long the steps of a node take: less than its period, or several of them."""
+        choose = self.choose
+        if role == "sc" or not choose.chance(25 if role == "ac" else 50):
+            return ""
+        most = period_us * choose.pick((1, 2, 4))
+        high = choose.pick((most, 1 + choose.below(most)))
+        low = choose.pick((high, 1 + choose.below(high)))
+        return f" takes [{low}us, {high}us];"
 
     def _bursts(self, role: str, topic: Topic) -> bool:
         """Whether a step of a node may publish several messages on a topic."""

@@ -55,6 +55,7 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "contract violated": bool((last["properties"]["count"][contracts] > 0).any()),
         "burst": any(n.node is not None and n.node.bursts for n in s.system.components),
         "burst into a queue": any(_is_queued_burst(s, n) for n in s.system.components),
+        **_lasting(s, states),
         "choice": "choose " in s.text,
         "fair choice": "fair choose " in s.text,
         "input driven": bool(s.system.inputs),
@@ -63,6 +64,24 @@ def happened(s: Subject, trace: Bytes) -> set[str]:
         "still moving": bool((trace[-1, :] != trace[-100, :]).sum() > 40),
     }
     return found | {name for name, holds in facts.items() if holds}
+
+
+def _lasting(s: Subject, states: Any) -> dict[str, bool]:
+    """Of steps that take time: whether there are some, and what came in between."""
+    times, found = states["header"]["ct"], [x for x in s.system.components if x.held is not None]
+    busy = {x.index: states["stamps"][:, x.held] > times for x in found}
+    enabled = {x.index: states["components"]["oe"][:, x.index] for x in found}
+    released = {x.index: (times - x.phase_ns) % x.period_ns == 0 for x in found}
+    started = {i: (busy[i][1:] & ~busy[i][:-1]) for i in busy}
+    return {
+        "takes": bool(found),
+        "takes in AC": any(x.role == "ac" for x in found),
+        "release lost": any((b[1:] & b[:-1] & released[i][1:]).any() for i, b in busy.items()),
+        "off in between": any(
+            (b[1:] & b[:-1] & (enabled[i][1:] != enabled[i][:-1])).any() for i, b in busy.items()
+        ),
+        "starts anew": any(s.sum() > 1 for s in started.values()),
+    }
 
 
 def _is_queued_burst(s: Subject, n: Component) -> bool:

@@ -114,7 +114,7 @@ def system_report(system: System, *, default: bool) -> SystemReport:
         until_s=None if system.until_ns is None else system.until_ns / 1e9,
         hyperperiod_s=system.hyperperiod_ns / 1e9,
         components=len(system.components),
-        topics=len(system.topics),
+        topics=sum(not t.held for t in system.topics),
         properties=tuple(f"{p.kind} {p.text}" for p in system.properties),
         externs=tuple(x.name for x in system.components if x.extern),
         modules=tuple(

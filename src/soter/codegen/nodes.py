@@ -15,6 +15,7 @@ from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT
 from soter.codegen.draws import choosing
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, S, enabled, where
+from soter.codegen.holding import hold
 from soter.codegen.queues import empty, forgive, must_not_lose
 from soter.codegen.received import received
 from soter.program.model.system import queues_of
@@ -61,7 +62,10 @@ def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str
     else:
         body += frame.store(step.locals)
     body += [empty(frame, q) for q in queues_of(frame.system, component)]
-    body += frame.publish(step.outputs, gated=True)
+    if component.held is None:
+        body += frame.publish(step.outputs, gated=True)
+    else:
+        body += hold(frame, component, step.outputs)
     body.append(c.Return(OK))
     frame.body.choices = None
     doc = f"{component.role} {component.node.name}, {where(step.span)}"

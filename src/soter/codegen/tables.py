@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.codegen.body import stream_key
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import int_number
 from soter.program.model.system import environment_topics
@@ -121,6 +122,7 @@ class TableEmitter:
                 ("outputs", c.Number(f"{(1 << outputs) - 1}U")),
                 ("step", c.Name(f"{name}_step" if step else "NULL")),
                 ("failsafe", c.Name(f"{name}_failsafe" if x.failsafe else "NULL")),
+                *_held(x, name),
             )
         )
 
@@ -196,3 +198,17 @@ def _when(p: Property) -> tuple[tuple[str, c.CExpr], ...]:
         return ()
     when = "SOTER_BEFORE_STEP" if p.kind == "assumes" else "SOTER_AFTER_STEP"
     return (("when", c.Name(when)), ("component", c.Number(f"{p.component}U")))
+
+
+def _held(x: Component, name: str) -> tuple[tuple[str, c.CExpr], ...]:
+    """Of a node whose steps take time; nothing of others."""
+    if x.held is None or x.takes_ns is None:
+        return ()
+    return (
+        ("least_ns", int_number(x.takes_ns[0])),
+        ("most_ns", int_number(x.takes_ns[1])),
+        ("stream", stream_key(f"{x.name}.takes")),
+        ("held", c.Number(f"{x.held}U")),
+        ("effect", c.Name(f"{name}_effect")),
+        ("exchange", c.Name(f"{name}_exchange")),
+    )

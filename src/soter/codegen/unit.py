@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-from soter.codegen import decisions, nodes, plants, queues, start
+from soter.codegen import decisions, holding, nodes, plants, queues, start
 from soter.codegen.body import Body, used_names
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, Unique, program_prefix
@@ -33,7 +33,17 @@ if TYPE_CHECKING:
     from soter.program.model.system import System
     from soter.program.model.types import Type
 
-COMPONENT_NAMES = ("_step", "_failsafe", "_in", "_out", "_local", "_state", "_move")
+COMPONENT_NAMES = (
+    "_step",
+    "_failsafe",
+    "_in",
+    "_out",
+    "_local",
+    "_state",
+    "_move",
+    "_effect",
+    "_exchange",
+)
 MODULE_NAMES = ("_ttf", "_safer", "_decide")
 OWN_NAMES = (
     "state", "topics", "program", "init", "components", "modules", "properties", "topics_info",
@@ -273,6 +283,10 @@ class UnitBuilder:
                 failsafe = nodes.failsafe(self.frame, x, name)
                 if failsafe is not None:
                     found.append(failsafe)
+                if x.held is not None:
+                    outputs = self.core.nodes[x.index].outputs
+                    found.append(holding.effect(self.frame, x, outputs, name))
+                    found.append(holding.exchange(self.frame, x, outputs, name))
                 if x.extern and x.binding and x.binding.startswith("c:"):
                     self.c_sources.append(x.binding.split(":")[1])
         if self.core.decisions:

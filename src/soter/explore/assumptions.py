@@ -77,13 +77,18 @@ def _all(
         name = system.components[f.component].name
         if f.kind == "skip":
             yield f"{name} loses at most {f.at_most} release{_s(f.at_most)} in a row"
+        elif f.least_ns:
+            span = " to ".join(dict.fromkeys([show_ns(f.least_ns), show_ns(f.by_ns)]))
+            yield f"{name} takes {span} a step, and loses its releases meanwhile, as it says"
         else:
             what = "is late" if f.kind == "late" else "overruns"
             yield f"{name} {what} by at most {show_ns(f.by_ns)}"
     for name, by in replaced:
         yield f"{name} is replaced by {by}: said of whatever does only what {by} may do"
     yield from contracts.told(system)
-    yield "steps are atomic: a step reads, computes and publishes at one time, unless it overruns"
+    lasts = any(f.least_ns for f in plan.faults)
+    but = "unless it overruns" + (" or takes time" if lasts else "")
+    yield f"steps are atomic: a step reads, computes and publishes at one time, {but}"
     yield "the compiled steps are those that `soter build` deploys: the same C, the same arithmetic"
     yield from _calculated(times)
     if not found.closed_ns and any(p.kind in ("eventually", "leadsto") for p in plan.timed):

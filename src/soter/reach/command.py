@@ -11,7 +11,7 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
-from soter.program.build import system_of
+from soter.program.build import system_to_prove
 from soter.program.flatten.views import as_seen
 from soter.reach.claims.results import VerifyReport
 from soter.reach.covered import coverage_of
@@ -123,13 +123,15 @@ def modules_of(
     if not system and preferred is not None:
         names.sort(key=lambda n: n != preferred.name)
         names.sort(
-            key=lambda n: any(m.forced for m in system_of(checked, n, params, exact=False).modules)
+            key=lambda n: any(
+                m.forced for m in system_to_prove(checked, n, params, exact=False).modules
+            )
         )
     found: list[tuple[System, Module]] = []
     known: list[str] = []
     seen: set[object] = set()
     for name in names or [""]:
-        flat = system_of(checked, name, params, exact=system is not None)
+        flat = system_to_prove(checked, name, params, exact=system is not None)
         here: set[object] = set()
         for m in flat.modules:
             known.append(m.name)

@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import system_of
+from soter.program.build import system_to_prove
 from soter.program.flatten.views import as_seen
 from soter.reach.coverage import Coverage, Guarantee
 from soter.reach.induction.problem import InductionProblem
@@ -35,7 +35,7 @@ def coverage_of(
     also, rest = [], []
     taken = {(flat.name, m.name) for flat, m in chosen}
     for name in checked.systems or [""]:
-        flat = system_of(checked, name, params, exact=False)
+        flat = system_to_prove(checked, name, params, exact=False)
         for module in flat.modules:
             if (flat.name, module.name) in taken:
                 continue

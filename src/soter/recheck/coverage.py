@@ -10,7 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import system_of
+from soter.program.build import system_to_prove
 from soter.program.model.durations import show_ns
 from soter.program.model.types import DurationType
 from soter.recheck.assumptions import Said
@@ -59,7 +59,7 @@ def _modules(
     known = {(f.flying.name, f.flying_module.name) for f in covered}
     for name in checked.systems:
         try:
-            system = system_of(checked, name, overrides, exact=False)
+            system = system_to_prove(checked, name, overrides, exact=False)
         except SoterError:
             yield Said(f"system {name}", f"system {name}, which has errors with these parameters")
             continue

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
-from soter.program.build import system_of
+from soter.program.build import system_to_prove
 from soter.program.meaning.arith import StepFault
 from soter.recheck.assumptions import assumptions_of
 from soter.recheck.case import Case
@@ -188,7 +188,7 @@ def _facts(checked: Checked, overrides: dict[str, Any], entry: dict[str, Any]) -
     with _understood("a module"):
         if entry["system"] not in checked.systems:
             raise RejectedError(f"the program has no system `{entry['system']}`")
-        flat = system_of(checked, entry["system"], overrides, exact=False)
+        flat = system_to_prove(checked, entry["system"], overrides, exact=False)
         facts = read_facts(flat, entry["module"], str(entry.get("view", "")))
     understood(facts)
     survives_the_start(facts)
@@ -202,7 +202,7 @@ def _by_induction(
     with _understood("a module"):
         if entry["system"] not in checked.systems:
             raise RejectedError(f"the program has no system `{entry['system']}`")
-        flat = system_of(checked, entry["system"], overrides, exact=False)
+        flat = system_to_prove(checked, entry["system"], overrides, exact=False)
         return recheck_induction(flat, entry)
 
 

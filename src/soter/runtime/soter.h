@@ -159,6 +159,16 @@ typedef struct {
   uint32_t outputs; /* one bit per output */
   soter_step_fn* step;
   void (*failsafe)(void* state); /* publishes the declared fail-safe values; may be NULL */
+  /* A node whose steps take time, between `least_ns` and `most_ns` (of others 0), drawn from
+   * `stream`. They write what they publish into topic `held`, whose stamp is when it takes effect,
+   * SOTER_NEVER where no step lasts. `effect` publishes it, if the outputs are enabled; `exchange`
+   * swaps what is held and what the topics have, so that contracts can be judged. */
+  int64_t least_ns;
+  int64_t most_ns;
+  uint64_t stream;
+  uint32_t held;
+  void (*effect)(void* state);
+  void (*exchange)(void* state);
 } soter_component_info;
 
 typedef struct {
@@ -228,9 +238,10 @@ void soter_start(const soter_program* p, void* state, uint64_t seed);
 void soter_start_with(const soter_program* p, void* state, uint64_t seed, const void* answer);
 
 /* One step of a component at the time ct, by whichever rule it takes; it need not be a member of
- * FN, and leaves it. `next` is not touched. For drivers that choose the order; `answer` may be
- * soter_answers, or for an extern step what the driver computed. Gives the outputs that the step
- * published or, not enabled, would have: one bit each; none for a fault, a latched node or a DM. */
+ * FN, and leaves it. What a step held and is due takes effect first, or is all there is to do.
+ * `next` is not touched. For drivers that choose the order; `answer` may be soter_answers, or for
+ * an extern step what the driver computed. Gives the outputs that the step published or, not
+ * enabled, would have: one bit each; none for a fault, a latched node or a DM. */
 uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer);
 
 /* dt2: the time of the next instant, ns. */

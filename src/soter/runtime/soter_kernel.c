@@ -87,12 +87,26 @@ void soter_start_with(const soter_program* p, void* state, uint64_t seed, const 
 
 /* ------------------------------------------------------------------ Discrete-Time-Progress-Step */
 
+/* When the step of a component ends that lasts; SOTER_NEVER: none does. */
+static int64_t effect_of(const soter_program* p, const void* state, uint32_t component) {
+  const soter_component* const c = (const soter_component*)((const soter_header*)state + 1);
+  const soter_module* const m = (const soter_module*)(c + p->components);
+  const soter_property* const q = (const soter_property*)(m + p->modules);
+  const int64_t* const stamps = (const int64_t*)(q + p->properties);
+  const soter_component_info* const info = &p->component[component];
+  return info->most_ns > 0 ? stamps[info->held] : SOTER_NEVER;
+}
+
 int64_t soter_next_instant(const soter_program* p, const void* state) {
   assert(p != NULL);
   const soter_header* const h = (const soter_header*)state;
   const soter_component* const c = (const soter_component*)(h + 1);
   int64_t next = INT64_MAX;
   for (uint32_t i = 0; i < p->components; i++) {
+    const int64_t effect = effect_of(p, state, i);
+    if (effect != SOTER_NEVER && effect < next) {
+      next = effect;
+    }
     if (c[i].next < next) {
       next = c[i].next;
     }
@@ -111,11 +125,14 @@ void soter_progress(const soter_program* p, void* state) {
   assert(p != NULL);
   soter_header* const h = soter_header_of(state);
   soter_component* const c = soter_components_of(state);
-  assert(h->firing == 0U);              /* dt1: FN is empty */
-  h->ct = soter_next_instant(p, state); /* dt2 */
-  for (uint32_t i = 0; i < p->components; i++) {
-    if (c[i].next == h->ct) { /* dt3 */
+  assert(h->firing == 0U);                       /* dt1: FN is empty */
+  h->ct = soter_next_instant(p, state);          /* dt2 */
+  for (uint32_t i = 0; i < p->components; i++) { /* dt3 */
+    const int64_t effect = effect_of(p, state, i);
+    if (effect == h->ct || (effect < h->ct && c[i].next == h->ct)) { /* busy: a release is lost */
       c[i].pending = 1;
+    }
+    if (c[i].next == h->ct) {
       c[i].next += p->component[i].period_ns;
     }
   }
@@ -246,17 +263,41 @@ static bool contracts_hold(const soter_program* p, void* state, uint32_t compone
   return hold;
 }
 
+/* Contracts are judged as if what a step publishes counted at once. */
+static void judge_guarantees(const soter_program* p, void* state, uint32_t index) {
+  const soter_component_info* const info = &p->component[index];
+  if (info->exchange != NULL) {
+    info->exchange(state);
+  }
+  (void)contracts_hold(p, state, index, SOTER_AFTER_STEP);
+  if (info->exchange != NULL) {
+    info->exchange(state);
+  }
+}
+
+/* A step that has begun lasts until a time that is drawn, whatever became of it. */
+static void last(const soter_program* p, void* state, uint32_t index) {
+  const soter_component_info* const info = &p->component[index];
+  const soter_header* const h = soter_header_of(state);
+  if (info->most_ns > 0) {
+    const int64_t release = (h->ct - info->phase_ns) / info->period_ns;
+    soter_stamps_of(p, state)[info->held] =
+        h->ct + soter_draw_int(h, info->stream, release, info->least_ns, info->most_ns);
+  }
+}
+
 static uint32_t run_step(const soter_program* p, void* state, uint32_t index, const void* answer) {
   uint32_t published = 0U;
   const bool assumed = contracts_hold(p, state, index, SOTER_BEFORE_STEP);
   const uint32_t flags = flags_of(p, state, index);
   const soter_fault fault = p->component[index].step(state, flags, &published, answer);
   after_step(p, state, index, fault, published);
+  last(p, state, index);
   if (fault != SOTER_OK) {
     return 0U;
   }
   if (assumed && soter_components_of(state)[index].oe != 0U) {
-    (void)contracts_hold(p, state, index, SOTER_AFTER_STEP);
+    judge_guarantees(p, state, index);
   }
   return published;
 }
@@ -272,6 +313,7 @@ void soter_answer(const soter_program* p, void* state, uint32_t component, soter
   } else {
     (void)contracts_hold(p, state, component, SOTER_BEFORE_STEP);
     after_step(p, state, component, fault == SOTER_OK ? SOTER_EXTERN_FAULT : fault, 0U);
+    last(p, state, component);
   }
 }
 
@@ -297,11 +339,25 @@ static bool needs_driver(const soter_program* p, void* state, uint32_t index) {
   return info->role != SOTER_ROLE_PLANT || !first;
 }
 
+/* What a component holds and is due now counts; false where there is no step besides. */
+static bool take_effect(const soter_program* p, void* state, uint32_t index) {
+  const soter_component_info* const info = &p->component[index];
+  const int64_t ct = soter_header_of(state)->ct;
+  if (effect_of(p, state, index) != ct) {
+    return true;
+  }
+  info->effect(state);
+  return ct >= info->phase_ns && (ct - info->phase_ns) % info->period_ns == 0;
+}
+
 uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer) {
   assert(component < p->components);
   soter_component* const c = soter_components_of(state) + component;
   const soter_component_info* const info = &p->component[component];
   c->pending = 0;
+  if (!take_effect(p, state, component)) {
+    return 0U;
+  }
   if (c->latched != 0U) {
     publish_failsafe(info, c, state);
   } else if (info->role == SOTER_ROLE_DM) {
@@ -322,6 +378,10 @@ soter_status soter_instant(const soter_program* p, void* state, uint32_t* due) {
   }
   for (uint32_t i = 0; i < p->components; i++) {
     if (c[i].pending == 0U) {
+      continue;
+    }
+    if (!take_effect(p, state, i)) {
+      c[i].pending = 0;
       continue;
     }
     if (c[i].latched == 0U && needs_driver(p, state, i)) {

@@ -20,7 +20,7 @@ from soter.program.model.types import (
     ListType,
     RecordType,
 )
-from soter.semantics.rules import next_release
+from soter.semantics.rules import next_instant
 
 if TYPE_CHECKING:
     from soter.program.model.types import Type, Value
@@ -47,7 +47,7 @@ def refusal(
     topics = machine.system.topics
     if topic not in environment_topics(machine.system):
         return FaultKind.EXTERN
-    latest = c.ct if c.FN or within else next_release(machine, c.ct)
+    latest = c.ct if c.FN or within else next_instant(machine, c)
     if not c.stamps[topic] <= time_ns <= latest or not is_value(topics[topic].type, value):
         return FaultKind.EXTERN
     try:

@@ -27,7 +27,7 @@ from soter.semantics.rules import (
     discrete_time_progress_step,
     dm_step,
     environment_input,
-    next_release,
+    next_instant,
 )
 
 if TYPE_CHECKING:
@@ -205,7 +205,7 @@ class Interpreter:
         until = self.system.until_ns if until_ns is None else until_ns
         assert until is not None, "the system says no `until`: pass one"
         c, record = self.initial(), self.record()
-        while next_release(self.machine, c.ct) <= until:
+        while next_instant(self.machine, c) <= until:
             c = self.instant(c, choose_node, choose_input, record)
             if observe is not None:
                 observe(c, record)

@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.program.meaning.arith import FaultKind, StepFault
-from soter.semantics.configuration import put
+from soter.semantics.configuration import NEVER, put
 from soter.semantics.control import enabled
 from soter.semantics.gate import (
     check_publications,
@@ -27,7 +27,7 @@ from soter.semantics.gate import (
     refuse,
 )
 from soter.semantics.properties import judged
-from soter.semantics.random_draws import chooser
+from soter.semantics.random_draws import chooser, draw_bits
 from soter.semantics.record import AC, SC, Outcome, Verdict
 
 if TYPE_CHECKING:
@@ -55,8 +55,8 @@ def discrete_time_progress_step(machine: Machine, c: Configuration) -> Configura
     (L, OE, ct, FN, Topics) -> (L, OE, ct', FN', Topics)
     """
     assert not c.FN, "dt1: FN is empty"
-    ct = next_release(machine, c.ct)  # dt2: the earliest (x, t) of the calendar with t > ct
-    fn = [n.index for n in machine.system.components if _is_released(n, ct)]  # dt3
+    ct = next_instant(machine, c)  # dt2: the earliest (x, t) of the calendar with t > ct
+    fn = [n.index for n in machine.system.components if _is_due(c, n, ct)]  # dt3
     return replace(c, ct=ct, FN=tuple(fn))
 
 
@@ -99,6 +99,24 @@ def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configura
     """
     component = machine.system.components[n]
     c = replace(c, FN=_without(c.FN, n))
+    if component.held is None:
+        return _node_step(machine, c, component)
+    late: dict[int, Value] = {}
+    if c.stamps[component.held] == c.ct:
+        c, late = take_effect(machine, c, component)
+        if not _is_released(component, c.ct):
+            return c, Outcome(n, late)
+    runs = not c.latched[n]
+    c, outcome = _node_step(machine, c, component)
+    c = last(machine, c, component) if runs else c
+    return c, replace(outcome, published={**late, **outcome.published})
+
+
+def _node_step(
+    machine: Machine, c: Configuration, component: Component
+) -> tuple[Configuration, Outcome]:
+    """One step of a node; of one that takes time what it publishes is held."""
+    n = component.index
     oe, code = c.OE[n], machine.nodes[n]
     if c.latched[n]:
         return _fail_safe(machine, c, component, Outcome(n, {}))
@@ -113,11 +131,14 @@ def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configura
     c = emptied(c, code.queues)
     if component.role == "ac":
         c = earn(c, _module(machine, component), code.outputs, out)
+    before = c if component.held is None else hold(machine, c, component, out if oe else {})
     if not oe:
-        return c, Outcome(n, {}, judged=assumed)
+        return before, Outcome(n, {}, judged=assumed)
     # n1: ITE(OE[n], Topics' = out united with Topics[T \ dom(out)], Topics' = Topics)
     c = publish(machine.system.topics, c, out, bursts=code.bursts)
     guaranteed = {} if any(assumed.values()) else judged(machine, c, component, "guarantees")
+    if component.held is not None:
+        return before, Outcome(n, {}, judged={**assumed, **guaranteed})
     several = {t: out[t] for t in code.bursts if t in out}
     last = {**out, **{t: of_step[-1] for t, of_step in several.items()}}
     return c, Outcome(n, last, judged={**assumed, **guaranteed}, bursts=several)
@@ -126,12 +147,21 @@ def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configura
 # ---------------------------------------------------------------- premises
 
 
-def next_release(machine: Machine, ct: int) -> int:
-    """The earliest time after `ct` at which a component is released or an input is due."""
-    system = machine.system
-    releases = [_next_multiple(ct, n.phase_ns, n.period_ns) for n in system.components]
-    inputs = [_next_multiple(ct, 0, i.every_ns) for i in system.inputs]
-    return min(releases + inputs)
+def next_instant(machine: Machine, c: Configuration) -> int:
+    """The earliest time after ct when something is released, drawn, or takes effect."""
+    system, ct = machine.system, c.ct
+    times = [_next_multiple(ct, n.phase_ns, n.period_ns) for n in system.components]
+    times += [_next_multiple(ct, 0, i.every_ns) for i in system.inputs]
+    held = [c.stamps[n.held] for n in system.components if n.held is not None]
+    return min(times + [t for t in held if t != NEVER])
+
+
+def _is_due(c: Configuration, n: Component, ct: int) -> bool:
+    """Whether a component fires at `ct`; releases of one that is still busy are lost."""
+    if n.held is None:
+        return _is_released(n, ct)
+    ends = c.stamps[n.held]
+    return ends == ct or (ends == NEVER and _is_released(n, ct))
 
 
 def _next_multiple(ct: int, phase: int, period: int) -> int:
@@ -169,6 +199,51 @@ def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> bo
         return bool(predicate(env))
     except StepFault:
         return unknown
+
+
+# ---------------------------------------------------------------- of a step that takes time
+
+
+def last(machine: Machine, c: Configuration, component: Component) -> Configuration:
+    """A step that has begun lasts until a time that is drawn, whatever became of it."""
+    assert component.held is not None
+    assert component.takes_ns is not None
+    low, high = component.takes_ns
+    index = (c.ct - component.phase_ns) // component.period_ns
+    drawn = draw_bits(machine.seed, f"{component.name}.takes", index)
+    took = low + drawn % (high - low + 1)
+    return replace(c, stamps=put(c.stamps, component.held, c.ct + took))
+
+
+def hold(
+    machine: Machine, c: Configuration, component: Component, out: dict[int, Value]
+) -> Configuration:
+    """What a step published, kept until it takes effect."""
+    assert component.held is not None
+    value: list[Value] = list(machine.system.topics[component.held].default)
+    for k, topic in enumerate(machine.nodes[component.index].outputs):
+        if topic in out:
+            value[3 * k : 3 * k + 3] = [True, c.ct, out[topic]]
+    return replace(c, Topics=put(c.Topics, component.held, tuple(value)))
+
+
+def take_effect(
+    machine: Machine, c: Configuration, component: Component
+) -> tuple[Configuration, dict[int, Value]]:
+    """What is held is published, if the outputs are enabled, and what that was."""
+    assert component.held is not None
+    value = c.Topics[component.held]
+    outputs = machine.nodes[component.index].outputs
+    out = {t: value[3 * k + 2] for k, t in enumerate(outputs) if value[3 * k]}
+    nothing = machine.system.topics[component.held].default
+    c = replace(
+        c,
+        Topics=put(c.Topics, component.held, nothing),
+        stamps=put(c.stamps, component.held, NEVER),
+    )
+    if not c.OE[component.index]:
+        return c, {}
+    return publish(machine.system.topics, c, out), out
 
 
 # ---------------------------------------------------------------- of a node

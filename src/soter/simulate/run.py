@@ -22,7 +22,7 @@ from soter.native.library import Library, RunStatus
 from soter.program.meaning.processor import require_plain
 from soter.semantics.externs import ExternResetError, Stop, reset
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.rules import next_release
+from soter.semantics.rules import next_instant
 from soter.simulate.externs.c_extern import linked_symbols
 from soter.simulate.externs.externs import ExternAnswers, described, noting
 from soter.simulate.externs.surroundings import end_copy
@@ -246,7 +246,7 @@ def run_interpreted(
         if request.wanted:
             raise Stop
         if pacer is not None:
-            pacer.wait(min(next_release(interpreter.machine, c.ct), until_ns), request)
+            pacer.wait(min(next_instant(interpreter.machine, c), until_ns), request)
 
     failures: dict[str, str] = {}
     tallies: dict[str, Tally] = {}

@@ -57,12 +57,15 @@ _LOOK_AHEAD = 5  # tokens the parser may look ahead without asking for the end
 PUSH = "push"
 #: Reserved words that begin something: names, too, where what stands beside them says so.
 SOFT = frozenset(["next", "state", "period", "phase", "step", "type", "test"])
-_OPERATOR = frozenset("= , . ( [ ? + - * / % < > <= >= == != && || ..".split())
-_NAME_FOLLOWS = _OPERATOR | set(
-    "! var let const param fun topic state next der test subscribes publishes publish for if elseif "
-    "return assert".split()
-)
-_NAME_BEFORE = (_OPERATOR - {"("}) | set(": ; ) ] } in".split())
+_OPERATOR = frozenset(
+    ["=", ",", ".", "(", "[", "?", "+", "-", "*", "/", "%", "<", ">", "<=", ">=", "==", "!=", "&&",
+     "||", ".."]
+)  # fmt: skip
+_NAME_FOLLOWS = _OPERATOR | {
+    "!", "var", "let", "const", "param", "fun", "topic", "state", "next", "der", "test",
+    "subscribes", "publishes", "publish", "for", "if", "elseif", "return", "assert",
+}  # fmt: skip
+_NAME_BEFORE = (_OPERATOR - {"("}) | {":", ";", ")", "]", "}", "in"}
 _KIND_OF_WORD = {word: word for word in (*RESERVED, PUSH)}
 
 _DIGITS = r"[0-9]+(?:_[0-9]+)*"

@@ -486,6 +486,7 @@ class NodeDecl(Decl):
     guarantees: tuple[Expr, ...]
     takeover: Block | None
     step: Block | None
+    takes: Interval | None
 
 
 @dataclass(frozen=True, slots=True)

@@ -123,6 +123,26 @@ def test_a_response_delays_what_is_published(tmp_path: Path) -> None:
     assert verified(tmp_path, declared, phase, longer).verdict == "proved"
 
 
+@pytest.mark.parametrize("settled", ["20ms", "30ms", "32ms"])
+@pytest.mark.parametrize("node", ["Follower", "RRTStar"])
+def test_what_a_node_takes_counts_as_its_response(tmp_path: Path, node: str, settled: str) -> None:
+    longer = ("SETTLED: duration = 30ms", f"SETTLED: duration = {settled}")
+    said = verified(tmp_path, longer, ("induction;", f"induction; response {node} 9ms;"))
+    takes = (f"node {node} period 10ms {{", f"node {node} period 10ms {{ takes [1ms, 9ms];")
+    found = verified(tmp_path, longer, takes)
+    kinds = [
+        {k for k, f in x["SafePlanner"].findings.items() if f.verdict == "proved"}
+        for x in (found, said)
+    ]  # a run that refutes may need a step that takes less than it says
+    assert kinds[0] == kinds[1]
+
+
+def test_an_ac_that_takes_longer_than_its_period_is_not_proved(tmp_path: Path) -> None:
+    takes = ("node RRTStar period 10ms {", "node RRTStar period 10ms { takes [1ms, 11ms];")
+    with pytest.raises(SoterError, match="R015"):
+        verified(tmp_path, takes)
+
+
 LIST_PREDICATE = """const HOVER: Plan = { ends: [], n: 0 };
 fun PhiPlan(p: Plan): bool {
   for x in p.ends { if x > 0.5 { return false; } }

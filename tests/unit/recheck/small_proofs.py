@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.program.build import check_file, system_of
+from soter.program.build import check_file, system_to_prove
 from soter.recheck.assumptions import p1c_of
 from soter.recheck.certificate.folder import canonical
 from soter.recheck.claims import CLAIMS
@@ -34,7 +34,7 @@ def facts_of(path: Path, system: str, module: str) -> Facts:
     """The problem of a program."""
     checked = check_file(str(path))
     assert checked.ok, checked.diagnostics
-    return read_facts(system_of(checked, system), module)
+    return read_facts(system_to_prove(checked, system), module)
 
 
 def even_edges(low: float, high: float, cells: int) -> tuple[float, ...]:

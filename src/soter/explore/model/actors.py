@@ -66,6 +66,7 @@ class _Calendar:
     phase_ns: int
     window_ns: int = 0
     overrun_ns: int = 0
+    least_ns: int = 0
     skips: int = 0
 
 
@@ -85,6 +86,7 @@ def plan_of(system: System, lowered: core.CoreSystem) -> Plan:
             phase_ns=x.phase_ns,
             window_ns=x.window_ns,
             overrun_ns=x.overrun_ns,
+            least_ns=x.least_ns,
             skips=x.skips,
             dependent=sum(
                 1 << j for j, other in enumerate(effects) if i == j or own.conflicts(other)
@@ -145,6 +147,7 @@ def _calendars(system: System, test: TestPlan) -> Iterator[_Calendar]:
                 late = max(late, fault.by_ns)
             elif fault.kind == "overrun":
                 found.overrun_ns = max(found.overrun_ns, fault.by_ns)
+                found.least_ns = max(found.least_ns, fault.least_ns)
             else:
                 found.skips = max(found.skips, fault.at_most)
         if x.plant is None:
@@ -156,7 +159,7 @@ def _grid(
     system: System, test: TestPlan, calendars: list[_Calendar], quantum: int
 ) -> tuple[int, int]:
     """(quantum, tick): where times are chosen, and what every time is a multiple of."""
-    times = [test.skew_ns, *(f.by_ns for f in test.faults)]
+    times = [test.skew_ns, *(t for f in test.faults for t in (f.by_ns, f.least_ns))]
     for x in calendars:
         times += [x.period_ns, x.phase_ns]
     spans = [t.within_ns for t in test.timed]

@@ -211,6 +211,7 @@ class _ModelBuilder(UnitBuilder):
                         ("phase_ns", int_number(a.phase_ns)),
                         ("window_ns", int_number(a.window_ns)),
                         ("overrun_ns", int_number(a.overrun_ns)),
+                        ("least_ns", int_number(a.least_ns)),
                         ("skips", c.Number(f"{a.skips}U")),
                         ("dependent", word(a.dependent)),
                         ("visible", _truth(a.visible)),

@@ -34,6 +34,7 @@ class Actor:
     phase_ns: int
     window_ns: int
     overrun_ns: int
+    least_ns: int
     skips: int
     dependent: int
     visible: bool

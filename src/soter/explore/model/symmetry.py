@@ -22,7 +22,7 @@ from soter.lower.footprint import walk
 if TYPE_CHECKING:
     from collections.abc import Hashable, Iterator
 
-    from soter.explore.model.plan import Label, Plan
+    from soter.explore.model.plan import Actor, Label, Plan
     from soter.explore.model.terms import Computed
     from soter.program.model.system import Component, Module, System, Topic
 
@@ -240,8 +240,7 @@ class Judge:
                 return False
             r.actors[i] = j
             b = self.plan.actors[j]
-            times = [(x.period_ns, x.phase_ns, x.window_ns, x.overrun_ns, x.skips) for x in (a, b)]
-            if times[0] != times[1]:
+            if _times_of(a) != _times_of(b):
                 return False
             if a.overrun_ns and tuple([r.topic(t) for t in a.outputs]) != b.outputs:
                 return False  # what is held has the order of the outputs
@@ -350,3 +349,7 @@ def _pairings(kinds: list[list[str]]) -> Iterator[dict[str, str]]:
         left = others[:k] + others[k + 1 :]
         for more in _pairings([left, *rest] if len(left) > 1 else rest):
             yield {first: other, other: first, **more}
+
+
+def _times_of(a: Actor) -> tuple[int, ...]:
+    return a.period_ns, a.phase_ns, a.window_ns, a.overrun_ns, a.least_ns, a.skips

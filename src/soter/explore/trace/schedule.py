@@ -30,7 +30,8 @@ class Actor:
     """A component, or an `input t every d;`: releases at phase + k * period up to the horizon.
 
     A step happens in [r, r + window]; `skips` releases in a row may be lost (0: none);
-    publications may take effect up to `overrun` after the start (0: at once). Times in ns.
+    publications may take effect from `least` (> 0: a step always lasts) up to `overrun` after the
+    start (0: at once). Times in ns.
     """
 
     name: str
@@ -42,6 +43,7 @@ class Actor:
     window_ns: int = 0
     skips: int = 0
     overrun_ns: int = 0
+    least_ns: int = 0
 
 
 def actors_of(system: System) -> tuple[Actor, ...]:
@@ -62,6 +64,7 @@ def actors_of(system: System) -> tuple[Actor, ...]:
                 window_ns=0 if c.role == "plant" else plan.skew_ns + late,
                 skips=max((f.at_most for f in faults if f.kind == "skip"), default=0),
                 overrun_ns=sum(f.by_ns for f in faults if f.kind == "overrun"),
+                least_ns=sum(f.least_ns for f in faults if f.kind == "overrun"),
             )
         )
     for i, drive in enumerate(system.inputs):
@@ -110,7 +113,7 @@ class Schedule:
         """
         actor = self.actors[i]
         if i in self._running:
-            return self._running[i], self._running[i] + actor.overrun_ns
+            return self._running[i] + actor.least_ns, self._running[i] + actor.overrun_ns
         release = self._release(i)
         return None if release > self.horizon_ns else (release, release + actor.window_ns)
 
@@ -202,7 +205,8 @@ class Schedule:
         if step.kind == EFFECT:
             del self._running[i]
             actor = self.actors[i]
-            released = (self.now - actor.phase_ns) // actor.period_ns + 1
+            busy = self.now - (1 if actor.least_ns else 0)  # who says so may step again at once
+            released = (busy - actor.phase_ns) // actor.period_ns + 1
             self.done[i] = max(self.done[i], released)  # it still ran: these are lost
             return
         self.done[i] += 1

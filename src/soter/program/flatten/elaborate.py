@@ -15,6 +15,7 @@ from soter.program.flatten.contracts import stand_in
 from soter.program.flatten.idle import Idle
 from soter.program.flatten.measure import TooLargeError
 from soter.program.flatten.placing import controller_names
+from soter.program.flatten.taking import held_topic, may_take, said_twice
 from soter.program.flatten.value_sets import Topics, beyond, first_outside
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
@@ -86,6 +87,8 @@ class Elaborator(Topics):
         self._modes_in_scope(components, modules)
         properties = self._properties(modules, components)
         inputs = self._inputs()
+        for c in components:
+            self._hold(c)
         system = System(
             name=self.symbol.name,
             program=self.program,
@@ -152,7 +155,19 @@ class Elaborator(Topics):
                     components.extend(self._module_nodes(placed, placed.symbol, len(pending)))
                     pending.append(placed)
         components = _deployed_order(components)
-        return components, self._modules(pending, components)
+        modules = self._modules(pending, components)
+        said_twice(modules, components, self.diagnostics)
+        return components, modules
+
+    def _hold(self, c: Component) -> None:
+        """A topic for what a step that takes time publishes; these come last of all topics."""
+        if c.takes_ns is None or c.node is None or not c.node.publishes:
+            return
+        topic = held_topic(len(self.topics), c, self.topics)
+        if not self.measure.fits(topic.type):
+            raise TooLargeError
+        c.held = topic.index
+        self.topics.append(topic)
 
     def _period(self, expr: typed.Expr, what: str, name: str) -> int:
         period = self.duration(expr, what)
@@ -284,7 +299,19 @@ class Elaborator(Topics):
             failsafe=self._failsafe(node, scope),
             binding=node.source,
             stands_for=stands_for,
+            takes_ns=self._takes(node, role if module is not None else "node"),
         )
+
+    def _takes(self, node: typed.NodeSymbol, role: str) -> tuple[int, int] | None:
+        if node.takes is None:
+            return None
+        what = f"what a step of `{node.name}` takes"
+        low, high = (self.duration(e, what) for e in node.takes)
+        if low is None or high is None:
+            return None
+        if node not in self.program.damaged:
+            may_take(node, role, (low, high), self.diagnostics)
+        return low, max(low, high)
 
     def _phase(self, node: typed.NodeSymbol, period: int, name: str) -> int:
         phase = self.number(node.phase, "a phase") if node.phase is not None else None

@@ -96,7 +96,8 @@ def quantum_of(system: System, read: TimesRead | None = None) -> int:
     thresholds = (*read.thresholds_ns, *read.deadlines_ns)
     times = [t for c in system.components for t in (c.period_ns, c.phase_ns)]
     times += [d.every_ns for d in system.inputs]
-    times += [plan.skew_ns, *(f.by_ns for f in plan.faults), *thresholds]
+    times += [plan.skew_ns, *thresholds]
+    times += [t for f in plan.faults for t in (f.by_ns, f.least_ns)]
     quantum = math.gcd(*times) or 1
     apart = itertools.pairwise(sorted({0, *thresholds}))
     near = any(b - a <= quantum for a, b in apart)

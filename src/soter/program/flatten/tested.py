@@ -23,6 +23,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
     from soter.program.flatten.placing import Part
     from soter.program.model import typed
     from soter.program.model.system import Component, Module, Property, System
@@ -92,7 +93,7 @@ class _TestElaborator(Elaborator):
         self.sound = not damaged and self.diagnostics.error_count == before
         flat = self._without_idle_draws(flat)
         self._check_periods(flat)
-        faults = tuple(self._faults(flat))
+        faults = (*self._faults(flat), *self._lasting(flat))
         name, span = self.test.name, self.test.span
         timed = tuple(self.timed)
         plan = TestPlan(name, skew, horizon or 0, quantum, faults, timed, span)
@@ -189,7 +190,21 @@ class _TestElaborator(Elaborator):
             parts = (None, None, 0, module.index, module.scope, text, item.span)
             self.timed.append(TimedProperty(index, "invariant", *parts))
 
+    def _hold(self, c: Component) -> None:
+        """Nothing: a test holds what is published later itself."""
+
     # ------------------------------------------------------------ faults
+
+    def _lasting(self, system: System) -> Iterator[TimingFault]:
+        """What nodes say of themselves: their steps are overruns, and all of them are."""
+        for c in system.components:
+            if c.takes_ns is not None:
+                assert c.node is not None
+                assert c.node.takes is not None
+                low, high = c.takes_ns
+                span = c.node.takes[0].span.to(c.node.takes[1].span)
+                self._has_no_queue(system, c, span)
+                yield TimingFault("overrun", c.index, high, 0, span, low)
 
     def _faults(self, system: System) -> Iterator[TimingFault]:
         seen: dict[tuple[str, int], typed.FaultSymbol] = {}
@@ -269,18 +284,38 @@ class _TestElaborator(Elaborator):
 
     def _overrun(self, system: System, c: Component, item: typed.FaultSymbol) -> None:
         assert c.node is not None
+        if c.takes_ns is None:
+            self._has_no_queue(
+                system, c, item.span, f"let it be late instead: `late {item.path} by ...;`"
+            )
+            return
+        assert c.node.takes is not None
+        self.diagnostics.error(
+            "N002",
+            f"how long a step of `{c.name}` takes is said twice",
+            item.span,
+            "an overrun",
+            also=((c.node.takes[0].span.to(c.node.takes[1].span), "what it says itself"),),
+            notes=("all times that the node says are tried",),
+            helps=("leave out the overrun",),
+        )
+
+    def _has_no_queue(self, system: System, c: Component, span: Span, instead: str = "") -> None:
+        """E010 where what a component publishes later is queued."""
+        assert c.node is not None
         for symbol in c.node.publishes:
             topic = system.topics[c.scope.topics[symbol]]
             if not topic.queues:
                 continue
             queue = system.topics[topic.queues[0]]
+            what = "cannot overrun" if instead else "takes time, which no test can try"
             self.diagnostics.error(
                 "E010",
-                f"`{c.name}` cannot overrun: it publishes `{topic.name}`, which is queued",
-                item.span,
+                f"`{c.name}` {what}: it publishes `{topic.name}`, which is queued",
+                span,
                 also=((topic.symbol.span, f"collected in `{queue.name}`"),),
                 notes=("a publication that takes effect later has no place in a queue",),
-                helps=(f"let it be late instead: `late {item.path} by ...;`",),
+                helps=(instead or "replace it in this test by a node without `takes`",),
             )
             return
 
@@ -380,7 +415,7 @@ class _TestElaborator(Elaborator):
         late = [f for f in plan.faults if f.kind != "skip"]
         if self.test.order is None or not (plan.skew_ns or late):
             return
-        what = "skew" if plan.skew_ns else late[0].kind
+        what = "skew" if plan.skew_ns else "takes" if late[0].least_ns else late[0].kind
         at = self.test.skew.span if plan.skew_ns and self.test.skew is not None else None
         self.diagnostics.error(
             "E017",

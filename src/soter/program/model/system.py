@@ -57,6 +57,8 @@ class Topic:
     """Of a queue that is full: drop_oldest, drop_newest or fault (of the subscriber)."""
     queues: tuple[int, ...] = ()
     """The queues that take what is published here."""
+    held: bool = False
+    """Whether it is no topic of the program but holds what a node that `takes` time published."""
 
 
 @dataclass(eq=False)
@@ -142,6 +144,10 @@ class Component:
     binding: str | None = None
     """For externs: `python:file.py:name`, `c:file.c:name`, or None (must be bound to run)."""
     stands_for: StandIn | None = None
+    takes_ns: tuple[int, int] | None = None
+    """How long a step lasts, at least and at most; None: what it publishes counts at once."""
+    held: int | None = None
+    """With `takes_ns`: the topic that holds what a step published (`flatten/taking.py`)."""
 
     @property
     def extern(self) -> bool:
@@ -235,13 +241,17 @@ class TimedProperty:
 
 @dataclass(eq=False)
 class TimingFault:
-    """A node or DM that may be "late", "skip" or "overrun" (docs/testing.md)."""
+    """A node or DM that may be "late", "skip" or "overrun" (docs/testing.md).
+
+    `least_ns` > 0 of an overrun: no fault, a node that says how long its steps take.
+    """
 
     kind: str
     component: int
     by_ns: int
     at_most: int
     span: Span
+    least_ns: int = 0
 
 
 @dataclass(eq=False)

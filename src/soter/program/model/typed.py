@@ -434,6 +434,8 @@ class NodeSymbol(Symbol):
     step: tuple[Stmt, ...]
     bursts: dict[TopicSymbol, int] = field(default_factory=dict)
     """Topics of which a step may publish several messages, and how many."""
+    takes: tuple[Expr, Expr] | None = None
+    """How long a step lasts, at least and at most; None: its publications count at once."""
 
     @property
     def answers(self) -> list[tuple[str, Type]]:

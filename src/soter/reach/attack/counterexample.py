@@ -22,7 +22,7 @@ from soter.semantics.adversary import ChoiceError, RecordedDraws
 from soter.semantics.externs import UnboundExternError
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.record import SC, Verdict
-from soter.semantics.rules import next_release
+from soter.semantics.rules import next_instant
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -182,7 +182,7 @@ class _Run:
 
     @property
     def next_ns(self) -> int:
-        return next_release(self.interpreter.machine, self.c.ct)
+        return next_instant(self.interpreter.machine, self.c)
 
     def instant(self) -> Configuration:
         events = _Events()

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.program.build import check_file, system_of
+from soter.program.build import check_file, system_to_prove
 from soter.reach.attack.counterexample import (
     LEAVES,
     Counterexample,
@@ -84,7 +84,7 @@ def replay_file(path: Path) -> Replay | None:
             f"`{path}` belongs to another version of `{checked.program.path}`"
         )
     for name in str(facts.get("system", "")).split(", "):
-        flat = system_of(checked, name or None, facts.get("params") or {})
+        flat = system_to_prove(checked, name or None, facts.get("params") or {})
         for module in flat.modules:
             if module.name == facts.get("instance"):
                 return replay(run, extract(flat, module).system)

@@ -362,6 +362,9 @@ def _times(
             expr = getattr(verify, f"{word}_{role}") if role else None
             names = (c.name, c.name.rpartition(".")[2], c.node.name if c.node else c.name)
             expr = expr or next((by_name[n] for n in names if n in by_name), None)
+            if word == "response" and c.takes_ns is not None:
+                found.append(c.takes_ns[1])
+                continue
             if expr is None:
                 absent.append(f"{word} of {c.name}")
             found.append(ns(expr))

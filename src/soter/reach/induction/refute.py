@@ -99,7 +99,9 @@ def asked_of(problem: InductionProblem, system: System, until_ns: int) -> System
         if c.late:
             faults.append(TimingFault("late", c.component, c.late, 0, span))
         if c.response and c.component != m.dm:
-            faults.append(TimingFault("overrun", c.component, c.response, 0, span))
+            takes = system.components[c.component].takes_ns
+            least = 0 if takes is None else takes[0]
+            faults.append(TimingFault("overrun", c.component, c.response, 0, span, least))
     plan = TestPlan(m.name, 0, max(until_ns, 1), None, tuple(faults), (), span)
     return derived.with_test(derived.with_properties(system, (safe,)), plan)
 

@@ -262,7 +262,14 @@ def _timing(place: Place, times: Times, routes: Routes, kind: str) -> list[str]:
     if nodes:
         found.append(f"times as declared, too: of {', '.join(nodes)}")
     absent = [WORDS[n] for n in DELAYS if n not in times.declared]
-    absent += [f"{n} is on time and takes none" for n in undeclared(place, routes)]
+    lasting = {n.name: n.takes_ns for n in (*routes.nodes, *routes.behind) if n.takes_ns}
+    found += [
+        f"{n} takes {show_ns(high)} a step at most, as it says" for n, (_, high) in lasting.items()
+    ]
+    absent += [
+        f"{n} is on time" if n in lasting else f"{n} is on time and takes none"
+        for n in undeclared(place, routes)
+    ]
     if absent:
         found.append(f"undeclared times are zero: {', '.join(absent)}")
     found.append("SC waits for the DM, in one thread, and no release is skipped")

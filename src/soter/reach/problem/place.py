@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.program.flatten import derived
 from soter.program.model import typed
+from soter.program.model.types import DURATION
 from soter.program.model.walk import topic_reads
 
 if TYPE_CHECKING:
@@ -62,8 +63,11 @@ class Place:
     def declared(self, c: Component, what: str) -> typed.Expr | None:
         """The time of a node of the flying system that `late` or `response` says, by its name.
 
-        The module calls nodes as the system that holds it does: without that system's own name.
+        The module calls nodes as the system that holds it does: without that system's own name. A
+        node that says how long its steps take has that as its response.
         """
+        if what == "response" and c.takes_ns is not None:
+            return typed.Literal(DURATION, c.span, c.takes_ns[1])
         times: dict[str, typed.Expr] = getattr(self.module.symbol.verify, f"{what}_of")
         return times.get(c.name.removeprefix(self.around))
 

@@ -161,17 +161,22 @@ def _kept(place: Place, times: Times, routes: Routes, diagnostics: Diagnostics) 
     for way in routes.ways:
         at = outputs[tuple(stations[n] for n in way.counted)].loses(schedule.sc, schedule.published)
         skips += [] if at is None else [way.counted[at]]
-        skips += [n for n in way.inner if n.period_ns > schedule.sc.period]
+        skips += [n for n in way.inner if max(n.period_ns, _busy(n)) > schedule.sc.period]
     for node in dict.fromkeys(skips):
         diagnostics.error(
             "R018",
             f"`{node.name}` may miss a command of SC",
             node.span,
-            f"steps every {show_ns(node.period_ns)}",
+            f"steps every {show_ns(max(node.period_ns, _busy(node)))}",
             also=((place.sc.span, f"publishes every {show_ns(place.sc.period_ns)}"),),
             notes=("the proof is about every command of SC acting for a period",),
             helps=("let it step at least as often as SC, its lateness included",),
         )
+
+
+def _busy(node: Component) -> int:
+    """How long a step of a node keeps it from the next one."""
+    return 0 if node.takes_ns is None else node.takes_ns[1]
 
 
 # ---------------------------------------------------------------- maps

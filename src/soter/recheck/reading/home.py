@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.program.flatten.derived import at_once
 from soter.program.flatten.elaborate import Elaborator
 from soter.program.model import typed
 from soter.program.model.walk import topic_reads
@@ -57,6 +58,7 @@ def home_of(system: System, module: Module) -> tuple[System, Module, tuple[Compo
         flattened = elaborator.run()
         if flattened is None or found.has_errors:
             raise SoterError(found.items)
+        flattened = at_once(flattened)
         plants = tuple(c for c in flattened.components if c.role == "plant")
         return flattened, flattened.modules[0], plants
     wanted = {sc.scope.topics[t] for t in read_by_sc(sc)}

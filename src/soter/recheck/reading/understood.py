@@ -61,7 +61,7 @@ Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age
 """
 DECLARATIONS: dict[type, str] = {
     t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "
-    "initial assumes guarantees takeover step bursts",
+    "initial assumes guarantees takeover step bursts takes",
     t.Subscribed: "topic queue policy span",
     t.TopicSymbol: "name span type input values default max_age",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "

@@ -155,7 +155,8 @@ class Ways:
         """
         sc = self.system.components[self.module.sc]
         verify = self.module.symbol.verify
-        if nodes or any(n in {**verify.late_of, **verify.response_of} for n in self._names(c)):
+        said = {**verify.late_of, **verify.response_of}
+        if nodes or c.takes_ns is not None or any(n in said for n in self._names(c)):
             return False
         if behind and behind[-1] > c.index:
             return False
@@ -211,7 +212,9 @@ class Ways:
             self.undeclared[c.name] = None
 
     def _declared(self, c: Component, of: str) -> int | None:
-        """A time of a node, where the `verify` block has one."""
+        """A time of a node, where the `verify` block has one, or the node says it itself."""
+        if of == "response_of" and c.takes_ns is not None:
+            return c.takes_ns[1]
         times: dict[str, typed.Expr] = getattr(self.module.symbol.verify, of)
         found = next((times[n] for n in self._names(c) if n in times), None)
         return None if found is None else self.number(found)

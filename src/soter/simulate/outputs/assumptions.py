@@ -78,9 +78,23 @@ def of_environment(system: System) -> list[str]:
     return found
 
 
+def of_steps(system: System) -> list[str]:
+    """How long steps are said to take."""
+    return [
+        f"{x.name} takes {_interval(*x.takes_ns)} a step, drawn evenly; what it publishes counts "
+        "then, and releases meanwhile are lost"
+        for x in system.components
+        if x.takes_ns is not None
+    ]
+
+
+def _interval(low: int, high: int) -> str:
+    return show_ns(low) if low == high else f"{show_ns(low)} to {show_ns(high)}"
+
+
 def of_run(system: System) -> list[str]:
     """Everything a run of this system rests on."""
-    return [*unproved(system), *forced(system), *of_environment(system)]
+    return [*unproved(system), *forced(system), *of_steps(system), *of_environment(system)]
 
 
 def _plant(x: Component) -> list[str]:

@@ -124,7 +124,7 @@ class RunLog:
         self._channels = [
             (MODES_TOPIC, MODES_SCHEMA),
             (DECISIONS_TOPIC, DECISIONS_SCHEMA),
-            *((t.name, _message_schema(t.type)) for t in system.topics),
+            *((t.name, _message_schema(t.type)) for t in _told(system)),
             *((f"{x.name}.truth", _schema(x.plant.truth)) for x in plants if x.plant),
         ]
         self._header = LogHeader(
@@ -181,7 +181,7 @@ class RunLog:
         messages = [
             map(mode_message, self._modes(changes)),
             (decision_message(_decision(d)) for d in steps),
-            *(self._topic(states, t) for t in self._system.topics),
+            *(self._topic(states, t) for t in _told(self._system)),
             *(self._truth(states, x) for x in self._system.components if x.plant is not None),
         ]
         for (name, schema), of in zip(self._channels, messages, strict=True):
@@ -248,3 +248,8 @@ def _schema(t: Type) -> JsonSchema:
         return enum_schema(t.members)
     scalars: dict[type, JsonSchema] = {FloatType: NUMBER, IntType: INTEGER, BoolType: BOOLEAN}
     return scalars[type(t)]
+
+
+def _told(system: System) -> list[Topic]:
+    """The topics of the program; what nodes hold back is told when it is published."""
+    return [t for t in system.topics if not t.held]

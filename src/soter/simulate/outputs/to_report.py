@@ -129,6 +129,8 @@ def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
         for v in x.plant.states:
             yield from _signals(f"{x.name}.{v.name}", v.type, states[v.name], ())
     for topic in run.system.topics:
+        if topic.held:
+            continue
         bounds = iter(topic.bounds)
         levels = next(bounds, None)
         marks: tuple[Threshold, ...] = ()

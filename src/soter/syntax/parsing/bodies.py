@@ -158,10 +158,11 @@ class BodyParser(StatementParser):
             return
         if word in ("invariant", "invariants") and "always" in items:
             raise self.failure("S010", message, helps=(self._asked_with_always(items),))
-        if kind == NAME and self.kinds[self.i + 1] in PLACE_FOLLOWS:
+        homes = [home for home, words in HOMES.items() if word in words]
+        follows = self.kinds[self.i + 1]
+        if kind == NAME and follows in PLACE_FOLLOWS and not (homes and follows == "["):
             self._loose_statements(message, items)
             return
-        homes = [home for home, words in HOMES.items() if word in words]
         sort = what.partition(" `")[0]
         known = [*(f"`{w}`" for w in items), *LEADERLESS.get(sort, ())]
         notes = (f"the items of {sort} are {', '.join(known)}",)

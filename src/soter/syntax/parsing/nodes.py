@@ -88,6 +88,7 @@ class NodeParser(VerifyParser):
             guarantees=tuple(parts.guarantees),
             takeover=parts.once.get("on takeover"),
             step=step,
+            takes=parts.once.get("takes"),
         )
 
     def _misplaced(self, code: str, message: str, span: Span, help_: str) -> None:
@@ -189,6 +190,14 @@ class NodeParser(VerifyParser):
         self.i += 1
         parts.guarantees.append(self.value("the guarantee"))
 
+    def _takes(self, parts: _NodeParts) -> None:
+        """`takes [50ms, 400ms];`: how long a step lasts."""
+        at = self.i
+        self.i += 1
+        found = self.range_of("how long a step takes")
+        self.semicolon("how long a step takes")
+        self.keep_once(parts, "takes", found, at)
+
     def _on(self, parts: _NodeParts) -> None:
         at = self.i
         self.i += 1
@@ -281,6 +290,7 @@ class NodeParser(VerifyParser):
 _NODE_ITEMS: dict[str, Callable[[NodeParser, _NodeParts], None]] = {
     "subscribes": NodeParser._subscribes,
     "publishes": NodeParser._publishes,
+    "takes": NodeParser._takes,
     "failsafe": NodeParser._failsafe,
     "var": NodeParser._local,
     "assumes": NodeParser._assumes,

@@ -23,6 +23,7 @@ typedef struct {
   int64_t period_ns, phase_ns;
   int64_t window_ns;      /* a step happens in [r, r + window] */
   int64_t overrun_ns;     /* its publications take effect up to this long after; 0: at once */
+  int64_t least_ns;       /* and not before; > 0: a step always lasts */
   uint32_t skips;         /* releases in a row that may be lost; 0: none */
   uint64_t dependent;     /* actors whose steps do not commute with this one's, itself included */
   bool visible;           /* its step may change what a property reads */

@@ -116,7 +116,7 @@ static soter_window window_of(const soter_place* x, uint32_t actor, void* world)
   if (a->overrun_ns > 0) {
     const int64_t since = held_of(a, world)->since;
     if (since >= 0) {
-      const soter_window effect = {since, since + a->overrun_ns};
+      const soter_window effect = {since + a->least_ns, since + a->overrun_ns};
       return effect;
     }
   }
@@ -279,7 +279,9 @@ static void take_effect(soter_place* x, uint32_t actor, int64_t time) {
   held->since = -1;
   held->mask = 0U;
   uint32_t* const done = &soter_done_of(x->m, x->there)[actor];
-  while (a->phase_ns + (int64_t)*done * a->period_ns <= time &&
+  const int64_t until =
+      time - (a->least_ns > 0 ? 1 : 0); /* who says so is there for the next one */
+  while (a->phase_ns + (int64_t)*done * a->period_ns <= until &&
          a->phase_ns + (int64_t)*done * a->period_ns <= x->m->horizon_ns) {
     (*done)++;
   }

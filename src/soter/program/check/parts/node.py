@@ -85,9 +85,19 @@ class NodeChecker:
             takeover=None,
             step=(),
             bursts=bursts,
+            takes=self._takes(decl, context),
         )
         self.shared.later(node, decl, scope)
         return node
+
+    def _takes(self, decl: tree.NodeDecl, context: Context) -> tuple[typed.Expr, typed.Expr] | None:
+        """How long a step lasts; None also after a report."""
+        if decl.takes is None:
+            return None
+        number, what = self.shared.number, "how long a step takes"
+        low = sound(number(decl.takes.low, context, DURATION, what))
+        high = sound(number(decl.takes.high, context, DURATION, what))
+        return None if low is None or high is None else (low, high)
 
     # ------------------------------------------------------------ inputs and outputs
 
