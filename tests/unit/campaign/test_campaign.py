@@ -10,7 +10,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pytest
@@ -173,10 +173,10 @@ def test_wrong_figures_are_refused(how: dict[str, object], code: str, tmp_path: 
 
 @pytest.mark.parametrize("other", [{"seed": 2}, {"until": "5s"}, {"system": "Protected"}])
 def test_the_folder_of_another_campaign_is_left_alone(
-    other: dict[str, object], flown: Campaign
+    other: dict[str, Any], flown: Campaign
 ) -> None:
     before = (flown.folder / "flights.csv").read_bytes()
-    how = {"system": "Unprotected", "flights": 3, "until": "4s", **other}
+    how: dict[str, Any] = {"system": "Unprotected", "flights": 3, "until": "4s", **other}
     with pytest.raises(SoterError, match="another campaign") as caught:
         load(CART).campaign(output=flown.folder, **how)
     assert [d.code for d in caught.value.diagnostics] == ["D006"]
