@@ -21,6 +21,7 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from soter.api.campaigning import Campaign
     from soter.api.given import Progress
     from soter.explore.results import ExploreReport, Looked
     from soter.monitor.membership import Judgement
@@ -213,6 +214,12 @@ class Program:
             self.write_report(run, report)
         return run
 
+    def campaign(self, system: str | None = None, params: Any = None, **how: Any) -> Campaign:  # noqa: ANN401
+        """Fly many seeds of a system: see `soter.api.campaigning.campaign`."""
+        from soter.api.campaigning import campaign  # noqa: PLC0415 - see the docstring
+
+        return campaign(self._completed(system, params, None)[0], self.path, **how)
+
     def write_log(self, run: Run, path: str | Path) -> Path:
         """Write the MCAP log of a traced run; `SoterError` D006, D007."""
         from soter.simulate.outputs.to_log import write_log  # noqa: PLC0415 - an extra
@@ -265,19 +272,12 @@ class Program:
         `log`: an MCAP file that `soter run --log` wrote of the same system. `estimates`: judge what
         was measured instead of the true states. `SoterError` U001 where a plant is not affine.
         """
-        from soter.monitor.membership import judge  # noqa: PLC0415 - needs NumPy
-        from soter.reach.problem.extract import extract_sets  # noqa: PLC0415 - needs NumPy
-        from soter.simulate.recorded import read_log, recorded  # noqa: PLC0415 - needs NumPy
+        from soter.api.monitoring import judged  # noqa: PLC0415 - needs NumPy
 
         self._require_sound()
-        if log is None:
-            run = self.simulate(system, until, seed, params=params)
-            flat, record = run.system, recorded(run)
-        else:
-            flat, _ = self._completed(system, params, None)
-            record = read_log(Path(log), flat)
-        chosen = chosen_modules(flat, module)
-        return [judge(flat, m, extract_sets(flat, m), record, estimates=estimates) for m in chosen]
+        flat, _ = self._completed(system, params, None)
+        run = None if log is not None else self.simulate(system, until, seed, params=params)
+        return judged(flat, log, run, module, estimates=estimates)
 
     def emit_monitor(
         self,

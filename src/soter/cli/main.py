@@ -41,6 +41,7 @@ COMMANDS = {
     "recheck": "check certificates independently",
     "monitor": "does the verified model explain a recorded run",
     "advise": "what the decision period and the levels cost",
+    "campaign": "many seeded runs, and what they say",
     "test": "explore every schedule, find the shortest counterexample",
     "replay": "run a trace again, step by step",
     "build": "write C99, or a package for a target",
@@ -49,7 +50,6 @@ COMMANDS = {
     "new": "make a small robot that runs",
 }
 COMING = {
-    "campaign": "many seeded runs with faults, statistics",
     "measure": "execution times of steps",
 }
 

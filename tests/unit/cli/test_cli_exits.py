@@ -109,7 +109,7 @@ def test_130_an_interrupt(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 COMMANDS = ("check", "run", "advise", "test", "replay", "build", "explain", "fmt", "new")
-COMING = ("campaign", "measure")
+COMING = ("measure",)
 
 
 def test_the_help_lists_every_command_of_the_contract(soter: Soter) -> None:

@@ -1,0 +1,1 @@
+"""Many seeded runs of a system, and what they say about it."""

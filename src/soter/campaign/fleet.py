@@ -1,0 +1,215 @@
+"""Flights of one system in compiled batches: their events, their digests, their last states.
+
+Purpose: `Fleet`, the Python face of `runtime/soter_batch.c`; `Flight`, what one run was like.
+Non-goals: statistics (`statistics.py`), workers and files (`store.py`, `flying.py`).
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.codegen.unit import generate
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.lower.layout import state_dtype
+from soter.native.build import RUNTIME, library
+from soter.native.interface import address, declarations, interface, opened
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    import numpy.typing as npt
+
+    from soter.program.model.system import System
+
+TO_SC, TO_AC, VIOLATED, LATCHED = range(4)
+EPISODE_NS = 2_000_000_000
+"""Disengagements of a module that lie no further apart are one episode."""
+EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
+ROOM = 1 << 14
+BATCH_BYTES = 1 << 22
+"""Of last states in one call."""
+AT_ONCE = 32
+"""Flights in one call at most: after each, somebody may want to stop."""
+
+
+@dataclass(frozen=True)
+class Flight:
+    """One run. Shares and times by module, in the order of the system's modules.
+
+    `seed` re-flies it (`soter run --seed`); `digest`: SHA-256 over its events and its last state.
+    `all_ac_s`: how long all modules were in AC at once. `violations`: onsets by property,
+    `latched`: components, both by name with how many; `first_s`: the first of them.
+    """
+
+    number: int
+    seed: int
+    seconds: float
+    ac_s: tuple[float, ...]
+    all_ac_s: float
+    disengagements: tuple[int, ...]
+    episodes: tuple[int, ...]
+    gate_faults: tuple[int, ...]
+    violations: int
+    first_s: float | None
+    broken: tuple[str, ...]
+    digest: str
+
+
+class Fleet:
+    """A compiled system that is flown under many seeds. One thread at a time a `fly`."""
+
+    def __init__(self, system: System, until_ns: int, optimise: str = "-O2") -> None:
+        """Compile; SoterError U003 where the system needs what only Python answers."""
+        _without_externs(system)
+        self.system, self.until_ns = system, until_ns
+        unit = generate(system)
+        self.dtype = state_dtype(system, unit.layout)
+        engine = tuple(
+            RUNTIME / name
+            for name in ("soter_batch.c", "soter_sha256.c", "soter_batch.h", "soter_sha256.h")
+        )
+        path = library(unit, optimise, engine=engine)
+        self.ffi = interface(
+            declarations(RUNTIME / "soter.h"), declarations(RUNTIME / "soter_batch.h")
+        )
+        self.lib = opened(self.ffi, path)
+        self._program = address(self.ffi, path, f"{unit.prefix}_program", "const soter_program *")
+        self._own = threading.local()
+        self.at_once = max(1, min(AT_ONCE, BATCH_BYTES // unit.layout.size))
+
+    def fly(self, numbers: Sequence[int], first_seed: int) -> list[Flight]:
+        """The flights of these numbers, in that order; flight k has the seed `first_seed` + k."""
+        found: list[Flight] = []
+        for begin in range(0, len(numbers), self.at_once):
+            found += self._batch(numbers[begin : begin + self.at_once], first_seed)
+        return found
+
+    def _batch(self, numbers: Sequence[int], first_seed: int) -> list[Flight]:
+        room = getattr(self._own, "room", ROOM)
+        found: list[Flight] = []
+        while len(found) < len(numbers):
+            left = numbers[len(found) :]
+            flights = self.ffi.new("soter_flight[]", len(left))
+            for k, number in enumerate(left):
+                flights[k].seed = (first_seed + number) & (2**64 - 1)
+            states = np.zeros((len(left) + 1, self.dtype.itemsize), dtype=np.uint8)
+            events = np.zeros(room, dtype=EVENT)
+            used = self.ffi.new("size_t *")
+            done = int(
+                self.lib.soter_batch(
+                    self._program,
+                    flights,
+                    len(left),
+                    self.until_ns,
+                    self.ffi.cast("void *", states.ctypes.data),
+                    self.ffi.cast("soter_event *", events.ctypes.data),
+                    room,
+                    used,
+                )
+            )
+            records, at = states.view(self.dtype), 0
+            for k in range(done):
+                count = int(flights[k].events)
+                digest = self.ffi.string(flights[k].digest).decode("ascii")
+                own = events[at : at + count]
+                at += count
+                found.append(self._flight(left[k], flights[k].seed, own, records[k][0], digest))
+            if done < len(left):
+                room *= 4
+                self._own.room = room
+        return found
+
+    def _flight(self, number: int, seed: int, events: Any, last: Any, digest: str) -> Flight:  # noqa: ANN401 - records
+        system, modules = self.system, range(len(self.system.modules))
+        broken = [
+            f"{p.kind} {p.text}"
+            for p in system.properties
+            for _ in range(int(last["properties"][p.index]["count"]))
+        ]
+        broken += [
+            f"{c.name} latched"
+            for c in system.components
+            if int(last["components"][c.index]["latched"])
+        ]
+        bad = events[events["kind"] >= VIOLATED]["time"]
+        spans = [_in_ac(events, k, self._start(k), self.until_ns) for k in modules]
+        return Flight(
+            number=number,
+            seed=int(seed),
+            seconds=self.until_ns / 1e9,
+            ac_s=tuple(_length(s) for s in spans),
+            all_ac_s=_length(_common(spans)) if spans else 0.0,
+            disengagements=tuple(int((_of(events, k)["kind"] == TO_SC).sum()) for k in modules),
+            episodes=tuple(_episodes(events, k) for k in modules),
+            gate_faults=tuple(int(last["modules"][k]["gate_faults"]) for k in modules),
+            violations=int(last["header"]["violations"]),
+            first_s=float(bad.min()) / 1e9 if len(bad) else None,
+            broken=tuple(broken),
+            digest=digest,
+        )
+
+    def _start(self, module: int) -> int | None:
+        """Since when a module is in AC at the start: it starts in SC unless it is forced."""
+        return 0 if self.system.modules[module].forced == "ac" else None
+
+
+def _without_externs(system: System) -> None:
+    names = [c.name for c in system.components if c.extern]
+    if names:
+        message = f"node `{names[0]}` is extern: a campaign flies what is compiled"
+        helps = ("replace it in the system by a node in Soter: `replace NODE by OTHER;`",)
+        raise SoterError((Diagnostic("U003", message, helps=helps),))
+
+
+def _of(events: npt.NDArray[Any], module: int) -> npt.NDArray[Any]:
+    """The events (n,) of one module."""
+    found: npt.NDArray[Any] = events[(events["kind"] <= TO_AC) & (events["index"] == module)]
+    return found
+
+
+def _in_ac(
+    events: npt.NDArray[Any], module: int, since: int | None, until_ns: int
+) -> list[tuple[int, int]]:
+    """When a module was in AC, in ns, of events (n,); at the start it is since `since`, or not."""
+    spans: list[tuple[int, int]] = []
+    for time, kind in _of(events, module)[["time", "kind"]].tolist():
+        if kind == TO_AC:
+            since = time
+        elif since is not None:
+            spans.append((since, time))
+            since = None
+    return spans + ([(since, until_ns)] if since is not None else [])
+
+
+def _common(spans: list[list[tuple[int, int]]]) -> list[tuple[int, int]]:
+    """When all of them are."""
+    found = spans[0]
+    for other in spans[1:]:
+        both, i, k = [], 0, 0
+        while i < len(found) and k < len(other):
+            low, high = max(found[i][0], other[k][0]), min(found[i][1], other[k][1])
+            if low < high:
+                both.append((low, high))
+            if found[i][1] < other[k][1]:
+                i += 1
+            else:
+                k += 1
+        found = both
+    return found
+
+
+def _length(spans: Iterable[tuple[int, int]]) -> float:
+    return sum(b - a for a, b in spans) / 1e9
+
+
+def _episodes(events: npt.NDArray[Any], module: int) -> int:
+    """Disengagements, those close to each other taken as one; of events (n,)."""
+    own = _of(events, module)
+    times = own[own["kind"] == TO_SC]["time"]
+    if not len(times):
+        return 0
+    return 1 + int((np.diff(times) > EPISODE_NS).sum())

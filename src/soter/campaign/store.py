@@ -1,0 +1,164 @@
+"""The folder of a campaign: what it is about, and a line for each flight that was flown.
+
+Purpose: nothing that was flown is lost, whenever it is stopped; a campaign goes on where it was.
+Non-goals: flying, statistics.
+
+`campaign.json` says what is flown; `flights.csv` has a line a flight, in the order of their
+numbers, each written whole. A line that is torn at the end is flown again.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import os
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+from soter.campaign.fleet import Flight
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+    from pathlib import Path
+
+ABOUT, FLIGHTS = "campaign.json", "flights.csv"
+SCHEMA = 1
+
+
+@dataclass(frozen=True)
+class About:
+    """What is flown; two campaigns are one where all of this is the same."""
+
+    program: str
+    program_sha256: str
+    system: str
+    params: dict[str, str]
+    until_ns: int
+    first_seed: int
+    modules: list[str]
+    schema: int = SCHEMA
+
+
+class Store:
+    """One campaign's folder. SoterError D006 where it cannot be written or is another one's."""
+
+    def __init__(self, folder: Path, about: About) -> None:
+        self.folder, self.about = folder, about
+        self.flights: list[Flight] = []
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            self._open()
+        except OSError as error:
+            raise _trouble(folder, str(error.strerror or error)) from error
+
+    def _open(self) -> None:
+        said = self.folder / ABOUT
+        own = json.dumps(asdict(self.about), indent=2, sort_keys=True)
+        if said.exists():
+            if _read(said) != json.loads(own):
+                raise _trouble(
+                    self.folder,
+                    "the folder holds another campaign",
+                    "another program, system, time, seed or parameter: give another folder with -o",
+                )
+            self.flights = self._kept()
+        elif any(self.folder.iterdir()):
+            raise _trouble(self.folder, "the folder holds something else", "give another with -o")
+        else:
+            _whole(said, own + "\n")
+        if not self.flights:
+            _whole(self.folder / FLIGHTS, ",".join(self._head()) + "\n")
+
+    def _head(self) -> list[str]:
+        parts = ("ac_s", "disengagements", "episodes", "gate_faults")
+        by_module = [f"{m}.{p}" for m in self.about.modules for p in parts]
+        fixed = ["number", "seed", "seconds", "violations", "first_s", "all_ac_s"]
+        return [*fixed, *by_module, "broken", "digest"]
+
+    def _kept(self) -> list[Flight]:
+        """The flights that stand there whole, from number 0 on; what is behind them is cut off."""
+        path = self.folder / FLIGHTS
+        if not path.exists():
+            return []
+        raw = path.read_bytes()
+        lines = raw[: raw.rfind(b"\n") + 1].decode("utf-8").splitlines()
+        found: list[Flight] = []
+        if lines and next(csv.reader(lines[:1])) == self._head():
+            for row in csv.DictReader(lines):
+                flight = self._flight(row)
+                if flight is None or flight.number != len(found):
+                    break
+                found.append(flight)
+        size = sum(len(line.encode()) + 1 for line in lines[: len(found) + 1])
+        if found and size != len(raw):
+            with path.open("r+b") as file:
+                file.truncate(size)
+        return found
+
+    def _flight(self, row: dict[str, str]) -> Flight | None:
+        names = self.about.modules
+        try:
+            return Flight(
+                number=int(row["number"]),
+                seed=int(row["seed"]),
+                seconds=float(row["seconds"]),
+                ac_s=tuple(float(row[f"{m}.ac_s"]) for m in names),
+                all_ac_s=float(row["all_ac_s"]),
+                disengagements=tuple(int(row[f"{m}.disengagements"]) for m in names),
+                episodes=tuple(int(row[f"{m}.episodes"]) for m in names),
+                gate_faults=tuple(int(row[f"{m}.gate_faults"]) for m in names),
+                violations=int(row["violations"]),
+                first_s=float(row["first_s"]) if row["first_s"] else None,
+                broken=tuple(json.loads(row["broken"])) if row["broken"] else (),
+                digest=row["digest"],
+            )
+        except (KeyError, ValueError, TypeError):
+            return None
+
+    def add(self, flights: Sequence[Flight]) -> None:
+        """Keep flights, which follow those that are there. SoterError D006 where it cannot."""
+        try:
+            with (self.folder / FLIGHTS).open("a", encoding="utf-8", newline="") as file:
+                writer = csv.writer(file, lineterminator="\n")
+                writer.writerows(_row(f) for f in flights)
+                file.flush()
+                os.fsync(file.fileno())
+        except OSError as error:
+            what = f"{error.strerror or error}; {len(self.flights)} flights are kept"
+            raise _trouble(self.folder, what) from error
+        self.flights += flights
+
+
+def _row(f: Flight) -> list[object]:
+    by_module = zip(f.ac_s, f.disengagements, f.episodes, f.gate_faults, strict=True)
+    first = "" if f.first_s is None else repr(f.first_s)
+    fixed = [f.number, f.seed, repr(f.seconds), f.violations, first, repr(f.all_ac_s)]
+    told = [repr(x) if isinstance(x, float) else x for m in by_module for x in m]
+    return [*fixed, *told, json.dumps(f.broken) if f.broken else "", f.digest]
+
+
+def digest_of(flights: Iterable[Flight]) -> str:
+    """SHA-256 of a campaign: over the digests of its flights, in the order of their numbers."""
+    found = hashlib.sha256()
+    for f in flights:
+        found.update(f"{f.number} {f.seed} {f.digest}\n".encode("ascii"))
+    return found.hexdigest()
+
+
+def _read(path: Path) -> object:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        return None
+
+
+def _whole(path: Path, text: str) -> None:
+    beside = path.with_suffix(".part")
+    beside.write_text(text, encoding="utf-8")
+    beside.replace(path)
+
+
+def _trouble(folder: Path, what: str, *helps: str) -> SoterError:
+    return SoterError((Diagnostic("D006", f"`{folder}`: {what}", helps=helps),))

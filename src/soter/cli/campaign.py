@@ -1,0 +1,119 @@
+"""`soter campaign FILE`: many seeded runs, and what they say.
+
+Purpose: fly, keep every flight, print totals with exact intervals; exit 3 where one was violated.
+Non-goals: flying (`campaign/`).
+"""
+
+from __future__ import annotations
+
+from math import inf
+from typing import TYPE_CHECKING
+
+from soter.api import load
+from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
+from soter.cli.terminal.parser import Parser, add_file, add_settings, at_least_one, seed
+from soter.cli.terminal.progress import Progress
+from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.api.campaigning import Campaign
+    from soter.cli.terminal.console import Console
+
+EXAMPLES = """\
+  soter campaign cart.soter                       one hour of the default system
+  soter campaign drone.soter --hours 104 --workers 2
+  soter campaign drone.soter --flights 1000 --until 30s --system Twitching
+  soter campaign drone.soter --hours 200          goes on where `--hours 104` ended
+  soter run drone.soter --seed 48123 --report     look at the flight of that seed
+
+Every flight stands in `flights.csv` of the campaign's folder, with its seed. It can be stopped at
+any time; the same command goes on.
+
+exit codes: 0 no violation, 1 diagnostics, 2 usage, 3 violations
+"""
+NEVER = "0"
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("campaign", "Fly many seeds of a system, and count.", EXAMPLES)
+    add_file(made)
+    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
+    made.add_argument("--hours", metavar="H", type=float, help="of flight, in all (1)")
+    made.add_argument("--flights", metavar="N", type=at_least_one, help="in place of --hours")
+    made.add_argument("--until", metavar="TIME", help="of each; by default the system's own")
+    made.add_argument("--seed", metavar="N", type=seed, default=1, help="of the first (1)")
+    made.add_argument("--workers", metavar="N", type=at_least_one, help="threads (one a core)")
+    add_settings(made)
+    made.add_argument("-o", dest="output", metavar="DIR", help="the folder (.soter/campaign-...)")
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Fly."""
+    from soter.api.campaigning import figures, settings_of  # noqa: PLC0415 - needs NumPy
+
+    program = load(args.file)
+    for name, target in args.bindings:
+        program.bind(name, target)
+    try:
+        with Progress(console) as progress:
+            found = program.campaign(
+                args.system, dict(args.params), progress=progress, **settings_of(vars(args))
+            )
+    except SoterError as error:
+        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    _say(found, console)
+    code = VIOLATED if found.result.violations else FINE
+    fields = {"file": args.file, "program_sha256": program.sha256, **figures(found)}
+    return Outcome(code, program.diagnostics, fields)
+
+
+def _say(found: Campaign, console: Console) -> None:
+    from soter.report.summary import table  # noqa: PLC0415 - only here
+
+    r = found.result
+    speed = found.flown * found.until_s / found.wall_s if found.flown else 0.0
+    console.say(
+        f"{found.system}: {r.hours:,.2f} h in {r.flights:,} flights of {found.until_s:g} s, "
+        f"seeds {found.first_seed} to {found.first_seed + r.flights - 1}"
+    )
+    console.say()
+    verdict = console.paint("good" if not r.violations else "bad", f"{r.violations} violations")
+    console.say(f"{verdict}; with 95 % confidence {_interval(*r.per_hour)} an hour")
+    for what, count in r.broken:
+        console.say(f"  {count} x {what}")
+    for f in r.worst:
+        console.say(f"  flight {f.number}, seed {f.seed}: first at {f.first_s:.3f} s")
+    if r.modules:
+        rows = [
+            (
+                m.name,
+                f"{m.ac_share:.2%}",
+                f"{m.disengagements:,}",
+                f"{m.episodes:,}",
+                _interval(*m.per_hour),
+                f"{m.gate_faults:,}",
+            )
+            for m in r.modules
+        ]
+        heads = ("module", "AC share", "takeovers", "episodes", "an hour, 95 %", "gate faults")
+        console.say()
+        console.say(table(heads, rows))
+        if len(r.modules) > 1:
+            console.say(f"\nall modules in AC at once: {r.ac_share:.2%} of the time")
+    console.say(
+        f"\nflights {found.folder}/flights.csv   "
+        f"{found.wall_s:.1f} s" + (f", {speed:,.0f} x real time" if speed else ", flown before")
+    )
+    console.say(console.paint("muted", f"digest  {r.digest}"))
+
+
+def _interval(low: float, high: float) -> str:
+    if high == inf:
+        return "any number"
+    if low == 0.0:
+        return f"less than {high:.3g}"
+    return f"{low:.3g} to {high:.3g}"
