@@ -14,11 +14,10 @@ from typing import TYPE_CHECKING
 from soter.program.model.types import leaves
 from soter.program.model.walk import topic_reads
 from soter.recheck.inclusions.predicates import AdmitCheck, admitted, both_all, decision
-from soter.recheck.inclusions.tables import finer
 from soter.recheck.reading.model import Model
 from soter.recheck.reading.problem import driven_topics, followed
-from soter.recheck.terms.balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
-from soter.recheck.terms.terms import both, negation
+from soter.recheck.terms.balls import HALF, TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
+from soter.recheck.terms.terms import both, conjuncts, influence, inputs_of, negation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -28,11 +27,12 @@ if TYPE_CHECKING:
     from soter.program.model import typed
     from soter.recheck.inclusions.inclusion import GroupTables
     from soter.recheck.reading.facts import Facts
+    from soter.recheck.terms.terms import Terms, Truth
 
     Box = list[tuple[arb, arb]]
 
-SPLITS_BEYOND = 10
-"""How often the states outside the grid, and their errors, are halved."""
+TRIES_BEYOND = 2_000
+"""Boxes that a side of the grid is cut into at most, for each part of a predicate."""
 
 
 def not_entered(model: Model, groups: Sequence[GroupTables], expr: typed.Expr) -> str:
@@ -104,17 +104,7 @@ def _beyond(
     reach: Sequence[tuple[float, float]],
 ) -> str:
     """Where it may hold outside the grid, in words; "" where it cannot."""
-    anywhere = Model(model.facts, model.parameter, tuple(reach))
-    terms, states = anywhere.new_terms()
-    told = anywhere.predicate(terms, states, expr, errors=True)
-    fails = both(negation(told), both_all(terms.obligations))
-    atoms = [next(iter(x.terms)) for x in states]
-    decide, ranges = decision(anywhere, range(len(states)), terms, atoms, fails)
-    whole: Box = [(exact(low), exact(high)) for low, high in reach]
-
-    def never(box: Box) -> bool:
-        return decide(box) == 2
-
+    parts = _parts(Model(model.facts, model.parameter, tuple(reach)), expr)
     for g in groups:
         for state, edges in zip(g.states, g.grid.edges, strict=True):
             low, high = reach[state]
@@ -122,8 +112,56 @@ def _beyond(
             sides = [(f"below {first!r}", low, min(first, high))] if low <= first else []
             sides += [(f"above {last!r}", max(last, low), high)] if high >= last else []
             for side, a, b in sides:
-                box = [*whole, *ranges]
-                box[state] = exact(a), exact(b)
-                if not finer(box, never, SPLITS_BEYOND):
+                if not any(part.never(state, a, b) for part in parts):
                     return f"{model.facts.states[state].name} is {side}"
     return ""
+
+
+def _parts(anywhere: Model, expr: typed.Expr) -> list[_Part]:
+    """What must hold beside each other for `expr` to hold, and be judged without a fault."""
+    terms, states = anywhere.new_terms()
+    told = anywhere.predicate(terms, states, expr, errors=True)
+    sound = both_all(terms.obligations)
+    atoms = [next(iter(x.terms)) for x in states]
+    return [_Part(anywhere, terms, atoms, part, sound) for part in conjuncts(told)]
+
+
+class _Part:
+    """One of the parts of a predicate, over states that may lie outside the grid."""
+
+    def __init__(
+        self, model: Model, terms: Terms, atoms: Sequence[int], part: Truth, sound: Truth
+    ) -> None:
+        fails = both(negation(part), sound)
+        self._decide, ranges = decision(model, range(len(atoms)), terms, atoms, fails)
+        self._box: Box = [*((exact(a), exact(b)) for a, b in model.extents), *ranges]
+        free = sorted(i for i in inputs_of(terms, [fails]) if terms.atoms[i].kind == "box")
+        self._weights = [float(influence(terms, part, [i])) for i in (*atoms, *free)]
+
+    def never(self, state: int, low: float, high: float) -> bool:
+        """Whether it certainly fails where a state is in a range: the box of all is halved.
+
+        What moves most of what is compared is halved first.
+        """
+        if not self._weights[state]:
+            return False
+        box = list(self._box)
+        box[state] = exact(low), exact(high)
+        widths = [b - a for a, b in box]
+        waiting, tries = [box], 0
+        while waiting:
+            box, tries = waiting.pop(), tries + 1
+            found = self._decide(box)
+            if found == 2:
+                continue
+            if found != 3 or tries > TRIES_BEYOND:
+                return False
+            shares = [
+                w * float((b - a) / full) if full > 0 else 0.0
+                for w, (a, b), full in zip(self._weights, box, widths, strict=True)
+            ]
+            axis = shares.index(max(shares))
+            middle = ((box[axis][0] + box[axis][1]) * HALF).mid()
+            for half in ((box[axis][0], middle), (middle, box[axis][1])):
+                waiting.append([*box[:axis], half, *box[axis + 1 :]])
+        return True
