@@ -1,7 +1,7 @@
 """Hand-overs: whether the state of a view jumps only into R(H).
 
-Purpose: `jumps_of`: for every topic that the map of a view reads, whether what `enters` says of it is
-confirmed: of the node that publishes it, and of R(H) (docs/proof.md, "Hand-over").
+Purpose: `jumps_of`: for every topic that the map of a view reads, whether what `enters` says of it
+is confirmed: of the node that publishes it, and of R(H) (docs/proof.md, "Hand-over").
 Non-goals: rejecting: what is not confirmed is an assumption, and the report says why.
 """
 
@@ -49,7 +49,9 @@ def jumps_of(
     }
     if any(not jump.why for of in found.values() for jump in of):
         why = _of_sets(facts, groups, extents, claims)
-        found = {name: [Jump(j.topic, j.node, j.why or why) for j in of] for name, of in found.items()}
+        found = {
+            name: [Jump(j.topic, j.node, j.why or why) for j in of] for name, of in found.items()
+        }
     return found
 
 

@@ -162,6 +162,6 @@ class _Part:
             ]
             axis = shares.index(max(shares))
             middle = ((box[axis][0] + box[axis][1]) * HALF).mid()
-            for half in ((box[axis][0], middle), (middle, box[axis][1])):
-                waiting.append([*box[:axis], half, *box[axis + 1 :]])
+            halves = (box[axis][0], middle), (middle, box[axis][1])
+            waiting += [[*box[:axis], half, *box[axis + 1 :]] for half in halves]
         return True

@@ -1,7 +1,7 @@
 """When what the map of a view reads may change: only in steps of which `enters` holds.
 
-Purpose: `why_not`: the node part of a hand-over (docs/proof.md), for one topic that a map reads. Any
-two steps in a row of the node that publishes it, and its very first step: what the map reads is
+Purpose: `why_not`: the node part of a hand-over (docs/proof.md), for one topic that a map reads.
+Any two steps in a row of the node that publishes it, and its very first step: what the map reads is
 published as it was published last, or `enters` holds of what the later step reads and publishes,
 and that step publishes all by which the decision module and SC know of the view.
 Non-goals: that the state lies in R(H) wherever `enters` holds (`inclusions/entered.py`).
@@ -143,7 +143,7 @@ def _paths(e: object, topic: typed.TopicSymbol, path: Path = ()) -> Iterator[Pat
 
 @dataclass
 class _Step:
-    """One step: the locals behind it; of each topic whether it is published, and what; its fault."""
+    """One step: locals behind it; of each topic whether it is published, and what; its fault."""
 
     env: dict[typed.Variable, Term]
     said: dict[int, tuple[Term, Term]]

@@ -47,7 +47,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from soter.program.model.system import Scope
-    from soter.program.model.types import Type
 
 Term = Any
 ROUNDS_MAX = 4_000

@@ -1,4 +1,4 @@
-"""Values of programs as terms of a solver: exact ones, and elements of one sort of which nothing is known.
+"""Values of programs as terms of a solver: exact, or elements of a sort of which nothing is known.
 
 Purpose: what a value of a type looks like (`unknown`, `known`), what the same function of the same
 values gives (`applied`), elements of lists and arrays.
