@@ -15,6 +15,7 @@ from soter.recheck.assumptions import Jump
 from soter.recheck.inclusions.entered import not_entered
 from soter.recheck.reading.model import Model
 from soter.recheck.reading.views import entered
+from soter.recheck.terms.terms import NotRecheckedError
 from soter.recheck.time.module_times import read_by
 
 if TYPE_CHECKING:
@@ -81,7 +82,8 @@ def _of_sets(
         expr = entered(facts.whole, facts.symbol.verify)
         assert expr is not None
         scope = facts.module.scope.topics
-        if not {scope[t] for t in topic_reads(expr)} <= {i for of in read_by(facts) for i in of}:
+        known = {i for of in read_by(facts) for i in of}
+        if not {scope.get(t, -1) for t in topic_reads(expr)} <= known:
             return "it reads what neither DM nor SC reads"
         for values, (grids, _) in zip(facts.cases(), groups, strict=True):
             why = not_entered(Model(facts, values, extents), grids, expr)
@@ -93,4 +95,6 @@ def _of_sets(
 
 
 def _said(error: Exception) -> str:
-    return f"{error}" or type(error).__name__
+    if isinstance(error, NotRecheckedError):
+        return f"not rechecked: {error}"
+    return f"the re-checker itself failed ({type(error).__name__}: {error})"

@@ -13,6 +13,7 @@ from soter.api.program import load
 from soter.cli.main import main
 from soter.program.build import check_file, system_of
 from soter.recheck import rechecker
+from soter.recheck.case import Case
 from soter.recheck.handover import jumps_of
 from soter.recheck.inclusions.tables import Cells
 from soter.recheck.reading.problem import read_facts
@@ -93,8 +94,11 @@ def test_a_node_that_asks_and_a_guard_that_keeps_to_r_are_confirmed(proved: Prov
 
 
 def test_the_command_says_what_was_confirmed(
-    proved: Proved, capsys: pytest.CaptureFixture[str]
+    proved: Proved, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("soter.cli.recheck.recheck", lambda *_: proved[1])
+    main(["recheck", str(proved[0])])
+    assert capsys.readouterr().out.count("confirmed: Estimator changes") == len(VIEWS)
     main(["recheck", str(proved[0]), "--json"])
     document = json.loads(capsys.readouterr().out)
     for module in document["modules"].values():
@@ -103,9 +107,10 @@ def test_the_command_says_what_was_confirmed(
 
 
 def test_a_node_that_does_not_ask_is_accepted_and_assumed_to(
-    proved: Proved, tmp_path: Path
+    proved: Proved, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """An assumption is no claim: nothing is rejected for it."""
+    """An assumption is no claim: nothing is rejected for it. (The claims are those of before.)"""
+    monkeypatch.setattr(Case, "check", lambda _: None)
     folder = tmp_path / "cert"
     shutil.copytree(proved[0], folder)
     edit_program(folder, (GUARD, "asked"))
@@ -214,6 +219,14 @@ def test_an_sc_that_remembers_is_not_told(tmp_path: Path, proved: Proved) -> Non
     assert all("keeps locals" in w for w in whys(tmp_path, text, proved))
 
 
+def test_a_map_that_moves_by_itself_is_not_told(tmp_path: Path, proved: Proved) -> None:
+    """What it reads of the box may stay, and the state jumps all the same."""
+    text = of_walls().replace("d.truth.x - box.low", "d.truth.x - box.low + age(box)")
+    left, right = whys(tmp_path, text, proved)
+    assert left == "the map of seen reads more than plants and topics"
+    assert right == ""
+
+
 def test_without_enters_nothing_is_tried(tmp_path: Path, proved: Proved) -> None:
     for facts in facts_of(tmp_path, of_walls().replace("enters In(left, right);", "")):
         _, groups, extents, claims = proved[2][0]
@@ -246,6 +259,46 @@ def test_a_topic_without_a_set_bounds_no_state(tmp_path: Path, proved: Proved) -
     left, right = whys(tmp_path, text.replace(bounded, "topic left: Wall"), proved)
     assert "nothing that it reads bounds" in left
     assert right == ""
+
+
+@pytest.mark.parametrize(("error", "why"), [("0.1", "outside R(H)"), ("20.0", "outside the grid")])
+def test_what_is_published_may_be_off_by_its_error(
+    tmp_path: Path, error: str, why: str, proved: Proved
+) -> None:
+    """R(H) is the same: SC goes by another topic."""
+    measured = "measured along.high within NEAR;"
+    text = of_walls().replace(measured, f"{measured}\n  measured left.room within {error};")
+    left, right = whys(tmp_path, text, proved)
+    assert why in left
+    assert right == ""
+
+
+def test_what_neither_dm_nor_sc_reads_shows_nothing(tmp_path: Path, proved: Proved) -> None:
+    """That it shows the state is nobody's assumption."""
+    text = of_walls().replace("In(left, right);", "In(aside, right);")
+    text = text.replace(
+        "topic push:", "topic aside: Wall in [-100.0, 100.0] max_age 11ms;\ntopic push:"
+    )
+    text = text.replace(
+        "  drives left =", "  drives aside = { room: r, toward: w };\n  drives left ="
+    )
+    text = text.replace(
+        "publishes left, right, along, box;", "publishes left, aside, right, along, box;"
+    )
+    same = "publish left = { room: motion.x - b.low, toward: -motion.v };"
+    assert same in text
+    text = text.replace(same, f"{same}\n    {same.replace('left', 'aside')}")
+    left, right = whys(tmp_path, text, proved)
+    assert left == "it reads what neither DM nor SC reads"
+    assert right == ""
+
+
+def test_half_spaces_are_not_looked_at(tmp_path: Path, proved: Proved) -> None:
+    other, ((grids, _),), extents, claims = proved[2][0]
+    facts = facts_of(tmp_path, of_walls())[0]
+    facts.times = other.times
+    (jumps,) = jumps_of(facts, [(grids, [object()])], extents, claims).values()
+    assert jumps[0].why == "half-spaces are not looked at"
 
 
 def test_a_cell_that_is_taken_out_of_r_is_missed(proved: Proved, tmp_path: Path) -> None:
@@ -283,4 +336,5 @@ def test_what_goes_wrong_confirms_nothing(
         raise ValueError(msg)
 
     monkeypatch.setattr(f"soter.recheck.{where}", fails)
-    assert whys(tmp_path, of_walls(), proved) == ["out of luck"] * 2
+    failed = "the re-checker itself failed (ValueError: out of luck)"
+    assert whys(tmp_path, of_walls(), proved) == [failed] * 2
