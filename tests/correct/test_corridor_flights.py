@@ -75,6 +75,11 @@ def test_the_re_checker_confirms_samples_of_every_view(
     assert [m.name.rpartition(" ")[2] for m in found.modules] == list(WALLS)
     assert all("P2b" in m.confirmed for m in found.modules)
     assert len(asked) == 6 * len(WALLS)
+    for module in found.modules:
+        (shown,) = module.shown
+        assert shown.key.endswith(" flown")
+        (jumps,) = [a.text for a in module.assumptions if a.key.startswith("jumps ")]
+        assert jumps.startswith("where iris.reference change,"), "only that is left to assume"
 
 
 def room(wall: np.ndarray, tau: float, u: float, b: float, tail: float, fastest: float) -> bool:

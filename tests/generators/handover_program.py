@@ -64,6 +64,31 @@ CHANGES = {
 """How a node may fail to keep its guard."""
 
 
+IN = """fun In(l: Wall, r: Wall): bool {
+  return Fits(l, 0.05) && Fits(r, 0.05) && l.room < 50.0 && r.room < 50.0;
+}
+"""
+OF_BOX = "({ room: m.x - b.low, toward: -m.v }, { room: b.high - m.x, toward: m.v });"
+GUARDS = [
+    ("Fits(l, 0.05)", "Fits(l, 0.0)", [False, True], "outside R(H)"),
+    ("Fits(l, 0.05) && ", "", [False, True], "outside the grid"),
+    ("l.room < 50.0", "true", [False, True], "outside the grid"),
+    ("r.room < 50.0", "r.room < 70.0", [True, False], "outside the grid"),
+    ("Fits(r, 0.05)", "(Fits(r, 0.05) || r.toward < -2.3)", [True, False], "the grid"),
+    ("Fits(r, 0.05)", "r.room > 0.5 && abs(r.toward) < 2.0", [True, False], "outside R(H)"),
+]
+"""What of `IN` is replaced by what, in which views it then shows that the state lies in R(H), and
+where it does not in the others."""
+
+
+def of_walls(inside: str = IN, *changes: tuple[str, str]) -> str:
+    """The program whose boxes are entered where `In` holds of what is published of both walls."""
+    text = handover(*changes, enters="In(left, right)")
+    begin, end = text.index("  return Fits({ room: m.x"), text.index("node Estimator")
+    text = text[:begin] + "  return In" + OF_BOX + "\n}\n" + text[end:]
+    return text.replace("fun May", inside + "fun May")
+
+
 def handover(*changes: tuple[str, str], enters: str = "May(box, motion)") -> str:
     """The program, with changes to the node that hands over."""
     node = FOLLOWER

@@ -92,6 +92,8 @@ def _say(report: Report, folder: str, console: Console) -> None:
             console.say(console.paint("muted", f"    with {values}"))
         for name in module.other:
             console.say(console.paint("muted", f"    not confirmed: {name}"))
+        for said in module.shown:
+            console.say(console.paint("muted", f"    confirmed: {said.text}"))
     console.say("\nunder these assumptions, derived from the program")
     for text in report.assumptions:
         console.say(console.paint("muted", f"  {text}"))
@@ -119,6 +121,7 @@ def _fields(report: Report, folder: str) -> dict[str, object]:
                 "not_confirmed": m.other,
                 "missing": m.missing,
                 "cells": m.cells,
+                "shown": [{"key": s.key, "text": s.text} for s in m.shown],
             }
             for m in report.modules
         },

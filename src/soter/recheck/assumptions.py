@@ -1,11 +1,12 @@
 """What a verdict rests on and what it is not about, derived from the program.
 
-Purpose: `assumptions_of`, `uncovered_by`: keys for programs, and texts for people.
+Purpose: `assumptions_of`, `kept_of`: keys for programs, and texts for people.
 Non-goals: what a manifest says about them: nothing is read there.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -35,6 +36,22 @@ class Said:
     text: str
 
 
+@dataclass(frozen=True)
+class Jump:
+    """A topic that the map of a view reads, and the node that publishes it.
+
+    `why` it is not confirmed that the state jumps into R(H) where the topic changes; "": it is.
+    """
+
+    topic: str
+    node: str
+    why: str
+
+
+Jumps = Mapping[str, Sequence[Jump]]
+"""By the name of what abstracts; nothing where a module has no `enters`."""
+
+
 def p1c_of(facts: Facts) -> str:
     """P1c rests on declared times or on assumed ones; H >= H* itself is checked elsewhere."""
     verify = facts.symbol.verify
@@ -42,10 +59,10 @@ def p1c_of(facts: Facts) -> str:
     return "proved" if declared and not facts.ways.undeclared else "assumed"
 
 
-def assumptions_of(facts: Facts) -> list[Said]:
-    """Everything that is taken for granted about one module."""
+def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[Said]:
+    """Everything that is taken for granted about one module; `jumps`: what was tried to confirm."""
     return [
-        *_world(facts),
+        *_world(facts, jumps or {}),
         *_inputs(facts),
         *_way(facts),
         *_timing(facts),
@@ -58,7 +75,26 @@ def assumptions_of(facts: Facts) -> list[Said]:
 # ---------------------------------------------------------------- the world
 
 
-def _world(facts: Facts) -> Iterator[Said]:
+def kept_of(facts: Facts, jumps: Jumps) -> list[Said]:
+    """What is confirmed of the jumps of a view, and no assumption any more."""
+    enters = None if facts.whole is None else facts.whole.verify.enters
+    if enters is None:
+        return []
+    text = " ".join(enters.span.text.split())
+    return [
+        Said(
+            f"enters {name} {jump.topic}",
+            f"{jump.node} changes what the state of {name} rests on of {jump.topic} only in steps "
+            "that show it to DM and SC, and of which, as they read and publish, "
+            f"`{text}` holds; wherever that holds the state lies in R(H) of where it jumps to",
+        )
+        for name, found in jumps.items()
+        for jump in found
+        if not jump.why
+    ]
+
+
+def _world(facts: Facts, jumps: Jumps) -> Iterator[Said]:
     links = facts.symbol.verify.abstracts
     for link in links:
         yield Said(
@@ -67,13 +103,17 @@ def _world(facts: Facts) -> Iterator[Said]:
             f"within its bounds, from the initial states of {link.name} on",
         )
     for link in links if facts.view else ():
-        shown = ", ".join(t.name for t in topic_reads(link.value))
+        tried = jumps.get(link.name, ())
+        kept = {j.topic for j in tried if not j.why}
+        shown = ", ".join(t.name for t in topic_reads(link.value) if t.name not in kept)
+        why = "; ".join(f"{j.topic}: {j.why}" for j in tried if j.why)
         if shown:
             yield Said(
                 f"jumps {link.name}",
                 f"where {shown} change, on which the state of {link.name} rests, that state moves "
                 f"as {link.plant.name} does, or jumps while the estimate lies in S_0 of where it "
-                "jumps to, whichever mode; DM and SC read what shows it from that instant on",
+                "jumps to, whichever mode; DM and SC read what shows it from that instant on"
+                + (f" (`enters` does not confirm it: {why})" if why else ""),
             )
     if not links:
         names = ", ".join(c.name for c in facts.plants)

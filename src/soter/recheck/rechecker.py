@@ -18,13 +18,14 @@ import numpy as np
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import system_to_prove
 from soter.program.meaning.arith import StepFault
-from soter.recheck.assumptions import assumptions_of
+from soter.recheck.assumptions import assumptions_of, kept_of
 from soter.recheck.case import Case
 from soter.recheck.certificate.errors import RejectedError
 from soter.recheck.certificate.folder import Certificate, read_certificate
 from soter.recheck.certificate.source import hexadecimal, program_of
 from soter.recheck.claims import CLAIMS, claimed_of, static_claims
 from soter.recheck.coverage import parameters_of, uncovered
+from soter.recheck.handover import jumps_of
 from soter.recheck.inclusions.deployed import compare_tables
 from soter.recheck.inclusions.inclusion import GroupTables
 from soter.recheck.inclusions.tables import Grid
@@ -221,7 +222,6 @@ def _module(
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
     report = ModuleReport(name, said, system=entry["system"])
     report.parameters = parameters_of(facts.flying)
-    report.assumptions = assumptions_of(facts)
     cases = list(facts.cases())
     if given != [list(c) for c in cases]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
@@ -248,6 +248,8 @@ def _module(
         # older reads than there are may be too much for our bounds: those that there are count
         facts.times["d_ns"] = facts.own.delay
         _cases(facts, groups, extents, entry, claims, progress, workers)
+    jumps = jumps_of(facts, groups, extents, claims)
+    report.assumptions, report.shown = assumptions_of(facts, jumps), kept_of(facts, jumps)
     report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)
     report.half_spaces = sum(len(p.core.bounds) for others in polytopes for p in others)
     report.times = {**facts.times, "h0_ns": facts.start_ns, "start_ns": facts.start_ns}

@@ -31,6 +31,8 @@ class ModuleReport:
     times: dict[str, int] = field(default_factory=dict)
     """In ns, by their names in a manifest: what the claims were held to."""
     assumptions: list[Said] = field(default_factory=list)
+    shown: list[Said] = field(default_factory=list)
+    """What was confirmed beside the claims; where it is not it is one of the assumptions."""
 
     @property
     def other(self) -> list[str]:

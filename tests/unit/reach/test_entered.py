@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from generators.corridor_program import SAFER
-from generators.handover_program import handover
+from generators.handover_program import GUARDS, IN, of_walls
 from soter.api.program import load
 
 if TYPE_CHECKING:
@@ -18,20 +18,12 @@ if TYPE_CHECKING:
 
 pytest.importorskip("z3")
 
-IN = """fun In(l: Wall, r: Wall): bool {
-  return Fits(l, 0.05) && Fits(r, 0.05) && l.room < 50.0 && r.room < 50.0;
-}
-"""
-MAY = "({ room: m.x - b.low, toward: -m.v }, { room: b.high - m.x, toward: m.v });"
 SHOWN = "the state of seen lies in R(H)"
 
 
 def verified(tmp_path: Path, inside: str, safer: str = SAFER) -> tuple[ModuleResult, ...]:
     """The views of the two boxes, entered where `inside` says so."""
-    text = handover(enters="In(left, right)")
-    begin, end = text.index("  return Fits({ room: m.x"), text.index("node Estimator")
-    text = text[:begin] + "  return In" + MAY + "\n}\n" + text[end:]
-    text = text.replace("fun May", inside + "fun May")
+    text = of_walls(inside)
     assert SAFER in text
     text = text.replace(SAFER, safer)
     path = tmp_path / "boxes.soter"
@@ -63,17 +55,7 @@ def test_it_does_not_hang_on_control_coming_back(tmp_path: Path) -> None:
     assert [is_shown(m) for m in found] == [True, True]
 
 
-@pytest.mark.parametrize(
-    ("old", "new", "shown", "why"),
-    [
-        ("Fits(l, 0.05)", "Fits(l, 0.0)", [False, True], "outside R(H)"),
-        ("Fits(l, 0.05) && ", "", [False, True], "outside the grid"),
-        ("l.room < 50.0", "true", [False, True], "outside the grid"),
-        ("r.room < 50.0", "r.room < 70.0", [True, False], "outside the grid"),
-        ("Fits(r, 0.05)", "(Fits(r, 0.05) || r.toward < -2.3)", [True, False], "the grid"),
-        ("Fits(r, 0.05)", "r.room > 0.5 && abs(r.toward) < 2.0", [True, False], "outside R(H)"),
-    ],
-)
+@pytest.mark.parametrize(("old", "new", "shown", "why"), GUARDS)
 def test_a_guard_that_lets_too_much_in_is_not(
     tmp_path: Path, old: str, new: str, shown: list[bool], why: str
 ) -> None:

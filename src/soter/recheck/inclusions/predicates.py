@@ -17,6 +17,7 @@ from soter.recheck.reading.problem import error_of
 from soter.recheck.terms.balls import TINIEST, UNIT_ROUNDOFF, above, below, exact, magnitude
 from soter.recheck.terms.compiled import compile_truths, form_of_box
 from soter.recheck.terms.terms import (
+    FALSE,
     TRUE,
     Terms,
     both,
@@ -138,15 +139,15 @@ def both_all(parts: Sequence[Truth]) -> Truth:
     return found
 
 
-def _decision(
-    model: Model, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Truth
+def decision(
+    model: Model, states: Sequence[int], terms: Terms, atoms: Sequence[int], truth: Truth
 ) -> tuple[Callable[[list[tuple[arb, arb]]], int], list[tuple[arb, arb]]]:
-    """The truth of a proposition on a box of the group's states, other states on their grids.
+    """The truth of a proposition on a box of some states, other states on their grids.
 
-    Errors and other topics count as states here, behind those of the group: they have much in
+    Errors and other topics count as states here, behind those that are asked for: they have much in
     common in what is compared. Their ranges come with it.
     """
-    places = [atoms[i] for i in group.states]
+    places = [atoms[i] for i in states]
     boxes = dict(zip(atoms, _grid_boxes(model), strict=True))
     free = sorted(i for i in inputs_of(terms, [truth]) if terms.atoms[i].kind == "box")
     ranges = [(terms.atoms[i].low, terms.atoms[i].high) for i in free]
@@ -162,7 +163,7 @@ def _certain_cells(
     model: Model, group: GroupTables, terms: Terms, atoms: Sequence[int], truth: Truth
 ) -> Cells:
     """Cells on which a proposition certainly holds, whatever the other groups do."""
-    decide, ranges = _decision(model, group, terms, atoms, truth)
+    decide, ranges = decision(model, group.states, terms, atoms, truth)
 
     def holds(box: list[tuple[arb, arb]]) -> bool:
         return decide(box) == 2
@@ -181,20 +182,33 @@ def _certain_cells(
 
 
 class AdmitCheck:
-    """Whether `safe` fails or, on every estimate, `expr` is not `admits`."""
+    """Whether `safe` fails or, on every estimate, `expr` is not `admits`.
 
-    def __init__(self, model: Model, group: GroupTables, expr: typed.Expr, *, admits: bool) -> None:
+    Of `enters` with `anywhere`: then nothing helps that `safe` may fail.
+    """
+
+    def __init__(
+        self,
+        model: Model,
+        group: GroupTables,
+        expr: typed.Expr,
+        *,
+        admits: bool,
+        anywhere: bool = False,
+    ) -> None:
         self.group = group
         terms, states = model.new_terms()
-        safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
-        sound_safe = both_all(terms.obligations)
-        terms.obligations.clear()
+        fails = FALSE
+        if not anywhere:
+            safe = model.predicate(terms, states, model.facts.symbol.safe, errors=False)
+            fails = both(negation(safe), both_all(terms.obligations))
+            terms.obligations.clear()
         told = model.predicate(terms, states, expr, errors=True)
         sound_told = both_all(terms.obligations)
         refused = negation(told) if admits else told
-        fine = either(both(negation(safe), sound_safe), both(refused, sound_told))
+        fine = either(fails, both(refused, sound_told))
         atoms = [next(iter(x.terms)) for x in states]
-        self._decide, self._ranges = _decision(model, group, terms, atoms, fine)
+        self._decide, self._ranges = decision(model, group.states, terms, atoms, fine)
 
     def holds(self, box: list[tuple[arb, arb]], splits: int) -> bool:
         """On a box of states; it and the errors are halved so often."""

@@ -17,16 +17,9 @@ import z3
 from soter.program.model import typed
 from soter.program.model.types import MODE
 from soter.program.model.walk import nodes as parts_of
-from soter.recheck.induction.reading import (
-    Reading,
-    Sight,
-    either,
-    inside,
-    known,
-    opaque,
-    unknown,
-)
+from soter.recheck.induction.reading import Reading, Sight
 from soter.recheck.induction.shapes import is_exact
+from soter.recheck.induction.values import either, inside, known, opaque, unknown
 
 if TYPE_CHECKING:
     from soter.program.model.system import Component

@@ -10,142 +10,47 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 from fractions import Fraction
-from math import ceil, floor
 from typing import TYPE_CHECKING, Any
 
 import z3
 
 from soter.program.model import typed
 from soter.program.model.types import (
+    ArrayType,
     BoolType,
-    EnumType,
     FloatType,
     IntType,
     ListType,
     RecordType,
-    leaves,
 )
-from soter.recheck.induction.shapes import is_exact, is_plain, is_short, is_simple
+from soter.recheck.induction.shapes import is_exact, is_plain, is_short, is_simple, passes_on
+from soter.recheck.induction.values import (
+    LARGEST,
+    OPAQUE,
+    SMALLEST,
+    Elapsed,
+    Seconds,
+    applied,
+    contents,
+    either,
+    element,
+    extent,
+    known,
+    length,
+    opaque,
+    true,
+    unknown,
+)
 from soter.recheck.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from soter.program.model.system import Bound, Scope
-    from soter.program.model.types import Type, Value
+    from soter.program.model.system import Scope
 
 Term = Any
-OPAQUE = z3.DeclareSort("opaque")
 ROUNDS_MAX = 4_000
 """Statements of one step."""
-LARGEST, SMALLEST = 2**63 - 1, -(2**63)
-
-
-@dataclass(frozen=True)
-class Elapsed:
-    """The age of a topic."""
-
-    ns: Term
-
-
-@dataclass(frozen=True)
-class Seconds:
-    """A float that is known."""
-
-    value: float
-
-
-def true(x: bool | Term) -> Term:
-    """A truth as a term."""
-    return z3.BoolVal(x) if isinstance(x, bool) else x
-
-
-# ---------------------------------------------------------------- values
-
-
-def unknown(t: Type, name: str, facts: list[Term]) -> Term:
-    """Any value of a type; what the type says of it goes to `facts`."""
-    if isinstance(t, RecordType):
-        return tuple(unknown(f, f"{name}.{n}", facts) for n, f in t.fields)
-    if isinstance(t, BoolType):
-        return z3.FreshBool(name)
-    if is_plain(t):
-        found = z3.FreshInt(name)
-        low, high = extent(t)
-        facts.append(z3.And(found >= low, found <= high))
-        return found
-    return z3.FreshConst(OPAQUE, name)
-
-
-def extent(t: Type) -> tuple[int, int]:
-    """The least and the greatest value."""
-    if isinstance(t, EnumType):
-        return 0, len(t.members) - 1
-    return (t.low, t.high) if isinstance(t, IntType) else (SMALLEST, LARGEST)
-
-
-def known(t: Type, value: Value) -> Term:
-    """A value of the program."""
-    if isinstance(t, RecordType):
-        return tuple(known(f, v) for (_, f), v in zip(t.fields, value, strict=True))
-    if isinstance(t, BoolType):
-        return z3.BoolVal(bool(value))
-    if is_plain(t):
-        return z3.IntVal(int(value))
-    if isinstance(t, FloatType):
-        return Seconds(value)
-    return z3.Const(f"{t!r}: {value!r}", OPAQUE)
-
-
-def opaque(value: Term) -> Term:
-    """A float as an element of the sort."""
-    if isinstance(value, Seconds):
-        return z3.Const(f"float: {value.value!r}", OPAQUE)
-    if isinstance(value, Elapsed):
-        return z3.Function("age in seconds", z3.IntSort(), OPAQUE)(value.ns)
-    return value
-
-
-def either(c: Term, a: Term, b: Term) -> Term:
-    """`c ? a : b`."""
-    if isinstance(a, tuple):
-        return tuple(either(c, x, y) for x, y in zip(a, b, strict=True))
-    if a is b:
-        return a
-    if isinstance(a, Elapsed) and isinstance(b, Elapsed):
-        return Elapsed(z3.If(c, a.ns, b.ns))
-    return z3.If(c, opaque(a), opaque(b))
-
-
-def flat(value: Term) -> list[Term]:
-    """Its leaves."""
-    if isinstance(value, tuple):
-        return [x for v in value for x in flat(v)]
-    return [opaque(value)]
-
-
-def inside(value: Term, t: Type, bounds: Sequence[Bound | None]) -> Term:
-    """Whether a topic with these bounds takes a value."""
-    if isinstance(t, RecordType):
-        found, at = [], 0
-        for v, (_, f) in zip(value, t.fields, strict=True):
-            count = sum(1 for _ in leaves(f))
-            found.append(inside(v, f, bounds[at : at + count]))
-            at += count
-        return z3.And(*found) if found else z3.BoolVal(True)
-    if isinstance(t, (BoolType, EnumType)):
-        return z3.BoolVal(True)
-    if is_plain(t):
-        low, high = extent(t)
-        if bounds and bounds[0] is not None:
-            low, high = max(low, ceil(bounds[0].low)), min(high, floor(bounds[0].high))
-        return z3.And(value >= low, value <= high)
-    said = [None if b is None else (b.low, b.high) for b in bounds]
-    if isinstance(value, Seconds):
-        limits = said[0] or (float("-inf"), float("inf"))
-        finite = value.value - value.value == 0.0
-        return z3.BoolVal(finite and limits[0] <= value.value <= limits[1])
-    return z3.Function(f"taken {t!r} {said}", OPAQUE, z3.BoolSort())(opaque(value))
 
 
 # ---------------------------------------------------------------- ages
@@ -234,6 +139,8 @@ class Reading:
     returned: Term = field(default_factory=lambda: z3.BoolVal(False))
     result: Term = None
     rounds: int = 0
+    deep: bool = False
+    """Whether functions that only pass on what they are given are read whatever their length."""
 
     def truth(self, e: typed.Expr) -> tuple[Term, Term]:
         """The value of a predicate, and whether it faults. NotRecheckedError as `value`."""
@@ -293,6 +200,7 @@ class Reading:
         """The value, where it is evaluated. NotRecheckedError for what is not known."""
         sight = self.sight
         if isinstance(e, typed.Literal):
+            contents(e.type, e.value, sight.facts)
             return known(e.type, e.value)
         if isinstance(e, typed.ParamRead):
             return known(e.type, sight.scope.params[e.param])
@@ -308,8 +216,8 @@ class Reading:
             return sight.in_control
         if isinstance(e, (typed.TimeRead, typed.PeriodRead)):
             return unknown(e.type, "time", sight.facts)
-        if isinstance(e, typed.Length):
-            return self._length(e, where)
+        if isinstance(e, (typed.Length, typed.Index)):
+            return self._counted(e, where)
         if isinstance(e, typed.Conditional):
             c = self.value(e.condition, where)
             then = self.value(e.then, z3.And(where, c))
@@ -336,15 +244,21 @@ class Reading:
             return self._unary(e, where)
         if isinstance(e, typed.Binary):
             return self._binary(e, where)
+        if isinstance(e, typed.Vector) and e.op in "+-*" and isinstance(e.type, RecordType):
+            return by_component(e.op, self.value(e.left, where), self.value(e.right, where))
         raise NotRecheckedError(f"`{type(e).__name__.lower()}` in what is proved by induction")
 
-    def _length(self, e: typed.Length, where: Term) -> Term:
+    def _counted(self, e: typed.Length | typed.Index, where: Term) -> Term:
         t = e.target.type
-        if not isinstance(t, ListType):
+        if not isinstance(t, (ListType, ArrayType)):
             raise NotRecheckedError("the length of what is no list")
-        found = z3.Function("length", OPAQUE, z3.IntSort())(opaque(self.value(e.target, where)))
-        self.sight.facts.append(z3.And(found >= 0, found <= t.capacity))
-        return found
+        sequence = self.value(e.target, where)
+        count = length(sequence, t, self.sight.facts)
+        if isinstance(e, typed.Length):
+            return count
+        at = self.value(e.index, where)
+        self._faulty(where, z3.Or(at < 0, at >= count))
+        return element(sequence, at, t, self.sight.facts)
 
     def _chosen(self, e: typed.Choose, where: Term) -> Term:
         options = [self.value(o, where) for o in e.options]
@@ -366,8 +280,10 @@ class Reading:
             return z3.Not(value)
         if isinstance(value, Seconds):
             return Seconds(-value.value)
+        if isinstance(e.type, FloatType):
+            return z3.Function("floats negated", OPAQUE, OPAQUE)(opaque(value))
         if not is_plain(e.type):
-            raise NotRecheckedError("arithmetic of floats outside of a function")
+            raise NotRecheckedError("arithmetic of vectors outside of a function")
         self._faulty(where, value == SMALLEST)
         return -value
 
@@ -386,7 +302,7 @@ class Reading:
         if isinstance(e.left.type, FloatType):
             if isinstance(e.type, BoolType) or e.op in "+-*":
                 sort = z3.BoolSort() if isinstance(e.type, BoolType) else OPAQUE
-                return z3.Function(f"floats {e.op}", OPAQUE, OPAQUE, sort)(opaque(a), opaque(b))
+                return of_floats(e.op, a, b, sort)
             raise NotRecheckedError("a division of floats outside of a function")
         compared = {"==": "__eq__", "!=": "__ne__", "<": "__lt__", "<=": "__le__"}
         compared |= {">": "__gt__", ">=": "__ge__"}
@@ -421,7 +337,7 @@ class Reading:
                 return z3.If(v[0] < 0, -v[0], v[0])
         if e.name == "int" or not isinstance(e.type, (FloatType, IntType)):
             raise NotRecheckedError(f"`{e.name}` outside of a function")
-        return self._same_for_same(f"built in {e.name}", v, e.type)
+        return applied(f"built in {e.name}", v, e.type, self.sight.facts)
 
     # ------------------------------------------------------------ functions
 
@@ -431,33 +347,20 @@ class Reading:
         if fun.extern or fun.body is None:
             raise NotRecheckedError(f"`{fun.name}` is an extern function")
         exact = all(is_exact(p.type) for p in fun.parameters) and is_exact(fun.result)
-        if (exact and is_simple(fun)) or is_short(fun):
-            inner = Reading(self.sight, dict(zip(fun.parameters, values, strict=True)))
-            inner.rounds = self.rounds
+        if (exact and is_simple(fun)) or is_short(fun) or (self.deep and passes_on(fun)):
+            given = dict(zip(fun.parameters, values, strict=True))
+            inner = Reading(self.sight, given, rounds=self.rounds, deep=self.deep)
             inner.run(fun.body, z3.BoolVal(True))
             self.rounds = inner.rounds
             self._faulty(where, inner.fault)
             self.doubt = z3.Or(self.doubt, z3.And(where, inner.doubt))
             return inner.result
         self.rounds += 1
-        given = dict(self.sight.scope.params.items())
-        name = f"fun {fun.name} {id(fun)} {sorted((p.name, repr(v)) for p, v in given.items())}"
-        faults = self._same_for_same(f"{name} faults", values, _BOOL)
+        params = sorted((p.name, repr(v)) for p, v in self.sight.scope.params.items())
+        name = f"fun {fun.name} {id(fun)} {params}"
+        faults = applied(f"{name} faults", values, _BOOL, self.sight.facts)
         self.doubt = z3.Or(self.doubt, z3.And(where, faults))
-        return self._same_for_same(name, values, fun.result)
-
-    def _same_for_same(self, name: str, values: list[Term], t: Type) -> Term:
-        if isinstance(t, RecordType):
-            return tuple(self._same_for_same(f"{name}.{n}", values, f) for n, f in t.fields)
-        arguments = [x for v in values for x in flat(v)]
-        sort = z3.BoolSort() if isinstance(t, BoolType) else z3.IntSort() if is_plain(t) else OPAQUE
-        if not arguments:
-            return z3.Const(name, sort)
-        found = z3.Function(name, *[a.sort() for a in arguments], sort)(*arguments)
-        if is_plain(t) and not isinstance(t, BoolType):
-            low, high = extent(t)
-            self.sight.facts.append(z3.And(found >= low, found <= high))
-        return found
+        return applied(name, values, fun.result, self.sight.facts)
 
 
 _BOOL = BoolType()
@@ -467,3 +370,17 @@ def _put(old: Term, path: Sequence[Any], new: Term) -> Term:
     if not path:
         return new
     return tuple(_put(v, path[1:], new) if k == path[0] else v for k, v in enumerate(old))
+
+
+def of_floats(op: str, a: Term, b: Term, sort: Any = OPAQUE) -> Term:  # noqa: ANN401 - a sort
+    """What a machine operation gives: the same for the same."""
+    return z3.Function(f"floats {op}", OPAQUE, OPAQUE, sort)(opaque(a), opaque(b))
+
+
+def by_component(op: str, a: Term, b: Term) -> Term:
+    """The same of vectors, or of a vector and a number."""
+    if not isinstance(a, tuple) and not isinstance(b, tuple):
+        return of_floats(op, a, b)
+    many = len(a if isinstance(a, tuple) else b)
+    left, right = (x if isinstance(x, tuple) else (x,) * many for x in (a, b))
+    return tuple(by_component(op, x, y) for x, y in zip(left, right, strict=True))

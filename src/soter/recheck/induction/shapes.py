@@ -52,6 +52,31 @@ def is_short(fun: typed.FunSymbol) -> bool:
     return len(found) <= SHORT and all(isinstance(n, _SIMPLE) and _joins(n) for n in found)
 
 
+_PASSING = (
+    typed.Literal, typed.ParamRead, typed.VarRead, typed.Field, typed.Call, typed.Return,
+    typed.Aggregate, typed.Unary, typed.Binary,
+)  # fmt: skip
+
+
+def passes_on(fun: typed.FunSymbol) -> bool:
+    """Whether it is one expression that asks other functions, and calculates what it asks them.
+
+    Where the same is asked in two places, such a function is read however long it is.
+    """
+    body = fun.body or ()
+    if len(body) != 1 or not isinstance(body[0], typed.Return):
+        return False
+    return all(isinstance(n, _PASSING) and _hands_on(n) for n in parts_of(body))
+
+
+def _hands_on(n: object) -> bool:
+    if isinstance(n, typed.Binary):
+        return n.op in ("&&", "||") or (isinstance(n.left.type, FloatType) and n.op != "/")
+    if isinstance(n, typed.Unary):
+        return n.op == "!" or isinstance(n.type, FloatType)
+    return not isinstance(n, typed.Aggregate) or isinstance(n.type, RecordType)
+
+
 def _joins(n: object) -> bool:
     if isinstance(n, typed.Binary):
         t = n.left.type

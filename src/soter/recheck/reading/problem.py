@@ -43,6 +43,7 @@ __all__ = [
     "Parameter",
     "driven_topics",
     "error_of",
+    "followed",
     "number_of",
     "read_facts",
 ]
@@ -258,7 +259,7 @@ def _state_of_axis(facts: Facts, axis: typed.GridAxis) -> int | None:
     if index not in driven:
         return None
     component, expr = driven[index]
-    return _followed(facts, component, expr, axis.path)
+    return followed(facts, component, expr, axis.path)
 
 
 def _topic_of_axis(facts: Facts, topic: typed.TopicSymbol) -> int:
@@ -287,20 +288,20 @@ def error_of(facts: Facts, state: int) -> float:
     return max(bounds, default=0.0)
 
 
-def _followed(facts: Facts, c: Component, expr: typed.Expr, path: tuple[str, ...]) -> int | None:
+def followed(facts: Facts, c: Component, expr: typed.Expr, path: tuple[str, ...]) -> int | None:
     """The state that a leaf of a driven topic is, where it is just a state."""
     plant = c.plant
     assert plant is not None
     if isinstance(expr, typed.VarRead):
         lets = dict(plant.lets)
         if expr.variable in lets:
-            return _followed(facts, c, lets[expr.variable], path)
+            return followed(facts, c, lets[expr.variable], path)
         name = ".".join((c.name, expr.variable.name, *path))
         return next((i for i, s in enumerate(facts.states) if s.name == name), None)
     of = expr.type
     if isinstance(expr, typed.Field):
         fields = getattr(expr.target.type, "fields", ())
-        return _followed(facts, c, expr.target, (fields[expr.index][0], *path))
+        return followed(facts, c, expr.target, (fields[expr.index][0], *path))
     if isinstance(expr, typed.Aggregate) and path:
         fields = getattr(of, "fields", None)
         names = [n for n, _ in fields] if fields else [f"[{i}]" for i in range(len(expr.elements))]
@@ -308,5 +309,5 @@ def _followed(facts: Facts, c: Component, expr: typed.Expr, path: tuple[str, ...
             return None
         at = names.index(path[0])
         order = expr.order if expr.order is not None else tuple(range(len(expr.elements)))
-        return _followed(facts, c, expr.elements[order.index(at)], path[1:])
+        return followed(facts, c, expr.elements[order.index(at)], path[1:])
     return None

@@ -1,6 +1,7 @@
 """One view of a module: the parts of its predicates that its plants show.
 
-Purpose: `seen` (the module with those parts), `left_out` (what no view of a certificate shows).
+Purpose: `seen` (the module with those parts), `entered` (those of `enters`), `left_out` (what no
+view of a certificate shows).
 Non-goals: sharing code with `program/flatten/views.py`, which the prover goes by.
 
 A part is what must hold beside the others: of `safe` and `safer` as they are, of "not `ttf`". A
@@ -46,6 +47,16 @@ def seen(module: Module, name: str) -> Module:
         "ttf": _not(_of(symbol.ttf, shown, wanted=False)),
     }
     return dataclasses.replace(module, symbol=typed.ModuleSymbol(**values))
+
+
+def entered(symbol: typed.ModuleSymbol, block: typed.VerifyBlock) -> typed.Expr | None:
+    """What `enters` of a module says of what the plants of a view drive; None: there is none.
+
+    All of `enters` implies it. True where nothing of it speaks of them alone.
+    """
+    if symbol.verify.enters is None:
+        return None
+    return _of(symbol.verify.enters, _shown(block), wanted=True)
 
 
 def left_out(symbol: typed.ModuleSymbol, views: Collection[str]) -> str:
