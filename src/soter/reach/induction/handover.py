@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from soter.reach.induction.terms import Term
 
 Path = tuple[int, ...]
-QUERY_MS = 20_000
 
 
 @dataclass(frozen=True)
@@ -217,10 +216,7 @@ def _jumps(terms: Terms, step: Stepped, last: Stepped, t: Type, changed: Changed
     bad = terms.both(runs, says, terms.no(good))
     if isinstance(bad, bool):
         return bad
-    solver = terms.z3.Solver()
-    solver.set("timeout", QUERY_MS)
-    solver.add(*terms.facts)
-    return bool(solver.check(bad) != terms.z3.unsat)
+    return bool(terms.solver().check(bad) != terms.z3.unsat)
 
 
 def _same(terms: Terms, a: Term, b: Term, t: Type, path: Path) -> Term:

@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 DEPTHS = (1, 2, 3, 4, 6, 8, 12, 16, 24, 32, 48, 64)
 STEPS_MAX = 600
 """Steps of one stretch of time: more are not tried."""
-QUERY_MS = 20_000
 BUDGET_S = 60.0
+"""Of CPU time."""
 HOLDS, FAILS, UNKNOWN = "holds", "fails", "unknown"
 
 
@@ -49,6 +49,10 @@ class Induction:
     """safe, lemma or fault."""
     why: str = ""
     """Why nothing was found."""
+    gave_up: str = ""
+    """What to add where the solver gave up on something."""
+    undecided: str = ""
+    """The same where steps that may fault latch their nodes."""
     uninterpreted: dict[str, None] = field(default_factory=dict)
     latching: tuple[str, ...] = ()
     """Components of which nothing shows that they do not fault: what is proved holds if they do."""
@@ -98,6 +102,8 @@ def _latching(
         found.uninterpreted |= other.uninterpreted
     if other.about == "safe":
         found.about, found.what, found.fails_ns = other.about, other.what, other.fails_ns
+    elif not other.proved:
+        found.undecided = other.why or f"{other.what} then"
 
 
 def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
@@ -111,22 +117,22 @@ def _may_fault(problem: InductionProblem) -> tuple[str, ...]:
 def _deepen(
     problem: InductionProblem, found: Induction, progress: Callable[[float], None] | None
 ) -> None:
-    began = time.perf_counter()
+    began = time.process_time()
     for n, k in enumerate(DEPTHS):
         if progress is not None:
             progress(n / len(DEPTHS))
         if (k + 1) * found.steps > STEPS_MAX and n:
-            found.why = f"no induction over up to {DEPTHS[n - 1]} hyperperiods"
+            found.why = f"no induction over up to {DEPTHS[n - 1]} hyperperiods{found.gave_up}"
             return
-        if time.perf_counter() - began > BUDGET_S:
-            found.why = f"no induction within {BUDGET_S:g} s"
+        if time.process_time() - began > BUDGET_S:
+            found.why = f"no induction within {BUDGET_S:g} s of CPU time: it was given up"
             return
         if _base(problem, found, k) != HOLDS:
             return
         if _step(problem, found, k):
             found.k, found.proved = k, True
             return
-    found.why = f"no induction over up to {DEPTHS[-1]} hyperperiods"
+    found.why = f"no induction over up to {DEPTHS[-1]} hyperperiods{found.gave_up}"
 
 
 # ---------------------------------------------------------------- the two halves
@@ -139,12 +145,12 @@ def _base(problem: InductionProblem, found: Induction, k: int) -> str:
     stretch = Stretch(problem, terms, end, first=True, latching=bool(found.latching))
     found.uninterpreted |= stretch.uninterpreted
     bad = _bad(stretch, 0, end)
-    solver = _solver(terms)
+    solver = terms.solver()
     answer = solver.check(terms.either(*[b for b, _, _ in bad]))
     if answer == terms.z3.unsat:
         return HOLDS
     if answer != terms.z3.sat:
-        found.why = f"the solver does not decide the first {k} hyperperiods"
+        found.why = f"the solver gave up on the first {k} hyperperiods"
         return UNKNOWN
     model = solver.model()
     times = [
@@ -169,10 +175,13 @@ def _step(problem: InductionProblem, found: Induction, k: int) -> bool:
     terms = Terms()
     whole = found.hyperperiod_ns
     stretch = Stretch(problem, terms, (k + 1) * whole, latching=bool(found.latching))
-    solver = _solver(terms)
+    solver = terms.solver()
     _assume(solver, stretch, k * whole)
     bad = _bad(stretch, k * whole, (k + 1) * whole)
-    return bool(solver.check(terms.either(*[b for b, _, _ in bad])) == terms.z3.unsat)
+    answer = solver.check(terms.either(*[b for b, _, _ in bad]))
+    if answer == terms.z3.unknown:
+        found.gave_up = "; the solver gave up on some of them"
+    return bool(answer == terms.z3.unsat)
 
 
 def _assume(solver: Term, stretch: Stretch, until: int) -> None:
@@ -206,10 +215,10 @@ def _bad(stretch: Stretch, begin: int, end: int) -> list[tuple[Term, Term, int]]
 
 def _returns(problem: InductionProblem, found: Induction) -> None:
     """After how many hyperperiods in SC there are none: from any state in which all holds."""
-    began = time.perf_counter()
+    began, since = time.perf_counter(), time.process_time()
     whole = found.hyperperiod_ns
     for n in DEPTHS:
-        if (n + found.k) * found.steps > STEPS_MAX or time.perf_counter() - began > BUDGET_S / 2:
+        if (n + found.k) * found.steps > STEPS_MAX or time.process_time() - since > BUDGET_S / 2:
             break
         if problem.recover_ns is not None and (n + 1) * whole > problem.recover_ns:
             break
@@ -227,22 +236,11 @@ def _nothing(problem: InductionProblem, found: Induction, n: int, *, stays: bool
     """
     terms, end = Terms(), n * found.hyperperiod_ns
     stretch = Stretch(problem, terms, end, returning=True, stays=stays)
-    solver = _solver(terms)
+    solver = terms.solver()
     _assume(solver, stretch, end)
     granted = [terms.either(terms.no(s.counts), s.granted) for s in stretch.seen]
     solver.add(*[_term(terms, g) for g in granted])
     return bool(solver.check() == terms.z3.unsat)
-
-
-# ---------------------------------------------------------------- the solver
-
-
-def _solver(terms: Terms) -> Term:
-    solver = terms.z3.Solver()
-    solver.set("timeout", QUERY_MS)
-    solver.set("random_seed", 0)
-    solver.add(*[_term(terms, f) for f in terms.facts])
-    return solver
 
 
 def _term(terms: Terms, truth: Term) -> Term:

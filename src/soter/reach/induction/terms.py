@@ -43,6 +43,10 @@ ARRAY_MAX = 16
 """Longer arrays are one value of the uninterpreted sort."""
 ELEMENTS_MAX = 8
 """Of a list that is known: so many of its elements are."""
+QUERY_WORK = 100_000_000
+"""Of one query, in the solver's own units: twenty seconds or so of a free core."""
+QUERY_MS = 600_000
+"""A query that takes so long is on a machine that does nothing else for us."""
 AGE_MAX = 2**63
 
 
@@ -139,6 +143,18 @@ class Terms:
     def no(self, truth: Term) -> Term:
         """Its negation."""
         return not truth if isinstance(truth, bool) else self.z3.Not(truth)
+
+    def solver(self) -> Term:
+        """A solver that knows the facts; it gives up after so much work, however long that took.
+
+        So a verdict does not hang on how busy the machine is.
+        """
+        found = self.z3.Solver()
+        found.set("rlimit", QUERY_WORK)
+        found.set("timeout", QUERY_MS)
+        found.set("random_seed", 0)
+        found.add(*[self.z3.BoolVal(f) if isinstance(f, bool) else f for f in self.facts])
+        return found
 
     def state(self, truth: Term) -> None:
         """A fact."""

@@ -126,7 +126,10 @@ def _safe(problem: InductionProblem, found: Induction) -> Finding:
         return finding
     if found.fails_ns is not None:
         within = show_ns(found.fails_ns)
-        finding.text = f"{found.what} fails within {within} in a run of the relation"
+        how = "" if found.about == "fault" else " fails"
+        finding.text = f"{found.what}{how} within {within} in a run of the relation"
+        if found.undecided:
+            finding.text += f"; taken for granted that it latches then: {found.undecided}"
         finding.hint = {
             "lemma": "a lemma is proved together with `safe`: mend it, or leave it out",
             "fault": "show that the step cannot fault: bounded types, a check before it",

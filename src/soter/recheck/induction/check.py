@@ -31,7 +31,9 @@ if TYPE_CHECKING:
 
 KEYS = ("system", "module", "claims", "assumptions", "recover_ns", "induction")
 TOGETHER = ("P2a", "P3", "ttf", "safer", "start")
-PATIENCE_MS = 120_000
+WORK = 600_000_000
+"""Of one query, in the solver's own units; a free core takes two minutes or so."""
+PATIENCE_MS = 900_000
 
 
 def recheck_induction(flat: System, entry: dict[str, Any]) -> tuple[InductionFacts, ModuleReport]:
@@ -118,7 +120,7 @@ def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
         run = Machine(facts, first=False, begin=begin)
         run.run(at + 1)
         last = begin == 0
-        solver = _solver(run, PATIENCE_MS if last else PATIENCE_MS // 10)
+        solver = _solver(run, WORK if last else WORK // 10)
         solver.add(*[i.holds for i in run.instants[:-1]])
         answer = _fails(solver, run.instants[-1:])
         if last:
@@ -150,11 +152,12 @@ def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
     _refuse(solver.check(), "P2b")
 
 
-def _solver(run: Any, patience_ms: int = PATIENCE_MS) -> Any:  # noqa: ANN401 - see the import
+def _solver(run: Any, work: int = WORK) -> Any:  # noqa: ANN401 - see the import
     import z3  # noqa: PLC0415 - an extra
 
     solver = z3.Solver()
-    solver.set("timeout", patience_ms)
+    solver.set("rlimit", work)
+    solver.set("timeout", PATIENCE_MS)
     solver.add(*run.constraints)
     return solver
 

@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 Term = Any
 Path = tuple[int, ...]
 YES, NO = z3.BoolVal(True), z3.BoolVal(False)
-PATIENCE_MS = 20_000
+WORK, PATIENCE_MS = 100_000_000, 300_000
 IN_A_MAP = (
     typed.Literal, typed.ParamRead, typed.TopicRead, typed.TruthRead, typed.Unary, typed.Binary,
     typed.Vector, typed.Conditional, typed.Call, typed.Builtin, typed.Field, typed.Index,
@@ -205,6 +205,7 @@ class _Steps:
 
     def _never(self, what: Term) -> bool:
         solver = z3.Solver()
+        solver.set("rlimit", WORK)
         solver.set("timeout", PATIENCE_MS)
         solver.add(*self.known, what)
         return bool(solver.check() == z3.unsat)
