@@ -226,7 +226,7 @@ class _Steps:
             self.known.append(found >= 0)
             return found
 
-        return Sight(scope, topic, age, mode, self.whole, YES, self.known)
+        return Sight(scope, topic, age, mode, self.facts.flying_module.index, YES, self.known)
 
     def _step(self, before: dict[typed.Variable, Term]) -> _Step:
         node = self.c.node
