@@ -49,7 +49,17 @@ SHORTER = {"advise": " --factors 1,2 --levels 3"}
 """What a command is given besides, so that it tries less of the same: a table has one row fewer."""
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+PROVED_ELSEWHERE = ("verify examples/drone/corridor.", "verify examples/drone/surveillance.")
+"""Proofs that take minutes: `test_corridor_flights.py` has the one, of the other its modules."""
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(c, marks=[pytest.mark.long] if any(p in c for p in PROVED_ELSEWHERE) else [])
+        for c in COMMANDS
+    ],
+)
 def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
     for folder in ("wall", "drone", "testing"):
         shutil.copytree(ROOT / "examples" / folder, tmp_path / "examples" / folder)
