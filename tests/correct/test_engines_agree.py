@@ -4,7 +4,7 @@ Each program is checked, run for 500 instants by the interpreter and by its C at
 compiled with every warning an error, and every state after every instant is compared: topics,
 locals, modes, OE, latches, counters, random draws.
 
-    make test                                   60 programs, always the same
+    make test                                   40 programs, always the same
     make test-long                              1000, these among them
     make fuzz N=5000                            fresh ones
     SOTER_EQUALITY_PROGRAMS=1000 pytest tests/correct/test_engines_agree.py -n 2
@@ -51,8 +51,8 @@ INSTANTS = 500
 BATCH = 15
 LEVELS = ("-O0", "-O2")
 REFUSALS = (FaultKind.NONFINITE, FaultKind.RANGE, FaultKind.EXTERN)
-PROGRAMS = examples("SOTER_EQUALITY_PROGRAMS", quick=60, long=1000)
-CHUNKS = min(20, max(4, PROGRAMS // BATCH))
+PROGRAMS = examples("SOTER_EQUALITY_PROGRAMS", quick=40, long=1000)
+CHUNKS = min(20, max(3, PROGRAMS // BATCH))
 ONLY = os.environ.get("SOTER_EQUALITY_ONLY")
 FUZZ = bool(os.environ.get("SOTER_FUZZ"))
 

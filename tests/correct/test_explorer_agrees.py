@@ -25,9 +25,9 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 CHUNKS = 6
-PROGRAMS = examples("SOTER_EXPLORED_PROGRAMS", quick=18, long=180)
+PROGRAMS = examples("SOTER_EXPLORED_PROGRAMS", quick=12, long=180)
 ONLY = os.environ.get("SOTER_EXPLORED_ONLY")
-INSTANTS = examples("SOTER_EXPLORED_INSTANTS", quick=12, long=108)
+INSTANTS = examples("SOTER_EXPLORED_INSTANTS", quick=6, long=108)
 ONES_APART = examples("SOTER_EXPLORED_APART", quick=6, long=90)
 FAST = ("-O0",)
 APART = (48, 212, 269, 304)

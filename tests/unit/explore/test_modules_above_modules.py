@@ -45,7 +45,7 @@ TESTS = {
 }
 
 
-LARGE = ("the modes", "a late SC below")
+LARGE = ("the modes", "a late SC below", "the invariants")
 
 
 @pytest.mark.parametrize(

@@ -106,7 +106,9 @@ def test_shrinking_gives_the_same_trace_twice() -> None:
     assert first.steps == second.steps
 
 
-@pytest.mark.parametrize("text", [TESTED, FAULTS, STARTS, CONTRACTS, QUEUED])
+@pytest.mark.parametrize(
+    "text", [pytest.param(TESTED, marks=pytest.mark.long), FAULTS, STARTS, CONTRACTS, QUEUED]
+)
 def test_what_is_shrunk_is_not_larger_and_nearly_least(text: str) -> None:
     for test in (line.split()[1] for line in text.splitlines() if line.startswith("test ")):
         system = system_of_text(text, test)
