@@ -79,7 +79,7 @@ def pytest_terminal_summary(terminalreporter: TerminalReporter) -> None:
     count = max(_left_out, default=0)
     if count:
         terminalreporter.write_line(
-            f"{count} long tests were left out, and the random ones drew fewer programs: "
-            f"`{COMMAND}` runs everything",
+            f"long tests left out: {count}, and the random ones drew fewer programs;"
+            f" `{COMMAND}` runs everything",
             yellow=True,
         )
