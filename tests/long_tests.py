@@ -2,7 +2,8 @@
 
 Purpose: tests marked `long` run with `pytest --long`, with an `-m` that speaks of them, or where
 one is named (`FILE::TEST`); what is left out is told when a run begins and when it ends.
-`examples` is how many programs a random test draws: more in a long run.
+`examples` is how many programs a random test draws: more in a long run. Enclosures that a test
+compiles in its own process are optimised as shipped in a long run, else compiled quickly.
 Non-goals: which tests are long; the marker stands beside them.
 """
 
@@ -14,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from _pytest.terminal import TerminalReporter
 
 COMMAND = "make test-long"
@@ -26,6 +29,14 @@ def examples(variable: str, *, quick: int, long: int) -> int:
     """How many examples a random test tries: what the environment says, if it says anything."""
     told = os.environ.get(variable)
     return int(told) if told else (long if _asked["long"] else quick)
+
+
+@pytest.fixture(scope="session", autouse=True)
+def _enclosures_are_compiled_quickly() -> Iterator[None]:
+    with pytest.MonkeyPatch.context() as patch:
+        if not _asked["long"]:
+            patch.setattr("soter.reach.enclose.library.UNIT_LEVEL", "-O1")
+        yield
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
