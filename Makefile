@@ -7,6 +7,8 @@ PY := $(BIN)/python
 ZIG := $(shell command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || command -v clang >/dev/null 2>&1 || echo ,zig)
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 LINTED := src tests bench examples
+# a file of tests stays on one worker, which proves and compiles once what they share; the long ones first
+PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 # a file of versions for pip to keep to: make setup CONSTRAINTS=requirements.lock
 CONSTRAINTS ?=
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
@@ -36,10 +38,10 @@ demo: $(VENV)/.run  ## fly laps three ways and the whole mission, write the repo
 	$(PY) examples/drone/demo.py
 
 test: $(VENV)/.dev  ## the tests, under ten minutes on two cores; says how many long ones it left out
-	$(PY) -m pytest -n $(JOBS) --dist loadgroup
+	$(PY) -m pytest $(PARALLEL)
 
 test-long: $(VENV)/.dev  ## every test, the long ones too, with many more random programs
-	$(PY) -m pytest -n $(JOBS) --dist loadgroup --long
+	$(PY) -m pytest $(PARALLEL) --long
 
 fuzz: $(VENV)/.dev  ## N=5000 fresh random programs on both engines
 	SOTER_EQUALITY_PROGRAMS=$(or $(N),5000) SOTER_FUZZ=1 $(PY) -m pytest -n $(JOBS) tests/correct/test_engines_agree.py

@@ -36,8 +36,6 @@ LEVEL, UPRIGHT = (
     for more in ("", "_UP")
 )
 
-pytestmark = pytest.mark.xdist_group("corridors: proved once")
-
 
 @pytest.fixture(scope="module")
 def proved(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, VerifyReport]:

@@ -49,6 +49,7 @@ def test_a_stack_that_breaks_an_assumption_is_proved_and_says_so() -> None:
     assert "behaves like" in row.named
 
 
+@pytest.mark.long
 def test_a_flight_of_another_seed_repeats_nothing(tmp_path: Path) -> None:
     (world, *_) = RESERVE.worlds
     tree = laid_out(tmp_path, (*RESERVE.edits, *world.narrowed))

@@ -17,7 +17,7 @@ from generators.equal_instances import equal_instances
 from long_tests import examples
 
 PROGRAMS = examples("SOTER_EQUAL_PROGRAMS", quick=12, long=108)
-CHUNKS = max(2, PROGRAMS // 6)
+CHUNKS = 6 if PROGRAMS >= 36 else 2
 MOST = 2_500
 FAST = ("-O0",)
 

@@ -15,7 +15,7 @@ from soter.explore.results import Options
 from soter.program.build import check_file, system_of_test
 
 PROGRAMS = examples("SOTER_FOR_EVER_PROGRAMS", quick=20, long=180)
-CHUNKS = max(2, PROGRAMS // 15)
+CHUNKS = 4 if PROGRAMS >= 60 else 2
 MS = 1_000_000
 COUNTS = """soter 1;
 topic x : int in [0, 3] = 0;
