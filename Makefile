@@ -7,15 +7,17 @@ PY := $(BIN)/python
 ZIG := $(shell command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || command -v clang >/dev/null 2>&1 || echo ,zig)
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
 LINTED := src tests bench examples
+# a file of tests stays on one worker, which proves and compiles once what they share; the long ones first
+PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 # a file of versions for pip to keep to: make setup CONSTRAINTS=requirements.lock
 CONSTRAINTS ?=
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
 
-.PHONY: help setup demo test lint format fuzz bench clean
+.PHONY: help setup demo test test-long lint format fuzz bench clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
-	@grep -E '^[a-z]+:.*##' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-8s %s\n", $$1, $$2}'
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "Soter needs Python 3.10 or newer: make PYTHON=python3.11 ..."; exit 1; }
@@ -35,8 +37,11 @@ setup: $(VENV)/.dev  ## make .venv with everything for running, testing and lint
 demo: $(VENV)/.run  ## fly laps three ways and the whole mission, write the reports
 	$(PY) examples/drone/demo.py
 
-test: $(VENV)/.dev  ## the whole test suite, under ten minutes on two cores
-	$(PY) -m pytest -n $(JOBS) --dist loadgroup
+test: $(VENV)/.dev  ## the tests, under ten minutes on two cores; says how many long ones it left out
+	$(PY) -m pytest $(PARALLEL)
+
+test-long: $(VENV)/.dev  ## every test, the long ones too, with many more random programs
+	$(PY) -m pytest $(PARALLEL) --long
 
 fuzz: $(VENV)/.dev  ## N=5000 fresh random programs on both engines
 	SOTER_EQUALITY_PROGRAMS=$(or $(N),5000) SOTER_FUZZ=1 $(PY) -m pytest -n $(JOBS) tests/correct/test_engines_agree.py

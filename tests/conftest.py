@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pytest
 
-pytest_plugins = ("golden", "examples_changed")
+pytest_plugins = ("golden", "examples_changed", "long_tests")
 
 # `make test` hands its own settings to every `make` below it: a test's `make` starts afresh.
 for name in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL"):

@@ -7,7 +7,6 @@ through `AnsweredDraws`. Contracts, queues and latches are part of the compared 
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 import pytest
@@ -15,12 +14,13 @@ import pytest
 from generators.any_order import first_disagreement
 from generators.engines import compile_library, subject
 from generators.programs import program
+from long_tests import examples
 
 if TYPE_CHECKING:
     from pathlib import Path
 
 CHUNKS = 4
-EACH = int(os.environ.get("SOTER_ANY_ORDER_PROGRAMS", "10"))
+EACH = examples("SOTER_ANY_ORDER_PROGRAMS", quick=3, long=30)
 STEPS = 400
 
 

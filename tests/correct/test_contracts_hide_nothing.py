@@ -6,7 +6,6 @@ More of them: SOTER_CONTRACTED_PROGRAMS=400 pytest tests/correct/test_contracts_
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -15,6 +14,7 @@ import pytest
 from generators.agreement import compared, enumerated
 from generators.brute_force import TooLargeError
 from generators.contracted import VARIANTS, contracted
+from long_tests import examples
 from soter.program.flatten import contracts
 from soter.program.model import typed
 
@@ -22,7 +22,9 @@ if TYPE_CHECKING:
     from generators.brute_force import Broken
 
 CHUNKS = 4
-PROGRAMS = int(os.environ.get("SOTER_CONTRACTED_PROGRAMS", "20"))
+PROGRAMS = examples("SOTER_CONTRACTED_PROGRAMS", quick=20, long=100)
+COMPARED = examples("SOTER_CONTRACTED_COMPARED", quick=2, long=18)
+"""Programs on which the explorer is compared with the enumerator, a variant."""
 MOST = 3_000
 TELLING = (46, 40, 42, 44)
 """Programs with something to hide, one a chunk."""
@@ -84,10 +86,10 @@ def test_an_abstraction_that_leaves_out_a_value_is_seen(monkeypatch: pytest.Monk
     assert all(hidden(seed)[0] for seed in WRONG)
 
 
-@pytest.mark.parametrize("variant", ["M", "neither"])
+@pytest.mark.parametrize("variant", [pytest.param("M", marks=pytest.mark.long), "neither"])
 def test_explorer_and_enumerator_agree_on_what_stands_for_modules(variant: str) -> None:
     seen = 0
-    for seed in range(40):
+    for seed in range(20 + 5 * COMPARED):
         try:
             s = enumerated(seed, contracted(seed).variant(variant, asked=True), MOST)
         except TooLargeError:
@@ -95,6 +97,6 @@ def test_explorer_and_enumerator_agree_on_what_stands_for_modules(variant: str) 
         told = compared(s, ("-O0",))
         assert not told.complaints, "\n".join([*told.complaints, "", f"program {seed}:", s.text])
         seen += 1
-        if seen == 6:
+        if seen == COMPARED:
             return
     assert seen

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from long_tests import examples
 from soter.api import load
 from soter.program.build import check_file
 from soter.recheck.case import Case
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
     Show = Callable[[Block], Iterator[Block]]
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
-BLOCKS = 150
+BLOCKS = examples("SOTER_RECHECKED_BLOCKS", quick=30, long=150)
 """Of nine cells, of each claim of each view."""
 WALLS = ("east", "west", "north", "south", "above", "below")
 PROGRAM = check_file(str(DRONE / "corridor.soter")).program

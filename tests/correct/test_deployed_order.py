@@ -5,7 +5,6 @@ More programs: SOTER_ORDERED_PROGRAMS=500 pytest tests/correct/test_deployed_ord
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,12 +13,13 @@ from generators.agreement import compared, enumerated, small
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants, program_joined
 from generators.small_programs import small_program
+from long_tests import examples
 from soter.explore.engine.engine import Engine, Settings
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-PROGRAMS = int(os.environ.get("SOTER_ORDERED_PROGRAMS", "8"))
+PROGRAMS = examples("SOTER_ORDERED_PROGRAMS", quick=3, long=24)
 MAKERS = (program_in_instants, program_joined, program_apart, small_program)
 
 

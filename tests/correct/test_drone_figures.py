@@ -125,7 +125,9 @@ def test_the_network_follows_slow_loops_fails_on_fast_ones_and_hits_nothing_when
 
 
 @pytest.mark.usefixtures("drone")
-@pytest.mark.parametrize("name", ["5", "12a", "12b", "12c"])
+@pytest.mark.parametrize(
+    "name", ["5", "12a", *(pytest.param(n, marks=pytest.mark.long) for n in ("12b", "12c"))]
+)
 def test_each_figure_is_a_page_with_the_numbers_that_were_printed(
     name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:

@@ -39,6 +39,7 @@ def document() -> dict[str, Any]:
     return found
 
 
+@pytest.mark.long
 def test_the_script_writes_the_file_that_is_shipped(
     script: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

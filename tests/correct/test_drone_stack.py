@@ -29,11 +29,15 @@ def flown(path: Path, system: str, until_s: float, seed: int) -> tuple[Run, dict
 # ---------------------------------------------------------------- proofs, in one program
 
 
-def test_battery_and_motion_primitive_are_proved_where_everything_flies() -> None:
-    program = load(STACK)
-    (battery,) = program.verify("SafeBattery", refute=False).modules
+def test_the_battery_is_proved_where_everything_flies() -> None:
+    (battery,) = load(STACK).verify("SafeBattery", refute=False).modules
     assert battery.verdict == "proved"
-    views = program.verify("SafeMotionPrimitive", refute=False).modules
+
+
+@pytest.mark.long
+def test_the_motion_primitive_is_proved_where_everything_flies() -> None:
+    """By itself, in corridors: `test_corridor_flights.py`."""
+    views = load(STACK).verify("SafeMotionPrimitive", refute=False).modules
     assert [m.name.rpartition(" ")[2] for m in views] == list(WALLS)
     assert [m.verdict for m in views] == ["proved"] * 6
     told = [a for a in views[0].problem.assumptions if "knows nothing" in a]

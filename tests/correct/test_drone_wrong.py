@@ -20,7 +20,13 @@ NAMED = {(w.kind, w.name): w for w in (*WRONG, *ASSUMED)}
 RESERVE, LETS_GO = NAMED["battery", "no reserve"], NAMED["motion", "SC lets go"]
 
 
-@pytest.mark.parametrize("wrong", [RESERVE, LETS_GO], ids=lambda w: w.name)
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        pytest.param(RESERVE, id=RESERVE.name),
+        pytest.param(LETS_GO, id=LETS_GO.name, marks=pytest.mark.long),
+    ],
+)
 def test_a_wrong_stack_is_not_proved_and_a_flight_shows_why(wrong: Wrong) -> None:
     row = examine(wrong)
     assert not row.verdict.proved
@@ -43,6 +49,7 @@ def test_a_stack_that_breaks_an_assumption_is_proved_and_says_so() -> None:
     assert "behaves like" in row.named
 
 
+@pytest.mark.long
 def test_a_flight_of_another_seed_repeats_nothing(tmp_path: Path) -> None:
     (world, *_) = RESERVE.worlds
     tree = laid_out(tmp_path, (*RESERVE.edits, *world.narrowed))

@@ -4,7 +4,8 @@ Each program is checked, run for 500 instants by the interpreter and by its C at
 compiled with every warning an error, and every state after every instant is compared: topics,
 locals, modes, OE, latches, counters, random draws.
 
-    make test                                   200 programs, always the same
+    make test                                   40 programs, always the same
+    make test-long                              1000, these among them
     make fuzz N=5000                            fresh ones
     SOTER_EQUALITY_PROGRAMS=1000 pytest tests/correct/test_engines_agree.py -n 2
     SOTER_EQUALITY_ONLY=4711 pytest tests/correct/test_engines_agree.py     one, by its number
@@ -36,6 +37,7 @@ from generators.engines import (
 from generators.programs import program
 from generators.reduce import reduced
 from generators.tally import happened, table
+from long_tests import examples
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
 from soter.program.meaning.arith import FaultKind
@@ -46,11 +48,11 @@ if TYPE_CHECKING:
     from generators.engines import Subject
 
 INSTANTS = 500
-CHUNKS = 20
 BATCH = 15
 LEVELS = ("-O0", "-O2")
 REFUSALS = (FaultKind.NONFINITE, FaultKind.RANGE, FaultKind.EXTERN)
-PROGRAMS = int(os.environ.get("SOTER_EQUALITY_PROGRAMS", "200"))
+PROGRAMS = examples("SOTER_EQUALITY_PROGRAMS", quick=40, long=1000)
+CHUNKS = min(20, max(3, PROGRAMS // BATCH))
 ONLY = os.environ.get("SOTER_EQUALITY_ONLY")
 FUZZ = bool(os.environ.get("SOTER_FUZZ"))
 
@@ -63,6 +65,11 @@ def numbers(chunk: int) -> list[int]:
     if FUZZ:
         return [1_000_000 + secrets.randbelow(2**48) for _ in range(count)]
     return [chunk + CHUNKS * i for i in range(count)]
+
+
+def first_of_four(quick: int) -> list[object]:
+    """Numbers of four chunks, of which all but the first few take long together."""
+    return [pytest.param(i, marks=[] if i < quick else [pytest.mark.long]) for i in range(4)]
 
 
 def make(number: int, text: str | None = None) -> Subject:
@@ -134,7 +141,7 @@ def test_engines_agree_on_every_byte(chunk: int) -> None:
             pytest.fail(report(number, *found), pytrace=False)
 
 
-@pytest.mark.parametrize("chunk", range(4))
+@pytest.mark.parametrize("chunk", first_of_four(2))
 def test_engines_agree_on_inputs_from_outside(chunk: int, tmp_path: Path) -> None:
     made = [make(number) for number in range(30_000 + chunk, 30_060, 4)]
     subjects = [s for s in made if environment_topics(s.system)]
@@ -152,7 +159,7 @@ def without_places(source: str) -> str:
     return re.sub(r"[\w.]+\.soter:\d+|\b[0-9a-f]{64}\b", "", source)
 
 
-@pytest.mark.parametrize("chunk", range(4))
+@pytest.mark.parametrize("chunk", first_of_four(1))
 def test_the_printer_keeps_the_meaning(chunk: int) -> None:
     for number in range(10_000 + chunk, 10_040, 4):
         s = make(number)
@@ -203,6 +210,7 @@ LEAST_SHARES = {
 }
 
 
+@pytest.mark.long
 def test_the_programs_are_interesting(tmp_path: Path) -> None:
     """Equality on programs that do nothing would show nothing."""
     count = 60

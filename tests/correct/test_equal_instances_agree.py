@@ -9,16 +9,15 @@ bench/testing_soundness.py --equal.
 
 from __future__ import annotations
 
-import os
-
 import pytest
 
 from generators.agreement import small
 from generators.agreement_of_equals import compared_as_equals
 from generators.equal_instances import equal_instances
+from long_tests import examples
 
-CHUNKS = 6
-PROGRAMS = int(os.environ.get("SOTER_EQUAL_PROGRAMS", "36"))
+PROGRAMS = examples("SOTER_EQUAL_PROGRAMS", quick=12, long=108)
+CHUNKS = 6 if PROGRAMS >= 36 else 2
 MOST = 2_500
 FAST = ("-O0",)
 

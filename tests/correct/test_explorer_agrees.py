@@ -20,14 +20,16 @@ from generators.lasting import lasting_program
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants, program_joined
 from generators.small_fleets import small_fleet
+from long_tests import examples
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
 CHUNKS = 6
-PROGRAMS = int(os.environ.get("SOTER_EXPLORED_PROGRAMS", "60"))
+PROGRAMS = examples("SOTER_EXPLORED_PROGRAMS", quick=12, long=180)
 ONLY = os.environ.get("SOTER_EXPLORED_ONLY")
-INSTANTS = int(os.environ.get("SOTER_EXPLORED_INSTANTS", "36"))
+INSTANTS = examples("SOTER_EXPLORED_INSTANTS", quick=6, long=108)
+ONES_APART = examples("SOTER_EXPLORED_APART", quick=6, long=90)
 FAST = ("-O0",)
 APART = (48, 212, 269, 304)
 """Programs that a wrong reduction of ours got wrong."""
@@ -74,7 +76,7 @@ def test_they_agree_on_steps_that_take_time(chunk: int) -> None:
 
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_they_agree_on_parts_that_share_only_time(chunk: int) -> None:
-    for seed in (*range(chunk, 30, CHUNKS), *APART[chunk::CHUNKS]):
+    for seed in (*range(chunk, ONES_APART, CHUNKS), *APART[chunk::CHUNKS]):
         s = small(seed, make=program_apart)
         if s is None:
             continue

@@ -129,12 +129,17 @@ def test_samples_find_the_bug_and_never_say_clean(tmp_path: Path, strategy: str)
     "options",
     [
         ("--strategy", "dfs"),
-        ("--strategy", "deepening"),
         ("--reduction", "none"),
-        ("--reduction", "sleep"),
-        ("--reduction", "ample"),
-        ("--storage", "fingerprint"),
-        ("--threads", "2"),
+        *(
+            pytest.param(options, marks=pytest.mark.long)  # test_explorer_agrees.py has them
+            for options in (
+                ("--strategy", "deepening"),
+                ("--reduction", "sleep"),
+                ("--reduction", "ample"),
+                ("--storage", "fingerprint"),
+                ("--threads", "2"),
+            )
+        ),
     ],
 )
 def test_every_option_of_the_page_gives_the_same_answer(

@@ -9,7 +9,6 @@ number for each robot. Every state after every instant is the same, of interpret
 
 from __future__ import annotations
 
-import os
 from typing import TYPE_CHECKING
 
 import pytest
@@ -22,12 +21,13 @@ from generators.engines import (
     subject,
 )
 from generators.fleets import fleet
+from long_tests import examples
 
 if TYPE_CHECKING:
     from pathlib import Path
 
-FLEETS = int(os.environ.get("SOTER_FLEETS", "24"))
-CHUNKS = 4
+FLEETS = examples("SOTER_FLEETS", quick=8, long=96)
+CHUNKS = max(2, FLEETS // 6)
 INSTANTS = 150
 
 

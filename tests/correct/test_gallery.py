@@ -297,7 +297,10 @@ SMALL = (
 )
 
 
-@pytest.mark.parametrize(("name", "test", "horizon", "times"), SMALL)
+@pytest.mark.parametrize(
+    ("name", "test", "horizon", "times"),
+    [*SMALL[2:4], *(pytest.param(*s, marks=pytest.mark.long) for s in SMALL if "ring" not in s[0])],
+)
 def test_the_enumerator_agrees_on_the_beginning(
     name: str, test: str, horizon: str, times: tuple[tuple[str, str], ...]
 ) -> None:

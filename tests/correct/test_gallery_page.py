@@ -38,7 +38,14 @@ def test_the_page_has_a_session_of_every_file() -> None:
     assert {Path(command.split()[1]).stem for command, _ in SESSIONS} == files
 
 
-@pytest.mark.parametrize(("command", "said"), SESSIONS, ids=[c for c, _ in SESSIONS])
+LARGE = "test examples/gallery/token_ring.soter"
+"""`test_gallery.py` holds its verdicts and figures against the page."""
+
+
+@pytest.mark.parametrize(
+    ("command", "said"),
+    [pytest.param(c, s, id=c, marks=[pytest.mark.long] if c == LARGE else []) for c, s in SESSIONS],
+)
 def test_a_command_says_what_the_page_says(command: str, said: str, tmp_path: Path) -> None:
     done = _soter(_here(tmp_path), *command.split())
     assert done.returncode in (0, 3), done.stderr

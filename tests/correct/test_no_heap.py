@@ -59,9 +59,15 @@ def test_random_programs_need_only_what_is_allowed(level: str, tmp_path: Path) -
     assert found <= ALLOWED
 
 
-@pytest.mark.parametrize("level", ["-O0", "-O2"])
-def test_examples_need_only_what_is_allowed(level: str, tmp_path: Path) -> None:
-    subjects = [s for path in files("examples") for s in subjects_of(path, 10)]
+@pytest.mark.parametrize(
+    ("folder", "level"),
+    [
+        *(("examples/wall", "-O0"), ("examples/wall", "-O2"), ("examples/generality", "-O2")),
+        *(pytest.param("examples", level, marks=pytest.mark.long) for level in ("-O0", "-O2")),
+    ],
+)
+def test_examples_need_only_what_is_allowed(folder: str, level: str, tmp_path: Path) -> None:
+    subjects = [s for path in files(folder) for s in subjects_of(path, 10)]
     assert subjects
     found = programs_and_kernel(subjects, tmp_path, level)
     assert not found & HEAP

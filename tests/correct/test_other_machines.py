@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.packages import command, make, trace
-from generators.shipped import files, subjects_of
+from generators.shipped import ROOT, files, subjects_of
 from soter.lower.steps import lower
 from soter.simulate.run import NativeProgram
 from soter.targets.c99 import c99_package
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
     from pathlib import Path
 
     from generators.engines import Subject
@@ -43,14 +44,14 @@ def trace_here(number: int) -> str | None:
     return NativeProgram(s.system).run(s.until_ns, s.seed, hash_trace=True).trace_sha256
 
 
-@pytest.mark.parametrize("machine", MACHINES)
-def test_every_example_has_the_same_trace(machine: str, tmp_path: Path) -> None:
+def traces(machine: str, some: Sequence[Subject], tmp_path: Path) -> dict[str, str]:
+    """What other machines compute, by the names of the subjects."""
     compiler, emulator = MACHINES[machine]
     absent = [tool for tool in (compiler, emulator, "make") if shutil.which(tool) is None]
     if absent:
         pytest.skip(f"not installed: {', '.join(absent)}")
     there: dict[str, str] = {}
-    for s in subjects():
+    for s in some:
         package = c99_package(s.system, lower(s.system), tmp_path / s.name).write()
         built = make(package.folder, f"CC={compiler} -static", "CFLAGS=-O1")
         assert built.returncode == 0, (s.name, built.stderr)
@@ -58,5 +59,19 @@ def test_every_example_has_the_same_trace(machine: str, tmp_path: Path) -> None:
         ran = command([emulator, package.commands[1], *settings], tmp_path)
         assert ran.returncode in {0, 3}, (s.name, ran.stderr)
         there[s.name] = trace(ran.stdout)
+    return there
+
+
+@pytest.mark.parametrize("machine", MACHINES)
+def test_the_cart_has_the_same_trace(machine: str, tmp_path: Path) -> None:
+    (cart,) = subjects_of(ROOT / "examples" / "wall" / "cart.soter", INSTANTS)[:1]
+    here = NativeProgram(cart.system).run(cart.until_ns, cart.seed, hash_trace=True).trace_sha256
+    assert traces(machine, [cart], tmp_path) == {cart.name: here}
+
+
+@pytest.mark.long
+@pytest.mark.parametrize("machine", MACHINES)
+def test_every_example_has_the_same_trace(machine: str, tmp_path: Path) -> None:
+    there = traces(machine, subjects(), tmp_path)
     assert len(there) > 10, "examples were not found"
     assert there == {s.name: trace_here(i) for i, s in enumerate(subjects())}

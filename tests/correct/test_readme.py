@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import re
 import shutil
 import sys
@@ -38,7 +37,6 @@ def _done(command: str, folder: Path) -> processes.Done:
     return processes.run(
         [sys.executable, "-m", "soter.cli.main", *command.split()[1:]],
         cwd=folder,
-        env={**os.environ, "SOTER_CACHE": str(folder.parent / "cache")},
         capture_output=True,
         text=True,
         check=False,
@@ -49,7 +47,17 @@ SHORTER = {"advise": " --factors 1,2 --levels 3"}
 """What a command is given besides, so that it tries less of the same: a table has one row fewer."""
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+PROVED_ELSEWHERE = ("verify examples/drone/corridor.", "verify examples/drone/surveillance.")
+"""Proofs that take minutes: `test_corridor_flights.py` has the one, of the other its modules."""
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        pytest.param(c, marks=[pytest.mark.long] if any(p in c for p in PROVED_ELSEWHERE) else [])
+        for c in COMMANDS
+    ],
+)
 def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
     for folder in ("wall", "drone", "testing"):
         shutil.copytree(ROOT / "examples" / folder, tmp_path / "examples" / folder)
@@ -62,14 +70,12 @@ def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
     assert "Traceback" not in done.stderr
 
 
-def test_the_python_of_the_readme_works(tmp_path: Path) -> None:
+def test_the_python_of_the_readme_works() -> None:
     code = re.search(r"^```python\n(.*?)^```", README, re.MULTILINE | re.DOTALL)
     assert code
-    environment = {**os.environ, "SOTER_CACHE": str(tmp_path.parent / "cache")}
     done = processes.run(
         [sys.executable, "-c", code.group(1)],
         cwd=ROOT,
-        env=environment,
         capture_output=True,
         text=True,
         check=False,

@@ -24,6 +24,7 @@ from generators.interrupted import (
 from generators.programs_apart import program_apart
 from generators.programs_in_instants import program_in_instants
 from generators.small_programs import small_program
+from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.checkpoint.asked import Asked
 from soter.explore.results import Options
@@ -35,7 +36,7 @@ if TYPE_CHECKING:
     from soter.program.model.system import System
 
 CHUNKS = 4
-PROGRAMS = int(os.environ.get("SOTER_RESUMED_PROGRAMS", "36"))
+PROGRAMS = examples("SOTER_RESUMED_PROGRAMS", quick=12, long=108)
 ONLY = os.environ.get("SOTER_RESUMED_ONLY")
 MAKERS = (small_program, program_apart, program_in_instants)
 MOST = 20_000

@@ -21,6 +21,7 @@ from generators.engines import (
 )
 from generators.programs import program
 from generators.shipped import files, subjects_of
+from long_tests import examples
 from soter.native.build import RUNTIME
 from soter.native.compiler import find
 
@@ -34,8 +35,8 @@ FLAGS = (
     "-fno-sanitize-recover=all",
 )  # fmt: skip
 INSTANTS = 400
-CHUNKS = 4
-PROGRAMS_A_CHUNK = 7
+PROGRAMS = examples("SOTER_SANITIZED_PROGRAMS", quick=8, long=84)
+CHUNKS = max(2, PROGRAMS // 7)
 
 
 @pytest.fixture(scope="module")
@@ -59,14 +60,17 @@ def compare(subjects: list[Subject], folder: Path) -> None:
 @pytest.mark.usefixtures("_sanitizers")
 @pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_random_programs_run_clean(chunk: int, tmp_path: Path) -> None:
-    numbers = range(30_000 + chunk, 30_000 + CHUNKS * PROGRAMS_A_CHUNK, CHUNKS)
+    numbers = range(30_000 + chunk, 30_000 + PROGRAMS, CHUNKS)
     compare([subject(f"p{n}", program(n), n, INSTANTS) for n in numbers], tmp_path)
 
 
 @pytest.mark.usefixtures("_sanitizers")
 @pytest.mark.parametrize(
     "folder",
-    ["examples/drone", "examples/wall", "tests/correct", "tests/dynamic_error", "tests/corners"],
+    [
+        pytest.param("examples/drone", marks=pytest.mark.long),
+        *("examples/wall", "tests/correct", "tests/dynamic_error", "tests/corners"),
+    ],
 )
 def test_programs_of_the_repository_run_clean(folder: str, tmp_path: Path) -> None:
     subjects = [s for path in files(folder) for s in subjects_of(path, INSTANTS)]

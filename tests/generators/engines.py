@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.program.build import Checked
     from soter.program.model.system import System
 
     Bytes = npt.NDArray[np.uint8]
@@ -74,8 +75,21 @@ def subject(
     """Check a program and find out until when it has so many instants."""
     checked = check_file(str(path) if path else f"{name}.soter", text)
     assert checked.ok, [(d.code, d.message) for d in checked.diagnostics.items]
+    return subject_of(checked, name, text, seed, until=instants, system=system)
+
+
+def subject_of(
+    checked: Checked,
+    name: str,
+    text: str,
+    seed: int,
+    *,
+    until: int,
+    system: str | None,
+) -> Subject:
+    """A system of a checked program, `until` so many instants have passed."""
     flat = system_of(checked, system)
-    return Subject(name, text, flat, state_layout(flat), until_of(flat, instants), seed)
+    return Subject(name, text, flat, state_layout(flat), until_of(flat, until), seed)
 
 
 def until_of(system: System, instants: int) -> int:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from generators.engines import subject
+from generators.engines import subject_of
 from generators.found import files_below
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file
@@ -36,7 +36,7 @@ def subjects_of(path: Path, instants: int) -> list[Subject]:
     for number, system in enumerate(checked.systems):
         name = f"{path.stem}_{number}_of_{path.parent.name}"
         try:
-            s = subject(name, text, 7, instants, system, path)
+            s = subject_of(checked, name, text, 7, until=instants, system=system)
         except SoterError:
             continue  # a library: its nodes wait for a system that somebody else writes
         externs = any(x.extern for x in s.system.components)

@@ -18,6 +18,7 @@ from generators.empty_tests import (
     watching,
     with_item,
 )
+from long_tests import examples
 from soter.explore.command import Told, explore_test
 from soter.explore.results import Options, TestResult
 from soter.program.build import check_file, system_of_test
@@ -26,6 +27,7 @@ from soter.program.flatten.grid import quantum_of, times_read
 if TYPE_CHECKING:
     from soter.program.model.system import System
 
+PROGRAMS = examples("SOTER_GRIDDED_PROGRAMS", quick=8, long=96)
 MS = 1_000_000
 FINE = "quantum 250us; "
 
@@ -128,7 +130,7 @@ def test_a_quarter_of_a_millisecond_finds_no_more(chunk: int) -> None:
     Number 97 asks for an age between zero and its first threshold, through a local with an offset:
     on a grid of one millisecond it was clean.
     """
-    for seed in (*range(chunk, 24, 4), 97 + chunk):
+    for seed in (*range(chunk, PROGRAMS, 4), 97 + chunk):
         text = watching(seed)
         first = found(text)
         assert first.verdict in ("violated", "exhausted"), (seed, first.bound)

@@ -8,11 +8,14 @@ import pytest
 
 from generators.programs_in_instants import program_in_instants
 from generators.small_programs import TICK
+from long_tests import examples
 from soter.explore.command import Told, explore_test
 from soter.explore.engine.engine import Engine, Searched, Settings
 from soter.explore.results import Options
 from soter.program.build import check_file, system_of_test
 
+PROGRAMS = examples("SOTER_FOR_EVER_PROGRAMS", quick=20, long=180)
+CHUNKS = 4 if PROGRAMS >= 60 else 2
 MS = 1_000_000
 COUNTS = """soter 1;
 topic x : int in [0, 3] = 0;
@@ -130,11 +133,11 @@ def test_other_searches_go_to_the_horizon(settings: dict[str, str]) -> None:
     assert (found.status, found.closed_ns) == ("exhausted", 0)
 
 
-@pytest.mark.parametrize("chunk", range(4))
+@pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_a_horizon_three_times_as_far_shows_nothing_new(chunk: int) -> None:
     """On random programs: where a search says that it is at an end, longer ones find nothing."""
     ended = 0
-    for seed in range(chunk, 60, 4):
+    for seed in range(chunk, PROGRAMS, CHUNKS):
         system = system_of_test(check_file("p.soter", program_in_instants(seed)), "T")
         assert system.test is not None
         tests = [replace(system.test, horizon_ns=n * TICK * MS) for n in (24, 72)]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import time
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -10,6 +9,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.small_programs import small_program
+from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import Told, explore_test, trace_of
 from soter.explore.engine.guided import Guided, array_of, steps_of
@@ -52,7 +52,7 @@ node Stay period 20ms {
 system S { p: Cart; n: Stay; until 20s; }
 test Drifts { system S; horizon 20s; always abs(p.truth.x) < 0.3; }
 """
-PROGRAMS = int(os.environ.get("SOTER_SHRUNK_PROGRAMS", "24"))
+PROGRAMS = examples("SOTER_SHRUNK_PROGRAMS", quick=8, long=72)
 
 
 def searched(
@@ -106,7 +106,9 @@ def test_shrinking_gives_the_same_trace_twice() -> None:
     assert first.steps == second.steps
 
 
-@pytest.mark.parametrize("text", [TESTED, FAULTS, STARTS, CONTRACTS, QUEUED])
+@pytest.mark.parametrize(
+    "text", [pytest.param(TESTED, marks=pytest.mark.long), FAULTS, STARTS, CONTRACTS, QUEUED]
+)
 def test_what_is_shrunk_is_not_larger_and_nearly_least(text: str) -> None:
     for test in (line.split()[1] for line in text.splitlines() if line.startswith("test ")):
         system = system_of_text(text, test)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from dataclasses import replace
 from random import Random
 from typing import TYPE_CHECKING
@@ -11,6 +10,7 @@ import pytest
 
 from generators.programs_apart import program_apart
 from generators.small_programs import small_program
+from long_tests import examples
 from soter.diagnostics.diagnostic import SoterError
 from soter.explore.command import Told, explore_test
 from soter.explore.engine.engine import Engine
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from soter.program.model.system import System
 
 TOLD = Told("small.soter", {})
-PROGRAMS = int(os.environ.get("SOTER_SLICED_PROGRAMS", "32"))
+PROGRAMS = examples("SOTER_SLICED_PROGRAMS", quick=16, long=96)
 TRIES = 40
 TALK = """
 soter 1;

@@ -5,7 +5,6 @@ Every name of a correct program is misspelt once, every comma and semicolon left
 
 from __future__ import annotations
 
-import os
 import re
 from collections import Counter
 from pathlib import Path
@@ -14,6 +13,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from generators.found import files_in
+from long_tests import examples
 from soter.program.build import check_file
 
 if TYPE_CHECKING:
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 CORRECT = Path(__file__).parents[2] / "correct"
 PROGRAMS = files_in(CORRECT, "*.soter")
 TOKEN = re.compile(r'"[^"\n]*"|//[^\n]*|/\*.*?\*/|\w+(?:\.\d\w*)?|\s+|.', re.DOTALL)
-EVERY = int(os.environ.get("SOTER_EVERY_NAME", "4"))
+EVERY = examples("SOTER_EVERY_NAME", quick=10, long=1)
 """Every how manyth name is misspelt; 1 takes a minute."""
 
 

@@ -16,6 +16,7 @@ from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
 from generators.found import files_in
+from long_tests import examples
 from soter.codegen.unit import generate
 from soter.diagnostics.diagnostic import SoterError
 from soter.diagnostics.render import render_all
@@ -24,7 +25,7 @@ from soter.program.build import Checked, check_file, system_of
 TESTS = Path(__file__).parents[2]
 FOLDERS = ("correct", "dynamic_error", "static_error", "../examples/wall", "../examples/drone")
 PATHS = [p for f in FOLDERS for p in files_in(TESTS / f, "*.soter")]
-MUTANTS = int(os.environ.get("SOTER_MUTANTS", "2000"))
+MUTANTS = examples("SOTER_MUTANTS", quick=500, long=10_000)
 SECONDS_MAX = 2.0
 
 TOKEN = re.compile(r'"[^"\n]*"|//[^\n]*|\w+(?:\.\d\w*)?|[<>=!]=|&&|\|\||\.\.|\s+|.', re.DOTALL)

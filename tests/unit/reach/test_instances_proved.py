@@ -109,7 +109,11 @@ def test_a_module_is_proved_with_its_own_parameters_and_the_topics_around_it(
 
 
 @pytest.mark.parametrize(
-    "text", [TEXT, ABSTRACT], ids=["beside its plant", "beside an abstraction"]
+    "text",
+    [
+        pytest.param(TEXT, id="beside its plant"),
+        pytest.param(ABSTRACT, id="beside an abstraction", marks=pytest.mark.long),
+    ],
 )
 def test_every_element_is_a_problem_of_its_own_and_so_says_its_certificate(
     text: str, tmp_path: Path

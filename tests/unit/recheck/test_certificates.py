@@ -12,6 +12,7 @@ from bench.recheck_corruptions import corrupt, judge
 from bench.recheck_models import Attack
 
 import soter
+from long_tests import examples
 from soter.api import recheck
 from soter.diagnostics.diagnostic import SoterError
 from soter.recheck.claims import CLAIMS
@@ -25,7 +26,7 @@ if TYPE_CHECKING:
 
     Change = Callable[[Callable[[dict[str, Any]], None]], Path]
 
-CORRUPTIONS = 16
+CORRUPTIONS = examples("SOTER_CORRUPTIONS", quick=6, long=64)
 
 
 def reason_of(folder: Path) -> str:

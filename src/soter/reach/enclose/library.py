@@ -29,6 +29,9 @@ TRUTHS = (
     *(f"{name}_{k}" for name in ("safe", "safer", "back") for k in range(PARTS_MAX)),
 )
 FLAGS = (*STRICT, "-O3", "-fPIC", "-pthread", "-DSOTER_CHECKED")
+UNIT_LEVEL = "-O3"
+"""How the enclosures of a module are optimised; the bits are the same at every level. Tests prove
+many small modules, each once, and would compile most of the time."""
 LINKED = ("-shared", *OWN_SYMBOLS)
 FORMS = "typedef struct soter_form soter_form; typedef unsigned char soter_truth;"
 """What Python sees of `soter_form.h`: only where its numbers are."""
@@ -72,15 +75,16 @@ class ReachLibrary:
 def compiled(source: str, inputs: int, extra: tuple[str, ...] = ()) -> Path:
     """The shared library, from the cache or freshly built; SoterError X004, X006."""
     compiler = find()
-    flags = (*FLAGS, f"-DSOTER_INPUTS={inputs}", *extra)
+    more = (f"-DSOTER_INPUTS={inputs}", *extra)
+    flags, unit_flags = (*FLAGS, *more), (*FLAGS, UNIT_LEVEL, *more)
     engine = tuple(HERE / name for name in ENGINE)
     headers = texts(*engine, *files_below(HERE, "*.h"))
-    content = digest((source, compiler.identity, *flags, *LINKED, *headers))
+    content = digest((source, compiler.identity, *flags, *unit_flags, *LINKED, *headers))
     name = f"reach-{content[:32]}.so"
 
     def make(work: Path) -> None:
         (work / UNIT).write_text(source, encoding="utf-8")
-        command = (*compiler.command, *flags, *include_flags(HERE / "soter_form.h"))
+        command = (*compiler.command, *unit_flags, *include_flags(HERE / "soter_form.h"))
         with ThreadPoolExecutor(2) as both:
             made = both.submit(objects, engine, (*flags, *include_flags(HERE / "soter_form.h")))
             both.submit(compile_with, (*command, "-c", UNIT), work, MESSAGE).result()
