@@ -11,6 +11,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.prelude.bounds import BOUNDS
+from soter.program.flatten.starts import start_behind
 from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
 from soter.program.model.walk import calls_in, topic_reads
@@ -100,7 +101,7 @@ def _world(facts: Facts, jumps: Jumps) -> Iterator[Said]:
         yield Said(
             f"conforms {link.instance} {link.name}",
             f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
-            f"within its bounds, from the initial states of {link.name} on",
+            f"within its bounds, from {_begins(facts, link)} on",
         )
     for link in links if facts.view else ():
         tried = jumps.get(link.name, ())
@@ -133,6 +134,11 @@ def _world(facts: Facts, jumps: Jumps) -> Iterator[Said]:
             f"{p.name} changes only while the estimate lies in S_0 of the new value, whichever "
             "mode; DM and SC read the new value from that instant on",
         )
+
+
+def _begins(facts: Facts, link: typed.AbstractionLink) -> str:
+    known = start_behind(facts.flying, facts.flying_module, link) is not None
+    return f"the start of {link.instance}" if known else f"the initial states of {link.name}"
 
 
 def _judged(facts: Facts) -> Iterator[Said]:

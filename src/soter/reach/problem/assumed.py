@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.prelude.bounds import BOUNDS
+from soter.program.flatten.starts import start_behind
 from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
 from soter.program.model.walk import calls_in, topic_reads
@@ -120,10 +121,17 @@ def _judged(place: Place) -> list[str]:
     return found
 
 
+def _start(place: Place, link: typed.AbstractionLink) -> str:
+    """From where on: what flies starts where `inputs.py` has it, if that is known."""
+    if start_behind(place.flat, place.home, link) is None:
+        return f"the initial states of {link.name}"
+    return f"the start of {link.instance}"
+
+
 def _environment(place: Place, inputs: Inputs, jumps: Jumps) -> list[str]:
     found = [
         f"{link.instance} behaves like {link.name} ({link.plant.name}) for some disturbance "
-        f"within its bounds, from the initial states of {link.name} on"
+        f"within its bounds, from {_start(place, link)} on"
         for link in place.module.symbol.verify.abstracts
     ]
     found += jumps.told

@@ -10,6 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from soter.program.flatten.starts import start_behind
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
 from soter.program.model.walk import topic_reads
 from soter.reach.problem.place import sc_reads
@@ -66,7 +67,7 @@ def inputs_of(place: Place, diagnostics: Diagnostics) -> Inputs:
     """Every input; incomplete where there are diagnostics."""
     found = Inputs()
     for c in place.plants:
-        _states(c, found, diagnostics)
+        _states(c, _starts_at(place, c), found, diagnostics)
     _outputs(place, found, diagnostics)
     for c in place.plants:
         _disturbances(c, found, diagnostics)
@@ -78,14 +79,28 @@ def inputs_of(place: Place, diagnostics: Diagnostics) -> Inputs:
 # ---------------------------------------------------------------- plants
 
 
-def _states(c: Component, found: Inputs, diagnostics: Diagnostics) -> None:
+def _starts_at(place: Place, c: Component) -> tuple[Value, ...]:
+    """Where a plant of the proof starts by the map of what flies; else where it says itself."""
+    for link in place.module.symbol.verify.abstracts if place.abstract else ():
+        if link.name == c.name:
+            return start_behind(place.flat, place.home, link) or c.initial
+    return c.initial
+
+
+def _states(
+    c: Component, mapped: tuple[Value, ...], found: Inputs, diagnostics: Diagnostics
+) -> None:
+    """`mapped`: where it starts in a run, which counts beside what it says itself."""
     plant = c.plant
     assert plant is not None
-    variables = zip(plant.states, c.initial, c.initial_range, strict=True)
-    for variable, initial, drawn in variables:
+    variables = zip(plant.states, c.initial, c.initial_range, mapped, strict=True)
+    for variable, initial, drawn, start in variables:
         moves = variable in plant.der or variable in plant.next
-        for (path, t), value in zip(
-            leaves(variable.type), scalars(variable.type, initial), strict=False
+        for (path, t), value, there in zip(
+            leaves(variable.type),
+            scalars(variable.type, initial),
+            scalars(variable.type, start),
+            strict=False,
         ):
             name = ".".join((c.name, variable.name, *path))
             leaf = Leaf(c.index, variable.name, path, name)
@@ -94,7 +109,7 @@ def _states(c: Component, found: Inputs, diagnostics: Diagnostics) -> None:
             elif isinstance(t, FloatType):
                 found.states.append(leaf)
                 low, high = drawn or (value, value)
-                found.initial.append(Interval(low, high))
+                found.initial.append(Interval(min(low, there), max(high, there)))
                 if not moves:
                     found.still.add(len(found.states) - 1)
             elif moves:

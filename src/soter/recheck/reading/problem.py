@@ -9,8 +9,9 @@ problem has no certificate: `NotRecheckedError` or `DiffersError`).
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
+from soter.program.flatten.starts import start_behind
 from soter.program.model import typed
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
 from soter.program.model.walk import topic_reads
@@ -31,7 +32,7 @@ from soter.recheck.terms.terms import NotRecheckedError
 from soter.recheck.time.module_times import read_times
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from soter.program.model.system import Component, System
     from soter.program.model.types import Type
@@ -96,19 +97,31 @@ def _kind(c: Component) -> str:
 # ---------------------------------------------------------------- inputs
 
 
+def _flown(facts: Facts, name: str) -> Sequence[Any] | None:
+    """The states of a plant of the proof at the start of a run, by its map; None: not known."""
+    links = facts.symbol.verify.abstracts
+    for link in links:
+        if link.name == name:
+            return start_behind(facts.flying, facts.flying_module, link)
+    return None
+
+
 def _read_states(facts: Facts) -> None:
     for c in facts.plants:
         plant = c.plant
         assert plant is not None
-        for variable, initial, drawn in zip(plant.states, c.initial, c.initial_range, strict=True):
+        flown = _flown(facts, c.name) or c.initial
+        every = zip(plant.states, c.initial, c.initial_range, flown, strict=True)
+        for variable, initial, drawn, real in every:
             moves = variable in plant.der or variable in plant.next
             if any("[]" in path for path, _ in leaves(variable.type)):
                 raise NotRecheckedError(f"a list in the state `{variable.name}`")
-            values = flat(initial)
+            values, reals = flat(initial), flat(real)
             for k, (path, of) in enumerate(leaves(variable.type)):
                 name = ".".join((c.name, variable.name, *path))
                 if isinstance(of, FloatType):
                     low, high = drawn if drawn is not None else (values[k], values[k])
+                    low, high = min(low, reals[k]), max(high, reals[k])
                     facts.states.append(
                         Input(
                             kind="state",
