@@ -273,23 +273,41 @@ def test_what_is_published_may_be_off_by_its_error(
     assert right == ""
 
 
+def with_another(text: str) -> str:
+    """One more topic that the plant of the left view drives, and that the node publishes."""
+    same = "publish left = { room: motion.x - b.low, toward: -motion.v };"
+    for old, new in (
+        ("topic push:", "topic aside: Wall in [-100.0, 100.0] max_age 11ms;\ntopic push:"),
+        ("  drives left =", "  drives aside = { room: r, toward: w };\n  drives left ="),
+        ("publishes left, right,", "publishes left, aside, right,"),
+        (same, f"{same}\n    {same.replace('left', 'aside')}"),
+    ):
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return text
+
+
 def test_what_neither_dm_nor_sc_reads_shows_nothing(tmp_path: Path, proved: Proved) -> None:
     """That it shows the state is nobody's assumption."""
-    text = of_walls().replace("In(left, right);", "In(aside, right);")
-    text = text.replace(
-        "topic push:", "topic aside: Wall in [-100.0, 100.0] max_age 11ms;\ntopic push:"
-    )
-    text = text.replace(
-        "  drives left =", "  drives aside = { room: r, toward: w };\n  drives left ="
-    )
-    text = text.replace(
-        "publishes left, right, along, box;", "publishes left, aside, right, along, box;"
-    )
-    same = "publish left = { room: motion.x - b.low, toward: -motion.v };"
-    assert same in text
-    text = text.replace(same, f"{same}\n    {same.replace('left', 'aside')}")
+    text = with_another(of_walls().replace("In(left, right);", "In(aside, right);"))
     left, right = whys(tmp_path, text, proved)
     assert left == "it reads what neither DM nor SC reads"
+    assert right == ""
+
+
+def test_a_jump_that_is_not_shown_whole_is_not_told(tmp_path: Path, proved: Proved) -> None:
+    """All that shows a view is published in the step, whoever of the module reads it."""
+    text = with_another(of_walls())
+    text = text.replace("safe left.room >= 0.0", "safe left.room >= 0.0 && aside.room >= 0.0")
+    assert whys(tmp_path, text, proved) == ["", ""]
+    left, right = whys(
+        tmp_path,
+        text.replace("publish aside", "if !asked { publish aside").replace(
+            "toward: -motion.v };\n    publish right", "toward: -motion.v }; }\n    publish right"
+        ),
+        proved,
+    )
+    assert "without showing it" in left
     assert right == ""
 
 
