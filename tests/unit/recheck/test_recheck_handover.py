@@ -315,7 +315,8 @@ def test_half_spaces_are_not_looked_at(tmp_path: Path, proved: Proved) -> None:
     other, ((grids, _),), extents, claims = proved[2][0]
     facts = facts_of(tmp_path, of_walls())[0]
     facts.times = other.times
-    (jumps,) = jumps_of(facts, [(grids, [object()])], extents, claims).values()
+    some: list[Any] = [object()]
+    (jumps,) = jumps_of(facts, [(grids, some)], extents, claims).values()
     assert jumps[0].why == "half-spaces are not looked at"
 
 
