@@ -273,23 +273,74 @@ def test_what_is_published_may_be_off_by_its_error(
     assert right == ""
 
 
+def test_a_state_may_lie_beyond_the_set_of_what_shows_it(tmp_path: Path, proved: Proved) -> None:
+    """By the error: up to 79, where no value above 59 is published, and the grid ends at 60."""
+    text = of_walls(IN.replace("l.room < 50.0", "l.room > 25.0"))
+    text = text.replace(
+        "topic left: Wall in { room in [-100.0, 100.0]",
+        "topic left: Wall in { room in [-100.0, 59.0]",
+    )
+    assert whys(tmp_path, text, proved)[0] == ""
+    measured = "measured along.high within NEAR;"
+    text = text.replace(measured, f"{measured}\n  measured left.room within 20.0;")
+    left = whys(tmp_path, text, proved)[0]
+    assert left == "it may hold where seen.r is above 60.0, outside the grid"
+
+
+def test_of_where_the_state_jumps_to_nobody_knows_that_it_is_safe(
+    tmp_path: Path, proved: Proved
+) -> None:
+    """Unlike of `ttf` and `safer`: cells on which `safe` fails count, too."""
+    text = of_walls().replace("safe left.room >= 0.0", "safe left.room >= 1.0")
+    facts = facts_of(tmp_path, text)[0]
+    other, ((grids, _),), extents, claims = proved[2][0]
+    facts.times = other.times
+    (group,) = grids
+    whole = group.free
+    try:
+        group.free = whole.copy()
+        group.free[: sum(e < 1.0 for e in group.grid.edges[0]) - 1] = False
+        (jumps,) = jumps_of(facts, [(grids, ())], extents, claims).values()
+        assert "outside R(H), at" in jumps[0].why
+    finally:
+        group.free = whole
+
+
+def with_another(text: str) -> str:
+    """One more topic that the plant of the left view drives, and that the node publishes."""
+    same = "publish left = { room: motion.x - b.low, toward: -motion.v };"
+    for old, new in (
+        ("topic push:", "topic aside: Wall in [-100.0, 100.0] max_age 11ms;\ntopic push:"),
+        ("  drives left =", "  drives aside = { room: r, toward: w };\n  drives left ="),
+        ("publishes left, right,", "publishes left, aside, right,"),
+        (same, f"{same}\n    {same.replace('left', 'aside')}"),
+    ):
+        assert old in text, old
+        text = text.replace(old, new, 1)
+    return text
+
+
 def test_what_neither_dm_nor_sc_reads_shows_nothing(tmp_path: Path, proved: Proved) -> None:
     """That it shows the state is nobody's assumption."""
-    text = of_walls().replace("In(left, right);", "In(aside, right);")
-    text = text.replace(
-        "topic push:", "topic aside: Wall in [-100.0, 100.0] max_age 11ms;\ntopic push:"
-    )
-    text = text.replace(
-        "  drives left =", "  drives aside = { room: r, toward: w };\n  drives left ="
-    )
-    text = text.replace(
-        "publishes left, right, along, box;", "publishes left, aside, right, along, box;"
-    )
-    same = "publish left = { room: motion.x - b.low, toward: -motion.v };"
-    assert same in text
-    text = text.replace(same, f"{same}\n    {same.replace('left', 'aside')}")
+    text = with_another(of_walls().replace("In(left, right);", "In(aside, right);"))
     left, right = whys(tmp_path, text, proved)
     assert left == "it reads what neither DM nor SC reads"
+    assert right == ""
+
+
+def test_a_jump_that_is_not_shown_whole_is_not_told(tmp_path: Path, proved: Proved) -> None:
+    """All that shows a view is published in the step, whoever of the module reads it."""
+    text = with_another(of_walls())
+    text = text.replace("safe left.room >= 0.0", "safe left.room >= 0.0 && aside.room >= 0.0")
+    assert whys(tmp_path, text, proved) == ["", ""]
+    left, right = whys(
+        tmp_path,
+        text.replace("publish aside", "if !asked { publish aside").replace(
+            "toward: -motion.v };\n    publish right", "toward: -motion.v }; }\n    publish right"
+        ),
+        proved,
+    )
+    assert "without showing it" in left
     assert right == ""
 
 
@@ -297,7 +348,8 @@ def test_half_spaces_are_not_looked_at(tmp_path: Path, proved: Proved) -> None:
     other, ((grids, _),), extents, claims = proved[2][0]
     facts = facts_of(tmp_path, of_walls())[0]
     facts.times = other.times
-    (jumps,) = jumps_of(facts, [(grids, [object()])], extents, claims).values()
+    some: list[Any] = [object()]
+    (jumps,) = jumps_of(facts, [(grids, some)], extents, claims).values()
     assert jumps[0].why == "half-spaces are not looked at"
 
 
