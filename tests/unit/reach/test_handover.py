@@ -132,3 +132,11 @@ def test_who_does_not_ask_leaves_its_box(tmp_path: Path) -> None:
     path = tmp_path / "boxes.soter"
     path.write_text(handover(*CHANGES["none"]))
     assert load(path).simulate(until="60s", seed=1).violations > 0
+
+
+def test_a_map_that_reads_an_age_is_not_kept(tmp_path: Path) -> None:
+    """A box that is published again as it was is young again, and the state jumps with its age."""
+    text = handover()
+    aged = text.replace("d.truth.x - box.low", "d.truth.x - box.low + age(box)")
+    assert aged != text
+    assert any("reads the age" in why for why in shown(tmp_path, aged))

@@ -51,11 +51,18 @@ def handovers(flat: System, module: Module, link: typed.AbstractionLink) -> Iter
         index = _index(flat, topic)
         writers = [c for c in flat.components if c.node and index in _written(c)]
         why = _not_for_this(flat, index, writers) or _remembers(flat, module)
+        why = why or _ages(link.value, topic)
         name = writers[0].name if writers else ""
         if not why:
             changed = Changed(index, _paths(link.value, topic), _driven(flat, module, link))
             why = _shown(flat, module, enters, writers[0], changed)
         yield Handover(topic, name, why)
+
+
+def _ages(value: typed.Expr | None, topic: typed.TopicSymbol) -> str:
+    """Every publication makes a topic young again, whatever it says."""
+    aged = any(isinstance(n, typed.AgeRead) and n.topic is topic for n in nodes([value]))
+    return f"its map reads the age of {topic.name}" if aged else ""
 
 
 def _index(flat: System, topic: typed.TopicSymbol) -> int:
@@ -113,8 +120,6 @@ def _paths(value: typed.Expr | None, topic: typed.TopicSymbol) -> list[Path]:
     around = {id(n.target): n for n in every if isinstance(n, typed.Field)}
     found: dict[Path, None] = {}
     for read in every:
-        if isinstance(read, typed.AgeRead) and read.topic is topic:
-            found[()] = None
         if not isinstance(read, typed.TopicRead) or read.topic is not topic:
             continue
         path, at = [], id(read)
