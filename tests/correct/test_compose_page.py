@@ -20,7 +20,7 @@ def test_the_table_of_the_page_is_printed() -> None:
     done = processes.run([*command, convoy], cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout
     shown = PAGE.split("Below the two verdicts:\n\n```\n")[1].split("```")[0]
-    assert len(shown.splitlines()) == 9
+    assert len(shown.splitlines()) == 13
     assert shown in done.stdout
 
 
@@ -29,7 +29,7 @@ def test_a_module_alone_shows_who_is_not_verified_here() -> None:
     convoy = "examples/generality/convoy.soter"
     done = processes.run([*command, convoy], cwd=ROOT, capture_output=True, text=True, check=False)
     assert "`safe` of SafeLead: not verified here" in done.stdout
-    assert "ASSUMED, where 1 of these is assumed" in done.stdout
+    assert "ASSUMED, where 1 is not proved here" in done.stdout
     lead = [*command[:-1], "SafeLead", convoy]
     done = processes.run(lead, cwd=ROOT, capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stdout

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from soter.cli.terminal.console import Console
     from soter.reach.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
+    from soter.reach.together import Taken
 
     Runs = Mapping[str, Mapping[str, Path]]
 
@@ -39,6 +40,7 @@ exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 unde
 """
 EXITS = {"proved": FINE, "assumed": FINE, "refuted": VIOLATED, "undecided": UNDECIDED}
 TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "strong"}
+HOLDING = ("proved", "assumed")
 PAINTS = {"proved": "green", "assumed": "green", "refuted": "red", "undecided": "yellow"}
 REGIONS_SHOWN = 3
 
@@ -158,9 +160,27 @@ def _together(report: VerifyReport, console: Console) -> list[str]:
     taken = rows_of(report)
     rows = [(t.module, t.what, Styled(t.why, "strong" if t.open else "plain")) for t in taken]
     shown = table(("module", "takes for granted", "because"), rows, color=console.color_out)
-    count = sum(t.open for t in taken)
-    under = f", where {count} of these {'is' if count == 1 else 'are'} assumed" if count else ""
-    return ["", f"all of them together (Theorem 4.1)  {verdict}{under}", "", shown]
+    says = [f"  {text}   (`safe` of {name})" for name, text in report.said.items()]
+    says = ["", "in every run that keeps what is assumed, at all times", *says]
+    says = says if report.together in HOLDING else []
+    head = f"all of them together (Theorem 4.1)  {verdict}{_open(report, taken)}"
+    return ["", head, *says, "", shown]
+
+
+def _open(report: VerifyReport, taken: list[Taken]) -> str:
+    """What the verdict of all of them leaves open, in words."""
+    assumed = sum(t.open and not t.promised for t in taken)
+    promised = sum(t.open and t.promised for t in taken)
+    found = []
+    if assumed:
+        found.append(f"{assumed} of these {'is' if assumed == 1 else 'are'} assumed")
+    if promised:
+        found.append(f"{promised} {'is' if promised == 1 else 'are'} not proved here")
+    timed = [m.name for m in report.modules if m.findings["P1c"].verdict == "assumed"]
+    timed = list(dict.fromkeys(name.split(" as ")[0] for name in timed))
+    if timed:
+        found.append(f"P1c is assumed of {', '.join(timed)}")
+    return f", where {' and '.join(found)}" if found else ""
 
 
 def _listed(texts: tuple[str, ...]) -> list[str]:

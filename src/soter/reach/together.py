@@ -16,12 +16,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Taken:
-    """`module` takes `what` for granted; `why` it may, and whether that is `open`."""
+    """`module` takes `what` for granted; `why` it may, and whether that is `open`.
+
+    `promised`: another module should guarantee it.
+    """
 
     module: str
     what: str
     why: str
     open: bool
+    promised: bool = False
 
 
 def rows_of(report: VerifyReport) -> list[Taken]:
@@ -35,10 +39,10 @@ def rows_of(report: VerifyReport) -> list[Taken]:
     return list(dict.fromkeys(found))
 
 
-def _why(g: Guarantee, verdicts: dict[str, str]) -> tuple[str, bool]:
+def _why(g: Guarantee, verdicts: dict[str, str]) -> tuple[str, bool, bool]:
     if g.how == "guaranteed":
         verdict = verdicts.get(g.by, "not verified here")
-        return f"`safe` of {g.by}: {verdict}", verdict != "proved"
+        return f"`safe` of {g.by}: {verdict}", verdict != "proved", True
     if g.how == "assumed":
-        return f"assumed of {g.by}", True
-    return f"{g.how}: {g.by}", False
+        return f"assumed of {g.by}", True, False
+    return f"{g.how}: {g.by}", False, False

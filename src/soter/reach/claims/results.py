@@ -334,6 +334,16 @@ class VerifyReport:
         return self.verdict if proved.issuperset(promised) or self.verdict != PROVED else ASSUMED
 
     @property
+    def said(self) -> dict[str, str]:
+        """What each module keeps: its `safe`, as it is written, by the module's name."""
+        return {
+            m.name.removesuffix(f" as {m.problem.view}"): " ".join(
+                m.problem.module.symbol.safe.span.text.split()
+            )
+            for m in self.modules
+        }
+
+    @property
     def composed(self) -> bool:
         """Whether several modules are spoken of, or one that rests on what another guarantees."""
         taken = any(g.how == "guaranteed" for g in self.coverage.guarantees)
