@@ -47,7 +47,7 @@ STALE = 3.0  # m by which the bug StaleObstacle has every building in its old pl
 SHIFT = (1.0, -0.7, 0.0)  # m of the bug MissingFrameShift
 ABSENT = "OMPL is not installed, so there is no RRT*: pip install 'soter[planner]'"
 
-# Bugs in the order of `Bug` in planner.soter. A bug of THEORY's section 8 each.
+# Bugs in the order of `Bug` in planner.soter.
 BUGS = (
     "Unbroken",
     "NoEdgeCheck",

@@ -1,7 +1,7 @@
 """The gate: what may reach the topics, and what a refused step costs.
 
 Purpose: checks of publications, publishing, queues, the latches of AC and trusted components, and
-the count of clean outputs (docs/semantics.md, AC-or-SC-Step 4 to 6 and Queues; THEORY ruling 9).
+the count of clean outputs (docs/semantics.md, AC-or-SC-Step 4 to 6 and Queues).
 Non-goals: running steps (`rules.py`, `plants.py`).
 """
 

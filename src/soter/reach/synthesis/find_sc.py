@@ -5,7 +5,7 @@ program with the controllers found.
 Non-goals: proofs. What is written is an ordinary program; `soter verify` judges it.
 
 K is looked for with one command held for `hold` periods of SC at a time: in one period of a fast SC
-a state moves less than a cell, and a fixpoint over such steps eats itself (THEORY 3).
+a state moves less than a cell, and a fixpoint over such steps eats itself.
 """
 
 from __future__ import annotations
