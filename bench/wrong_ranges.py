@@ -191,11 +191,10 @@ RANGES = (
     one(
         "ranges",
         "the model beside the flying plant starts elsewhere",
-        "the body starts at 1.2, its model at 0: where it starts is assumed, and wrong",
+        "the body starts at 1.2, its model at 0: the map says where a run starts",
         (("drives raw = x;\n  state x: float = 0.0;", "drives raw = x;\n  state x: float = 1.2;"),),
         RUN,
         SIGHT,
-        named=(r"initial states of m", r"starts"),
     ),
     one(
         "ranges",

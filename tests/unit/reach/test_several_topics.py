@@ -118,12 +118,12 @@ def test_a_dm_that_sees_nothing_is_undecided() -> None:
     assert result.findings["ttf"].verdict == UNDECIDED
 
 
-def test_of_an_abstraction_initial_states_and_time_stamps_are_assumed() -> None:
+def test_of_an_abstraction_what_it_starts_from_and_time_stamps_are_told() -> None:
     text = SIGHTED.replace("plant P ", "plant Model ").replace("{ p: P;", "{ d: Far;")
     text = text.replace("verify { ", "verify { abstracts d by t: Model = { p: d.truth.far }; ")
     flies = "plant Far period 10ms { drives clean = far; drives est = far; state far: float; }\n"
     problem = problem_of(text.replace("node Fast", flies + "node Fast"))
     said = "\n".join(problem.assumptions)
     assert "d behaves like t (Model)" in said
-    assert "from the initial states of t on" in said
+    assert "from the start of d on" in said
     assert "shows the state of d at the instant of publication" in said
