@@ -24,6 +24,7 @@ def test_the_table_of_the_page_is_printed() -> None:
     assert shown in done.stdout
 
 
+@pytest.mark.long
 def test_a_module_alone_shows_who_is_not_verified_here() -> None:
     command = [sys.executable, "-m", "soter.cli.main", "verify", "--module", "SafeGap"]
     convoy = "examples/generality/convoy.soter"

@@ -60,7 +60,14 @@ def test_the_mission_is_flown() -> None:
     assert last["landings"]["number"] == 0
 
 
-@pytest.mark.parametrize(("system", "least"), [("Careless", 1), ("Lying", 2), ("Failing", 2)])
+@pytest.mark.parametrize(
+    ("system", "least"),
+    [
+        pytest.param("Careless", 1, marks=pytest.mark.long),
+        pytest.param("Lying", 2, marks=pytest.mark.long),
+        ("Failing", 2),
+    ],
+)
 def test_hostile_parts_break_nothing(system: str, least: int) -> None:
     run, last = flown(HOSTILE, system, 600.0, 5)
     assert run.violations == 0
@@ -95,6 +102,7 @@ def test_a_landing_that_ac_may_fly_is_not_over_in_time(drone: Path) -> None:
     assert any("landing.left" in v.what for v in run.violation_list)
 
 
+@pytest.mark.long
 def test_a_reserve_for_a_shorter_landing_is_used_up(drone: Path) -> None:
     changed(drone / "battery.soter", "const SPEED: float = 0.5;", "const SPEED: float = 4.0;")
     changed(drone / "battery.soter", "const DELAY: float = 15.0;", "const DELAY: float = 1.0;")

@@ -117,7 +117,10 @@ def test_the_sled_gets_far_by_plans_and_not_by_chance(tmp_path: Path) -> None:
     _shows(done.stdout, [line.removesuffix("...") for line in plans])
 
 
-@pytest.mark.parametrize("strategy", ["random", "pct", "coverage", "falsify"])
+@pytest.mark.parametrize(
+    "strategy",
+    ["random", "falsify", *(pytest.param(s, marks=pytest.mark.long) for s in ("pct", "coverage"))],
+)
 def test_samples_find_the_bug_and_never_say_clean(tmp_path: Path, strategy: str) -> None:
     options = ("--strategy", strategy, "--runs", "500")
     assert _test(tmp_path, HOIST, *options).returncode == 4

@@ -15,7 +15,7 @@ import numpy as np
 import processes
 from soter.codegen.unit import Unit, generate
 from soter.lower.layout import StateLayout, state_dtype, state_layout
-from soter.native.build import KERNEL, RUNTIME, include_flags
+from soter.native.build import KERNEL, RUNTIME, include_flags, objects
 from soter.native.compiler import STRICT, WARNINGS, find
 from soter.native.library import Library
 from soter.native.own_files import SOTER
@@ -134,11 +134,15 @@ def kernel_sources() -> list[str]:
 
 
 def compile_library(subjects: list[Subject], folder: Path, optimise: str) -> Path:
-    """All subjects and one kernel as a shared library."""
+    """All subjects and one kernel as a shared library; the kernel is compiled once for all."""
     source = write_units(subjects, folder)
     target = folder / f"all{optimise}.so"
+    kernel = objects(
+        tuple(RUNTIME / name for name in KERNEL),
+        (*STRICT, *WARNINGS, optimise, "-fPIC", *include_flags(RUNTIME / "soter.h")),
+    )
     shared = ("-fPIC", "-shared", "-o", str(target))
-    call_compiler(folder, optimise, *shared, str(source), *kernel_sources(), "-lm")
+    call_compiler(folder, optimise, *shared, str(source), *map(str, kernel), "-lm")
     return target
 
 

@@ -52,7 +52,8 @@ node Stay period 20ms {
 system S { p: Cart; n: Stay; until 20s; }
 test Drifts { system S; horizon 20s; always abs(p.truth.x) < 0.3; }
 """
-PROGRAMS = examples("SOTER_SHRUNK_PROGRAMS", quick=8, long=72)
+PROGRAMS = examples("SOTER_SHRUNK_PROGRAMS", quick=12, long=72)
+CHUNKS = 4 if PROGRAMS >= 24 else 2
 
 
 def searched(
@@ -124,10 +125,10 @@ def test_what_is_shrunk_is_not_larger_and_nearly_least(text: str) -> None:
             assert cost[0] <= 2 * least_cost[0], test
 
 
-@pytest.mark.parametrize("chunk", range(4))
+@pytest.mark.parametrize("chunk", range(CHUNKS))
 def test_shrunk_traces_of_random_programs_replay_and_violate_the_same(chunk: int) -> None:
     shrunk_some = 0
-    for number in range(chunk, PROGRAMS, 4):
+    for number in range(chunk, PROGRAMS, CHUNKS):
         try:
             system = system_of_text(small_program(number), "T")
         except (SoterError, AssertionError):

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from soter.program.model.system import System
 
 TOLD = Told("small.soter", {})
-PROGRAMS = examples("SOTER_SLICED_PROGRAMS", quick=16, long=96)
+PROGRAMS = examples("SOTER_SLICED_PROGRAMS", quick=32, long=96)
 TRIES = 40
 TALK = """
 soter 1;
