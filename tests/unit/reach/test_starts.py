@@ -8,7 +8,7 @@ import pytest
 
 from soter.api import load
 from soter.program.build import check_file, system_of
-from soter.program.flatten.starts import start_behind
+from soter.program.meaning.starts import start_behind
 from soter.recheck.rechecker import recheck
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ Non-goals: what the text says (`elaborate.py`), where a `replace` of a system or
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.program.flatten.elaborate import Elaborator
@@ -206,6 +206,16 @@ def forced(system: System, module: int, who: str) -> System:
 
 
 # ---------------------------------------------------------------- topics
+
+
+def reading(module: Module, more: Sequence[int], **changes: Any) -> Module:  # noqa: ANN401 - fields
+    """A module that reads more topics, with `changes`."""
+    return replace(module, inputs=(*module.inputs, *more), **changes)
+
+
+def with_topics(system: System, made: Sequence[Topic]) -> System:
+    """With more topics behind those that there are."""
+    return replace(system, topics=(*system.topics, *made))
 
 
 def with_topic(

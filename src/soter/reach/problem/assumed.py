@@ -9,7 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.prelude.bounds import BOUNDS
-from soter.program.flatten.starts import start_behind
+from soter.program.meaning.starts import start_behind
 from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
 from soter.program.model.walk import calls_in, topic_reads

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.program.flatten.starts import start_behind
+from soter.program.meaning.starts import start_behind
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
 from soter.program.model.walk import topic_reads
 from soter.reach.problem.place import sc_reads

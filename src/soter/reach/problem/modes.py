@@ -94,18 +94,18 @@ def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes
     ]
     symbol = _module(module.symbol, names)
     reads = tuple(t for t in topics if t in symbol.topics_read)
-    found = replace(
+    found = derived.reading(
         module,
+        [at[t] for t in reads],
         symbol=symbol,
         scope=_beside(module.scope, at),
-        inputs=(*module.inputs, *(at[t] for t in reads)),
         whole=None if module.whole is None else _module(module.whole, names),
     )
     dm = replace(flat.components[module.dm], scope=found.scope)
     assert sc.node is not None
     controller = replace(sc, node=_node(sc.node, names), scope=_beside(sc.scope, at))
-    system = replace(flat, topics=(*flat.topics, *made))
-    system = derived.with_components(derived.with_module(system, found), [dm, controller])
+    system = derived.with_module(derived.with_topics(flat, made), found)
+    system = derived.with_components(system, [dm, controller])
     waits = _read_in(module, "safer")
     return (
         system,

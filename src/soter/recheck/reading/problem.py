@@ -11,7 +11,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-from soter.program.flatten.starts import start_behind
+from soter.program.meaning.starts import start_behind
 from soter.program.model import typed
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
 from soter.program.model.walk import topic_reads
