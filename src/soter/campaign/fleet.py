@@ -1,6 +1,6 @@
 """Flights of one system in compiled batches: their events, their digests, their last states.
 
-Purpose: `Fleet`, the Python face of `runtime/soter_batch.c`; `Flight`, what one run was like.
+Purpose: `Fleet`, the Python face of `c/soter_batch.c`; `Flight`, what one run was like.
 Non-goals: statistics (`statistics.py`), workers and files (`store.py`, `flying.py`).
 """
 
@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import threading
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ if TYPE_CHECKING:
 
     from soter.program.model.system import System
 
+BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
 TO_SC, TO_AC, VIOLATED, LATCHED = range(4)
 EPISODE_NS = 2_000_000_000
 """Disengagements of a module that lie no further apart are one episode."""
@@ -68,13 +70,11 @@ class Fleet:
         self.system, self.until_ns = system, until_ns
         unit = generate(system)
         self.dtype = state_dtype(system, unit.layout)
-        engine = tuple(
-            RUNTIME / name
-            for name in ("soter_batch.c", "soter_sha256.c", "soter_batch.h", "soter_sha256.h")
-        )
+        hashing = ("soter_sha256.c", "soter_sha256.h")
+        engine = (BATCH, BATCH.with_suffix(".h"), *(RUNTIME / name for name in hashing))
         path = library(unit, optimise, engine=engine)
         self.ffi = interface(
-            declarations(RUNTIME / "soter.h"), declarations(RUNTIME / "soter_batch.h")
+            declarations(RUNTIME / "soter.h"), declarations(BATCH.with_suffix(".h"))
         )
         self.lib = opened(self.ffi, path)
         self._program = address(self.ffi, path, f"{unit.prefix}_program", "const soter_program *")

@@ -79,21 +79,21 @@ def inputs_of(place: Place, diagnostics: Diagnostics) -> Inputs:
 # ---------------------------------------------------------------- plants
 
 
-def _starts_at(place: Place, c: Component) -> tuple[Value, ...]:
-    """Where a plant of the proof starts by the map of what flies; else where it says itself."""
+def _starts_at(place: Place, c: Component) -> tuple[Value, ...] | None:
+    """Where a plant of the proof starts by the map of what flies; None where that is not known."""
     for link in place.module.symbol.verify.abstracts if place.abstract else ():
         if link.name == c.name:
-            return start_behind(place.flat, place.home, link) or c.initial
-    return c.initial
+            return start_behind(place.flat, place.home, link)
+    return None
 
 
 def _states(
-    c: Component, mapped: tuple[Value, ...], found: Inputs, diagnostics: Diagnostics
+    c: Component, mapped: tuple[Value, ...] | None, found: Inputs, diagnostics: Diagnostics
 ) -> None:
     """`mapped`: where it starts in a run, which counts beside what it says itself."""
     plant = c.plant
     assert plant is not None
-    variables = zip(plant.states, c.initial, c.initial_range, mapped, strict=True)
+    variables = zip(plant.states, c.initial, c.initial_range, mapped or c.initial, strict=True)
     for variable, initial, drawn, start in variables:
         moves = variable in plant.der or variable in plant.next
         for (path, t), value, there in zip(
@@ -109,7 +109,9 @@ def _states(
             elif isinstance(t, FloatType):
                 found.states.append(leaf)
                 low, high = drawn or (value, value)
-                found.initial.append(Interval(min(low, there), max(high, there)))
+                if mapped is not None:
+                    low, high = min(low, there), max(high, there)
+                found.initial.append(Interval(low, high))
                 if not moves:
                     found.still.add(len(found.states) - 1)
             elif moves:

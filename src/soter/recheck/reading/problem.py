@@ -110,8 +110,8 @@ def _read_states(facts: Facts) -> None:
     for c in facts.plants:
         plant = c.plant
         assert plant is not None
-        flown = _flown(facts, c.name) or c.initial
-        every = zip(plant.states, c.initial, c.initial_range, flown, strict=True)
+        flown = _flown(facts, c.name)
+        every = zip(plant.states, c.initial, c.initial_range, flown or c.initial, strict=True)
         for variable, initial, drawn, real in every:
             moves = variable in plant.der or variable in plant.next
             if any("[]" in path for path, _ in leaves(variable.type)):
@@ -121,7 +121,8 @@ def _read_states(facts: Facts) -> None:
                 name = ".".join((c.name, variable.name, *path))
                 if isinstance(of, FloatType):
                     low, high = drawn if drawn is not None else (values[k], values[k])
-                    low, high = min(low, reals[k]), max(high, reals[k])
+                    if flown is not None:
+                        low, high = min(low, reals[k]), max(high, reals[k])
                     facts.states.append(
                         Input(
                             kind="state",
