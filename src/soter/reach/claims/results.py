@@ -336,12 +336,13 @@ class VerifyReport:
     @property
     def said(self) -> dict[str, str]:
         """What each module keeps: its `safe`, as it is written, by the module's name."""
-        return {
-            m.name.removesuffix(f" as {m.problem.view}"): " ".join(
-                m.problem.module.symbol.safe.span.text.split()
-            )
-            for m in self.modules
-        }
+        found = {}
+        for m in self.modules:
+            name = m.name.removesuffix(f" as {m.problem.view}")
+            views = m.problem.whole  # the module as it flies, beside the plants of a view
+            module = m.problem.module if views is None else views.modules[0]
+            found[name] = " ".join(module.symbol.safe.span.text.split())
+        return found
 
     @property
     def composed(self) -> bool:
