@@ -33,7 +33,6 @@ any time; the same command goes on.
 
 exit codes: 0 no violation, 1 diagnostics, 2 usage, 3 violations
 """
-NEVER = "0"
 
 
 def parser() -> Parser:

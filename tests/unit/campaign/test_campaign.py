@@ -6,7 +6,6 @@ import hashlib
 import json
 import shutil
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -15,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+import processes
 from soter import SoterError, load
 from soter.campaign import fleet as fleets
 from soter.campaign.fleet import EVENT, TO_AC, TO_SC, VIOLATED, Fleet
@@ -127,11 +127,10 @@ def test_killed_it_goes_on_and_loses_nothing(tmp_path: Path, flown: Campaign) ->
     command += ["campaign", str(CART), "--system", "Unprotected", "--flights", "200"]
     command += ["--until", "4s", "-o", str(tmp_path / "c")]
     for delay_s in (0.4, 0.7, 1.0):
-        process = subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-        time.sleep(delay_s)
-        process.send_signal(signal.SIGKILL)
-        process.wait()
-    assert subprocess.run(command, capture_output=True, check=False).returncode == 3
+        with processes.started(command, stdout=processes.PIPE, stderr=processes.PIPE) as process:
+            time.sleep(delay_s)
+            process.send_signal(signal.SIGKILL)
+    assert processes.run(command, capture_output=True).returncode == 3
     again = load(CART).campaign("Unprotected", flights=200, until="4s", output=tmp_path / "c")
     assert (again.flown, again.result.digest) == (0, flown.result.digest)
 
