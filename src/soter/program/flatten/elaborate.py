@@ -11,11 +11,12 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.program.flatten.composition import Composition, hyperperiod
-from soter.program.flatten.contracts import stand_in
 from soter.program.flatten.idle import Idle
 from soter.program.flatten.measure import TooLargeError
 from soter.program.flatten.placing import controller_names
 from soter.program.flatten.taking import held_topic, may_take, said_twice
+from soter.program.flatten.trials.contracts import stand_in
+from soter.program.flatten.trials.faults import place_faults
 from soter.program.flatten.value_sets import Topics, beyond, first_outside
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
@@ -105,10 +106,16 @@ class Elaborator(Topics):
             system, self.symbol, self.diagnostics, partial=self.partial, draft=self.draft
         )
         composition.check(self.property_reads)
+        self.disturb(system)
         self._idle_settings()
         if not self.unknown:
             system.hyperperiod_ns = hyperperiod(system, self.symbol, self.diagnostics)
         return system
+
+    def disturb(self, system: System) -> None:
+        """What goes wrong in its runs."""
+        if self.symbol.faults:
+            place_faults(self, system)
 
     def _idle_settings(self) -> None:
         """W010; silent where parts are missing, which may have read the parameters."""

@@ -255,6 +255,37 @@ class TimingFault:
 
 
 @dataclass(eq=False)
+class Fault:
+    """What goes wrong with one component in the runs of a system (docs/semantics.md, Faults).
+
+    `kind`: "late" or "skip" of its releases; "nan", "stuck", "silent", "saturated", "bias",
+    "noise", "scale" of the leaves (indices) of a topic that it publishes, or "scale" of one of its
+    disturbances. Time is cut into slots of `slot_ns` (0: every release is one), each of them faulty
+    with `probability`, drawn from `stream`. `amount`: of "late" times in ns, between which each
+    release is late (the quantiles of the lateness); with a slot the longest time for which the
+    component is held up. `inside`: None, or the assumption that it does not break; `text`: as it
+    was written.
+    """
+
+    kind: str
+    component: int
+    stream: str
+    probability: float
+    slot_ns: int
+    amount: tuple[float, ...] = ()
+    topic: int | None = None
+    leaves: tuple[int, ...] = ()
+    disturbance: int | None = None
+    inside: str | None = None
+    text: str = ""
+
+    @property
+    def of_time(self) -> bool:
+        """Whether it moves releases."""
+        return self.kind in {"late", "skip"}
+
+
+@dataclass(eq=False)
 class TestPlan:
     """What a `test` block adds to its system. Times in ns; `quantum_ns` as declared.
 
@@ -292,6 +323,10 @@ class System:
     hyperperiod_ns: int
     test: TestPlan | None = None
     """Set when the system was flattened for a `test` block, with its properties."""
+    faults: tuple[Fault, ...] = ()
+    """What goes wrong in its runs; no proof and no test is about them."""
+    shuffled: bool = False
+    """Whether the nodes of an instant step in an order that is drawn, not in the deployed one."""
 
     def topic(self, name: str) -> Topic:
         """The topic with this full name; KeyError when there is none."""

@@ -709,6 +709,20 @@ class FaultSymbol:
 
 
 @dataclass(eq=False)
+class SystemFaultSymbol:
+    """An item of `faults { ... }`; `path` is "" for an order. `text`: as it is written."""
+
+    kind: str
+    path: str
+    by: tuple[Expr, ...]
+    rate: Expr | None
+    per: Expr | None
+    lasts: Expr | None
+    text: str
+    span: Span
+
+
+@dataclass(eq=False)
 class InputSymbol:
     """`input topic [in { values }] every d;`: without values the whole set of the topic."""
 
@@ -746,6 +760,7 @@ class SystemSymbol(Symbol):
     replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]
     sets: tuple[SetSymbol, ...]
     inputs: tuple[InputSymbol, ...]
+    faults: tuple[SystemFaultSymbol, ...] = ()
 
     @cached_property
     def by_name(self) -> dict[str, InstanceSymbol]:
