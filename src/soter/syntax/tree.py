@@ -771,6 +771,18 @@ class SystemFault:
     span: Span
 
 
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """`measure name = e in [low, high] / bins every d;`: what campaigns tell of a run."""
+
+    name: Name
+    value: Expr
+    interval: Interval
+    bins: Expr
+    every: Expr
+    span: Span
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SystemDecl(Decl):
     """`system Name [default] {...}`."""
@@ -784,6 +796,7 @@ class SystemDecl(Decl):
     sets: tuple[SetParam | Repeated, ...]
     inputs: tuple[DriveInput | Repeated, ...]
     faults: tuple[SystemFault, ...] = ()
+    measures: tuple[Measure, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

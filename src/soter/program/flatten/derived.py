@@ -90,6 +90,7 @@ def only(system: System, kept: Collection[int]) -> System:
             for i, p in enumerate(left)
         ),
         faults=tuple(faults),
+        measures=(),
         test=None,
     )
 
@@ -111,7 +112,7 @@ def without_plants(system: System) -> System:
 
 def undriven(system: System, kept: Collection[int]) -> System:
     """These components (indices): no properties, no draws, no end."""
-    return replace(only(system, kept), properties=(), inputs=(), until_ns=None)
+    return replace(only(system, kept), properties=(), inputs=(), measures=(), until_ns=None)
 
 
 def module_alone(system: System, module: Module, plants: Sequence[Component] = ()) -> System:

@@ -24,6 +24,7 @@ from soter.program.model.system import (
     Component,
     Disturbance,
     InputDrive,
+    Measure,
     Measurement,
     Module,
     Property,
@@ -46,6 +47,7 @@ CLEAN_DEFAULT = 3
 MAX_CLEAN = 1_000_000
 MAX_SUBSTEPS = 1_000
 MAX_CELLS = 1_000_000
+MAX_BINS = 1_000
 MAX_LEVELS = 100
 RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
@@ -116,6 +118,19 @@ class Elaborator(Topics):
         """What goes wrong in its runs."""
         if self.symbol.faults:
             place_faults(self, system)
+        system.measures = tuple(self._measures())
+
+    def _measures(self) -> Iterator[Measure]:
+        for item in self.symbol.measures:
+            what = f"measure `{item.name}`"
+            interval = self.interval(item.low, item.high, item.low.span.to(item.high.span), what)
+            bins = self.count(item.bins, "the number of bins", 1, MAX_BINS)
+            every = self.duration(item.every, f"`every` of {what}")
+            scope = Scope({}, self.parts[0].params)
+            self._names_of_property(self.parts[0], [item.value], scope)
+            if interval and bins and every:
+                low, high = interval
+                yield Measure(item.name, item.value, scope, every, low, high, bins, item.span)
 
     def _idle_settings(self) -> None:
         """W010; silent where parts are missing, which may have read the parameters."""

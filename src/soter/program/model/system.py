@@ -219,6 +219,23 @@ class InputDrive:
 
 
 @dataclass(eq=False)
+class Measure:
+    """What a campaign tells of runs: a number, looked at after instants, `every_ns` apart.
+
+    Its histogram has `bins` equal parts of [low, high], and two for what lies below and above.
+    """
+
+    name: str
+    value: Expr
+    scope: Scope
+    every_ns: int
+    low: float
+    high: float
+    bins: int
+    span: Span
+
+
+@dataclass(eq=False)
 class TimedProperty:
     """A property that only a test has: "eventually", "leadsto" or "invariant" (docs/testing.md).
 
@@ -325,6 +342,8 @@ class System:
     """Set when the system was flattened for a `test` block, with its properties."""
     faults: tuple[Fault, ...] = ()
     """What goes wrong in its runs; no proof and no test is about them."""
+    measures: tuple[Measure, ...] = ()
+    """What campaigns tell of its runs."""
     shuffled: bool = False
     """Whether the nodes of an instant step in an order that is drawn, not in the deployed one."""
 

@@ -723,6 +723,19 @@ class SystemFaultSymbol:
 
 
 @dataclass(eq=False)
+class MeasureSymbol:
+    """`measure name = value in [low, high] / bins every d;`."""
+
+    name: str
+    value: Expr
+    low: Expr
+    high: Expr
+    bins: Expr
+    every: Expr
+    span: Span
+
+
+@dataclass(eq=False)
 class InputSymbol:
     """`input topic [in { values }] every d;`: without values the whole set of the topic."""
 
@@ -761,6 +774,7 @@ class SystemSymbol(Symbol):
     sets: tuple[SetSymbol, ...]
     inputs: tuple[InputSymbol, ...]
     faults: tuple[SystemFaultSymbol, ...] = ()
+    measures: tuple[MeasureSymbol, ...] = ()
 
     @cached_property
     def by_name(self) -> dict[str, InstanceSymbol]:
