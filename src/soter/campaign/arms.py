@@ -56,7 +56,8 @@ def arms_of(system: System, names: Sequence[str], lateness: Sequence[int]) -> li
     if ALONE in names:
         found.append(Arm(ALONE, _alone(system), "every module forced to AC"))
     if PAPER in names:
-        text = f"nodes in any order, each release up to {show_ns(lateness[-1])} late, as measured"
+        most = f"{lateness[-1] / 1e6:.1f} ms" if lateness else "so"
+        text = f"nodes in any order, each release up to {most} late, as measured"
         found.append(Arm(PAPER, with_faults(system, _late(system, lateness), shuffled=True), text))
     if SWEPT in names:
         for group in GROUPS:
