@@ -7,6 +7,8 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.gym.worlds import FACTS
+
 if TYPE_CHECKING:
     import pytest
 
@@ -31,8 +33,8 @@ def test_the_gym_page_runs_from_top_to_bottom(
 
 def test_every_key_of_info_is_on_the_page() -> None:
     page = (ROOT / "docs" / "gym.md").read_text(encoding="utf-8")
-    source = (ROOT / "src" / "soter" / "gym" / "protected.py").read_text(encoding="utf-8")
+    source = (ROOT / "src" / "soter" / "gym" / "guard.py").read_text(encoding="utf-8")
     keys = set(re.findall(r'^            "(\w+)": ', source, re.MULTILINE))
-    keys |= {"taken_by", "action_taken", "gate_fault"}
-    assert len(keys) >= 9
+    keys |= {*FACTS, "final_obs", "final_info"}
+    assert len(keys) >= 18
     assert sorted(k for k in keys if f"`{k}`" not in page) == []
