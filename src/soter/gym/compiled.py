@@ -7,7 +7,8 @@ Non-goals: states (`session.py`, `vector.py`), what numbers mean to Gymnasium (`
 
 from __future__ import annotations
 
-import weakref
+import threading
+from collections import OrderedDict
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeVar
@@ -180,10 +181,10 @@ def never_asked(*_: object) -> None:
 
 # ---------------------------------------------------------------- kept
 
-_KEPT: weakref.WeakKeyDictionary[soter.api.Program, dict[tuple[object, ...], Any]]
-_KEPT = weakref.WeakKeyDictionary()
+_KEPT: OrderedDict[tuple[object, ...], Any] = OrderedDict()
+_LOCK = threading.RLock()
 KEPT_MAX = 16
-"""So many choices of a program are kept; the first one goes first."""
+"""So many choices are kept; the one that was asked for longest ago goes first."""
 
 
 def compiled(
@@ -196,20 +197,29 @@ def compiled(
     """
     texts = [(n, t if isinstance(t, str) else None) for n, t in program.bound.items()]
     whole = (*key, *texts)
-    found = kept(program, whole, make)
-    if found.linked and found.linked_content != linked_content(found.system, found.bindings.core):
-        del _KEPT[program][whole]
+    with _LOCK:
         found = kept(program, whole, make)
+        if found.linked and found.linked_content != linked_content(
+            found.system, found.bindings.core
+        ):
+            found = kept(program, whole, make, again=True)
     return found
 
 
-def kept(program: soter.api.Program, key: tuple[object, ...], make: Callable[[], T]) -> T:
-    """What `make` gives, or gave before for this program and key."""
-    own = _KEPT.setdefault(program, {})
-    found: T | None = own.get(key)
-    if found is not None:
+def kept(
+    program: soter.api.Program,
+    key: tuple[object, ...],
+    make: Callable[[], T],
+    *,
+    again: bool = False,
+) -> T:
+    """What `make` gives, or gave before for this key and a program of the same path and content."""
+    whole = (Path(program.path).resolve(), program.sha256, key)
+    with _LOCK:
+        found: T | None = None if again else _KEPT.get(whole)
+        if found is None:
+            found = _KEPT[whole] = make()
+        _KEPT.move_to_end(whole)
+        while len(_KEPT) > KEPT_MAX:
+            _KEPT.popitem(last=False)
         return found
-    own[key] = made = make()
-    while len(own) > KEPT_MAX:
-        del own[next(iter(own))]
-    return made

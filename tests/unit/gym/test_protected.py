@@ -490,7 +490,9 @@ def test_a_step_costs_little_more_than_the_environments_own() -> None:
     assert calls <= 100 * 30
 
 
-def test_sixty_four_environments_are_compiled_once(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_many_environments_are_compiled_once_until_linked_c_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     made = []
 
     def counted(*arguments: Any) -> Any:
@@ -498,10 +500,19 @@ def test_sixty_four_environments_are_compiled_once(monkeypatch: pytest.MonkeyPat
         return unit.generate(*arguments)
 
     monkeypatch.setattr(compiled_module, "generate", counted)
-    program = soter.load(CART)
-    for _ in range(64):
-        Protected(program, Cart())
+    monkeypatch.chdir(tmp_path)
+    Path("gears.soter").write_text(LINKED)
+    Path("log.c").write_text(LOG_C)
+    program = soter.load("gears.soter")
+    for source in [program] * 8 + ["gears.soter"] * 2:
+        env = Protected(source, Engine())
     assert len(made) == 1
+    Path("log.c").write_text(LOG_C.replace("++calls", "100 + ++calls"))
+    env = Protected(program, Engine())
+    assert len(made) == 2
+    env.reset(seed=1)
+    env.step(1)
+    assert env.session.topic(env.session.system.topic("noted").index) == 101
 
 
 # ---------------------------------------------------------------- whole numbers

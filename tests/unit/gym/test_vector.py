@@ -343,20 +343,26 @@ def test_ints_bools_and_enums_are_multi_discrete(tmp_path: Path) -> None:
 
 
 def test_the_program_is_compiled_once_for_all_environments(
-    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     made = []
-    generate = unit.generate
 
     def counted(*arguments: Any) -> Any:
         made.append(arguments)
-        return generate(*arguments)
+        return unit.generate(*arguments)
 
     monkeypatch.setattr(compiled_module, "generate", counted)
-    program = soter.load(CART)
-    for _ in range(64):
-        make_vec(program, 2)
+    path = tmp_path / "cart.soter"
+    path.write_text(CART.read_text())
+    program = soter.load(path)
+    for source in [program] * 32 + [path] * 4:
+        make_vec(source, 2)
     assert len(made) == 1
+    make_vec(program, 2, params={}, system="Protected")
+    assert len(made) == 2, "another choice"
+    path.write_text(CART.read_text().replace("0.12", "0.13"))
+    make_vec(path, 2)
+    assert len(made) == 3, "another program"
 
 
 @pytest.mark.parametrize(

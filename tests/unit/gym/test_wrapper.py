@@ -18,7 +18,7 @@ from soter.gym import Protected, SafetyWarning, SafetyWrapper
 
 CLIFF = Path(__file__).resolve().parents[3] / "examples" / "mountain_car" / "cliff.soter"
 FULL = np.array([3.0])
-LOW = np.float32(-1.0)
+LOW = np.float64(-1.0)
 
 
 def driven(env: Any, steps: int = 400) -> list[Any]:
