@@ -20,8 +20,9 @@ from soter.lower.layout import arrange, state_dtype
 from soter.native.build import RUNTIME, library
 from soter.native.interface import address, declarations, interface, opened
 from soter.native.library import Library
-from soter.simulate.externs.bindings import bind
+from soter.simulate.externs.bindings import Bindings, bind, callables
 from soter.simulate.externs.c_extern import linked_content, linked_symbols
+from soter.simulate.interrupt import StopRequest
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -67,6 +68,8 @@ class Compiled:
         silent = {system.components[i].name: never_asked for i in outside}
         self.bindings = bind(system, {**bound, **silent})
         core = self.bindings.core
+        functions = [x for x in self.bindings.externs if x.kind == "function"]
+        callables(Bindings(system, core, functions), "native", StopRequest())
         self.linked = any(text.startswith("c:") for text in self.bindings.texts().values())
         self.linked_content = linked_content(system, core)
         unit = generate(system, core)

@@ -203,6 +203,7 @@ node Sc period 10ms { subscribes speed; publishes gear; step { publish gear = Ge
 rta Box { ac Ac; sc Sc; period 10ms; safe speed < 9.0; ttf speed > 3.0; safer speed < 2.0; }
 system S default { e: Engine; module Box; until 1s; always e.truth.s < 9.0; }
 """
+ALIVE = "always e.truth.s > 0.5"
 LINKED = GEARS.replace(
     "system S", 'extern node Log period 10ms from "c:log.c:note" { publishes noted; }\nsystem S'
 ).replace("module Box; until", "module Box; node Log; until")
@@ -259,6 +260,23 @@ def test_violations_include_the_state_that_was_just_reached(tmp_path: Path) -> N
     env.reset(seed=1)
     counted = [env.step(2)[-1]["violations"] for _ in range(10)]
     assert counted == [0] * 8 + [1, 1], "the ninth state is the first at 9.0"
+
+
+def test_where_the_plant_has_not_moved_yet_nothing_is_counted() -> None:
+    text = GEARS.replace("plant Engine period 10ms", "plant Engine period 5ms")
+    text = text.replace("s: float;", "s: float = 1.0;").replace("always e.truth.s < 9.0", ALIVE)
+
+    class Short(Engine):
+        def reset(self, **_: Any) -> tuple[Any, dict[str, Any]]:
+            return np.array([1.0]), {}
+
+        def step(self, action: Any) -> Any:
+            return np.array([2.0]), 0.0, True, False, {}
+
+    env = Protected(written(text), Short())
+    env.reset(seed=1)
+    *_, ended, _, info = env.step(1)
+    assert (ended, info["violations"]) == (True, 0)
 
 
 def test_linked_c_with_a_memory_steps_once_a_step(

@@ -139,14 +139,14 @@ def episode(program: soter.Program, seed: int, steps: int) -> list[Any]:
     return found
 
 
-def ends(_: Any, __: Any, seen: Any) -> Any:
-    """An end that comes at other times in other worlds."""
-    return seen[:, 1] > 0.004
+def ends(before: Any, _: Any, seen: Any) -> Any:
+    """An end that comes at other times in other worlds, and is still there a step later."""
+    return (before[:, 1] > 0.004) | (seen[:, 1] > 0.004)
 
 
 def applied(_: Any, action: Any, __: Any) -> Any:
-    """A reward that shows which action was given."""
-    return action[:, 0]
+    """A reward that shows which action was given, and is never 0."""
+    return action[:, 0] + 10.0
 
 
 def test_next_step_begins_the_next_episode_and_ignores_the_action(cliff: soter.Program) -> None:
@@ -167,7 +167,7 @@ def test_next_step_begins_the_next_episode_and_ignores_the_action(cliff: soter.P
                 assert (reward[k], ended[k], cut[k], info["steps"][k]) == (0.0, False, False, 0)
             else:
                 at[k] += 1
-                assert reward[k] == info["action_taken"][k, 0]
+                assert reward[k] == info["action_taken"][k, 0] + 10.0
             assert (seen[k] == expected[k, number[k]][at[k]]).all()
             assert cut[k] == (at[k] == 12)
             assert info["steps"][k] == at[k]
@@ -215,24 +215,18 @@ def test_disabled_wants_a_mask(cliff: soter.Program) -> None:
 @pytest.mark.parametrize(("how", "which"), [("terminate", 0), ("truncate", 1)])
 def test_an_episode_may_end_with_a_violation(cliff: soter.Program, how: str, which: int) -> None:
     env = make_vec(cliff, 4, system="LearnedAdvanced", on_violation=how)
-    env.reset(seed=SEED)
-    rng = np.random.default_rng(1)
-    for _ in range(300):
-        seen, _, *over, info = env.step(rng.choice([-1.0, 1.0]) * np.ones((4, 1)))
+    seen, _ = env.reset(seed=SEED)
+    falls, again = 0, np.zeros(4, dtype=bool)
+    for _ in range(400):
+        seen, _, *over, info = env.step(bang_bang(seen))
         fell = seen[:, 0] <= -1.2
-        assert (over[which] == fell).all()
+        assert (over[which] == fell).all(), "at once, although the instant is not over"
         assert not over[1 - which].any()
         assert (info["cost"] == fell).all()
-        if fell.any():
-            return
-    actions = np.ones((4, 1))
-    for _ in range(2000):
-        seen, _, *over, info = env.step(actions)
-        actions = np.where(seen[:, 1:] >= 0.0, 1.0, -1.0)
-        if over[which].any():
-            assert (seen[over[which], 0] <= -1.2).all()
-            return
-    raise AssertionError("nobody fell")
+        assert (info["violations"] == fell).all()
+        assert not (fell & again).any()
+        falls, again = falls + int(fell.sum()), fell
+    assert falls > 4
 
 
 def test_equal_seeds_give_equal_episodes_and_a_list_names_each(cliff: soter.Program) -> None:
@@ -408,3 +402,15 @@ def test_a_plant_in_python_is_refused_in_words() -> None:
     with pytest.raises(soter.SoterError, match="is extern") as caught:
         make_vec(program, 2)
     assert caught.value.diagnostics[0].code == "U003"
+
+
+def test_a_function_in_python_is_refused_in_words(tmp_path: Path) -> None:
+    path = tmp_path / "gears.soter"
+    text = GEARS.replace("next s = s + 1.0", "next s = Faster(s)")
+    path.write_text(
+        text.replace("plant Engine", "extern fun Faster(s: float): float;\nplant Engine")
+    )
+    program = soter.load(path).bind("Faster", lambda s: s + 1.0)
+    with pytest.raises(soter.SoterError) as caught:
+        make_vec(program, 2)
+    assert caught.value.diagnostics[0].code == "X007"
