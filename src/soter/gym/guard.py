@@ -18,7 +18,7 @@ from soter.gym.compiled import Compiled, Roles, compiled, kept
 from soter.gym.model import Asked, PlantModel, tolerances, why_not
 from soter.gym.outside import chosen_module, chosen_plant, measured_by, wrong_choice
 from soter.gym.session import Session, numbers
-from soter.gym.warned import warn_of_start, warn_of_wrappers
+from soter.gym.warned import warn_of_start, warn_of_unseen, warn_of_wrappers
 from soter.program.flatten.derived import answered_outside
 from soter.program.model.values import ValueShapeError, to_python
 from soter.semantics.externs import converted
@@ -74,6 +74,7 @@ class Guard:
         self._numbered: np.random.Generator | None = None
         self._last: Any = None
         self._over = True
+        self._unseen = False
         self._violations = 0
         self._begin(env.action_space)
         if observe is None:
@@ -235,6 +236,10 @@ class Guard:
         except ValueShapeError as error:
             raise wrong_choice(f"`observe` gave no state of the plant: {error}") from error
         old = self.session.states()
+        unseen = [n for (n, _), v in zip(self._states, given, strict=True) if v is None]
+        if unseen and not self._unseen:
+            self._unseen = True
+            warn_of_unseen(unseen)
         if self.asked is not None:
             self.asked.compare([v is not None for v in given])
         return [a if b is None else b for a, b in zip(old, given, strict=True)]

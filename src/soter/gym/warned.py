@@ -1,7 +1,7 @@
 """What is told of an environment that a proof says nothing of.
 
-Purpose: `SafetyWarning`, for starts that the decision module does not vouch for and wrappers that
-change the numbers of observations or actions.
+Purpose: `SafetyWarning`, for starts that the decision module does not vouch for, states that nobody
+observes, and wrappers that change the numbers of observations or actions.
 Non-goals: mistakes, which are errors (`outside.py`).
 """
 
@@ -13,6 +13,8 @@ from typing import TYPE_CHECKING, Any
 import gymnasium
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.gym.session import Session
 
 CHANGED = {
@@ -46,6 +48,16 @@ def warn_of_wrappers(env: gymnasium.Env[Any, Any]) -> None:
                 stacklevel=LEVEL,
             )
         env = env.env
+
+
+def warn_of_unseen(names: Sequence[str]) -> None:
+    """Warn of states of the plant that nobody observes."""
+    warnings.warn(
+        f"`observe` gives no {', '.join(f'`{n}`' for n in names)}: the module goes on with what "
+        "it was at the start, as if that had just been measured",
+        SafetyWarning,
+        stacklevel=LEVEL + 1,
+    )
 
 
 def warn_of_start(session: Session) -> None:

@@ -16,7 +16,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import soter
-from soter.gym import Conformance, Protected, conformance
+from soter.gym import Conformance, Protected, SafetyWarning, conformance
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -101,7 +101,8 @@ def back_and_forth(observation: Any) -> Any:
 
 def test_states_that_nobody_observes_are_not_compared() -> None:
     env = Protected(PROGRAM, Cart(), observe=lambda o: {"x": o[0]})
-    found = conformance(env, 50)
+    with pytest.warns(SafetyWarning, match="gives no `v`"):
+        found = conformance(env, 50)
     assert found.residual["v"] == 0.0
     assert found.residual["x"] > 0.0, "the plant's own speed stays 0"
 

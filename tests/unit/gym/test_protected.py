@@ -141,7 +141,9 @@ def test_mappings_may_be_given() -> None:
         observe=lambda o: {"x": o[0]},  # v stays as the program has it: 0
         command=lambda accel: np.array([accel / 2.0]),
     )
-    env.reset(seed=1)
+    with pytest.warns(SafetyWarning, match="`observe` gives no `v`") as told_of:
+        env.reset(seed=1)
+    assert told_of[0].filename == __file__
     for _ in range(5):
         *_, info = env.step(np.array([1.0]))
     assert info["action_taken"] == 0.5
@@ -270,7 +272,7 @@ def test_where_the_plant_has_not_moved_yet_nothing_is_counted() -> None:
         def reset(self, **_: Any) -> tuple[Any, dict[str, Any]]:
             return np.array([1.0]), {}
 
-        def step(self, action: Any) -> Any:
+        def step(self, _: Any) -> Any:
             return np.array([2.0]), 0.0, True, False, {}
 
     env = Protected(written(text), Short())
@@ -653,3 +655,24 @@ def test_a_start_that_the_module_does_not_vouch_for_is_told() -> None:
     env = Protected(CART, inner)
     with pytest.warns(SafetyWarning, match="starts where `ttf`"):
         env.reset(seed=1)
+
+
+def test_a_learner_may_see_less_than_the_module() -> None:
+    class Blind(Cart):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__()
+            self.observation_space = spaces.Box(-1.0, 1.0, (0,), np.float64)
+
+        def reset(self, **how: Any) -> Any:
+            return super().reset(**how)[0][:0], {}
+
+        def step(self, action: Any) -> Any:
+            state, *rest = super().step(action)
+            return state[:0], *rest
+
+    inner = Blind()
+    env = Protected(CART, inner, observe=lambda _: {"x": inner.state[0], "v": inner.state[1]})
+    _, info, ended = rammed(env, 2000)
+    assert inner.state[0] < WALL
+    assert not ended
+    assert info["violations"] == 0

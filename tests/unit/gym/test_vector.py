@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium import spaces
@@ -292,6 +293,18 @@ def test_arrays_are_the_callers_unless_it_does_not_want_copies(cliff: soter.Prog
         assert (first == kept).all() == copy
         assert (info["time"] == mode).all() == copy
         assert second is not first
+
+
+@pytest.mark.parametrize(("mode", "at"), [("NextStep", [4, 10, 16]), ("SameStep", [4, 9, 14])])
+def test_wrappers_of_gymnasiums_count_its_episodes(
+    cliff: soter.Program, mode: str, at: list[int]
+) -> None:
+    env = make_vec(cliff, 3, max_steps=5, autoreset=mode, reward=lambda o, *_: np.ones(len(o)))
+    counted = gymnasium.wrappers.vector.RecordEpisodeStatistics(env)
+    counted.reset(seed=1)
+    told = {i: counted.step(np.zeros((3, 1)))[-1] for i in range(17)}
+    assert [i for i, info in told.items() if "episode" in info] == at
+    assert all(told[i]["episode"]["r"].tolist() == [5.0] * 3 for i in at)
 
 
 def test_partial_observations_are_named(cliff: soter.Program) -> None:
