@@ -427,3 +427,36 @@ def test_a_function_in_python_is_refused_in_words(tmp_path: Path) -> None:
     with pytest.raises(soter.SoterError) as caught:
         make_vec(program, 2)
     assert caught.value.diagnostics[0].code == "X007"
+
+
+def test_the_drone_flies_as_in_a_run_when_its_own_acs_answers_are_given() -> None:
+    program = soter.load(ROOT / "examples" / "drone" / "motion_primitive.soter")
+    env = make_vec(program, 2, observe=["d.truth"])
+    system, roles = env.compiled.system, env.compiled.roles
+    agent = system.components[roles.agent]
+    (topic,) = (system.topics[agent.scope.topics[t]].name for t in agent.node.publishes)  # type: ignore[union-attr]
+    runs = [program.simulate(until=4.0, seed=SEED + k).require_trace() for k in range(2)]
+    places = [{int(t): i for i, t in enumerate(x["header"]["ct"])} for x in runs]
+    seen, info = env.reset(seed=SEED)
+    for _ in range(int(3.9e9) // agent.period_ns):
+        at = [places[k][int(info["time"][k])] for k in range(2)]
+        for k in range(2):
+            truth = runs[k][at[k]]["d"]
+            assert [x for n in names(env) for x in numbers(truth[n])] == list(seen[k])
+            assert info["mode"][k] == runs[k]["modules"]["mode"][at[k], 0]
+        wishes = [numbers(runs[k]["topics"][topic][at[k]]) for k in range(2)]
+        seen, *_, info = env.step(np.array(wishes))
+
+
+def numbers(value: Any) -> list[float]:
+    """The numbers of a record of floats."""
+    if value.dtype.names is None:
+        return [float(x) for x in np.ravel(value)]
+    return [x for n in value.dtype.names for x in numbers(value[n])]
+
+
+def names(env: ProtectedVector) -> list[str]:
+    """The states of the drone, in declared order."""
+    plant = env.compiled.system.component("d").plant
+    assert plant is not None
+    return [v.name for v in plant.states]
