@@ -18,7 +18,7 @@ from soter.gym.compiled import ENGINE, driver
 from soter.gym.leaves import Given, places
 from soter.gym.outside import wrong_choice
 from soter.native.build import library
-from soter.program.flatten.derived import undriven, with_components
+from soter.program.flatten.derived import faultless, undriven, with_components
 from soter.program.model.types import ArrayType, FloatType, leaf_count, leaves
 from soter.program.model.walk import chosen_lets
 
@@ -143,7 +143,7 @@ def tolerances(
 
 
 def _alone(system: System, plant: Component) -> System:
-    """The plant without errors of measurement, its disturbances as states that nothing changes."""
+    """The plant without errors and faults, its disturbances as states that nothing changes."""
     symbol = plant.plant
     assert symbol is not None
     drawn = tuple(d.variable for d in plant.disturbances)
@@ -164,7 +164,7 @@ def _alone(system: System, plant: Component) -> System:
         disturbances=(),
         measured=(),
     )
-    return undriven(with_components(system, (changed,)), [plant.index])
+    return faultless(undriven(with_components(system, (changed,)), [plant.index]))
 
 
 def _zero(t: Type) -> Value:

@@ -87,6 +87,37 @@ def test_every_world_is_the_run_of_its_seed_to_the_last_bit(
     assert switched > WORLDS, "runs in which something happens"
 
 
+FAULTS = """faults {
+    nan SafeCart.Fast at 600 per 1min for 30ms;
+    stuck SafeCart.Fast.accel at 60 per 1min for 100ms;
+    silent c.motion at 120 per 1min for 30ms;
+    bias c.motion.x by 0.5 at 60 per 1min for 50ms;
+    scale c.wind by 1.5 at 60 per 1min for 1s;
+    skip SafeCart.Fast at 300 per 1min;
+    late SafeCart.dm by 3ms at 300 per 1min;
+  }
+  until 30s;"""
+
+
+def test_faults_of_a_system_strike_every_world_as_they_strike_its_run(tmp_path: Path) -> None:
+    path = tmp_path / "cart.soter"
+    path.write_text(CART.read_text().replace("until 30s;", FAULTS, 1))
+    program = soter.load(path)
+    env = make_vec(program, WORLDS, observe=["motion", "goal"])
+    traces = [program.simulate(until=4.0, seed=SEED + k).require_trace() for k in range(WORLDS)]
+    places = [{int(t): i for i, t in enumerate(x["header"]["ct"])} for x in traces]
+    seen, info = env.reset(seed=SEED)
+    refused = 0
+    while info["time"].max() < 3.9e9:
+        actions = pursuit(seen)
+        for k in range(WORLDS):
+            at = places[k][int(info["time"][k])]
+            assert finished(env, k, actions[k, 0]) == traces[k][at].tobytes()
+        seen, *_, info = env.step(actions)
+        refused += int(info["gate_fault"].sum())
+    assert refused > WORLDS
+
+
 WRONG = (np.nan, np.inf, -np.inf, 1.5, -7.0, 1.0000000000000002)
 
 
