@@ -5,10 +5,10 @@ from __future__ import annotations
 import re
 import shutil
 from pathlib import Path
-from typing import TYPE_CHECKING
 
-if TYPE_CHECKING:
-    import pytest
+import pytest
+
+from soter.gym.worlds import FACTS
 
 ROOT = Path(__file__).resolve().parents[2]
 BLOCK = re.compile(r"^```python\n(.*?)^```$", re.MULTILINE | re.DOTALL)
@@ -23,16 +23,32 @@ def test_the_gym_page_runs_from_top_to_bottom(
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     found = BLOCK.findall((ROOT / "docs" / "gym.md").read_text(encoding="utf-8"))
-    assert len(found) == 3
+    assert len(found) == 6
     names: dict[str, object] = {}
     for number, text in enumerate(found):
         exec(compile(text, f"docs/gym.md, block {number + 1}", "exec"), names)  # noqa: S102
 
 
+def test_training_in_torch_falls_alone_and_never_behind_the_module(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    pytest.importorskip("torch", reason="the extra is absent: pip install 'soter[learn]'")
+    monkeypatch.syspath_prepend(str(ROOT / "examples" / "mountain_car"))
+    import train_torch  # type: ignore[import-not-found]
+
+    alone, behind = (
+        train_torch.train(system, worlds=32, steps=700, seed=1)
+        for system in ("LearnedAdvanced", "LearnedProtected")
+    )
+    assert alone.steps == behind.steps == 22_400
+    assert alone.falls > 0 == behind.falls
+    assert behind.goals > 0
+
+
 def test_every_key_of_info_is_on_the_page() -> None:
     page = (ROOT / "docs" / "gym.md").read_text(encoding="utf-8")
-    source = (ROOT / "src" / "soter" / "gym" / "protected.py").read_text(encoding="utf-8")
+    source = (ROOT / "src" / "soter" / "gym" / "guard.py").read_text(encoding="utf-8")
     keys = set(re.findall(r'^            "(\w+)": ', source, re.MULTILINE))
-    keys |= {"taken_by", "action_taken", "gate_fault"}
-    assert len(keys) >= 9
+    keys |= {*FACTS, "final_obs", "final_info"}
+    assert len(keys) >= 18
     assert sorted(k for k in keys if f"`{k}`" not in page) == []

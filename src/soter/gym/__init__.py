@@ -1,7 +1,8 @@
 """Reinforcement learning behind a runtime-assurance module: Gymnasium environments.
 
-Purpose: `Protected` and `make_protected` put the module of any Soter program between an agent
-and its environment (docs/gym.md).
+Purpose: `Protected`, `SafetyWrapper` and `make_protected` put the module of any Soter program
+between an agent and its environment; `ProtectedVector` and `make_vec` step thousands of worlds of a
+program in one call; `conformance` compares an environment with the plant of a proof (docs/gym.md).
 Non-goals: learning; anything that Gymnasium has already. Needs the extra `soter[gym]`.
 """
 
@@ -12,6 +13,18 @@ try:
 except ImportError as error:
     raise ImportError("soter.gym needs gymnasium: pip install 'soter[gym]'") from error
 
-from soter.gym.protected import Protected, make_protected
+from soter.gym.conformance import Conformance, conformance
+from soter.gym.protected import Protected, SafetyWrapper, make_protected
+from soter.gym.vector import ProtectedVector, make_vec
+from soter.gym.warned import SafetyWarning
 
-__all__ = ["Protected", "make_protected"]
+__all__ = [
+    "Conformance",
+    "Protected",
+    "ProtectedVector",
+    "SafetyWarning",
+    "SafetyWrapper",
+    "conformance",
+    "make_protected",
+    "make_vec",
+]

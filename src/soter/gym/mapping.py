@@ -27,12 +27,13 @@ from soter.program.model.types import (
 from soter.program.model.values import from_python
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     import numpy.typing as npt
 
     from soter.diagnostics.diagnostic import SoterError
-    from soter.program.model.system import Component, System, Topic
+    from soter.gym.leaves import Seen
+    from soter.program.model.system import Bound, Component, System, Topic
     from soter.program.model.types import Type, Value
 
     Shapes = Sequence[tuple[str, Type]]
@@ -65,11 +66,16 @@ def assembled(shapes: Shapes, flat: object, what: str) -> list[Value]:
     needed = sum(1 for _, t in shapes for _ in leaves(t))
     found = np.asarray(flat).size
     if needed != found:
-        names = ", ".join(f"`{n}`" for n, _ in shapes)
-        raise wrong_choice(
-            f"{what} has {found} numbers, but {names} {needed}", "give a function that maps them"
-        )
+        raise wrong_count(shapes, found, what)
     return [_value(t, numbers) for _, t in shapes]
+
+
+def wrong_count(shapes: Shapes, found: int, what: str) -> SoterError:
+    """U001: so many numbers where shapes have others."""
+    names = ", ".join(f"`{n}`" for n, _ in shapes)
+    needed = sum(1 for _, t in shapes for _ in leaves(t))
+    message = f"{what} has {found} numbers, but {names} {needed}"
+    return wrong_choice(message, "give a function that maps them")
 
 
 def _value(t: Type, numbers: Iterator[float]) -> Value:
@@ -123,9 +129,10 @@ def _no_list(t: Type) -> SoterError:
 
 
 def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
-    """Everything an agent may publish: a `Box` of floats, or `Discrete` for one int or enum.
+    """Everything an agent may publish: a `Box` of floats, or for ints, bools and enums `Discrete`.
 
-    SoterError U001 where it is neither, or where no float32 lies in a set.
+    Several of them are `MultiDiscrete`. SoterError U001 for a mixture, for floats without a set,
+    and where no float32 lies in a set.
     """
     bounds = [b for t in topics for b in t.bounds]
     kinds = [k for t in topics for _, k in leaves(t.type)]
@@ -137,13 +144,35 @@ def action_space(topics: Sequence[Topic]) -> spaces.Space[Any]:
             names = ", ".join(f"`{t.name}`" for t in topics)
             raise wrong_choice(f"no float32 lies in a set of {names}", "give action_space=...")
         return spaces.Box(least, most, dtype=np.float32)
-    if len(kinds) == 1:
-        return _discrete(kinds[0], bounds[0])
+    if kinds and not any(isinstance(k, FloatType) for k in kinds):
+        found = [_discrete(k, b) for k, b in zip(kinds, bounds, strict=True)]
+        if len(found) == 1:
+            return found[0]
+        return spaces.MultiDiscrete(
+            [int(x.n) for x in found], start=np.array([int(x.start) for x in found])
+        )
     names = ", ".join(f"`{t.name}`" for t in topics)
-    raise wrong_choice(f"{names} are neither floats nor one int or enum", "give action_space=...")
+    raise wrong_choice(
+        f"{names} are neither floats in a set nor ints, bools and enums", "give action_space=..."
+    )
 
 
-def _discrete(kind: Type, bound: Any) -> spaces.Space[Any]:  # noqa: ANN401 - Bound or None
+def observation_space(system: System, seen: Sequence[Seen], dtype: Any) -> spaces.Box:  # noqa: ANN401
+    """A `Box` of everything that topics and truths may hold; what has no bounds has none."""
+    bounds: list[Bound | None] = []
+    for x in seen:
+        if x.truth:
+            plant = system.components[x.index].plant
+            assert plant is not None
+            bounds += [None for v in plant.states for _ in leaves(v.type)]
+        else:
+            bounds += system.topics[x.index].bounds
+    low = np.array([-np.inf if b is None else b.low for b in bounds], dtype=dtype)
+    high = np.array([np.inf if b is None else b.high for b in bounds], dtype=dtype)
+    return spaces.Box(low, high, dtype=dtype)
+
+
+def _discrete(kind: Type, bound: Any) -> spaces.Discrete:  # noqa: ANN401 - Bound or None
     if isinstance(kind, EnumType):
         return spaces.Discrete(len(kind.members))
     if isinstance(kind, BoolType):
@@ -162,15 +191,62 @@ def _inward(
     return np.where(outside, np.nextafter(rounded, other.astype(np.float32)), rounded)
 
 
-def as_action(space: spaces.Space[Any], numbers: npt.NDArray[np.float64]) -> Any:  # noqa: ANN401
-    """Numbers (n,) as an element of an environment's action space.
+def taker(space: spaces.Space[Any], count: int) -> Callable[[npt.NDArray[np.float64]], Any]:
+    """What makes elements of an environment's action space of arrays (count,).
 
-    SoterError U001 for a space that is neither a `Box` nor `Discrete`.
+    SoterError U001 for a space without a default, or one with another number of numbers; the
+    function raises it for a fraction where whole numbers are wanted.
     """
     if isinstance(space, spaces.Discrete):
-        return int(numbers[0])
-    if isinstance(space, spaces.Box):
-        return numbers.astype(space.dtype).reshape(space.shape)
-    raise wrong_choice(
-        f"an action space of type `{type(space).__name__}` has no default", "give command=..."
-    )
+        _of_size(space, 1, count)
+        return lambda numbers: _member(space, int(_whole_numbers(space, numbers)[0]))
+    if isinstance(space, (spaces.MultiDiscrete, spaces.MultiBinary)):
+        _of_size(space, int(np.prod(space.shape)), count)
+        return lambda numbers: _member(
+            space, _whole_numbers(space, numbers).astype(space.dtype).reshape(space.shape)
+        )
+    if not isinstance(space, spaces.Box):
+        raise wrong_choice(
+            f"an action space of type `{type(space).__name__}` has no default",
+            "give command=...",
+        )
+    _of_size(space, int(np.prod(space.shape)), count)
+    shape, dtype = space.shape, space.dtype
+    if not np.issubdtype(dtype, np.floating):
+        return lambda numbers: _whole_numbers(space, numbers).astype(dtype).reshape(shape)
+    if shape == (count,):
+        return lambda numbers: numbers.astype(dtype)
+    return lambda numbers: numbers.astype(dtype).reshape(shape)
+
+
+def as_action(space: spaces.Space[Any], numbers: npt.NDArray[np.float64]) -> Any:  # noqa: ANN401
+    """Numbers (n,) as an element of an environment's action space; SoterError U001 as `taker`."""
+    return taker(space, len(numbers))(numbers)
+
+
+def _of_size(space: spaces.Space[Any], wanted: int, count: int) -> None:
+    if wanted != count:
+        message = f"the plant reads {count} numbers, but an action of the environment has {wanted}"
+        raise wrong_choice(f"{message} (`{space}`)", "give command=...")
+
+
+def _whole_numbers(
+    space: spaces.Space[Any], numbers: npt.NDArray[np.float64]
+) -> npt.NDArray[np.float64]:
+    """The same numbers (n,), all of them whole."""
+    if not (np.isfinite(numbers).all() and (np.floor(numbers) == numbers).all()):
+        first = next(x for x in numbers.tolist() if not math.isfinite(x) or x != int(x))
+        raise wrong_choice(
+            f"{first!r} is no whole number, and the environment's actions are `{space}`",
+            "let the plant read an int or an enum, or give command=...",
+        )
+    return numbers
+
+
+def _member(space: spaces.Space[Any], action: Any) -> Any:  # noqa: ANN401 - an int or an array
+    """The same action, which is one of the space."""
+    if not space.contains(action):
+        raise wrong_choice(
+            f"{action} is no action of the environment's `{space}`", "give command=..."
+        )
+    return action

@@ -1,17 +1,23 @@
 """What of a system is answered from outside: which module's controller, which plant.
 
-Purpose: the module and the plant that a caller names, or the only ones.
+Purpose: the module and the plant that a caller names, or the only ones; what an agent observes.
 Non-goals: the system that is left (`program/flatten/derived.py`); stepping (`session.py`).
 """
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.gym.leaves import Seen, is_flat
+from soter.program.flatten.derived import with_components
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from soter.program.model.system import Component, Module, System
+    from soter.program.model.types import Type
 
 
 def wrong_choice(message: str, *helps: str) -> SoterError:
@@ -41,3 +47,78 @@ def _index(kind: str, names: list[str], wanted: str | None, system: str) -> int:
     if wanted not in names:
         raise wrong_choice(f"system `{system}` has no {kind} `{wanted}`", f"there are {shown}")
     return names.index(wanted)
+
+
+def seen_by(system: System, agent: Component, names: Sequence[str] | None) -> list[Seen]:
+    """What an agent observes: topics and truths by name, by default the topics that it reads.
+
+    Where it reads none, the truths of all plants. SoterError U001.
+    """
+    plants = [c for c in system.components if c.plant is not None]
+    if names is None:
+        assert agent.node is not None
+        topics = [Seen(agent.scope.topics[s.topic]) for s in agent.node.subscribes]
+        found = topics or [Seen(c.index, truth=True) for c in plants]
+        names = [_named(system, x) for x in found]
+    if not names:
+        raise wrong_choice("an observation of nothing", "observe=[...] names topics and truths")
+    known = {t.name: Seen(t.index) for t in system.topics if t.queue_of is None and not t.held}
+    known |= {f"{c.name}.truth": Seen(c.index, truth=True) for c in plants}
+    for name in names:
+        if name not in known:
+            there = ", ".join(f"`{n}`" for n in known)
+            raise wrong_choice(f"there is nothing to observe called `{name}`", f"there are {there}")
+        if not is_flat(_types(system, known[name])):
+            message = f"`{name}` has no fixed number of numbers"
+            raise wrong_choice(message, "observe=[...] names topics and truths without lists")
+    return [known[name] for name in names]
+
+
+def _named(system: System, seen: Seen) -> str:
+    place = system.components if seen.truth else system.topics
+    return f"{place[seen.index].name}{'.truth' if seen.truth else ''}"
+
+
+def _types(system: System, seen: Seen) -> list[Type]:
+    if not seen.truth:
+        return [system.topics[seen.index].type]
+    plant = system.components[seen.index].plant
+    assert plant is not None
+    return [v.type for v in plant.states]
+
+
+def without_python(system: System, agent: int) -> None:
+    """SoterError U003 where more than the agent is outside, or linked C would be shared."""
+    for c in system.components:
+        if c.extern and c.index != agent:
+            kind = "node" if c.node is not None else "plant"
+            raise SoterError(
+                (
+                    Diagnostic(
+                        "U003",
+                        f"{kind} `{c.name}` is extern: many worlds step what is compiled",
+                        helps=(
+                            "replace it in the system by a node in Soter: `replace NODE by OTHER;`",
+                            "or step one world at a time: soter.gym.Protected",
+                        ),
+                    ),
+                )
+            )
+
+
+def measured_by(system: System, plant: Component, errors: bool | Sequence[str]) -> System:
+    """With errors of measurement of the program on these topics that a plant drives, or all.
+
+    An environment has sensors of its own; SoterError U001 for a topic that has no such errors.
+    """
+    if errors is True:
+        return system
+    names = {m.topic: system.topics[m.topic].name for m in plant.measured}
+    for name in errors or ():
+        if name not in names.values():
+            there = ", ".join(f"`{n}`" for n in dict.fromkeys(names.values())) or "none"
+            raise wrong_choice(
+                f"plant `{plant.name}` has no `measured` topic `{name}`", f"there are {there}"
+            )
+    kept = tuple(m for m in plant.measured if names[m.topic] in (errors or ()))
+    return with_components(system, (replace(plant, measured=kept),))

@@ -1,8 +1,9 @@
 """A compiled system that stops where somebody outside has to answer.
 
 Purpose: step the very C of a program instant by instant: the state of one plant and the output
-of one advanced controller come from the caller, everything else is the program's.
-Non-goals: Gymnasium (`protected.py`); several sessions share one compiled program, not a state.
+of one advanced controller come from the caller, everything else is the program's. Numbers go
+straight into arrays that the C reads (`..._numbers`), values of any type through Python.
+Non-goals: Gymnasium (`guard.py`); several sessions share one compiled program, not a state.
 """
 
 from __future__ import annotations
@@ -11,21 +12,24 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.codegen.interface import answer_fields
-from soter.lower.layout import arrange, decode_from, encode_into
+from soter.gym.compiled import never_asked
+from soter.lower.layout import decode_from, encode_into
 from soter.native.library import RunStatus
 from soter.program.meaning.arith import FaultKind
 from soter.semantics.externs import reset
-from soter.simulate.externs.bindings import bind, callables
+from soter.simulate.externs.bindings import bind_again, callables
 from soter.simulate.externs.externs import ExternAnswers
 from soter.simulate.interrupt import StopRequest
-from soter.simulate.run import NativeProgram
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    import numpy.typing as npt
+
+    from soter.gym.compiled import Compiled
+    from soter.gym.model import Asked
     from soter.native.library import Bytes
-    from soter.program.model.system import Component, Module, System
+    from soter.program.model.system import Component
     from soter.program.model.types import Value
 
 FAR_NS = 2**62
@@ -33,70 +37,129 @@ FAR_NS = 2**62
 
 
 class Session:
-    """One run: `reset`, then again and again `asked`, and `act` or `move` as it says."""
+    """One run: `reset`, then again and again `asked` or `go`, and `act` or `move` as it says."""
 
-    def __init__(
-        self,
-        system: System,
-        module: Module,
-        plant: Component,
-        bound: Mapping[str, object],
-    ) -> None:
-        self.system = system
-        self.module = module
-        self.plant = system.components[plant.index]
-        self.agent = system.components[module.ac]
-        silent = {c.name: _never_asked for c in (self.plant, self.agent)}
-        bindings = bind(system, {**bound, **silent})
+    def __init__(self, made: Compiled, bound: Mapping[str, object]) -> None:
+        """`bound`: what answers the externs that are not outside; SoterError as `callables`."""
+        roles = made.roles
+        assert roles.module is not None
+        assert roles.plant is not None
+        self.compiled, self.system, self.layout = made, made.system, made.layout
+        self.module = self.system.modules[roles.module]
+        self.plant = self.system.components[roles.plant]
+        self.agent = self.system.components[roles.agent]
+        silent = {c.name: never_asked for c in (self.plant, self.agent)}
+        bindings = bind_again(made.bindings, {**bound, **silent})
         self._bound = callables(bindings, "native", StopRequest())
-        self._linked = any(text.startswith("c:") for text in bindings.texts().values())
-        self._program = NativeProgram(system, core=bindings.core)
-        self.layout = self._program.layout
-        externs = [c for c in system.components if c.extern]
-        self._answer_layouts = {c.index: arrange(answer_fields(c)) for c in externs}
+        self.alone = self._bound.keys() == silent.keys()
+        """Whether no other extern is answered by Python."""
+        self._outside = (roles.plant, roles.agent)
+        self.state: Bytes = np.zeros(self.layout.size, dtype=np.uint8)
+        self.record: Any = self.state.view(made.dtype)[0]
+        """The state, decoded (docs/python.md, the trace)."""
+        self._allocate()
         self._begin(0)
 
-    def _begin(self, seed: int) -> None:
-        self._answers = self._fresh_answers()
-        self.state: Bytes = self._program.library.new_state(seed)
-        self.record: Any = self.state.view(self._program.dtype)[0]
-        """The state, decoded (docs/python.md, the trace)."""
+    def _allocate(self) -> None:
+        ffi, view = self.compiled.ffi, self.compiled.view
+        self._lib = self.compiled.lib
+        self._room = np.zeros(-(-self.compiled.room // 8), dtype=np.int64)
+        self.action = np.zeros(int(view.action.count))
+        """What the agent answers, in numbers."""
+        self.moved = np.zeros(int(view.moved.count))
+        """The plant's states, in numbers."""
+        self.command = np.zeros(int(view.apply.count))
+        """What the plant reads, in numbers, as of when it was last due."""
+        self.seen = ffi.new("soter_facts *")
+        """`soter_facts`, as of when the plant or the agent was last due."""
+        o = self._o = ffi.new("soter_outside *")
+        o.view, o.facts, o.looks = view, self.seen, not self.compiled.linked
+        o.state = ffi.cast("uint8_t *", self.state.ctypes.data)
+        o.room = ffi.cast("uint8_t *", self._room.ctypes.data)
+        for name in ("action", "command"):
+            setattr(o, name, ffi.cast("double *", getattr(self, name).ctypes.data))
+        o.states = ffi.cast("double *", self.moved.ctypes.data)
 
-    def _fresh_answers(self) -> ExternAnswers:
-        return ExternAnswers(self.system, self.layout, self._program.library, self._bound)
+    def _begin(self, seed: int) -> None:
+        self._answers = ExternAnswers(self.system, self.layout, self.compiled.library, self._bound)
+        self.state[:] = self.compiled.library.new_state(seed)
+        self.compiled.ffi.buffer(self.seen)[:] = bytes(self.compiled.ffi.sizeof("soter_facts"))
 
     # ------------------------------------------------------------ stepping
 
     def reset(self, seed: int, states: Sequence[Value]) -> None:
         """Start; the plant publishes `states` at its first release."""
+        self.start(seed)
+        self.place(states)
+
+    def start(self, seed: int) -> None:
+        """Start, with the plant's states as the program has them."""
         for name, extern in self._bound.items():
             reset(name, extern, seed)
         self._begin(seed)
-        self._write_states(states)
+
+    def place_numbers(self) -> bool:
+        """Let the plant start at `moved`; False where these are no values of its states."""
+        return int(self._lib.soter_outside_place(self._o)) == 0
+
+    def go(self) -> int:
+        """Run until the plant or the agent has to answer, and give its index."""
+        return self._on(int(self._lib.soter_outside_go(self._o)))
+
+    def act_numbers(self) -> int:
+        """Answer for the agent with `action`, and `go`."""
+        return self._on(int(self._lib.soter_outside_act(self._o)))
+
+    def move_numbers(self) -> int:
+        """Answer for the plant with `moved`, and `go`; -1 where it has no such states."""
+        due = int(self._lib.soter_outside_move(self._o))
+        return due if due < 0 else self._on(due)
+
+    def _on(self, due: int) -> int:
+        while due not in self._outside:
+            self._answers.answer(self.state, due)
+            due = int(self._lib.soter_outside_go(self._o))
+        return due
+
+    def attach(self, asked: Asked) -> None:
+        """Let a model judge every `move_numbers`, and `judge`."""
+        self._asked = asked
+        self._o.model = asked.pointer
+
+    def judge(self) -> None:
+        """Let the model judge that the plant, which is due, goes to `moved`."""
+        self._lib.soter_outside_judge(self._o)
 
     def asked(self) -> Component:
         """Run until the plant or the agent has to answer, and say which."""
         while True:
-            status, _, due = self._program.library.run(self.state, FAR_NS)
+            status, _, due = self.compiled.library.run(self.state, FAR_NS)
             assert status is RunStatus.EXTERN
-            if due in (self.plant.index, self.agent.index):
+            if due in self._outside:
                 return self.system.components[due]
             self._answers.answer(self.state, due)
 
     def move(self, states: Sequence[Value]) -> None:
         """Answer for the plant."""
         names = [v.name for v in self.plant.plant.states]  # type: ignore[union-attr]
-        self._give(self.state, self.plant, dict(zip(names, states, strict=True)))
+        self._give(self.plant, dict(zip(names, states, strict=True)))
 
     def act(self, values: Sequence[Value | None] | None) -> None:
         """Answer for the agent: a value for each output, None where it publishes nothing.
 
         None in place of all: there is no usable answer, a step fault of the agent.
         """
+        facts, seen = self.facts, self.seen
+        faults, seen.taken_by = int(facts["gate_faults"]), int(facts["mode"])
         if values is None:
-            self._program.library.answer(self.state, self.agent.index, int(FaultKind.EXTERN), None)
-            return
-        self._give(self.state, self.agent, self._outputs(values))
+            answer = (int(FaultKind.EXTERN), None)
+            self.compiled.library.answer(self.state, self.agent.index, *answer)
+        else:
+            self._give(self.agent, self._outputs(values))
+        seen.gate_fault = int(facts["gate_faults"]) > faults
+        seen.cause = seen.next_cause or int(seen.gate_fault)
+        seen.off_model = 0
+        seen.steps += 1
 
     def _outputs(self, values: Sequence[Value | None]) -> dict[str, Value]:
         assert self.agent.node is not None
@@ -104,15 +167,16 @@ class Session:
         given = {n: v for n, v in zip(short, values, strict=True) if v is not None}
         return {**given, **{f"has_{n}": n in given for n in short}}
 
-    def _give(self, state: Bytes, component: Component, values: Mapping[str, Value]) -> None:
-        layout = self._answer_layouts[component.index]
+    def _give(self, component: Component, values: Mapping[str, Value]) -> None:
+        layout = self.compiled.answers[component.index]
         out = bytearray(max(layout.size, 1))
         for member in layout.members:
             if member.name in values:
                 encode_into(out, member.offset, member.type, values[member.name])
-        self._program.library.answer(state, component.index, 0, bytes(out))
+        self.compiled.library.answer(self.state, component.index, 0, bytes(out))
 
-    def _write_states(self, states: Sequence[Value]) -> None:
+    def place(self, states: Sequence[Value]) -> None:
+        """Let the plant start at `states`."""
         raw = bytearray(self.state.tobytes())
         for i, value in enumerate(states):
             offset, t = self.layout.member(self.plant.index, i)
@@ -145,16 +209,28 @@ class Session:
         nothing published by externs. Linked C may have a memory of its own, which a copy would
         disturb: then this instant is included only when the run is `over`.
         """
-        if self._linked and not over:
+        if self.compiled.linked and not over:
             return int(self.record["header"]["violations"])
-        copy = self.state.copy()
-        now_ns = int(self.record["header"]["ct"])
-        while True:
-            status, _, due = self._program.library.run(copy, now_ns)
-            if status is not RunStatus.EXTERN:
-                return int(copy.view(self._program.dtype)[0]["header"]["violations"])
-            self._give(copy, self.system.components[due], {})
+        return int(self._lib.soter_outside_violations(self._o))
+
+    # ------------------------------------------------------------ copies
+
+    def saved(self) -> tuple[bytes, bytes]:
+        """The state and the facts, for `restore` of a session of the same system."""
+        return self.state.tobytes(), bytes(self.compiled.ffi.buffer(self.seen))
+
+    def restore(self, saved: tuple[bytes, bytes]) -> None:
+        """Go on from there."""
+        self.state[:] = np.frombuffer(saved[0], dtype=np.uint8)
+        self.compiled.ffi.buffer(self.seen)[:] = saved[1]
 
 
-def _never_asked(*_: object) -> None:
-    raise AssertionError("a session answers for its plant and its agent itself")
+def numbers(given: object, into: npt.NDArray[np.float64]) -> int | None:
+    """Copy the numbers of an array into `into` (n,); where there are not n of them, how many."""
+    found = np.asarray(given, dtype=np.float64)
+    if found.shape != into.shape:
+        if found.size != into.size:
+            return int(found.size)
+        found = found.reshape(-1)
+    into[:] = found
+    return None

@@ -2,23 +2,26 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+import sys
+import tempfile
+from functools import cache
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from gym_cart import CART, WALL, Cart, Replay  # type: ignore[import-not-found]
 from gymnasium import spaces
 from gymnasium.utils.env_checker import check_env
-from hypothesis import example, given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import soter
-from soter.gym import Protected
+from soter.codegen import unit
+from soter.gym import Protected, SafetyWarning
+from soter.gym import compiled as compiled_module
 from soter.gym.mapping import action_space
 from soter.program.model.system import Bound
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 FULL = np.array([3.0], dtype=np.float32)
 
@@ -68,7 +71,7 @@ def test_a_run_of_the_program_is_the_same_run_with_agent_and_plant_outside() -> 
     run = program.simulate(until="20s", seed=3)
     truth = run.truth("c")
     outside = Replay(np.stack([truth["x"], truth["v"]], axis=1))
-    env = Protected(CART, outside)
+    env = Protected(CART, outside, measured=True)
     env.reset(seed=0)
     session = env.session
     first = [float(v) for v in outside.states[0]]
@@ -138,7 +141,9 @@ def test_mappings_may_be_given() -> None:
         observe=lambda o: {"x": o[0]},  # v stays as the program has it: 0
         command=lambda accel: np.array([accel / 2.0]),
     )
-    env.reset(seed=1)
+    with pytest.warns(SafetyWarning, match="`observe` gives no `v`") as told_of:
+        env.reset(seed=1)
+    assert told_of[0].filename == __file__
     for _ in range(5):
         *_, info = env.step(np.array([1.0]))
     assert info["action_taken"] == 0.5
@@ -200,6 +205,7 @@ node Sc period 10ms { subscribes speed; publishes gear; step { publish gear = Ge
 rta Box { ac Ac; sc Sc; period 10ms; safe speed < 9.0; ttf speed > 3.0; safer speed < 2.0; }
 system S default { e: Engine; module Box; until 1s; always e.truth.s < 9.0; }
 """
+ALIVE = "always e.truth.s > 0.5"
 LINKED = GEARS.replace(
     "system S", 'extern node Log period 10ms from "c:log.c:note" { publishes noted; }\nsystem S'
 ).replace("module Box; until", "module Box; node Log; until")
@@ -222,7 +228,7 @@ class Engine(Cart):  # type: ignore[misc]
     def __init__(self) -> None:
         super().__init__()
         self.observation_space = spaces.Box(-100.0, 100.0, (1,), np.float64)
-        self.action_space = spaces.Discrete(3)
+        self.action_space: Any = spaces.Discrete(3)
         self.speed = 0.0
         self.gears: list[Any] = []
 
@@ -258,6 +264,23 @@ def test_violations_include_the_state_that_was_just_reached(tmp_path: Path) -> N
     assert counted == [0] * 8 + [1, 1], "the ninth state is the first at 9.0"
 
 
+def test_where_the_plant_has_not_moved_yet_nothing_is_counted() -> None:
+    text = GEARS.replace("plant Engine period 10ms", "plant Engine period 5ms")
+    text = text.replace("s: float;", "s: float = 1.0;").replace("always e.truth.s < 9.0", ALIVE)
+
+    class Short(Engine):
+        def reset(self, **_: Any) -> tuple[Any, dict[str, Any]]:
+            return np.array([1.0]), {}
+
+        def step(self, _: Any) -> Any:
+            return np.array([2.0]), 0.0, True, False, {}
+
+    env = Protected(written(text), Short())
+    env.reset(seed=1)
+    *_, ended, _, info = env.step(1)
+    assert (ended, info["violations"]) == (True, 0)
+
+
 def test_linked_c_with_a_memory_steps_once_a_step(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -291,3 +314,365 @@ def test_no_action_of_the_space_is_outside_the_set(low: float, width: float) -> 
     box = action_space([topic])
     assert isinstance(box, spaces.Box)
     assert low <= float(box.low[0]) <= float(box.high[0]) <= high
+
+
+# ---------------------------------------------------------------- numbers, straight to C
+
+ODD = (np.nan, np.inf, -np.inf, 3.0, -3.0, 3.0000000000000004, 0.0, -0.0, 5e-324)
+
+
+def both_ways(numbers: Protected, functions: Protected, actions: Any, seed: int) -> None:
+    """The same episode on both: what is seen, told and left in memory."""
+    first, second = (env.reset(seed=seed) for env in (numbers, functions))
+    assert (first[0] == second[0]).all()
+    assert first[1] == second[1]
+    for action in actions:
+        a, b = (env.step(action) for env in (numbers, functions))
+        assert (a[0] == b[0]).all()
+        assert a[1:4] == b[1:4]
+        assert told(a[4]) == told(b[4])
+        assert numbers.session.state.tobytes() == functions.session.state.tobytes()
+        if a[2] or a[3]:
+            return
+
+
+def told(info: dict[str, Any]) -> dict[str, Any]:
+    """`info` with what NaN would make different from itself as text."""
+    return {
+        k: repr(v) if k.startswith("action_") else v for k, v in info.items() if k != "off_model"
+    }
+
+
+@given(
+    st.lists(st.one_of(st.sampled_from(ODD), st.floats(-4.0, 4.0)), max_size=60),
+    st.integers(0, 2**31),
+    st.sampled_from(["Protected", "Unprotected"]),
+)
+@settings(max_examples=60, deadline=None)
+def test_numbers_go_to_c_as_they_go_through_python(
+    wishes: list[float], seed: int, system: str
+) -> None:
+    program = soter.load(CART)
+    env = Protected(program, Cart(), system=system, measured=True)
+    other = Protected(
+        program,
+        Cart(),
+        system=system,
+        measured=True,
+        observe=lambda o: {"x": o[0], "v": o[1]},
+        act=lambda a: {"accel": a[0]},
+        command=lambda accel: np.array([accel]),
+    )
+    both_ways(env, other, [np.array([w]) for w in wishes], seed)
+
+
+MIXED = """soter 1;
+type Gear = enum { LOW, MIDDLE, HIGH };
+type Wish = { gear: Gear, n: int in [-2, 300], on: bool, f: float, big: int };
+topic speed: float max_age 20ms;
+topic wish: Wish in { n in [-2, 200], f in [-1.0, 2.5],
+  big in [-9007199254740993, 9007199254740993] };
+plant Engine period 10ms { reads wish; drives speed = s; state s: float; state n: int in [0, 9];
+  state on: bool; next s = s + 1.0; }
+extern node Ac period 10ms { subscribes speed; publishes wish; }
+node Sc period 10ms { subscribes speed; publishes wish;
+  step { publish wish = { gear: Gear.LOW, n: 0, on: false, f: 0.0, big: 1 }; } }
+rta Box { ac Ac; sc Sc; period 10ms; safe speed < 9.0; ttf speed > 6.0; safer speed < 2.0; }
+system S default { e: Engine; module Box; until 1s; always e.truth.s < 9.0; }
+"""
+LEAVES = (
+    0.0,
+    1.0,
+    2.0,
+    3.0,
+    -1.0,
+    0.5,
+    -2.0,
+    300.0,
+    301.0,
+    7.0,
+    np.nan,
+    np.inf,
+    -0.0,
+    1e300,
+    2.0**63,
+)
+
+
+class Mixed(Cart):  # type: ignore[misc]
+    """Speed, gear counter and a lamp; what it is told is five numbers."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.observation_space = spaces.Box(-100.0, 100.0, (3,), np.float64)
+        self.action_space = spaces.Box(-np.inf, np.inf, (5,), np.float64)
+
+    def reset(self, **_: Any) -> tuple[Any, dict[str, Any]]:
+        self.done = 0
+        return np.zeros(3), {}
+
+    def step(self, action: Any) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        self.done += 1
+        return (
+            np.array([self.done / 4.0, self.done % 10, self.done % 2]),
+            action[3],
+            False,
+            False,
+            {},
+        )
+
+
+def values_by_hand(action: Any) -> dict[str, Any]:
+    """What `mapping.assembled` makes of five numbers, for `act`."""
+    names = ("LOW", "MIDDLE", "HIGH")
+    gear, n, on, f, big = (float(x) for x in action)
+
+    def whole(x: float) -> Any:
+        return int(x) if np.isfinite(x) and x == int(x) else x
+
+    known = whole(gear)
+    lamp = whole(on)
+    return {
+        "wish": {
+            "gear": names[known] if isinstance(known, int) and 0 <= known < 3 else gear,
+            "n": whole(n),
+            "on": bool(lamp) if isinstance(lamp, int) else lamp,
+            "f": f,
+            "big": whole(big),
+        }
+    }
+
+
+@given(
+    st.lists(st.tuples(*[st.sampled_from(LEAVES)] * 5), max_size=30),
+    st.lists(st.tuples(st.sampled_from((0.0, 1.0, 2.0)), *[st.sampled_from((0.0, 1.0))] * 4)),
+)
+@settings(max_examples=60, deadline=None)
+def test_ints_bools_and_enums_go_to_c_as_they_go_through_python(
+    wild: list[Any], tame: list[Any]
+) -> None:
+    path = written(MIXED)
+    space = spaces.Box(-np.inf, np.inf, (5,))
+    env = Protected(path, Mixed(), action_space=space)
+    other = Protected(
+        path,
+        Mixed(),
+        action_space=space,
+        observe=lambda o: {"s": o[0], "n": int(o[1]), "on": bool(o[2])},
+        act=values_by_hand,
+        command=lambda wish: np.array(
+            [("LOW", "MIDDLE", "HIGH").index(wish.gear), wish.n, wish.on, wish.f, wish.big], float
+        ),
+    )
+    both_ways(env, other, [np.array(a) for pair in zip(wild, tame, strict=False) for a in pair], 1)
+
+
+@cache
+def written(text: str) -> soter.Program:
+    """A program that was written somewhere and loaded once."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "mixed.soter"
+        path.write_text(text)
+        return soter.load(path)
+
+
+@pytest.mark.parametrize(("observed", "words"), [(0.5, "no state of the plant"), (10.0, "outside")])
+def test_an_observation_that_is_no_state_is_said(observed: float, words: str) -> None:
+    class Broken(Mixed):
+        def step(self, action: Any) -> Any:
+            state, *rest = super().step(action)
+            return np.array([state[0], observed, 0.0]), *rest
+
+    env = Protected(written(MIXED), Broken(), action_space=spaces.Box(-1.0, 1.0, (5,)))
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError, match=words) as caught:
+        env.step(np.zeros(5))
+    assert caught.value.diagnostics[0].code == "U001"
+
+
+def test_a_step_costs_little_more_than_the_environments_own() -> None:
+    """Not a time: how often Python is called a step, which no load of the machine changes."""
+    env = Protected(CART, Cart())
+    env.reset(seed=1)
+    env.step(FULL)
+    calls = 0
+
+    def count(_: Any, event: str, __: Any) -> None:
+        nonlocal calls
+        calls += event == "call"
+
+    sys.setprofile(count)
+    try:
+        for _ in range(100):
+            env.step(FULL)
+    finally:
+        sys.setprofile(None)
+    assert calls <= 100 * 30
+
+
+def test_many_environments_are_compiled_once_until_linked_c_changes(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made = []
+
+    def counted(*arguments: Any) -> Any:
+        made.append(arguments)
+        return unit.generate(*arguments)
+
+    monkeypatch.setattr(compiled_module, "generate", counted)
+    monkeypatch.chdir(tmp_path)
+    Path("gears.soter").write_text(LINKED)
+    Path("log.c").write_text(LOG_C)
+    program = soter.load("gears.soter")
+    for source in [program] * 8 + ["gears.soter"] * 2:
+        env = Protected(source, Engine())
+    assert len(made) == 1
+    Path("log.c").write_text(LOG_C.replace("++calls", "100 + ++calls"))
+    env = Protected(program, Engine())
+    assert len(made) == 2
+    env.reset(seed=1)
+    env.step(1)
+    assert env.session.topic(env.session.system.topic("noted").index) == 101
+
+
+# ---------------------------------------------------------------- whole numbers
+
+
+HALVES = GEARS.replace("topic gear: Gear;", "topic gear: float in [0.0, 2.0] = 0.0;")
+HALVES = HALVES.replace("Gear.HIGH", "0.5").replace("Gear.LOW", "0.0")
+
+
+def test_a_half_is_no_action_of_a_discrete_environment() -> None:
+    env = Protected(written(HALVES), Engine())
+    env.reset(seed=1)
+    with pytest.raises(soter.SoterError, match=r"0\.5 is no whole number") as caught:
+        env.step(np.array([0.5]))
+    assert caught.value.diagnostics[0].code == "U001"
+    env.reset(seed=1)
+    env.step(np.array([2.0]))
+    assert env.env.unwrapped.gears[-1] == 2  # type: ignore[attr-defined]
+
+
+class Two(Engine):
+    """Two actions at once."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.action_space: Any = spaces.MultiDiscrete([3, 6], start=np.array([0, -2]))
+
+
+TWO = GEARS.replace("publishes gear;", "publishes gear, turbo;").replace(
+    "reads gear;", "reads gear, turbo;"
+)
+TWO = TWO.replace("publish gear = Gear.HIGH;", "publish gear = Gear.HIGH; publish turbo = 3;")
+TWO = TWO.replace("publish gear = Gear.LOW;", "publish gear = Gear.LOW; publish turbo = 0;")
+
+
+def test_several_whole_numbers_are_multi_discrete_on_both_sides() -> None:
+    inner = Two()
+    env = Protected(written(TWO), inner)
+    assert env.action_space == inner.action_space
+    env.reset(seed=1)
+    env.step(np.array([2, -2]))
+    env.step(np.array([1, 3]))
+    assert [a.tolist() for a in inner.gears] == [[2, -2], [1, 3]]
+    assert env.step(np.array([1, 4]))[-1]["gate_fault"]
+
+
+@pytest.mark.parametrize(
+    ("space", "words"),
+    [
+        (spaces.Discrete(2), "2 is no action"),
+        (spaces.MultiDiscrete([3, 3]), "has 2"),
+        (spaces.Box(-1.0, 1.0, (2, 2)), "has 4"),
+        (spaces.Text(3), "no default"),
+    ],
+)
+def test_an_action_space_that_does_not_fit_is_said(space: Any, words: str) -> None:
+    inner = Engine()
+    inner.action_space = space
+
+    def stepped() -> None:
+        env = Protected(written(GEARS), inner)
+        env.reset(seed=1)
+        env.step(2)
+
+    with pytest.raises(soter.SoterError, match=words):
+        stepped()
+
+
+# ---------------------------------------------------------------- errors of measurement
+
+
+def test_the_programs_errors_are_added_only_where_that_is_asked_for() -> None:
+    program = soter.load(CART)
+    for measured, exact in ((False, True), ((), True), (True, False), (["motion"], False)):
+        env = Protected(program, Cart(), measured=measured)
+        observation, _ = env.reset(seed=4)
+        heard = env.session.record["topics"]["motion"]
+        assert ((heard["x"], heard["v"]) == tuple(observation)) == exact
+        assert abs(heard["x"] - observation[0]) <= 0.02
+    with pytest.raises(soter.SoterError, match="no `measured` topic `goal`"):
+        Protected(program, Cart(), measured=["goal"])
+
+
+# ---------------------------------------------------------------- what the module did, and why
+
+
+def test_info_says_what_was_asked_for_what_was_done_and_why() -> None:
+    env = Protected(CART, Cart())
+    env.reset(seed=1)
+    causes = set()
+    for _ in range(1500):
+        *_, info = env.step(FULL)
+        assert info["action_requested"] is FULL
+        assert info["intervened"] == (info["taken_by"] == "SC")
+        assert (info["cause"] is not None) == info["intervened"]
+        causes.add(info["cause"])
+    assert causes == {None, "ttf", "recovering"}
+    env.reset(seed=1)
+    *_, info = env.step(np.array([np.nan]))
+    assert (info["intervened"], info["cause"]) == (True, "gate")
+
+
+def test_an_episode_may_be_cut_at_a_violation() -> None:
+    plain = Protected(CART, Cart(), system="Unprotected")
+    cut = Protected(CART, Cart(), system="Unprotected", truncate_on_violation=True)
+    costs = []
+    for env in (plain, cut):
+        env.reset(seed=5)
+        ended = False
+        cost = 0.0
+        while not ended:
+            *_, over, truncated, info = env.step(FULL)
+            ended, cost = over or truncated, cost + info["cost"]
+        costs.append((cost, truncated))
+    assert costs == [(1.0, False), (1.0, True)]
+
+
+def test_a_start_that_the_module_does_not_vouch_for_is_told() -> None:
+    inner = Replay(np.array([[9.9, 0.0]] * 4))
+    env = Protected(CART, inner)
+    with pytest.warns(SafetyWarning, match="starts where `ttf`"):
+        env.reset(seed=1)
+
+
+def test_a_learner_may_see_less_than_the_module() -> None:
+    class Blind(Cart):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__()
+            self.observation_space = spaces.Box(-1.0, 1.0, (0,), np.float64)
+
+        def reset(self, **how: Any) -> Any:
+            return super().reset(**how)[0][:0], {}
+
+        def step(self, action: Any) -> Any:
+            state, *rest = super().step(action)
+            return state[:0], *rest
+
+    inner = Blind()
+    env = Protected(CART, inner, observe=lambda _: {"x": inner.state[0], "v": inner.state[1]})
+    _, info, ended = rammed(env, 2000)
+    assert inner.state[0] < WALL
+    assert not ended
+    assert info["violations"] == 0

@@ -1,0 +1,207 @@
+/* soter_gym.c: worlds whose agent is outside.
+ *
+ * Purpose: see soter_gym.h. What the agent sees is what is there as it is asked: plants, decision
+ * modules and safe controllers have stepped at that instant, the rest has not.
+ * Non-goals: the model that a step is compared with (soter_gym_model.c).
+ */
+#include "soter_gym.h"
+
+#include <assert.h>
+#include <string.h>
+
+#include "soter_gym_leaves.h"
+
+/* ------------------------------------------------------------------ what is known */
+
+static soter_cause soter_cause_of(const soter_module* m, bool forced) {
+  if (m->mode == (uint8_t)SOTER_AC || forced) {
+    return m->mode == (uint8_t)SOTER_AC ? SOTER_CAUSE_NONE : SOTER_CAUSE_FORCED;
+  }
+  if (m->saw_gate_fault != 0U || m->clean_needed != 0U) {
+    return SOTER_CAUSE_GATE;
+  }
+  if (m->stale != 0U) {
+    return SOTER_CAUSE_STALE;
+  }
+  return m->ttf != 0U ? SOTER_CAUSE_TTF : SOTER_CAUSE_RECOVERING;
+}
+
+static void soter_know(const soter_view* v, void* state, soter_facts* f) {
+  f->time = soter_header_of(state)->ct;
+  if (v->module < 0) {
+    return;
+  }
+  const soter_module* const m = soter_modules_of(v->program, state) + v->module;
+  f->mode = m->mode;
+  f->ttf = m->ttf;
+  f->safer = m->safer;
+  f->stale = m->stale;
+  f->next_cause = (uint8_t)soter_cause_of(m, v->program->module[v->module].forced);
+}
+
+/* Violations so far and, on a copy on which externs say nothing, to the end of this instant. */
+static uint32_t soter_foresee(const soter_view* v, const void* state, uint8_t* room) {
+  const soter_program* const p = v->program;
+  uint8_t* const silent = room + p->state_size;
+  uint32_t due = 0;
+  (void)memcpy(room, state, p->state_size);
+  (void)memset(silent, 0, v->answer_most);
+  while (soter_header_of(room)->firing != 0U && soter_instant(p, room, &due) == SOTER_EXTERN_DUE) {
+    if (due == v->plant) { /* it did not move yet: nothing is known of this instant */
+      break;
+    }
+    soter_answer(p, room, due, SOTER_OK, silent);
+  }
+  return soter_header_of(room)->violations;
+}
+
+/* The agent's answer; whether its numbers are values of what it publishes. */
+static bool soter_wish(const soter_view* v, const double* action, uint8_t* answer) {
+  (void)memset(answer, 0, v->action.size);
+  for (uint32_t i = 0; i < v->given.count; i++) {
+    answer[v->given.at[i].offset] = 1;
+  }
+  return soter_put_all(&v->action, action, answer);
+}
+
+/* The agent is due: it answers, and facts tell what becomes of that. */
+static void soter_take(const soter_view* v, void* state, const double* action, uint8_t* answer,
+                       soter_facts* f) {
+  const soter_program* const p = v->program;
+  const bool fits = soter_wish(v, action, answer);
+  const soter_module* const m = v->module < 0 ? NULL : soter_modules_of(p, state) + v->module;
+  const uint32_t faults = m == NULL ? 0U : m->gate_faults;
+  f->taken_by = m == NULL ? (uint8_t)SOTER_AC : m->mode;
+  soter_answer(p, state, v->agent, fits ? SOTER_OK : SOTER_EXTERN_FAULT, answer);
+  f->gate_fault = m != NULL && m->gate_faults != faults ? 1U : 0U;
+  f->cause = f->next_cause;
+  if (f->cause == (uint8_t)SOTER_CAUSE_NONE && f->gate_fault != 0U) {
+    f->cause = (uint8_t)SOTER_CAUSE_GATE;
+  }
+  f->off_model = 0;
+  f->steps++;
+}
+
+/* ------------------------------------------------------------------ many worlds */
+
+/* Runs until the agent is due; false where it is somebody else. */
+static bool soter_await(const soter_view* v, void* state) {
+  uint32_t due = 0;
+  while (soter_virtual_instant(v->program, state, &due) == SOTER_INSTANT_DONE) {
+  }
+  return due == v->agent;
+}
+
+static void soter_show(const soter_worlds* w, uint32_t k, void* state, uint8_t before) {
+  const soter_view* const v = w->view;
+  soter_facts* const f = &w->facts[k];
+  soter_know(v, state, f);
+  f->switched = f->mode != before ? 1U : 0U;
+  f->violations = soter_foresee(v, state, w->room);
+  soter_get_all(&v->observe, state, w->observations + (size_t)k * v->observe.count);
+}
+
+static bool soter_world_begin(const soter_worlds* w, uint32_t k) {
+  const soter_view* const v = w->view;
+  uint8_t* const state = w->states + (size_t)k * v->program->state_size;
+  soter_start(v->program, state, w->seeds[k]);
+  w->seeds[k] += w->stride;
+  (void)memset(&w->facts[k], 0, sizeof w->facts[k]);
+  const uint8_t mode = v->module < 0 ? 0U : soter_modules_of(v->program, state)[v->module].mode;
+  if (!soter_await(v, state)) {
+    return false;
+  }
+  soter_get_all(&v->apply, state, w->applied + (size_t)k * v->apply.count);
+  soter_show(w, k, state, mode);
+  return true;
+}
+
+static bool soter_world_step(const soter_worlds* w, uint32_t k) {
+  const soter_view* const v = w->view;
+  const soter_program* const p = v->program;
+  uint8_t* const state = w->states + (size_t)k * p->state_size;
+  uint32_t due = 0;
+  soter_take(v, state, w->actions + (size_t)k * v->action.count, w->room + p->state_size,
+             &w->facts[k]);
+  if (soter_instant(p, state, &due) != SOTER_INSTANT_DONE) {
+    return false;
+  }
+  soter_get_all(&v->apply, state, w->applied + (size_t)k * v->apply.count);
+  if (!soter_await(v, state)) {
+    return false;
+  }
+  soter_show(w, k, state, w->facts[k].taken_by);
+  return true;
+}
+
+uint32_t soter_worlds_begin(const soter_worlds* w) {
+  assert(w != NULL);
+  for (uint32_t k = 0; k < w->count; k++) {
+    if (w->begin[k] != 0U && !soter_world_begin(w, k)) {
+      return k;
+    }
+  }
+  return w->count;
+}
+
+uint32_t soter_worlds_step(const soter_worlds* w) {
+  assert(w != NULL);
+  for (uint32_t k = 0; k < w->count; k++) {
+    if (!(w->begin[k] != 0U ? soter_world_begin(w, k) : soter_world_step(w, k))) {
+      return k;
+    }
+  }
+  return w->count;
+}
+
+/* ------------------------------------------------------------------ one world, its plant outside
+ */
+
+int32_t soter_outside_go(const soter_outside* o) {
+  assert(o != NULL);
+  const soter_view* const v = o->view;
+  uint32_t due = 0;
+  while (soter_virtual_instant(v->program, o->state, &due) == SOTER_INSTANT_DONE) {
+  }
+  if (due == v->plant) {
+    soter_get_all(&v->apply, o->state, o->command);
+  }
+  if (due == v->plant || due == v->agent) {
+    soter_know(v, o->state, o->facts);
+    o->facts->violations = o->looks != 0U ? soter_foresee(v, o->state, o->room)
+                                          : soter_header_of(o->state)->violations;
+  }
+  return (int32_t)due;
+}
+
+uint32_t soter_outside_violations(const soter_outside* o) {
+  assert(o != NULL);
+  return soter_foresee(o->view, o->state, o->room);
+}
+
+int32_t soter_outside_place(const soter_outside* o) {
+  assert(o != NULL);
+  return soter_put_all(&o->view->start, o->states, o->state) ? 0 : -1;
+}
+
+int32_t soter_outside_act(const soter_outside* o) {
+  assert(o != NULL);
+  const size_t behind = o->view->program->state_size;
+  soter_take(o->view, o->state, o->action, o->room + behind, o->facts);
+  return soter_outside_go(o);
+}
+
+int32_t soter_outside_move(const soter_outside* o) {
+  assert(o != NULL);
+  const soter_view* const v = o->view;
+  uint8_t* const answer = o->room + v->program->state_size;
+  (void)memset(answer, 0, v->moved.size);
+  if (!soter_put_all(&v->moved, o->states, answer)) {
+    return -1;
+  }
+  if (o->model != NULL) {
+    soter_outside_judge(o);
+  }
+  soter_answer(v->program, o->state, v->plant, SOTER_OK, answer);
+  return soter_outside_go(o);
+}

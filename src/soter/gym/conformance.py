@@ -1,0 +1,135 @@
+"""Whether an environment does what the plant of a proof can do, measured.
+
+Purpose: `conformance`: drive a protected environment and ask of each of its steps which declared
+disturbances explain it; what none explains is outside of the proof.
+Non-goals: proofs that it always will; logs of robots (`soter monitor`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.gym.outside import wrong_choice
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.gym.model import Asked
+    from soter.gym.protected import Protected, SafetyWrapper
+    from soter.gym.session import Session
+
+
+@dataclass(frozen=True)
+class Conformance:
+    """`steps` of the environment against the program's plant.
+
+    `inside`: how many are explained by disturbances within their bounds. By state: `residual`, the
+    largest difference that the best of them leave; `undisturbed`, that to the plant with every
+    disturbance at its middle. `used`: by disturbance the largest part of its bounds that was needed
+    (1: a bound). `worst`: the step with the largest residual, relative to what is tolerated.
+    """
+
+    steps: int
+    inside: int
+    residual: dict[str, float]
+    undisturbed: dict[str, float]
+    used: dict[str, float]
+    worst: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def share(self) -> float:
+        """The share of steps inside."""
+        return self.inside / self.steps
+
+    def __str__(self) -> str:
+        lines = [f"{self.inside:,} of {self.steps:,} steps ({self.share:.4%}) are explained"]
+        for name, value in self.residual.items():
+            lines.append(
+                f"  {name}: residual {value:.3g}, undisturbed {self.undisturbed[name]:.3g}"
+            )
+        lines += [f"  {name}: {part:.1%} of its bounds" for name, part in self.used.items()]
+        return "\n".join(lines)
+
+
+class _Tally:
+    """What the model said of every step so far."""
+
+    def __init__(self, asked: Asked) -> None:
+        model = asked.model
+        self.asked, self.steps, self.inside, self.most = asked, 0, 0, -1.0
+        self.residual, self.undisturbed = (np.zeros(len(model.names)) for _ in range(2))
+        self.used = np.zeros(len(model.drawn))
+        self.half = np.maximum((model.high - model.low) / 2.0, np.finfo(float).tiny)
+        self.middle = model.low + (model.high - model.low) / 2.0
+        self.worst: dict[str, Any] = {}
+
+    def see(self, asked: Asked, session: Session) -> None:
+        """One more step, which ended at the numbers that `session` was given."""
+        left = np.abs(asked.residual)
+        self.steps += 1
+        self.inside += asked.explained
+        self.residual = np.maximum(self.residual, left)
+        self.undisturbed = np.maximum(self.undisturbed, np.abs(asked.undisturbed))
+        self.used = np.maximum(self.used, np.abs(asked.chosen - self.middle) / self.half)
+        allowed = asked.tolerance + asked.pointer.relative * np.abs(session.moved)
+        part = float(np.max(left / np.maximum(allowed, np.finfo(float).tiny)))
+        if not part <= self.most:
+            self.most = part
+            self.worst = {
+                "from": asked.origin.tolist(),
+                "to": session.moved.tolist(),
+                "command": session.command.tolist(),
+                "residual": asked.residual.tolist(),
+            }
+
+
+def conformance(
+    env: Protected | SafetyWrapper,
+    n: int = 1000,
+    *,
+    seed: int = 0,
+    policy: Callable[[Any], Any] | None = None,
+) -> Conformance:
+    """Let `policy(observation)` drive for `n` steps of the plant or a few more, and compare each.
+
+    Without one, actions are drawn from the action space. A step counts as inside where disturbances
+    within their bounds were found with which the program's plant comes as close as `tolerance` of
+    `env` says. SoterError U001 where the program's plant cannot be asked.
+    """
+    if n < 1:
+        raise wrong_choice(f"there cannot be {n} steps", "n is 1 or more")
+    guard = env.guard
+    if guard.asked is None:
+        raise wrong_choice(
+            "there is no model of the plant to compare with",
+            "the plant has to be Soter's, without `choose`, and `alarm` not False",
+        )
+    tally = _Tally(guard.asked)
+    session = guard.session
+
+    def judged(asked: Asked) -> None:
+        tally.see(asked, session)
+
+    guard.judged = judged
+    try:
+        env.action_space.seed(seed)
+        observation, _ = env.reset(seed=seed)
+        while tally.steps < n:
+            action = env.action_space.sample() if policy is None else policy(observation)
+            observation, _, ended, cut, _ = env.step(action)
+            if ended or cut:
+                observation, _ = env.reset()
+    finally:
+        guard.judged = None
+    model = guard.asked.model
+    return Conformance(
+        steps=tally.steps,
+        inside=tally.inside,
+        residual=dict(zip(model.names, tally.residual.tolist(), strict=True)),
+        undisturbed=dict(zip(model.names, tally.undisturbed.tolist(), strict=True)),
+        used=dict(zip(model.drawn, tally.used.tolist(), strict=True)),
+        worst=tally.worst,
+    )

@@ -1,0 +1,367 @@
+"""A module between an agent and an environment, whatever class of Gymnasium asks for it.
+
+Purpose: `Guard`: what `Protected` and `SafetyWrapper` have in common: choices, mappings, steps,
+`info`, copies. Numbers go straight to C where nobody gave a function for them.
+Non-goals: classes of Gymnasium (`protected.py`), many worlds in one call (`vector.py`).
+"""
+
+from __future__ import annotations
+
+import copy
+from typing import TYPE_CHECKING, Any
+
+from gymnasium.utils import seeding
+
+import soter.api
+from soter.gym import mapping
+from soter.gym.compiled import Compiled, Roles, compiled, kept
+from soter.gym.model import Asked, PlantModel, tolerances, why_not
+from soter.gym.outside import chosen_module, chosen_plant, measured_by, wrong_choice
+from soter.gym.session import Session, numbers
+from soter.gym.warned import warn_of_start, warn_of_unseen, warn_of_wrappers
+from soter.program.flatten.derived import answered_outside
+from soter.program.model.values import ValueShapeError, to_python
+from soter.semantics.externs import converted
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Collection, Mapping
+    from pathlib import Path
+
+    import gymnasium
+    import numpy as np
+    from gymnasium import spaces
+
+    from soter.diagnostics.diagnostic import SoterError
+    from soter.program.model.types import Type, Value
+
+SEED_END = 2**63
+CAUSES = (None, "gate", "stale", "ttf", "recovering", "forced")
+"""Why the agent's action did not count, by `soter_cause`."""
+
+
+NOT_COPIED = ("session", "asked", "judged", "_taker", "program", "_reads", "_states", "_outputs")
+
+
+class Guard:
+    """One module, one agent, one environment. Parameters as of `Protected`."""
+
+    def __init__(
+        self,
+        program: str | Path | soter.api.Program,
+        env: gymnasium.Env[Any, Any],
+        *,
+        system: str | None = None,
+        module: str | None = None,
+        plant: str | None = None,
+        observe: Callable[[Any], object] | None = None,
+        act: Callable[[Any], object] | None = None,
+        command: Callable[..., Any] | None = None,
+        action_space: spaces.Space[Any] | None = None,
+        params: Mapping[str, object] | None = None,
+        measured: bool | Collection[str] = False,
+        truncate_on_violation: bool = False,
+        alarm: bool | None = None,
+        tolerance: float | Mapping[str, float] | None = None,
+    ) -> None:
+        loaded = program if isinstance(program, soter.api.Program) else soter.api.load(program)
+        self.program = loaded
+        self.choice = (system, module, plant, params, measured)
+        self._observe, self._act, self._command = observe, act, command
+        self._cuts, self._alarm, self._tolerance = truncate_on_violation, alarm, tolerance
+        self._observed = env.observation_space.dtype
+        self.judged: Callable[[Asked], None] | None = None
+        """Called after each step that the model judged."""
+        self._numbered: np.random.Generator | None = None
+        self._last: Any = None
+        self._over = True
+        self._unseen = False
+        self._violations = 0
+        self._begin(env.action_space)
+        if observe is None:
+            warn_of_wrappers(env)
+        outputs = mapping.topics_published(self.session.system, self.session.agent)
+        self.action_space = action_space or mapping.action_space(outputs)
+
+    def _begin(self, space: spaces.Space[Any]) -> None:
+        """Everything that is made of the choices; `space`: the environment's actions."""
+        self._space = space
+        made = prepared(self.program, *self.choice)
+        session = self.session = Session(made, self.program.bound)
+        outputs = mapping.topics_published(made.system, session.agent)
+        self._reads = mapping.topics_read(made.system, session.plant)
+        self._states = mapping.shapes_of_states(session.plant)
+        self._outputs = [(t.name.rpartition(".")[2], t.type) for t in outputs]
+        self._moves_numbers = self._observe is None and made.moves_numbers
+        self._acts_numbers = self._act is None and made.acts_numbers
+        self.asked = self._asks(made)
+        self._taker = None
+        if self._command is None and made.commands_numbers:
+            self._taker = mapping.taker(space, len(session.command))
+
+    def _asks(self, made: Compiled) -> Asked | None:
+        """The model of the program's plant, in front of this session; SoterError U001."""
+        system, _, plant, params, _ = self.choice
+        model = None
+        if self._alarm is not False and made.moves_numbers:
+            model = modelled(self.program, system, plant, params)
+        if model is None:
+            if self._alarm:
+                flat = self.program.flat(system, params)
+                reason = why_not(chosen_plant(flat, plant)) or "its states have lists"
+                raise wrong_choice(f"there is no model to compare with: {reason}", "alarm=False")
+            return None
+        asked = Asked(model, made, *tolerances(model, self._observed, self._tolerance))
+        self.session.attach(asked)
+        return asked
+
+    # ------------------------------------------------------------ episodes
+
+    def reset(
+        self, env: gymnasium.Env[Any, Any], seed: int | None, options: dict[str, Any] | None
+    ) -> tuple[Any, dict[str, Any]]:
+        """Start an episode; every draw of the program follows from the seed. SoterError U001."""
+        if seed is not None or self._numbered is None:
+            self._numbered, _ = seeding.np_random(seed)
+        observation, given = env.reset(seed=seed, options=options)
+        session = self.session
+        session.start(int(self._numbered.integers(SEED_END)))
+        if not self._moves_numbers:
+            session.place(self._states_of(observation))
+        elif not (self._in_numbers(observation) and session.place_numbers()):
+            raise self._no_states(observation)
+        before = int(session.facts["mode"])
+        if session.go() != session.agent.index:
+            raise wrong_choice("the advanced controller has a phase: the plant would move first")
+        self._last, self._over = observation, False
+        self._violations = 0
+        info = self._info(given, before)
+        self._violations = info["violations"]
+        if session.seen.ttf:
+            warn_of_start(session)
+        return observation, info
+
+    def step(
+        self,
+        env: gymnasium.Env[Any, Any],
+        action: Any,  # noqa: ANN401 - any action
+    ) -> tuple[Any, float, bool, bool, dict[str, Any]]:
+        """One answer of the agent; `env` steps once for each release of the plant meanwhile.
+
+        SoterError U001 where no episode goes on, or numbers do not fit.
+        """
+        if self._over:
+            raise wrong_choice("the episode is over", "call reset() first")
+        session = self.session
+        due, reward, ended, cut = self._answered(action), 0.0, False, False
+        before = session.seen.taken_by
+        given: dict[str, Any] = {}
+        taken: Any = None
+        while due != session.agent.index and not (ended or cut):
+            taken = self._command_now(env)
+            self._last, gained, ended, cut, given = env.step(taken)
+            reward += float(gained)
+            due = self._moved(self._last)
+        self._over = ended or cut
+        info = self._info(given, before, action, taken)
+        if self._cuts and info["cost"]:
+            cut = self._over = True
+        self._violations = info["violations"]
+        return self._last, reward, ended, cut, info
+
+    # ------------------------------------------------------------ the agent's answer
+
+    def _answered(self, action: Any) -> int:  # noqa: ANN401 - any action
+        """The agent's action goes in; who is due then."""
+        session = self.session
+        if not self._acts_numbers:
+            session.act(self._values_of(action))
+            return session.go()
+        count = numbers(action, session.action)
+        if count is not None:
+            raise mapping.wrong_count(self._outputs, count, "an action")
+        return session.act_numbers()
+
+    def _values_of(self, action: Any) -> list[Value | None] | None:  # noqa: ANN401 - any action
+        """What the agent publishes; None where its action is no value of the topics."""
+        try:
+            if self._act is None:
+                return list(mapping.assembled(self._outputs, action, "an action"))
+            return list(converted(self._outputs, self._act(action)))
+        except ValueShapeError:
+            return None
+
+    # ------------------------------------------------------------ the environment's
+
+    def _moved(self, observation: Any) -> int:  # noqa: ANN401 - any observation
+        """The environment's observation goes in; who is due then."""
+        session = self.session
+        if not self._moves_numbers:
+            states = self._states_of(observation)
+            if self.asked is not None:
+                session.moved[:] = mapping.flattened(self._states, states)
+                session.judge()
+                self._tell()
+            session.move(states)
+            return session.go()
+        due = session.move_numbers() if self._in_numbers(observation) else -1
+        if due < 0:
+            raise self._no_states(observation)
+        self._tell()
+        return due
+
+    def _tell(self) -> None:
+        if self.judged is not None and self.asked is not None:
+            self.judged(self.asked)
+
+    def _in_numbers(self, observation: Any) -> bool:  # noqa: ANN401 - any observation
+        return numbers(observation, self.session.moved) is None
+
+    def _no_states(self, observation: Any) -> SoterError:  # noqa: ANN401 - any observation
+        """Why an observation is no state of the plant."""
+        count = numbers(observation, self.session.moved)
+        if count is not None:
+            return mapping.wrong_count(self._states, count, "an observation")
+        try:
+            mapping.assembled(self._states, observation, "an observation")
+        except ValueShapeError as error:
+            return wrong_choice(f"an observation is no state of the plant: {error}")
+        raise AssertionError(observation)
+
+    def _states_of(self, observation: Any) -> list[Value]:  # noqa: ANN401 - any observation
+        """The plant's states; those that `observe` leaves out stay as they are."""
+        if self._observe is None:
+            return mapping.assembled(self._states, observation, "an observation")
+        try:
+            given = converted(self._states, self._observe(observation))
+        except ValueShapeError as error:
+            raise wrong_choice(f"`observe` gave no state of the plant: {error}") from error
+        old = self.session.states()
+        unseen = [n for (n, _), v in zip(self._states, given, strict=True) if v is None]
+        if unseen and not self._unseen:
+            self._unseen = True
+            warn_of_unseen(unseen)
+        if self.asked is not None:
+            self.asked.compare([v is not None for v in given])
+        return [a if b is None else b for a, b in zip(old, given, strict=True)]
+
+    def _command_now(self, env: gymnasium.Env[Any, Any]) -> Any:  # noqa: ANN401 - an action of it
+        if self._taker is not None:
+            return self._taker(self.session.command)
+        values = [self.session.topic(t.index) for t in self._reads]
+        shapes: list[tuple[str, Type]] = [(t.name.rpartition(".")[2], t.type) for t in self._reads]
+        if self._command is None:
+            return mapping.as_action(env.action_space, mapping.flattened(shapes, values))
+        named = {n: to_python(t, v) for (n, t), v in zip(shapes, values, strict=True)}
+        return self._command(**named)
+
+    # ------------------------------------------------------------ what is told
+
+    def _info(
+        self,
+        given: dict[str, Any],
+        before: int,
+        action: Any = None,  # noqa: ANN401 - any action
+        taken: Any = None,  # noqa: ANN401 - any action of the environment
+    ) -> dict[str, Any]:
+        """`given`, what the environment says, and what is known of the module."""
+        seen = self.session.seen
+        violations = seen.violations
+        if self._over and self.session.compiled.linked:
+            violations = self.session.violations(over=True)
+        mode, stepped, gate_fault = seen.mode, seen.steps > 0, bool(seen.gate_fault)
+        counted = bool(seen.taken_by) and not gate_fault
+        return {
+            **given,
+            "mode": "AC" if mode else "SC",
+            "ttf": bool(seen.ttf),
+            "safer": bool(seen.safer),
+            "stale": bool(seen.stale),
+            "switched": mode != before,
+            "violations": violations,
+            "taken_by": ("AC" if seen.taken_by else "SC") if stepped else None,
+            "action_taken": taken,
+            "gate_fault": gate_fault,
+            "action_requested": action,
+            "intervened": stepped and not counted,
+            "cause": CAUSES[seen.cause],
+            "cost": float(violations - self._violations),
+            "off_model": None if self.asked is None else bool(seen.off_model),
+        }
+
+    # ------------------------------------------------------------ copies
+
+    def __getstate__(self) -> dict[str, Any]:
+        """Everything but the compiled program, which is found again."""
+        if not self.session.alone:
+            raise wrong_choice(
+                "an environment with externs in Python has no copy",
+                "their memory is their own: make another environment",
+            )
+        state = {k: v for k, v in vars(self).items() if k not in NOT_COPIED}
+        program = self.program
+        state["_named"] = (program.path, program.sha256, dict(program.bound))
+        state["_saved"] = self.session.saved()
+        return state
+
+    def __setstate__(self, state: dict[str, Any]) -> None:
+        path, sha256, bound = state.pop("_named")
+        program = soter.api.load(path)
+        if program.sha256 != sha256:
+            raise wrong_choice(f"`{path}` is another program than the one that was pickled")
+        for name, target in bound.items():
+            program.bind(name, target)
+        self._again(program, state)
+
+    def _again(self, program: soter.api.Program, state: dict[str, Any]) -> None:
+        saved = state.pop("_saved")
+        vars(self).update(state)
+        self.program, self.judged = program, None
+        self._begin(self._space)
+        self.session.restore(saved)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> Guard:
+        """The same program, a state of its own."""
+        state = self.__getstate__()
+        del state["_named"]
+        made = Guard.__new__(Guard)
+        made._again(self.program, copy.deepcopy(state, memo))  # noqa: SLF001 - its own class
+        return made
+
+
+def prepared(
+    program: soter.api.Program,
+    system: str | None,
+    module: str | None,
+    plant: str | None,
+    params: Mapping[str, object] | None,
+    measured: bool | Collection[str],
+) -> Compiled:
+    """A system of which an agent and a plant are outside; SoterError U001, and as the compiler."""
+    errors = measured if isinstance(measured, bool) else tuple(sorted(measured))
+
+    def make() -> Compiled:
+        flat = program.flat(system, params)
+        found, body = chosen_module(flat, module), chosen_plant(flat, plant)
+        flat = measured_by(flat, body, errors)
+        flat = answered_outside(flat, (found.ac, body.index))
+        return Compiled(flat, Roles(found.ac, found.index, body.index), program.bound)
+
+    key = ("outside", system, module, plant, repr(sorted((params or {}).items())), errors)
+    return compiled(program, key, make)
+
+
+def modelled(
+    program: soter.api.Program,
+    system: str | None,
+    plant: str | None,
+    params: Mapping[str, object] | None,
+) -> PlantModel | None:
+    """The program's own plant, to be asked; None where it cannot be."""
+
+    def make() -> PlantModel | str:
+        flat = program.flat(system, params)
+        body = chosen_plant(flat, plant)
+        return why_not(body) or PlantModel(flat, body)
+
+    found = kept(program, ("model", system, plant, repr(sorted((params or {}).items()))), make)
+    return None if isinstance(found, str) else found

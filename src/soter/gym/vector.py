@@ -1,0 +1,286 @@
+"""Thousands of worlds of a program with a module in front, stepped in one call.
+
+Purpose: `ProtectedVector` and `make_vec`: the plant of the program is the environment, the agent
+answers for the advanced controller of all worlds with one array (docs/gym.md).
+Non-goals: plants that live in Python (`protected.py`); learning.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+import soter.api
+from soter.gym import mapping
+from soter.gym.outside import wrong_choice
+from soter.gym.worlds import FACTS, Worlds, prepared
+from soter.simulate.settings import seed_value
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
+
+    import numpy.typing as npt
+
+    from soter.gym.compiled import Compiled
+
+    Array = npt.NDArray[Any]
+    Judge = Callable[[Array, Array, Array], Array]
+
+CAUSES = ("", "gate", "stale", "ttf", "recovering", "forced")
+"""Why the agent's action did not count; `info["cause"]` of a vector has the index."""
+ENDS = (None, "terminate", "truncate")
+SEED_BITS = 2**64 - 1
+
+
+class ProtectedVector(VectorEnv[Any, Any, Any]):
+    """`num_envs` worlds of a program; the agent is the AC of a module in all of them.
+
+    `program`, `system`, `module`, `params`: as of `Protected`. `observe`: what an observation is
+    made of, topics (`"car"`) and true states of plants (`"car.truth"`) by name; by default the
+    topics that the advanced controller reads, or where it reads none the truths of all plants.
+
+    `reward(observation, action, next)`, `terminate(observation, action, next)`: functions of arrays
+    (num_envs, numbers), to (num_envs,); `action` is what the module published, the agent's or SC's.
+    Without `reward` it is 0. `on_violation`: `"terminate"` or `"truncate"` an episode in which a
+    property is violated. `max_steps`: after which an episode is truncated, by default as long as
+    the system's `until` says (0: never).
+
+    `autoreset`: Gymnasium's `AutoresetMode`. Equal seeds give equal episodes: the first of world k
+    is that of `simulate(seed=seed + k)`, the j-th after it has `seed + k + j * num_envs`. `copy`:
+    False gives arrays that the next but one step overwrites. SoterError U001 for a wrong choice,
+    U003 where the program needs Python or C of somebody's, and whatever the program raises.
+    """
+
+    def __init__(
+        self,
+        program: str | Path | soter.api.Program,
+        num_envs: int,
+        *,
+        system: str | None = None,
+        module: str | None = None,
+        params: Mapping[str, object] | None = None,
+        observe: Sequence[str] | None = None,
+        reward: Judge | None = None,
+        terminate: Judge | None = None,
+        on_violation: str | None = None,
+        max_steps: int | None = None,
+        autoreset: AutoresetMode | str = AutoresetMode.NEXT_STEP,
+        dtype: Any = np.float64,  # noqa: ANN401 - whatever NumPy takes
+        copy: bool = True,
+    ) -> None:
+        self.autoreset = _chosen(num_envs, on_violation, max_steps, autoreset, dtype)
+        loaded = program if isinstance(program, soter.api.Program) else soter.api.load(program)
+        made = prepared(loaded, system, module, params, None if observe is None else tuple(observe))
+        self.compiled = made
+        self.num_envs = num_envs
+        self.metadata = {"autoreset_mode": self.autoreset, "render_modes": []}
+        self._reward, self._terminate, self._on_violation = reward, terminate, on_violation
+        self._max_steps = _limit(made) if max_steps is None else max_steps
+        self._copy = copy
+        agent = made.system.components[made.roles.agent]
+        outputs = mapping.topics_published(made.system, agent)
+        self.single_action_space = mapping.action_space(outputs)
+        self.single_observation_space = mapping.observation_space(made.system, made.observed, dtype)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self._dtype = np.dtype(dtype)
+        self.worlds = Worlds(made, num_envs)
+        self._over = np.ones(num_envs, dtype=bool)
+        self._seen = np.zeros(num_envs, dtype=np.uint32)
+        self._cost = np.zeros(num_envs)
+
+    # ------------------------------------------------------------ Gymnasium
+
+    def reset(
+        self,
+        *,
+        seed: int | Sequence[int] | None = None,
+        options: dict[str, Any] | None = None,
+    ) -> tuple[Array, dict[str, Any]]:
+        """Begin an episode in every world, or in those of `options["reset_mask"]`.
+
+        Observations are (num_envs, numbers). Without a seed the next episodes begin.
+        """
+        mask = _mask(options, self.num_envs)
+        worlds = self.worlds
+        if seed is not None:
+            worlds.seeds[mask] = self._seeds(seed)[mask]
+            if isinstance(seed, int):
+                super().reset(seed=seed)
+        elif not worlds.begun:
+            first = int(self.np_random.integers(2**63))
+            worlds.seeds[:] = self._seeds(first)
+        if not worlds.begun and not mask.all():
+            raise wrong_choice("no world has begun an episode yet", "reset all of them first")
+        worlds.begin(mask)
+        self._over[mask] = False
+        self._seen[mask] = worlds.facts["violations"][mask]
+        self._cost = np.zeros(self.num_envs)
+        return self._observations(), self._info()
+
+    def step(self, actions: Any) -> tuple[Array, Array, Array, Array, dict[str, Any]]:  # noqa: ANN401
+        """Every world takes its action, (num_envs,) or (num_envs, numbers).
+
+        Gives observations (num_envs, numbers), and rewards, terminations and truncations
+        (num_envs,). A world that ended begins again as `autoreset` says.
+        """
+        worlds = self.worlds
+        if not worlds.begun:
+            raise wrong_choice("no episode has begun", "call reset() first")
+        again = self._over
+        if self.autoreset is AutoresetMode.DISABLED and again.any():
+            raise wrong_choice(
+                f"the episode of world {int(again.argmax())} is over",
+                'call reset(options={"reset_mask": mask}) first',
+            )
+        given = self._actions(actions)
+        before = worlds.step(given, again)
+        self._seen[again] = worlds.facts["violations"][again]
+        self._cost = (worlds.facts["violations"] - self._seen).astype(np.float64)
+        rewards, ended, cut = self._judged(before)
+        if again.any():
+            rewards[again] = 0.0
+            ended[again] = cut[again] = False
+        self._over = ended | cut
+        info: dict[str, Any] = {}
+        if self.autoreset is AutoresetMode.SAME_STEP and self._over.any():
+            info = {
+                "final_obs": self._observations(keep=True),
+                "final_info": self._info(given, keep=True),
+                "_final_obs": self._over.copy(),
+                "_final_info": self._over.copy(),
+            }
+            worlds.begin(self._over)
+            self._over = np.zeros(self.num_envs, dtype=bool)
+        self._seen[:] = worlds.facts["violations"]
+        return self._observations(), rewards, ended, cut, {**self._info(given), **info}
+
+    # ------------------------------------------------------------ arrays
+
+    def _seeds(self, seed: int | Sequence[int]) -> npt.NDArray[np.uint64]:
+        """Seeds of all worlds, (num_envs,)."""
+        if isinstance(seed, (int, np.integer)):
+            first = seed_value(int(seed))
+            found = [(first + k) & SEED_BITS for k in range(self.num_envs)]
+        else:
+            found = [seed_value(int(s)) for s in seed]
+        if len(found) != self.num_envs:
+            message = f"there are {len(found)} seeds for {self.num_envs} worlds"
+            raise wrong_choice(message, "give one seed, or one for each world")
+        return np.array(found, dtype=np.uint64)
+
+    def _actions(self, actions: Any) -> Array:  # noqa: ANN401 - NumPy, torch, lists
+        """Actions as doubles, (num_envs, numbers); no copy of doubles that lie in order."""
+        given = actions.detach().cpu() if hasattr(actions, "detach") else actions
+        found = np.asarray(given, dtype=np.float64)
+        needed = self.worlds.action_numbers
+        if found.shape == (self.num_envs,) and needed == 1:
+            found = found.reshape(self.num_envs, 1)
+        if found.shape != (self.num_envs, needed):
+            raise wrong_choice(
+                f"actions have the shape {np.shape(actions)}, not {(self.num_envs, needed)}",
+                "one row a world, one number for each that its advanced controller publishes",
+            )
+        return np.ascontiguousarray(found)
+
+    def _observations(self, *, keep: bool = False) -> Array:
+        """What the worlds show, (num_envs, numbers)."""
+        found = self.worlds.observations
+        if self._dtype != np.float64:
+            return found.astype(self._dtype)
+        return found.copy() if self._copy or keep else found
+
+    def _judged(self, before: Array) -> tuple[Array, Array, Array]:
+        """Rewards, terminations and truncations, (num_envs,), of a step from `before` (n, m)."""
+        worlds, n = self.worlds, self.num_envs
+        facts, seen = worlds.facts, (before, worlds.applied, worlds.observations)
+        rewards = np.zeros(n) if self._reward is None else _column(self._reward(*seen), n, "reward")
+        ended = np.zeros(n, dtype=bool)
+        if self._terminate is not None:
+            ended = _column(self._terminate(*seen), n, "terminate").astype(bool)
+        cut = np.zeros(n, dtype=bool)
+        if self._max_steps:
+            cut = facts["steps"] >= self._max_steps
+        if self._on_violation is not None:
+            violated = self._cost > 0.0
+            ended, cut = (
+                (ended | violated, cut)
+                if self._on_violation == "terminate"
+                else (ended, cut | violated)
+            )
+        return rewards, ended, cut
+
+    def _info(self, given: Array | None = None, *, keep: bool = False) -> dict[str, Any]:
+        facts = self.worlds.facts
+        applied = self.worlds.applied
+        if self._copy or keep:
+            facts, applied = facts.copy(), applied.copy()
+        found = {name: facts[name] for name in FACTS}
+        found["action_taken"] = applied
+        found["cost"] = self._cost
+        if given is not None:
+            found["intervened"] = ~facts["taken_by"] | facts["gate_fault"]
+            found["action_requested"] = given
+        return found
+
+
+def _chosen(
+    num_envs: int,
+    on_violation: str | None,
+    max_steps: int | None,
+    autoreset: AutoresetMode | str,
+    dtype: Any,  # noqa: ANN401 - whatever NumPy takes
+) -> AutoresetMode:
+    """The mode that was named; SoterError U001 where a choice is none."""
+    if isinstance(num_envs, bool) or not isinstance(num_envs, int) or num_envs < 1:
+        raise wrong_choice(f"there cannot be {num_envs!r} worlds", "num_envs is 1 or more")
+    if on_violation not in ENDS:
+        raise wrong_choice(
+            f"`on_violation` cannot be {on_violation!r}", "'terminate', 'truncate' or None"
+        )
+    if max_steps is not None and (not isinstance(max_steps, int) or max_steps < 0):
+        raise wrong_choice(f"an episode cannot last {max_steps!r} steps", "0: without an end")
+    if not np.issubdtype(np.dtype(dtype), np.floating):
+        raise wrong_choice(f"observations cannot be {dtype!r}", "np.float64 or np.float32")
+    try:
+        return AutoresetMode(autoreset)
+    except ValueError as error:
+        known = ", ".join(f"`{m.value}`" for m in AutoresetMode)
+        raise wrong_choice(f"`autoreset` cannot be {autoreset!r}", f"there are {known}") from error
+
+
+def _limit(made: Compiled) -> int:
+    """How many steps the agent takes until the system's own end; 0 where it has none."""
+    agent, until = made.system.components[made.roles.agent], made.system.until_ns
+    return 0 if until is None else max(1, (until - agent.phase_ns) // agent.period_ns)
+
+
+def _mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bool_]:
+    """Which worlds to reset, (count,)."""
+    if options is None or "reset_mask" not in options:
+        return np.ones(count, dtype=bool)
+    mask = np.asarray(options["reset_mask"])
+    if mask.shape != (count,) or mask.dtype != np.bool_:
+        raise wrong_choice("`reset_mask` is no array of a bool for each world")
+    return mask
+
+
+def _column(given: Any, count: int, what: str) -> Array:  # noqa: ANN401 - what a function gave
+    """One number a world, (count,)."""
+    found = np.asarray(given)
+    if found.shape != (count,):
+        raise wrong_choice(f"`{what}` gave the shape {found.shape}, not {(count,)}")
+    return found.astype(np.float64)
+
+
+def make_vec(
+    program: str | Path | soter.api.Program,
+    num_envs: int = 1,
+    **options: Any,  # noqa: ANN401 - those of ProtectedVector
+) -> ProtectedVector:
+    """`ProtectedVector(program, num_envs, **options)`."""
+    return ProtectedVector(program, num_envs, **options)

@@ -1,0 +1,70 @@
+"""What is told of an environment that a proof says nothing of.
+
+Purpose: `SafetyWarning`, for starts that the decision module does not vouch for, states that nobody
+observes, and wrappers that change the numbers of observations or actions.
+Non-goals: mistakes, which are errors (`outside.py`).
+"""
+
+from __future__ import annotations
+
+import warnings
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.gym.session import Session
+
+CHANGED = {
+    "NormalizeObservation": "observations",
+    "RescaleObservation": "observations",
+    "TransformObservation": "observations",
+    "FrameStackObservation": "observations",
+    "DelayObservation": "observations",
+    "RescaleAction": "actions",
+    "TransformAction": "actions",
+    "StickyAction": "actions",
+}
+"""Wrappers inside of which the plant has other numbers than outside."""
+LEVEL = 4
+"""Frames between a warning and the line of the caller's own."""
+
+
+class SafetyWarning(UserWarning):
+    """Something that runs, but of which a proof says nothing."""
+
+
+def warn_of_wrappers(env: gymnasium.Env[Any, Any]) -> None:
+    """Warn of wrappers around an environment that change its numbers."""
+    while isinstance(env, gymnasium.Wrapper):
+        name = type(env).__name__
+        if name in CHANGED:
+            warnings.warn(
+                f"`{name}` changes the {CHANGED[name]} of the environment that the module sees: "
+                "put it around the module, not inside, or give the functions that undo it",
+                SafetyWarning,
+                stacklevel=LEVEL,
+            )
+        env = env.env
+
+
+def warn_of_unseen(names: Sequence[str]) -> None:
+    """Warn of states of the plant that nobody observes."""
+    warnings.warn(
+        f"`observe` gives no {', '.join(f'`{n}`' for n in names)}: the module goes on with what "
+        "it was at the start, as if that had just been measured",
+        SafetyWarning,
+        stacklevel=LEVEL + 1,
+    )
+
+
+def warn_of_start(session: Session) -> None:
+    """Warn of a start at which the decision module keeps the agent from control."""
+    warnings.warn(
+        f"the episode starts where `ttf` of module `{session.module.name}` holds: the proof "
+        "vouches for it only if the safe controller's own set contains it",
+        SafetyWarning,
+        stacklevel=LEVEL,
+    )

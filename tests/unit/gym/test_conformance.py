@@ -1,0 +1,216 @@
+"""What an environment does, against what the plant of the proof can do."""
+
+from __future__ import annotations
+
+import tempfile
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import gymnasium
+import numpy as np
+import pytest
+from gym_cart import CART, Cart  # type: ignore[import-not-found]
+from gymnasium import spaces
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import soter
+from soter.gym import Conformance, Protected, SafetyWarning, conformance
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+ROOT = Path(__file__).resolve().parents[3]
+WIND = 0.2
+"""What the program declares, m/s^2."""
+
+
+class Pushed(Cart):  # type: ignore[misc]
+    """The cart in a wind that it is given, and with an engine that may be too strong."""
+
+    def __init__(self, wind: Any, strength: float = 1.0) -> None:
+        super().__init__()
+        self.wind, self.strength = wind, strength
+
+    def step(self, action: Any) -> Any:
+        return super().step(action * self.strength + self.wind(self.done))
+
+
+@given(st.lists(st.floats(-WIND, WIND), min_size=1, max_size=8), st.integers(0, 1000))
+@settings(max_examples=20, deadline=None)
+def test_winds_within_the_declared_ones_are_inside_and_found(winds: list[float], seed: int) -> None:
+    env = Protected(PROGRAM, Pushed(lambda i: winds[i % len(winds)]))
+    found = conformance(env, 2 * len(winds), seed=seed)
+    assert found.inside == found.steps >= 2 * len(winds)
+    assert max(found.residual.values()) <= 2e-9
+    assert found.used["c.wind"] == pytest.approx(max(map(abs, winds)) / WIND, abs=1e-5)
+
+
+@given(st.floats(1.01 * WIND, 3.0 * WIND), st.sampled_from([-1.0, 1.0]))
+@settings(max_examples=20, deadline=None)
+def test_stronger_winds_are_outside_and_said_by_how_much(size: float, sign: float) -> None:
+    wind = sign * size
+    env = Protected(PROGRAM, Pushed(lambda i: wind * (i % 2)))
+    found = conformance(env, 100)
+    assert found.share == 0.5
+    assert found.residual["v"] == pytest.approx(0.005 * (size - WIND), rel=1e-5)
+    assert found.undisturbed["v"] == pytest.approx(0.005 * size, rel=1e-5)
+    assert found.used["c.wind"] == 1.0
+    start, end = (np.array(found.worst[k]) for k in ("from", "to"))
+    (accel,) = found.worst["command"]
+    assert end[1] - start[1] - 0.005 * accel == pytest.approx(0.005 * wind)
+
+
+def test_the_alarm_says_which_step_was_outside() -> None:
+    env = Protected(PROGRAM, Pushed(lambda i: 1.0 if i == 21 else 0.0))
+    _, info = env.reset(seed=1)
+    alarms = []
+    for _ in range(20):
+        *_, info = env.step(np.zeros(1))
+        alarms.append(info["off_model"])
+    assert [i for i, a in enumerate(alarms) if a] == [10], "plant steps 20 and 21"
+
+
+def test_what_is_shown_in_single_precision_is_compared_so() -> None:
+    class Single(Cart):  # type: ignore[misc]
+        def __init__(self) -> None:
+            super().__init__()
+            self.observation_space = spaces.Box(-1000.0, 1000.0, (2,), np.float32)
+
+        def step(self, action: Any) -> Any:
+            state, *rest = super().step(action)
+            self.state = state.astype(np.float32).astype(np.float64)
+            return state.astype(np.float32), *rest
+
+    assert conformance(Protected(PROGRAM, Single()), 300).share == 1.0
+    assert conformance(Protected(PROGRAM, Single(), tolerance=0.0), 300).share < 1.0
+
+
+def test_gymnasiums_car_is_the_proved_one_without_any_tolerance() -> None:
+    program = soter.load(ROOT / "examples" / "mountain_car" / "cliff.soter")
+    car = gymnasium.make("MountainCarContinuous-v0")
+    found = conformance(Protected(program, car, tolerance=1e-15), 2000, policy=back_and_forth)
+    assert found.share > 0.999
+    assert 0.01 < found.used["car.rounding_x"] <= 1.0
+
+
+def back_and_forth(observation: Any) -> Any:
+    return np.array([1.0 if observation[1] >= 0.0 else -1.0], dtype=np.float32)
+
+
+def test_states_that_nobody_observes_are_not_compared() -> None:
+    env = Protected(PROGRAM, Cart(), observe=lambda o: {"x": o[0]})
+    with pytest.warns(SafetyWarning, match="gives no `v`"):
+        found = conformance(env, 50)
+    assert found.residual["v"] == 0.0
+    assert found.residual["x"] > 0.0, "the plant's own speed stays 0"
+
+
+TWO = """soter 1;
+topic at: float in [-100.0, 100.0] max_age 1s;
+topic push: float in [-1.0, 1.0];
+topic told: float in [-1.0, 1.0];
+plant P period 10ms { reads push, told; drives at = a; state a: float; state b: float;
+  disturbance d: float[2] in [-0.5, 0.5]; disturbance gust: float in [-1.0, 3.0] hold 1s;
+  der a = b + sin(a) * gust; der b = push + told + d[0] * a - d[1]; }
+node Teller period 10ms { publishes told; step { publish told = min(time, 1.0); } }
+extern node Ac period 10ms { subscribes at; publishes push; }
+node Sc period 10ms { publishes push; step { publish push = 0.0; } }
+rta M { ac Ac; sc Sc; period 10ms; safe at < 99.0; ttf false; safer true; }
+system S default { p: P; module M; node Teller; until 10s; }
+"""
+
+
+class Twin(Cart):  # type: ignore[misc]
+    """The plant `P` of `TWO`, flown by the program itself, with a push that is given on top."""
+
+    def __init__(self, run: soter.Run, at: int, off: float = 0.0) -> None:
+        super().__init__()
+        self.observation_space = spaces.Box(-1e6, 1e6, (2,), np.float64)
+        self.action_space = spaces.Box(-1.0, 1.0, (2,), np.float64)
+        truth = run.truth("p")
+        self.rows = np.stack([truth["a"], truth["b"]], axis=1)
+        self.rows[at] += off
+
+    def reset(self, **_: Any) -> Any:
+        self.done = 0
+        return self.rows[0], {}
+
+    def step(self, action: Any) -> Any:
+        del action
+        self.done += 1
+        return self.rows[self.done], 0.0, False, self.done == len(self.rows) - 1, {}
+
+
+def in_turn(pushes: Iterator[Any], _: Any) -> Any:
+    """A policy that goes through given pushes."""
+    return np.array([next(pushes)])
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_every_run_of_the_program_conforms_and_a_jump_in_it_does_not(seed: int) -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "two.soter"
+        path.write_text(TWO)
+        program = soter.load(path)
+    rng = np.random.default_rng(seed)
+    pushes = rng.uniform(-1.0, 1.0, 400)
+    told = iter(pushes)
+    program.bind("Ac", lambda _: {"push": next(told)})
+    run = program.simulate(until=2.0, seed=seed)
+    for off, outside in ((0.0, 0), (1.0, 2)):
+        env = Protected(program, Twin(run, 100, off))
+        found = conformance(env, 199, policy=partial(in_turn, iter(pushes)))
+        assert found.steps - found.inside == outside
+        assert set(found.used) == {"p.d.[0]", "p.d.[1]", "p.gust"} or len(found.used) == 3
+
+
+def test_the_plant_of_the_proof_has_no_faults(tmp_path: Path) -> None:
+    path = tmp_path / "cart.soter"
+    faults = "faults { scale c.wind by 9.0 at 600 per 1min for 1s; }\n  until 30s;"
+    path.write_text(CART.read_text().replace("until 30s;", faults, 1))
+    program = soter.load(path)
+    assert conformance(Protected(program, Cart()), 100).share == 1.0
+    windy = Pushed(lambda i: 2.0 * WIND * (i % 2))
+    assert conformance(Protected(program, windy), 100).share == 0.5
+
+
+# ---------------------------------------------------------------- where it cannot be
+
+
+def test_without_a_plant_of_its_own_there_is_nothing_to_compare_with() -> None:
+    program = soter.load(ROOT / "examples" / "mountain_car" / "gymnasium.soter")
+    car = gymnasium.make("MountainCarContinuous-v0")
+    env = Protected(program, car)
+    assert env.reset(seed=1)[1]["off_model"] is None
+    with pytest.raises(soter.SoterError, match="no model"):
+        conformance(env)
+    with pytest.raises(soter.SoterError, match="is extern in the program"):
+        Protected(program, car, alarm=True)
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [({"tolerance": {"z": 1.0}}, "no state `z`"), ({"tolerance": -1.0}, "cannot be -1.0")],
+)
+def test_wrong_tolerances_are_said(options: Any, words: str) -> None:
+    with pytest.raises(soter.SoterError, match=words):
+        Protected(PROGRAM, Cart(), **options)
+
+
+def test_no_steps_are_no_measurement() -> None:
+    with pytest.raises(soter.SoterError, match="0 steps"):
+        conformance(Protected(PROGRAM, Cart()), 0)
+
+
+def test_it_reads_as_text() -> None:
+    found = Conformance(4, 3, {"x": 0.5}, {"x": 1.0}, {"c.wind": 1.0})
+    assert str(found).splitlines() == [
+        "3 of 4 steps (75.0000%) are explained",
+        "  x: residual 0.5, undisturbed 1",
+        "  c.wind: 100.0% of its bounds",
+    ]
+
+
+PROGRAM = soter.load(CART)
