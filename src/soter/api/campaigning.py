@@ -33,8 +33,8 @@ if TYPE_CHECKING:
     from soter.campaign.arms import Arm
     from soter.campaign.flight import Flight
     from soter.campaign.lateness import Lateness
-    from soter.lower.core import CoreSystem
     from soter.program.model.system import System
+    from soter.simulate.externs.bindings import Bindings
 
     Progress = Callable[[float], None]
 
@@ -82,10 +82,9 @@ class Campaign:
 
 
 def campaign(
-    flat: System,
+    bindings: Bindings,
     path: str,
     *,
-    core: CoreSystem | None = None,
     hours: float | None = None,
     flights: int | None = None,
     until: float | str | None = None,
@@ -108,6 +107,7 @@ def campaign(
     wrong figures, U003 for extern nodes, D006 for the folder.
     """
     began = time.perf_counter()
+    flat, core = bindings.system, bindings.core
     until_ns = end_of(flat, until)
     count = _count(hours, flights, until_ns)
     threads = workers if workers is not None else os.cpu_count() or 1

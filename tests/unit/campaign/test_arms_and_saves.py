@@ -113,7 +113,7 @@ def test_wrong_measures_are_refused(measure: str, code: str, tmp_path: Path) -> 
 # ---------------------------------------------------------------- saves
 
 
-def test_a_save_is_what_a_run_with_ac_left_in_control_says(tmp_path: Path) -> None:
+def test_a_save_is_what_a_run_with_ac_left_in_control_says() -> None:
     """AC rushes to a goal beyond the wall: left alone it crashes; another one never would."""
     flat = flat_of(CART)
     fleet = Fleet(flat, 20 * SECOND, horizon_ns=5 * SECOND)
@@ -174,7 +174,7 @@ def test_what_was_outside_is_told_up_to_the_violation(tmp_path: Path) -> None:
 # ---------------------------------------------------------------- arms
 
 
-def test_arms_are_other_systems_on_the_same_seeds(tmp_path: Path) -> None:
+def test_arms_are_other_systems_on_the_same_seeds() -> None:
     late = (0, 1_000_000, 40_000_000)
     made = {a.name: a.system for a in arms_of(flat_of(CART), NAMES, late)}
     assert list(made) == [

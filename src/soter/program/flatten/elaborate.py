@@ -130,7 +130,16 @@ class Elaborator(Topics):
             self._names_of_property(self.parts[0], [item.value], scope)
             if interval and bins and every:
                 low, high = interval
-                yield Measure(item.name, item.value, scope, every, low, high, bins, item.span)
+                yield Measure(
+                    name=item.name,
+                    value=item.value,
+                    scope=scope,
+                    every_ns=every,
+                    low=low,
+                    high=high,
+                    bins=bins,
+                    span=item.span,
+                )
 
     def _idle_settings(self) -> None:
         """W010; silent where parts are missing, which may have read the parameters."""

@@ -12,7 +12,8 @@ from soter.program.check.base import sound
 from soter.program.check.context import Context
 from soter.program.check.expressions.field import find_instance
 from soter.program.check.parts.arrays import Unroller
-from soter.program.check.parts.system import SystemChecker, invariant_call, mentioned, source_line
+from soter.program.check.parts.campaigned import mentioned
+from soter.program.check.parts.system import SystemChecker, invariant_call, source_line
 from soter.program.model import typed
 from soter.program.model.types import INT
 from soter.syntax import tree
