@@ -1,7 +1,8 @@
 """Whether runs fit the plants of their proofs.
 
-Purpose: `judged`, what `Program.monitor` does with a log or a run.
-Non-goals: the judgement itself (`monitor/membership.py`).
+Purpose: `judged`, what `Program.monitor` does with a log or a run; `log_judged`, what
+`Program.judge_log` does with a log of somebody else.
+Non-goals: the judgements themselves (`monitor/membership.py`, `monitor/logs/replay.py`).
 """
 
 from __future__ import annotations
@@ -10,11 +11,21 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api.given import chosen_modules
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.monitor.logs.decidable import Decidable, decidable
+from soter.monitor.logs.mapping import mapping_of, read_mapping, system_named
+from soter.monitor.logs.replay import replay
+from soter.monitor.logs.samples import samples_of
+from soter.monitor.logs.sources import read_columns
 from soter.monitor.membership import Judgement, judge
 from soter.reach.problem.extract import extract_sets
 from soter.simulate.recorded import read_log, recorded
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from typing import Any
+
+    from soter.monitor.logs.result import LogJudgement
     from soter.program.model.system import System
     from soter.simulate.result import Run
 
@@ -30,3 +41,39 @@ def judged(
         record = read_log(Path(log), flat)
     chosen = chosen_modules(flat, module)
     return [judge(flat, m, extract_sets(flat, m), record, estimates=estimates) for m in chosen]
+
+
+def log_judged(
+    flat_of: Callable[[str | None, Mapping[str, object] | None], System],
+    log: str | Path,
+    mapping: str | Path | Mapping[str, Any],
+    *,
+    module: str | None = None,
+    system: str | None = None,
+    params: Mapping[str, object] | None = None,
+    where: Mapping[str, str] | None = None,
+) -> LogJudgement:
+    """When each module, or one, would have switched on the reads of a log, and how near it came.
+
+    `flat_of`: a fresh flat system by name and parameters. `mapping`: a file or what it says;
+    `where`: rows that count, beside its own. SoterError D015, D016, U001; D017 where no module can be decided.
+    """
+    given = mapping if not isinstance(mapping, (str, Path)) else read_mapping(Path(mapping))
+    flat = flat_of(system or system_named(given), params)
+    chosen = [m.index for m in chosen_modules(flat, module)]
+    declared = mapping_of(given, flat, where)
+    path = Path(log)
+    plan = decidable(flat, [t.topic.index for t in declared.topics])
+    if not set(plan.modules) & set(chosen):
+        raise SoterError(tuple(lost(m, plan, flat) for m in chosen))
+    samples = samples_of(path, declared, read_columns(path, declared))
+    found = replay(flat, samples, plan, str(log))
+    found.modules = [found.modules[i] for i in chosen]
+    return found
+
+
+def lost(index: int, plan: Decidable, flat: System) -> Diagnostic:
+    """D017: a module of which a log says nothing."""
+    name = flat.modules[index].name
+    notes = tuple(f"missing: {m}" for m in plan.missing[index])
+    return Diagnostic("D017", f"the log does not decide module `{name}`", notes=notes)
