@@ -19,18 +19,25 @@ import tempfile
 import time
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from soter.api import load
 from soter.monitor.logs.mapping import read_mapping
-from soter.monitor.logs.result import LogJudgement, ModuleOfLog
 from soter.report.summary import table
+
+if TYPE_CHECKING:
+    from soter.monitor.logs.result import LogJudgement, ModuleOfLog
 
 ROOT = Path(__file__).resolve().parents[1]
 DRONE = ROOT / "examples" / "drone"
 SAMPLE = DRONE / "px4_goto.csv.gz"
-HEAD = "set leg sample x y z start_x start_y start_z goal_x goal_y goal_z".split()
+HEAD = ["set", "leg", "sample", "x", "y", "z"]
+HEAD += [f"{end}_{axis}" for end in ("start", "goal") for axis in "xyz"]
+FIELDS = ["set", "leg", "radius_m", "duration_s", "steps", "ac_share", "first_switch_s", "switches"]
+FIELDS += ["ttf_share", "outside_share", "first_outside_s", "least_to_ttf", "at_s", "comparison"]
+FIELDS += ["least_to_safe", "safe_at_s"]
 RADII = (3.0, 8.0)
 Row = dict[str, str]
 Key = tuple[str, str]
@@ -162,20 +169,15 @@ def write(judged: list[Judged], path: Path) -> None:
     """A row for each leg and tube."""
     with path.open("w", encoding="utf-8", newline="") as file:
         writer = csv.writer(file)
-        writer.writerow(
-            "set leg radius_m duration_s steps ac_share first_switch_s switches ttf_share "
-            "outside_share first_outside_s least_to_ttf at_s comparison least_to_safe at_s".split()
-        )
+        writer.writerow(FIELDS)
         for j in judged:
             m = j.module
             near = m.margin and (m.margin.distance, m.margin.time_s, m.margin.bound)
             clear = m.clearance and (m.clearance.distance, m.clearance.time_s)
             shares = m.ttf / max(1, m.fresh), m.outside / max(1, m.fresh)
-            writer.writerow(
-                [*j.key, j.radius, j.log.to_s, m.steps, m.ac_share, m.first_switch_s]
-                + [len(m.switches), *shares, m.first_outside_s]
-                + [*(near or ("", "", "")), *(clear or ("", ""))]
-            )
+            row = [*j.key, j.radius, j.log.to_s, m.steps, m.ac_share, m.first_switch_s]
+            row += [len(m.switches), *shares, m.first_outside_s]
+            writer.writerow([*row, *(near or ("", "", "")), *(clear or ("", ""))])
 
 
 def main() -> int:
@@ -206,7 +208,9 @@ def main() -> int:
     print(table(["topic", "how", "50 %", "95 %", "worst"], errors(judged)))
     steps = sum(j.module.steps for j in judged)
     flown = sum(j.log.to_s for j in judged)
-    print(f"\n{wall:.0f} s, {steps / wall:,.0f} steps of the DM a second, {flown / wall:.0f} x real")
+    print(
+        f"\n{wall:.0f} s, {steps / wall:,.0f} steps of the DM a second, {flown / wall:.0f} x real"
+    )
     print(f"each leg: {args.output}")
     return 0
 

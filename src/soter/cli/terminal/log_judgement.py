@@ -7,6 +7,7 @@ Non-goals: the judgement (`monitor/logs/`), the command (`cli/monitor.py`).
 from __future__ import annotations
 
 import textwrap
+from math import isfinite
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Severity
@@ -108,7 +109,9 @@ def _item(text: str) -> Iterator[str]:
 
 
 def _near(n: Nearest | None) -> str:
-    return "" if n is None else f"{n.distance:.3f} at {n.time_s:.3f} s"
+    if n is None or not isfinite(n.distance):
+        return ""
+    return f"{n.distance:.3f} at {n.time_s:.3f} s"
 
 
 # ---------------------------------------------------------------- for programs
@@ -157,4 +160,5 @@ def _module(m: ModuleOfLog) -> dict[str, object]:
 def _nearest(n: Nearest | None) -> dict[str, object] | None:
     if n is None:
         return None
-    return {"distance": n.distance, "time_s": n.time_s, "bound": n.bound}
+    distance = n.distance if isfinite(n.distance) else None
+    return {"distance": distance, "time_s": n.time_s, "bound": n.bound}

@@ -49,15 +49,15 @@ def replay(system: System, samples: list[Samples], plan: Decidable, log: str) ->
     from_ns = max(s.times_ns[0] for s in started)
     to_ns = max(s.times_ns[-1] for s in started)
     judged = LogJudgement(
-        log,
-        from_ns / 1e9,
-        to_ns / 1e9,
-        {s.topic.name: len(s.times_ns) for s in samples},
-        tuple(system.components[n].name for n in plan.nodes),
-        [],
-        [d for s in samples for d in s.derived],
-        tuple(n for s in samples for n in s.constants),
-        {s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
+        log=log,
+        from_s=from_ns / 1e9,
+        to_s=to_ns / 1e9,
+        samples={s.topic.name: len(s.times_ns) for s in samples},
+        nodes=tuple(system.components[n].name for n in plan.nodes),
+        modules=[],
+        derived=[d for s in samples for d in s.derived],
+        constants=tuple(n for s in samples for n in s.constants),
+        left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
     )
     watches = {}
     for m in system.modules:
@@ -69,6 +69,7 @@ def replay(system: System, samples: list[Samples], plan: Decidable, log: str) ->
     world = _World(system, machine_of, samples, plan, judged, from_ns)
     for ct in _instants(system, plan, to_ns - from_ns):
         world.instant(ct, watches)
+    world.rest(to_ns - from_ns)
     return judged
 
 
@@ -132,6 +133,12 @@ class _World:
             self._feed(n.index, ct)
             if n.index in released:
                 self._step(n, watches)
+
+    def rest(self, ct: int) -> None:
+        """What came after the last step of anybody: it may still be refused."""
+        for feeds in self.at.values():
+            for feed in feeds:
+                self._publish(feed, feed.before(ct + 1))
 
     def _feed(self, driver: int, ct: int) -> None:
         for feed in self.at.get(driver, ()):

@@ -1,0 +1,425 @@
+"""Logs of somebody else: their decisions are those of the program, and nothing is lost in silence.
+
+Non-goals: what a mapping may say (`tests/unit/monitor/test_mapping.py`), the whole set of legs
+(`bench/real_logs.py`).
+"""
+
+from __future__ import annotations
+
+import csv
+import json
+import random
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import pytest
+
+from json_documents import problems_of
+from long_tests import examples
+from soter.api import load
+from soter.cli.main import main
+from soter.monitor.logs.margins import Margins
+from soter.program.meaning.arith import StepFault
+from soter.program.meaning.environment import Environment
+from soter.program.meaning.statements import Evaluator
+from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
+from soter.simulate.decisions import changes
+
+if TYPE_CHECKING:
+    from soter.monitor.logs.result import LogJudgement, ModuleOfLog
+    from soter.program.model.system import System, Topic
+
+pytest.importorskip("mcap", reason="the extra `log` is not installed")
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+CART = EXAMPLES / "wall" / "cart.soter"
+DRONE = EXAMPLES / "drone"
+PX4_LOG, PX4_MAP = DRONE / "px4_goto.csv.gz", DRONE / "px4_goto.toml"
+REPLAYED = [
+    ("wall/cart.soter", ["motion"], []),
+    ("drone/motion_primitive.soter", ["tubeState"], []),
+    ("drone/motion_primitive.soter", ["iris.localPosition", "iris.reference"], ["Mission"]),
+    ("drone/goto.soter", ["iris.localPosition", "leg"], []),
+]
+
+
+def whole(system: System, names: list[str]) -> Any:
+    """A mapping of topics to channels and fields of the same names."""
+    topics = {}
+    for name in names:
+        paths = [".".join(p) or "value" for p, _ in leaves(system.topic(name).type)]
+        topics[name] = {"channel": name, "fields": {p: p for p in paths}}
+    return {"topics": topics}
+
+
+def columns(system: System, names: list[str]) -> Any:
+    """The same for a CSV, whose columns have the topic's name in front."""
+    given = whole(system, names)
+    for name, topic in given["topics"].items():
+        topic["fields"] = {p: f"{name}.{p}" for p in topic["fields"]}
+    return {**given, "time": {"from": "t", "unit": "ns"}}
+
+
+def as_csv(log: Path, names: list[str]) -> Path:
+    """The messages of a log, an instant a row; a channel that was silent leaves its cells empty."""
+    from mcap.reader import make_reader
+
+    rows: dict[int, dict[str, Any]] = {}
+    with log.open("rb") as file:
+        for _, channel, message in make_reader(file).iter_messages(topics=names):
+            row = rows.setdefault(message.log_time, {})
+            for path, value in flat(json.loads(message.data)):
+                row[f"{channel.topic}.{path}"] = value
+    head = ["t", *dict.fromkeys(k for row in rows.values() for k in row)]
+    found = log.with_suffix(".csv")
+    with found.open("w", newline="") as file:
+        writer = csv.DictWriter(file, head)
+        writer.writeheader()
+        writer.writerows({"t": t, **row} for t, row in rows.items())
+    return found
+
+
+def flat(value: Any, path: str = "") -> Any:
+    if isinstance(value, dict):
+        for name, part in value.items():
+            yield from flat(part, f"{path}.{name}" if path else name)
+    else:
+        yield path, value
+
+
+def decided(judged: LogJudgement, module: str) -> ModuleOfLog:
+    return next(m for m in judged.modules if m.module == module)
+
+
+# ---------------------------------------------------------------- the same decisions
+
+
+@pytest.mark.parametrize(("file", "names", "nodes"), REPLAYED)
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_run_read_as_a_foreign_log_is_decided_as_it_was(
+    tmp_path: Path, file: str, names: list[str], nodes: list[str], seed: int
+) -> None:
+    program = load(EXAMPLES / file)
+    log = tmp_path / "run.mcap"
+    run = program.simulate(seed=seed, until="12s", log=log)
+    judged = program.judge_log(log, whole(run.system, names))
+    assert list(judged.nodes) == nodes
+    (module,) = run.modules.values()
+    assert module.gate_faults == 0
+    told = [(c.time_ns / 1e9, c.after, c.reason) for c in changes(run)]
+    (found,) = judged.modules
+    assert [(c.time_s, c.to, c.reason) for c in found.changes] == told
+    assert told, "a run without a change says little"
+    assert found.steps > 200
+
+
+@pytest.mark.parametrize(("file", "names", "nodes"), REPLAYED)
+def test_a_csv_says_the_same_as_the_mcap_it_was_made_of(
+    tmp_path: Path, file: str, names: list[str], nodes: list[str]
+) -> None:
+    del nodes
+    program = load(EXAMPLES / file)
+    log = tmp_path / "run.mcap"
+    program.simulate(seed=4, until="8s", log=log)
+    one = program.judge_log(log, whole(program.flat(), names))
+    other = program.judge_log(as_csv(log, names), columns(program.flat(), names))
+    assert one.modules == other.modules
+    assert (one.from_s, one.to_s, one.samples) == (other.from_s, other.to_s, other.samples)
+
+
+# ---------------------------------------------------------------- distances
+
+
+def random_value(t: Any, chance: random.Random, low: float, high: float) -> Any:
+    if isinstance(t, FloatType):
+        return chance.choice([chance.uniform(low, high), chance.gauss(0.0, 1.0), 0.0])
+    if isinstance(t, BoolType):
+        return chance.random() < 0.5
+    if isinstance(t, IntType):
+        return chance.randint(max(t.low, -3), min(t.high, 3))
+    assert isinstance(t, EnumType)
+    return chance.randrange(len(t.members))
+
+
+def read_at_random(topic: Topic, chance: random.Random) -> Any:
+    bounds = iter(topic.bounds)
+
+    def build(t: Any) -> Any:
+        if hasattr(t, "fields"):
+            return tuple(build(f) for _, f in t.fields)
+        if hasattr(t, "element"):
+            count = t.size if hasattr(t, "size") else chance.randint(0, t.capacity)
+            return tuple(build(t.element) for _ in range(count))
+        bound = next(bounds, None)
+        low, high = (bound.low, bound.high) if bound else (-5.0, 40.0)
+        return random_value(t, chance, low, high)
+
+    return build(topic.type)
+
+
+@pytest.mark.parametrize(
+    "file",
+    ["wall/cart.soter", "drone/motion_primitive.soter", "drone/corridor.soter", "drone/goto.soter"],
+)
+def test_a_distance_has_the_sign_of_its_predicate(file: str) -> None:
+    flat_ = load(EXAMPLES / file).flat()
+    chance = random.Random(7)  # noqa: S311
+    for module in flat_.modules:
+        evaluator = Evaluator.of(module.scope)
+        for predicate in module.symbol.predicates:
+            margin, truth = Margins(evaluator).of(predicate), evaluator.expression(predicate)
+            both = set()
+            for _ in range(examples("SOTER_MARGINS", quick=300, long=5000)):
+                env = Environment(topics=[read_at_random(t, chance) for t in flat_.topics])
+                try:
+                    holds = truth(env)
+                except StepFault:
+                    continue
+                far = margin(env).far
+                assert far >= 0.0 if holds else far <= 0.0
+                both.add(holds)
+            assert both
+
+
+CONDITIONS = """soter 1;
+type Seen = { x: float, y: float, n: int, b: bool };
+topic seen: Seen;
+topic push: float in [-1.0, 1.0];
+fun Steps(s: Seen): bool {
+  for i in 0..3 {
+    if s.x > float(i) && s.x < float(i) + 0.5 { return false; }
+  }
+  if s.b { return s.y < 2.0; } elseif s.n > 2 { return true; }
+  let twice = 2.0 * s.y;
+  return twice < 3.0 || s.x < -1.0;
+}
+node A period 10ms { publishes push; step { publish push = 0.0; } }
+rta M { ac A; sc B; period 10ms; safe Steps(seen); ttf !Steps(seen) || seen.x > 9.0; safer @; }
+node B period 10ms { publishes push; step { publish push = 0.0; } }
+plant P period 10ms { drives seen = { x: x, y: x, n: 0, b: false }; state x: float; }
+system S { p: P; module M; }
+"""
+
+
+def test_no_read_nearer_than_the_distance_decides_otherwise(tmp_path: Path) -> None:
+    path = tmp_path / "conditions.soter"
+    path.write_text(CONDITIONS.replace("@", "seen.b ? seen.x < 1.0 : seen.y < 1.0"))
+    program = load(path)
+    assert program.ok, program.diagnostics
+    flat_ = program.flat()
+    module = flat_.modules[0]
+    at = flat_.topic("seen").index
+    evaluator = Evaluator.of(module.scope)
+    chance = random.Random(3)  # noqa: S311
+    tried = 0
+    for predicate in module.symbol.predicates:
+        margin, truth = Margins(evaluator).of(predicate), evaluator.expression(predicate)
+        for _ in range(examples("SOTER_MARGINS", quick=400, long=5000)):
+            x, y = chance.uniform(-2.0, 11.0), chance.uniform(-1.0, 4.0)
+            n, b = chance.randint(0, 4), chance.random() < 0.5
+            env = env_of(flat_, at, (x, y, n, b))
+            far, holds = abs(margin(env).far), truth(env)
+            for _ in range(5):  # `twice` moves twice as fast as y
+                dx, dy = (chance.uniform(-1.0, 1.0) * min(far, 9.0) * s for s in (0.999, 0.499))
+                other = env_of(flat_, at, (x + dx, y + dy, n, b))
+                assert truth(other) == holds, (x, y, n, b, dx, dy)
+                tried += 1
+    assert tried > 1000
+
+
+def env_of(flat_: System, at: int, value: Any) -> Environment:
+    topics = [t.default for t in flat_.topics]
+    topics[at] = value
+    return Environment(topics=topics)
+
+
+# ---------------------------------------------------------------- foreign numbers
+
+
+def track(path: Path, rows: list[list[object]], head: list[str]) -> Path:
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([head, *rows])
+    return path
+
+
+def cart_rows(n: int = 200) -> list[list[object]]:
+    """t in s, x in m, v in m/s: towards the wall and on."""
+    return [[k / 50, 0.0005 * k * k, 0.05 * k] for k in range(n)]
+
+
+CART_MAP: dict[str, Any] = {
+    "system": "Protected",
+    "time": {"from": "t"},
+    "topics": {"motion": {"fields": {"x": "x", "v": "v"}}},
+}
+
+
+def test_other_units_signs_and_clocks_say_the_same(tmp_path: Path) -> None:
+    rows = cart_rows()
+    program = load(CART)
+    plain = program.judge_log(track(tmp_path / "a.csv", rows, ["t", "x", "v"]), CART_MAP)
+    other = [[int(t * 1000) + 1_700_000_000_000, 2000.0 - 1000 * x, -3.6 * v] for t, x, v in rows]  # type: ignore[operator]
+    fields = {
+        "x": {"from": "down", "unit": "mm", "scale": -1.0, "offset": 2.0},
+        "v": {"from": "kmh", "unit": "km/h", "scale": -1.0},
+    }
+    mapping = {**CART_MAP, "time": {"from": "ms", "unit": "ms"}}
+    mapping["topics"] = {"motion": {"fields": fields}}
+    changed = program.judge_log(track(tmp_path / "b.csv", other, ["ms", "down", "kmh"]), mapping)
+    (a,), (b,) = plain.modules, changed.modules
+    assert [(c.time_s, c.to) for c in a.changes] == [(c.time_s, c.to) for c in b.changes]
+    assert a.margin is not None
+    assert b.margin is not None
+    assert a.margin.distance == pytest.approx(b.margin.distance, abs=1e-9)
+    assert a.switches, "it comes too near"
+
+
+def test_a_velocity_from_positions_is_within_its_stated_error(tmp_path: Path) -> None:
+    rows = [[k / 10, 0.5 * (k / 10) ** 2 + 0.01 * ((-1) ** k)] for k in range(60)]
+    fields = {"x": "x", "v": {"slope": "x", "window": "0.6s"}}
+    mapping = {**CART_MAP, "topics": {"motion": {"fields": fields, "between": "linear"}}}
+    judged = load(CART).judge_log(track(tmp_path / "a.csv", rows, ["t", "x"]), mapping)
+    names = {d.name for d in judged.derived}
+    assert names == {"motion.v", "motion.x"}
+    (slope,) = (d for d in judged.derived if "slope" in d.how)
+    assert 0.0 < slope.error[0] <= slope.error[1] <= slope.error[2] < 0.5
+    assert any("derived" in text for text in judged.assumptions)
+
+
+def test_reads_too_old_or_refused_or_empty_end_with_sc(tmp_path: Path) -> None:
+    rows = cart_rows(40)
+    cells: list[list[object]] = [list(r) for r in rows]
+    for k in range(10, 14):
+        cells[k][1] = ""
+    cells[20][2] = "nan"
+    program = load(CART)
+    path = track(tmp_path / "a.csv", cells, ["t", "x", "v"])
+    judged = program.judge_log(path, CART_MAP)
+    count, first = judged.left_out["motion"]
+    assert (count, first) == (5, "line 12: no finite number for `motion.x`")
+    (module,) = judged.modules
+    assert module.stale > 0
+    assert any(c.to == "SC" and "older than" in c.reason for c in module.changes)
+
+
+def test_a_value_outside_its_topics_set_is_refused_as_the_gate_would(tmp_path: Path) -> None:
+    path = tmp_path / "narrow.soter"
+    path.write_text(
+        CART.read_text().replace(
+            "topic motion: Motion max",
+            "topic motion: Motion in { x in [-10.0, 10.0], v in [-1.0, 1.0] } max",
+        )
+    )
+    program = load(path)
+    assert program.ok, program.diagnostics
+    judged = program.judge_log(track(tmp_path / "a.csv", cart_rows(), ["t", "x", "v"]), CART_MAP)
+    count, first = judged.refused["motion"]
+    assert count == 179
+    assert "0.420 s" in first
+    assert "not in [-1.0, 1.0]" in first
+
+
+# ---------------------------------------------------------------- the command
+
+
+def command(capsys: Any, *arguments: object) -> tuple[int, str]:
+    code = main(["monitor", *map(str, arguments)])
+    said = capsys.readouterr()
+    return code, said.out + said.err
+
+
+def test_the_command_names_what_is_missing_and_what_that_leaves_open(capsys: Any) -> None:
+    code, said = command(
+        capsys, DRONE / "motion_primitive.soter", PX4_LOG, "--map", positions(), "--where", "set=2",
+        "--where", "leg=0",
+    )  # fmt: skip
+    assert code == 1
+    assert "error[D017]: the log does not decide module `SafeMotionPrimitive`" in said
+    assert "missing: control (which the controllers of" in said
+
+
+def positions() -> Path:
+    """The mapping without the leg, as a file."""
+    text = PX4_MAP.read_text()
+    found = Path("positions.toml")
+    found.write_text(text[: text.index("[topics.leg]")])
+    return found
+
+
+@pytest.fixture(autouse=True)
+def _own_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+TWO = """soter 1;
+topic a: float; topic b: float; topic u: float in [-1.0, 1.0]; topic w: float in [-1.0, 1.0];
+plant P period 10ms { drives a = x; drives b = x; state x: float; }
+node One period 10ms { publishes u; step { publish u = 0.0; } }
+node Two period 10ms { publishes u; step { publish u = 0.5; } }
+node Three period 10ms { publishes w; step { publish w = 0.0; } }
+node Four period 10ms { publishes w; step { publish w = 0.5; } }
+rta Left { ac One; sc Two; period 10ms; safe a < 2.0; ttf a > 1.0; safer a < 0.5; }
+rta Right { ac Three; sc Four; period 10ms; safe b < 2.0; ttf b > 1.0 || mode(Left) == Mode.SC; safer b < 0.5; }
+system S { p: P; module Left; module Right; }
+"""  # noqa: E501
+
+
+def test_what_can_be_decided_is_although_another_module_cannot(tmp_path: Path, capsys: Any) -> None:
+    program = tmp_path / "two.soter"
+    program.write_text(TWO)
+    log = track(tmp_path / "a.csv", [[k / 10, k / 20] for k in range(30)], ["t", "a"])
+    mapping = tmp_path / "map.json"
+    mapping.write_text(
+        json.dumps({"time": {"from": "t"}, "topics": {"a": {"fields": {"value": "a"}}}})
+    )
+    code, said = command(capsys, program, log, "--map", mapping)
+    assert code == 0
+    assert "warning[D017]: the log does not decide module `Right`" in said
+    assert "missing: b (which plant `p` drives)" in said
+    code = main(["monitor", str(program), str(log), "--map", str(mapping), "--json"])
+    document = json.loads(capsys.readouterr().out)
+    assert problems_of(document) == []
+    modules = document["log"]["modules"]
+    assert (modules["Left"]["decided"], modules["Right"]["decided"]) == (True, False)
+    assert modules["Left"]["first_switch_s"] == 2.1
+    assert modules["Right"]["missing"] == ["b (which plant `p` drives)"]
+
+
+def test_reads_outside_of_safe_exit_with_3(tmp_path: Path, capsys: Any) -> None:
+    mapping = tmp_path / "map.json"
+    mapping.write_text(json.dumps(CART_MAP))
+    inside = track(tmp_path / "a.csv", cart_rows(), ["t", "x", "v"])
+    assert command(capsys, CART, inside, "--map", mapping)[0] == 3
+    short = track(tmp_path / "b.csv", cart_rows(40), ["t", "x", "v"])
+    assert command(capsys, CART, short, "--map", mapping)[0] == 0
+
+
+# ---------------------------------------------------------------- PX4
+
+
+@pytest.mark.parametrize(("set_", "leg"), [("1", "65"), ("2", "0"), ("3", "44")])
+def test_on_a_leg_of_px4_sc_has_control_before_the_tube_is_left(set_: str, leg: str) -> None:
+    judge_leg(set_, leg)
+
+
+@pytest.mark.long
+def test_on_every_leg_of_the_sample_sc_has_control_before_the_tube_is_left() -> None:
+    import gzip
+
+    with gzip.open(PX4_LOG, "rt") as file:
+        legs = {(r["set"], r["leg"]) for r in csv.DictReader(file)}
+    assert len(legs) == 40
+    left = sum(judge_leg(*leg) for leg in legs)
+    assert left == 13
+
+
+def judge_leg(set_: str, leg: str) -> bool:
+    judged = load(DRONE / "goto.soter").judge_log(PX4_LOG, PX4_MAP, where={"set": set_, "leg": leg})
+    (module,) = judged.modules
+    assert module.stale == 0
+    assert judged.left_out == judged.refused == {}
+    if module.first_outside_s is None:
+        return False
+    before = [c for c in module.changes if c.time_s <= module.first_outside_s]
+    assert not before or before[-1].to == "SC"
+    return True
