@@ -70,7 +70,10 @@ class Quad:
     density, viscosity = 0.0, 0.0
 
     def __init__(self) -> None:
-        import mujoco  # noqa: PLC0415 - the extra `mujoco`
+        try:
+            import mujoco  # noqa: PLC0415 - the extra `mujoco`
+        except ImportError as error:
+            raise ImportError("MuJoCo is missing: pip install 'soter[mujoco]'") from error
 
         self._step = mujoco.mj_step
         self.model = mujoco.MjModel.from_xml_string(model_xml(self.density, self.viscosity))

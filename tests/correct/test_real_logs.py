@@ -18,6 +18,7 @@ from json_documents import problems_of
 from long_tests import examples
 from soter.api import load
 from soter.cli.main import main
+from soter.diagnostics.diagnostic import SoterError
 from soter.monitor.logs.margins import Margins
 from soter.program.meaning.arith import StepFault
 from soter.program.meaning.environment import Environment
@@ -392,6 +393,89 @@ def test_reads_outside_of_safe_exit_with_3(tmp_path: Path, capsys: Any) -> None:
     assert command(capsys, CART, inside, "--map", mapping)[0] == 3
     short = track(tmp_path / "b.csv", cart_rows(40), ["t", "x", "v"])
     assert command(capsys, CART, short, "--map", mapping)[0] == 0
+
+
+FLAGS = """soter 1;
+topic on: bool max_age 1s; topic u: float in [-1.0, 1.0];
+plant P period 10ms { drives on = true; state x: float; }
+node One period 10ms { publishes u; step { publish u = 0.0; } }
+node Two period 10ms { publishes u; step { publish u = 0.5; } }
+rta M { ac One; sc Two; period 10ms; safe on; ttf !on; safer on; }
+system S { p: P; module M; }
+"""
+
+
+def test_what_compares_no_numbers_has_no_distance(tmp_path: Path, capsys: Any) -> None:
+    program, mapping = tmp_path / "flags.soter", tmp_path / "map.json"
+    program.write_text(FLAGS)
+    fields = {"value": "on"}
+    mapping.write_text(json.dumps({"time": {"from": "t"}, "topics": {"on": {"fields": fields}}}))
+    log = track(tmp_path / "a.csv", [[0, "true"], [0.5, "FALSE"], [0.9, 1]], ["t", "on"])
+    assert main(["monitor", str(program), str(log), "--map", str(mapping), "--json"]) == 3
+    document = json.loads(capsys.readouterr().out)
+    assert problems_of(document) == []
+    module = document["log"]["modules"]["M"]
+    assert [c["time_s"] for c in module["changes"]] == [0.0, 0.5, 0.9]
+    assert module["margin"] == {"distance": None, "time_s": 0.5, "bound": ""}
+    code, said = command(capsys, program, log, "--map", mapping)
+    assert (code, "inf" in said) == (3, False)
+
+
+def mcap_of(path: Path, messages: list[tuple[int, str, bytes]], encoding: str = "json") -> Path:
+    from mcap.writer import Writer
+
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        channels: dict[str, int] = {}
+        for time_ns, channel, data in messages:
+            if channel not in channels:
+                schema = writer.register_schema(channel, "jsonschema", b"{}")
+                channels[channel] = writer.register_channel(channel, encoding, schema)
+            writer.add_message(channels[channel], time_ns, data, time_ns)
+        writer.finish()
+    return path
+
+
+def test_an_mcap_of_somebody_else_is_read_by_its_fields(tmp_path: Path) -> None:
+    program = load(CART)
+    fields = {"x": "pose.at.0", "v": {"from": "pose.speed", "unit": "cm/s"}}
+    mapping = {
+        "system": "Protected",
+        "time": {"from": "clock", "unit": "ms"},
+        "topics": {"motion": {"channel": "/odom", "fields": fields}},
+    }
+    rows = cart_rows()
+    messages = []
+    for k, (t, x, v) in enumerate(rows):
+        body = {"clock": 1000 * t, "pose": {"at": [x, 0], "speed": 100 * v}}  # type: ignore[operator]
+        messages.append((10**9 + k * 20_000_000, "/odom", json.dumps(body).encode()))
+        messages.append((10**9 + k * 20_000_000, "/other", b"not json"))
+    judged = program.judge_log(mcap_of(tmp_path / "a.mcap", messages), mapping)
+    plain = program.judge_log(track(tmp_path / "a.csv", rows, ["t", "x", "v"]), CART_MAP)
+    (a,), (b,) = judged.modules, plain.modules
+    assert [(c.time_s, c.to) for c in a.changes] == [(c.time_s, c.to) for c in b.changes]
+
+
+@pytest.mark.parametrize(
+    ("data", "encoding", "channel", "told"),
+    [
+        (b"{}", "cdr", "/odom", "messages of `/odom` are `cdr`, not json"),
+        (b"{}", "json", "/odom", "message 1 of `/odom` has no `x`"),
+        (b"{", "json", "/odom", "cannot be used"),
+        (b"{}", "json", "/odmo", "no message that counts stands on `/odom`"),
+    ],
+)
+def test_an_mcap_that_does_not_fit_is_refused_with_its_message(
+    tmp_path: Path, data: bytes, encoding: str, channel: str, told: str
+) -> None:
+    log = mcap_of(tmp_path / "a.mcap", [(0, channel, data)], encoding)
+    mapping = {"topics": {"motion": {"channel": "/odom", "fields": {"x": "x", "v": "v"}}}}
+    with pytest.raises(SoterError) as error:
+        load(CART).judge_log(log, mapping, system="Protected")
+    (problem,) = error.value.diagnostics
+    assert problem.code == "D016"
+    assert told in problem.message
 
 
 # ---------------------------------------------------------------- PX4
