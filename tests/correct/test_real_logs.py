@@ -303,6 +303,33 @@ def test_reads_too_old_or_refused_or_empty_end_with_sc(tmp_path: Path) -> None:
     assert any(c.to == "SC" and "older than" in c.reason for c in module.changes)
 
 
+def test_in_a_gap_nothing_is_made_up(tmp_path: Path) -> None:
+    rows = [r for k, r in enumerate(cart_rows(60)) if not 20 <= k < 40]
+    path = track(tmp_path / "a.csv", rows, ["t", "x", "v"])
+    program = load(CART)
+    stale = []
+    for gap in ("0.1s", "1s"):
+        topics = {"motion": {**CART_MAP["topics"]["motion"], "between": "linear", "gap": gap}}
+        (module,) = program.judge_log(path, {**CART_MAP, "topics": topics}).modules
+        stale.append((module.stale, [c.to for c in module.changes]))
+    assert stale == [(8, ["AC", "SC", "AC"]), (0, ["AC"])]
+
+
+def test_a_log_that_begins_in_flight_is_not_judged_by_what_a_program_begins_with(
+    tmp_path: Path,
+) -> None:
+    program = load(DRONE / "motion_primitive.soter")
+    fields: dict[str, Any] = {}
+    for path, t in leaves(program.flat().topic("tubeState").type):
+        fields[".".join(path)] = {"constant": 1 if isinstance(t, IntType) else 0.0}
+    fields["p.x"] = "x"
+    log = track(tmp_path / "a.csv", [[k / 100, 5.0] for k in range(50)], ["t", "x"])
+    mapping = {"time": {"from": "t"}, "topics": {"tubeState": {"fields": fields}}}
+    (module,) = program.judge_log(log, mapping).modules
+    assert (module.steps, module.ac) == (49, 49), "the first sample is read one step later"
+    assert [(c.time_s, c.to) for c in module.changes] == [(0.01, "AC")]
+
+
 def test_a_value_outside_its_topics_set_is_refused_as_the_gate_would(tmp_path: Path) -> None:
     path = tmp_path / "narrow.soter"
     path.write_text(
@@ -384,6 +411,19 @@ def test_what_can_be_decided_is_although_another_module_cannot(tmp_path: Path, c
     assert (modules["Left"]["decided"], modules["Right"]["decided"]) == (True, False)
     assert modules["Left"]["first_switch_s"] == 2.1
     assert modules["Right"]["missing"] == ["b (which plant `p` drives)"]
+
+
+def test_a_module_that_reads_the_mode_of_an_undecided_one_is_undecided(tmp_path: Path) -> None:
+    path = tmp_path / "two.soter"
+    path.write_text(TWO)
+    log = track(tmp_path / "a.csv", [[k / 10, k / 20] for k in range(30)], ["t", "b"])
+    mapping = {"time": {"from": "t"}, "topics": {"b": {"fields": {"value": "b"}}}}
+    with pytest.raises(SoterError) as error:
+        load(path).judge_log(log, mapping)
+    left, right = error.value.diagnostics
+    assert (left.code, right.code) == ("D017", "D017")
+    assert left.notes == ("missing: a (which plant `p` drives)",)
+    assert right.notes == ("missing: Left (whose mode it reads)",)
 
 
 def test_reads_outside_of_safe_exit_with_3(tmp_path: Path, capsys: Any) -> None:
