@@ -413,6 +413,16 @@ def test_what_can_be_decided_is_although_another_module_cannot(tmp_path: Path, c
     assert modules["Right"]["missing"] == ["b (which plant `p` drives)"]
 
 
+def test_a_forced_module_is_judged_as_if_it_decided(tmp_path: Path) -> None:
+    log = track(tmp_path / "a.csv", cart_rows(), ["t", "x", "v"])
+    program = load(CART)
+    free = program.judge_log(log, CART_MAP)
+    forced = program.judge_log(log, CART_MAP, system="Unprotected")
+    assert free.modules == forced.modules
+    assert not any("forces" in text for text in free.assumptions)
+    assert any("forces the mode of `SafeCart`" in text for text in forced.assumptions)
+
+
 def test_a_module_that_reads_the_mode_of_an_undecided_one_is_undecided(tmp_path: Path) -> None:
     path = tmp_path / "two.soter"
     path.write_text(TWO)
@@ -465,7 +475,7 @@ def mcap_of(path: Path, messages: list[tuple[int, str, bytes]], encoding: str = 
     from mcap.writer import Writer
 
     with path.open("wb") as file:
-        writer = Writer(file)
+        writer: Any = Writer(file)
         writer.start()
         channels: dict[str, int] = {}
         for time_ns, channel, data in messages:

@@ -52,6 +52,7 @@ def log_judged(
     system: str | None = None,
     params: Mapping[str, object] | None = None,
     where: Mapping[str, str] | None = None,
+    progress: Callable[[float], None] | None = None,
 ) -> LogJudgement:
     """When each module, or one, would have switched on the reads of a log, and how near it came.
 
@@ -68,7 +69,7 @@ def log_judged(
     if not set(plan.modules) & set(chosen):
         raise SoterError(tuple(lost(m, plan, flat) for m in chosen))
     samples = samples_of(path, declared, read_columns(path, declared))
-    found = replay(flat, samples, plan, str(log))
+    found = replay(flat, samples, plan, str(log), progress)
     found.modules = [found.modules[i] for i in chosen]
     return found
 

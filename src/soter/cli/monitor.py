@@ -14,7 +14,7 @@ from soter.cli.terminal.apart import apart
 from soter.cli.terminal.log_judgement import as_json, lines, undecided
 from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, seed
-from soter.cli.terminal.progress import LineOfProgress
+from soter.cli.terminal.progress import LineOfProgress, Progress
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
@@ -117,14 +117,16 @@ def _foreign(args: argparse.Namespace, console: Console) -> Outcome:
     warnings = program.diagnostics if program.ok else ()
     where = dict(pair.split("=", 1) for pair in args.where)
     try:
-        judged = program.judge_log(
-            args.log,
-            args.map,
-            module=args.module,
-            system=args.system,
-            params=dict(args.params),
-            where=where,
-        )
+        with Progress(console) as progress:
+            judged = program.judge_log(
+                args.log,
+                args.map,
+                module=args.module,
+                system=args.system,
+                params=dict(args.params),
+                where=where,
+                progress=progress,
+            )
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
         return Outcome(exit_of(items), items, {"file": args.file})

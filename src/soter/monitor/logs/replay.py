@@ -41,10 +41,21 @@ AGAINST = At(sense=-1.0)
 """Distances count away from `ttf`."""
 
 
-def replay(system: System, samples: list[Samples], plan: Decidable, log: str) -> LogJudgement:
-    """Step all that `plan` says over the whole log."""
-    unused = _unused(system)
-    machine_of = Interpreter(system, 0, {**unused})
+def replay(
+    system: System,
+    samples: list[Samples],
+    plan: Decidable,
+    log: str,
+    progress: Callable[[float], None] | None = None,
+) -> LogJudgement:
+    """Step all that `plan` says over the whole log; `progress` is told the share that is done.
+
+    A module whose mode the system forces is judged as if it did not: its DM decides.
+    """
+    forced = tuple(m.name for m in system.modules if m.forced)
+    for m in system.modules:
+        m.forced = None
+    interpreter = Interpreter(system, 0, _unused(system))
     started = [s for s in samples if not s.always]
     from_ns = max(s.times_ns[0] for s in started)
     to_ns = max(s.times_ns[-1] for s in started)
@@ -57,6 +68,7 @@ def replay(system: System, samples: list[Samples], plan: Decidable, log: str) ->
         modules=[],
         derived=[d for s in samples for d in s.derived],
         constants=tuple(n for s in samples for n in s.constants),
+        forced=forced,
         left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
     )
     watches = {}
@@ -66,9 +78,11 @@ def replay(system: System, samples: list[Samples], plan: Decidable, log: str) ->
         judged.modules.append(found)
         if found.decided:
             watches[m.index] = _Watch(m, found)
-    world = _World(system, machine_of, samples, plan, judged, from_ns)
+    world = _World(system, interpreter, samples, plan, judged, from_ns)
     for ct in _instants(system, plan, to_ns - from_ns):
         world.instant(ct, watches)
+        if progress is not None:
+            progress(ct / max(1, to_ns - from_ns))
     world.rest(to_ns - from_ns)
     return judged
 

@@ -109,7 +109,8 @@ class LogJudgement:
     """A log, judged. Times count from its first row.
 
     `from_s`, `to_s`: what was judged, from when every mapped topic is known. `nodes`: nodes of the
-    program that were run for what it reads; `faulted`: those that faulted. `left_out`, `refused`:
+    program that were run for what it reads; `faulted`: those that faulted. `forced`: modules whose
+    mode the system forces. `left_out`, `refused`:
     by topic how many samples had no usable value, or lay outside the topic's set, and the first.
     """
 
@@ -121,6 +122,7 @@ class LogJudgement:
     modules: list[ModuleOfLog]
     derived: list[Derived] = field(default_factory=list)
     constants: tuple[str, ...] = ()
+    forced: tuple[str, ...] = ()
     left_out: dict[str, tuple[int, str]] = field(default_factory=dict)
     refused: dict[str, tuple[int, str]] = field(default_factory=dict)
     faulted: dict[str, str] = field(default_factory=dict)
@@ -132,6 +134,9 @@ class LogJudgement:
         if self.nodes:
             names = ", ".join(f"`{n}`" for n in self.nodes)
             found.append(f"{names} of the program ran on what the log has")
+        if self.forced:
+            names = ", ".join(f"`{n}`" for n in self.forced)
+            found.append(f"the system forces the mode of {names}; judged as if it did not")
         if self.derived:
             found.append(
                 "what is derived is not what the estimator said at that time (see its error)"
