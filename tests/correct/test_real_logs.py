@@ -1,6 +1,6 @@
 """Logs of somebody else: their decisions are those of the program, and nothing is lost in silence.
 
-Non-goals: what a mapping may say (`tests/unit/monitor/test_mapping.py`), the whole set of legs
+Non-goals: what a mapping may say (`tests/unit/monitor/test_foreign_logs.py`), the whole set of legs
 (`bench/real_logs.py`).
 """
 
@@ -423,6 +423,42 @@ def test_a_forced_module_is_judged_as_if_it_decided(tmp_path: Path) -> None:
     assert any("forces the mode of `SafeCart`" in text for text in forced.assumptions)
 
 
+ESTIMATOR = """soter 1;
+topic raw: float; topic pose: float; topic good: bool; topic u: float in [-1.0, 1.0];
+plant P period 10ms { drives raw = x; state x: float; }
+node Filter period 10ms {
+  subscribes raw;
+  publishes pose, good;
+  step { publish pose = 2.0 * raw; publish good = raw < 1.0; }
+}
+node One period 10ms { publishes u; step { publish u = 0.0; } }
+node Two period 10ms { publishes u; step { publish u = 0.5; } }
+rta M { ac One; sc Two; period 10ms; safe pose < 9.0; ttf pose > 5.0 || !good; safer pose < 4.0; }
+system S { p: P; node Filter; module M; }
+"""
+
+
+def test_a_node_does_not_speak_against_what_the_log_has_of_it(tmp_path: Path) -> None:
+    path = tmp_path / "estimator.soter"
+    path.write_text(ESTIMATOR)
+    program = load(path)
+    log = track(tmp_path / "a.csv", [[k / 10, k / 20] for k in range(30)], ["t", "x"])
+    mapping: dict[str, Any] = {
+        "time": {"from": "t"},
+        "topics": {"raw": {"fields": {"value": "x"}}},
+    }
+    judged = program.judge_log(log, mapping)
+    assert judged.nodes == ("Filter",)
+    assert judged.modules[0].first_switch_s == 2.01, "the node is heard one step later"
+    mapping["topics"]["pose"] = {"fields": {"value": {"from": "x", "scale": 2.0}}}
+    with pytest.raises(SoterError) as error:
+        program.judge_log(log, mapping)
+    (problem,) = error.value.diagnostics
+    assert problem.notes == (
+        "missing: good (which `Filter` publishes, of which the log has other topics)",
+    )
+
+
 def test_a_module_that_reads_the_mode_of_an_undecided_one_is_undecided(tmp_path: Path) -> None:
     path = tmp_path / "two.soter"
     path.write_text(TWO)
@@ -534,6 +570,16 @@ def test_an_mcap_that_does_not_fit_is_refused_with_its_message(
 @pytest.mark.parametrize(("set_", "leg"), [("1", "65"), ("2", "0"), ("3", "44")])
 def test_on_a_leg_of_px4_sc_has_control_before_the_tube_is_left(set_: str, leg: str) -> None:
     judge_leg(set_, leg)
+
+
+def test_the_page_shows_what_the_command_says(capsys: Any) -> None:
+    where = ("--where", "set=1", "--where", "leg=65")
+    code, said = command(capsys, DRONE / "goto.soter", PX4_LOG, "--map", PX4_MAP, *where)
+    assert code == 3
+    page = (EXAMPLES.parent / "docs" / "real-logs.md").read_text(encoding="utf-8")
+    shown = [line for line in said.splitlines() if line.startswith(("module ", "SafeGoTo  "))]
+    assert len(shown) == 2
+    assert all(line in page for line in shown)
 
 
 @pytest.mark.long

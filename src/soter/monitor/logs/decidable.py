@@ -61,11 +61,7 @@ class _Search:
         self.reads = {c.index: _reads(system, c) for c in system.components if c.node is not None}
         self.writes = {c.index: _writes(c) for c in system.components if c.node is not None}
         self.modules = {m.index for m in system.modules}
-        self.nodes = {
-            c.index
-            for c in system.components
-            if c.role == "node" and not self._never(c) and self.writes[c.index] - mapped
-        }
+        self.nodes = {c.index for c in system.components if c.role == "node" and not self._never(c)}
 
     def settle(self) -> None:
         """Take away until nothing changes."""
@@ -83,7 +79,7 @@ class _Search:
         wanted = {i for m in decided for i in (*_inputs(self.system, m), *_of_safe(m))}
         found: set[int] = set()
         while True:
-            new = {n for n in self.nodes - found if self.writes[n] & wanted - self.mapped}
+            new = {n for n in self.nodes - found if self.writes[n] & wanted}
             if not new:
                 return tuple(sorted(found))
             found |= new
@@ -119,6 +115,8 @@ class _Search:
         """Why a node cannot be run, if it cannot."""
         if c.extern:
             return "an extern"
+        if self.writes[c.index] & self.mapped:
+            return "of which the log has other topics"
         if c.takes_ns is not None:
             return "whose steps take a time that is drawn"
         assert c.node is not None

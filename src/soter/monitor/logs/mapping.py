@@ -12,6 +12,7 @@ import json
 import math
 from dataclasses import dataclass, field
 from fractions import Fraction
+from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -134,7 +135,7 @@ def read_mapping(path: Path) -> dict[str, Any]:
     try:
         given = _toml(text) if path.suffix == ".toml" else json.loads(text)
     except ImportError as error:
-        raise _wrong(["TOML needs Python 3.11: write the mapping as JSON"]) from error
+        raise _wrong(["TOML needs Python 3.11 or the package tomli: or write JSON"]) from error
     except ValueError as error:
         kind = "TOML" if path.suffix == ".toml" else "JSON"
         raise _wrong([f"the mapping `{path}` is no {kind}: {error}"]) from error
@@ -161,7 +162,8 @@ def mapping_of(
 
 
 def _toml(text: str) -> Any:  # noqa: ANN401 - what a file says
-    return importlib.import_module("tomllib").loads(text)
+    there = find_spec("tomllib") is not None
+    return importlib.import_module("tomllib" if there else "tomli").loads(text)
 
 
 def _wrong(problems: Iterable[str]) -> SoterError:
