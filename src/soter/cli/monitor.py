@@ -19,7 +19,9 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
 
+    from soter.api import Program
     from soter.cli.terminal.console import Console
     from soter.monitor.membership import Judgement
 
@@ -31,6 +33,7 @@ EXAMPLES = """\
   soter monitor drone.soter --emit watch.soter     the monitor as a trusted node
   soter monitor drone.soter px4.csv --map px4.toml      a log of somebody else: when would each
                                                         module have switched, how near it came
+  soter monitor drone.soter px4.csv --map px4.toml --estimates    whether the model explains it
 
 exit codes: 0 every step is explained, 3 an alarm: the model is false, 1 diagnostics, 2 usage;
 with --map: 0 no read lay outside `safe`, 3 one did
@@ -98,11 +101,21 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
         return Outcome(exit_of(items), items, {"file": args.file})
+    return _judged(judged, args, console, warnings)
+
+
+def _judged(
+    judged: list[Judgement],
+    args: argparse.Namespace,
+    console: Console,
+    warnings: Sequence[Diagnostic] = (),
+) -> Outcome:
+    """Tell the judgement of the model."""
     _say(judged, args, console)
     alarms = sum(j.alarms for j in judged)
     modules = {j.module: _fields(j) for j in judged}
     fields = {"file": args.file, "emitted": None, "modules": modules, "log": None}
-    return Outcome(VIOLATED if alarms else FINE, warnings, fields)
+    return Outcome(VIOLATED if alarms else FINE, tuple(warnings), fields)
 
 
 def _foreign(args: argparse.Namespace, console: Console) -> Outcome:
@@ -117,6 +130,8 @@ def _foreign(args: argparse.Namespace, console: Console) -> Outcome:
     warnings = program.diagnostics if program.ok else ()
     where = dict(pair.split("=", 1) for pair in args.where)
     try:
+        if args.estimates:
+            return _judged(_explained(program, args, where), args, console, warnings)
         with Progress(console) as progress:
             judged = program.judge_log(
                 args.log,
@@ -138,6 +153,22 @@ def _foreign(args: argparse.Namespace, console: Console) -> Outcome:
     return Outcome(VIOLATED if outside else FINE, items, fields)
 
 
+def _explained(
+    program: Program, args: argparse.Namespace, where: dict[str, str]
+) -> list[Judgement]:
+    from soter.api.monitoring import log_explained  # noqa: PLC0415 - needs NumPy
+
+    return log_explained(
+        program.flat,
+        args.log,
+        args.map,
+        module=args.module,
+        system=args.system,
+        params=dict(args.params),
+        where=where,
+    )
+
+
 def _misused(args: argparse.Namespace) -> Diagnostic | None:
     """U001 for options that do not go together."""
     if args.map is None:
@@ -148,7 +179,6 @@ def _misused(args: argparse.Namespace) -> Diagnostic | None:
     if wrong is not None:
         return Diagnostic("U001", f"`--where` is COLUMN=TEXT, not `{wrong}`")
     given = {"--emit": args.emit, "--until": args.until, "--alarm": args.alarm}
-    given["--estimates"] = args.estimates or None
     both = [name for name, value in given.items() if value is not None]
     if both:
         return Diagnostic("U001", f"`{both[0]}` does not go with `--map`")

@@ -222,7 +222,7 @@ def test_options_that_do_not_go_together_are_refused(program: Any, capsys: Any) 
         (["--where", "a=1"], "`--where` chooses rows"),
         (["--map", "m.toml"], "none is given"),
         (["log.csv", "--map", "m.toml", "--where", "a"], "COLUMN=TEXT"),
-        (["log.csv", "--map", "m.toml", "--estimates"], "`--estimates` does not go with"),
+        (["log.csv", "--map", "m.toml", "--until", "1s"], "`--until` does not go with"),
         (["log.csv", "--map", "m.toml", "--emit", "x"], "`--emit` does not go with"),
     ]:
         assert main(["monitor", program.path, *arguments]) == 2

@@ -28,13 +28,14 @@ from soter.program.model.types import (
     RecordType,
     leaves,
 )
+from soter.report.recorded import Recorded
 
 if TYPE_CHECKING:
     from pathlib import Path
 
     from soter.monitor.logs.mapping import LeafPath, LogMap, TopicMap
     from soter.monitor.logs.sources import Columns
-    from soter.program.model.system import Topic
+    from soter.program.model.system import System, Topic
     from soter.program.model.types import Type, Value
 
 TRUTHS = {"true": True, "false": False, "1": True, "0": False}
@@ -244,3 +245,23 @@ def _whole(x: float) -> int:
     if x != int(x):
         raise ValueError
     return int(x)
+
+
+def recorded(system: System, samples: list[Samples]) -> Recorded:
+    """The topics at every time at which one of them was sampled, from when all are known.
+
+    Nothing is interpolated; times count from the first row of the log; there are no true states.
+    """
+    start = max(s.times_ns[0] for s in samples if not s.always)
+    topics = {t.name: t.default for t in system.topics}
+    topics.update({s.topic.name: s.values[0] for s in samples if s.always})
+    events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.times_ns))
+    found = Recorded([], [], [])
+    for at, (time_ns, k, i) in enumerate(events):
+        topics[samples[k].topic.name] = samples[k].values[i]
+        last = at + 1 == len(events) or events[at + 1][0] != time_ns
+        if last and time_ns >= start:
+            found.times_ns.append(time_ns)
+            found.topics.append(dict(topics))
+            found.truths.append({})
+    return found
