@@ -347,6 +347,21 @@ def test_a_value_outside_its_topics_set_is_refused_as_the_gate_would(tmp_path: P
     assert "not in [-1.0, 1.0]" in first
 
 
+def test_a_log_of_which_every_sample_is_refused_decides_nothing(tmp_path: Path) -> None:
+    path = tmp_path / "narrow.soter"
+    narrow = (
+        "topic motion: Motion in { x in [-1.0, 1.0], v in [7.0, 9.0] } = { x: 0.0, v: 7.0 } max"
+    )
+    path.write_text(CART.read_text().replace("topic motion: Motion max", narrow))
+    program = load(path)
+    assert program.ok, program.diagnostics
+    with pytest.raises(SoterError) as error:
+        program.judge_log(track(tmp_path / "a.csv", cart_rows(90), ["t", "x", "v"]), CART_MAP)
+    (problem,) = error.value.diagnostics
+    assert problem.code == "D017"
+    assert problem.notes[0].startswith("missing: motion (refused 90 times; the first: 0.000 s")
+
+
 # ---------------------------------------------------------------- the command
 
 

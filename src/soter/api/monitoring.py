@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.api.given import chosen_modules
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.monitor.logs.decidable import Decidable, decidable
+from soter.monitor.logs.decidable import decidable
 from soter.monitor.logs.mapping import mapping_of, read_mapping, system_named
 from soter.monitor.logs.replay import replay
 from soter.monitor.logs.samples import recorded as of_samples
@@ -24,7 +24,7 @@ from soter.reach.problem.extract import extract_sets
 from soter.simulate.recorded import read_log, recorded
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
     from typing import Any
 
     from soter.monitor.logs.mapping import LogMap
@@ -67,11 +67,14 @@ def log_judged(
     chosen = [m.index for m in chosen_modules(flat, module)]
     plan = decidable(flat, [t.topic.index for t in declared.topics])
     if not set(plan.modules) & set(chosen):
-        raise SoterError(tuple(lost(m, plan, flat) for m in chosen))
+        missing = {m: tuple(map(str, plan.missing[m])) for m in chosen}
+        raise SoterError(tuple(lost(flat.modules[m].name, missing[m]) for m in chosen))
     path = Path(log)
     samples = samples_of(path, declared, read_columns(path, declared))
     found = replay(flat, samples, plan, str(log), progress)
     found.modules = [found.modules[i] for i in chosen]
+    if not any(m.decided for m in found.modules):
+        raise SoterError(tuple(lost(m.module, m.missing) for m in found.modules))
     return found
 
 
@@ -120,8 +123,8 @@ def _declared(
     return flat, mapping_of(given, flat, where)
 
 
-def lost(index: int, plan: Decidable, flat: System) -> Diagnostic:
+def lost(module: str, missing: Sequence[str]) -> Diagnostic:
     """D017: a module of which a log says nothing."""
-    name = flat.modules[index].name
-    notes = tuple(f"missing: {m}" for m in plan.missing[index])
-    return Diagnostic("D017", f"the log does not decide module `{name}`", notes=notes)
+    notes = tuple(f"missing: {m}" for m in missing)
+    message = f"the log does not decide module `{module}`"
+    return Diagnostic("D017", message, notes=notes)

@@ -84,7 +84,17 @@ def replay(
         if progress is not None:
             progress(ct / max(1, to_ns - from_ns))
     world.rest(to_ns - from_ns)
+    for found in judged.modules:
+        if found.decided and not found.steps:
+            found.missing = tuple(_never_taken(judged))
     return judged
+
+
+def _never_taken(judged: LogJudgement) -> Iterator[str]:
+    """Why a DM that reads what the log has never had it."""
+    for name, (count, first) in judged.refused.items():
+        yield f"{name} (refused {count:,} times; the first: {first})"
+    yield "the log ends before all that it reads was there at a step of its DM"
 
 
 def _unused(system: System) -> dict[str, object]:
