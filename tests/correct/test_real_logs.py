@@ -8,27 +8,21 @@ from __future__ import annotations
 
 import csv
 import json
-import random
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
 from json_documents import problems_of
-from long_tests import examples
 from soter.api import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
-from soter.monitor.logs.margins import Margins
-from soter.program.meaning.arith import StepFault
-from soter.program.meaning.environment import Environment
-from soter.program.meaning.statements import Evaluator
-from soter.program.model.types import BoolType, EnumType, FloatType, IntType, leaves
+from soter.program.model.types import IntType, leaves
 from soter.simulate.decisions import changes
 
 if TYPE_CHECKING:
     from soter.monitor.logs.result import LogJudgement, ModuleOfLog
-    from soter.program.model.system import System, Topic
+    from soter.program.model.system import System
 
 pytest.importorskip("mcap", reason="the extra `log` is not installed")
 
@@ -126,112 +120,6 @@ def test_a_csv_says_the_same_as_the_mcap_it_was_made_of(
     other = program.judge_log(as_csv(log, names), columns(program.flat(), names))
     assert one.modules == other.modules
     assert (one.from_s, one.to_s, one.samples) == (other.from_s, other.to_s, other.samples)
-
-
-# ---------------------------------------------------------------- distances
-
-
-def random_value(t: Any, chance: random.Random, low: float, high: float) -> Any:
-    if isinstance(t, FloatType):
-        return chance.choice([chance.uniform(low, high), chance.gauss(0.0, 1.0), 0.0])
-    if isinstance(t, BoolType):
-        return chance.random() < 0.5
-    if isinstance(t, IntType):
-        return chance.randint(max(t.low, -3), min(t.high, 3))
-    assert isinstance(t, EnumType)
-    return chance.randrange(len(t.members))
-
-
-def read_at_random(topic: Topic, chance: random.Random) -> Any:
-    bounds = iter(topic.bounds)
-
-    def build(t: Any) -> Any:
-        if hasattr(t, "fields"):
-            return tuple(build(f) for _, f in t.fields)
-        if hasattr(t, "element"):
-            count = t.size if hasattr(t, "size") else chance.randint(0, t.capacity)
-            return tuple(build(t.element) for _ in range(count))
-        bound = next(bounds, None)
-        low, high = (bound.low, bound.high) if bound else (-5.0, 40.0)
-        return random_value(t, chance, low, high)
-
-    return build(topic.type)
-
-
-@pytest.mark.parametrize(
-    "file",
-    ["wall/cart.soter", "drone/motion_primitive.soter", "drone/corridor.soter", "drone/goto.soter"],
-)
-def test_a_distance_has_the_sign_of_its_predicate(file: str) -> None:
-    flat_ = load(EXAMPLES / file).flat()
-    chance = random.Random(7)  # noqa: S311
-    for module in flat_.modules:
-        evaluator = Evaluator.of(module.scope)
-        for predicate in module.symbol.predicates:
-            margin, truth = Margins(evaluator).of(predicate), evaluator.expression(predicate)
-            both = set()
-            for _ in range(examples("SOTER_MARGINS", quick=300, long=5000)):
-                env = Environment(topics=[read_at_random(t, chance) for t in flat_.topics])
-                try:
-                    holds = truth(env)
-                except StepFault:
-                    continue
-                far = margin(env).far
-                assert far >= 0.0 if holds else far <= 0.0
-                both.add(holds)
-            assert both
-
-
-CONDITIONS = """soter 1;
-type Seen = { x: float, y: float, n: int, b: bool };
-topic seen: Seen;
-topic push: float in [-1.0, 1.0];
-fun Steps(s: Seen): bool {
-  for i in 0..3 {
-    if s.x > float(i) && s.x < float(i) + 0.5 { return false; }
-  }
-  if s.b { return s.y < 2.0; } elseif s.n > 2 { return true; }
-  let twice = 2.0 * s.y;
-  return twice < 3.0 || s.x < -1.0;
-}
-node A period 10ms { publishes push; step { publish push = 0.0; } }
-rta M { ac A; sc B; period 10ms; safe Steps(seen); ttf !Steps(seen) || seen.x > 9.0; safer @; }
-node B period 10ms { publishes push; step { publish push = 0.0; } }
-plant P period 10ms { drives seen = { x: x, y: x, n: 0, b: false }; state x: float; }
-system S { p: P; module M; }
-"""
-
-
-def test_no_read_nearer_than_the_distance_decides_otherwise(tmp_path: Path) -> None:
-    path = tmp_path / "conditions.soter"
-    path.write_text(CONDITIONS.replace("@", "seen.b ? seen.x < 1.0 : seen.y < 1.0"))
-    program = load(path)
-    assert program.ok, program.diagnostics
-    flat_ = program.flat()
-    module = flat_.modules[0]
-    at = flat_.topic("seen").index
-    evaluator = Evaluator.of(module.scope)
-    chance = random.Random(3)  # noqa: S311
-    tried = 0
-    for predicate in module.symbol.predicates:
-        margin, truth = Margins(evaluator).of(predicate), evaluator.expression(predicate)
-        for _ in range(examples("SOTER_MARGINS", quick=400, long=5000)):
-            x, y = chance.uniform(-2.0, 11.0), chance.uniform(-1.0, 4.0)
-            n, b = chance.randint(0, 4), chance.random() < 0.5
-            env = env_of(flat_, at, (x, y, n, b))
-            far, holds = abs(margin(env).far), truth(env)
-            for _ in range(5):  # `twice` moves twice as fast as y
-                dx, dy = (chance.uniform(-1.0, 1.0) * min(far, 9.0) * s for s in (0.999, 0.499))
-                other = env_of(flat_, at, (x + dx, y + dy, n, b))
-                assert truth(other) == holds, (x, y, n, b, dx, dy)
-                tried += 1
-    assert tried > 1000
-
-
-def env_of(flat_: System, at: int, value: Any) -> Environment:
-    topics = [t.default for t in flat_.topics]
-    topics[at] = value
-    return Environment(topics=topics)
 
 
 # ---------------------------------------------------------------- foreign numbers
@@ -577,44 +465,3 @@ def test_an_mcap_that_does_not_fit_is_refused_with_its_message(
     (problem,) = error.value.diagnostics
     assert problem.code == "D016"
     assert told in problem.message
-
-
-# ---------------------------------------------------------------- PX4
-
-
-@pytest.mark.parametrize(("set_", "leg"), [("1", "65"), ("2", "0"), ("3", "44")])
-def test_on_a_leg_of_px4_sc_has_control_before_the_tube_is_left(set_: str, leg: str) -> None:
-    judge_leg(set_, leg)
-
-
-def test_the_page_shows_what_the_command_says(capsys: Any) -> None:
-    where = ("--where", "set=1", "--where", "leg=65")
-    code, said = command(capsys, DRONE / "goto.soter", PX4_LOG, "--map", PX4_MAP, *where)
-    assert code == 3
-    page = (EXAMPLES.parent / "docs" / "real-logs.md").read_text(encoding="utf-8")
-    shown = [line for line in said.splitlines() if line.startswith(("module ", "SafeGoTo  "))]
-    assert len(shown) == 2
-    assert all(line in page for line in shown)
-
-
-@pytest.mark.long
-def test_on_every_leg_of_the_sample_sc_has_control_before_the_tube_is_left() -> None:
-    import gzip
-
-    with gzip.open(PX4_LOG, "rt") as file:
-        legs = {(r["set"], r["leg"]) for r in csv.DictReader(file)}
-    assert len(legs) == 40
-    left = sum(judge_leg(*leg) for leg in legs)
-    assert left == 13
-
-
-def judge_leg(set_: str, leg: str) -> bool:
-    judged = load(DRONE / "goto.soter").judge_log(PX4_LOG, PX4_MAP, where={"set": set_, "leg": leg})
-    (module,) = judged.modules
-    assert module.stale == 0
-    assert judged.left_out == judged.refused == {}
-    if module.first_outside_s is None:
-        return False
-    before = [c for c in module.changes if c.time_s <= module.first_outside_s]
-    assert not before or before[-1].to == "SC"
-    return True

@@ -107,10 +107,7 @@ class Program:
         return to_python(symbol.type, symbol.value)
 
     def function(self, name: str) -> Callable[..., Any]:
-        """A function of the program as a Python callable, run by the reference evaluator.
-
-        Arguments as for externs; `soter.StepFault` where it faults. KeyError where there is none.
-        """
+        """A function of the program as a Python callable; `soter.StepFault` in it, or KeyError."""
         from soter.simulate.externs.callable import python_function  # noqa: PLC0415 - see the docstring
 
         program = self._require_sound()
