@@ -31,7 +31,7 @@ import soter  # noqa: E402 - after the path
 from soter.explore.engine.engine import Engine  # noqa: E402 - the same
 from soter.explore.engine.guided import BIRTH, NOBODY, STEP  # noqa: E402 - the same
 from soter.program.build import system_of_test  # noqa: E402 - the same
-from soter.semantics.random_draws import fnv  # noqa: E402 - the same
+from soter.semantics.chance.random_draws import fnv  # noqa: E402 - the same
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

@@ -15,7 +15,7 @@ from generators.agreement import compared, enumerated
 from generators.brute_force import TooLargeError
 from generators.contracted import VARIANTS, contracted
 from long_tests import examples
-from soter.program.flatten import contracts
+from soter.program.flatten.trials import contracts
 from soter.program.model import typed
 
 if TYPE_CHECKING:

@@ -362,6 +362,23 @@ def test_a_node_does_not_speak_against_what_the_log_has_of_it(tmp_path: Path) ->
     )
 
 
+def test_the_faults_of_a_system_are_not_put_into_a_log(tmp_path: Path) -> None:
+    rows: list[list[object]] = [[k / 10, k / 20] for k in range(30)]
+    log = track(tmp_path / "a.csv", rows, ["t", "x"])
+    mapping = {"time": {"from": "t"}, "topics": {"raw": {"fields": {"value": "x"}}}}
+    found = []
+    faults = (
+        "faults { silent Filter.pose at 3600 per 1h for 1s; late M.dm by 90ms at 3600 per 1h; }"
+    )
+    for more in ("", faults):
+        path = tmp_path / "estimator.soter"
+        path.write_text(ESTIMATOR.replace("module M; }", f"module M; {more} }}"))
+        program = load(path)
+        assert program.ok, program.diagnostics
+        found.append(program.judge_log(log, mapping).modules)
+    assert found[0] == found[1]
+
+
 def test_a_module_that_reads_the_mode_of_an_undecided_one_is_undecided(tmp_path: Path) -> None:
     path = tmp_path / "two.soter"
     path.write_text(TWO)

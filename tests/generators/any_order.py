@@ -17,8 +17,8 @@ from cffi import FFI
 
 from generators.engines import first_difference
 from soter.semantics.answers import AnsweredDraws
+from soter.semantics.chance.random_draws import fnv
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random_draws import fnv
 from soter.semantics.rules import environment_input
 from soter.simulate.image import image
 

@@ -22,9 +22,9 @@ from soter.program.meaning.statements import Evaluator
 from soter.program.model import typed
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType
 from soter.program.model.walk import nodes
+from soter.semantics.chance.random_draws import chosen_value
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random_draws import chosen_value
 from soter.semantics.record import AC, SC, Outcome, Verdict
 from soter.semantics.rules import environment_input
 

@@ -9,34 +9,60 @@ from __future__ import annotations
 import os
 import re
 import time
-from dataclasses import dataclass
-from math import ceil
+from dataclasses import dataclass, replace
+from math import ceil, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.api.given import end_of, mistake
+from soter.campaign.arms import OURS, PAPER, arms_of
 from soter.campaign.fleet import Fleet
 from soter.campaign.flying import fly
+from soter.campaign.lateness import kept
+from soter.campaign.page import write_page
+from soter.campaign.parquet import write_parquet
 from soter.campaign.result import Result, result_of
 from soter.campaign.store import About, Store
+from soter.campaign.troubles import ORDER
 from soter.simulate.params import changed
 from soter.simulate.settings import seed_value
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
-    from soter.campaign.fleet import Flight
+    from soter.campaign.arms import Arm
+    from soter.campaign.flight import Flight
+    from soter.campaign.lateness import Lateness
+    from soter.lower.core import CoreSystem
     from soter.program.model.system import System
+
+    Progress = Callable[[float], None]
 
 HOURS_MAX = 1e7
 WORKERS_MAX = 256
 
 
 @dataclass(frozen=True)
+class FlownArm:
+    """One arm on the seeds of a campaign. `folder`: where every flight of it stands."""
+
+    name: str
+    text: str
+    system: System
+    folder: Path
+    flights: tuple[Flight, ...]
+    result: Result
+    flown: int
+    wall_s: float
+
+
+@dataclass(frozen=True)
 class Campaign:
     """What was flown. `folder`: where every flight stands; `wall_s`: of this call alone.
 
-    `flown`: flights of this call; the others stood in the folder.
+    `flown`: flights of this call; the others stood in the folder. `arms`: the same seeds by other
+    rules, the campaign itself first; `lateness`: what was measured for them, in words.
+    `horizon_s`: how far AC was flown on where it was taken off; 0: saves were not counted.
     """
 
     system: str
@@ -48,26 +74,38 @@ class Campaign:
     flown: int
     wall_s: float
     workers: int
+    arms: tuple[FlownArm, ...] = ()
+    lateness: str = ""
+    horizon_s: float = 0.0
+    faults: tuple[tuple[str, str], ...] = ()
+    """What goes wrong, as it was written, and which assumption it keeps; "": none."""
 
 
 def campaign(
     flat: System,
     path: str,
     *,
+    core: CoreSystem | None = None,
     hours: float | None = None,
     flights: int | None = None,
     until: float | str | None = None,
     seed: int = 1,
     workers: int | None = None,
     output: str | Path | None = None,
-    progress: Callable[[float], None] | None = None,
+    arms: Sequence[str] = (),
+    saves: float | str | None = None,
+    lateness_s: float = 20.0,
+    progress: Progress | None = None,
 ) -> Campaign:
     """Fly `flights` seeds, or as many as make `hours` of flight (1 h by default).
 
     Flight k is the run of seed `seed` + k, so `soter run --seed` flies it again. `workers`:
     threads, one a core by default; the results are the same. `output`: the folder; a campaign of
     the same program, system, time, parameters and seed goes on where it stopped, and may be made
-    longer. SoterError U001 for wrong figures, U003 for extern nodes, D006 for the folder.
+    longer. `arms`: also fly `ac`, `paper`, `swept` on these seeds, each in a folder of its own
+    below; `lateness_s`: how long this machine is measured for the paper's rules. `saves`: count
+    saves, flying AC on for so long (seconds, or text) where it was taken off. SoterError U001 for
+    wrong figures, U003 for extern nodes, D006 for the folder.
     """
     began = time.perf_counter()
     until_ns = end_of(flat, until)
@@ -75,7 +113,52 @@ def campaign(
     threads = workers if workers is not None else os.cpu_count() or 1
     if not 1 <= threads <= WORKERS_MAX:
         raise mistake("U001", f"{threads} workers cannot fly", f"give 1 to {WORKERS_MAX}")
-    about = About(
+    horizon_ns = 0 if saves is None else end_of(flat, saves)
+    if saves is not None and horizon_ns <= 0:
+        raise mistake("U001", "saves need a time for which AC is flown on", "as `--saves 10s`")
+    about = _about(flat, path, until_ns, seed, horizon_ns)
+    folder = Path(output) if output is not None else _folder(path, about)
+    fleet = Fleet(flat, until_ns, core=core, horizon_ns=horizon_ns)
+    lateness, others = _others(flat, arms, folder, lateness_s)
+    todo = [(OURS, "the system as it is declared", fleet, folder, about)]
+    for arm in others:
+        other = Fleet(arm.system, until_ns, core=core)
+        own = replace(
+            _about(arm.system, path, until_ns, seed, 0), arm=arm.name, lateness=_of(lateness)
+        )
+        todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", own))
+    flown = []
+    for k, one in enumerate(todo):
+        share = _part(progress or _quiet, k, len(todo))
+        flown.append(_flown(*one, count, threads, share))
+    ours = flown[0]
+    return Campaign(
+        system=flat.name,
+        until_s=until_ns / 1e9,
+        first_seed=about.first_seed,
+        folder=folder,
+        flights=ours.flights,
+        result=ours.result,
+        flown=ours.flown,
+        wall_s=time.perf_counter() - began,
+        workers=threads,
+        arms=tuple(flown) if others else (),
+        lateness=lateness.text() if lateness else "",
+        horizon_s=horizon_ns / 1e9,
+        faults=_faults(flat),
+    )
+
+
+def _faults(flat: System) -> tuple[tuple[str, str], ...]:
+    """A fault of several components is inside where it is for each of them."""
+    found: dict[str, list[str | None]] = {ORDER: [None]} if flat.shuffled else {}
+    for f in flat.faults:
+        found.setdefault(f.text, []).append(f.inside)
+    return tuple((t, next(iter(w)) or "" if None not in w else "") for t, w in found.items())
+
+
+def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -> About:
+    return About(
         program=Path(path).name,
         program_sha256=flat.program.sha256,
         system=flat.name,
@@ -83,25 +166,59 @@ def campaign(
         until_ns=until_ns,
         first_seed=seed_value(seed),
         modules=[m.name for m in flat.modules],
+        measures=[m.name for m in flat.measures],
+        horizon_ns=horizon_ns,
+        faults=sorted({f.text for f in flat.faults}) + ([ORDER] if flat.shuffled else []),
     )
-    fleet = Fleet(flat, until_ns)
-    folder = Path(output) if output is not None else _folder(path, about)
+
+
+def _others(
+    flat: System, names: Sequence[str], folder: Path, seconds: float
+) -> tuple[Lateness | None, list[Arm]]:
+    """What is flown beside the system, and the lateness that was measured for it."""
+    arms_of(flat, [n for n in names if n != PAPER], ())  # names that are none
+    lateness = None
+    if PAPER in names:
+        folder.parent.mkdir(parents=True, exist_ok=True)
+        lateness = kept(folder.parent / f"{folder.name}-lateness.json", seconds)
+    times = lateness.quantiles_ns if lateness else ()
+    return lateness, arms_of(flat, names, times)[1:]
+
+
+def _of(lateness: Lateness | None) -> list[int]:
+    return list(lateness.quantiles_ns) if lateness else []
+
+
+def _flown(
+    name: str,
+    text: str,
+    fleet: Fleet,
+    folder: Path,
+    about: About,
+    count: int,
+    threads: int,
+    progress: Progress,
+) -> FlownArm:
+    began = time.perf_counter()
     store = Store(folder, about)
     before = len(store.flights)
     if before < count:
-        fly(fleet, store, count, threads, progress or _quiet)
+        fly(fleet, store, count, threads, progress)
     wanted = store.flights[:count]
-    return Campaign(
-        system=flat.name,
-        until_s=until_ns / 1e9,
-        first_seed=about.first_seed,
+    return FlownArm(
+        name=name,
+        text=text,
+        system=fleet.system,
         folder=folder,
         flights=tuple(wanted),
-        result=result_of(wanted, about.modules),
+        result=result_of(wanted, fleet.system),
         flown=max(count - before, 0),
         wall_s=time.perf_counter() - began,
-        workers=threads,
     )
+
+
+def _part(progress: Progress, k: int, count: int) -> Progress:
+    return lambda share: progress((k + share) / count)
 
 
 def _quiet(_: float) -> None:
@@ -133,19 +250,37 @@ def _folder(path: str, about: About) -> Path:
 
 def figures(found: Campaign) -> dict[str, Any]:
     """The fields of `--json` (docs/json.md)."""
-    r = found.result
     return {
         "system": found.system,
-        "hours": r.hours,
-        "flights": r.flights,
+        **_figures(found.result),
         "flight_s": found.until_s,
         "seed": found.first_seed,
+        "saves_horizon_s": found.horizon_s or None,
+        "arms": {a.name: {"text": a.text, **_figures(a.result)} for a in found.arms},
+        "lateness": found.lateness or None,
+        "faults": [{"fault": t, "inside": w or None} for t, w in found.faults],
+        "folder": str(found.folder),
+        "wall_s": found.wall_s,
+        "workers": found.workers,
+    }
+
+
+def _figures(r: Result) -> dict[str, Any]:
+    counted = r.modules and r.modules[0].saves is not None
+    return {
+        "hours": r.hours_aloft if r.hours_aloft is not None else r.hours,
+        "hours_flown": r.hours,
+        "km": r.km,
+        "flights": r.flights,
         "violations": r.violations,
         "violations_per_hour": list(r.per_hour),
         "flights_violated": r.flights_violated,
         "violated_per_flight": list(r.per_flight),
+        "defects": r.defects,
         "disengagements": sum(m.disengagements for m in r.modules),
         "episodes": sum(m.episodes for m in r.modules),
+        "saves": sum(m.saves or 0 for m in r.modules) if counted else None,
+        "precautions": sum(m.precautions or 0 for m in r.modules) if counted else None,
         "ac_share": r.ac_share,
         "modules": {
             m.name: {
@@ -154,8 +289,20 @@ def figures(found: Campaign) -> dict[str, Any]:
                 "episodes": m.episodes,
                 "episodes_per_hour": list(m.per_hour),
                 "gate_faults": m.gate_faults,
+                "saves": m.saves,
+                "precautions": m.precautions,
             }
             for m in r.modules
+        },
+        "measures": {
+            m.name: {
+                "mean": _number(m.mean),
+                "least": _number(m.least),
+                "most": _number(m.most),
+                "edges": list(m.edges),
+                "histogram": list(m.bins),
+            }
+            for m in r.measures
         },
         "broken": dict(r.broken),
         "violated_flights": [
@@ -163,13 +310,30 @@ def figures(found: Campaign) -> dict[str, Any]:
             for f in r.worst
         ],
         "digest": r.digest,
-        "folder": str(found.folder),
-        "wall_s": found.wall_s,
-        "workers": found.workers,
     }
+
+
+def _number(x: float) -> float | None:
+    return x if isfinite(x) else None
+
+
+def written(
+    found: Campaign, path: str, report: str | Path | None, *, parquet: bool = False
+) -> list[Path]:
+    """Write the page and the tables that are asked for; SoterError D006, D007.
+
+    `path`: of the program; `report`: "" for a page beside the flights.
+    """
+    made: list[Path] = []
+    if report is not None:
+        made.append(write_page(found, path, Path(report or found.folder / "report.html")))
+    if parquet:
+        folders = dict.fromkeys([found.folder, *(a.folder for a in found.arms)])
+        made += [write_parquet(folder) for folder in folders]
+    return made
 
 
 def settings_of(args: Mapping[str, Any]) -> dict[str, Any]:
     """The arguments of `campaign` among those of a command line."""
-    names = ("hours", "flights", "until", "seed", "workers", "output")
+    names = ("hours", "flights", "until", "seed", "workers", "output", "arms", "saves")
     return {n: args[n] for n in names}

@@ -209,7 +209,8 @@ class Program:
         """Fly many seeds of a system: see `soter.api.campaigning.campaign`."""
         from soter.api.campaigning import campaign  # noqa: PLC0415 - see the docstring
 
-        return campaign(self._completed(system, params, None)[0], self.path, **how)
+        bindings = self._bindings(self._completed(system, params, None)[0])
+        return campaign(bindings.system, self.path, core=bindings.core, **how)
 
     def write_log(self, run: Run, path: str | Path) -> Path:
         """Write the MCAP log of a traced run; `SoterError` D006, D007."""

@@ -1,29 +1,33 @@
 """Flights of one system in compiled batches: their events, their digests, their last states.
 
-Purpose: `Fleet`, the Python face of `c/soter_batch.c`; `Flight`, what one run was like.
+Purpose: `Fleet`, the Python face of `c/soter_batch.c`.
 Non-goals: statistics (`statistics.py`), workers and files (`store.py`, `flying.py`).
 """
 
 from __future__ import annotations
 
 import threading
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.codegen.unit import generate
+from soter.campaign.flight import Flight, Look
+from soter.campaign.unit import generate_measured
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.lower.layout import state_dtype
+from soter.lower.steps import lower
 from soter.native.build import RUNTIME, library
 from soter.native.interface import address, declarations, interface, opened
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Iterator, Sequence
 
     import numpy.typing as npt
 
+    from soter.lower.core import CoreSystem
     from soter.program.model.system import System
 
 BATCH = Path(__file__).resolve().parent / "c" / "soter_batch.c"
@@ -31,6 +35,11 @@ TO_SC, TO_AC, VIOLATED, LATCHED = range(4)
 EPISODE_NS = 2_000_000_000
 """Disengagements of a module that lie no further apart are one episode."""
 EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
+LOOK = np.dtype([("count", "<u4"), ("_", "<u4"), ("sum", "<f8"), ("least", "<f8"), ("most", "<f8")])
+SPARE = 3
+"""States that a batch needs besides those of its flights."""
+MODULES_MAX = 64
+"""Modules of a system whose saves can be counted."""
 ROOM = 1 << 14
 BATCH_BYTES = 1 << 22
 """Of last states in one call."""
@@ -38,46 +47,43 @@ AT_ONCE = 32
 """Flights in one call at most: after each, somebody may want to stop."""
 
 
-@dataclass(frozen=True)
-class Flight:
-    """One run. Shares and times by module, in the order of the system's modules.
-
-    `seed` re-flies it (`soter run --seed`); `digest`: SHA-256 over its events and its last state.
-    `all_ac_s`: how long all modules were in AC at once. `violations`: onsets by property,
-    `latched`: components, both by name with how many; `first_s`: the first of them.
-    """
-
-    number: int
-    seed: int
-    seconds: float
-    ac_s: tuple[float, ...]
-    all_ac_s: float
-    disengagements: tuple[int, ...]
-    episodes: tuple[int, ...]
-    gate_faults: tuple[int, ...]
-    violations: int
-    first_s: float | None
-    broken: tuple[str, ...]
-    digest: str
-
-
 class Fleet:
     """A compiled system that is flown under many seeds. One thread at a time a `fly`."""
 
-    def __init__(self, system: System, until_ns: int, optimise: str = "-O2") -> None:
-        """Compile; SoterError U003 where the system needs what only Python answers."""
-        _without_externs(system)
-        self.system, self.until_ns = system, until_ns
-        unit = generate(system)
+    def __init__(
+        self,
+        system: System,
+        until_ns: int,
+        optimise: str = "-O3",
+        *,
+        core: CoreSystem | None = None,
+        horizon_ns: int = 0,
+        link: bool = False,
+    ) -> None:
+        """Compile; SoterError U003 where the system needs what only Python answers.
+
+        `horizon_ns`: how far AC is flown on where it was taken off, to count saves; 0: not at all.
+        `link`: optimise across files, which takes longer to compile.
+        """
+        core = core or lower(system)
+        _without_externs(system, core)
+        if horizon_ns and len(system.modules) > MODULES_MAX:
+            many = f"saves of {len(system.modules)} modules cannot be counted"
+            raise SoterError((Diagnostic("U003", many, notes=(f"at most {MODULES_MAX}",)),))
+        self.system, self.until_ns, self.horizon_ns = system, until_ns, horizon_ns
+        unit = generate_measured(system, core)
         self.dtype = state_dtype(system, unit.layout)
         hashing = ("soter_sha256.c", "soter_sha256.h")
         engine = (BATCH, BATCH.with_suffix(".h"), *(RUNTIME / name for name in hashing))
-        path = library(unit, optimise, engine=engine)
+        path = library(unit, optimise, engine=engine, extra=("-flto",) if link else ())
         self.ffi = interface(
             declarations(RUNTIME / "soter.h"), declarations(BATCH.with_suffix(".h"))
         )
         self.lib = opened(self.ffi, path)
-        self._program = address(self.ffi, path, f"{unit.prefix}_program", "const soter_program *")
+        find = partial(address, self.ffi, path)
+        self._program = find(f"{unit.prefix}_program", "const soter_program *")
+        self._measured = find(f"{unit.prefix}_measured", "const soter_measured *")
+        self._bins = [m.bins + 2 for m in system.measures]
         self._own = threading.local()
         self.at_once = max(1, min(AT_ONCE, BATCH_BYTES // unit.layout.size))
 
@@ -96,28 +102,17 @@ class Fleet:
             flights = self.ffi.new("soter_flight[]", len(left))
             for k, number in enumerate(left):
                 flights[k].seed = (first_seed + number) & (2**64 - 1)
-            states = np.zeros((len(left) + 1, self.dtype.itemsize), dtype=np.uint8)
-            events = np.zeros(room, dtype=EVENT)
+            got = _Got(self, len(left), room)
             used = self.ffi.new("size_t *")
-            done = int(
-                self.lib.soter_batch(
-                    self._program,
-                    flights,
-                    len(left),
-                    self.until_ns,
-                    self.ffi.cast("void *", states.ctypes.data),
-                    self.ffi.cast("soter_event *", events.ctypes.data),
-                    room,
-                    used,
-                )
-            )
-            records, at = states.view(self.dtype), 0
+            done = int(self.lib.soter_batch(self._program, flights, len(left), got.order, used))
+            records, at = got.states.view(self.dtype), 0
             for k in range(done):
                 count = int(flights[k].events)
                 digest = self.ffi.string(flights[k].digest).decode("ascii")
-                own = events[at : at + count]
+                own = got.events[at : at + count]
                 at += count
-                found.append(self._flight(left[k], flights[k].seed, own, records[k][0], digest))
+                flown = self._flight(left[k], flights[k].seed, own, records[k][0], digest)
+                found.append(replace(flown, **got.more(k)))
             if done < len(left):
                 room *= 4
                 self._own.room = room
@@ -157,11 +152,62 @@ class Fleet:
         return 0 if self.system.modules[module].forced == "ac" else None
 
 
-def _without_externs(system: System) -> None:
-    names = [c.name for c in system.components if c.extern]
+class _Got:
+    """What one call of the batch driver writes, for so many flights."""
+
+    def __init__(self, fleet: Fleet, count: int, room: int) -> None:
+        ffi, modules = fleet.ffi, len(fleet.system.modules)
+        self.fleet = fleet
+        self.states = np.zeros((count + SPARE, fleet.dtype.itemsize), dtype=np.uint8)
+        self.events = np.zeros(room, dtype=EVENT)
+        self.looks = np.zeros((count, len(fleet._bins)), dtype=LOOK)  # noqa: SLF001 - its own
+        self.histogram = np.zeros((count, sum(fleet._bins)), dtype=np.uint32)  # noqa: SLF001
+        self.saves = np.zeros((count, modules), dtype=np.uint32)
+        self.precautions = np.zeros((count, modules), dtype=np.uint32)
+        self.order = ffi.new("soter_order *")
+        self.order.until_ns = fleet.until_ns
+        self.order.horizon_ns = fleet.horizon_ns
+        self.order.episode_ns = EPISODE_NS
+        self.order.measured = fleet._measured  # noqa: SLF001
+        self.order.room = room
+        places = (
+            ("states", "void *", self.states),
+            ("events", "soter_event *", self.events),
+            ("looks", "soter_look *", self.looks),
+            ("histogram", "uint32_t *", self.histogram),
+            ("saves", "uint32_t *", self.saves),
+            ("precautions", "uint32_t *", self.precautions),
+        )
+        for name, kind, array in places:
+            setattr(self.order, name, ffi.cast(kind, array.ctypes.data))
+
+    def more(self, k: int) -> dict[str, Any]:
+        """Saves and looks of flight number k of the call."""
+        found: dict[str, Any] = {"looks": tuple(self._looks(k))}
+        if self.fleet.horizon_ns:
+            found["saves"] = tuple(self.saves[k].tolist())
+            found["precautions"] = tuple(self.precautions[k].tolist())
+        return found
+
+    def _looks(self, k: int) -> Iterator[Look]:
+        at = 0
+        for i, bins in enumerate(self.fleet._bins):  # noqa: SLF001
+            count, _, total, least, most = self.looks[k, i].tolist()
+            yield Look(count, total, least, most, tuple(self.histogram[k, at : at + bins].tolist()))
+            at += bins
+
+
+def _without_externs(system: System, core: CoreSystem) -> None:
+    """SoterError U003 for what only Python answers, or nobody."""
+    linked = [c for c in system.components if c.node and (c.binding or "").startswith("c:")]
+    names = [c.name for c in system.components if c.extern and c not in linked]
+    kind, helps = "node", ("replace it in the system by a node in Soter: `replace NODE by OTHER;`",)
+    if not names:
+        asked = [f for f in core.functions if f.result is None]
+        names = [f.source_name for f in asked if not (f.source or "").startswith("c:")]
+        kind, helps = "function", ("bind it to C: `--bind NAME=c:file.c:function`",)
     if names:
-        message = f"node `{names[0]}` is extern: a campaign flies what is compiled"
-        helps = ("replace it in the system by a node in Soter: `replace NODE by OTHER;`",)
+        message = f"{kind} `{names[0]}` is extern: a campaign flies what is compiled"
         raise SoterError((Diagnostic("U003", message, helps=helps),))
 
 

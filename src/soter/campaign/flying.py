@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from soter.campaign.fleet import Fleet, Flight
+    from soter.campaign.fleet import Fleet
+    from soter.campaign.flight import Flight
     from soter.campaign.store import Store
 
 AHEAD = 4

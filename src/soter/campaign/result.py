@@ -8,15 +8,23 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
+from math import fsum, nan
 from typing import TYPE_CHECKING
 
 from soter.campaign.statistics import rate, share
 from soter.campaign.store import digest_of
+from soter.campaign.troubles import outside
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.campaign.fleet import Flight
+    from soter.campaign.flight import Flight
+    from soter.program.model.system import System
+
+SPEED = "speed"
+"""The measure whose mean, in m/s, makes kilometres."""
+ALOFT = "aloft"
+"""The measure whose mean is the share of time that counts as aloft."""
 
 
 @dataclass(frozen=True)
@@ -29,6 +37,23 @@ class Module:
     episodes: int
     per_hour: tuple[float, float]
     gate_faults: int
+    saves: int | None = None
+    precautions: int | None = None
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A measure over all flights: its mean over looks, its ends, its histogram.
+
+    `edges`: (bins + 1,) of the range; `bins`: (bins + 2,) counts, below and above the range, too.
+    """
+
+    name: str
+    mean: float
+    least: float
+    most: float
+    edges: tuple[float, ...]
+    bins: tuple[int, ...]
 
 
 @dataclass(frozen=True)
@@ -46,10 +71,18 @@ class Result:
     broken: tuple[tuple[str, int], ...]
     worst: tuple[Flight, ...]
     digest: str
+    defects: int = 0
+    """Violated flights that met no fault outside of the assumptions before."""
+    measures: tuple[Measured, ...] = ()
+    hours_aloft: float | None = None
+    """Mean of the measure `aloft` (1.0 or 0.0) over all hours; None without such a measure."""
+    km: float | None = None
+    """Mean of the measure `speed`, in m/s, over all hours; None without such a measure."""
 
 
-def result_of(flights: Sequence[Flight], modules: Sequence[str]) -> Result:
+def result_of(flights: Sequence[Flight], system: System) -> Result:
     """The figures of these flights. Of none: zeros, and intervals that say nothing."""
+    modules = [m.name for m in system.modules]
     hours = sum(f.seconds for f in flights) / 3600.0
     seconds = max(3600.0 * hours, 1e-9)
     told = Counter(what for f in flights for what in f.broken)
@@ -66,8 +99,11 @@ def result_of(flights: Sequence[Flight], modules: Sequence[str]) -> Result:
                 episodes,
                 rate(episodes, hours),
                 sum(f.gate_faults[k] for f in flights),
+                *_saved(flights, k),
             )
         )
+    measures = _measured(flights, system)
+    speed, aloft = (next((m.mean for m in measures if m.name == n), None) for n in (SPEED, ALOFT))
     return Result(
         flights=len(flights),
         hours=hours,
@@ -80,4 +116,41 @@ def result_of(flights: Sequence[Flight], modules: Sequence[str]) -> Result:
         broken=tuple(told.most_common()),
         worst=tuple(bad[:10]),
         digest=digest_of(flights),
+        defects=sum(not _excused(system, f) for f in bad),
+        measures=measures,
+        hours_aloft=None if aloft is None else aloft * hours,
+        km=None if speed is None else speed * 3.6 * hours,
     )
+
+
+def _saved(flights: Sequence[Flight], k: int) -> tuple[int | None, int | None]:
+    if not flights or not flights[0].saves:
+        return None, None
+    return sum(f.saves[k] for f in flights), sum(f.precautions[k] for f in flights)
+
+
+def _excused(system: System, f: Flight) -> bool:
+    until_ns = round((f.seconds if f.first_s is None else f.first_s) * 1e9)
+    return bool(outside(system, f.seed, until_ns))
+
+
+def _measured(flights: Sequence[Flight], system: System) -> tuple[Measured, ...]:
+    found = []
+    for k, m in enumerate(system.measures):
+        looks = [f.looks[k] for f in flights if f.looks[k].count]
+        count = sum(x.count for x in looks)
+        edges = tuple(m.low + (m.high - m.low) * i / m.bins for i in range(m.bins + 1))
+        bins = [0] * (m.bins + 2)
+        for x in looks:
+            bins = [a + b for a, b in zip(bins, x.bins, strict=True)]
+        found.append(
+            Measured(
+                name=m.name,
+                mean=fsum(x.sum for x in looks) / count if count else nan,
+                least=min((x.least for x in looks), default=nan),
+                most=max((x.most for x in looks), default=nan),
+                edges=edges,
+                bins=tuple(bins),
+            )
+        )
+    return tuple(found)

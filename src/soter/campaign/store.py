@@ -13,10 +13,10 @@ import csv
 import hashlib
 import json
 import os
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.campaign.fleet import Flight
+from soter.campaign.flight import Flight, Look
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
@@ -24,7 +24,10 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 ABOUT, FLIGHTS = "campaign.json", "flights.csv"
-SCHEMA = 1
+COUNTED = ("ac_s", "disengagements", "episodes", "gate_faults")
+SAVED = ("saves", "precautions")
+LOOKED = ("count", "sum", "least", "most", "histogram")
+SCHEMA = 2
 
 
 @dataclass(frozen=True)
@@ -38,6 +41,11 @@ class About:
     until_ns: int
     first_seed: int
     modules: list[str]
+    measures: list[str] = field(default_factory=list)
+    horizon_ns: int = 0
+    arm: str = ""
+    lateness: list[int] = field(default_factory=list)
+    faults: list[str] = field(default_factory=list)
     schema: int = SCHEMA
 
 
@@ -64,7 +72,7 @@ class Store:
                     "another program, system, time, seed or parameter: give another folder with -o",
                 )
             self.flights = self._kept()
-        elif any(self.folder.iterdir()):
+        elif any(p for p in self.folder.iterdir() if not p.name.startswith("arm-")):
             raise _trouble(self.folder, "the folder holds something else", "give another with -o")
         else:
             _whole(said, own + "\n")
@@ -72,10 +80,13 @@ class Store:
             _whole(self.folder / FLIGHTS, ",".join(self._head()) + "\n")
 
     def _head(self) -> list[str]:
-        parts = ("ac_s", "disengagements", "episodes", "gate_faults")
-        by_module = [f"{m}.{p}" for m in self.about.modules for p in parts]
+        by_module = [f"{m}.{p}" for m in self.about.modules for p in self._parts()]
+        looks = [f"{m}.{p}" for m in self.about.measures for p in LOOKED]
         fixed = ["number", "seed", "seconds", "violations", "first_s", "all_ac_s"]
-        return [*fixed, *by_module, "broken", "digest"]
+        return [*fixed, *by_module, *looks, "broken", "digest"]
+
+    def _parts(self) -> tuple[str, ...]:
+        return (*COUNTED, *(SAVED if self.about.horizon_ns else ()))
 
     def _kept(self) -> list[Flight]:
         """The flights that stand there whole, from number 0 on; what is behind them is cut off."""
@@ -85,7 +96,9 @@ class Store:
         raw = path.read_bytes()
         lines = raw[: raw.rfind(b"\n") + 1].decode("utf-8").splitlines()
         found: list[Flight] = []
-        if lines and next(csv.reader(lines[:1])) == self._head():
+        if lines and next(csv.reader(lines[:1])) != self._head():
+            raise _trouble(self.folder, f"`{FLIGHTS}` has other columns", "give another folder")
+        if lines:
             for row in csv.DictReader(lines):
                 flight = self._flight(row)
                 if flight is None or flight.number != len(found):
@@ -112,10 +125,18 @@ class Store:
                 violations=int(row["violations"]),
                 first_s=float(row["first_s"]) if row["first_s"] else None,
                 broken=tuple(json.loads(row["broken"])) if row["broken"] else (),
-                digest=row["digest"],
+                digest=_digest(row["digest"]),
+                saves=self._saved(row, "saves"),
+                precautions=self._saved(row, "precautions"),
+                looks=tuple(_look(row, m) for m in self.about.measures),
             )
         except (KeyError, ValueError, TypeError):
             return None
+
+    def _saved(self, row: dict[str, str], what: str) -> tuple[int, ...]:
+        if not self.about.horizon_ns:
+            return ()
+        return tuple(int(row[f"{m}.{what}"]) for m in self.about.modules)
 
     def add(self, flights: Sequence[Flight]) -> None:
         """Keep flights, which follow those that are there. SoterError D006 where it cannot."""
@@ -131,11 +152,27 @@ class Store:
         self.flights += flights
 
 
+def _look(row: dict[str, str], name: str) -> Look:
+    total, least, most = (float(row[f"{name}.{part}"]) for part in ("sum", "least", "most"))
+    bins = tuple(int(x) for x in row[f"{name}.histogram"].split())
+    return Look(int(row[f"{name}.count"]), total, least, most, bins)
+
+
+def _digest(text: str) -> str:
+    if len(text) != 64 or not set(text) <= set("0123456789abcdef"):
+        raise ValueError(text)
+    return text
+
+
 def _row(f: Flight) -> list[object]:
-    by_module = zip(f.ac_s, f.disengagements, f.episodes, f.gate_faults, strict=True)
+    counted = (f.ac_s, f.disengagements, f.episodes, f.gate_faults)
+    by_module = zip(*counted, *((f.saves, f.precautions) if f.saves else ()), strict=True)
     first = "" if f.first_s is None else repr(f.first_s)
     fixed = [f.number, f.seed, repr(f.seconds), f.violations, first, repr(f.all_ac_s)]
     told = [repr(x) if isinstance(x, float) else x for m in by_module for x in m]
+    for look in f.looks:
+        told += [look.count, repr(look.sum), repr(look.least), repr(look.most)]
+        told.append(" ".join(map(str, look.bins)))
     return [*fixed, *told, json.dumps(f.broken) if f.broken else "", f.digest]
 
 

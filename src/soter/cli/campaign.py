@@ -6,13 +6,13 @@ Non-goals: flying (`campaign/`).
 
 from __future__ import annotations
 
-from math import inf
 from typing import TYPE_CHECKING
 
 from soter.api import load
+from soter.campaign.words import interval
 from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, at_least_one, seed
-from soter.cli.terminal.progress import Progress
+from soter.cli.terminal.progress import LineOfProgress, Progress
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -26,7 +26,8 @@ EXAMPLES = """\
   soter campaign drone.soter --hours 104 --workers 2
   soter campaign drone.soter --flights 1000 --until 30s --system Twitching
   soter campaign drone.soter --hours 200          goes on where `--hours 104` ended
-  soter run drone.soter --seed 48123 --report     look at the flight of that seed
+  soter campaign drone.soter --hours 104 --saves 10s --arms ac,paper,swept --report
+  soter run drone.soter --flight 48123 --report   look at the flight of that number
 
 Every flight stands in `flights.csv` of the campaign's folder, with its seed. It can be stopped at
 any time; the same command goes on.
@@ -45,6 +46,24 @@ def parser() -> Parser:
     made.add_argument("--until", metavar="TIME", help="of each; by default the system's own")
     made.add_argument("--seed", metavar="N", type=seed, default=1, help="of the first (1)")
     made.add_argument("--workers", metavar="N", type=at_least_one, help="threads (one a core)")
+    made.add_argument(
+        "--arms",
+        metavar="A,B",
+        type=_names,
+        default=(),
+        help="also fly the same seeds by other rules: ac, paper, swept",
+    )
+    made.add_argument(
+        "--saves", metavar="TIME", help="count saves: fly AC on for so long where it is taken off"
+    )
+    made.add_argument(
+        "--report",
+        nargs="?",
+        const="",
+        metavar="FILE",
+        help="write the HTML page (DIR/report.html)",
+    )
+    made.add_argument("--parquet", action="store_true", help="also write DIR/flights.parquet")
     add_settings(made)
     made.add_argument("-o", dest="output", metavar="DIR", help="the folder (.soter/campaign-...)")
     return made
@@ -52,67 +71,80 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Fly."""
-    from soter.api.campaigning import figures, settings_of  # noqa: PLC0415 - needs NumPy
+    from soter.api.campaigning import (  # noqa: PLC0415 - needs NumPy
+        figures,
+        settings_of,
+        written,
+    )
+    from soter.campaign.parquet import require_parquet  # noqa: PLC0415 - the same
 
-    program = load(args.file)
+    with LineOfProgress(console) as line:
+        program = load(args.file, progress=line)
     for name, target in args.bindings:
         program.bind(name, target)
     try:
+        if args.parquet:
+            require_parquet()
         with Progress(console) as progress:
             found = program.campaign(
                 args.system, dict(args.params), progress=progress, **settings_of(vars(args))
             )
+        pages = written(found, program.path, args.report, parquet=args.parquet)
     except SoterError as error:
         return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
     _say(found, console)
+    for page in pages:
+        console.say(f"written {page}")
     code = VIOLATED if found.result.violations else FINE
     fields = {"file": args.file, "program_sha256": program.sha256, **figures(found)}
     return Outcome(code, program.diagnostics, fields)
 
 
+def _names(text: str) -> tuple[str, ...]:
+    return tuple(n.strip() for n in text.split(",") if n.strip())
+
+
 def _say(found: Campaign, console: Console) -> None:
+    from soter.campaign import tables  # noqa: PLC0415 - only here
     from soter.report.summary import table  # noqa: PLC0415 - only here
 
     r = found.result
-    speed = found.flown * found.until_s / found.wall_s if found.flown else 0.0
     console.say(
         f"{found.system}: {r.hours:,.2f} h in {r.flights:,} flights of {found.until_s:g} s, "
         f"seeds {found.first_seed} to {found.first_seed + r.flights - 1}"
     )
+    aloft = [f"{r.hours_aloft:,.2f} h aloft"] if r.hours_aloft is not None else []
+    way = [f"{r.km:,.1f} km"] if r.km is not None else []
+    if aloft or way:
+        console.say(", ".join([*aloft, *way]))
     console.say()
     verdict = console.paint("good" if not r.violations else "bad", f"{r.violations} violations")
-    console.say(f"{verdict}; with 95 % confidence {_interval(*r.per_hour)} an hour")
+    console.say(f"{verdict}; with 95 % confidence {interval(*r.per_hour)} an hour")
+    if r.violations and found.faults:
+        console.say(
+            f"{r.flights_violated} flights, {r.defects} of them without any fault that is outside "
+            "of what proofs assume"
+        )
     for what, count in r.broken:
         console.say(f"  {count} x {what}")
     for f in r.worst:
         console.say(f"  flight {f.number}, seed {f.seed}: first at {f.first_s:.3f} s")
-    if r.modules:
-        rows = [
-            (
-                m.name,
-                f"{m.ac_share:.2%}",
-                f"{m.disengagements:,}",
-                f"{m.episodes:,}",
-                _interval(*m.per_hour),
-                f"{m.gate_faults:,}",
-            )
-            for m in r.modules
-        ]
-        heads = ("module", "AC share", "takeovers", "episodes", "an hour, 95 %", "gate faults")
-        console.say()
-        console.say(table(heads, rows))
-        if len(r.modules) > 1:
-            console.say(f"\nall modules in AC at once: {r.ac_share:.2%} of the time")
+    for heads, rows in (
+        tables.modules(found),
+        tables.measures(found),
+        tables.arms(found),
+        tables.faults(found),
+    ):
+        if rows:
+            console.say()
+            console.say(table(heads, rows))
+    if len(r.modules) > 1:
+        console.say(f"\nall modules in AC at once: {r.ac_share:.2%} of the time")
+    if found.lateness:
+        console.say(f"\nlateness of arm `paper`: {found.lateness}")
+    speed = found.flown * found.until_s / found.wall_s if found.flown else 0.0
     console.say(
         f"\nflights {found.folder}/flights.csv   "
         f"{found.wall_s:.1f} s" + (f", {speed:,.0f} x real time" if speed else ", flown before")
     )
     console.say(console.paint("muted", f"digest  {r.digest}"))
-
-
-def _interval(low: float, high: float) -> str:
-    if high == inf:
-        return "any number"
-    if low == 0.0:
-        return f"less than {high:.3g}"
-    return f"{low:.3g} to {high:.3g}"

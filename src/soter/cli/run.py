@@ -34,6 +34,7 @@ EXAMPLES = """\
   soter run cart.soter --log --report          into .soter/; open the report in a browser
   soter run cart.soter --log out.mcap          for Foxglove, PlotJuggler, the mcap tools
   soter run cart.soter --set GAIN=3 --bind Learned=python:policy.py:step
+  soter run cart.soter --flight 48123 --report what `soter campaign` flew under that number
   soter run cart.soter --engine interp         the reference interpreter: slow, the same bytes
 """
 NAME_MAX = 150
@@ -49,6 +50,9 @@ def parser() -> Parser:
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     made.add_argument("--until", metavar="TIME", help="such as 30s; by default the system's own")
     made.add_argument("--seed", metavar="N", type=seed, default=1, help="by default 1")
+    made.add_argument(
+        "--flight", metavar="K", type=seed, help="flight K of a campaign that begins with --seed"
+    )
     made.add_argument(
         "--engine", choices=ENGINES, default="native", help="native C, or the reference interpreter"
     )
@@ -78,6 +82,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         program = load(args.file, line)
     if program.externs:
         apart(console, lambda process: _rescued(args, process))
+    if args.flight is not None:
+        args.seed = (args.seed + args.flight) % 2**64
     console.listen()
     args.home = Path.cwd()  # an extern may leave another
     for name, target in args.bindings:

@@ -25,7 +25,7 @@ from soter.program.model.types import (
     ListType,
     RecordType,
 )
-from soter.semantics.random_draws import fnv
+from soter.semantics.chance.random_draws import fnv
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -6,10 +6,11 @@ Non-goals: when they are called (the kernel).
 
 from __future__ import annotations
 
+from math import nan
 from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
-from soter.codegen.c.types import int_number
+from soter.codegen.c.types import float_number, int_number
 from soter.codegen.frame import CT, OK, S, where
 from soter.lower import core
 
@@ -86,6 +87,19 @@ def predicate(
     value = frame.body.expr(p.value)
     if negate:
         value = c.Unary("!", value)
+    failed = c.Name("true" if unsafe else "false")
+    return _function(frame, p, name, doc, ("bool", value, failed))
+
+
+def number(frame: Frame, p: core.Predicate, name: str, doc: str) -> c.FunctionDef:
+    """A float over the state; a fault inside gives NaN."""
+    return _function(frame, p, name, doc, ("double", frame.body.expr(p.value), float_number(nan)))
+
+
+def _function(
+    frame: Frame, p: core.Predicate, name: str, doc: str, what: tuple[str, c.CExpr, c.CExpr]
+) -> c.FunctionDef:
+    result, value, otherwise = what
     body: list[c.CStmt] = [frame.state_pointer(const=True), c.Unused("s")]
     faults = p.body and any(
         isinstance(x, (core.Checked, core.Guard, core.Call, core.If, core.Loop)) for x in p.body
@@ -95,8 +109,8 @@ def predicate(
     body += frame.body.block(p.body, p.value)
     if faults:
         failed = c.Binary("!=", c.Name("status"), OK)
-        body.append(c.IfStmt(failed, (c.Return(c.Name("true" if unsafe else "false")),)))
+        body.append(c.IfStmt(failed, (c.Return(otherwise),)))
     body.append(c.Return(value))
     return c.FunctionDef(
-        "bool", name, (("const void *", "state"),), tuple(body), f"{doc}, {where(p.span)}"
+        result, name, (("const void *", "state"),), tuple(body), f"{doc}, {where(p.span)}"
     )

@@ -14,6 +14,7 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT
 from soter.codegen.draws import choosing
+from soter.codegen.faults import disturb
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, S, enabled, where
 from soter.codegen.holding import hold
 from soter.codegen.queues import empty, forgive, must_not_lose
@@ -53,6 +54,7 @@ def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str
         body += frame.declare_outputs(step.outputs)
         body += nothing_lost
         body += [*choosing(component, step.body), *takeover, *frame.body.block(step.body)]
+    body += disturb(frame, component, step.outputs)
     body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault")]
     body += frame.check_outputs(step.outputs)
     failed = (*forgive(frame, component), c.Return(c.Name("status")))

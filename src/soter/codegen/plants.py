@@ -14,14 +14,13 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import int_number
 from soter.codegen.draws import assemble, choosing, in_order, uniform
+from soter.codegen.faults import disturb, leaf_of, scaled
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, enabled, where
-from soter.program.model.types import ArrayType, RecordType, leaves
 
 if TYPE_CHECKING:
     from soter.codegen.frame import Frame
     from soter.lower import core
     from soter.program.model.system import Component
-    from soter.program.model.types import Type
 
 
 def plant_step(
@@ -50,6 +49,7 @@ def plant_step(
         body.append(c.IfStmt(c.Unary("!", first), tuple(inner)))
     body += frame.body.block(step.publish)
     body += _noise(frame, component, step)
+    body += disturb(frame, component, step.outputs)
     body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault", "first")]
     body += frame.check_outputs(step.outputs)
     body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
@@ -70,9 +70,10 @@ def _disturbances(
         c.Name("first"), c.Number("0"), c.Binary("-", CT, int_number(component.period_ns))
     )
     found: list[c.CStmt] = [c.Declare("int64_t", "began", began, const=True)]
-    for name, t, draws in step.disturbances:
+    for number, (name, t, draws) in enumerate(step.disturbances):
         if name in used:
-            drawn = [_draw(d, component, c.Name("began")) for d in draws]
+            chance = [_draw(d, component, c.Name("began")) for d in draws]
+            drawn = [scaled(frame, component, number, e) for e in chance]
             own = frame.body.local(name)
             before, values = in_order([("double", e) for e in drawn], f"drawn_{own}")
             value = assemble(frame.types, t, iter(values))
@@ -105,23 +106,7 @@ def _noise(frame: Frame, component: Component, step: core.PlantStep) -> list[c.C
     found: list[c.CStmt] = []
     index = c.Binary("/", CT, int_number(component.period_ns))
     for output, leaf, draw in step.noise:
-        target = _leaf(frame.body.out(output), step.outputs[output].type, leaf)
+        target = leaf_of(frame.body.out(output), step.outputs[output].type, leaf)
         error = uniform(draw.stream, index, draw.low, draw.high, chance=component.extern)
         found.append(c.Assign(target, c.Binary("+", target, error)))
     return found
-
-
-def _leaf(e: c.CExpr, t: Type, index: int) -> c.CExpr:
-    """Leaf number `index` of a value."""
-    if isinstance(t, RecordType):
-        for n, f in t.fields:
-            count = sum(1 for _ in leaves(f))
-            if index < count:
-                return _leaf(c.Member(e, field_name(n)), f, index)
-            index -= count
-    if isinstance(t, ArrayType):
-        count = sum(1 for _ in leaves(t.element))
-        return _leaf(
-            c.IndexExpr(c.Member(e, "at"), c.Number(str(index // count))), t.element, index % count
-        )
-    return e

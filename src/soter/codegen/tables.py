@@ -46,6 +46,7 @@ class TableEmitter:
         self.names = names
         self.module_names = module_names
         self.open_topics = environment_topics(frame.system)
+        self.moved = {f.component for f in frame.system.faults if f.of_time}
         self.found: list[c.CTop] = []
 
     def tables(self) -> list[c.CTop]:
@@ -92,6 +93,7 @@ class TableEmitter:
                 *((name, c.Number(f"{len(items)}U")) for name, items in counted),
                 *tables,
                 ("init", c.Name(f"{p}_init")),
+                *((("order", c.Name(f"{p}_order")),) if s.shuffled else ()),
                 ("self_test", c.Name("soter_computes")),
             )
         )
@@ -123,6 +125,7 @@ class TableEmitter:
                 ("step", c.Name(f"{name}_step" if step else "NULL")),
                 ("failsafe", c.Name(f"{name}_failsafe" if x.failsafe else "NULL")),
                 *_held(x, name),
+                *((("happens", c.Name(f"{name}_happens")),) if x.index in self.moved else ()),
             )
         )
 

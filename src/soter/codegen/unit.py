@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from pathlib import PurePath
 from typing import TYPE_CHECKING
 
-from soter.codegen import decisions, holding, nodes, plants, queues, start
+from soter.codegen import decisions, faults, holding, nodes, plants, queues, start
 from soter.codegen.body import Body, used_names
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, Unique, program_prefix
@@ -43,11 +43,12 @@ COMPONENT_NAMES = (
     "_move",
     "_effect",
     "_exchange",
+    "_happens",
 )
 MODULE_NAMES = ("_ttf", "_safer", "_decide")
 OWN_NAMES = (
     "state", "topics", "program", "init", "components", "modules", "properties", "topics_info",
-    "inputs", "layout_is_as_declared", "switch",
+    "inputs", "layout_is_as_declared", "switch", "order",
 )  # fmt: skip
 
 
@@ -75,7 +76,7 @@ def own_names(system: System) -> tuple[str, ...]:
     inputs = [f"input_{i}" for i in range(len(system.inputs))]
     pushed = [f"pushed_{t.index}" for t in system.topics if t.queues]
     published = [f"publish_{i}" for i in environment_topics(system)]
-    return (*OWN_NAMES, *properties, *inputs, *pushed, *published)
+    return (*OWN_NAMES, *properties, *inputs, *pushed, *published, *faults.fault_names(system))
 
 
 def generate(
@@ -155,6 +156,7 @@ class UnitBuilder:
             (
                 c.FileComment(about),
                 c.Include(f"{self.prefix}.h"),
+                *((c.Include("soter_faults.h"),) if self.system.faults else ()),
                 *((c.Include("string.h", system=True),) if copied else ()),
                 self._size_check(),
                 *((c.Section("constants"), *self.types.constants) if self.types.constants else ()),
@@ -271,8 +273,9 @@ class UnitBuilder:
 
     def _steps(self) -> list[c.CTop]:
         given = self._given_topics()
+        disturbed = faults.definitions(self.frame, self.names)
         queued = [t for t in self.system.topics if t.queues and t.index in given]
-        found: list[c.CTop] = [queues.push(self.frame, t) for t in queued]
+        found: list[c.CTop] = [*disturbed, *(queues.push(self.frame, t) for t in queued)]
         found += [self.inputs.publish(self.system.topics[i]) for i in self.open_topics]
         for x in self.system.components:
             name = self.names[x.index]

@@ -47,7 +47,7 @@ from soter.explore.results import (
 from soter.explore.trace.schedule import plan_of
 from soter.explore.trace.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
 from soter.program.flatten.derived import with_test
-from soter.program.flatten.tested import MAX_STEPS
+from soter.program.flatten.trials.tested import MAX_STEPS
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:

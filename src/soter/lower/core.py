@@ -406,3 +406,5 @@ class CoreSystem:
     properties: tuple[Predicate, ...]
     timed: tuple[Timed, ...] = ()
     """Of a system that was flattened for a test: as `TestPlan.timed`."""
+    measures: tuple[Predicate, ...] = ()
+    """As `System.measures`; floats in the place of truth values."""

@@ -138,5 +138,8 @@ def lower(system: System) -> core.CoreSystem:
     properties = tuple(lower_property(functions, system, p) for p in system.properties)
     asked = system.test.timed if system.test else ()
     timed = tuple(lower_timed(functions, system, t) for t in asked)
+    measures = tuple(
+        lower_predicate(functions, system, m.scope, m.value, m.span) for m in system.measures
+    )
     used = tuple(functions.by_name.values())
-    return core.CoreSystem(used, nodes, plants, decisions, properties, timed)
+    return core.CoreSystem(used, nodes, plants, decisions, properties, timed, measures)

@@ -22,6 +22,8 @@ RUNTIME = SOTER / "runtime"
 NEVER_SHIPPED = SOTER / "native" / "c"
 """Headers that only runs on this machine use."""
 KERNEL = ("soter_kernel.c", "soter_virtual.c")
+FAULTS = "soter_faults.h"
+"""What programs include whose system has faults."""
 LIBRARY = "program.so"
 TELLING = ("error", "undefined", "previous de")
 """What makes a line of a C compiler worth showing."""
@@ -53,7 +55,7 @@ def library(
     flags = (*STRICT, optimise, "-fPIC", "-shared", *OWN_SYMBOLS, *extra)
     kernel = tuple(RUNTIME / name for name in KERNEL)
     parts = [unit.header, unit.source, compiler.identity, *flags]
-    parts += texts(*kernel, *engine, *unit.c_sources)
+    parts += texts(*kernel, RUNTIME / FAULTS, *engine, *unit.c_sources)
 
     def make(work: Path) -> None:
         runtime = kernel

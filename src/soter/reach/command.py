@@ -30,6 +30,9 @@ if TYPE_CHECKING:
     Progress = Callable[[float], None]
 
 
+NO_FAULTS = "nothing goes wrong of what the `faults` of system {} say"
+
+
 def verify(
     checked: Checked,
     *,
@@ -56,6 +59,10 @@ def verify(
     refuse_forced(chosen)
     chosen = _views(chosen)
     problems = problems_of(chosen)
+    for (flat, _), problem in zip(chosen, problems, strict=True):
+        said = checked.program.systems.get(flat.name)
+        if said is not None and said.faults:
+            problem.assumptions.append(NO_FAULTS.format(flat.name))
     coverage = coverage_of(checked, chosen, problems, params or {})
     results = []
     for i, problem in enumerate(problems):

@@ -169,6 +169,9 @@ typedef struct {
   uint32_t held;
   void (*effect)(void* state);
   void (*exchange)(void* state);
+  /* When release number `release` happens, SOTER_NEVER where it is lost: of a component whose
+   * releases the faults of the system move; of others NULL. */
+  int64_t (*happens)(const void* state, int64_t release);
 } soter_component_info;
 
 typedef struct {
@@ -221,6 +224,9 @@ typedef struct {
   const soter_topic_info* topic;
   const soter_input_info* input;
   void (*init)(void* state, const void* answer); /* defaults of topics, locals and plants */
+  /* Which of so many nodes that wait steps next, where the system leaves that to chance; else NULL:
+   * the deployed order. */
+  uint32_t (*order)(const void* state, uint32_t waiting);
   const char* (*self_test)(void); /* soter_computes, as the program's own file was compiled */
 } soter_program;
 

@@ -50,6 +50,19 @@ static void give_control(const soter_program* p, void* state, uint32_t module) {
   c[info->ac].oe = on;
 }
 
+/* The first release of a component after ct, from number `release` on. */
+static int64_t release_after(const soter_program* p, const void* state, uint32_t component,
+                             int64_t release) {
+  const soter_component_info* const info = &p->component[component];
+  const int64_t ct = ((const soter_header*)state)->ct;
+  int64_t t = info->happens(state, release);
+  while (t == SOTER_NEVER || t <= ct) { /* now and then one is on time whatever happens */
+    release++;
+    t = info->happens(state, release);
+  }
+  return t;
+}
+
 void soter_start(const soter_program* p, void* state, uint64_t seed) {
   soter_start_with(p, state, seed, NULL);
 }
@@ -64,7 +77,8 @@ void soter_start_with(const soter_program* p, void* state, uint64_t seed, const 
   h->seed_key = soter_mix(seed + UINT64_C(0x9e3779b97f4a7c15));
   soter_component* const c = soter_components_of(state);
   for (uint32_t i = 0; i < p->components; i++) {
-    c[i].next = p->component[i].phase_ns;
+    const soter_component_info* const info = &p->component[i];
+    c[i].next = info->happens != NULL ? release_after(p, state, i, 0) : info->phase_ns;
     c[i].oe = 1;
   }
   soter_module* const m = soter_modules_of(p, state);
@@ -121,6 +135,16 @@ int64_t soter_next_instant(const soter_program* p, const void* state) {
   return next;
 }
 
+/* The release after the one at ct. */
+static int64_t following(const soter_program* p, const void* state, uint32_t component) {
+  const soter_component_info* const info = &p->component[component];
+  const int64_t ct = ((const soter_header*)state)->ct;
+  if (info->happens == NULL) {
+    return ct + info->period_ns;
+  }
+  return release_after(p, state, component, (ct - info->phase_ns) / info->period_ns);
+}
+
 void soter_progress(const soter_program* p, void* state) {
   assert(p != NULL);
   soter_header* const h = soter_header_of(state);
@@ -133,7 +157,7 @@ void soter_progress(const soter_program* p, void* state) {
       c[i].pending = 1;
     }
     if (c[i].next == h->ct) {
-      c[i].next += p->component[i].period_ns;
+      c[i].next = following(p, state, i);
     }
   }
   h->firing = 1U;
@@ -368,6 +392,29 @@ uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, con
   return 0U;
 }
 
+/* Who steps next: the first that waits, from `from` on where nobody before it can; else, of nodes,
+ * whoever chance says. */
+static uint32_t next_of(const soter_program* p, void* state, uint32_t from) {
+  const soter_component* const c = soter_components_of(state);
+  uint32_t i = p->order == NULL ? from : 0U;
+  while (i < p->components && c[i].pending == 0U) {
+    i++;
+  }
+  if (p->order == NULL || i == p->components || p->component[i].role == SOTER_ROLE_PLANT) {
+    return i;
+  }
+  uint32_t waiting = 0;
+  for (uint32_t k = i; k < p->components; k++) {
+    waiting += c[k].pending;
+  }
+  for (uint32_t left = p->order(state, waiting); left > 0U; left--) {
+    do {
+      i++;
+    } while (c[i].pending == 0U);
+  }
+  return i;
+}
+
 soter_status soter_instant(const soter_program* p, void* state, uint32_t* due) {
   assert(p != NULL);
   assert(due != NULL);
@@ -376,10 +423,7 @@ soter_status soter_instant(const soter_program* p, void* state, uint32_t* due) {
   if (h->firing == 0U) {
     soter_progress(p, state);
   }
-  for (uint32_t i = 0; i < p->components; i++) {
-    if (c[i].pending == 0U) {
-      continue;
-    }
+  for (uint32_t i = next_of(p, state, 0); i < p->components; i = next_of(p, state, i)) {
     if (!take_effect(p, state, i)) {
       c[i].pending = 0;
       continue;

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.program.model.types import BoolType, EnumType, FloatType, IntType
-from soter.semantics.random_draws import SeededDraws
+from soter.semantics.chance.random_draws import SeededDraws
 
 if TYPE_CHECKING:
     from soter.program.model.system import Bound, System

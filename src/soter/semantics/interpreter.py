@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING
 
 from soter.program.model.system import Bound
 from soter.program.model.types import leaf_count
+from soter.semantics.chance.faults import in_any_order
+from soter.semantics.chance.random_draws import chosen_value
 from soter.semantics.configuration import NEVER, Configuration
 from soter.semantics.control import enabled_at_first
 from soter.semantics.externs import reset
@@ -20,7 +22,6 @@ from soter.semantics.inputs import refusal
 from soter.semantics.machine import Machine
 from soter.semantics.plants import plant_step
 from soter.semantics.properties import violated
-from soter.semantics.random_draws import chosen_value
 from soter.semantics.record import AC, SC, ComponentRecord, ModuleRecord, PropertyRecord, Record
 from soter.semantics.rules import (
     ac_or_sc_step,
@@ -36,7 +37,7 @@ if TYPE_CHECKING:
     from soter.program.meaning.arith import FaultKind
     from soter.program.model.system import Component, InputDrive, Module, System
     from soter.program.model.types import Value
-    from soter.semantics.random_draws import Draws
+    from soter.semantics.chance.random_draws import Draws
     from soter.semantics.record import Outcome, Verdict
 
     ChooseNode = Callable[[Configuration], int]
@@ -136,6 +137,13 @@ class Interpreter:
             return dm_step(self.machine, c, n)
         return ac_or_sc_step(self.machine, c, n)
 
+    def next_node(self, c: Configuration) -> int:
+        """The choice of deployed drivers; plants first, then any, where the system says so."""
+        first = deployed_order(c)
+        if not self.system.shuffled or self.system.components[first].role == "plant":
+            return first
+        return c.FN[in_any_order(self.machine.seed, c.ct, len(c.FN))]
+
     def publish(self, c: Configuration, published: Mapping[int, Value]) -> Configuration:
         """Values reach topics and their queues, for drivers that hold publications back."""
         return publish(self.system.topics, c, published)
@@ -171,7 +179,7 @@ class Interpreter:
     def instant(
         self,
         c: Configuration,
-        choose_node: ChooseNode = deployed_order,
+        choose_node: ChooseNode | None = None,
         choose_input: ChooseInput | None = None,
         record: Record | None = None,
     ) -> Configuration:
@@ -180,11 +188,12 @@ class Interpreter:
         `choose_node` gets a configuration and picks from its FN; `choose_input` gives the
         inputs, (topic index, value), of the instant that begins. A `record` is added to.
         """
+        choose = choose_node or self.next_node
         c = discrete_time_progress_step(self.machine, c)
         for topic, value in (choose_input or self.due_inputs)(c):
             c = environment_input(self.machine, c, topic, value)
         while c.FN:
-            c, event = self.fire(c, choose_node(c))
+            c, event = self.fire(c, choose(c))
             if record is not None:
                 record.note(event, c.ct)
         if record is not None:
@@ -195,7 +204,7 @@ class Interpreter:
         self,
         until_ns: int | None = None,
         observe: Observe | None = None,
-        choose_node: ChooseNode = deployed_order,
+        choose_node: ChooseNode | None = None,
         choose_input: ChooseInput | None = None,
     ) -> tuple[Configuration, Record]:
         """All instants up to and including `until_ns` (by default the system's own `until`).

@@ -14,6 +14,8 @@ from typing import TYPE_CHECKING
 from soter.program.meaning.environment import Environment
 from soter.program.meaning.statements import Evaluator
 from soter.program.model.system import queues_of
+from soter.semantics.chance.faults import by_component
+from soter.semantics.chance.random_draws import SeededDraws
 from soter.semantics.externs import (
     UnboundExternError,
     extern_node,
@@ -22,7 +24,6 @@ from soter.semantics.externs import (
 )
 from soter.semantics.gate import check_of
 from soter.semantics.plant_code import PlantCode, compile_plant
-from soter.semantics.random_draws import SeededDraws
 from soter.semantics.storing import storer
 
 if TYPE_CHECKING:
@@ -33,8 +34,8 @@ if TYPE_CHECKING:
     from soter.program.model.system import Component, Module, Property, Scope, System
     from soter.program.model.typed import FunSymbol, Variable
     from soter.program.model.types import Value
+    from soter.semantics.chance.random_draws import Draws
     from soter.semantics.configuration import Configuration
-    from soter.semantics.random_draws import Draws
 
 
 STACK_DEPTH = 10_000
@@ -98,6 +99,10 @@ class Machine:
         self._require_bound([c.name for c in system.components if c.extern])
         for component in system.components:
             self._compile(component)
+        self.timing = by_component(system, of_time=True)
+        """Component -> what happens to its releases."""
+        self.faults = by_component(system, of_time=False)
+        """Component -> what happens to its publications and disturbances."""
         self.properties = tuple([self._property(p) for p in system.properties])
         self.contracts: dict[int, list[tuple[str, int]]] = {}
         """Component -> its contracts: kind and property index."""

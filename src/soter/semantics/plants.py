@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING
 
 from soter.program.meaning.arith import StepFault
 from soter.program.meaning.statements import replaced
+from soter.semantics.chance.faults import disturbed, factor
+from soter.semantics.chance.random_draws import assemble, chooser
 from soter.semantics.configuration import put
 from soter.semantics.gate import check_publications, latch, publish
-from soter.semantics.random_draws import assemble, chooser
 from soter.semantics.record import Outcome
 
 if TYPE_CHECKING:
@@ -25,10 +26,10 @@ if TYPE_CHECKING:
     from soter.program.model.system import Component, Disturbance
     from soter.program.model.typed import Variable
     from soter.program.model.types import Value
+    from soter.semantics.chance.random_draws import Draws
     from soter.semantics.configuration import Configuration
     from soter.semantics.machine import Machine
     from soter.semantics.plant_code import Arithmetic, PlantCode
-    from soter.semantics.random_draws import Draws
 
     Derivative = Callable[[list[Value]], list[Value]]
     Steps = tuple[Arithmetic, ...]
@@ -51,13 +52,18 @@ def plant_step(machine: Machine, c: Configuration, n: int) -> tuple[Configuratio
     moves = c.ct > component.phase_ns
     env = machine.environment(c, component)
     try:
-        env.variables.update(_disturbances(component, machine.draws, c.ct if moves else None))
+        drawn = _disturbances(component, machine.draws, c.ct if moves else None)
+        if n in machine.faults:
+            drawn = _scaled(machine, component, drawn, c.ct)
+        env.variables.update(drawn)
         states = c.L[n]
         env.choose = chooser(machine.draws, component, c.ct)
         _choose_lets(code, env, states)
         if moves:
             states = code.store(_moved(code, env, states))
         out = _measured(code, env, states, machine.draws, c.ct)
+        if n in machine.faults:
+            out = disturbed(machine.system, machine.faults[n], component, machine.seed, c, out)
         check_publications(machine.checks, out, out, component.span)
     except StepFault as fault:
         return latch(c, n), Outcome(n, {}, fault, latched=True)
@@ -73,6 +79,22 @@ def _disturbances(component: Component, draws: Draws, ct: int | None) -> dict[Va
         index = 0 if ct is None else (ct - component.period_ns) // hold
         drawn[d.variable] = _disturbance(d, draws, index)
     return drawn
+
+
+def _scaled(
+    machine: Machine, component: Component, drawn: dict[Variable, Value], ct: int
+) -> dict[Variable, Value]:
+    """The disturbances, as faults of the system make them larger or smaller."""
+    found = dict(drawn)
+    for i, d in enumerate(component.disturbances):
+        by = factor(machine.faults[component.index], component, i, machine.seed, ct)
+        scaled = (x * by for x in _flat(found[d.variable]))
+        found[d.variable] = assemble(d.variable.type, scaled)
+    return found
+
+
+def _flat(value: Value) -> list[float]:
+    return [x for part in value for x in _flat(part)] if isinstance(value, tuple) else [value]
 
 
 def _disturbance(d: Disturbance, draws: Draws, index: int) -> Value:

@@ -14,6 +14,8 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.program.meaning.arith import FaultKind, StepFault
+from soter.semantics.chance.faults import disturbed, is_released, next_release
+from soter.semantics.chance.random_draws import chooser, draw_bits
 from soter.semantics.configuration import NEVER, put
 from soter.semantics.control import enabled
 from soter.semantics.gate import (
@@ -27,7 +29,6 @@ from soter.semantics.gate import (
     refuse,
 )
 from soter.semantics.properties import judged
-from soter.semantics.random_draws import chooser, draw_bits
 from soter.semantics.record import AC, SC, Outcome, Verdict
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def discrete_time_progress_step(machine: Machine, c: Configuration) -> Configura
     """
     assert not c.FN, "dt1: FN is empty"
     ct = next_instant(machine, c)  # dt2: the earliest (x, t) of the calendar with t > ct
-    fn = [n.index for n in machine.system.components if _is_due(c, n, ct)]  # dt3
+    fn = [n.index for n in machine.system.components if _is_due(machine, c, n, ct)]  # dt3
     return replace(c, ct=ct, FN=tuple(fn))
 
 
@@ -123,6 +124,8 @@ def _node_step(
     assumed = judged(machine, c, component, "assumes")
     try:
         kept, out = _transition(machine, c, component)  # (l, in, l', out) in T(n)
+        if n in machine.faults:
+            out = disturbed(machine.system, machine.faults[n], component, machine.seed, c, out)
         check_publications(machine.checks, code.outputs, out, component.span, code.bursts)
     except StepFault as fault:
         c, outcome = _faulted(machine, c, component, fault)
@@ -150,14 +153,25 @@ def _node_step(
 def next_instant(machine: Machine, c: Configuration) -> int:
     """The earliest time after ct when something is released, drawn, or takes effect."""
     system, ct = machine.system, c.ct
-    times = [_next_multiple(ct, n.phase_ns, n.period_ns) for n in system.components]
+    times = [_next_release(machine, ct, n) for n in system.components]
     times += [_next_multiple(ct, 0, i.every_ns) for i in system.inputs]
     held = [c.stamps[n.held] for n in system.components if n.held is not None]
     return min(times + [t for t in held if t != NEVER])
 
 
-def _is_due(c: Configuration, n: Component, ct: int) -> bool:
+def _next_release(machine: Machine, ct: int, n: Component) -> int:
+    """The first release of a component after `ct`, as the faults of the system move it."""
+    late = machine.timing.get(n.index)
+    if late is None:
+        return _next_multiple(ct, n.phase_ns, n.period_ns)
+    return next_release(late, n, machine.seed, ct)
+
+
+def _is_due(machine: Machine, c: Configuration, n: Component, ct: int) -> bool:
     """Whether a component fires at `ct`; releases of one that is still busy are lost."""
+    late = machine.timing.get(n.index)
+    if late is not None:
+        return is_released(late, n, machine.seed, ct)
     if n.held is None:
         return _is_released(n, ct)
     ends = c.stamps[n.held]

@@ -12,6 +12,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from soter.simulate.due import decided_at
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -74,16 +76,13 @@ def steps(system: System, states: npt.NDArray[Any], earlier: Any = None) -> Iter
 
     `earlier`: the modules' records of the state before the first, None at the start of a run.
     """
-    times_ns = states["header"]["ct"]
-    periods = {m.period_ns for m in system.modules}
-    due = np.zeros(len(times_ns), dtype=np.bool_)
-    for period_ns in periods:
-        due |= times_ns % period_ns == 0
+    due = decided_at(system, states)
     modules = states["modules"]
-    for row in np.flatnonzero(due):
+    times_ns = states["header"]["ct"]
+    for row in np.flatnonzero(due.any(axis=1)):
         before = modules[row - 1] if row else earlier
         for module in system.modules:
-            if int(times_ns[row]) % module.period_ns == 0:
+            if due[row, module.index]:
                 yield _step(modules[row], before, module, int(times_ns[row]))
 
 

@@ -10,7 +10,8 @@ import struct
 from typing import TYPE_CHECKING
 
 from soter.lower.layout import COMPONENT, HEADER, MODULE, PROPERTY, encode_into
-from soter.semantics.random_draws import mix
+from soter.semantics.chance.faults import by_component, next_release
+from soter.semantics.chance.random_draws import mix
 
 if TYPE_CHECKING:
     from soter.lower.layout import StateLayout
@@ -35,12 +36,15 @@ def image(
         violations=record.violations,
     )
     at = layout.component_offset
+    late = by_component(system, of_time=True)
     for x in system.components:
         r = record.components[x.index]
         COMPONENT.pack_into(
             out,
             at,
-            next=_following(x, c.ct),
+            next=_following(x, c.ct)
+            if x.index not in late
+            else next_release(late[x.index], x, seed, c.ct),
             faults=r.faults,
             last_fault=r.last_fault,
             oe=c.OE[x.index],

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from soter.simulate.due import decided_at
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
     from typing import IO
@@ -79,7 +81,7 @@ class Observer:
         self._kept_bytes = 0
         self._file: IO[bytes] | None = None
         self._modes = np.array([m.forced == "ac" for m in system.modules], dtype=np.uint8)
-        self._periods_ns = np.array([m.period_ns for m in system.modules], dtype=np.int64)
+        self._system = system
         self._decided = np.zeros((2, len(system.modules)), dtype=np.int64)
 
     def see(self, rows: Rows) -> None:
@@ -165,7 +167,7 @@ class Observer:
                 )
             )
         self._modes = modes[-1].copy()
-        due = states["header"]["ct"][:, np.newaxis] % self._periods_ns == 0
+        due = decided_at(self._system, states)
         together = due & (modules["ttf"] == 1) & (modules["safer"] == 1)
         self._decided += np.array([due.sum(axis=0), together.sum(axis=0)])
 

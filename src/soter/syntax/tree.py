@@ -755,6 +755,34 @@ class TimingFault:
     span: Span
 
 
+@dataclass(frozen=True, slots=True)
+class SystemFault:
+    """One item of `faults { ... }`: `nan M.Fast at 4 per 1h for 1s;`, `order any;`.
+
+    `target` is None for an order; `by`: what a fault is given, several for a measured lateness.
+    """
+
+    kind: str
+    target: Path | None
+    by: tuple[Expr, ...]
+    rate: Expr | None
+    per: Expr | None
+    lasts: Expr | None
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Measure:
+    """`measure name = e in [low, high] / bins every d;`: what campaigns tell of a run."""
+
+    name: Name
+    value: Expr
+    interval: Interval
+    bins: Expr
+    every: Expr
+    span: Span
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SystemDecl(Decl):
     """`system Name [default] {...}`."""
@@ -767,6 +795,8 @@ class SystemDecl(Decl):
     replaces: tuple[Replace | Repeated, ...]
     sets: tuple[SetParam | Repeated, ...]
     inputs: tuple[DriveInput | Repeated, ...]
+    faults: tuple[SystemFault, ...] = ()
+    measures: tuple[Measure, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

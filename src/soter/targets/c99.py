@@ -16,7 +16,7 @@ from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
 from soter.codegen.c.printer import print_file
 from soter.codegen.unit import generate
-from soter.native.build import RUNTIME
+from soter.native.build import FAULTS, RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets.c_files import with_headers
 from soter.targets.package import File, Package
@@ -48,7 +48,7 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         File(f"{APP}.h", _app_header(system, unit)),
         File(f"{APP}.c", _app_source(system, unit, plants)),
         File(_main_name(unit), (RUNTIME / "soter_main.c").read_text(encoding="utf-8")),
-        *(File(name, (RUNTIME / name).read_text(encoding="utf-8")) for name in KERNEL),
+        *(File(n, (RUNTIME / n).read_text(encoding="utf-8")) for n in _runtime(system)),
     ]
     if stubs or plants:
         package.files.append(File(STUBS, _stubs(unit, stubs, plants), yours=True))
@@ -61,6 +61,10 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
     package.notes = _notes(core, stubs, plants)
     package.commands = [f"make -C {folder}", f"{folder}/{_command_name(unit.prefix)}"]
     return package
+
+
+def _runtime(system: System) -> tuple[str, ...]:
+    return (*KERNEL, FAULTS) if system.faults else KERNEL
 
 
 def _bind_stubs(system: System) -> dict[str, Component]:

@@ -8,7 +8,7 @@ import pytest
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.program.build import check_file, system_of, system_of_test
-from soter.program.flatten.tested import MAX_STEPS, elaborate_test
+from soter.program.flatten.trials.tested import MAX_STEPS, elaborate_test
 
 if TYPE_CHECKING:
     from soter.program.model.system import System, TestPlan

@@ -12,7 +12,7 @@ import pytest
 from generators.any_order import Native
 from generators.engines import Subject, compile_library, subject
 from soter.codegen.unit import Unit, generate
-from soter.semantics.random_draws import fnv
+from soter.semantics.chance.random_draws import fnv
 
 if TYPE_CHECKING:
     from pathlib import Path

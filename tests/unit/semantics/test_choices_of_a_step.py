@@ -13,8 +13,8 @@ from soter.program.meaning.fairness import allowed, taken
 from soter.program.model.types import IntType
 from soter.semantics.adversary import ChoiceError, RecordedDraws, Recorder
 from soter.semantics.answers import AnsweredDraws
+from soter.semantics.chance.random_draws import SeededDraws, draw_bits
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random_draws import SeededDraws, draw_bits
 
 if TYPE_CHECKING:
     from collections.abc import Callable

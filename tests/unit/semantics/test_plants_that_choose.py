@@ -8,8 +8,8 @@ import pytest
 
 from soter.program.build import check_file, system_of
 from soter.semantics.answers import AnsweredDraws
+from soter.semantics.chance.random_draws import draw_bits
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random_draws import draw_bits
 
 if TYPE_CHECKING:
     from soter.program.model.system import System

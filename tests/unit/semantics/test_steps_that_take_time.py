@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.semantics.chance.random_draws import draw_bits
 from soter.semantics.configuration import NEVER
-from soter.semantics.random_draws import draw_bits
 from soter.semantics.record import AC, SC
 
 if TYPE_CHECKING:

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from soter.program.build import check_file, system_of
+from soter.semantics.chance.random_draws import draw_float
 from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
-from soter.semantics.random_draws import draw_float
 from soter.semantics.record import AC, SC
 from soter.semantics.rules import discrete_time_progress_step, environment_input
 

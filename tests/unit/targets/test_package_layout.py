@@ -12,6 +12,7 @@ import pytest
 import soter
 from generators.packages import CART, command, make, package, trace
 from soter.diagnostics.diagnostic import SoterError
+from soter.native.build import FAULTS
 from soter.native.build import RUNTIME as OF_SOTER
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 
@@ -28,7 +29,18 @@ NAMES = (
 
 
 def test_the_run_time_is_what_ships() -> None:
-    assert {p.name for p in OF_SOTER.iterdir()} == RUNTIME | {"soter_main.c"}
+    assert {p.name for p in OF_SOTER.iterdir()} == RUNTIME | {"soter_main.c", FAULTS}
+
+
+def test_a_program_with_faults_ships_what_they_need_and_no_other_does(tmp_path: Path) -> None:
+    text = CART.read_text()
+    source = tmp_path / "cart.soter"
+    source.write_text(text.replace("until 30s;", "until 30s; faults { late all by 1ms; }", 1))
+    package(source, tmp_path / "out")
+    assert files(tmp_path / "out") == OWN | RUNTIME | {MANIFEST, FAULTS}
+    make(tmp_path / "out")
+    ran = command(["./cart"], tmp_path / "out")
+    assert trace(ran.stdout) == soter.load(source).simulate().trace_sha256
 
 
 def files(folder: Path) -> set[str]:

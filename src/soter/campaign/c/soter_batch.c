@@ -76,43 +76,190 @@ static bool soter_compare(const soter_program* p, void* state, void* before, sot
   return soter_violations(p, state, before, e) && fits;
 }
 
-/* One flight; false where its events do not fit, or an extern is due. */
-static bool soter_fly(const soter_program* p, uint64_t seed, int64_t until_ns, void* state,
-                      void* before, soter_events* e) {
+/* ------------------------------------------------------------------ measures */
+
+static uint32_t soter_bin(const soter_measure* m, double x) {
+  if (x < m->low) {
+    return 0U;
+  }
+  if (x > m->high) {
+    return m->bins + 1U;
+  }
+  const double place = (x - m->low) / (m->high - m->low) * (double)m->bins;
+  const uint32_t bin = place > 0.0 ? (uint32_t)place : 0U;
+  return bin < m->bins ? bin + 1U : m->bins;
+}
+
+static void soter_note_look(const soter_measure* m, soter_look* look, uint32_t* bins, double x) {
+  if (!(x - x == 0.0)) {
+    return;
+  }
+  look->least = look->count == 0U || x < look->least ? x : look->least;
+  look->most = look->count == 0U || x > look->most ? x : look->most;
+  look->sum += x;
+  look->count++;
+  bins[soter_bin(m, x)]++;
+}
+
+/* Looks at what is due after an instant; `since`: the time of the instant before it. */
+static void soter_measure_all(const soter_measured* all, const void* state, int64_t since,
+                              soter_look* looks, uint32_t* bins) {
+  const int64_t ct = ((const soter_header*)state)->ct;
+  for (uint32_t i = 0; i < all->count; i++) {
+    const soter_measure* const m = &all->measure[i];
+    if (since < 0 || ct / m->every_ns != since / m->every_ns) {
+      soter_note_look(m, &looks[i], bins, m->value(state));
+    }
+    bins += m->bins + 2U;
+  }
+}
+
+/* ------------------------------------------------------------------ counterfactual saves */
+
+/* Whether AC does harm within the horizon where this module's DM leaves it in control; `copy` is
+ * the state before the instant in which the DM did not. */
+static bool soter_would_harm(const soter_program* p, uint32_t module, int64_t horizon_ns,
+                             void* copy) {
+  soter_module_info modules[SOTER_BATCH_MODULES];
+  soter_program alone = *p;
   uint32_t due = 0;
-  soter_start(p, state, seed);
-  (void)memcpy(before, state, p->state_size);
-  while (soter_next_instant(p, state) <= until_ns) {
-    if (soter_virtual_instant(p, state, &due) == SOTER_EXTERN_DUE) {
+  (void)memcpy(modules, p->module, p->modules * sizeof *modules);
+  modules[module].forced = true;
+  alone.module = modules;
+  const soter_header* const h = soter_header_of(copy);
+  const uint32_t violations = h->violations;
+  const int64_t end = soter_next_instant(&alone, copy) + horizon_ns;
+  while (h->violations == violations && soter_next_instant(&alone, copy) <= end) {
+    if (soter_virtual_instant(&alone, copy, &due) == SOTER_EXTERN_DUE) {
       return false;
     }
-    if (!soter_compare(p, state, before, e)) {
+  }
+  return h->violations != violations;
+}
+
+typedef struct {
+  int64_t last[SOTER_BATCH_MODULES]; /* when each module was taken off AC last; or SOTER_NEVER */
+  uint32_t *saves, *precautions;
+} soter_saves;
+
+static bool soter_decides_next(const soter_program* p, void* state) {
+  const soter_component* const c = soter_components_of(state);
+  const int64_t next = soter_next_instant(p, state);
+  for (uint32_t i = 0; i < p->modules; i++) {
+    if (c[p->module[i].dm].next == next) {
+      return true;
+    }
+  }
+  return false;
+}
+
+/* Judges what an instant took off AC, from event number `first` on; `pre`: the state before it. */
+static void soter_judge(const soter_program* p, const soter_order* o, const soter_events* e,
+                        size_t first, const void* pre, void* work, soter_saves* s) {
+  for (size_t i = first; i < e->used; i++) {
+    const soter_event* const event = &e->at[i];
+    if (event->kind != (uint32_t)SOTER_TO_SC) {
+      continue;
+    }
+    const int64_t last = s->last[event->index];
+    s->last[event->index] = event->time;
+    if (last != SOTER_NEVER && event->time - last <= o->episode_ns) {
+      continue;
+    }
+    (void)memcpy(work, pre, p->state_size);
+    if (soter_would_harm(p, event->index, o->horizon_ns, work)) {
+      s->saves[event->index]++;
+    } else {
+      s->precautions[event->index]++;
+    }
+  }
+}
+
+/* ------------------------------------------------------------------ flights */
+
+typedef struct {
+  uint8_t *state, *before, *pre, *work;
+  soter_look* looks;
+  uint32_t* bins;
+  soter_saves* saves; /* NULL: they are not counted */
+} soter_places;
+
+/* One flight; false where its events do not fit, or an extern is due. */
+static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* o,
+                      const soter_places* at, soter_events* e) {
+  uint32_t due = 0;
+  soter_start(p, at->state, seed);
+  (void)memcpy(at->before, at->state, p->state_size);
+  while (soter_next_instant(p, at->state) <= o->until_ns) {
+    const int64_t since = soter_header_of(at->state)->ct;
+    const size_t first = e->used;
+    if (at->saves != NULL && soter_decides_next(p, at->state)) {
+      (void)memcpy(at->pre, at->state, p->state_size);
+    }
+    if (soter_virtual_instant(p, at->state, &due) == SOTER_EXTERN_DUE) {
       return false;
+    }
+    if (!soter_compare(p, at->state, at->before, e)) {
+      return false;
+    }
+    soter_measure_all(o->measured, at->state, since, at->looks, at->bins);
+    if (at->saves != NULL && e->used != first) {
+      soter_judge(p, o, e, first, at->pre, at->work, at->saves);
     }
   }
   return true;
 }
 
+static size_t soter_bins(const soter_measured* all) {
+  size_t found = 0;
+  for (uint32_t i = 0; i < all->count; i++) {
+    found += all->measure[i].bins + 2U;
+  }
+  return found;
+}
+
+static void soter_flown(const soter_program* p, soter_flight* flight, const soter_event* events,
+                        size_t count, const void* state) {
+  soter_sha256 s;
+  soter_sha256_start(&s);
+  soter_sha256_add(&s, events, count * sizeof *events);
+  soter_sha256_add(&s, state, p->state_size);
+  soter_sha256_end(&s, flight->digest);
+  flight->events = (uint32_t)count;
+}
+
 uint32_t soter_batch(const soter_program* p, soter_flight* flights, uint32_t count,
-                     int64_t until_ns, void* states, soter_event* events, size_t room,
-                     size_t* used) {
+                     const soter_order* order, size_t* used) {
   assert(p != NULL);
+  assert(order != NULL);
   assert(used != NULL);
-  soter_events e = {events, room, 0};
-  uint8_t* const before = (uint8_t*)states + (size_t)count * p->state_size;
+  assert(order->horizon_ns == 0 || p->modules <= SOTER_BATCH_MODULES);
+  soter_events e = {order->events, order->room, 0};
+  uint8_t* const states = (uint8_t*)order->states;
+  uint8_t* const spare = states + (size_t)count * p->state_size;
+  const size_t bins = soter_bins(order->measured);
   for (uint32_t k = 0; k < count; k++) {
-    uint8_t* const state = (uint8_t*)states + (size_t)k * p->state_size;
     const size_t first = e.used;
-    if (!soter_fly(p, flights[k].seed, until_ns, state, before, &e)) {
+    soter_saves saves;
+    for (uint32_t i = 0; i < SOTER_BATCH_MODULES; i++) {
+      saves.last[i] = SOTER_NEVER;
+    }
+    saves.saves = order->saves + (size_t)k * p->modules;
+    saves.precautions = order->precautions + (size_t)k * p->modules;
+    const soter_places at = {
+        .state = states + (size_t)k * p->state_size,
+        .before = spare,
+        .pre = spare + p->state_size,
+        .work = spare + 2U * p->state_size,
+        .looks = order->looks + (size_t)k * order->measured->count,
+        .bins = order->histogram + (size_t)k * bins,
+        .saves = order->horizon_ns > 0 ? &saves : NULL,
+    };
+    if (!soter_fly(p, flights[k].seed, order, &at, &e)) {
       *used = first;
       return k;
     }
-    soter_sha256 s;
-    soter_sha256_start(&s);
-    soter_sha256_add(&s, events + first, (e.used - first) * sizeof *events);
-    soter_sha256_add(&s, state, p->state_size);
-    soter_sha256_end(&s, flights[k].digest);
-    flights[k].events = (uint32_t)(e.used - first);
+    soter_flown(p, &flights[k], order->events + first, e.used - first, at.state);
   }
   *used = e.used;
   return count;

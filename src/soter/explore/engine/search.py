@@ -43,7 +43,7 @@ from soter.explore.trace.choices import ENDING
 from soter.explore.trace.schedule import INPUT, plan_of
 from soter.explore.trace.trace import STEP_KINDS, Choice, Step
 from soter.program.model.types import IntType, leaves
-from soter.semantics.random_draws import fnv, leaf_name
+from soter.semantics.chance.random_draws import fnv, leaf_name
 from soter.semantics.record import AC, SC
 
 if TYPE_CHECKING:

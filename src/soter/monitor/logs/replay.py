@@ -50,11 +50,13 @@ def replay(
 ) -> LogJudgement:
     """Step all that `plan` says over the whole log; `progress` is told the share that is done.
 
-    A module whose mode the system forces is judged as if it did not: its DM decides.
+    A module whose mode the system forces is judged as if it did not: its DM decides; the system's
+    own faults are left out: what was wrong in a log is in the log.
     """
     forced = tuple(m.name for m in system.modules if m.forced)
     for m in system.modules:
         m.forced = None
+    system.faults = ()
     interpreter = Interpreter(system, 0, _unused(system))
     started = [s for s in samples if not s.always]
     from_ns = max(s.times_ns[0] for s in started)

@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     from soter.program.flatten.influences import Influence
     from soter.program.model.system import (
         Component,
+        Fault,
         Module,
         Property,
         System,
@@ -63,6 +64,7 @@ def only(system: System, kept: Collection[int]) -> System:
         module = None if c.module is None else placed[c.module]
         components.append(replace(c, index=new, module=module, scope=seen(c.scope)))
     left = [p for p in system.properties if _can_be_judged(p, at, placed)]
+    faults = [replace(f, component=at[f.component]) for f in system.faults if f.component in at]
     return replace(
         system,
         components=tuple(_that_can_run(c) for c in components),
@@ -87,6 +89,8 @@ def only(system: System, kept: Collection[int]) -> System:
             )
             for i, p in enumerate(left)
         ),
+        faults=tuple(faults),
+        measures=(),
         test=None,
     )
 
@@ -108,7 +112,7 @@ def without_plants(system: System) -> System:
 
 def undriven(system: System, kept: Collection[int]) -> System:
     """These components (indices): no properties, no draws, no end."""
-    return replace(only(system, kept), properties=(), inputs=(), until_ns=None)
+    return replace(only(system, kept), properties=(), inputs=(), measures=(), until_ns=None)
 
 
 def module_alone(system: System, module: Module, plants: Sequence[Component] = ()) -> System:
@@ -284,6 +288,21 @@ def at_once(system: System) -> System:
         topics=tuple(kept),
         components=tuple(replace(c, held=None) for c in system.components),
     )
+
+
+# ---------------------------------------------------------------- what goes wrong
+
+
+def faultless(system: System) -> System:
+    """Nothing goes wrong, and nodes step in the deployed order: what proofs are about."""
+    if not system.faults and not system.shuffled:
+        return system
+    return replace(system, faults=(), shuffled=False)
+
+
+def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False) -> System:
+    """With more that goes wrong; `shuffled`: in an order that is drawn."""
+    return replace(system, faults=(*system.faults, *more), shuffled=system.shuffled or shuffled)
 
 
 # ---------------------------------------------------------------- what is asked

@@ -11,11 +11,12 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.program.flatten.composition import Composition, hyperperiod
-from soter.program.flatten.contracts import stand_in
 from soter.program.flatten.idle import Idle
 from soter.program.flatten.measure import TooLargeError
 from soter.program.flatten.placing import controller_names
 from soter.program.flatten.taking import held_topic, may_take, said_twice
+from soter.program.flatten.trials.contracts import stand_in
+from soter.program.flatten.trials.faults import place_faults
 from soter.program.flatten.value_sets import Topics, beyond, first_outside
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
@@ -23,6 +24,7 @@ from soter.program.model.system import (
     Component,
     Disturbance,
     InputDrive,
+    Measure,
     Measurement,
     Module,
     Property,
@@ -45,6 +47,7 @@ CLEAN_DEFAULT = 3
 MAX_CLEAN = 1_000_000
 MAX_SUBSTEPS = 1_000
 MAX_CELLS = 1_000_000
+MAX_BINS = 1_000
 MAX_LEVELS = 100
 RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
@@ -105,10 +108,29 @@ class Elaborator(Topics):
             system, self.symbol, self.diagnostics, partial=self.partial, draft=self.draft
         )
         composition.check(self.property_reads)
+        self.disturb(system)
         self._idle_settings()
         if not self.unknown:
             system.hyperperiod_ns = hyperperiod(system, self.symbol, self.diagnostics)
         return system
+
+    def disturb(self, system: System) -> None:
+        """What goes wrong in its runs."""
+        if self.symbol.faults:
+            place_faults(self, system)
+        system.measures = tuple(self._measures())
+
+    def _measures(self) -> Iterator[Measure]:
+        for item in self.symbol.measures:
+            what = f"measure `{item.name}`"
+            interval = self.interval(item.low, item.high, item.low.span.to(item.high.span), what)
+            bins = self.count(item.bins, "the number of bins", 1, MAX_BINS)
+            every = self.duration(item.every, f"`every` of {what}")
+            scope = Scope({}, self.parts[0].params)
+            self._names_of_property(self.parts[0], [item.value], scope)
+            if interval and bins and every:
+                low, high = interval
+                yield Measure(item.name, item.value, scope, every, low, high, bins, item.span)
 
     def _idle_settings(self) -> None:
         """W010; silent where parts are missing, which may have read the parameters."""

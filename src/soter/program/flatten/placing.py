@@ -11,8 +11,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.program.check.expressions.field import listed
-from soter.program.flatten.contracts import Contracted
 from soter.program.flatten.numbers import Numbers
+from soter.program.flatten.trials.contracts import Contracted
 from soter.program.flatten.wellformed import check_messages
 from soter.program.model import typed
 from soter.program.model.walk import nodes, topics_beside, topics_mentioned

@@ -219,6 +219,23 @@ class InputDrive:
 
 
 @dataclass(eq=False)
+class Measure:
+    """What a campaign tells of runs: a number, looked at after instants, `every_ns` apart.
+
+    Its histogram has `bins` equal parts of [low, high], and two for what lies below and above.
+    """
+
+    name: str
+    value: Expr
+    scope: Scope
+    every_ns: int
+    low: float
+    high: float
+    bins: int
+    span: Span
+
+
+@dataclass(eq=False)
 class TimedProperty:
     """A property that only a test has: "eventually", "leadsto" or "invariant" (docs/testing.md).
 
@@ -252,6 +269,37 @@ class TimingFault:
     at_most: int
     span: Span
     least_ns: int = 0
+
+
+@dataclass(eq=False)
+class Fault:
+    """What goes wrong with one component in the runs of a system (docs/semantics.md, Faults).
+
+    `kind`: "late" or "skip" of its releases; "nan", "stuck", "silent", "saturated", "bias",
+    "noise", "scale" of the leaves (indices) of a topic that it publishes, or "scale" of one of its
+    disturbances. Time is cut into slots of `slot_ns` (0: every release is one), each of them faulty
+    with `probability`, drawn from `stream`. `amount`: of "late" times in ns, between which each
+    release is late (the quantiles of the lateness); with a slot the longest time for which the
+    component is held up. `inside`: None, or the assumption that it does not break; `text`: as it
+    was written.
+    """
+
+    kind: str
+    component: int
+    stream: str
+    probability: float
+    slot_ns: int
+    amount: tuple[float, ...] = ()
+    topic: int | None = None
+    leaves: tuple[int, ...] = ()
+    disturbance: int | None = None
+    inside: str | None = None
+    text: str = ""
+
+    @property
+    def of_time(self) -> bool:
+        """Whether it moves releases."""
+        return self.kind in {"late", "skip"}
 
 
 @dataclass(eq=False)
@@ -292,6 +340,12 @@ class System:
     hyperperiod_ns: int
     test: TestPlan | None = None
     """Set when the system was flattened for a `test` block, with its properties."""
+    faults: tuple[Fault, ...] = ()
+    """What goes wrong in its runs; no proof and no test is about them."""
+    measures: tuple[Measure, ...] = ()
+    """What campaigns tell of its runs."""
+    shuffled: bool = False
+    """Whether the nodes of an instant step in an order that is drawn, not in the deployed one."""
 
     def topic(self, name: str) -> Topic:
         """The topic with this full name; KeyError when there is none."""

@@ -709,6 +709,33 @@ class FaultSymbol:
 
 
 @dataclass(eq=False)
+class SystemFaultSymbol:
+    """An item of `faults { ... }`; `path` is "" for an order. `text`: as it is written."""
+
+    kind: str
+    path: str
+    by: tuple[Expr, ...]
+    rate: Expr | None
+    per: Expr | None
+    lasts: Expr | None
+    text: str
+    span: Span
+
+
+@dataclass(eq=False)
+class MeasureSymbol:
+    """`measure name = value in [low, high] / bins every d;`."""
+
+    name: str
+    value: Expr
+    low: Expr
+    high: Expr
+    bins: Expr
+    every: Expr
+    span: Span
+
+
+@dataclass(eq=False)
 class InputSymbol:
     """`input topic [in { values }] every d;`: without values the whole set of the topic."""
 
@@ -746,6 +773,8 @@ class SystemSymbol(Symbol):
     replaces: tuple[tuple[str, NodeSymbol | PlantSymbol | ByContract, Span], ...]
     sets: tuple[SetSymbol, ...]
     inputs: tuple[InputSymbol, ...]
+    faults: tuple[SystemFaultSymbol, ...] = ()
+    measures: tuple[MeasureSymbol, ...] = ()
 
     @cached_property
     def by_name(self) -> dict[str, InstanceSymbol]:

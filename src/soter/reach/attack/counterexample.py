@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
     from soter.program.model.system import System
     from soter.semantics.adversary import Choices
+    from soter.semantics.chance.random_draws import Draws
     from soter.semantics.configuration import Configuration
-    from soter.semantics.random_draws import Draws
 
 SCHEMA = 1
 LEAVES, CYCLE = "leaves_safe", "never_safer"

@@ -18,6 +18,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.kept import found, keep
 from soter.native.own_files import SOTER, files_below
+from soter.program.flatten.derived import faultless
 from soter.program.model.walk import topic_reads
 from soter.reach.claims import claims
 from soter.reach.claims.levels import levels, withheld
@@ -65,7 +66,7 @@ def complete(flat: System, progress: Progress | None = None) -> list[str]:
     notes = []
     for i, module in enumerate(todo):
         try:
-            problem = extract(flat, module)
+            problem = extract(faultless(flat), module)
         except SoterError as error:
             notes.append(f"{module.name}: {error.diagnostics[0].message}: {NEVER}")
             continue

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from soter.syntax import tree
 from soter.syntax.parsing import arrays
 from soter.syntax.parsing.bodies import HOMES, LEADERLESS, OnceParts
+from soter.syntax.parsing.faults import FAULT_ITEMS, FaultParts
 from soter.syntax.tokens import EOF, NAME, visible
 
 if TYPE_CHECKING:
@@ -29,6 +30,8 @@ class _SystemParts(OnceParts):
     sets: list[tree.SetParam | tree.Repeated] = field(default_factory=list)
     inputs: list[tree.DriveInput | tree.Repeated] = field(default_factory=list)
     faults: list[tree.TimingFault | tree.Repeated] = field(default_factory=list)
+    disturbed: list[tree.SystemFault] = field(default_factory=list)
+    measures: list[tree.Measure] = field(default_factory=list)
     loops: int = 0  # around these items
 
 
@@ -52,6 +55,8 @@ def system(parser: BodyParser) -> tree.Decl:
         replaces=tuple(parts.replaces),
         sets=tuple(parts.sets),
         inputs=tuple(parts.inputs),
+        faults=tuple(parts.disturbed),
+        measures=tuple(parts.measures),
     )
 
 
@@ -136,6 +141,33 @@ def _inside_of(
             after = "the renamed topic"
         if not parser.comma("}", after, opener):
             return tuple(pairs), tuple(sets)
+
+
+def _faults(parser: BodyParser, parts: _SystemParts) -> None:
+    """`faults { ... }`."""
+    at = parser.i
+    parser.i += 1
+    inner = FaultParts()
+    parser.body("`faults`", inner, FAULT_ITEMS)
+    parser.keep_once(parts, "faults", True, at)
+    parts.disturbed += inner.found
+
+
+def _measure(parser: BodyParser, parts: _SystemParts) -> None:
+    """`measure name = e in [low, high] / bins every d;`."""
+    start = parser.starts[parser.i]
+    parser.i += 1
+    name = parser.name("the name of a measure")
+    parser.assign("after the name of the measure")
+    value = parser.expr("what is measured")
+    parser.expect("in", "and the range of the histogram: `in [0.0, 5.0] / 50`")
+    interval = parser.interval("the range of the histogram")
+    parser.expect("/", "and the number of bins after the range")
+    bins = parser.expr("the number of bins")
+    parser.expect_word("every", "after the bins")
+    every = parser.time_value("`every`")
+    span = parser.span_from(start)
+    parts.measures.append(tree.Measure(name, value, interval, bins, every, span))
 
 
 def _until(parser: BodyParser, parts: _SystemParts) -> None:
@@ -357,7 +389,10 @@ _TEST_ITEMS: dict[str, Callable[[BodyParser, _SystemParts], None]] = {
     "input": _input,
     "set": _set,
 }
-_SYSTEM_ITEMS["for"] = arrays.loop(_SYSTEM_ITEMS, _instance)
+_IN_LOOPS = dict(_SYSTEM_ITEMS)
+_IN_LOOPS["for"] = _SYSTEM_ITEMS["for"] = arrays.loop(_IN_LOOPS, _instance)
+_SYSTEM_ITEMS["faults"] = _faults
+_SYSTEM_ITEMS["measure"] = _measure
 _TEST_ITEMS["for"] = arrays.loop(_TEST_ITEMS, _leads_to)
 LEADERLESS["test"] = ("`p leadsto q`",)
 LEADERLESS["system"] = ("`name: What`",)

@@ -294,5 +294,6 @@ _FILLED = (
     tree.SetParam,
     tree.DriveInput,
     tree.TimingFault,
+    tree.SystemFault,
 )
 """What has expressions or paths inside; references and types have none."""

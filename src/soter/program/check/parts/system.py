@@ -15,12 +15,12 @@ from soter.program.check.expressions.field import find_instance
 from soter.program.check.parts.arrays import Unroller
 from soter.program.check.parts.wiring import Settings, Wires
 from soter.program.model import typed
-from soter.program.model.types import BOOL, DURATION, ArrayType, ListType, RecordType
+from soter.program.model.types import BOOL, DURATION, FLOAT, INT, ArrayType, ListType, RecordType
 from soter.syntax import tree
 from soter.syntax.printer import print_expr
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
 
     from soter.diagnostics.span import Span
     from soter.program.check.scope import FileScope
@@ -222,6 +222,51 @@ class SystemChecker:
         own = [("", s) for s in unroller.items(decl.sets)]
         system.sets = tuple(self.sets.all([*own, *inside], system, scope))
         system.inputs = tuple(self.inputs(unroller.items(decl.inputs), context))
+        system.measures = tuple(self._measures(decl.measures, context))
+        place = Context(scope, f"the faults of `{decl.name.text}`")
+        system.faults = tuple(self._system_fault(f, place) for f in unroller.items(decl.faults))
+
+    def _measures(
+        self, items: tuple[tree.Measure, ...], context: Context
+    ) -> Iterator[typed.MeasureSymbol]:
+        """What campaigns tell of its runs: a number each, with a name of its own."""
+        seen: dict[str, Span] = {}
+        place = Context(context.scope, "a measure")
+        number = self.shared.number
+        for item in items:
+            first = seen.setdefault(item.name.text, item.name.span)
+            if first is not item.name.span:
+                self._twice(f"measure `{item.name.text}` is said twice", item.name.span, first)
+            value = self.shared.check_expr(item.value, context, FLOAT)
+            parts = (
+                number(item.interval.low, place, FLOAT, "the range of a histogram"),
+                number(item.interval.high, place, FLOAT, "the range of a histogram"),
+                number(item.bins, place, INT, "the number of bins"),
+                number(item.every, place, DURATION, "`every`"),
+            )
+            if not any(is_error(e) for e in (value, *parts)):
+                yield typed.MeasureSymbol(item.name.text, value, *parts, item.span)
+
+    def _system_fault(self, item: tree.SystemFault, context: Context) -> typed.SystemFaultSymbol:
+        """One item of `faults { ... }`."""
+        wanted = DURATION if item.kind == "late" else FLOAT
+        number = self.shared.number
+        rate = None
+        if item.rate is not None:
+            rate = sound(number(item.rate, context, FLOAT, "how often"))
+        if item.target is not None:
+            mentioned(item.target, context.scope)
+        amounts = [sound(number(e, context, wanted, f"`{item.kind}`")) for e in item.by]
+        return typed.SystemFaultSymbol(
+            kind=item.kind,
+            path=item.target.text if item.target is not None else "",
+            by=tuple(e for e in amounts if e is not None),
+            rate=rate,
+            per=self.time(item.per, context, "`per`"),
+            lasts=self.time(item.lasts, context, "`for`"),
+            text=" ".join(item.span.text.split()).rstrip(" ;"),
+            span=item.span,
+        )
 
     def time(self, expr: tree.Expr | None, context: Context, what: str) -> typed.Expr | None:
         """A time, to be computed for each system."""

@@ -10,10 +10,10 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
-from soter.program.check.expressions.field import listed
 from soter.program.flatten import derived
 from soter.program.flatten.elaborate import Elaborator
 from soter.program.flatten.placing import expressions_of
+from soter.program.flatten.trials.names import named, nobody
 from soter.program.flatten.wellformed import check_periods
 from soter.program.model.durations import show_ns
 from soter.program.model.system import TestPlan, TimedProperty, TimingFault
@@ -193,6 +193,18 @@ class _TestElaborator(Elaborator):
     def _hold(self, c: Component) -> None:
         """Nothing: a test holds what is published later itself."""
 
+    def disturb(self, system: System) -> None:  # noqa: ARG002 - as declared
+        """E018: a test says itself what goes wrong, and all of it is tried."""
+        if self.symbol.faults:
+            self.diagnostics.error(
+                "E018",
+                f"test `{self.test.name}` is of a system with `faults`",
+                self.symbol.faults[0].span,
+                also=((self.test.span, "the test"),),
+                notes=("chance decides on them in runs; a test tries everything that it permits",),
+                helps=("test the system without them: `late`, `skip`, `replace` of the test",),
+            )
+
     # ------------------------------------------------------------ faults
 
     def _lasting(self, system: System) -> Iterator[TimingFault]:
@@ -229,8 +241,7 @@ class _TestElaborator(Elaborator):
 
     def _disturbed(self, system: System, item: typed.FaultSymbol) -> list[Component]:
         """The components that a path names; E009 where it names none, or what has no faults."""
-        found = [c for c in system.components if c.name == item.path]
-        found = found or [c for c in system.components if item.path in self._names(system, c)]
+        found = named(system, item.path)
         if not found:
             self._no_component(system, item)
             return []
@@ -251,36 +262,10 @@ class _TestElaborator(Elaborator):
         )
         return []
 
-    def _names(self, system: System, c: Component) -> set[str]:
-        """What a component may be called beside its full name, as in `replace`."""
-        if c.node is None:
-            return set()
-        symbols = [c.node]
-        found: set[str] = set()
-        if c.module is not None:
-            module = system.modules[c.module]
-            symbols.append(module.symbol.ac if c.role == "ac" else module.symbol.sc)
-            found |= {f"{module.name}.{_short(s.name)}" for s in symbols}
-        return found | {s.name for s in symbols} | {_short(s.name) for s in symbols}
-
     def _no_component(self, system: System, item: typed.FaultSymbol) -> None:
-        if self.partial or not self.sound:
-            return
-        known = [c.name for c in system.components if c.role != "plant"]
-        head, _, last = item.path.rpartition(".")
-        inside = [n for n in known if n.startswith(f"{head}.") and n.endswith(f".{last}")]
-        helps = self.diagnostics.did_you_mean(item.path, known)
-        if len(inside) == 1:
-            helps = (f"of a module's controller the name has the module's in it: `{inside[0]}`",)
-        if any(m.name == item.path for m in system.modules):
-            helps = (f"its decision module is `{item.path}.dm`",)
-        self.diagnostics.error(
-            "E009",
-            f"this system has no node `{item.path}` that could {_VERBS[item.kind]}",
-            item.span,
-            notes=(f"what steps is {listed(known)}",) if known else (),
-            helps=helps,
-        )
+        if not self.partial and self.sound:
+            verb = _VERBS[item.kind]
+            nobody(system, item.path, item.span, self.diagnostics, verb=verb, plants=False)
 
     def _overrun(self, system: System, c: Component, item: typed.FaultSymbol) -> None:
         assert c.node is not None
@@ -448,10 +433,6 @@ class _TestElaborator(Elaborator):
 
 
 _VERBS = {"late": "be late", "skip": "skip a step", "overrun": "overrun"}
-
-
-def _short(name: str) -> str:
-    return name.rpartition(".")[2]
 
 
 def _text(item: typed.PropertySymbol) -> str:

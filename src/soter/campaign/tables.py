@@ -1,0 +1,133 @@
+"""What a campaign says, as tables of text: for terminals and pages.
+
+Purpose: head and rows of each table; no rows where there is nothing to say.
+Non-goals: figures (`result.py`), looks.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Protocol
+
+from soter.campaign.words import interval
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from soter.campaign.result import Module, Result
+
+    Row = tuple[str, ...]
+    Table = tuple[Row, tuple[Row, ...]]
+
+
+class FlownLike(Protocol):
+    """An arm that was flown (`api/campaigning.py`)."""
+
+    @property
+    def name(self) -> str:
+        """As it is asked for."""
+
+    @property
+    def text(self) -> str:
+        """What is different about it."""
+
+    @property
+    def result(self) -> Result:
+        """Its figures."""
+
+
+class CampaignLike(Protocol):
+    """A campaign (`api/campaigning.py`)."""
+
+    @property
+    def system(self) -> str:
+        """As `Campaign.system`."""
+
+    @property
+    def until_s(self) -> float:
+        """As `Campaign.until_s`."""
+
+    @property
+    def first_seed(self) -> int:
+        """As `Campaign.first_seed`."""
+
+    @property
+    def folder(self) -> Path:
+        """As `Campaign.folder`."""
+
+    @property
+    def result(self) -> Result:
+        """As `Campaign.result`."""
+
+    @property
+    def arms(self) -> Sequence[FlownLike]:
+        """As `Campaign.arms`."""
+
+    @property
+    def lateness(self) -> str:
+        """As `Campaign.lateness`."""
+
+    @property
+    def horizon_s(self) -> float:
+        """As `Campaign.horizon_s`."""
+
+    @property
+    def faults(self) -> Sequence[tuple[str, str]]:
+        """As `Campaign.faults`."""
+
+
+def broken(found: CampaignLike) -> Table:
+    """What was violated, and how often."""
+    return ("times", "violated"), tuple((f"{n:,}", what) for what, n in found.result.broken)
+
+
+def worst(found: CampaignLike) -> Table:
+    """The first flights that were violated."""
+    rows = tuple(
+        (f"{f.number}", f"{f.seed}", f"{f.first_s or 0.0:.3f}", "; ".join(f.broken))
+        for f in found.result.worst
+    )
+    return ("flight", "seed", "at s", "what"), rows
+
+
+def modules(found: CampaignLike) -> Table:
+    """Who was in control."""
+    saves = found.horizon_s > 0
+    head = ("module", "AC share", "takeovers", "episodes", "an hour, 95 %", "gate faults")
+    more = ("saves", "precautions") if saves else ()
+    return (*head, *more), tuple(_module(m, saves=saves) for m in found.result.modules)
+
+
+def _module(m: Module, *, saves: bool) -> Row:
+    row = (m.name, f"{m.ac_share:.2%}", f"{m.disengagements:,}", f"{m.episodes:,}")
+    more = (f"{m.saves:,}", f"{m.precautions:,}") if saves else ()
+    return (*row, interval(*m.per_hour), f"{m.gate_faults:,}", *more)
+
+
+def measures(found: CampaignLike) -> Table:
+    """What was measured."""
+    rows = tuple(
+        (m.name, f"{m.mean:.4g}", f"{m.least:.4g}", f"{m.most:.4g}") for m in found.result.measures
+    )
+    return ("measure", "mean", "least", "most"), rows
+
+
+def arms(found: CampaignLike) -> Table:
+    """The same seeds by other rules."""
+    rows = tuple(
+        (
+            a.name,
+            f"{a.result.flights_violated:,}",
+            f"{a.result.violations:,}",
+            f"{a.result.ac_share:.2%}",
+            a.text,
+        )
+        for a in found.arms
+    )
+    return ("arm", "flights violated", "violations", "all in AC", "what is different"), rows
+
+
+def faults(found: CampaignLike) -> Table:
+    """What was declared to go wrong."""
+    rows = tuple((t, f"inside: {w}" if w else "outside") for t, w in found.faults)
+    return ("fault", "of what proofs assume"), rows

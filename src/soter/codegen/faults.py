@@ -1,0 +1,212 @@
+"""What goes wrong in a run, in generated C.
+
+Purpose: the tables of a system's faults, when releases happen, what becomes of publications and
+disturbances, which node steps next (`soter_faults.h` has what they share).
+Non-goals: which faults there are (`program/flatten/trials/faults.py`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.codegen.body import stream_key
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import field_name
+from soter.codegen.c.types import float_number, int_number
+from soter.codegen.frame import CT, HEADER
+from soter.program.model.types import ArrayType, FloatType, RecordType, leaves
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.codegen.frame import Frame
+    from soter.lower import core
+    from soter.program.model.system import Bound, Component, Fault, System
+    from soter.program.model.types import Type
+
+ORDERS = 64
+"""Indices of the stream of orders that belong to one instant (`semantics/chance/faults.py`)."""
+SLOT, TIME = c.Name("slot"), c.Name("t")
+
+
+def fault_names(system: System) -> list[str]:
+    """What the tables of a system's faults are called."""
+    numbers = range(len(system.faults))
+    return [f"fault_{i}" for i in numbers] + [f"lateness_{i}" for i in numbers]
+
+
+# ---------------------------------------------------------------- tables and times
+
+
+def definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
+    """The tables, and the functions that the kernel asks."""
+    found: list[c.CTop] = []
+    for i, f in enumerate(frame.system.faults):
+        fields = (
+            *((n, stream_key(f"{f.stream}{end}")) for n, end in _STREAMS),
+            ("slot_ns", int_number(f.slot_ns)),
+            ("probability", float_number(f.probability)),
+        )
+        found.append(c.VariableDef("soter_chance", _table(frame, i), c.Initializer(fields)))
+        if _is_lateness(f):
+            times = c.Initializer(tuple((None, int_number(int(x))) for x in f.amount))
+            found.append(c.VariableDef("int64_t", _times(frame, i), times, array=True))
+    moved = dict.fromkeys(f.component for f in frame.system.faults if f.of_time)
+    found += [_happens(frame, frame.system.components[k], names[k]) for k in moved]
+    return [*found, *([_order(frame)] if frame.system.shuffled else [])]
+
+
+_STREAMS = (("stream", ""), ("at", ".at"), ("by", ".by"))
+
+
+def _table(frame: Frame, number: int) -> str:
+    return f"{frame.prefix}_fault_{number}"
+
+
+def _times(frame: Frame, number: int) -> str:
+    return f"{frame.prefix}_lateness_{number}"
+
+
+def _is_lateness(f: Fault) -> bool:
+    return f.kind == "late" and f.slot_ns == 0
+
+
+def _asked(frame: Frame, number: int, what: str, *more: c.CExpr) -> c.CExpr:
+    return c.CallExpr(what, (HEADER, c.Unary("&", c.Name(_table(frame, number))), *more))
+
+
+def _happens(frame: Frame, component: Component, name: str) -> c.FunctionDef:
+    """When a release really happens."""
+    nominal, release = c.Name("nominal"), c.Name("release")
+    period = int_number(component.period_ns)
+    since = c.Binary("*", release, period)
+    if component.phase_ns:
+        since = c.Binary("+", int_number(component.phase_ns), since)
+    lost = c.Return(c.Name("SOTER_NEVER"))
+    every = c.Name("SOTER_ON_TIME")
+    last = c.Binary("-", every, c.Number("1"))
+    on_time = c.Binary("==", c.Binary("%", release, every), last)
+    body: list[c.CStmt] = [
+        frame.state_pointer(const=True),
+        c.Declare("int64_t", "nominal", since, const=True),
+        c.Declare("int64_t", "t", nominal),
+        c.IfStmt(on_time, (c.Return(nominal),)),
+    ]
+    for i, f in enumerate(frame.system.faults):
+        if f.component != component.index or not f.of_time:
+            continue
+        if f.kind == "skip":
+            there = _asked(frame, i, "soter_fault_active", nominal, period)
+            body.append(c.IfStmt(there, (lost,)))
+        elif _is_lateness(f):
+            times = (c.Name(_times(frame, i)), c.Number(f"{len(f.amount)}U"))
+            late = _asked(frame, i, "soter_fault_late", *times, release)
+            body.append(c.Assign(TIME, c.Binary("+", TIME, late)))
+        else:
+            body.append(c.Assign(TIME, _asked(frame, i, "soter_fault_held", TIME, period)))
+    too_late = c.Binary(">=", TIME, c.Binary("+", nominal, period))
+    moved = c.Binary("&&", c.Binary("!=", TIME, nominal), too_late)
+    body += [c.IfStmt(moved, (lost,)), c.Return(TIME)]
+    doc = f"when a release of {component.name} happens"
+    parameters = (("const void *", "state"), ("int64_t", "release"))
+    return c.FunctionDef("int64_t", f"{name}_happens", parameters, tuple(body), doc)
+
+
+def _order(frame: Frame) -> c.FunctionDef:
+    """Which of the nodes that wait steps next."""
+    waiting = c.Name("waiting")
+    first = c.Binary("*", c.Cast("uint64_t", CT), c.Number(f"{ORDERS}U"))
+    index = c.Binary("+", first, c.Binary("%", waiting, c.Number(f"{ORDERS}U")))
+    arguments = (HEADER, stream_key("fault.order"), c.Cast("int64_t", index))
+    body = (
+        frame.state_pointer(const=True),
+        c.Return(c.Cast("uint32_t", c.Binary("%", c.CallExpr("soter_bits", arguments), waiting))),
+    )
+    parameters = (("const void *", "state"), ("uint32_t", "waiting"))
+    doc = "which of the nodes that wait steps next"
+    return c.FunctionDef("uint32_t", f"{frame.prefix}_order", parameters, body, doc)
+
+
+# ---------------------------------------------------------------- values
+
+
+def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
+    """What faults make of what a step wants to publish."""
+    found: list[c.CStmt] = []
+    places = {o.topic: k for k, o in enumerate(outputs)}
+    period = int_number(component.period_ns)
+    for i, f in enumerate(frame.system.faults):
+        if f.component != component.index or f.topic not in places or f.topic is None:
+            continue
+        k = places[f.topic]
+        there = _asked(frame, i, "soter_fault_active", CT, period)
+        done: list[c.CStmt]
+        if f.kind == "silent":
+            done = [c.Assign(frame.body.has(k), c.Name("false"))]
+        else:
+            slot = _asked(frame, i, "soter_fault_slot", CT, period)
+            done = [c.Declare("int64_t", "slot", slot, const=True), c.Unused("slot")]
+            bounds = frame.system.topics[f.topic].bounds
+            kinds = [t for _, t in leaves(outputs[k].type)]
+            for leaf in f.leaves:
+                target = leaf_of(frame.body.out(k), outputs[k].type, leaf)
+                now = leaf_of(frame.topic(f.topic), outputs[k].type, leaf)
+                is_float, bound = isinstance(kinds[leaf], FloatType), bounds[leaf]
+                new = _new(frame, i, f, target, now, bound, is_float)
+                done.append(c.Assign(target, new))
+                if component.plant is not None and bound is not None and is_float:
+                    done.append(c.Assign(target, _within(target, bound)))
+        found.append(c.IfStmt(c.Binary("&&", frame.body.has(k), there), tuple(done)))
+    return found
+
+
+def _new(
+    frame: Frame, i: int, f: Fault, old: c.CExpr, now: c.CExpr, bound: Bound | None, is_float: bool
+) -> c.CExpr:
+    if f.kind == "stuck":
+        return now
+    if f.kind == "nan":
+        return float_number(float("nan"))
+    if f.kind == "saturated":
+        assert bound is not None
+        ends = [
+            float_number(x) if is_float else int_number(int(x)) for x in (bound.high, bound.low)
+        ]
+        return c.Ternary(_asked(frame, i, "soter_fault_high", SLOT), *ends)
+    (x,) = f.amount
+    if f.kind == "scale":
+        return c.Binary("*", old, float_number(x))
+    index = SLOT if f.kind == "bias" else CT
+    return c.Binary("+", old, _asked(frame, i, "soter_fault_by", index, float_number(abs(x))))
+
+
+def _within(target: c.CExpr, bound: Bound) -> c.CExpr:
+    inner = c.CallExpr("soter_min", (float_number(bound.high), target))
+    return c.CallExpr("soter_max", (float_number(bound.low), inner))
+
+
+def scaled(frame: Frame, component: Component, disturbance: int, drawn: c.CExpr) -> c.CExpr:
+    """A leaf of a disturbance, larger or smaller while a fault is there."""
+    by: c.CExpr | None = None
+    period = int_number(component.period_ns)
+    for i, f in enumerate(frame.system.faults):
+        if f.component == component.index and f.disturbance == disturbance:
+            there = _asked(frame, i, "soter_fault_active", CT, period)
+            one = c.Ternary(there, float_number(f.amount[0]), float_number(1.0))
+            by = one if by is None else c.Binary("*", by, one)
+    return drawn if by is None else c.Binary("*", drawn, by)
+
+
+def leaf_of(e: c.CExpr, t: Type, index: int) -> c.CExpr:
+    """Leaf number `index` of a value."""
+    if isinstance(t, RecordType):
+        for n, f in t.fields:
+            count = sum(1 for _ in leaves(f))
+            if index < count:
+                return leaf_of(c.Member(e, field_name(n)), f, index)
+            index -= count
+    if isinstance(t, ArrayType):
+        count = sum(1 for _ in leaves(t.element))
+        at = c.IndexExpr(c.Member(e, "at"), c.Number(str(index // count)))
+        return leaf_of(at, t.element, index % count)
+    return e

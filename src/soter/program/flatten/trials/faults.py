@@ -1,0 +1,289 @@
+"""The `faults { ... }` of a system: which component, how often, inside which assumption.
+
+Purpose: `SystemFaultSymbol` -> `Fault`, one a component that is hit, with diagnostics where it
+cannot happen; whether a proof's assumptions still hold with it.
+Non-goals: what a fault does (`semantics/chance/faults.py`, `codegen/faults.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.program.flatten.trials.names import named, nobody
+from soter.program.model.system import Fault
+from soter.program.model.types import (
+    ArrayType,
+    FloatType,
+    IntType,
+    ListType,
+    RecordType,
+    leaves,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.program.flatten.value_sets import Topics
+    from soter.program.model import typed
+    from soter.program.model.system import Component, System
+    from soter.program.model.types import Type
+
+GROUPS = ("all", "modules")
+"""Targets of faults of time: every node and DM, or those of modules."""
+OFTEN = 0.999
+"""A slot that is skipped more probably than this would leave nothing that runs."""
+LATE_MAX_NS = 3_600_000_000_000
+WHOLE = ("silent", "stuck")
+"""Kinds that hit publications of any type."""
+
+
+def place_faults(elaborator: Topics, system: System) -> None:
+    """Fill in what goes wrong in a system, from its symbol."""
+    places = _Places(elaborator, system)
+    found = [f for item in elaborator.symbol.faults for f in places.of(item)]
+    system.faults = tuple(found)
+    system.shuffled = any(item.kind == "order" for item in elaborator.symbol.faults)
+
+
+class _Places:
+    def __init__(self, elaborator: Topics, system: System) -> None:
+        self.elaborator = elaborator
+        self.diagnostics = elaborator.diagnostics
+        self.system = system
+        self.streams: dict[str, int] = {}
+
+    def of(self, item: typed.SystemFaultSymbol) -> Iterator[Fault]:
+        """The faults of one item, one for each component."""
+        if item.kind == "order":
+            return
+        lasts = self._lasts(item)
+        amount = self._amount(item, lasts)
+        rate = self._rate(item)
+        if amount is None or rate is None:
+            return
+        targets = self._group(item) if item.path in GROUPS else self._single(item)
+        together = item.path in GROUPS and item.kind == "late" and item.rate is not None
+        shared = self._stream(f"fault.{item.kind}.{item.path}") if together else None
+        for c, topic, leaf_indices, disturbance in targets:
+            slot = int(amount[0]) if item.kind == "late" and item.rate is not None else lasts
+            p = _probability(rate, slot or c.period_ns) if item.rate is not None else 1.0
+            if item.kind == "late" and item.rate is None and amount[0] >= c.period_ns:
+                self._wrong(item, f"leaves `{c.name}` no release: each is lost to the next one")
+                return
+            if item.kind == "skip" and p > OFTEN:
+                self._wrong(item, "leaves nothing that runs: it happens too often")
+                return
+            where = item.path if c.name == item.path else f"{c.name}.{item.path}"
+            fault = Fault(
+                kind=item.kind,
+                component=c.index,
+                stream=shared or self._stream(f"fault.{item.kind}.{where}"),
+                probability=p,
+                slot_ns=slot,
+                amount=amount,
+                topic=topic,
+                leaves=leaf_indices,
+                disturbance=disturbance,
+                text=item.text,
+            )
+            fault.inside = self._inside(fault, c)
+            yield fault
+
+    def _stream(self, name: str) -> str:
+        """A stream of its own: a second fault of the same kind in the same place has another."""
+        count = self.streams[name] = self.streams.get(name, 0) + 1
+        return name if count == 1 else f"{name}#{count}"
+
+    # ------------------------------------------------------------ numbers
+
+    def _lasts(self, item: typed.SystemFaultSymbol) -> int:
+        if item.lasts is None:
+            return 0
+        return self.elaborator.duration(item.lasts, f"how long `{item.kind}` lasts") or 0
+
+    def _rate(self, item: typed.SystemFaultSymbol) -> float | None:
+        """Per second; of a lateness that always is, 0."""
+        if item.rate is None or item.per is None:
+            return 0.0
+        rate = self.elaborator.number(item.rate, "how often")
+        per = self.elaborator.duration(item.per, "`per`")
+        if rate is None or per is None:
+            return None
+        if not (math.isfinite(rate) and rate >= 0.0):
+            self._wrong(item, f"cannot happen {rate!r} times: give a number that is not negative")
+            return None
+        return float(rate) / (per / 1e9)
+
+    def _amount(self, item: typed.SystemFaultSymbol, lasts: int) -> tuple[float, ...] | None:
+        numbers = [self.elaborator.number(e, f"`{item.kind}`") for e in item.by]
+        values = [v for v in numbers if v is not None]
+        if len(values) != len(numbers):
+            return None
+        if item.kind != "late":
+            if any(not math.isfinite(v) for v in values) or len(values) > 1:
+                self._wrong(item, "is by one finite number")
+                return None
+            return tuple(float(v) for v in values)
+        if any(not 0 <= v <= LATE_MAX_NS for v in values) or values != sorted(values):
+            self._wrong(item, "is by times from 0 to 1 h, the shorter ones first")
+            return None
+        if item.rate is not None and (len(values) > 1 or values[0] <= 0 or lasts):
+            self._wrong(item, "that happens now and then is by one time, which is its length")
+            return None
+        if item.rate is None and len(values) == 1:
+            values = [0, *values]
+        return tuple(values)
+
+    def _wrong(self, item: typed.SystemFaultSymbol, what: str) -> None:
+        self.diagnostics.error("V011", f"`{item.kind}` {what}", item.span)
+
+    # ------------------------------------------------------------ targets
+
+    def _group(
+        self, item: typed.SystemFaultSymbol
+    ) -> list[tuple[Component, int | None, tuple[int, ...], int | None]]:
+        if item.kind not in {"late", "skip"}:
+            self._impossible(item, f"`{item.path}` stands for nodes whose time is disturbed")
+            return []
+        wanted = ("dm", "sc", "ac") if item.path == "modules" else ("dm", "sc", "ac", "node")
+        found = [c for c in self.system.components if c.role in wanted]
+        return [(c, None, (), None) for c in found if self._may_be_late(item, c)]
+
+    def _may_be_late(self, item: typed.SystemFaultSymbol, c: Component) -> bool:
+        if c.takes_ns is None:
+            return True
+        self._impossible(item, f"a step of `{c.name}` takes time: how long says the node itself")
+        return False
+
+    def _single(
+        self, item: typed.SystemFaultSymbol
+    ) -> list[tuple[Component, int | None, tuple[int, ...], int | None]]:
+        """The component that a path begins with, and what follows."""
+        parts = item.path.split(".")
+        for count in range(len(parts), 0, -1):
+            found = named(self.system, ".".join(parts[:count]))
+            if found:
+                return [x for c in found for x in self._hit(item, c, parts[count:])]
+        if not self.elaborator.partial:
+            verb = f"have a fault `{item.kind}`"
+            nobody(self.system, item.path, item.span, self.diagnostics, verb=verb, plants=True)
+        return []
+
+    def _hit(
+        self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
+    ) -> Iterator[tuple[Component, int | None, tuple[int, ...], int | None]]:
+        if item.kind in {"late", "skip"}:
+            if rest:
+                self._impossible(item, f"`{c.name}` has no `{'.'.join(rest)}` that is released")
+            elif c.plant is not None:
+                self._impossible(item, "physical time is never skewed")
+            elif self._may_be_late(item, c):
+                yield c, None, (), None
+            return
+        if c.role == "dm":
+            self._impossible(item, "a decision module publishes nothing")
+            return
+        drawn = [i for i, d in enumerate(c.disturbances) if [d.variable.name] == list(rest[:1])]
+        if drawn and item.kind == "scale":
+            yield c, None, (), drawn[0]
+            return
+        yield from self._published(item, c, rest)
+
+    def _published(
+        self, item: typed.SystemFaultSymbol, c: Component, rest: Sequence[str]
+    ) -> Iterator[tuple[Component, int | None, tuple[int, ...], int | None]]:
+        symbols = (
+            [t for t, _ in c.plant.drives] if c.plant else list(c.node.publishes if c.node else ())
+        )
+        found = [t for t in symbols if not rest or t.name.rpartition(".")[2] == rest[0]]
+        hit = False
+        below = [x for part in rest[1:] for x in part.replace("[", ".[").split(".") if x]
+        for symbol in found:
+            bursts = c.node.bursts if c.node else {}
+            if item.kind != "silent" and (symbol in bursts or _has_list(symbol.type)):
+                if rest:
+                    self._impossible(item, f"`{symbol.name}` is not one value of fixed size")
+                    return
+                continue
+            topic = c.scope.topics[symbol]
+            indices = _leaves(item.kind, symbol.type, below)
+            if item.kind == "saturated":
+                bounds = self.system.topics[topic].bounds
+                indices = tuple(i for i in indices if bounds[i] is not None)
+            if indices:
+                hit = True
+                yield c, topic, indices, None
+        if not hit:
+            what = f"`{'.'.join(rest)}` of `{c.name}`" if rest else f"what `{c.name}` publishes"
+            self._impossible(item, f"{what} is nothing that `{item.kind}` could hit")
+        elif c.plant is not None and item.kind == "nan":
+            self._impossible(item, "a reading that is no number reaches no topic: say `silent`")
+
+    def _impossible(self, item: typed.SystemFaultSymbol, why: str) -> None:
+        self.diagnostics.error(
+            "E018", f"`{item.kind} {item.path}` cannot happen", item.span, notes=(why,)
+        )
+
+    # ------------------------------------------------------------ inside or outside
+
+    def _inside(self, fault: Fault, c: Component) -> str | None:
+        """The assumption of the proofs that still holds; None: one may not hold."""
+        if c.role == "ac":
+            return "nothing is assumed of an advanced controller"
+        if fault.disturbance is not None:
+            d = c.disturbances[fault.disturbance]
+            low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))
+            fits = d.low <= low and high <= d.high
+            return f"the declared range of `{c.name}.{d.variable.name}`" if fits else None
+        if fault.kind == "late":
+            return self._declared_late(c, int(fault.amount[-1]))
+        if fault.kind == "silent" and c.plant is not None:
+            return self._declared_dropout(fault.slot_ns)
+        return None
+
+    def _declared_late(self, c: Component, most: int) -> str | None:
+        """`late` of the verify blocks, of every module that depends on the component."""
+        said = []
+        for m in self.system.modules:
+            block = m.symbol.verify
+            own = {m.dm: block.late_dm, m.sc: block.late_sc}.get(c.index)
+            if c.index in (m.dm, m.sc) or c.name in block.late_of:
+                said.append(own if own is not None else block.late_of.get(c.name))
+        if not said or most >= c.period_ns:
+            return None
+        values = [self.elaborator.number(e, "`late`") if e is not None else None for e in said]
+        fits = all(v is not None and most <= v for v in values)
+        return f"the declared `late` of `{c.name}`" if fits else None
+
+    def _declared_dropout(self, lasts: int) -> str | None:
+        blocks = [m.symbol.verify for m in self.system.modules]
+        values = [self.elaborator.number(b.dropout, "`dropout`") for b in blocks if b.dropout]
+        fits = lasts > 0 and len(values) == len(blocks) > 0
+        fits = fits and all(v is not None and lasts <= v for v in values)
+        return "the declared `dropout`" if fits else None
+
+
+def _probability(rate: float, slot_ns: int) -> float:
+    """Of at least one event in a slot, of a Poisson process with this rate a second."""
+    return -math.expm1(-rate * (slot_ns / 1e9))
+
+
+def _has_list(t: Type) -> bool:
+    if isinstance(t, ListType):
+        return True
+    if isinstance(t, ArrayType):
+        return _has_list(t.element)
+    return isinstance(t, RecordType) and any(_has_list(f) for _, f in t.fields)
+
+
+def _leaves(kind: str, t: Type, path: Sequence[str]) -> tuple[int, ...]:
+    """The leaves below a path that a kind of fault can hit, by their numbers; (0,) of silent."""
+    if kind == "silent":
+        return () if path else (0,)
+    wanted = {"stuck": (object,), "saturated": (FloatType, IntType)}.get(kind, (FloatType,))
+    return tuple(
+        i
+        for i, (at, leaf) in enumerate(leaves(t))
+        if at[: len(path)] == tuple(path) and isinstance(leaf, wanted)
+    )

@@ -1,0 +1,1 @@
+"""What chance decides: draws, and the faults that a system declares."""

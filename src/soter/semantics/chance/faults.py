@@ -1,0 +1,199 @@
+"""What goes wrong in a run, as the `faults` of its system say.
+
+Purpose: whether a fault is there at a time, when a release really happens, what becomes of a
+publication (docs/semantics.md, Faults). All of it follows from seed and time alone: a run that is
+continued from a copy meets the same faults.
+Non-goals: which faults a system has (`program/flatten/trials/faults.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from soter.program.meaning.arith import canonical, maximum, minimum
+from soter.program.meaning.statements import replaced
+from soter.program.model.types import ArrayType, RecordType, leaves
+from soter.semantics.chance.random_draws import draw_bits, draw_float
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.program.model.system import Bound, Component, Fault, System
+    from soter.program.model.types import Type, Value
+    from soter.semantics.configuration import Configuration
+
+FINE = 20
+"""Bits of the place between two quantiles of a lateness."""
+ON_TIME = 4096
+"""Every so many releases one is on time, whatever happens: so one always follows."""
+ORDERS = 64
+"""Indices of the stream of orders that belong to one instant."""
+
+
+def by_component(system: System, *, of_time: bool) -> dict[int, tuple[Fault, ...]]:
+    """The faults of each component that has some: those of its releases, or the others."""
+    found: dict[int, tuple[Fault, ...]] = {}
+    for f in system.faults:
+        if f.of_time == of_time:
+            found[f.component] = (*found.get(f.component, ()), f)
+    return found
+
+
+# ---------------------------------------------------------------- when
+
+
+def slot_of(fault: Fault, seed: int, t: int, period_ns: int) -> int:
+    """The slot of a fault that t lies in; where slots begin is drawn once."""
+    if fault.slot_ns == 0:
+        return t // period_ns
+    return (t + _offset(fault, seed)) // fault.slot_ns
+
+
+def _offset(fault: Fault, seed: int) -> int:
+    return draw_bits(seed, f"{fault.stream}.at", 0) % fault.slot_ns
+
+
+def _drawn(fault: Fault, seed: int, slot: int) -> bool:
+    return draw_float(seed, fault.stream, slot, 0.0, 1.0) < fault.probability
+
+
+def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
+    """Whether it is there at t; of slots that last never two in a row."""
+    slot = slot_of(fault, seed, t, period_ns)
+    if not _drawn(fault, seed, slot):
+        return False
+    return fault.slot_ns == 0 or not _drawn(fault, seed, slot - 1)
+
+
+def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:
+    """When what would happen at t does, where the component is held up then; else t."""
+    slot = slot_of(fault, seed, t, period_ns)
+    if not is_active(fault, seed, t, period_ns):
+        return t
+    begin = slot * fault.slot_ns - _offset(fault, seed)
+    end = begin + 1 + draw_bits(seed, f"{fault.stream}.by", slot) % fault.slot_ns
+    return max(t, end)
+
+
+def _late(fault: Fault, seed: int, stream: str, release: int) -> int:
+    """How late a release is: between two quantiles, all stretches alike."""
+    times = [int(x) for x in fault.amount]
+    stretches = len(times) - 1
+    place = draw_bits(seed, stream, release) % (stretches << FINE)
+    k, within = place >> FINE, place & ((1 << FINE) - 1)
+    return times[k] + (((times[k + 1] - times[k]) * within) >> FINE)
+
+
+def happens(faults: Sequence[Fault], c: Component, seed: int, release: int) -> int | None:
+    """When a release really happens; None where it is lost, also to the next one."""
+    nominal = c.phase_ns + release * c.period_ns
+    t = nominal
+    for f in faults if release % ON_TIME != ON_TIME - 1 else ():
+        if f.kind == "skip":
+            if is_active(f, seed, nominal, c.period_ns):
+                return None
+        elif f.slot_ns:
+            t = _held_until(f, seed, t, c.period_ns)
+        else:
+            t += _late(f, seed, f"{f.stream}.by", release)
+    return t if t == nominal or t < nominal + c.period_ns else None
+
+
+def is_released(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> bool:
+    """Whether a release of the component happens at ct."""
+    return ct >= c.phase_ns and happens(faults, c, seed, (ct - c.phase_ns) // c.period_ns) == ct
+
+
+def next_release(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
+    """The first release that happens after ct."""
+    release = max((ct - c.phase_ns) // c.period_ns, 0)
+    while True:
+        t = happens(faults, c, seed, release)
+        if t is not None and t > ct:
+            return t
+        release += 1
+
+
+# ---------------------------------------------------------------- what
+
+
+def disturbed(
+    system: System,
+    faults: Sequence[Fault],
+    c: Component,
+    seed: int,
+    before: Configuration,
+    out: dict[int, Value],
+) -> dict[int, Value]:
+    """What a step publishes with these faults, topic to value; `before` it, topics had theirs."""
+    found, ct, now = dict(out), before.ct, before.Topics
+    for f in faults:
+        if f.topic not in found or f.topic is None:
+            continue
+        if not is_active(f, seed, ct, c.period_ns):
+            continue
+        if f.kind == "silent":
+            del found[f.topic]
+            continue
+        topic = system.topics[f.topic]
+        paths = [_positions(topic.type, path) for path, _ in leaves(topic.type)]
+        slot = slot_of(f, seed, ct, c.period_ns)
+        for i in f.leaves:
+            if f.kind == "stuck":
+                new = _at(now[f.topic], paths[i])
+            else:
+                new = _leaf(f, seed, slot, ct, _at(found[f.topic], paths[i]), topic.bounds[i])
+            bound = topic.bounds[i]
+            if c.plant is not None and bound is not None and isinstance(new, float):
+                new = maximum(bound.low, minimum(bound.high, new))
+            found[f.topic] = replaced(found[f.topic], paths[i], new)
+    return found
+
+
+def _leaf(f: Fault, seed: int, slot: int, ct: int, old: Value, bound: Bound | None) -> Value:
+    if f.kind == "nan":
+        return canonical(math.nan)
+    if f.kind == "saturated":
+        assert bound is not None
+        end = bound.high if draw_bits(seed, f"{f.stream}.by", slot) >> 63 else bound.low
+        return end if isinstance(old, float) else int(end)
+    (x,) = f.amount
+    if f.kind == "scale":
+        return old * x
+    index = slot if f.kind == "bias" else ct
+    return old + draw_float(seed, f"{f.stream}.by", index, -abs(x), abs(x))
+
+
+def factor(faults: Sequence[Fault], c: Component, d: int, seed: int, ct: int) -> float:
+    """By how much disturbance number `d` of a plant is scaled at ct."""
+    found = 1.0
+    for f in faults:
+        if f.disturbance == d and is_active(f, seed, ct, c.period_ns):
+            found *= f.amount[0]
+    return found
+
+
+def _at(value: Value, path: Sequence[int]) -> Value:
+    for i in path:
+        value = value[i]
+    return value
+
+
+def _positions(t: Type, path: tuple[str, ...]) -> list[int]:
+    """The path of a leaf as positions."""
+    found: list[int] = []
+    for part in path:
+        if isinstance(t, RecordType):
+            k = [n for n, _ in t.fields].index(part)
+            t = t.fields[k][1]
+        else:
+            assert isinstance(t, ArrayType)
+            k, t = int(part[1:-1]), t.element
+        found.append(k)
+    return found
+
+
+def in_any_order(seed: int, ct: int, waiting: int) -> int:
+    """Which of so many nodes that wait at ct steps next."""
+    return draw_bits(seed, "fault.order", ct * ORDERS + waiting % ORDERS) % waiting

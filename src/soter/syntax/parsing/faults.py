@@ -1,0 +1,80 @@
+"""`faults { ... }` of a system: what goes wrong in its runs, and how often.
+
+Purpose: the items of that body.
+Non-goals: what they mean (`program/flatten/trials/faults.py`), faults of tests (`systems.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+from soter.syntax import tree
+from soter.syntax.parsing import arrays
+from soter.syntax.parsing.bodies import HOMES
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.syntax.parsing.bodies import BodyParser
+
+GIVEN = ("late", "bias", "noise", "scale")
+"""Kinds that say by how much."""
+
+
+@dataclass(slots=True)
+class FaultParts:
+    """The items that were read."""
+
+    found: list[tree.SystemFault] = field(default_factory=list)
+
+
+def _fault(parser: BodyParser, parts: FaultParts) -> None:
+    """`kind target [by X] [at N per T] [for T];`."""
+    start, kind = parser.starts[parser.i], parser.texts[parser.i]
+    parser.i += 1
+    target = arrays.path(parser, f"what `{kind}` is about")
+    by: tuple[tree.Expr, ...] = ()
+    if kind in GIVEN:
+        parser.expect_word("by", f"and how much, after what `{kind}` is about")
+        by = _amounts(parser)
+    rate = per = lasts = None
+    if kind != "late" or parser.is_word("at"):
+        parser.expect_word("at", "and how often: `at 2 per 1h`")
+        rate = parser.expr("how often")
+        parser.expect_word("per", "after the number: `at 2 per 1h`")
+        per = parser.time("`per`")
+        if parser.accept("for"):
+            lasts = parser.time("`for`")
+    parser.semicolon("the fault")
+    span = parser.span_from(start)
+    parts.found.append(tree.SystemFault(kind, target, by, rate, per, lasts, span))
+
+
+def _amounts(parser: BodyParser) -> tuple[tree.Expr, ...]:
+    """`X`, or `[X, Y, ...]`."""
+    if not parser.accept("["):
+        return (parser.expr("how much"),)
+    found = [parser.expr("how much")]
+    while parser.accept(","):
+        found.append(parser.expr("how much"))
+    parser.expect("]", "after the last of them")
+    return tuple(found)
+
+
+def _order(parser: BodyParser, parts: FaultParts) -> None:
+    """`order any;`."""
+    start = parser.starts[parser.i]
+    parser.i += 1
+    parser.expect_word("any", "after `order`")
+    parser.semicolon("the order")
+    span = parser.span_from(start)
+    parts.found.append(tree.SystemFault("order", None, (), None, None, None, span))
+
+
+KINDS = ("late", "skip", "nan", "stuck", "silent", "saturated", "bias", "noise", "scale")
+FAULT_ITEMS: dict[str, Callable[[BodyParser, FaultParts], None]] = {
+    "order": _order,
+    **dict.fromkeys(KINDS, _fault),
+}
+HOMES["the `faults` of a system"] = frozenset(FAULT_ITEMS) - {"order", "late", "skip"}

@@ -1,0 +1,265 @@
+"""Runs with faults: the same states on both engines, whatever goes wrong; and what goes wrong."""
+
+from __future__ import annotations
+
+import random
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from soter import SoterError, load
+from soter.program.build import check_file, system_of
+from soter.program.flatten.derived import with_faults
+from soter.program.model.system import Fault
+from soter.semantics.chance.faults import happens, is_active, is_released, next_release
+from soter.simulate.run import NativeProgram, run_interpreted
+
+if TYPE_CHECKING:
+    from soter.program.model.system import System
+
+PROGRAM = """soter 1;
+type Pose = { x: float, v: float, near: int in [0, 7], on: bool };
+topic pose: Pose in { x in [-40.0, 40.0], v in [-9.0, 9.0] } max_age 60ms;
+topic push: float in [-4.0, 4.0];
+topic extra: float[2] in [-2.0, 2.0];
+topic spoken: int in [0, 100];
+plant P period 5ms {
+  reads push, extra;
+  drives pose = { x: clamp(x, -40.0, 40.0), v: clamp(v, -9.0, 9.0), near: 3, on: x > 0.0 };
+  state x: float = 0.0;
+  state v: float = 0.0;
+  disturbance wind: float in [-0.3, 0.3];
+  disturbance gust: float in [-0.1, 0.1] hold 100ms;
+  der x = v;
+  der v = clamp(push + wind + gust + extra[1], -5.0, 5.0);
+  measured pose.x within 0.05;
+}
+node Fast period 10ms {
+  subscribes pose; publishes push;
+  var n: int = 0;
+  step { n = (n + 1) % 100; publish push = clamp(3.0 * (5.0 - pose.x) - pose.v, -4.0, 4.0); }
+}
+node Slow period 20ms phase 5ms {
+  subscribes pose; publishes push;
+  step { publish push = clamp(-pose.x - 2.0 * pose.v, -4.0, 4.0); }
+}
+node Other period 7ms {
+  subscribes pose; publishes extra, spoken;
+  step { publish extra = [choose [0, 1] == 0 ? 0.5 : -0.5, 0.0]; publish spoken = pose.near * 10; }
+}
+node Ear period 20ms {
+  subscribes spoken queue 4 drop_oldest; publishes heard;
+  step { publish heard = spoken.len; }
+}
+topic heard: int in [0, 4];
+rta M {
+  ac Fast; sc Slow; period 50ms;
+  safe abs(pose.x) < 12.0;
+  ttf abs(pose.x) > 5.0;
+  safer abs(pose.x) < 3.0;
+}
+system S {
+  p: P; module M; node Other; node Ear;
+  until 10s;
+  always abs(p.truth.x) < 20.0;
+  FAULTS
+}
+"""
+SECOND = 10**9
+CART = Path(__file__).resolve().parents[2] / "examples" / "wall" / "cart.soter"
+TIMED = ("M.dm", "M.Fast", "M.Slow", "Other", "Ear", "all", "modules")
+VALUED = ("M.Fast", "M.Slow", "M.Fast.push", "Other.extra", "Other.extra[1]", "p.pose.x", "p.pose")
+ODD = ("p", "p.pose.near", "p.pose.on", "Other.spoken", "Other", "M.Slow.push")
+RANDOM_PROGRAMS = 12
+
+
+def flat_of(folder: Path, faults: str) -> System:
+    path = folder / "p.soter"
+    path.write_text(PROGRAM.replace("FAULTS", f"faults {{ {faults} }}" if faults else ""))
+    return system_of(check_file(str(path)), "S")
+
+
+def random_faults(rng: random.Random) -> str:
+    found = ["order any;"] if rng.random() < 0.5 else []
+    for _ in range(rng.randint(1, 6)):
+        often = f"at {rng.choice([200, 1000, 4000])} per 1h"
+        lasts = rng.choice(["", f" for {rng.choice([30, 100, 450])}ms"])
+        kind = rng.choice(["late", "held", "skip", "value", "odd", "wind"])
+        if kind == "late":
+            times = [0, *sorted(rng.randint(0, 30) for _ in range(rng.randint(1, 3)))]
+            by = f"[{', '.join(f'{t}ms' for t in times)}]" if rng.random() < 0.5 else "6ms"
+            found.append(f"late {rng.choice(TIMED)} by {by};")
+        elif kind == "held":
+            found.append(f"late {rng.choice(TIMED)} by {rng.choice([15, 120, 400])}ms {often};")
+        elif kind == "skip":
+            found.append(f"skip {rng.choice(TIMED)} {often}{lasts};")
+        elif kind == "value":
+            what = rng.choice(["nan", "saturated", "bias", "noise", "scale", "stuck", "silent"])
+            where = rng.choice(VALUED)
+            if what == "nan" and where[0] == "p":
+                where = "Other.extra"
+            if what == "silent" and where.count(".") + where.count("[") > 1:
+                where = "M.Slow"
+            by = f" by {rng.choice(['0.5', '-1.5', '3.0'])}" if what in "bias noise scale" else ""
+            found.append(f"{what} {where}{by} {often}{lasts};")
+        elif kind == "odd":
+            found.append(f"stuck {rng.choice(ODD)} {often}{lasts};")
+        else:
+            found.append(f"scale p.{rng.choice(['wind', 'gust'])} by 7.0 {often}{lasts};")
+    return "\n    ".join(found)
+
+
+@pytest.mark.parametrize("number", range(RANDOM_PROGRAMS))
+def test_both_engines_do_the_same(number: int, tmp_path: Path) -> None:
+    faults = random_faults(random.Random(number))  # noqa: S311 - it draws programs
+    flat = flat_of(tmp_path, faults)
+    native = NativeProgram(flat)
+    for seed in range(2):
+        one = native.run(6 * SECOND, seed, hash_trace=True)
+        two = run_interpreted(flat, 6 * SECOND, seed, hash_trace=True)
+        assert one.trace_sha256 == two.trace_sha256, faults
+        assert [c.time_ns for c in one.changes] == [c.time_ns for c in two.changes]
+
+
+def test_what_has_no_faults_is_what_it_was(tmp_path: Path) -> None:
+    none = flat_of(tmp_path, "")
+    rare = flat_of(
+        tmp_path, "nan M.Fast at 0 per 1h; late all by [0ms, 0ms]; skip Ear at 0 per 1s;"
+    )
+    assert len(rare.faults) > 5
+    runs = [NativeProgram(x).run(4 * SECOND, 3, hash_trace=True) for x in (none, rare)]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+
+
+@pytest.mark.parametrize(
+    ("fault", "seen"),
+    [
+        ("nan M.Fast at 4000 per 1h for 1s;", "gate"),
+        ("silent p at 2000 per 1h for 300ms;", "stale"),
+        ("skip M.dm at 3000 per 1h for 1s;", "undecided"),
+        ("nan M.Slow at 4000 per 1h for 1s;", "latched"),
+    ],
+)
+def test_a_fault_is_seen(fault: str, seen: str, tmp_path: Path) -> None:
+    run = NativeProgram(flat_of(tmp_path, fault)).run(20 * SECOND, 1, observed=True)
+    fine = NativeProgram(flat_of(tmp_path, "")).run(20 * SECOND, 1, observed=True)
+    if seen == "gate":
+        assert run.modules["M"].gate_faults > 0 == fine.modules["M"].gate_faults
+    elif seen == "stale":
+        assert any(c.stale for c in run.changes)
+        assert not any(c.stale for c in fine.changes)
+    elif seen == "latched":
+        assert run.violations > 0 == fine.violations
+    else:
+        assert [c.time_ns for c in run.changes] != [c.time_ns for c in fine.changes]
+
+
+def fault(**changes: object) -> Fault:
+    base = {"kind": "skip", "component": 1, "stream": "f", "probability": 0.1, "slot_ns": 0}
+    return Fault(**{**base, **changes})  # type: ignore[arg-type]
+
+
+def test_slots_that_last_are_as_frequent_as_was_said_and_never_two_in_a_row() -> None:
+    period, lasts = 10_000_000, 300_000_000
+    rate = 0.2  # a second
+    f = fault(probability=1.0 - np.exp(-rate * 0.3), slot_ns=lasts)
+    times = np.arange(0, 4_000 * SECOND, period)
+    there = np.array([is_active(f, 7, int(t), period) for t in times[::5]])
+    begins = int((there[1:] & ~there[:-1]).sum())
+    runs = np.diff(np.flatnonzero(np.diff(there.astype(np.int8)) != 0))
+    assert 4_000 * rate * 0.85 < begins < 4_000 * rate * 1.05  # two in a row count once
+    lengths = runs[1::2] if there[0] else runs[::2]
+    assert set(lengths.tolist()) == {6}, "300 ms, seen every 50 ms"
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_releases_happen_in_order_and_are_those_that_are_told(seed: int, tmp_path: Path) -> None:
+    flat = flat_of(
+        tmp_path,
+        "late Other by [0ms, 2ms, 30ms]; late all by 80ms at 9000 per 1h; "
+        "skip Other at 9000 per 1h for 50ms;",
+    )
+    c = flat.component("Other")
+    own = [f for f in flat.faults if f.component == c.index]
+    told, t = [], -1
+    while t < 2 * SECOND:
+        t = next_release(own, c, seed, t)
+        told.append(t)
+    listed = [happens(own, c, seed, k) for k in range(2 * SECOND // c.period_ns + 60)]
+    kept = [t for t in listed if t is not None]
+    assert kept == sorted(set(kept))
+    assert told == kept[: len(told)]
+    assert all(is_released(own, c, seed, t) for t in told)
+    assert not any(is_released(own, c, seed, t + 1) for t in told if t + 1 not in told)
+    nominal = {k: c.phase_ns + k * c.period_ns for k in range(len(listed))}
+    late = [t - nominal[k] for k, t in enumerate(listed) if t is not None]
+    assert all(0 <= x < c.period_ns for x in late)
+    assert max(late) > c.period_ns // 2
+
+
+def test_a_group_is_held_up_together(tmp_path: Path) -> None:
+    flat = flat_of(tmp_path, "late all by 400ms at 4000 per 1h;")
+    assert len({f.stream for f in flat.faults}) == 1
+    apart = flat_of(
+        tmp_path, "late M.dm by 400ms at 4000 per 1h; late Ear by 400ms at 4000 per 1h;"
+    )
+    assert len({f.stream for f in apart.faults}) == 2
+
+
+@pytest.mark.parametrize(
+    ("said", "inside"),
+    [
+        ("nan M.Fast at 1 per 1h;", True),
+        ("late M.Fast by 500ms at 1 per 1h;", True),
+        ("late M.dm by 5ms;", False),  # it has no `verify` block that says so
+        ("scale p.wind by 0.5 at 1 per 1h;", True),
+        ("scale p.wind by -1.0 at 1 per 1h;", True),
+        ("scale p.wind by 1.01 at 1 per 1h;", False),
+        ("bias p.pose.x by 0.01 at 1 per 1h;", False),
+        ("silent p at 1 per 1h for 10ms;", False),
+    ],
+)
+def test_it_is_said_which_assumption_is_kept(said: str, inside: bool, tmp_path: Path) -> None:
+    flat = flat_of(tmp_path, said)
+    assert [f.inside is not None for f in flat.faults] == [inside]
+
+
+def changed_cart(folder: Path, faults: str) -> Path:
+    path = folder / "c.soter"
+    text = CART.read_text(encoding="utf-8")
+    path.write_text(text.replace("until 30s;", f"until 30s; faults {{ {faults} }}", 1))
+    return path
+
+
+def test_a_declared_lateness_is_inside_up_to_what_is_declared(tmp_path: Path) -> None:
+    path = changed_cart(tmp_path, "late SafeCart.dm by 1ms; late SafeCart.Careful by 1001us;")
+    flat = system_of(check_file(str(path)), "Protected")
+    assert [f.inside is not None for f in flat.faults] == [True, False]
+
+
+def test_no_proof_and_no_set_is_about_faults(tmp_path: Path) -> None:
+    source = changed_cart(tmp_path, "late all by 9ms; silent c at 900 per 1h;")
+    report = load(source).verify()
+    assert report.verdict == "proved"
+    assert any("`faults` of system Protected" in a for a in report.modules[0].problem.assumptions)
+
+
+def test_more_faults_can_be_put_into_a_system(tmp_path: Path) -> None:
+    flat = flat_of(tmp_path, "")
+    more = fault(
+        kind="late", component=flat.component("M.dm").index, amount=(0, 4_000_000), probability=1.0
+    )
+    worse = with_faults(flat, [more], shuffled=True)
+    runs = [
+        NativeProgram(worse).run(3 * SECOND, 5, hash_trace=True),
+        run_interpreted(worse, 3 * SECOND, 5, hash_trace=True),
+    ]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    assert flat.faults == ()
+
+
+def test_wrong_ones_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(SoterError, match="V011"):
+        flat_of(tmp_path, "nan M.Fast at -1 per 1h;")

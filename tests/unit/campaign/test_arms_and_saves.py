@@ -1,0 +1,250 @@
+"""What campaigns measure, whose fault it was, what AC would have done, and other rules."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from soter import SoterError, load
+from soter.campaign.arms import NAMES, arms_of
+from soter.campaign.fleet import Fleet
+from soter.campaign.lateness import Lateness, measured
+from soter.campaign.troubles import outside
+from soter.program.build import check_file, system_of
+from soter.program.flatten.derived import forced
+from soter.simulate.run import NativeProgram, run_interpreted
+
+if TYPE_CHECKING:
+    from soter.program.model.system import System
+
+ROOT = Path(__file__).resolve().parents[3]
+CART = ROOT / "examples" / "wall" / "cart.soter"
+SECOND = 10**9
+MEASURES = """
+  measure far = abs(c.truth.x) in [0.0, 4.0] / 8 every 100ms;
+  measure inverse = 1.0 / (motion.x > 2.0 ? 0.0 : 1.0) in [0.5, 2.0] / 3 every 30ms;
+"""
+
+
+@pytest.fixture
+def changed(tmp_path: Path) -> Path:
+    path = tmp_path / "cart.soter"
+    text = CART.read_text(encoding="utf-8")
+    path.write_text(text.replace("until 30s;", f"until 30s;{MEASURES}", 1))
+    return path
+
+
+def flat_of(path: Path, name: str = "Protected") -> System:
+    return system_of(check_file(str(path)), name)
+
+
+def with_faults(folder: Path, faults: str, system: str = "Protected") -> Path:
+    path = folder / "faulty.soter"
+    text = CART.read_text(encoding="utf-8")
+    head, tail = text.split(f"system {system}", 1)
+    tail = tail.replace("until 30s;", f"until 30s;\n  faults {{ {faults} }}", 1)
+    path.write_text(f"{head}system {system}{tail}")
+    return path
+
+
+# ---------------------------------------------------------------- measures
+
+
+def test_measures_are_what_a_trace_says(changed: Path) -> None:
+    flat = flat_of(changed)
+    (flight,) = Fleet(flat, 12 * SECOND).fly([0], first_seed=3)
+    run = run_interpreted(flat, 12 * SECOND, 3, keep_trace=True)
+    states = run.require_trace()
+    times = states["header"]["ct"].astype(np.int64)
+    for look, every_ns in zip(flight.looks, (100_000_000, 30_000_000), strict=True):
+        slots = times // every_ns
+        first = np.flatnonzero(np.concatenate([[True], slots[1:] != slots[:-1]]))
+        assert sum(look.bins) == look.count <= len(first)
+        if every_ns == 100_000_000:
+            x = np.abs(states["c"]["x"][first])
+            assert (look.sum, look.least, look.most) == (sum(x.tolist()), x.min(), x.max())
+            assert look.bins[1:-1] == tuple(np.histogram(x, 8, (0.0, 4.0))[0].tolist())
+            assert look.bins[-1] == int((x > 4.0).sum())
+    far, inverse = flight.looks
+    assert far.count == 121
+    assert 0 < inverse.count < 12 / 0.03, "looks that divide by zero are no numbers"
+    assert inverse.least == inverse.most == 1.0
+
+
+def test_a_histogram_counts_its_ends_inside(tmp_path: Path) -> None:
+    path = tmp_path / "p.soter"
+    path.write_text(
+        "soter 1; plant P period 10ms { state n: int in [0, 1000] = 0; next n = (n + 1) % 6; }\n"
+        "system S { p: P; until 59ms; measure n = float(p.truth.n) in [1.0, 4.0] / 3 every 10ms; }"
+    )
+    (flight,) = Fleet(flat_of(path, "S"), 59_000_000).fly([0], first_seed=1)
+    (look,) = flight.looks
+    assert look.bins == (1, 1, 1, 2, 1), "0 | 1 | 2 | 3 4 | 5"
+    assert (look.count, look.sum, look.least, look.most) == (6, 15.0, 0.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("measure", "code"),
+    [
+        ("measure m = true in [0.0, 1.0] / 2 every 1s;", "T001"),
+        ("measure m = 1.0 in [1.0, 0.0] / 2 every 1s;", "V001"),
+        ("measure m = 1.0 in [0.0, 1.0] / 0 every 1s;", "C002"),
+        ("measure m = 1.0 in [0.0, 1.0] / 2 every 0s;", "C001"),
+        ("measure m = 1.0 in [0.0, 1.0] / 2 every 1s; measure m = 2.0 in [0.0, 1.0] / 2 every 1s;",
+         "N002"),
+        ("measure m = nobody in [0.0, 1.0] / 2 every 1s;", "N001"),
+    ],
+)  # fmt: skip
+def test_wrong_measures_are_refused(measure: str, code: str, tmp_path: Path) -> None:
+    path = tmp_path / "p.soter"
+    path.write_text(
+        "soter 1; plant P period 10ms { state n: float = 0.0; next n = n; }\n"
+        f"system S {{ p: P; until 1s; {measure} }}"
+    )
+    with pytest.raises(SoterError) as caught:
+        flat_of(path, "S")
+    assert code in [d.code for d in caught.value.diagnostics]
+
+
+# ---------------------------------------------------------------- saves
+
+
+def test_a_save_is_what_a_run_with_ac_left_in_control_says(tmp_path: Path) -> None:
+    """AC rushes to a goal beyond the wall: left alone it crashes; another one never would."""
+    flat = flat_of(CART)
+    fleet = Fleet(flat, 20 * SECOND, horizon_ns=5 * SECOND)
+    flights = fleet.fly(range(12), first_seed=1)
+    alone = NativeProgram(forced(flat, 0, "ac"))
+    assert sum(f.saves[0] for f in flights) > 0
+    for f in flights:
+        assert f.saves[0] + f.precautions[0] == f.episodes[0]
+        if f.saves[0] and f.disengagements[0] == 1:
+            crashed = alone.run(26 * SECOND, f.seed).violations
+            assert crashed
+
+
+def test_counting_saves_changes_no_flight() -> None:
+    flat = flat_of(CART)
+    plain = Fleet(flat, 10 * SECOND).fly(range(10), first_seed=1)
+    saved = Fleet(flat, 10 * SECOND, horizon_ns=3 * SECOND).fly(range(10), first_seed=1)
+    assert [f.digest for f in plain] == [f.digest for f in saved]
+    assert plain[0].saves == ()
+
+
+def test_where_ac_does_no_harm_all_are_precautions(tmp_path: Path) -> None:
+    path = tmp_path / "tame.soter"
+    text = CART.read_text(encoding="utf-8")
+    path.write_text(
+        text.replace("clamp(4.0 * (goal - motion.x) - 1.0 * motion.v, -A, A)",
+                     "clamp(1.0 * (9.8 - motion.x) - 3.0 * motion.v, -A, A)")
+    )  # fmt: skip
+    flat = flat_of(path)
+    flights = Fleet(flat, 20 * SECOND, horizon_ns=5 * SECOND).fly(range(4), first_seed=1)
+    assert sum(f.saves[0] for f in flights) == 0 < sum(f.precautions[0] for f in flights)
+
+
+# ---------------------------------------------------------------- whose fault
+
+
+def test_a_violation_without_a_fault_outside_is_a_defect(tmp_path: Path) -> None:
+    def flown(faults: str, name: str) -> tuple[int, int]:
+        path = with_faults(tmp_path, faults)
+        found = load(path).campaign("Protected", flights=40, until="20s", output=tmp_path / name)
+        return found.result.flights_violated, found.result.defects
+
+    violated, defects = flown("late SafeCart.dm by 900ms at 4000 per 1h;", "outside")
+    assert violated > 0 == defects
+    violated, defects = flown("stuck SafeCart.Fast at 400 per 1h for 1s;", "inside")
+    assert violated == defects == 0
+
+
+def test_what_was_outside_is_told_up_to_the_violation(tmp_path: Path) -> None:
+    flat = flat_of(with_faults(tmp_path, "silent c at 300 per 1h for 1s; order any;"))
+    told = [outside(flat, seed, 30 * SECOND) for seed in range(20)]
+    assert all("order any" in t for t in told)
+    some = ["silent c at 300 per 1h for 1s" in t for t in told]
+    assert any(some)
+    assert not all(some)
+
+
+# ---------------------------------------------------------------- arms
+
+
+def test_arms_are_other_systems_on_the_same_seeds(tmp_path: Path) -> None:
+    late = (0, 1_000_000, 40_000_000)
+    made = {a.name: a.system for a in arms_of(flat_of(CART), NAMES, late)}
+    assert list(made) == [
+        "ours", "ac", "paper",
+        *(f"{who}-{g}-{ms}ms" for g in ("modules", "all") for ms in (120, 360, 1200)
+          for who in ("ours", "paper")),
+    ]  # fmt: skip
+    assert made["ac"].modules[0].forced == "ac"
+    assert made["paper"].shuffled
+    assert not made["ours-all-360ms"].shuffled
+    for name in ("paper", "paper-all-1200ms", "ours-modules-360ms"):
+        native = NativeProgram(made[name]).run(5 * SECOND, 4, hash_trace=True)
+        again = run_interpreted(made[name], 5 * SECOND, 4, hash_trace=True)
+        assert native.trace_sha256 == again.trace_sha256
+
+
+def test_a_campaign_with_arms_tells_each_and_goes_on(tmp_path: Path) -> None:
+    how = {"flights": 30, "until": "6s", "output": tmp_path / "c", "arms": ("ac", "paper")}
+    found = load(CART).campaign("Protected", lateness_s=0.2, **how)
+    assert [a.name for a in found.arms] == ["ours", "ac", "paper"]
+    assert found.arms[1].result.flights_violated > 0 == found.result.violations
+    assert "releases every 10 ms" in found.lateness
+    again = load(CART).campaign("Protected", lateness_s=0.2, **how)
+    assert [a.flown for a in again.arms] == [0, 0, 0]
+    assert [a.result.digest for a in again.arms] == [a.result.digest for a in found.arms]
+
+
+def test_an_arm_that_is_none_is_refused(tmp_path: Path) -> None:
+    with pytest.raises(SoterError, match="no arm `best`"):
+        load(CART).campaign(flights=1, arms=("best",), output=tmp_path / "c")
+    assert not (tmp_path / "c").exists()
+
+
+def test_lateness_is_measured_and_told() -> None:
+    found = measured(seconds=0.1)
+    assert isinstance(found, Lateness)
+    assert found.releases == 10
+    assert list(found.quantiles_ns) == sorted(found.quantiles_ns)
+    assert "busy processes" in found.text()
+
+
+# ---------------------------------------------------------------- what is written
+
+
+def test_the_page_tells_what_was_flown_and_needs_nothing_else(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], changed: Path
+) -> None:
+    from soter.cli.main import main
+
+    folder = tmp_path / "c"
+    arguments = ["campaign", str(changed), "--flights", "6", "--until", "9s", "--saves", "3s"]
+    assert main([*arguments, "--report", "--json", "-o", str(folder)]) == 0
+    document = json.loads(capsys.readouterr().out)
+    assert document["saves"] + document["precautions"] == document["episodes"]
+    assert document["measures"]["far"]["mean"] > 0
+    text = (folder / "report.html").read_text(encoding="utf-8")
+    for part in ("0 violations", "Who was in control", "precautions", "<svg", "far", "rests on"):
+        assert part in text
+    assert "<script" not in text
+    assert "http" not in text.replace("http-equiv", "")
+
+
+def test_a_flight_is_flown_again_by_its_number(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from soter.cli.main import main
+
+    found = load(CART).campaign("Unprotected", flights=9, until="4s", output=tmp_path / "c", seed=5)
+    flight = found.result.worst[-1]
+    arguments = ["run", str(CART), "--system", "Unprotected", "--until", "4s", "--json"]
+    assert main([*arguments, "--seed", "5", "--flight", str(flight.number)]) == 3
+    document = json.loads(capsys.readouterr().out)
+    assert document["violations"] == flight.violations
