@@ -152,7 +152,7 @@ def campaign(
 def _faults(flat: System) -> tuple[tuple[str, str], ...]:
     """A fault of several components is inside where it is for each of them."""
     found: dict[str, list[str | None]] = {ORDER: [None]} if flat.shuffled else {}
-    for f in flat.faults:
+    for f in (f for f in flat.faults if f.on is None):
         found.setdefault(f.text, []).append(f.inside)
     return tuple((t, next(iter(w)) or "" if None not in w else "") for t, w in found.items())
 
@@ -168,7 +168,8 @@ def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -
         modules=[m.name for m in flat.modules],
         measures=[m.name for m in flat.measures],
         horizon_ns=horizon_ns,
-        faults=sorted({f.text for f in flat.faults}) + ([ORDER] if flat.shuffled else []),
+        faults=sorted({f.text for f in flat.faults if f.on is None})
+        + ([ORDER] if flat.shuffled else []),
     )
 
 

@@ -85,7 +85,9 @@ def _late(fault: Fault, seed: int, stream: str, release: int) -> int:
     return times[k] + (((times[k + 1] - times[k]) * within) >> FINE)
 
 
-def happens(faults: Sequence[Fault], c: Component, seed: int, release: int) -> int | None:
+def happens(
+    system: System, faults: Sequence[Fault], c: Component, seed: int, release: int
+) -> int | None:
     """When a release really happens; None where it is lost, also to the next one."""
     nominal = c.phase_ns + release * c.period_ns
     t = nominal
@@ -93,6 +95,8 @@ def happens(faults: Sequence[Fault], c: Component, seed: int, release: int) -> i
         if f.kind == "skip":
             if is_active(f, seed, nominal, c.period_ns):
                 return None
+        elif f.on is not None:
+            t = max(t, _waited(system, f.on, seed, nominal) or t)
         elif f.slot_ns:
             t = _held_until(f, seed, t, c.period_ns)
         else:
@@ -100,16 +104,27 @@ def happens(faults: Sequence[Fault], c: Component, seed: int, release: int) -> i
     return t if t == nominal or t < nominal + c.period_ns else None
 
 
-def is_released(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> bool:
+def _waited(system: System, on: int, seed: int, nominal: int) -> int | None:
+    """When the component that is waited for has its release of this nominal time, if it has one."""
+    other = system.components[on]
+    since = nominal - other.phase_ns
+    if since < 0 or since % other.period_ns:
+        return None
+    own = [f for f in system.faults if f.component == on and f.of_time]
+    return happens(system, own, other, seed, since // other.period_ns)
+
+
+def is_released(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> bool:
     """Whether a release of the component happens at ct."""
-    return ct >= c.phase_ns and happens(faults, c, seed, (ct - c.phase_ns) // c.period_ns) == ct
+    release = (ct - c.phase_ns) // c.period_ns
+    return ct >= c.phase_ns and happens(system, faults, c, seed, release) == ct
 
 
-def next_release(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
+def next_release(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
     """The first release that happens after ct."""
     release = max((ct - c.phase_ns) // c.period_ns, 0)
     while True:
-        t = happens(faults, c, seed, release)
+        t = happens(system, faults, c, seed, release)
         if t is not None and t > ct:
             return t
         release += 1
@@ -133,6 +148,8 @@ def disturbed(
             continue
         if not is_active(f, seed, ct, c.period_ns):
             continue
+        if f.kind == "silent" and c.plant is not None and ct == c.phase_ns:
+            continue  # a sensor speaks at its first release
         if f.kind == "silent":
             del found[f.topic]
             continue

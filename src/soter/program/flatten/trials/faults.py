@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.program.flatten.trials.names import named, nobody
+from soter.program.flatten.trials.waiting import waiting
 from soter.program.model.system import Fault
 from soter.program.model.types import (
     ArrayType,
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
     from soter.program.flatten.value_sets import Topics
     from soter.program.model import typed
-    from soter.program.model.system import Component, System
+    from soter.program.model.system import Component, Module, System
     from soter.program.model.types import Type
 
 GROUPS = ("all", "modules")
@@ -42,8 +43,9 @@ def place_faults(elaborator: Topics, system: System) -> None:
     """Fill in what goes wrong in a system, from its symbol."""
     places = _Places(elaborator, system)
     found = [f for item in elaborator.symbol.faults for f in places.of(item)]
-    system.faults = tuple(found)
+    places.decide(found)
     system.shuffled = any(item.kind == "order" for item in elaborator.symbol.faults)
+    system.faults = waiting(system.modules, found, shuffled=system.shuffled)
 
 
 class _Places:
@@ -87,7 +89,6 @@ class _Places:
                 disturbance=disturbance,
                 text=item.text,
             )
-            fault.inside = self._inside(fault, c)
             yield fault
 
     def _stream(self, name: str) -> str:
@@ -227,7 +228,12 @@ class _Places:
 
     # ------------------------------------------------------------ inside or outside
 
-    def _inside(self, fault: Fault, c: Component) -> str | None:
+    def decide(self, faults: Sequence[Fault]) -> None:
+        """Which of them are inside; latenesses of one component add up."""
+        for f in faults:
+            f.inside = self._inside(f, self.system.components[f.component], faults)
+
+    def _inside(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
         """The assumption of the proofs that still holds; None: one may not hold."""
         if c.role == "ac":
             return "nothing is assumed of an advanced controller"
@@ -237,7 +243,8 @@ class _Places:
             fits = d.low <= low and high <= d.high
             return f"the declared range of `{c.name}.{d.variable.name}`" if fits else None
         if fault.kind == "late":
-            return self._declared_late(c, int(fault.amount[-1]))
+            own = [f for f in faults if f.kind == "late" and f.component == c.index]
+            return self._declared_late(c, sum(int(f.amount[-1]) for f in own))
         if fault.kind == "silent" and c.plant is not None:
             return self._declared_dropout(fault.slot_ns)
         return None
@@ -247,14 +254,33 @@ class _Places:
         said = []
         for m in self.system.modules:
             block = m.symbol.verify
-            own = {m.dm: block.late_dm, m.sc: block.late_sc}.get(c.index)
-            if c.index in (m.dm, m.sc) or c.name in block.late_of:
-                said.append(own if own is not None else block.late_of.get(c.name))
+            if c.index in (m.dm, m.sc):
+                said.append(block.late_dm if c.index == m.dm else block.late_sc)
+            elif c.module is None and (c.name in block.late_of or c.index in self._about(m)):
+                said.append(block.late_of.get(c.name))
         if not said or most >= c.period_ns:
             return None
         values = [self.elaborator.number(e, "`late`") if e is not None else None for e in said]
         fits = all(v is not None and most <= v for v in values)
         return f"the declared `late` of `{c.name}`" if fits else None
+
+    def _about(self, m: Module) -> set[int]:
+        """Nodes between sensors and a module, or between it and plants: their time may count."""
+        nodes = [c for c in self.system.components if c.node is not None and c.module is None]
+        sc = self.system.components[m.sc]
+        read = {*m.inputs, *_read(self.system, sc)}
+        written = set(m.outputs)
+        found: set[int] = set()
+        for _ in nodes:
+            for c in nodes:
+                made = {c.scope.topics[t] for t in c.node.publishes} if c.node else set()
+                if made & read:
+                    found.add(c.index)
+                    read |= _read(self.system, c)
+                if _read(self.system, c) & written:
+                    found.add(c.index)
+                    written |= made
+        return found
 
     def _declared_dropout(self, lasts: int) -> str | None:
         blocks = [m.symbol.verify for m in self.system.modules]
@@ -262,6 +288,14 @@ class _Places:
         fits = lasts > 0 and len(values) == len(blocks) > 0
         fits = fits and all(v is not None and lasts <= v for v in values)
         return "the declared `dropout`" if fits else None
+
+
+def _read(system: System, c: Component) -> set[int]:
+    """Topics that a node subscribes to; of a queue, whose it is."""
+    if c.node is None:
+        return set()
+    own = [system.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
+    return {t.index if t.queue_of is None else t.queue_of for t in own}
 
 
 def _probability(rate: float, slot_ns: int) -> float:
