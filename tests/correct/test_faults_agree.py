@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from long_tests import examples
 from soter import SoterError, load
 from soter.program.build import check_file, system_of
 from soter.program.flatten.derived import with_faults
@@ -72,7 +73,7 @@ CART = Path(__file__).resolve().parents[2] / "examples" / "wall" / "cart.soter"
 TIMED = ("M.dm", "M.Fast", "M.Slow", "Other", "Ear", "all", "modules")
 VALUED = ("M.Fast", "M.Slow", "M.Fast.push", "Other.extra", "Other.extra[1]", "p.pose.x", "p.pose")
 ODD = ("p", "p.pose.near", "p.pose.on", "Other.spoken", "Other", "M.Slow.push")
-RANDOM_PROGRAMS = 12
+RANDOM_PROGRAMS = examples("SOTER_FAULTY_PROGRAMS", quick=5, long=120)
 
 
 def flat_of(folder: Path, faults: str) -> System:
