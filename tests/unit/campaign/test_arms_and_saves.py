@@ -237,6 +237,17 @@ def test_the_page_tells_what_was_flown_and_needs_nothing_else(
     assert "http" not in text.replace("http-equiv", "")
 
 
+def test_parquet_says_what_the_flights_say(tmp_path: Path, changed: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra is absent: soter[parquet]")
+    from soter.campaign.parquet import write_parquet
+
+    found = load(changed).campaign(flights=7, until="2s", output=tmp_path / "c", saves="1s")
+    table = parquet.read_table(write_parquet(found.folder)).to_pydict()
+    assert table["digest"] == [f.digest for f in found.flights]
+    assert table["far.sum"] == [f.looks[0].sum for f in found.flights]
+    assert table["SafeCart.saves"] == [f.saves[0] for f in found.flights]
+
+
 def test_a_flight_is_flown_again_by_its_number(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
