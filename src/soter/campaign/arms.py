@@ -113,5 +113,5 @@ def _late(system: System, lateness: Sequence[int]) -> list[Fault]:
 def _of_arm(c: Component, fault: Fault) -> Fault:
     """An AC may be late; of others nothing is said to permit it."""
     if c.role == "ac":
-        return replace(fault, inside="nothing is assumed of an advanced controller")
+        return replace(fault, inside="AC may do anything")
     return fault

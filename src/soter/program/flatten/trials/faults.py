@@ -236,12 +236,12 @@ class _Places:
     def _inside(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
         """The assumption of the proofs that still holds; None: one may not hold."""
         if c.role == "ac":
-            return "nothing is assumed of an advanced controller"
+            return "AC may do anything"
         if fault.disturbance is not None:
             d = c.disturbances[fault.disturbance]
             low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))
             fits = d.low <= low and high <= d.high
-            return f"the declared range of `{c.name}.{d.variable.name}`" if fits else None
+            return "in its declared range" if fits else None
         if fault.kind == "late":
             own = [f for f in faults if f.kind == "late" and f.component == c.index]
             return self._declared_late(c, sum(int(f.amount[-1]) for f in own))
@@ -262,7 +262,7 @@ class _Places:
             return None
         values = [self.elaborator.number(e, "`late`") if e is not None else None for e in said]
         fits = all(v is not None and most <= v for v in values)
-        return f"the declared `late` of `{c.name}`" if fits else None
+        return "as late as declared" if fits else None
 
     def _about(self, m: Module) -> set[int]:
         """Nodes between sensors and a module, or between it and plants: their time may count."""
@@ -287,7 +287,7 @@ class _Places:
         values = [self.elaborator.number(b.dropout, "`dropout`") for b in blocks if b.dropout]
         fits = lasts > 0 and len(values) == len(blocks) > 0
         fits = fits and all(v is not None and lasts <= v for v in values)
-        return "the declared `dropout`" if fits else None
+        return "as silent as `dropout` says" if fits else None
 
 
 def _read(system: System, c: Component) -> set[int]:
