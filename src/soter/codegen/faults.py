@@ -48,6 +48,7 @@ def definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
             *((n, stream_key(f"{f.stream}{end}")) for n, end in _STREAMS),
             ("slot_ns", int_number(f.slot_ns)),
             ("probability", float_number(f.probability)),
+            ("apart", c.Name("true" if f.apart else "false")),
         )
         found.append(c.VariableDef("soter_chance", _table(frame, i), c.Initializer(fields)))
         if _is_lateness(f):

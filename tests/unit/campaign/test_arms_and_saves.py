@@ -156,17 +156,17 @@ def test_a_violation_without_a_fault_outside_is_a_defect(tmp_path: Path) -> None
         found = load(path).campaign("Protected", flights=40, until="20s", output=tmp_path / name)
         return found.result.flights_violated, found.result.defects
 
-    violated, defects = flown("late SafeCart.dm by 900ms at 4000 per 1h;", "outside")
+    violated, defects = flown("late SafeCart.dm by 900ms at 1000 per 1h;", "outside")
     assert violated > 0 == defects
     violated, defects = flown("stuck SafeCart.Fast at 400 per 1h for 1s;", "inside")
     assert violated == defects == 0
 
 
 def test_what_was_outside_is_told_up_to_the_violation(tmp_path: Path) -> None:
-    flat = flat_of(with_faults(tmp_path, "silent c at 300 per 1h for 1s; order any;"))
+    flat = flat_of(with_faults(tmp_path, "silent c at 100 per 1h for 1s; order any;"))
     told = [outside(flat, seed, 30 * SECOND) for seed in range(20)]
     assert all("order any" in t for t in told)
-    some = ["silent c at 300 per 1h for 1s" in t for t in told]
+    some = ["silent c at 100 per 1h for 1s" in t for t in told]
     assert any(some)
     assert not all(some)
 

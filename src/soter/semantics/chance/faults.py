@@ -59,11 +59,11 @@ def _drawn(fault: Fault, seed: int, slot: int) -> bool:
 
 
 def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
-    """Whether it is there at t; of slots that last never two in a row."""
+    """Whether it is there at t; of those that stay apart never in two slots in a row."""
     slot = slot_of(fault, seed, t, period_ns)
     if not _drawn(fault, seed, slot):
         return False
-    return fault.slot_ns == 0 or not _drawn(fault, seed, slot - 1)
+    return not fault.apart or not _drawn(fault, seed, slot - 1)
 
 
 def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:

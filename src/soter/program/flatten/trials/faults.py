@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.program.flatten.trials.names import named, nobody
 from soter.program.flatten.trials.waiting import waiting
+from soter.program.model.durations import show_ns
 from soter.program.model.system import Fault
 from soter.program.model.types import (
     ArrayType,
@@ -32,11 +33,15 @@ if TYPE_CHECKING:
 
 GROUPS = ("all", "modules")
 """Targets of faults of time: every node and DM, or those of modules."""
+APART = ("late", "skip", "silent")
+"""Kinds of which nothing may last longer than was said: never in two slots in a row."""
+APART_MOST = 0.25
+"""The largest share of slots that can be faulty so: one in four."""
 OFTEN = 0.999
-"""A slot that is skipped more probably than this would leave nothing that runs."""
+"""A release that is skipped more probably than this would leave nothing that runs."""
+ALWAYS = 1.0
 LATE_MAX_NS = 3_600_000_000_000
-WHOLE = ("silent", "stuck")
-"""Kinds that hit publications of any type."""
+GIVEN = ("late", "bias", "noise", "scale")
 
 
 def place_faults(elaborator: Topics, system: System) -> None:
@@ -69,12 +74,12 @@ class _Places:
         shared = self._stream(f"fault.{item.kind}.{item.path}") if together else None
         for c, topic, leaf_indices, disturbance in targets:
             slot = int(amount[0]) if item.kind == "late" and item.rate is not None else lasts
-            p = _probability(rate, slot or c.period_ns) if item.rate is not None else 1.0
+            apart = slot > 0 and item.kind in APART
+            p = self._probability(item, rate, slot or c.period_ns, apart=apart)
+            if p is None:
+                return
             if item.kind == "late" and item.rate is None and amount[0] >= c.period_ns:
                 self._wrong(item, f"leaves `{c.name}` no release: each is lost to the next one")
-                return
-            if item.kind == "skip" and p > OFTEN:
-                self._wrong(item, "leaves nothing that runs: it happens too often")
                 return
             where = item.path if c.name == item.path else f"{c.name}.{item.path}"
             fault = Fault(
@@ -87,6 +92,7 @@ class _Places:
                 topic=topic,
                 leaves=leaf_indices,
                 disturbance=disturbance,
+                apart=apart,
                 text=item.text,
             )
             yield fault
@@ -121,6 +127,8 @@ class _Places:
         values = [v for v in numbers if v is not None]
         if len(values) != len(numbers):
             return None
+        if not values and item.kind in GIVEN:
+            return None  # it is reported
         if item.kind != "late":
             if any(not math.isfinite(v) for v in values) or len(values) > 1:
                 self._wrong(item, "is by one finite number")
@@ -135,6 +143,21 @@ class _Places:
         if item.rate is None and len(values) == 1:
             values = [0, *values]
         return tuple(values)
+
+    def _probability(
+        self, item: typed.SystemFaultSymbol, rate: float, slot_ns: int, *, apart: bool
+    ) -> float | None:
+        """Of a slot, so that on average as many are faulty as was said; None after a report."""
+        if item.rate is None:
+            return 1.0
+        share = rate * (slot_ns / 1e9)
+        most = APART_MOST if apart else ALWAYS if item.kind != "skip" else OFTEN
+        if share > most:
+            often = show_ns(round(slot_ns / most))
+            what = f"lasts {show_ns(slot_ns)}" if item.lasts or apart else "is about one release"
+            self._wrong(item, f"happens too often: it {what}, so at most once in {often}")
+            return None
+        return (1.0 - math.sqrt(1.0 - 4.0 * share)) / 2.0 if apart else share
 
     def _wrong(self, item: typed.SystemFaultSymbol, what: str) -> None:
         self.diagnostics.error("V011", f"`{item.kind}` {what}", item.span)
@@ -296,11 +319,6 @@ def _read(system: System, c: Component) -> set[int]:
         return set()
     own = [system.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
     return {t.index if t.queue_of is None else t.queue_of for t in own}
-
-
-def _probability(rate: float, slot_ns: int) -> float:
-    """Of at least one event in a slot, of a Poisson process with this rate a second."""
-    return -math.expm1(-rate * (slot_ns / 1e9))
 
 
 def _has_list(t: Type) -> bool:
