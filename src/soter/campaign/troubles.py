@@ -27,7 +27,7 @@ def outside(system: System, seed: int, until_ns: int) -> list[str]:
 
 def _was_there(system: System, f: Fault, seed: int, until_ns: int) -> bool:
     period = system.components[f.component].period_ns
-    if f.of_time and f.kind != "skip" and f.slot_ns == 0:
+    if f.kind == "late" and f.slot_ns == 0:
         return True
     step = f.slot_ns or period
     times = (*range(0, until_ns, step), until_ns)

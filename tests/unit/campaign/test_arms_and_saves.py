@@ -154,7 +154,7 @@ def test_a_violation_without_a_fault_outside_is_a_defect(tmp_path: Path) -> None
     def flown(faults: str, name: str) -> tuple[int, int]:
         path = with_faults(tmp_path, faults)
         found = load(path).campaign("Protected", flights=40, until="20s", output=tmp_path / name)
-        return found.result.flights_violated, found.result.defects
+        return found.result.flights_violated, found.result.violated_inside
 
     violated, defects = flown("late SafeCart.dm by 900ms at 1000 per 1h;", "outside")
     assert violated > 0 == defects

@@ -281,8 +281,8 @@ class Fault:
     with `probability`, drawn from `stream`. `amount`: of "late" times in ns, between which each
     release is late (the quantiles of the lateness); with a slot the longest time for which the
     component is held up. "wait": a release that falls together with one of the component `on`
-    happens no earlier than that (`flatten/trials/waiting.py`). `apart`: never in two slots in a row. `inside`: None, or the
-    assumption that it does not break; `text`: as it was written.
+    happens no earlier than that (`flatten/trials/waiting.py`). `apart`: never in two slots in a
+    row. `inside`: None, or the assumption that it does not break; `text`: as it was written.
     """
 
     kind: str

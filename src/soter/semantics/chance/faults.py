@@ -130,6 +130,16 @@ def next_release(system: System, faults: Sequence[Fault], c: Component, seed: in
         release += 1
 
 
+def begins(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
+    """When it began, up to a time, ns; for a lateness of every release nothing is said: []."""
+    if fault.on is not None or (fault.kind == "late" and fault.slot_ns == 0):
+        return []
+    step = fault.slot_ns or c.period_ns
+    first = -_offset(fault, seed) if fault.slot_ns else 0
+    times = range(first, until_ns + 1, step)
+    return [max(t, 0) for t in times if is_active(fault, seed, max(t, 0), c.period_ns)]
+
+
 # ---------------------------------------------------------------- what
 
 
