@@ -138,7 +138,7 @@ class Store:
         if not path.exists():
             return []
         raw = path.read_bytes()
-        lines = raw[: raw.rfind(b"\n") + 1].decode("utf-8").splitlines()
+        lines = raw.decode("utf-8", "replace").split("\n")[:-1]
         found: list[Flight] = []
         if lines and next(csv.reader(lines[:1])) != self._head():
             raise _trouble(self.folder, f"`{FLIGHTS}` has other columns", "give another folder")
@@ -148,7 +148,7 @@ class Store:
                 if flight is None or flight.number != len(found):
                     break
                 found.append(flight)
-        size = sum(len(line.encode()) + 1 for line in lines[: len(found) + 1])
+        size = sum(len(line) + 1 for line in raw.split(b"\n")[: len(found) + 1])
         if found and size != len(raw):
             with path.open("r+b") as file:
                 file.truncate(size)
@@ -243,7 +243,7 @@ def digest_of(flights: Iterable[Flight]) -> str:
 def _read(path: Path) -> object:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
-    except ValueError:
+    except (ValueError, RecursionError):
         return None
 
 

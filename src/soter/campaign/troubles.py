@@ -29,6 +29,6 @@ def _was_there(system: System, f: Fault, seed: int, until_ns: int) -> bool:
     period = system.components[f.component].period_ns
     if f.kind == "late" and f.slot_ns == 0:
         return True
-    step = f.slot_ns or period
+    step = max(f.slot_ns, period)  # what lies between two releases hits nobody
     times = (*range(0, until_ns, step), until_ns)
     return any(is_active(f, seed, t, period) for t in times)

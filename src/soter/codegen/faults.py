@@ -24,6 +24,8 @@ if TYPE_CHECKING:
     from soter.program.model.system import Bound, Component, Fault, System
     from soter.program.model.types import Type
 
+LEAVES = 256
+"""Indices of the stream of amounts that belong to one slot, or to one step."""
 ORDERS = 64
 """Indices of the stream of orders that belong to one instant (`semantics/chance/faults.py`)."""
 SLOT, TIME = c.Name("slot"), c.Name("t")
@@ -119,19 +121,15 @@ def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.
 
 
 def _wait(other: Component, name: str) -> list[c.CStmt]:
-    """No earlier than the release of another component of the same nominal time."""
+    """No earlier than the last release of another component up to the same nominal time."""
     phase, period, since = int_number(other.phase_ns), int_number(other.period_ns), c.Name("since")
     there = c.CallExpr(f"{name}_happens", (c.Name("state"), c.Binary("/", since, period)))
-    together = c.Binary("==", c.Binary("%", since, period), c.Number("0"))
     since_then = c.Binary(">=", since, c.Number("0"))
     waited = c.Name("waited")
     later = c.IfStmt(c.Binary(">", waited, TIME), (c.Assign(TIME, waited),))
     return [
         c.Declare("int64_t", "since", c.Binary("-", c.Name("nominal"), phase), const=True),
-        c.IfStmt(
-            c.Binary("&&", since_then, together),
-            (c.Declare("int64_t", "waited", there, const=True), later),
-        ),
+        c.IfStmt(since_then, (c.Declare("int64_t", "waited", there, const=True), later)),
     ]
 
 
@@ -177,7 +175,7 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
                 target = leaf_of(frame.body.out(k), outputs[k].type, leaf)
                 now = leaf_of(frame.topic(f.topic), outputs[k].type, leaf)
                 is_float, bound = isinstance(kinds[leaf], FloatType), bounds[leaf]
-                new = _new(frame, i, f, target, now, bound, is_float)
+                new = _new(frame, (i, leaf), f, (target, now), bound, is_float=is_float)
                 done.append(c.Assign(target, new))
                 if component.plant is not None and bound is not None and is_float:
                     done.append(c.Assign(target, _within(target, bound)))
@@ -186,23 +184,34 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
 
 
 def _new(
-    frame: Frame, i: int, f: Fault, old: c.CExpr, now: c.CExpr, bound: Bound | None, is_float: bool
+    frame: Frame,
+    which: tuple[int, int],
+    f: Fault,
+    values: tuple[c.CExpr, c.CExpr],
+    bound: Bound | None,
+    *,
+    is_float: bool,
 ) -> c.CExpr:
+    """What becomes of a leaf; `which`: the fault and the leaf, by number; `values`: old, now."""
+    i, leaf = which
+    old, now = values
     if f.kind == "stuck":
         return now
     if f.kind == "nan":
         return float_number(float("nan"))
+    slot = c.Binary("*", CT if f.kind == "noise" else SLOT, c.Number(str(LEAVES)))
+    index = c.Binary("+", slot, c.Number(str(leaf % LEAVES)))
     if f.kind == "saturated":
         assert bound is not None
         ends = [
             float_number(x) if is_float else int_number(int(x)) for x in (bound.high, bound.low)
         ]
-        return c.Ternary(_asked(frame, i, "soter_fault_high", SLOT), *ends)
+        return c.Ternary(_asked(frame, i, "soter_fault_high", index), *ends)
     (x,) = f.amount
     if f.kind == "scale":
         return c.Binary("*", old, float_number(x))
-    index = SLOT if f.kind == "bias" else CT
-    return c.Binary("+", old, _asked(frame, i, "soter_fault_by", index, float_number(abs(x))))
+    by = _asked(frame, i, "soter_fault_by", index, float_number(abs(x)))
+    return c.Binary("+", old, by)
 
 
 def _within(target: c.CExpr, bound: Bound) -> c.CExpr:

@@ -27,6 +27,8 @@ FINE = 20
 """Bits of the place between two quantiles of a lateness."""
 ON_TIME = 4096
 """Every so many releases one is on time, whatever happens: so one always follows."""
+LEAVES = 256
+"""Indices of the stream of amounts that belong to one slot, or to one step."""
 ORDERS = 64
 """Indices of the stream of orders that belong to one instant."""
 
@@ -105,10 +107,10 @@ def happens(
 
 
 def _waited(system: System, on: int, seed: int, nominal: int) -> int | None:
-    """When the component that is waited for has its release of this nominal time, if it has one."""
+    """When the last release of another component, up to a nominal time, happens, if it does."""
     other = system.components[on]
     since = nominal - other.phase_ns
-    if since < 0 or since % other.period_ns:
+    if since < 0:
         return None
     own = [f for f in system.faults if f.component == on and f.of_time]
     return happens(system, own, other, seed, since // other.period_ns)
@@ -134,8 +136,8 @@ def begins(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
     """When it began, up to a time, ns; for a lateness of every release nothing is said: []."""
     if fault.on is not None or (fault.kind == "late" and fault.slot_ns == 0):
         return []
-    step = fault.slot_ns or c.period_ns
-    first = -_offset(fault, seed) if fault.slot_ns else 0
+    step = max(fault.slot_ns, c.period_ns)
+    first = -_offset(fault, seed) if fault.slot_ns > c.period_ns else c.phase_ns
     times = range(first, until_ns + 1, step)
     return [max(t, 0) for t in times if is_active(fault, seed, max(t, 0), c.period_ns)]
 
@@ -170,7 +172,7 @@ def disturbed(
             if f.kind == "stuck":
                 new = _at(now[f.topic], paths[i])
             else:
-                new = _leaf(f, seed, slot, ct, _at(found[f.topic], paths[i]), topic.bounds[i])
+                new = _leaf(f, seed, (slot, ct, i), _at(found[f.topic], paths[i]), topic.bounds[i])
             bound = topic.bounds[i]
             if c.plant is not None and bound is not None and isinstance(new, float):
                 new = maximum(bound.low, minimum(bound.high, new))
@@ -178,17 +180,19 @@ def disturbed(
     return found
 
 
-def _leaf(f: Fault, seed: int, slot: int, ct: int, old: Value, bound: Bound | None) -> Value:
+def _leaf(f: Fault, seed: int, at: tuple[int, int, int], old: Value, bound: Bound | None) -> Value:
+    """What becomes of a leaf; `at`: the slot, ct and the leaf's number."""
     if f.kind == "nan":
         return canonical(math.nan)
+    slot, ct, leaf = at
+    index = (ct if f.kind == "noise" else slot) * LEAVES + leaf % LEAVES
     if f.kind == "saturated":
         assert bound is not None
-        end = bound.high if draw_bits(seed, f"{f.stream}.by", slot) >> 63 else bound.low
+        end = bound.high if draw_bits(seed, f"{f.stream}.by", index) >> 63 else bound.low
         return end if isinstance(old, float) else int(end)
     (x,) = f.amount
     if f.kind == "scale":
         return old * x
-    index = slot if f.kind == "bias" else ct
     return old + draw_float(seed, f"{f.stream}.by", index, -abs(x), abs(x))
 
 

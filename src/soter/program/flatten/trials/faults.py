@@ -70,6 +70,7 @@ class _Places:
         if amount is None or rate is None:
             return
         targets = self._group(item) if item.path in GROUPS else self._single(item)
+        streams: dict[int, str] = {}
         together = item.path in GROUPS and item.kind == "late" and item.rate is not None
         shared = self._stream(f"fault.{item.kind}.{item.path}") if together else None
         for c, topic, leaf_indices, disturbance in targets:
@@ -82,10 +83,12 @@ class _Places:
                 self._wrong(item, f"leaves `{c.name}` no release: each is lost to the next one")
                 return
             where = item.path if c.name == item.path else f"{c.name}.{item.path}"
+            if c.index not in streams:
+                streams[c.index] = shared or self._stream(f"fault.{item.kind}.{where}")
             fault = Fault(
                 kind=item.kind,
                 component=c.index,
-                stream=shared or self._stream(f"fault.{item.kind}.{where}"),
+                stream=streams[c.index],
                 probability=p,
                 slot_ns=slot,
                 amount=amount,
@@ -210,6 +213,9 @@ class _Places:
             return
         drawn = [i for i, d in enumerate(c.disturbances) if [d.variable.name] == list(rest[:1])]
         if drawn and item.kind == "scale":
+            if len(rest) > 1:
+                self._impossible(item, f"all of `{c.name}.{rest[0]}` is scaled, no part of it")
+                return
             yield c, None, (), drawn[0]
             return
         yield from self._published(item, c, rest)
@@ -258,38 +264,74 @@ class _Places:
 
     def _inside(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
         """The assumption of the proofs that still holds; None: one may not hold."""
-        if c.role == "ac":
+        if c.role == "ac" and not self._must_speak(c, fault):
             return "AC may do anything"
         if fault.disturbance is not None:
             d = c.disturbances[fault.disturbance]
             low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))
-            fits = d.low <= low and high <= d.high
-            return "in its declared range" if fits else None
+            return "in its declared range" if d.low <= low and high <= d.high else None
         if fault.kind == "late":
             own = [f for f in faults if f.kind == "late" and f.component == c.index]
             return self._declared_late(c, sum(int(f.amount[-1]) for f in own))
         if fault.kind == "silent" and c.plant is not None:
-            return self._declared_dropout(fault.slot_ns)
+            return self._declared_dropout(fault, c, faults)
         return None
+
+    def _must_speak(self, c: Component, fault: Fault) -> bool:
+        """Whether a proof takes for granted that this AC steps and publishes when it is released.
+
+        Inductions do, of every node that they meet.
+        """
+        blocks = [m.symbol.verify for m in self.system.modules]
+        return fault.kind in {"late", "skip", "silent"} and any(
+            b.induction is not None
+            for m, b in zip(self.system.modules, blocks, strict=True)
+            if c.index == m.ac or c.index in self._about(m)
+        )
+
+    def _number(self, m: Module, expr: typed.Expr | None) -> float | None:
+        """A time of a `verify` block, under the parameters of its module."""
+        if expr is None:
+            return None
+        with self.elaborator.under(m.scope.params):
+            value = self.elaborator.number(expr, "a time of `verify`")
+        return None if value is None else float(value)
 
     def _declared_late(self, c: Component, most: int) -> str | None:
         """`late` of the verify blocks, of every module that depends on the component."""
         said = []
         for m in self.system.modules:
             block = m.symbol.verify
+            prefix = m.name[: len(m.name) - len(m.name.rpartition(".")[2])]
+            by_name = {f"{prefix}{n}": e for n, e in block.late_of.items()}
             if c.index in (m.dm, m.sc):
-                said.append(block.late_dm if c.index == m.dm else block.late_sc)
-            elif c.module is None and (c.name in block.late_of or c.index in self._about(m)):
-                said.append(block.late_of.get(c.name))
+                said.append((m, block.late_dm if c.index == m.dm else block.late_sc))
+            elif c.name in by_name or (c.module is None and c.index in self._about(m)):
+                said.append((m, by_name.get(c.name)))
         if not said or most >= c.period_ns:
             return None
-        values = [self.elaborator.number(e, "`late`") if e is not None else None for e in said]
-        fits = all(v is not None and most <= v for v in values)
-        return "as late as declared" if fits else None
+        values = [self._number(m, e) for m, e in said]
+        return "as late as declared" if all(v is not None and most <= v for v in values) else None
+
+    def _declared_dropout(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
+        """`dropout` of every module, for all that may be lost in a row, of all that it drives.
+
+        A silence shorter than a period still loses a release, and two may follow each other.
+        """
+        assert c.plant is not None
+        driven = {c.scope.topics[t] for t, _ in c.plant.drives}
+        if {f.topic for f in faults if f.stream == fault.stream} != driven:
+            return None  # what is read together would not be of one instant
+        silent = {f.stream: f for f in faults if f.kind == "silent" and f.component == c.index}
+        lost = sum(max(f.slot_ns - 1, 0) // c.period_ns + 1 for f in silent.values())
+        values = [self._number(m, m.symbol.verify.dropout) for m in self.system.modules]
+        fits = bool(values) and all(v is not None and lost * c.period_ns <= v for v in values)
+        return "as silent as `dropout` says" if fits and fault.slot_ns else None
 
     def _about(self, m: Module) -> set[int]:
         """Nodes between sensors and a module, or between it and plants: their time may count."""
-        nodes = [c for c in self.system.components if c.node is not None and c.module is None]
+        own = (m.sc, m.ac)
+        nodes = [c for c in self.system.components if c.node is not None and c.index not in own]
         sc = self.system.components[m.sc]
         read = {*m.inputs, *_read(self.system, sc)}
         written = set(m.outputs)
@@ -304,13 +346,6 @@ class _Places:
                     found.add(c.index)
                     written |= made
         return found
-
-    def _declared_dropout(self, lasts: int) -> str | None:
-        blocks = [m.symbol.verify for m in self.system.modules]
-        values = [self.elaborator.number(b.dropout, "`dropout`") for b in blocks if b.dropout]
-        fits = lasts > 0 and len(values) == len(blocks) > 0
-        fits = fits and all(v is not None and lasts <= v for v in values)
-        return "as silent as `dropout` says" if fits else None
 
 
 def _read(system: System, c: Component) -> set[int]:
