@@ -159,9 +159,7 @@ class Fleet(Flyer):
             raise SoterError((Diagnostic("U003", many, notes=(f"at most {MODULES_MAX}",)),))
         self.system = system
         super().__init__(
-            recipe_of(
-                system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise, link=link
-            )
+            recipe_of(system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise, link=link)
         )
 
 

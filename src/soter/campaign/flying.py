@@ -44,7 +44,9 @@ class Crew(Protocol):
 class Workers(Protocol):
     """Who flies instead of threads of this process."""
 
-    cores: int
+    @property
+    def cores(self) -> int:
+        """So many batches are flown at once."""
 
     def crew(self, recipe: Recipe) -> AbstractContextManager[Crew]:
         """Those that fly this recipe."""

@@ -8,11 +8,13 @@ Non-goals: keeping flights (`store.py`), starting clusters of several machines (
 
 from __future__ import annotations
 
+import logging
 import os
 import pickle
 from contextlib import contextmanager
 from dataclasses import dataclass
 from functools import cache
+from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
@@ -34,7 +36,8 @@ if TYPE_CHECKING:
 TRIES = 5
 """So often a batch is flown whose workers die."""
 ONE_SOTER = "every machine of the cluster needs the same Soter, and a C compiler"
-STATISTICS = "RAY_USAGE_STATS_ENABLED"
+QUIET = {"RAY_USAGE_STATS_ENABLED": "0", "RAY_IGNORE_UNHANDLED_ERRORS": "1"}
+"""Ray tells nobody what is flown, and nothing of batches that are no longer wanted."""
 
 
 @dataclass(frozen=True)
@@ -61,13 +64,12 @@ def cluster() -> Iterator[Cluster]:
     SoterError D007 without Ray, D015 where it cannot be joined.
     """
     require_ray()
-    os.environ.setdefault(STATISTICS, "0")
-    import ray  # noqa: PLC0415 - an extra
-
+    os.environ.update({k: v for k, v in QUIET.items() if k not in os.environ})
+    ray: Any = import_module("ray")  # an extra
     joined = ray.is_initialized()
     try:
         if not joined:
-            ray.init(include_dashboard=False, log_to_driver=False, logging_level="error")
+            ray.init(include_dashboard=False, log_to_driver=False, logging_level=logging.ERROR)
         cores = int(ray.cluster_resources().get("CPU", 0))
     except (ray.exceptions.RayError, OSError, RuntimeError, ValueError) as error:
         raise _trouble("the cluster cannot be joined", str(error)) from error
