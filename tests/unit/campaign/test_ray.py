@@ -147,6 +147,7 @@ def test_a_cluster_flies_the_same(
     found = load(CART).campaign("Protected", output=tmp_path / "c", workers="ray", **HOW)
     assert same(tmp_path / "c", here.folder)
     assert (found.result, found.workers, fake.joined) == (here.result, 3, False)
+    assert {f.all_ac_s for f in found.arms[1].flights} == {4.0}
 
 
 def test_what_the_caller_joined_is_not_left(ray: Callable[..., FakeRay], tmp_path: Path) -> None:
