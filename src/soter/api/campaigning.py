@@ -109,7 +109,7 @@ def campaign(
     longer. `arms`: also fly `ac`, `paper`, `swept` on these seeds, each in a folder of its own
     below; `lateness_s`: how long this machine is measured for the paper's rules. `saves`: count
     saves, flying AC on for so long (seconds, or text) where it was taken off. SoterError U001 for
-    wrong figures, U003 for extern nodes, D006 for the folder, D007 and D015 for the cluster.
+    wrong figures, U003 for extern nodes, D006 for the folder, D007 and D018 for the cluster.
     """
     began = time.perf_counter()
     flat, core = bindings.system, bindings.core

@@ -61,7 +61,7 @@ def cluster() -> Iterator[Cluster]:
     """The cluster of $RAY_ADDRESS, else the one that runs here, else one that is started here.
 
     What was joined or started is left when it is done, not what the caller had joined before.
-    SoterError D007 without Ray, D015 where it cannot be joined.
+    SoterError D007 without Ray, D018 where it cannot be joined.
     """
     require_ray()
     os.environ.update({k: v for k, v in QUIET.items() if k not in os.environ})
@@ -110,7 +110,7 @@ class _Batch:
         self.asked = ask()
 
     def result(self) -> list[Flight]:
-        """Its flights; SoterError D015 where workers die again and again, and what they say."""
+        """Its flights; SoterError D018 where workers die again and again, and what they say."""
         wrong = self.ray.exceptions
         last = ""
         for _ in range(TRIES):
@@ -162,7 +162,7 @@ def own_digest() -> str:
 
 
 def _trouble(what: str, why: str, *helps: str) -> SoterError:
-    return SoterError((Diagnostic("D015", what, notes=(why,) if why else (), helps=helps),))
+    return SoterError((Diagnostic("D018", what, notes=(why,) if why else (), helps=helps),))
 
 
 def _first_line(error: Exception) -> str:

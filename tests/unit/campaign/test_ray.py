@@ -173,7 +173,7 @@ def test_where_all_workers_die_what_was_flown_is_kept(
     with pytest.raises(SoterError, match="flights 32 to 63") as caught:
         load(CART).campaign("Protected", output=tmp_path / "c", workers="ray", **HOW)
     (said,) = caught.value.diagnostics
-    assert (said.code, said.notes) == ("D015", ("the worker died",))
+    assert (said.code, said.notes) == ("D018", ("the worker died",))
     assert (fake.cancelled, fake.joined) == (3, False)
     assert fake.tasks == 4 + TRIES
     assert len((tmp_path / "c" / "flights.csv").read_text().splitlines()) == 1 + 32
@@ -215,7 +215,7 @@ def test_what_a_task_raises_is_said_and_not_tried_again(
 
 def test_a_worker_with_another_soter_does_not_fly() -> None:
     told = fly_there("key", b"", own_digest()[:-1] + "?", [0], 1)
-    assert (told.flights, [d.code for d in told.wrong]) == ([], ["D015"])
+    assert (told.flights, [d.code for d in told.wrong]) == ([], ["D018"])
     assert "another Soter" in told.wrong[0].message
 
 
@@ -316,7 +316,7 @@ def test_ray_flies_the_same_and_survives_workers_that_die(tmp_path: Path, here: 
     path = extern(tmp_path / "p", mark)
     command = [sys.executable, "-c", SCRIPT, str(CART), str(tmp_path), str(path), str(mark)]
     done = processes.run(command, capture_output=True, text=True, timeout=300)
-    assert (tmp_path / "said").read_text().split() == ["2", "D015", "True"], done.stderr
+    assert (tmp_path / "said").read_text().split() == ["2", "D018", "True"], done.stderr
     assert same(tmp_path / "cart", here.folder)
     load(path).campaign(flights=100, output=tmp_path / "local")
     assert (tmp_path / "extern" / "flights.csv").read_bytes() == (

@@ -35,7 +35,7 @@ NOT_STATIC = {
     "D012": "a file that is no checkpoint",
     "D013": "a checkpoint of another search",
     "D014": "a checkpoint that would be written over",
-    "D015": "the workers of a cluster cannot fly",
+    "D018": "the workers of a cluster cannot fly",
     "I001": "a defect of soter",
     "U001": "a value on the command line",
     "U002": "the name of a system on the command line",
