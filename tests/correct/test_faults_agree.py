@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
+from long_tests import examples
 from soter import SoterError, load
 from soter.program.build import check_file, system_of
 from soter.program.flatten.derived import with_faults
@@ -72,7 +73,7 @@ CART = Path(__file__).resolve().parents[2] / "examples" / "wall" / "cart.soter"
 TIMED = ("M.dm", "M.Fast", "M.Slow", "Other", "Ear", "all", "modules")
 VALUED = ("M.Fast", "M.Slow", "M.Fast.push", "Other.extra", "Other.extra[1]", "p.pose.x", "p.pose")
 ODD = ("p", "p.pose.near", "p.pose.on", "Other.spoken", "Other", "M.Slow.push")
-RANDOM_PROGRAMS = 12
+RANDOM_PROGRAMS = examples("SOTER_FAULTY_PROGRAMS", quick=5, long=120)
 
 
 def flat_of(folder: Path, faults: str) -> System:
@@ -84,7 +85,7 @@ def flat_of(folder: Path, faults: str) -> System:
 def random_faults(rng: random.Random) -> str:
     found = ["order any;"] if rng.random() < 0.5 else []
     for _ in range(rng.randint(1, 6)):
-        often = f"at {rng.choice([200, 1000, 4000])} per 1h"
+        often = f"at {rng.choice([200, 700, 1900])} per 1h"
         lasts = rng.choice(["", f" for {rng.choice([30, 100, 450])}ms"])
         kind = rng.choice(["late", "held", "skip", "value", "odd", "wind"])
         if kind == "late":
@@ -136,10 +137,10 @@ def test_what_has_no_faults_is_what_it_was(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("fault", "seen"),
     [
-        ("nan M.Fast at 4000 per 1h for 1s;", "gate"),
+        ("nan M.Fast at 2000 per 1h for 1s;", "gate"),
         ("silent p at 2000 per 1h for 300ms;", "stale"),
-        ("skip M.dm at 3000 per 1h for 1s;", "undecided"),
-        ("nan M.Slow at 4000 per 1h for 1s;", "latched"),
+        ("skip M.dm at 900 per 1h for 1s;", "undecided"),
+        ("nan M.Slow at 2000 per 1h for 1s;", "latched"),
     ],
 )
 def test_a_fault_is_seen(fault: str, seen: str, tmp_path: Path) -> None:
@@ -164,12 +165,12 @@ def fault(**changes: object) -> Fault:
 def test_slots_that_last_are_as_frequent_as_was_said_and_never_two_in_a_row() -> None:
     period, lasts = 10_000_000, 300_000_000
     rate = 0.2  # a second
-    f = fault(probability=1.0 - np.exp(-rate * 0.3), slot_ns=lasts)
+    f = fault(probability=(1.0 - np.sqrt(1.0 - 4.0 * rate * 0.3)) / 2.0, slot_ns=lasts, apart=True)
     times = np.arange(0, 4_000 * SECOND, period)
     there = np.array([is_active(f, 7, int(t), period) for t in times[::5]])
     begins = int((there[1:] & ~there[:-1]).sum())
     runs = np.diff(np.flatnonzero(np.diff(there.astype(np.int8)) != 0))
-    assert 4_000 * rate * 0.85 < begins < 4_000 * rate * 1.05  # two in a row count once
+    assert 4_000 * rate * 0.93 < begins < 4_000 * rate * 1.07
     lengths = runs[1::2] if there[0] else runs[::2]
     assert set(lengths.tolist()) == {6}, "300 ms, seen every 50 ms"
 
@@ -185,14 +186,14 @@ def test_releases_happen_in_order_and_are_those_that_are_told(seed: int, tmp_pat
     own = [f for f in flat.faults if f.component == c.index]
     told, t = [], -1
     while t < 2 * SECOND:
-        t = next_release(own, c, seed, t)
+        t = next_release(flat, own, c, seed, t)
         told.append(t)
-    listed = [happens(own, c, seed, k) for k in range(2 * SECOND // c.period_ns + 60)]
+    listed = [happens(flat, own, c, seed, k) for k in range(2 * SECOND // c.period_ns + 60)]
     kept = [t for t in listed if t is not None]
     assert kept == sorted(set(kept))
     assert told == kept[: len(told)]
-    assert all(is_released(own, c, seed, t) for t in told)
-    assert not any(is_released(own, c, seed, t + 1) for t in told if t + 1 not in told)
+    assert all(is_released(flat, own, c, seed, t) for t in told)
+    assert not any(is_released(flat, own, c, seed, t + 1) for t in told if t + 1 not in told)
     nominal = {k: c.phase_ns + k * c.period_ns for k in range(len(listed))}
     late = [t - nominal[k] for k, t in enumerate(listed) if t is not None]
     assert all(0 <= x < c.period_ns for x in late)
@@ -200,12 +201,12 @@ def test_releases_happen_in_order_and_are_those_that_are_told(seed: int, tmp_pat
 
 
 def test_a_group_is_held_up_together(tmp_path: Path) -> None:
-    flat = flat_of(tmp_path, "late all by 400ms at 4000 per 1h;")
-    assert len({f.stream for f in flat.faults}) == 1
+    flat = flat_of(tmp_path, "late all by 400ms at 2000 per 1h;")
+    assert len({f.stream for f in flat.faults if f.stream}) == 1
     apart = flat_of(
-        tmp_path, "late M.dm by 400ms at 4000 per 1h; late Ear by 400ms at 4000 per 1h;"
+        tmp_path, "late M.dm by 400ms at 2000 per 1h; late Ear by 400ms at 2000 per 1h;"
     )
-    assert len({f.stream for f in apart.faults}) == 2
+    assert len({f.stream for f in apart.faults if f.stream}) == 2
 
 
 @pytest.mark.parametrize(
@@ -223,7 +224,7 @@ def test_a_group_is_held_up_together(tmp_path: Path) -> None:
 )
 def test_it_is_said_which_assumption_is_kept(said: str, inside: bool, tmp_path: Path) -> None:
     flat = flat_of(tmp_path, said)
-    assert [f.inside is not None for f in flat.faults] == [inside]
+    assert [f.inside is not None for f in flat.faults if f.stream] == [inside]
 
 
 def changed_cart(folder: Path, faults: str) -> Path:
@@ -236,7 +237,7 @@ def changed_cart(folder: Path, faults: str) -> Path:
 def test_a_declared_lateness_is_inside_up_to_what_is_declared(tmp_path: Path) -> None:
     path = changed_cart(tmp_path, "late SafeCart.dm by 1ms; late SafeCart.Careful by 1001us;")
     flat = system_of(check_file(str(path)), "Protected")
-    assert [f.inside is not None for f in flat.faults] == [True, False]
+    assert [f.inside is not None for f in flat.faults if f.stream] == [True, False]
 
 
 def test_no_proof_and_no_set_is_about_faults(tmp_path: Path) -> None:
@@ -263,3 +264,85 @@ def test_more_faults_can_be_put_into_a_system(tmp_path: Path) -> None:
 def test_wrong_ones_are_refused(tmp_path: Path) -> None:
     with pytest.raises(SoterError, match="V011"):
         flat_of(tmp_path, "nan M.Fast at -1 per 1h;")
+
+
+def test_in_the_deployed_order_an_sc_waits_for_its_late_dm(tmp_path: Path) -> None:
+    """Both are released at multiples of 50 ms; an SC that came first would not be enabled yet."""
+    late = "late M.dm by [0ms, 40ms];"
+
+    text = PROGRAM.replace("node Slow period 20ms phase 5ms", "node Slow period 50ms")
+    (tmp_path / "q.soter").write_text(text.replace("FAULTS", f"faults {{ {late} }}"))
+    flat = system_of(check_file(str(tmp_path / "q.soter")), "S")
+    dm, sc = flat.component("M.dm"), flat.component("M.Slow")
+    for k in range(60):
+        times = [
+            happens(flat, [f for f in flat.faults if f.component == c.index], c, 3, k)
+            for c in (dm, sc)
+        ]
+        assert times[0] == times[1]
+    apart = flat_of(tmp_path, f"{late} order any;")
+    assert [f.kind for f in apart.faults] == ["late"], "in any order nobody waits"
+    native = NativeProgram(flat).run(5 * SECOND, 2, hash_trace=True)
+    again = run_interpreted(flat, 5 * SECOND, 2, hash_trace=True)
+    assert native.trace_sha256 == again.trace_sha256
+
+
+def test_two_latenesses_of_one_component_are_judged_together(tmp_path: Path) -> None:
+    twice = "late SafeCart.dm by 600us; late SafeCart.dm by 600us;"
+    flat = system_of(check_file(str(changed_cart(tmp_path, twice))), "Protected")
+    assert [f.inside for f in flat.faults if f.stream] == [None, None]
+
+
+def test_a_node_whose_time_a_proof_takes_for_zero_is_outside(tmp_path: Path) -> None:
+    """`Other` publishes what the plant reads beside the module: not declared, so not inside."""
+    flat = flat_of(tmp_path, "late Ear by 1ms; late Other by 1ms;")
+    assert [f.inside for f in flat.faults] == [None, None]
+
+
+def test_a_sensor_speaks_at_its_first_release(tmp_path: Path) -> None:
+    flat = flat_of(tmp_path, "silent p at 25 per 1s for 10ms;")
+    for seed in range(10):
+        states = run_interpreted(flat, 1_000_000, seed, keep_trace=True).require_trace()
+        assert states["stamps"][0, flat.topic("pose").index] == 0
+
+
+@pytest.mark.parametrize(
+    ("said", "share"),
+    [
+        ("saturated M.Fast at 36 per 1h for 10s;", 0.1),
+        ("saturated M.Fast at 360 per 1h for 10s;", 1.0),
+        ("stuck M.Fast at 3 per 1h for 10min;", 0.5),
+        ("silent M.Fast at 60 per 1h for 10s;", 1 / 6),
+        ("nan M.Fast at 100 per 1s;", 1.0),
+        ("nan M.Fast at 10 per 1s;", 0.1),
+    ],
+)
+def test_it_happens_as_often_as_was_said(said: str, share: float, tmp_path: Path) -> None:
+    flat = flat_of(tmp_path, said)
+    (f,) = flat.faults
+    period = flat.components[f.component].period_ns
+    step = f.slot_ns or period
+    there = [is_active(f, seed, k * step, period) for seed in range(20) for k in range(200)]
+    assert sum(there) / len(there) == pytest.approx(share, abs=0.03)
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "saturated M.Fast at 361 per 1h for 10s;",
+        "silent M.Fast at 91 per 1h for 10s;",
+        "late all by 1s at 1000 per 1h;",
+        "nan M.Fast at 101 per 1s;",
+        "skip M.dm at 20 per 1s;",
+    ],
+)
+def test_what_cannot_be_so_often_is_refused(said: str, tmp_path: Path) -> None:
+    with pytest.raises(SoterError, match="V011"):
+        flat_of(tmp_path, said)
+
+
+@pytest.mark.parametrize("by", ["-1ms", "3", "[1ms, 2]", "nobody"])
+def test_a_lateness_that_is_none_is_an_error_in_words(by: str, tmp_path: Path) -> None:
+    with pytest.raises(SoterError) as caught:
+        flat_of(tmp_path, f"late M.dm by {by};")
+    assert caught.value.diagnostics[0].code in {"V011", "S019", "T002", "N001", "C001"}

@@ -5,13 +5,16 @@ Non-goals: what the drone does (`bench/drone_conformance.py`).
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from soter.api import ENGINES, load
+from soter.api.monitoring import log_explained
 from soter.cli.main import main
+from soter.program.model.types import leaves
 
 DRONE = Path(__file__).resolve().parents[2] / "examples" / "drone"
 
@@ -175,3 +178,51 @@ def test_the_drone_with_a_quarter_of_the_wind_declared_raises_alarms(tmp_path: P
     main_file.write_text(text.replace("TURN * iris.WIND", "TURN * 0.25 * iris.WIND"))
     program = load(main_file)
     assert sum(program.monitor(seed=seed)[0].alarms for seed in (3, 4, 5)) > 0
+
+
+def mapping_of(program: Any, names: list[str]) -> dict[str, Any]:
+    """Topics of a log under the names that Soter gives them, and no true states."""
+    topics = {}
+    for name in names:
+        paths = [".".join(p) or "value" for p, _ in leaves(program.flat().topic(name).type)]
+        topics[name] = {"channel": name, "fields": {p: p for p in paths}}
+    return {"topics": topics}
+
+
+@pytest.mark.parametrize(("wind", "lag"), [(0.2, 1.0), (0.1, 1.0), (0.2, 2.0)])
+def test_what_was_measured_is_judged_alike_without_true_states(
+    tmp_path: Path, wind: float, lag: float
+) -> None:
+    program, log = load(world(tmp_path, wind, lag)), tmp_path / "run.mcap"
+    program.simulate(seed=5, log=log)
+    mapping = mapping_of(program, ["seen", "push"])
+    found = log_explained(program.flat, log, mapping)
+    assert found == program.monitor(log, estimates=True)
+    assert found[0].alarms == 0 or (wind, lag) != (0.2, 1.0)
+
+
+def test_parameters_are_read_off_the_topics_where_there_are_no_true_states(tmp_path: Path) -> None:
+    program, log = load(DRONE / "motion_primitive.soter"), tmp_path / "run.mcap"
+    program.simulate(seed=5, until="6s", log=log)
+    (told,) = program.monitor(log, estimates=True)
+    mapping = mapping_of(program, ["tubeState", "control"])
+    (found,) = log_explained(program.flat, log, mapping)
+    assert (found.steps, found.alarms) == (told.steps, told.alarms)
+    assert found.steps > 500
+
+
+def test_a_log_without_commands_does_not_say_whether_the_model_explains_it(
+    tmp_path: Path, capsys: Any
+) -> None:
+    path, log = world(tmp_path), tmp_path / "run.mcap"
+    program = load(path)
+    program.simulate(seed=5, log=log)
+    mapping = tmp_path / "map.json"
+    for names, code in ((["seen"], 1), (["seen", "push"], 0)):
+        mapping.write_text(json.dumps(mapping_of(program, names)))
+        arguments = ["monitor", str(path), str(log), "--map", str(mapping), "--estimates"]
+        assert main(arguments) == code
+    said = capsys.readouterr()
+    assert "error[D017]" in said.err
+    assert "missing: push" in said.err
+    assert "judged on estimates" in said.out

@@ -15,7 +15,8 @@ from math import ceil, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from soter.api.given import end_of, mistake
+from soter.api.files import require_writable
+from soter.api.given import end_of, mistake, time_ns
 from soter.campaign.arms import OURS, PAPER, arms_of
 from soter.campaign.fleet import Fleet
 from soter.campaign.flying import fly
@@ -116,7 +117,7 @@ def campaign(
     until_ns = end_of(flat, until)
     count = _count(hours, flights, until_ns)
     threads = _threads(workers)
-    horizon_ns = 0 if saves is None else end_of(flat, saves)
+    horizon_ns = time_ns("saves", saves) or 0
     if saves is not None and horizon_ns <= 0:
         raise mistake("U001", "saves need a time for which AC is flown on", "as `--saves 10s`")
     about = _about(flat, path, until_ns, seed, horizon_ns)
@@ -169,7 +170,7 @@ def _threads(workers: int | str | None) -> int:
 def _faults(flat: System) -> tuple[tuple[str, str], ...]:
     """A fault of several components is inside where it is for each of them."""
     found: dict[str, list[str | None]] = {ORDER: [None]} if flat.shuffled else {}
-    for f in flat.faults:
+    for f in (f for f in flat.faults if f.on is None):
         found.setdefault(f.text, []).append(f.inside)
     return tuple((t, next(iter(w)) or "" if None not in w else "") for t, w in found.items())
 
@@ -185,7 +186,8 @@ def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -
         modules=[m.name for m in flat.modules],
         measures=[m.name for m in flat.measures],
         horizon_ns=horizon_ns,
-        faults=sorted({f.text for f in flat.faults}) + ([ORDER] if flat.shuffled else []),
+        faults=sorted({f.text for f in flat.faults if f.on is None})
+        + ([ORDER] if flat.shuffled else []),
     )
 
 
@@ -219,8 +221,11 @@ def _flown(
     began = time.perf_counter()
     store = Store(folder, about)
     before = len(store.flights)
-    if before < count:
-        fly(fleet, store, count, workers, progress)
+    try:
+        if before < count:
+            fly(fleet, store, count, workers, progress)
+    finally:
+        store.close()
     wanted = store.flights[:count]
     return FlownArm(
         name=name,
@@ -293,7 +298,7 @@ def _figures(r: Result) -> dict[str, Any]:
         "violations_per_hour": list(r.per_hour),
         "flights_violated": r.flights_violated,
         "violated_per_flight": list(r.per_flight),
-        "defects": r.defects,
+        "violated_inside": r.violated_inside,
         "disengagements": sum(m.disengagements for m in r.modules),
         "episodes": sum(m.episodes for m in r.modules),
         "saves": sum(m.saves or 0 for m in r.modules) if counted else None,
@@ -323,8 +328,14 @@ def _figures(r: Result) -> dict[str, Any]:
         },
         "broken": dict(r.broken),
         "violated_flights": [
-            {"flight": f.number, "seed": f.seed, "first_s": f.first_s, "what": list(f.broken)}
-            for f in r.worst
+            {
+                "flight": f.number,
+                "seed": f.seed,
+                "first_s": f.first_s,
+                "what": list(f.broken),
+                "outside": list(met),
+            }
+            for f, met in zip(r.worst, r.outside, strict=True)
         ],
         "digest": r.digest,
     }
@@ -343,7 +354,9 @@ def written(
     """
     made: list[Path] = []
     if report is not None:
-        made.append(write_page(found, path, Path(report or found.folder / "report.html")))
+        target = Path(report or found.folder / "report.html")
+        require_writable(target)
+        made.append(write_page(found, path, target))
     if parquet:
         folders = dict.fromkeys([found.folder, *(a.folder for a in found.arms)])
         made += [write_parquet(folder) for folder in folders]

@@ -58,7 +58,7 @@ def require_writers(log: str | Path | None, report: str | Path | None) -> None:
         require_report_package()
     for path in (log, report):
         if path is not None:
-            _require_writable(Path(path))
+            require_writable(Path(path))
 
 
 def run_log(log: str | Path | RunLog | None) -> RunLog | None:
@@ -70,7 +70,8 @@ def run_log(log: str | Path | RunLog | None) -> RunLog | None:
     return RunLog(Path(log), VERSION)
 
 
-def _require_writable(path: Path) -> None:
+def require_writable(path: Path) -> None:
+    """D006 where a log or a report cannot be written there, or something else would be lost."""
     reason = ""
     if path.is_dir():
         reason = "it is a folder"

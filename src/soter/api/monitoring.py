@@ -1,7 +1,9 @@
 """Whether runs fit the plants of their proofs.
 
-Purpose: `judged`, what `Program.monitor` does with a log or a run.
-Non-goals: the judgement itself (`monitor/membership.py`).
+Purpose: `judged`, what `Program.monitor` does with a log or a run; `log_judged` and
+`log_explained`, what `Program.judge_log` and `--map` with `--estimates` do with a log of somebody
+else.
+Non-goals: the judgements themselves (`monitor/membership.py`, `monitor/logs/replay.py`).
 """
 
 from __future__ import annotations
@@ -10,11 +12,23 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api.given import chosen_modules
-from soter.monitor.membership import Judgement, judge
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.monitor.logs.decidable import decidable
+from soter.monitor.logs.mapping import mapping_of, read_mapping, system_named
+from soter.monitor.logs.replay import replay
+from soter.monitor.logs.samples import recorded as of_samples
+from soter.monitor.logs.samples import samples_of
+from soter.monitor.logs.sources import read_columns
+from soter.monitor.membership import Judgement, judge, needed_topics
 from soter.reach.problem.extract import extract_sets
 from soter.simulate.recorded import read_log, recorded
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+    from typing import Any
+
+    from soter.monitor.logs.mapping import LogMap
+    from soter.monitor.logs.result import LogJudgement
     from soter.program.model.system import System
     from soter.simulate.result import Run
 
@@ -30,3 +44,87 @@ def judged(
         record = read_log(Path(log), flat)
     chosen = chosen_modules(flat, module)
     return [judge(flat, m, extract_sets(flat, m), record, estimates=estimates) for m in chosen]
+
+
+def log_judged(
+    flat_of: Callable[[str | None, Mapping[str, object] | None], System],
+    log: str | Path,
+    mapping: str | Path | Mapping[str, Any],
+    *,
+    module: str | None = None,
+    system: str | None = None,
+    params: Mapping[str, object] | None = None,
+    where: Mapping[str, str] | None = None,
+    progress: Callable[[float], None] | None = None,
+) -> LogJudgement:
+    """When each module, or one, would have switched on the reads of a log, and how near it came.
+
+    `flat_of`: a fresh flat system by name and parameters. `mapping`: a file or what it says;
+    `where`: rows that count, beside its own. SoterError D015, D016, U001; D017 where no module can
+    be decided.
+    """
+    flat, declared = _declared(flat_of, mapping, system, params, where)
+    chosen = [m.index for m in chosen_modules(flat, module)]
+    plan = decidable(flat, [t.topic.index for t in declared.topics])
+    if not set(plan.modules) & set(chosen):
+        missing = {m: tuple(map(str, plan.missing[m])) for m in chosen}
+        raise SoterError(tuple(lost(flat.modules[m].name, missing[m]) for m in chosen))
+    path = Path(log)
+    samples = samples_of(path, declared, read_columns(path, declared))
+    found = replay(flat, samples, plan, str(log), progress)
+    found.modules = [found.modules[i] for i in chosen]
+    if not any(m.decided for m in found.modules):
+        raise SoterError(tuple(lost(m.module, m.missing) for m in found.modules))
+    return found
+
+
+def log_explained(
+    flat_of: Callable[[str | None, Mapping[str, object] | None], System],
+    log: str | Path,
+    mapping: str | Path | Mapping[str, Any],
+    *,
+    module: str | None = None,
+    system: str | None = None,
+    params: Mapping[str, object] | None = None,
+    where: Mapping[str, str] | None = None,
+) -> list[Judgement]:
+    """Whether some run of the plants of the proof fits what a log says was measured and commanded.
+
+    Arguments and errors as of `log_judged`; of every module all driven topics and commands have to
+    be mapped (D017), and its program has to determine a proof (R...).
+    """
+    flat, declared = _declared(flat_of, mapping, system, params, where)
+    given = {t.topic.name for t in declared.topics}
+    problems = [(m, extract_sets(flat, m)) for m in chosen_modules(flat, module)]
+    wrong = []
+    for m, problem in problems:
+        missing = [n for n in needed_topics(flat, m, problem) if n not in given]
+        if missing:
+            notes = tuple(f"missing: {name}" for name in missing)
+            text = f"the log does not say whether the plants of `{m.name}` explain it"
+            wrong.append(Diagnostic("D017", text, notes=notes))
+    if wrong:
+        raise SoterError(tuple(wrong))
+    path = Path(log)
+    record = of_samples(flat, samples_of(path, declared, read_columns(path, declared)))
+    return [judge(flat, m, p, record, estimates=True, truths=False) for m, p in problems]
+
+
+def _declared(
+    flat_of: Callable[[str | None, Mapping[str, object] | None], System],
+    mapping: str | Path | Mapping[str, Any],
+    system: str | None,
+    params: Mapping[str, object] | None,
+    where: Mapping[str, str] | None,
+) -> tuple[System, LogMap]:
+    """The system that a mapping is for, and the mapping."""
+    given = mapping if not isinstance(mapping, (str, Path)) else read_mapping(Path(mapping))
+    flat = flat_of(system or system_named(given), params)
+    return flat, mapping_of(given, flat, where)
+
+
+def lost(module: str, missing: Sequence[str]) -> Diagnostic:
+    """D017: a module of which a log says nothing."""
+    notes = tuple(f"missing: {m}" for m in missing)
+    message = f"the log does not decide module `{module}`"
+    return Diagnostic("D017", message, notes=notes)

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from soter.api.campaigning import Campaign
     from soter.api.given import Progress
     from soter.explore.results import ExploreReport, Looked
+    from soter.monitor.logs.result import LogJudgement
     from soter.monitor.membership import Judgement
     from soter.program.model.system import System
     from soter.program.model.typed import Program as TypedProgram
@@ -99,21 +100,14 @@ class Program:
         return check_report(self.path, self._checked, flat, self._bound)
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
-        """The value of a constant, by full name (`city.GOALS`), as Python sees it.
-
-        Records have attributes, arrays of floats are NumPy arrays. KeyError where there is none.
-        """
+        """The value of a constant, by full name (`city.GOALS`), as externs see it; KeyError."""
         from soter.program.model.values import to_python  # noqa: PLC0415 - see the docstring
 
         symbol = self._require_sound().consts[name]
         return to_python(symbol.type, symbol.value)
 
     def function(self, name: str) -> Callable[..., Any]:
-        """A function of the program as a Python callable, run by the reference evaluator.
-
-        For tests, tables and figures that must agree with the program. Arguments as for externs;
-        `soter.StepFault` where the function faults. KeyError where there is none.
-        """
+        """A function of the program as a Python callable; `soter.StepFault` in it, or KeyError."""
         from soter.simulate.externs.callable import python_function  # noqa: PLC0415 - see the docstring
 
         program = self._require_sound()
@@ -144,10 +138,7 @@ class Program:
         return self
 
     def unbind(self, name: str) -> Program:
-        """Undo `bind(name, ...)`: the program's own `from` counts again, if there is one.
-
-        SoterError U005 where nothing was bound as that.
-        """
+        """Undo `bind(name, ...)`: the program's own `from` counts again; SoterError U005."""
         if name not in self._bound:
             known = ", ".join(f"`{n}`" for n in self._bound) or "nothing"
             raise mistake("U005", f"nothing was bound as `{name}`", f"bound is {known}")
@@ -278,6 +269,12 @@ class Program:
         flat, _ = self._completed(system, params, None)
         run = None if log is not None else self.simulate(system, until, seed, params=params)
         return judged(flat, log, run, module, estimates=estimates)
+
+    def judge_log(self, log: str | Path, mapping: Any, **how: Any) -> LogJudgement:  # noqa: ANN401
+        """A log of somebody else, and what is what in it: see `soter.api.monitoring.log_judged`."""
+        from soter.api.monitoring import log_judged  # noqa: PLC0415 - needs NumPy
+
+        return log_judged(self.flat, log, mapping, **how)
 
     def emit_monitor(
         self,

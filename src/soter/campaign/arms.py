@@ -12,7 +12,7 @@ flown under each of them: no crash is made to happen, what is found is told.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from math import expm1
+from math import sqrt
 from typing import TYPE_CHECKING
 
 from soter.campaign.words import listed
@@ -92,10 +92,14 @@ def _nodes(system: System, group: str) -> list[Component]:
 
 
 def _held(c: Component, group: str, burst_ns: int) -> Fault:
-    p = -expm1(-BURSTS_PER_HOUR / 3600.0 * (burst_ns / 1e9))
+    share = BURSTS_PER_HOUR / 3600.0 * (burst_ns / 1e9)
+    p = (1.0 - sqrt(1.0 - 4.0 * share)) / 2.0
     text = f"late {group} by {show_ns(burst_ns)} at {BURSTS_PER_HOUR:g} per 1h".replace(" ms", "ms")
     return _of_arm(
-        c, Fault("late", c.index, f"arm.late.{group}", p, burst_ns, (burst_ns,), text=text)
+        c,
+        Fault(
+            "late", c.index, f"arm.late.{group}", p, burst_ns, (burst_ns,), apart=True, text=text
+        ),
     )
 
 
@@ -113,5 +117,5 @@ def _late(system: System, lateness: Sequence[int]) -> list[Fault]:
 def _of_arm(c: Component, fault: Fault) -> Fault:
     """An AC may be late; of others nothing is said to permit it."""
     if c.role == "ac":
-        return replace(fault, inside="nothing is assumed of an advanced controller")
+        return replace(fault, inside="AC may do anything")
     return fault

@@ -51,7 +51,12 @@ class Lateness:
 def measured(seconds: float = 20.0, period_ns: int = PERIOD_NS) -> Lateness:
     """Measure for so long; raises OSError where processes cannot be started."""
     cores = os.cpu_count() or 1
-    busy = [subprocess.Popen([sys.executable, "-c", BUSY]) for _ in range(2 * cores)]
+    busy = [
+        subprocess.Popen(
+            [sys.executable, "-c", BUSY], start_new_session=True, stderr=subprocess.DEVNULL
+        )
+        for _ in range(2 * cores)
+    ]
     try:
         late = _released(seconds, period_ns)
     finally:

@@ -68,7 +68,7 @@ def _sections(found: CampaignLike) -> Iterator[Section]:
         f"{rates}; violated flights, 95 %: {interval(*r.per_flight)}.",
     ]
     if r.violations and found.faults:
-        says.append(f"Violated without any fault outside of the assumptions: {r.defects} flights.")
+        says.append(f"Violated and met no fault outside before: {r.violated_inside} flights.")
     says.append(f"Digest of all flights: {r.digest}")
     yield Section("What was flown", tuple(says), *tables.broken(found))
     control = []

@@ -70,8 +70,10 @@ class Result:
     modules: tuple[Module, ...]
     broken: tuple[tuple[str, int], ...]
     worst: tuple[Flight, ...]
+    outside: tuple[tuple[str, ...], ...]
+    """Of each of the worst: the faults outside of the assumptions that it met before."""
     digest: str
-    defects: int = 0
+    violated_inside: int = 0
     """Violated flights that met no fault outside of the assumptions before."""
     measures: tuple[Measured, ...] = ()
     hours_aloft: float | None = None
@@ -115,8 +117,9 @@ def result_of(flights: Sequence[Flight], system: System) -> Result:
         modules=tuple(each),
         broken=tuple(told.most_common()),
         worst=tuple(bad[:10]),
+        outside=tuple(tuple(_met(system, f)) for f in bad[:10]),
         digest=digest_of(flights),
-        defects=sum(not _excused(system, f) for f in bad),
+        violated_inside=sum(not _met(system, f) for f in bad),
         measures=measures,
         hours_aloft=None if aloft is None else aloft * hours,
         km=None if speed is None else speed * 3.6 * hours,
@@ -129,9 +132,10 @@ def _saved(flights: Sequence[Flight], k: int) -> tuple[int | None, int | None]:
     return sum(f.saves[k] for f in flights), sum(f.precautions[k] for f in flights)
 
 
-def _excused(system: System, f: Flight) -> bool:
+def _met(system: System, f: Flight) -> list[str]:
+    """Faults outside of the assumptions before the first violation."""
     until_ns = round((f.seconds if f.first_s is None else f.first_s) * 1e9)
-    return bool(outside(system, f.seed, until_ns))
+    return outside(system, f.seed, until_ns)
 
 
 def _measured(flights: Sequence[Flight], system: System) -> tuple[Measured, ...]:

@@ -13,8 +13,10 @@ import csv
 import hashlib
 import json
 import os
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING
+from typing import IO, TYPE_CHECKING
+from zlib import crc32
 
 from soter.campaign.flight import Flight, Look
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -24,10 +26,20 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 ABOUT, FLIGHTS = "campaign.json", "flights.csv"
+WORDS = {
+    "program_sha256": "the program (its text, or a file that it reads)",
+    "until_ns": "how long a flight is",
+    "first_seed": "--seed",
+    "params": "--set",
+    "horizon_ns": "--saves",
+    "lateness": "the lateness that was measured",
+    "schema": "the format",
+}
 COUNTED = ("ac_s", "disengagements", "episodes", "gate_faults")
 SAVED = ("saves", "precautions")
 LOOKED = ("count", "sum", "least", "most", "histogram")
-SCHEMA = 2
+SCHEMA = 3
+LOCK = "campaign.lock"
 
 
 @dataclass(frozen=True)
@@ -55,6 +67,7 @@ class Store:
     def __init__(self, folder: Path, about: About) -> None:
         self.folder, self.about = folder, about
         self.flights: list[Flight] = []
+        self._lock: IO[str] | None = None
         try:
             folder.mkdir(parents=True, exist_ok=True)
             self._open()
@@ -65,25 +78,56 @@ class Store:
         said = self.folder / ABOUT
         own = json.dumps(asdict(self.about), indent=2, sort_keys=True)
         if said.exists():
-            if _read(said) != json.loads(own):
-                raise _trouble(
-                    self.folder,
-                    "the folder holds another campaign",
-                    "another program, system, time, seed or parameter: give another folder with -o",
-                )
+            self._compare(_read(said), json.loads(own))
+            self._alone()
             self.flights = self._kept()
         elif any(p for p in self.folder.iterdir() if not p.name.startswith("arm-")):
             raise _trouble(self.folder, "the folder holds something else", "give another with -o")
         else:
             _whole(said, own + "\n")
+            self._alone()
         if not self.flights:
             _whole(self.folder / FLIGHTS, ",".join(self._head()) + "\n")
+
+    def _compare(self, there: object, own: dict[str, object]) -> None:
+        """D006 where another campaign stands there, with what is different."""
+        if there == own:
+            return
+        before = there if isinstance(there, dict) else {}
+        names = [n for n in own if before.get(n) != own[n]]
+        what = ", ".join(f"`{WORDS.get(n, n)}`" for n in names) or "what it was about"
+        raise _trouble(
+            self.folder,
+            f"the folder holds another campaign: {what} is another",
+            "give another folder with -o, or remove this one",
+        )
+
+    def _alone(self) -> None:
+        """D006 where somebody else flies into this folder now; gone with the process."""
+        try:
+            from fcntl import LOCK_EX, LOCK_NB, flock  # noqa: PLC0415 - not everywhere
+        except ImportError:
+            return
+        self._lock = (self.folder / LOCK).open("w", encoding="utf-8")
+        try:
+            flock(self._lock, LOCK_EX | LOCK_NB)
+        except BlockingIOError:
+            raise _trouble(
+                self.folder, "another campaign is being flown into it", "wait, or give -o"
+            ) from None
+
+    def close(self) -> None:
+        """Others may fly into the folder again."""
+        if self._lock is not None:
+            with suppress(OSError):
+                self._lock.close()
+            self._lock = None
 
     def _head(self) -> list[str]:
         by_module = [f"{m}.{p}" for m in self.about.modules for p in self._parts()]
         looks = [f"{m}.{p}" for m in self.about.measures for p in LOOKED]
         fixed = ["number", "seed", "seconds", "violations", "first_s", "all_ac_s"]
-        return [*fixed, *by_module, *looks, "broken", "digest"]
+        return [*fixed, *by_module, *looks, "broken", "digest", "line"]
 
     def _parts(self) -> tuple[str, ...]:
         return (*COUNTED, *(SAVED if self.about.horizon_ns else ()))
@@ -100,7 +144,7 @@ class Store:
             raise _trouble(self.folder, f"`{FLIGHTS}` has other columns", "give another folder")
         if lines:
             for row in csv.DictReader(lines):
-                flight = self._flight(row)
+                flight = self._flight(row) if _is_whole(row) else None
                 if flight is None or flight.number != len(found):
                     break
                 found.append(flight)
@@ -173,7 +217,19 @@ def _row(f: Flight) -> list[object]:
     for look in f.looks:
         told += [look.count, repr(look.sum), repr(look.least), repr(look.most)]
         told.append(" ".join(map(str, look.bins)))
-    return [*fixed, *told, json.dumps(f.broken) if f.broken else "", f.digest]
+    cells = [*fixed, *told, json.dumps(f.broken) if f.broken else "", f.digest]
+    return [*cells, _checked(map(str, cells))]
+
+
+def _checked(cells: Iterable[str]) -> str:
+    """What tells a line that was changed: a checksum of its cells."""
+    return f"{crc32(chr(10).join(cells).encode()):08x}"
+
+
+def _is_whole(row: dict[str, str]) -> bool:
+    """Whether a line is as it was written."""
+    cells = list(row.values())
+    return None not in row and None not in cells and cells[-1] == _checked(cells[:-1])
 
 
 def digest_of(flights: Iterable[Flight]) -> str:

@@ -84,10 +84,10 @@ def broken(found: CampaignLike) -> Table:
 def worst(found: CampaignLike) -> Table:
     """The first flights that were violated."""
     rows = tuple(
-        (f"{f.number}", f"{f.seed}", f"{f.first_s or 0.0:.3f}", "; ".join(f.broken))
-        for f in found.result.worst
+        (f"{f.number}", f"{f.seed}", f"{f.first_s or 0.0:.3f}", "; ".join(f.broken), "; ".join(met))
+        for f, met in zip(found.result.worst, found.result.outside, strict=True)
     )
-    return ("flight", "seed", "at s", "what"), rows
+    return ("flight", "seed", "at s", "what", "faults outside before"), rows
 
 
 def modules(found: CampaignLike) -> Table:

@@ -95,6 +95,9 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         pages = written(found, program.path, args.report, parquet=args.parquet)
     except SoterError as error:
         return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    except KeyboardInterrupt:
+        console.note("what was flown is kept: the same command goes on")
+        raise
     _say(found, console)
     for page in pages:
         console.say(f"written {page}")
@@ -129,8 +132,8 @@ def _say(found: Campaign, console: Console) -> None:
     console.say(f"{verdict}; with 95 % confidence {interval(*r.per_hour)} an hour")
     if r.violations and found.faults:
         console.say(
-            f"{r.flights_violated} flights, {r.defects} of them without any fault that is outside "
-            "of what proofs assume"
+            f"{r.flights_violated} flights, {r.violated_inside} of which met no fault before "
+            "that is outside of what proofs assume"
         )
     for what, count in r.broken:
         console.say(f"  {count} x {what}")

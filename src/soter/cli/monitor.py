@@ -1,7 +1,8 @@
 """`soter monitor FILE [LOG]`: whether the model that was proved explains what was recorded.
 
-Purpose: judge a log, or a fresh run, module by module; or write the monitor as a Soter node.
-Non-goals: the judgement (`monitor/membership.py`).
+Purpose: judge a log, or a fresh run, module by module; or write the monitor as a Soter node; with
+`--map` judge a log of somebody else.
+Non-goals: the judgements (`monitor/membership.py`, `monitor/logs/`).
 """
 
 from __future__ import annotations
@@ -10,14 +11,17 @@ from typing import TYPE_CHECKING
 
 from soter.api import load
 from soter.cli.terminal.apart import apart
+from soter.cli.terminal.log_judgement import as_json, lines, undecided
 from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, seed
-from soter.cli.terminal.progress import LineOfProgress
-from soter.diagnostics.diagnostic import SoterError
+from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
     import argparse
+    from collections.abc import Sequence
 
+    from soter.api import Program
     from soter.cli.terminal.console import Console
     from soter.monitor.membership import Judgement
 
@@ -27,8 +31,12 @@ EXAMPLES = """\
   soter monitor drone.soter --seed 7               on those of a fresh run
   soter monitor drone.soter flight.mcap --estimates     on what the DM saw
   soter monitor drone.soter --emit watch.soter     the monitor as a trusted node
+  soter monitor drone.soter px4.csv --map px4.toml      a log of somebody else: when would each
+                                                        module have switched, how near it came
+  soter monitor drone.soter px4.csv --map px4.toml --estimates    whether the model explains it
 
-exit codes: 0 every step is explained, 3 an alarm: the model is false, 1 diagnostics, 2 usage
+exit codes: 0 every step is explained, 3 an alarm: the model is false, 1 diagnostics, 2 usage;
+with --map: 0 no read lay outside `safe`, 3 one did
 """
 
 
@@ -37,6 +45,14 @@ def parser() -> Parser:
     made = Parser("monitor", "Does the verified model explain a recorded run?", EXAMPLES)
     add_file(made)
     made.add_argument("log", nargs="?", metavar="LOG", help="an MCAP log; by default a fresh run")
+    made.add_argument("--map", metavar="FILE", help="TOML or JSON: which topic is what in the LOG")
+    made.add_argument(
+        "--where",
+        metavar="COLUMN=TEXT",
+        action="append",
+        default=[],
+        help="with --map: rows that count; may be repeated",
+    )
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     made.add_argument("--module", metavar="M", help="only this module; by default all")
     made.add_argument("--until", metavar="TIME", help="of a fresh run; by default the system's")
@@ -52,6 +68,8 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Judge, or write the node."""
+    if args.map is not None or args.where:
+        return _foreign(args, console)
     with LineOfProgress(console) as line:
         program = load(args.file, line)
     if program.externs and args.log is None and args.emit is None:
@@ -69,7 +87,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
                 alarm=args.alarm,
             )
             console.say(f"wrote {args.emit}")
-            fields = {"file": args.file, "emitted": args.emit, "modules": {}}
+            fields = {"file": args.file, "emitted": args.emit, "modules": {}, "log": None}
             return Outcome(FINE, warnings, fields)
         judged = program.monitor(
             args.log,
@@ -83,10 +101,88 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     except SoterError as error:
         items = (*warnings, *error.diagnostics)
         return Outcome(exit_of(items), items, {"file": args.file})
+    return _judged(judged, args, console, warnings)
+
+
+def _judged(
+    judged: list[Judgement],
+    args: argparse.Namespace,
+    console: Console,
+    warnings: Sequence[Diagnostic] = (),
+) -> Outcome:
+    """Tell the judgement of the model."""
     _say(judged, args, console)
     alarms = sum(j.alarms for j in judged)
-    fields = {"file": args.file, "emitted": None, "modules": {j.module: _fields(j) for j in judged}}
-    return Outcome(VIOLATED if alarms else FINE, warnings, fields)
+    modules = {j.module: _fields(j) for j in judged}
+    fields = {"file": args.file, "emitted": None, "modules": modules, "log": None}
+    return Outcome(VIOLATED if alarms else FINE, tuple(warnings), fields)
+
+
+def _foreign(args: argparse.Namespace, console: Console) -> Outcome:
+    """Judge the log."""
+    problem = _misused(args)
+    if problem is not None:
+        return Outcome(exit_of((problem,)), (problem,), {"file": args.file})
+    with LineOfProgress(console) as line:
+        program = load(args.file, line)
+    for name, target in args.bindings:
+        program.bind(name, target)
+    warnings = program.diagnostics if program.ok else ()
+    where = dict(pair.split("=", 1) for pair in args.where)
+    try:
+        if args.estimates:
+            return _judged(_explained(program, args, where), args, console, warnings)
+        with Progress(console) as progress:
+            judged = program.judge_log(
+                args.log,
+                args.map,
+                module=args.module,
+                system=args.system,
+                params=dict(args.params),
+                where=where,
+                progress=progress,
+            )
+    except SoterError as error:
+        items = (*warnings, *error.diagnostics)
+        return Outcome(exit_of(items), items, {"file": args.file})
+    items = (*warnings, *(undecided(m) for m in judged.modules if not m.decided))
+    for text in lines(judged):
+        console.say(text)
+    outside = any(m.outside for m in judged.modules)
+    fields = {"file": args.file, "emitted": None, "modules": {}, "log": as_json(judged)}
+    return Outcome(VIOLATED if outside else FINE, items, fields)
+
+
+def _explained(
+    program: Program, args: argparse.Namespace, where: dict[str, str]
+) -> list[Judgement]:
+    from soter.api.monitoring import log_explained  # noqa: PLC0415 - needs NumPy
+
+    return log_explained(
+        program.flat,
+        args.log,
+        args.map,
+        module=args.module,
+        system=args.system,
+        params=dict(args.params),
+        where=where,
+    )
+
+
+def _misused(args: argparse.Namespace) -> Diagnostic | None:
+    """U001 for options that do not go together."""
+    if args.map is None:
+        return Diagnostic("U001", "`--where` chooses rows of a log that `--map` describes")
+    if args.log is None:
+        return Diagnostic("U001", "`--map` describes a log, and none is given")
+    wrong = next((pair for pair in args.where if "=" not in pair), None)
+    if wrong is not None:
+        return Diagnostic("U001", f"`--where` is COLUMN=TEXT, not `{wrong}`")
+    given = {"--emit": args.emit, "--until": args.until, "--alarm": args.alarm}
+    both = [name for name, value in given.items() if value is not None]
+    if both:
+        return Diagnostic("U001", f"`{both[0]}` does not go with `--map`")
+    return None
 
 
 def _say(judged: list[Judgement], args: argparse.Namespace, console: Console) -> None:

@@ -42,17 +42,20 @@ def definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
     """The tables, and the functions that the kernel asks."""
     found: list[c.CTop] = []
     for i, f in enumerate(frame.system.faults):
+        if f.on is not None:
+            continue
         fields = (
             *((n, stream_key(f"{f.stream}{end}")) for n, end in _STREAMS),
             ("slot_ns", int_number(f.slot_ns)),
             ("probability", float_number(f.probability)),
+            ("apart", c.Name("true" if f.apart else "false")),
         )
         found.append(c.VariableDef("soter_chance", _table(frame, i), c.Initializer(fields)))
         if _is_lateness(f):
             times = c.Initializer(tuple((None, int_number(int(x))) for x in f.amount))
             found.append(c.VariableDef("int64_t", _times(frame, i), times, array=True))
-    moved = dict.fromkeys(f.component for f in frame.system.faults if f.of_time)
-    found += [_happens(frame, frame.system.components[k], names[k]) for k in moved]
+    moved = sorted({f.component for f in frame.system.faults if f.of_time})
+    found += [_happens(frame, frame.system.components[k], names) for k in moved]
     return [*found, *([_order(frame)] if frame.system.shuffled else [])]
 
 
@@ -75,7 +78,7 @@ def _asked(frame: Frame, number: int, what: str, *more: c.CExpr) -> c.CExpr:
     return c.CallExpr(what, (HEADER, c.Unary("&", c.Name(_table(frame, number))), *more))
 
 
-def _happens(frame: Frame, component: Component, name: str) -> c.FunctionDef:
+def _happens(frame: Frame, component: Component, names: Mapping[int, str]) -> c.FunctionDef:
     """When a release really happens."""
     nominal, release = c.Name("nominal"), c.Name("release")
     period = int_number(component.period_ns)
@@ -95,7 +98,9 @@ def _happens(frame: Frame, component: Component, name: str) -> c.FunctionDef:
     for i, f in enumerate(frame.system.faults):
         if f.component != component.index or not f.of_time:
             continue
-        if f.kind == "skip":
+        if f.on is not None:
+            body += _wait(frame.system.components[f.on], names[f.on])
+        elif f.kind == "skip":
             there = _asked(frame, i, "soter_fault_active", nominal, period)
             body.append(c.IfStmt(there, (lost,)))
         elif _is_lateness(f):
@@ -109,7 +114,25 @@ def _happens(frame: Frame, component: Component, name: str) -> c.FunctionDef:
     body += [c.IfStmt(moved, (lost,)), c.Return(TIME)]
     doc = f"when a release of {component.name} happens"
     parameters = (("const void *", "state"), ("int64_t", "release"))
-    return c.FunctionDef("int64_t", f"{name}_happens", parameters, tuple(body), doc)
+    name = f"{names[component.index]}_happens"
+    return c.FunctionDef("int64_t", name, parameters, tuple(body), doc)
+
+
+def _wait(other: Component, name: str) -> list[c.CStmt]:
+    """No earlier than the release of another component of the same nominal time."""
+    phase, period, since = int_number(other.phase_ns), int_number(other.period_ns), c.Name("since")
+    there = c.CallExpr(f"{name}_happens", (c.Name("state"), c.Binary("/", since, period)))
+    together = c.Binary("==", c.Binary("%", since, period), c.Number("0"))
+    since_then = c.Binary(">=", since, c.Number("0"))
+    waited = c.Name("waited")
+    later = c.IfStmt(c.Binary(">", waited, TIME), (c.Assign(TIME, waited),))
+    return [
+        c.Declare("int64_t", "since", c.Binary("-", c.Name("nominal"), phase), const=True),
+        c.IfStmt(
+            c.Binary("&&", since_then, together),
+            (c.Declare("int64_t", "waited", there, const=True), later),
+        ),
+    ]
 
 
 def _order(frame: Frame) -> c.FunctionDef:
@@ -143,6 +166,8 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
         done: list[c.CStmt]
         if f.kind == "silent":
             done = [c.Assign(frame.body.has(k), c.Name("false"))]
+            if component.plant is not None:  # a sensor speaks at its first release
+                there = c.Binary("&&", there, c.Unary("!", c.Name("first")))
         else:
             slot = _asked(frame, i, "soter_fault_slot", CT, period)
             done = [c.Declare("int64_t", "slot", slot, const=True), c.Unused("slot")]

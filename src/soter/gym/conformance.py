@@ -101,7 +101,12 @@ def conformance(
     """
     if n < 1:
         raise wrong_choice(f"there cannot be {n} steps", "n is 1 or more")
-    guard = env.guard
+    guard = getattr(env, "guard", None)
+    if guard is None:
+        raise wrong_choice(
+            f"`{type(env).__name__}` is not protected by a program",
+            "give Protected(program, env) or SafetyWrapper(env, program)",
+        )
     if guard.asked is None:
         raise wrong_choice(
             "there is no model of the plant to compare with",

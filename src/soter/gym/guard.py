@@ -10,6 +10,7 @@ from __future__ import annotations
 import copy
 from typing import TYPE_CHECKING, Any
 
+import gymnasium
 from gymnasium.utils import seeding
 
 import soter.api
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Collection, Mapping
     from pathlib import Path
 
-    import gymnasium
     import numpy as np
     from gymnasium import spaces
 
@@ -64,6 +64,11 @@ class Guard:
         tolerance: float | Mapping[str, float] | None = None,
     ) -> None:
         loaded = program if isinstance(program, soter.api.Program) else soter.api.load(program)
+        if not isinstance(getattr(env, "unwrapped", None), gymnasium.Env):
+            raise wrong_choice(
+                f"`{env!r}` is no environment",
+                "give an object of Gymnasium's; `make_protected` takes a name",
+            )
         self.program = loaded
         self.choice = (system, module, plant, params, measured)
         self._observe, self._act, self._command = observe, act, command

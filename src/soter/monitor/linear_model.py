@@ -9,6 +9,7 @@ Non-goals: proofs: entries are binary64 as the interpreter computes them, nothin
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import product
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,7 +17,7 @@ import numpy as np
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.program.meaning.environment import Environment
 from soter.program.meaning.statements import Evaluator, replaced
-from soter.program.model.types import FloatType, RecordType, leaves
+from soter.program.model.types import BoolType, EnumType, FloatType, IntType, RecordType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -276,3 +277,30 @@ def step_of(model: LinearModel, h: float) -> Step:
         reach += np.abs(at @ model.w) @ model.d_max * (h / QUADRATURE)
         at = at @ piece
     return Step(e[:n, :n], e[:n, n : n + m], e[:n, n + m], reach)
+
+
+def parameter_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
+    """For each parameter a leaf of a driven topic that equals it; SoterError U001 for none."""
+    plants = Plants(problem)
+    cases = list(product(*(p.values for p in problem.parameters)))
+    found: list[tuple[int, tuple[str, ...]]] = []
+    for i, parameter in enumerate(problem.parameters):
+        for index, path in _discrete_leaves(problem):
+            if all(plants.discrete(index, path, case) == case[i] for case in cases):
+                found.append((index, path))
+                break
+        if len(found) <= i:
+            message = f"no driven topic shows the parameter `{parameter.name}`"
+            raise SoterError((Diagnostic("U001", message),))
+    return found
+
+
+def _discrete_leaves(problem: Problem) -> list[tuple[int, tuple[str, ...]]]:
+    return [
+        (c.scope.topics[topic], path)
+        for c in problem.system.components
+        if c.plant is not None
+        for topic, _ in c.plant.drives
+        for path, t in leaves(topic.type)
+        if isinstance(t, (IntType, BoolType, EnumType))
+    ]

@@ -21,6 +21,7 @@ from soter.monitor.linear_model import (
     driven_leaves,
     leaf_of,
     linear_model,
+    parameter_leaves,
     step_of,
 )
 from soter.program.meaning.environment import Environment
@@ -170,6 +171,13 @@ class Reader:
         stood = record.topics[k - 1] if k else first
         return {**stood, **{n: record.topics[k][n] for n in self.driven}}
 
+    def shown(
+        self, places: Sequence[tuple[int, tuple[str, ...]]], topics: Mapping[str, Value]
+    ) -> tuple[int, ...]:
+        """The parameters as driven topics show them (`parameter_leaves`)."""
+        known = self.problem.system.topics
+        return tuple(int(leaf_of(known[i].type, topics[self.names[i]], path)) for i, path in places)
+
     def commands(self, topics: Mapping[str, Value]) -> Floats:
         """U as it stands in the topics, (controls,)."""
         system = self.problem.system
@@ -208,10 +216,25 @@ def topic_names(flat: System, module: Module, problem: Problem) -> dict[int, str
     return {i: flat.topics[flying[s]].name for i, s in symbols.items() if s in flying}
 
 
+def needed_topics(flat: System, module: Module, problem: Problem) -> list[str]:
+    """What a record needs for a judgement on estimates without true states: full names."""
+    names = topic_names(flat, module, problem)
+    owners = [t for t, _ in driven_leaves(problem)] + [c.owner for c in problem.quantities.controls]
+    return list(dict.fromkeys(names[i] for i in owners))
+
+
 def judge(
-    flat: System, module: Module, problem: Problem, record: Recorded, *, estimates: bool = False
+    flat: System,
+    module: Module,
+    problem: Problem,
+    record: Recorded,
+    *,
+    estimates: bool = False,
+    truths: bool = True,
 ) -> Judgement:
     """Follow a record. SoterError U001 where the plants are not affine.
+
+    `truths`: whether the record has true states; without them parameters are read off the topics.
 
     Instants count at which a verification plant's flying counterpart has stepped: those whose
     time is a multiple of the record's own spacing.
@@ -220,7 +243,7 @@ def judge(
     models = _Models(problem)
     found = Judgement(module.name, "estimates" if estimates else "truth")
     if estimates:
-        _on_estimates(reader, models, record, found)
+        _on_estimates(reader, models, record, found, truths)
     else:
         _on_truth(reader, models, record, found)
     return found
@@ -305,7 +328,10 @@ def sight_of(problem: Problem, model: LinearModel) -> Sight:
     )
 
 
-def _on_estimates(reader: Reader, models: _Models, record: Recorded, found: Judgement) -> None:
+def _on_estimates(
+    reader: Reader, models: _Models, record: Recorded, found: Judgement, truths: bool
+) -> None:
+    shown = [] if truths else parameter_leaves(models.problem)
     names = [leaf.name for leaf in reader.states]
     box: tuple[Floats, Floats] | None = None
     same: tuple[int, ...] = ()
@@ -313,7 +339,10 @@ def _on_estimates(reader: Reader, models: _Models, record: Recorded, found: Judg
     stamp: object = None
     for k, now in enumerate(record.times_ns):
         y = reader.estimate(record.topics[k])
-        _, parameter = reader.truth(record.topics[k], record.truths[k])
+        if truths:
+            _, parameter = reader.truth(record.topics[k], record.truths[k])
+        else:
+            parameter = reader.shown(shown, record.topics[k])
         if box is not None and now > then:
             box = _image(models.step(same, now - then), box, u)
         u, then = reader.commands(record.topics[k]), now

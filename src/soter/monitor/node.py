@@ -15,18 +15,15 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.monitor.linear_model import Plants, driven_leaves, linear_model, step_of
+from soter.monitor.linear_model import driven_leaves, linear_model, parameter_leaves, step_of
 from soter.monitor.membership import ROUNDING, sight_of
 from soter.program.model.durations import show_ns
-from soter.program.model.types import BoolType, EnumType, IntType, leaves
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from soter.program.model.typed import TopicSymbol
     from soter.reach.problem.problem import Problem
 
     Floats = NDArray[np.float64]
@@ -164,29 +161,4 @@ def _sum(terms: list[tuple[float, str]], constant: float) -> str:
 
 def _parameter_places(problem: Problem, names: dict[int, str]) -> list[str]:
     """For each parameter a driven leaf that equals it."""
-    plants = Plants(problem)
-    cases = list(product(*(p.values for p in problem.parameters)))
-    found = []
-    for i, parameter in enumerate(problem.parameters):
-        for symbol, index in _driven_topics(problem):
-            for path, t in leaves(symbol.type):
-                if isinstance(t, (IntType, BoolType, EnumType)) and all(
-                    plants.discrete(index, path, case) == case[i] for case in cases
-                ):
-                    found.append(".".join((names[index], *path)))
-                    break
-            if len(found) > i:
-                break
-        if len(found) <= i:
-            message = f"no driven topic shows the parameter `{parameter.name}`"
-            raise SoterError((Diagnostic("U001", message),))
-    return found
-
-
-def _driven_topics(problem: Problem) -> list[tuple[TopicSymbol, int]]:
-    return [
-        (topic, c.scope.topics[topic])
-        for c in problem.system.components
-        if c.plant is not None
-        for topic, _ in c.plant.drives
-    ]
+    return [".".join((names[index], *path)) for index, path in parameter_leaves(problem)]

@@ -50,12 +50,12 @@ class CampaignPage:
 
 def campaign_main(page: CampaignPage) -> str:
     """The body of the page."""
-    parts = [f"<h1>{escape(page.title)}</h1>", f'<p class="{page.verdict}">']
+    parts = [f"<h1>{escape(page.title)}</h1>", f'<p class="verdict {page.verdict}">']
     parts += [f"<strong>{escape(page.headline)}</strong></p>"]
     for section in page.sections:
         parts += _section(section)
     if page.histograms:
-        parts.append("<h2>What was measured</h2>")
+        parts.append('<h2 style="margin-top: 2rem">What was measured</h2>')
     for h in page.histograms:
         parts += [f"<h3>{escape(h.name)}</h3><figure>", *_histogram(h)]
         parts.append(f"<figcaption>{escape(h.caption)}</figcaption></figure>")
@@ -63,7 +63,7 @@ def campaign_main(page: CampaignPage) -> str:
 
 
 def _section(section: Section) -> Iterator[str]:
-    yield f"<h2>{escape(section.title)}</h2>"
+    yield f'<section style="margin-top: 2rem"><h2>{escape(section.title)}</h2>'
     for text in section.says:
         yield f"<p>{escape(text)}</p>"
     if section.rows:
@@ -71,6 +71,7 @@ def _section(section: Section) -> Iterator[str]:
         rows = "".join(f"<tr>{_cells(row)}</tr>" for row in section.rows)
         yield f'<div class="wide"><table><thead><tr>{head}</tr></thead>'
         yield f"<tbody>{rows}</tbody></table></div>"
+    yield "</section>"
 
 
 def _cells(row: Sequence[str]) -> str:

@@ -14,6 +14,7 @@ typedef struct {
   uint64_t stream, at, by; /* FNV-1a of the stream's name, of name.at, of name.by */
   int64_t slot_ns;         /* 0: every release is a slot */
   double probability;      /* of a slot */
+  bool apart;              /* never in two slots in a row */
 } soter_chance;
 
 #define SOTER_ON_TIME 4096 /* every so many releases one is on time, whatever happens */
@@ -33,11 +34,11 @@ SOTER_INLINE bool soter_fault_drawn(const soter_header* h, const soter_chance* f
   return (double)(soter_bits(h, f->stream, slot) >> 11) * 0x1p-53 < f->probability;
 }
 
-/* Whether the fault is there at t; of slots that last never two in a row. */
+/* Whether the fault is there at t. */
 SOTER_INLINE bool soter_fault_active(const soter_header* h, const soter_chance* f, int64_t t,
                                      int64_t period_ns) {
   const int64_t slot = soter_fault_slot(h, f, t, period_ns);
-  return soter_fault_drawn(h, f, slot) && (f->slot_ns == 0 || !soter_fault_drawn(h, f, slot - 1));
+  return soter_fault_drawn(h, f, slot) && (!f->apart || !soter_fault_drawn(h, f, slot - 1));
 }
 
 /* When what would happen at t does, where the component is held up then; else t. */

@@ -164,14 +164,14 @@ def _next_release(machine: Machine, ct: int, n: Component) -> int:
     late = machine.timing.get(n.index)
     if late is None:
         return _next_multiple(ct, n.phase_ns, n.period_ns)
-    return next_release(late, n, machine.seed, ct)
+    return next_release(machine.system, late, n, machine.seed, ct)
 
 
 def _is_due(machine: Machine, c: Configuration, n: Component, ct: int) -> bool:
     """Whether a component fires at `ct`; releases of one that is still busy are lost."""
     late = machine.timing.get(n.index)
     if late is not None:
-        return is_released(late, n, machine.seed, ct)
+        return is_released(machine.system, late, n, machine.seed, ct)
     if n.held is None:
         return _is_released(n, ct)
     ends = c.stamps[n.held]

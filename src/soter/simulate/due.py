@@ -27,6 +27,6 @@ def decided_at(system: System, states: npt.NDArray[Any]) -> npt.NDArray[np.bool_
     for m in system.modules:
         if m.dm in late and len(states):
             dm, seed = system.components[m.dm], int(states["header"]["seed"][0])
-            found = [is_released(late[m.dm], dm, seed, int(t)) for t in times_ns]
+            found = [is_released(system, late[m.dm], dm, seed, int(t)) for t in times_ns]
             due[:, m.index] = found
     return due

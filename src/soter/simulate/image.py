@@ -44,7 +44,7 @@ def image(
             at,
             next=_following(x, c.ct)
             if x.index not in late
-            else next_release(late[x.index], x, seed, c.ct),
+            else next_release(system, late[x.index], x, seed, c.ct),
             faults=r.faults,
             last_fault=r.last_fault,
             oe=c.OE[x.index],

@@ -92,4 +92,5 @@ def _messages(path: Path) -> Any:  # noqa: ANN401 - an iterator over what mcap g
 
 
 def _unreadable(path: Path, why: str) -> SoterError:
-    return SoterError((Diagnostic("D006", f"cannot read the log `{path}`: {why}"),))
+    helps = ("a log of somebody else, or a CSV, needs `--map FILE`: docs/real-logs.md",)
+    return SoterError((Diagnostic("D006", f"cannot read the log `{path}`: {why}", helps=helps),))

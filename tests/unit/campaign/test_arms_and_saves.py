@@ -154,19 +154,19 @@ def test_a_violation_without_a_fault_outside_is_a_defect(tmp_path: Path) -> None
     def flown(faults: str, name: str) -> tuple[int, int]:
         path = with_faults(tmp_path, faults)
         found = load(path).campaign("Protected", flights=40, until="20s", output=tmp_path / name)
-        return found.result.flights_violated, found.result.defects
+        return found.result.flights_violated, found.result.violated_inside
 
-    violated, defects = flown("late SafeCart.dm by 900ms at 4000 per 1h;", "outside")
+    violated, defects = flown("late SafeCart.dm by 900ms at 1000 per 1h;", "outside")
     assert violated > 0 == defects
     violated, defects = flown("stuck SafeCart.Fast at 400 per 1h for 1s;", "inside")
     assert violated == defects == 0
 
 
 def test_what_was_outside_is_told_up_to_the_violation(tmp_path: Path) -> None:
-    flat = flat_of(with_faults(tmp_path, "silent c at 300 per 1h for 1s; order any;"))
+    flat = flat_of(with_faults(tmp_path, "silent c at 100 per 1h for 1s; order any;"))
     told = [outside(flat, seed, 30 * SECOND) for seed in range(20)]
     assert all("order any" in t for t in told)
-    some = ["silent c at 300 per 1h for 1s" in t for t in told]
+    some = ["silent c at 100 per 1h for 1s" in t for t in told]
     assert any(some)
     assert not all(some)
 
@@ -235,6 +235,17 @@ def test_the_page_tells_what_was_flown_and_needs_nothing_else(
         assert part in text
     assert "<script" not in text
     assert "http" not in text.replace("http-equiv", "")
+
+
+def test_parquet_says_what_the_flights_say(tmp_path: Path, changed: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra is absent: soter[parquet]")
+    from soter.campaign.parquet import write_parquet
+
+    found = load(changed).campaign(flights=7, until="2s", output=tmp_path / "c", saves="1s")
+    table = parquet.read_table(write_parquet(found.folder)).to_pydict()
+    assert table["digest"] == [f.digest for f in found.flights]
+    assert table["far.sum"] == [f.looks[0].sum for f in found.flights]
+    assert table["SafeCart.saves"] == [f.saves[0] for f in found.flights]
 
 
 def test_a_flight_is_flown_again_by_its_number(

@@ -168,7 +168,7 @@ def test_every_run_of_the_program_conforms_and_a_jump_in_it_does_not(seed: int) 
 
 def test_the_plant_of_the_proof_has_no_faults(tmp_path: Path) -> None:
     path = tmp_path / "cart.soter"
-    faults = "faults { scale c.wind by 9.0 at 600 per 1min for 1s; }\n  until 30s;"
+    faults = "faults { scale c.wind by 9.0 at 3600 per 1h for 1s; }\n  until 30s;"
     path.write_text(CART.read_text().replace("until 30s;", faults, 1))
     program = soter.load(path)
     assert conformance(Protected(program, Cart()), 100).share == 1.0

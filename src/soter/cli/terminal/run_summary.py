@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.report.summary import Entry, Styled, display_width, mode_timeline, table
+from soter.semantics.chance.faults import begins
 from soter.simulate.outputs.assumptions import of_run
 from soter.simulate.outputs.figures import component_faults
 from soter.simulate.params import changed
@@ -36,6 +37,7 @@ def summary(run: Run, path: str, console: Console) -> str:
         [_headline(run, path, console), *_params(run, console), *_verdict(run, console)],
         list(_violations(run, console)),
         list(_faults(run, console)),
+        _on_purpose(run),
         [f"{console.paint('yellow', 'note')}  {text}" for text in run.notes],
         _modules(run, console),
         list(_timelines(run, console)),
@@ -109,6 +111,26 @@ def _faults(run: Run, console: Console) -> Iterator[str]:
         yield f"  {name}: {count} {TIMES} {kind}{since}"
         if said:
             yield console.paint("muted", f"    {said}")
+
+
+def _on_purpose(run: Run) -> list[str]:
+    """What the `faults` of the system did in this run."""
+    rows: dict[tuple[str, int], tuple[str, ...]] = {}
+    until_ns = round(run.reached_s * 1e9)
+    for f in run.system.faults:
+        key = (f.text, f.component if f.stream and f.slot_ns == 0 else -1)
+        if f.on is not None or key in rows:
+            continue
+        c = run.system.components[f.component]
+        when = begins(f, c, run.seed, until_ns)
+        always = f.kind == "late" and f.slot_ns == 0
+        times = "every release" if always else str(len(when))
+        first = f"{when[0] / 1e9:.3f} s" if when else ""
+        rows[key] = (f.text, times, first, "inside" if f.inside else "outside")
+    if not rows:
+        return []
+    heads = ("went wrong on purpose", "times", "first at", "proofs")
+    return [table(heads, list(rows.values()))]
 
 
 def _modules(run: Run, console: Console) -> list[str]:

@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.program.flatten.elaborate import Elaborator
 from soter.program.flatten.influences import moved_by_any
+from soter.program.flatten.trials.waiting import waiting
 from soter.program.model import typed
 from soter.program.model.system import InputDrive, Scope
 from soter.program.model.walk import mode_reads
@@ -64,7 +65,11 @@ def only(system: System, kept: Collection[int]) -> System:
         module = None if c.module is None else placed[c.module]
         components.append(replace(c, index=new, module=module, scope=seen(c.scope)))
     left = [p for p in system.properties if _can_be_judged(p, at, placed)]
-    faults = [replace(f, component=at[f.component]) for f in system.faults if f.component in at]
+    faults = [
+        replace(f, component=at[f.component], on=None if f.on is None else at[f.on])
+        for f in system.faults
+        if f.component in at and (f.on is None or f.on in at)
+    ]
     return replace(
         system,
         components=tuple(_that_can_run(c) for c in components),
@@ -302,7 +307,9 @@ def faultless(system: System) -> System:
 
 def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False) -> System:
     """With more that goes wrong; `shuffled`: in an order that is drawn."""
-    return replace(system, faults=(*system.faults, *more), shuffled=system.shuffled or shuffled)
+    any_order = system.shuffled or shuffled
+    faults = waiting(system.modules, (*system.faults, *more), shuffled=any_order)
+    return replace(system, faults=faults, shuffled=any_order)
 
 
 # ---------------------------------------------------------------- what is asked

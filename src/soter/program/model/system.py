@@ -280,8 +280,9 @@ class Fault:
     disturbances. Time is cut into slots of `slot_ns` (0: every release is one), each of them faulty
     with `probability`, drawn from `stream`. `amount`: of "late" times in ns, between which each
     release is late (the quantiles of the lateness); with a slot the longest time for which the
-    component is held up. `inside`: None, or the assumption that it does not break; `text`: as it
-    was written.
+    component is held up. "wait": a release that falls together with one of the component `on`
+    happens no earlier than that (`flatten/trials/waiting.py`). `apart`: never in two slots in a
+    row. `inside`: None, or the assumption that it does not break; `text`: as it was written.
     """
 
     kind: str
@@ -293,13 +294,15 @@ class Fault:
     topic: int | None = None
     leaves: tuple[int, ...] = ()
     disturbance: int | None = None
+    on: int | None = None
+    apart: bool = False
     inside: str | None = None
     text: str = ""
 
     @property
     def of_time(self) -> bool:
         """Whether it moves releases."""
-        return self.kind in {"late", "skip"}
+        return self.kind in {"late", "skip", "wait"}
 
 
 @dataclass(eq=False)

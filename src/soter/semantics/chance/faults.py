@@ -59,11 +59,11 @@ def _drawn(fault: Fault, seed: int, slot: int) -> bool:
 
 
 def is_active(fault: Fault, seed: int, t: int, period_ns: int) -> bool:
-    """Whether it is there at t; of slots that last never two in a row."""
+    """Whether it is there at t; of those that stay apart never in two slots in a row."""
     slot = slot_of(fault, seed, t, period_ns)
     if not _drawn(fault, seed, slot):
         return False
-    return fault.slot_ns == 0 or not _drawn(fault, seed, slot - 1)
+    return not fault.apart or not _drawn(fault, seed, slot - 1)
 
 
 def _held_until(fault: Fault, seed: int, t: int, period_ns: int) -> int:
@@ -85,7 +85,9 @@ def _late(fault: Fault, seed: int, stream: str, release: int) -> int:
     return times[k] + (((times[k + 1] - times[k]) * within) >> FINE)
 
 
-def happens(faults: Sequence[Fault], c: Component, seed: int, release: int) -> int | None:
+def happens(
+    system: System, faults: Sequence[Fault], c: Component, seed: int, release: int
+) -> int | None:
     """When a release really happens; None where it is lost, also to the next one."""
     nominal = c.phase_ns + release * c.period_ns
     t = nominal
@@ -93,6 +95,8 @@ def happens(faults: Sequence[Fault], c: Component, seed: int, release: int) -> i
         if f.kind == "skip":
             if is_active(f, seed, nominal, c.period_ns):
                 return None
+        elif f.on is not None:
+            t = max(t, _waited(system, f.on, seed, nominal) or t)
         elif f.slot_ns:
             t = _held_until(f, seed, t, c.period_ns)
         else:
@@ -100,19 +104,40 @@ def happens(faults: Sequence[Fault], c: Component, seed: int, release: int) -> i
     return t if t == nominal or t < nominal + c.period_ns else None
 
 
-def is_released(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> bool:
+def _waited(system: System, on: int, seed: int, nominal: int) -> int | None:
+    """When the component that is waited for has its release of this nominal time, if it has one."""
+    other = system.components[on]
+    since = nominal - other.phase_ns
+    if since < 0 or since % other.period_ns:
+        return None
+    own = [f for f in system.faults if f.component == on and f.of_time]
+    return happens(system, own, other, seed, since // other.period_ns)
+
+
+def is_released(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> bool:
     """Whether a release of the component happens at ct."""
-    return ct >= c.phase_ns and happens(faults, c, seed, (ct - c.phase_ns) // c.period_ns) == ct
+    release = (ct - c.phase_ns) // c.period_ns
+    return ct >= c.phase_ns and happens(system, faults, c, seed, release) == ct
 
 
-def next_release(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
+def next_release(system: System, faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
     """The first release that happens after ct."""
     release = max((ct - c.phase_ns) // c.period_ns, 0)
     while True:
-        t = happens(faults, c, seed, release)
+        t = happens(system, faults, c, seed, release)
         if t is not None and t > ct:
             return t
         release += 1
+
+
+def begins(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
+    """When it began, up to a time, ns; for a lateness of every release nothing is said: []."""
+    if fault.on is not None or (fault.kind == "late" and fault.slot_ns == 0):
+        return []
+    step = fault.slot_ns or c.period_ns
+    first = -_offset(fault, seed) if fault.slot_ns else 0
+    times = range(first, until_ns + 1, step)
+    return [max(t, 0) for t in times if is_active(fault, seed, max(t, 0), c.period_ns)]
 
 
 # ---------------------------------------------------------------- what
@@ -133,6 +158,8 @@ def disturbed(
             continue
         if not is_active(f, seed, ct, c.period_ns):
             continue
+        if f.kind == "silent" and c.plant is not None and ct == c.phase_ns:
+            continue  # a sensor speaks at its first release
         if f.kind == "silent":
             del found[f.topic]
             continue

@@ -92,9 +92,25 @@ def _interval(low: int, high: int) -> str:
     return show_ns(low) if low == high else f"{show_ns(low)} to {show_ns(high)}"
 
 
+def of_faults(system: System) -> list[str]:
+    """What goes wrong on purpose, and whether proofs permit it."""
+    said: dict[str, bool] = {}
+    for f in system.faults:
+        if f.on is None:
+            said[f.text] = said.get(f.text, True) and f.inside is not None
+    inside = [f"`{text}`" for text, kept in said.items() if kept]
+    beyond = [f"`{text}`" for text, kept in said.items() if not kept]
+    beyond += ["`order any`"] if system.shuffled else []
+    found = [f"goes wrong inside of what proofs assume: {', '.join(inside)}"] if inside else []
+    if beyond:
+        found.append(f"goes wrong outside of what proofs assume: {', '.join(beyond)}")
+    return found
+
+
 def of_run(system: System) -> list[str]:
     """Everything a run of this system rests on."""
-    return [*unproved(system), *forced(system), *of_steps(system), *of_environment(system)]
+    taken = [*unproved(system), *forced(system), *of_steps(system), *of_environment(system)]
+    return [*taken, *of_faults(system)]
 
 
 def _plant(x: Component) -> list[str]:

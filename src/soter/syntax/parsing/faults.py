@@ -37,7 +37,7 @@ def _fault(parser: BodyParser, parts: FaultParts) -> None:
     by: tuple[tree.Expr, ...] = ()
     if kind in GIVEN:
         parser.expect_word("by", f"and how much, after what `{kind}` is about")
-        by = _amounts(parser)
+        by = _amounts(parser, parser.time if kind == "late" else parser.expr)
     rate = per = lasts = None
     if kind != "late" or parser.is_word("at"):
         parser.expect_word("at", "and how often: `at 2 per 1h`")
@@ -51,13 +51,13 @@ def _fault(parser: BodyParser, parts: FaultParts) -> None:
     parts.found.append(tree.SystemFault(kind, target, by, rate, per, lasts, span))
 
 
-def _amounts(parser: BodyParser) -> tuple[tree.Expr, ...]:
+def _amounts(parser: BodyParser, one: Callable[[str], tree.Expr]) -> tuple[tree.Expr, ...]:
     """`X`, or `[X, Y, ...]`."""
     if not parser.accept("["):
-        return (parser.expr("how much"),)
-    found = [parser.expr("how much")]
+        return (one("how much"),)
+    found = [one("how much")]
     while parser.accept(","):
-        found.append(parser.expr("how much"))
+        found.append(one("how much"))
     parser.expect("]", "after the last of them")
     return tuple(found)
 

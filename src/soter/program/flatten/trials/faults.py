@@ -11,6 +11,8 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.program.flatten.trials.names import named, nobody
+from soter.program.flatten.trials.waiting import waiting
+from soter.program.model.durations import show_ns
 from soter.program.model.system import Fault
 from soter.program.model.types import (
     ArrayType,
@@ -26,24 +28,29 @@ if TYPE_CHECKING:
 
     from soter.program.flatten.value_sets import Topics
     from soter.program.model import typed
-    from soter.program.model.system import Component, System
+    from soter.program.model.system import Component, Module, System
     from soter.program.model.types import Type
 
 GROUPS = ("all", "modules")
 """Targets of faults of time: every node and DM, or those of modules."""
+APART = ("late", "skip", "silent")
+"""Kinds of which nothing may last longer than was said: never in two slots in a row."""
+APART_MOST = 0.25
+"""The largest share of slots that can be faulty so: one in four."""
 OFTEN = 0.999
-"""A slot that is skipped more probably than this would leave nothing that runs."""
+"""A release that is skipped more probably than this would leave nothing that runs."""
+ALWAYS = 1.0
 LATE_MAX_NS = 3_600_000_000_000
-WHOLE = ("silent", "stuck")
-"""Kinds that hit publications of any type."""
+GIVEN = ("late", "bias", "noise", "scale")
 
 
 def place_faults(elaborator: Topics, system: System) -> None:
     """Fill in what goes wrong in a system, from its symbol."""
     places = _Places(elaborator, system)
     found = [f for item in elaborator.symbol.faults for f in places.of(item)]
-    system.faults = tuple(found)
+    places.decide(found)
     system.shuffled = any(item.kind == "order" for item in elaborator.symbol.faults)
+    system.faults = waiting(system.modules, found, shuffled=system.shuffled)
 
 
 class _Places:
@@ -67,12 +74,12 @@ class _Places:
         shared = self._stream(f"fault.{item.kind}.{item.path}") if together else None
         for c, topic, leaf_indices, disturbance in targets:
             slot = int(amount[0]) if item.kind == "late" and item.rate is not None else lasts
-            p = _probability(rate, slot or c.period_ns) if item.rate is not None else 1.0
+            apart = slot > 0 and item.kind in APART
+            p = self._probability(item, rate, slot or c.period_ns, apart=apart)
+            if p is None:
+                return
             if item.kind == "late" and item.rate is None and amount[0] >= c.period_ns:
                 self._wrong(item, f"leaves `{c.name}` no release: each is lost to the next one")
-                return
-            if item.kind == "skip" and p > OFTEN:
-                self._wrong(item, "leaves nothing that runs: it happens too often")
                 return
             where = item.path if c.name == item.path else f"{c.name}.{item.path}"
             fault = Fault(
@@ -85,9 +92,9 @@ class _Places:
                 topic=topic,
                 leaves=leaf_indices,
                 disturbance=disturbance,
+                apart=apart,
                 text=item.text,
             )
-            fault.inside = self._inside(fault, c)
             yield fault
 
     def _stream(self, name: str) -> str:
@@ -120,6 +127,8 @@ class _Places:
         values = [v for v in numbers if v is not None]
         if len(values) != len(numbers):
             return None
+        if not values and item.kind in GIVEN:
+            return None  # it is reported
         if item.kind != "late":
             if any(not math.isfinite(v) for v in values) or len(values) > 1:
                 self._wrong(item, "is by one finite number")
@@ -134,6 +143,21 @@ class _Places:
         if item.rate is None and len(values) == 1:
             values = [0, *values]
         return tuple(values)
+
+    def _probability(
+        self, item: typed.SystemFaultSymbol, rate: float, slot_ns: int, *, apart: bool
+    ) -> float | None:
+        """Of a slot, so that on average as many are faulty as was said; None after a report."""
+        if item.rate is None:
+            return 1.0
+        share = rate * (slot_ns / 1e9)
+        most = APART_MOST if apart else ALWAYS if item.kind != "skip" else OFTEN
+        if share > most:
+            often = show_ns(round(slot_ns / most))
+            what = f"lasts {show_ns(slot_ns)}" if item.lasts or apart else "is about one release"
+            self._wrong(item, f"happens too often: it {what}, so at most once in {often}")
+            return None
+        return (1.0 - math.sqrt(1.0 - 4.0 * share)) / 2.0 if apart else share
 
     def _wrong(self, item: typed.SystemFaultSymbol, what: str) -> None:
         self.diagnostics.error("V011", f"`{item.kind}` {what}", item.span)
@@ -227,17 +251,23 @@ class _Places:
 
     # ------------------------------------------------------------ inside or outside
 
-    def _inside(self, fault: Fault, c: Component) -> str | None:
+    def decide(self, faults: Sequence[Fault]) -> None:
+        """Which of them are inside; latenesses of one component add up."""
+        for f in faults:
+            f.inside = self._inside(f, self.system.components[f.component], faults)
+
+    def _inside(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
         """The assumption of the proofs that still holds; None: one may not hold."""
         if c.role == "ac":
-            return "nothing is assumed of an advanced controller"
+            return "AC may do anything"
         if fault.disturbance is not None:
             d = c.disturbances[fault.disturbance]
             low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))
             fits = d.low <= low and high <= d.high
-            return f"the declared range of `{c.name}.{d.variable.name}`" if fits else None
+            return "in its declared range" if fits else None
         if fault.kind == "late":
-            return self._declared_late(c, int(fault.amount[-1]))
+            own = [f for f in faults if f.kind == "late" and f.component == c.index]
+            return self._declared_late(c, sum(int(f.amount[-1]) for f in own))
         if fault.kind == "silent" and c.plant is not None:
             return self._declared_dropout(fault.slot_ns)
         return None
@@ -247,26 +277,48 @@ class _Places:
         said = []
         for m in self.system.modules:
             block = m.symbol.verify
-            own = {m.dm: block.late_dm, m.sc: block.late_sc}.get(c.index)
-            if c.index in (m.dm, m.sc) or c.name in block.late_of:
-                said.append(own if own is not None else block.late_of.get(c.name))
+            if c.index in (m.dm, m.sc):
+                said.append(block.late_dm if c.index == m.dm else block.late_sc)
+            elif c.module is None and (c.name in block.late_of or c.index in self._about(m)):
+                said.append(block.late_of.get(c.name))
         if not said or most >= c.period_ns:
             return None
         values = [self.elaborator.number(e, "`late`") if e is not None else None for e in said]
         fits = all(v is not None and most <= v for v in values)
-        return f"the declared `late` of `{c.name}`" if fits else None
+        return "as late as declared" if fits else None
+
+    def _about(self, m: Module) -> set[int]:
+        """Nodes between sensors and a module, or between it and plants: their time may count."""
+        nodes = [c for c in self.system.components if c.node is not None and c.module is None]
+        sc = self.system.components[m.sc]
+        read = {*m.inputs, *_read(self.system, sc)}
+        written = set(m.outputs)
+        found: set[int] = set()
+        for _ in nodes:
+            for c in nodes:
+                made = {c.scope.topics[t] for t in c.node.publishes} if c.node else set()
+                if made & read:
+                    found.add(c.index)
+                    read |= _read(self.system, c)
+                if _read(self.system, c) & written:
+                    found.add(c.index)
+                    written |= made
+        return found
 
     def _declared_dropout(self, lasts: int) -> str | None:
         blocks = [m.symbol.verify for m in self.system.modules]
         values = [self.elaborator.number(b.dropout, "`dropout`") for b in blocks if b.dropout]
         fits = lasts > 0 and len(values) == len(blocks) > 0
         fits = fits and all(v is not None and lasts <= v for v in values)
-        return "the declared `dropout`" if fits else None
+        return "as silent as `dropout` says" if fits else None
 
 
-def _probability(rate: float, slot_ns: int) -> float:
-    """Of at least one event in a slot, of a Poisson process with this rate a second."""
-    return -math.expm1(-rate * (slot_ns / 1e9))
+def _read(system: System, c: Component) -> set[int]:
+    """Topics that a node subscribes to; of a queue, whose it is."""
+    if c.node is None:
+        return set()
+    own = [system.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
+    return {t.index if t.queue_of is None else t.queue_of for t in own}
 
 
 def _has_list(t: Type) -> bool:

@@ -1,0 +1,322 @@
+"""The decision modules of a program on the reads of a log.
+
+Purpose: step the DMs, and the trusted nodes before them, at their periods, as the reference
+interpreter does (`semantics/rules.py`), with topics from a log in place of plants, controllers and
+inputs; keep modes, counts and distances.
+Non-goals: SC and AC (somebody else flew), C, what a judgement means (`result.py`).
+
+A mapped topic is published where its driver stands in the order of an instant: a plant's before
+the DMs, a node's after them. A DM begins to decide when all that it reads was published once.
+"""
+
+from __future__ import annotations
+
+from bisect import bisect_left, bisect_right
+from dataclasses import replace
+from math import copysign, isinf
+from typing import TYPE_CHECKING
+
+from soter.monitor.logs.margins import At, Margins
+from soter.monitor.logs.result import Change, LogJudgement, ModuleOfLog, Nearest
+from soter.program.meaning.arith import StepFault
+from soter.program.meaning.statements import Evaluator
+from soter.semantics.configuration import NEVER
+from soter.semantics.interpreter import Interpreter
+from soter.semantics.record import AC, Outcome, Verdict
+from soter.semantics.rules import ac_or_sc_step, dm_step, environment_input
+from soter.simulate.decisions import Saw, reason
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from soter.monitor.logs.decidable import Decidable
+    from soter.monitor.logs.margins import Distance
+    from soter.monitor.logs.samples import Samples
+    from soter.program.meaning.environment import Environment
+    from soter.program.model.system import Component, Module, System
+    from soter.semantics.configuration import Configuration
+    from soter.semantics.machine import Machine
+
+AGAINST = At(sense=-1.0)
+"""Distances count away from `ttf`."""
+
+
+def replay(
+    system: System,
+    samples: list[Samples],
+    plan: Decidable,
+    log: str,
+    progress: Callable[[float], None] | None = None,
+) -> LogJudgement:
+    """Step all that `plan` says over the whole log; `progress` is told the share that is done.
+
+    A module whose mode the system forces is judged as if it did not: its DM decides; the system's
+    own faults are left out: what was wrong in a log is in the log.
+    """
+    forced = tuple(m.name for m in system.modules if m.forced)
+    for m in system.modules:
+        m.forced = None
+    system.faults = ()
+    interpreter = Interpreter(system, 0, _unused(system))
+    started = [s for s in samples if not s.always]
+    from_ns = max(s.times_ns[0] for s in started)
+    to_ns = max(s.times_ns[-1] for s in started)
+    judged = LogJudgement(
+        log=log,
+        from_s=from_ns / 1e9,
+        to_s=to_ns / 1e9,
+        samples={s.topic.name: len(s.times_ns) for s in samples},
+        nodes=tuple(system.components[n].name for n in plan.nodes),
+        modules=[],
+        derived=[d for s in samples for d in s.derived],
+        constants=tuple(n for s in samples for n in s.constants),
+        forced=forced,
+        left_out={s.topic.name: (s.left_out, s.first_left_out) for s in samples if s.left_out},
+    )
+    watches = {}
+    for m in system.modules:
+        lost, blind = plan.missing.get(m.index, ()), plan.blind.get(m.index, ())
+        found = ModuleOfLog(m.name, m.period_ns, tuple(map(str, lost)), tuple(map(str, blind)))
+        judged.modules.append(found)
+        if found.decided:
+            watches[m.index] = _Watch(m, found)
+    world = _World(system, interpreter, samples, plan, judged, from_ns)
+    for ct in _instants(system, plan, to_ns - from_ns):
+        world.instant(ct, watches)
+        if progress is not None:
+            progress(ct / max(1, to_ns - from_ns))
+    world.rest(to_ns - from_ns)
+    for found in judged.modules:
+        if found.decided and not found.steps:
+            found.missing = tuple(_never_taken(judged))
+    return judged
+
+
+def _never_taken(judged: LogJudgement) -> Iterator[str]:
+    """Why a DM that reads what the log has never had it."""
+    for name, (count, first) in judged.refused.items():
+        yield f"{name} (refused {count:,} times; the first: {first})"
+    yield "the log ends before all that it reads was there at a step of its DM"
+
+
+def _unused(system: System) -> dict[str, object]:
+    """Something bound to every extern: none of them is ever asked."""
+
+    def nobody(*_: object) -> object:
+        raise AssertionError("a replay of a log asks no extern")
+
+    functions = [f.name for f in system.program.funs.values() if f.extern]
+    return dict.fromkeys([*(c.name for c in system.components if c.extern), *functions], nobody)
+
+
+def _instants(system: System, plan: Decidable, length_ns: int) -> Iterator[int]:
+    """When something of the plan is released, from 0 to the end of the log."""
+    parts = [system.components[n] for n in plan.nodes]
+    parts += [system.components[system.modules[m].dm] for m in plan.modules]
+    released = sorted({(c.phase_ns, c.period_ns) for c in parts})
+    now = -1
+    while released:
+        later = [p if now < p else now + q - (now - p) % q for p, q in released]
+        now = min(later)
+        if now > length_ns:
+            return
+        yield now
+
+
+class _World:
+    """Topics, locals and modes while the log goes by; `ct` counts from where judging begins."""
+
+    def __init__(
+        self,
+        system: System,
+        interpreter: Interpreter,
+        samples: list[Samples],
+        plan: Decidable,
+        judged: LogJudgement,
+        from_ns: int,
+    ) -> None:
+        self.system, self.plan, self.judged = system, plan, judged
+        self.machine: Machine = interpreter.machine
+        self.c: Configuration = interpreter.initial()
+        self.from_ns = from_ns
+        self.at: dict[int, list[_Feed]] = {}
+        for s in samples:
+            self.at.setdefault(_driver(system, s.topic.index), []).append(_Feed(s, from_ns))
+        self.stepping = {*plan.nodes, *(system.modules[m].dm for m in plan.modules)}
+        given = {s.topic.index for s in samples}.union(*(_written(system, n) for n in plan.nodes))
+        self.reads = {m.index: _sources(system, m) & given for m in system.modules}
+
+    def instant(self, ct: int, watches: dict[int, _Watch]) -> None:
+        """One instant: what was published before it, then everything in the deployed order."""
+        due = [n for n in self.system.components if n.index in self.stepping and _is_due(n, ct)]
+        self.c = replace(self.c, ct=ct, FN=tuple(n.index for n in due))
+        for feeds in self.at.values():
+            for feed in feeds:
+                self._publish(feed, feed.before(ct))
+        self._feed(-1, ct)
+        released = {n.index for n in due}
+        for n in self.system.components:
+            self._feed(n.index, ct)
+            if n.index in released:
+                self._step(n, watches)
+
+    def rest(self, ct: int) -> None:
+        """What came after the last step of anybody: it may still be refused."""
+        for feeds in self.at.values():
+            for feed in feeds:
+                self._publish(feed, feed.before(ct + 1))
+
+    def _feed(self, driver: int, ct: int) -> None:
+        for feed in self.at.get(driver, ()):
+            self._publish(feed, feed.until(ct))
+
+    def _publish(self, feed: _Feed, values: Iterator[tuple[int, object]]) -> None:
+        topic = feed.samples.topic
+        for time_ns, value in values:
+            try:
+                self.machine.checks[topic.index](value, topic.symbol.span)
+            except StepFault as fault:
+                count, first = self.judged.refused.get(topic.name, (0, ""))
+                first = first or f"{(time_ns + self.from_ns) / 1e9:.3f} s: {fault.detail}"
+                self.judged.refused[topic.name] = count + 1, first
+                continue
+            self.c = environment_input(self.machine, self.c, topic.index, value, time_ns)
+
+    def _step(self, n: Component, watches: dict[int, _Watch]) -> None:
+        if n.role == "dm":
+            assert n.module is not None
+            if any(self.c.stamps[i] == NEVER for i in self.reads[n.module]):
+                return  # it would decide on what the program begins with, not on the log
+            watch = watches[n.module]
+            env = self.machine.environment(self.c, n)
+            self.c, verdict = dm_step(self.machine, self.c, n.index)
+            watch.note(verdict, env, (self.c.ct + self.from_ns) / 1e9)
+            return
+        self.c, outcome = ac_or_sc_step(self.machine, self.c, n.index)
+        if isinstance(outcome, Outcome) and outcome.fault is not None:
+            told = f"{(self.c.ct + self.from_ns) / 1e9:.3f} s: {outcome.fault.detail}"
+            self.judged.faulted.setdefault(n.name, told)
+
+
+def _driver(system: System, topic: int) -> int:
+    """The component at whose place a mapped topic is published; -1: before all, as inputs are."""
+    for c in system.components:
+        if c.plant is not None and topic in {c.scope.topics[t] for t, _ in c.plant.drives}:
+            return c.index
+        if c.node is not None and topic in {c.scope.topics[t] for t in c.node.publishes}:
+            return c.index
+    return -1
+
+
+def _written(system: System, node: int) -> set[int]:
+    c = system.components[node]
+    assert c.node is not None
+    return {c.scope.topics[t] for t in c.node.publishes}
+
+
+def _sources(system: System, module: Module) -> set[int]:
+    """Topics that a DM reads, or the source of the queue that it does."""
+    queues = [(i, system.topics[i].queue_of) for i in module.inputs]
+    return {i if of is None else of for i, of in queues}
+
+
+def _is_due(n: Component, ct: int) -> bool:
+    return ct >= n.phase_ns and (ct - n.phase_ns) % n.period_ns == 0
+
+
+class _Feed:
+    """What of a topic's samples is still to come; times count from where judging begins."""
+
+    def __init__(self, samples: Samples, from_ns: int) -> None:
+        self.samples, self.from_ns = samples, from_ns
+        self.next = max(0, bisect_right(samples.times_ns, from_ns) - 1)
+
+    def before(self, ct: int) -> Iterator[tuple[int, object]]:
+        """The samples that lie before `ct`."""
+        if not self.samples.linear:
+            yield from self._up_to(bisect_left(self.samples.times_ns, ct + self.from_ns))
+
+    def until(self, ct: int) -> Iterator[tuple[int, object]]:
+        """The samples up to `ct`; of what is interpolated, or always so, the value at it."""
+        if self.samples.always:
+            yield ct, self.samples.values[0]
+        elif self.samples.linear:
+            value = self.samples.at(ct + self.from_ns)
+            if value is not None:
+                yield ct, value
+        else:
+            yield from self._up_to(bisect_right(self.samples.times_ns, ct + self.from_ns))
+
+    def _up_to(self, end: int) -> Iterator[tuple[int, object]]:
+        for i in range(self.next, end):
+            yield self.samples.times_ns[i] - self.from_ns, self.samples.values[i]
+        self.next = max(self.next, end)
+
+
+class _Watch:
+    """The steps of one DM, counted and measured."""
+
+    def __init__(self, module: Module, found: ModuleOfLog) -> None:
+        self.module, self.found = module, found
+        evaluator = Evaluator.of(module.scope)
+        symbol = module.symbol
+        self.margins = Margins(evaluator)
+        self.ttf = None if symbol.ttf is None else self.margins.of(symbol.ttf, AGAINST)
+        self.of_safe = Margins(evaluator)
+        self.safe = None if found.blind else self.of_safe.of(symbol.safe)
+
+    def note(self, verdict: Verdict, env: Environment, time_s: float) -> None:
+        """A step of the DM; `env` is what it saw."""
+        found = self.found
+        found.steps += 1
+        found.ac += verdict.after == AC
+        if verdict.before != verdict.after:
+            before, after = ("AC", "SC") if verdict.before == AC else ("SC", "AC")
+            saw = Saw(verdict.ttf, verdict.safer, verdict.stale, verdict.gate_fault)
+            why = reason(before, after, saw)  # type: ignore[arg-type]
+            found.changes.append(Change(time_s, after, why))
+        if verdict.stale:
+            found.stale += 1
+            return
+        found.ttf += verdict.ttf
+        found.safer += verdict.safer
+        self._distances(env, time_s)
+
+    def _distances(self, env: Environment, time_s: float) -> None:
+        found = self.found
+        far = self._asked(self.ttf, env)
+        if far is not None:
+            found.margin = _least(found.margin, -far.far, far, self.margins, time_s)
+            for bound, distance in self.margins.seen.items():
+                text = self.margins.label(bound)
+                last = found.bounds.get(text)
+                if last is None or distance < last.distance:
+                    found.bounds[text] = Nearest(distance, time_s, text)
+            self.margins.seen.clear()
+        clear = self._asked(self.safe, env)
+        if clear is not None:
+            found.clearance = _least(found.clearance, clear.far, clear, self.of_safe, time_s)
+            if copysign(1.0, clear.far) < 0:
+                found.outside += 1
+                if found.first_outside_s is None:
+                    found.first_outside_s = time_s
+
+    def _asked(
+        self, measure: Callable[[Environment], Distance] | None, env: Environment
+    ) -> Distance | None:
+        if measure is None:
+            return None
+        try:
+            return measure(env)
+        except StepFault:
+            self.found.faults += 1
+            return None
+
+
+def _least(
+    before: Nearest | None, far: float, d: Distance, margins: Margins, time_s: float
+) -> Nearest:
+    if before is not None and before.distance <= far:
+        return before
+    bound = margins.label(d.bound) if d.bound >= 0 and not isinf(far) else ""
+    return Nearest(far, time_s, bound)

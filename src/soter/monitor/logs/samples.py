@@ -1,0 +1,267 @@
+"""The values of topics in a log, with their times, and all that was done to get them.
+
+Purpose: from columns and a mapping to values of the program's types; what is left out is counted,
+what is derived is named with its error.
+Non-goals: whether a value lies in its topic's set (the gate decides, `replay.py`).
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.monitor.logs.derive import between_errors, quantiles, slope_errors, slopes
+from soter.monitor.logs.mapping import Constant, From, Slope
+from soter.monitor.logs.sources import unusable
+from soter.program.model.durations import show_ns
+from soter.program.model.types import (
+    ArrayType,
+    BoolType,
+    DurationType,
+    EnumType,
+    FloatType,
+    IntType,
+    RecordType,
+    leaves,
+)
+from soter.report.recorded import Recorded
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from soter.monitor.logs.mapping import LeafPath, LogMap, TopicMap
+    from soter.monitor.logs.sources import Columns
+    from soter.program.model.system import System, Topic
+    from soter.program.model.types import Type, Value
+
+TRUTHS = {"true": True, "false": False, "1": True, "0": False}
+
+
+@dataclass(frozen=True)
+class Derived:
+    """A leaf, or a topic between its samples: how it was made, and 50, 95, 100 % of its error."""
+
+    name: str
+    how: str
+    error: tuple[float, float, float]
+
+
+@dataclass
+class Samples:
+    """One topic: `values[i]` was there at `times_ns[i]`; no times at all: it always holds.
+
+    `left_out`: rows without a usable value, and `first_left_out` why.
+    """
+
+    topic: Topic
+    times_ns: list[int]
+    values: list[Value]
+    linear: bool = False
+    gap_ns: int = 0
+    left_out: int = 0
+    first_left_out: str = ""
+    derived: list[Derived] = field(default_factory=list)
+    constants: list[str] = field(default_factory=list)
+
+    @property
+    def always(self) -> bool:
+        """Whether it is the same at all times."""
+        return not self.times_ns
+
+    def at(self, time_ns: int) -> Value | None:
+        """The value at a time between samples; None outside of them and in a gap."""
+        i = bisect_right(self.times_ns, time_ns) - 1
+        if i < 0:
+            return None
+        if self.times_ns[i] == time_ns:
+            return self.values[i]
+        if i + 1 == len(self.times_ns) or self.times_ns[i + 1] - self.times_ns[i] > self.gap_ns:
+            return None
+        share = (time_ns - self.times_ns[i]) / (self.times_ns[i + 1] - self.times_ns[i])
+        return _mixed(self.topic.type, self.values[i], self.values[i + 1], share)
+
+
+def _mixed(t: Type, a: Value, b: Value, share: float) -> Value:
+    """Floats between a and b; of everything else the earlier."""
+    if isinstance(t, FloatType):
+        return a + share * (b - a)
+    if isinstance(t, RecordType):
+        fields = zip(t.fields, a, b, strict=True)
+        return tuple([_mixed(f, x, y, share) for (_, f), x, y in fields])
+    if isinstance(t, ArrayType):
+        return tuple([_mixed(t.element, x, y, share) for x, y in zip(a, b, strict=True)])
+    return a
+
+
+def samples_of(path: Path, mapping: LogMap, columns: dict[str | None, Columns]) -> list[Samples]:
+    """All mapped topics, times counted from the first row of the log; SoterError D016."""
+    first = min(c.times_ns[0] for c in columns.values())
+    found = []
+    for t in mapping.topics:
+        of = columns.get(t.channel, columns.get(None))
+        found.append(_always(t) if not t.names else _of_rows(path, t, of, first))  # type: ignore[arg-type]
+    return found
+
+
+def _always(t: TopicMap) -> Samples:
+    leaves_ = {p: x.value for p, x in t.leaves.items() if isinstance(x, Constant)}
+    made = Samples(t.topic, [], [_built(t.topic.type, (), leaves_)])
+    made.constants = [t.name_of(p) for p in t.leaves]
+    return made
+
+
+def _of_rows(path: Path, t: TopicMap, columns: Columns, first_ns: int) -> Samples:
+    made = Samples(t.topic, [], [], t.linear, t.gap_ns)
+    types = dict(leaves(t.topic.type))
+    read: dict[LeafPath, list[Any]] = {p: [] for p, x in t.leaves.items() if isinstance(x, From)}
+    for i, now in enumerate(columns.times_ns):
+        row = {}
+        for p, leaf in t.leaves.items():
+            if isinstance(leaf, From):
+                cell = columns.cells[leaf.name][i]
+                row[p] = _leaf(path, types[p], leaf, cell, columns.where[i])
+        lost = [p for p, value in row.items() if value is None]
+        if lost:
+            made.left_out += 1
+            made.first_left_out = made.first_left_out or (
+                f"{columns.where[i]}: no finite number for `{t.name_of(lost[0])}`"
+            )
+            continue
+        made.times_ns.append(now - first_ns)
+        for p, value in row.items():
+            read[p].append(value)
+    if not made.times_ns:
+        raise unusable(path, f"no row of it has all of `{t.topic.name}`", made.first_left_out)
+    _fill(path, t, made, read)
+    return made
+
+
+def _fill(path: Path, t: TopicMap, made: Samples, read: dict[LeafPath, list[Any]]) -> None:
+    """Slopes, constants, whole values."""
+    n = len(made.times_ns)
+    times_s = np.array(made.times_ns, dtype=np.float64) / 1e9
+    whole: dict[LeafPath, list[Any]] = dict(read)
+    for p, leaf in t.leaves.items():
+        if isinstance(leaf, Constant):
+            whole[p] = [leaf.value] * n
+            made.constants.append(t.name_of(p))
+        elif isinstance(leaf, Slope):
+            if n < 2:
+                raise unusable(path, f"one sample of `{t.topic.name}` has no slope")
+            values, window = np.array(read[leaf.of], dtype=np.float64), leaf.window_ns / 1e9
+            found = slopes(times_s, values, window)
+            error = quantiles(slope_errors(times_s, values, window, found))
+            how = (
+                f"slope over {show_ns(leaf.window_ns)} about each sample, half of it later; error: "
+                "against the slope over half the window"
+            )
+            made.derived.append(Derived(t.name_of(p), how, error))
+            whole[p] = found.tolist()
+    if t.linear:
+        _between(t, made, times_s, whole)
+    for i in range(n):
+        made.values.append(_built(t.topic.type, (), {p: v[i] for p, v in whole.items()}))
+
+
+def _between(
+    t: TopicMap, made: Samples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
+) -> None:
+    """Note what straight lines miss; times_s (n,)."""
+    for p, kind in leaves(t.topic.type):
+        if isinstance(kind, FloatType) and not isinstance(t.leaves[p], Constant):
+            error = quantiles(between_errors(times_s, np.array(whole[p], dtype=np.float64)))
+            how = (
+                f"straight lines between samples at most {show_ns(t.gap_ns)} apart; error: a "
+                "quarter of what each sample is off the line between its neighbours"
+            )
+            if error[-1] > 0.0:
+                made.derived.append(Derived(t.name_of(p), how, error))
+
+
+def _built(t: Type, path: LeafPath, found: dict[LeafPath, Value]) -> Value:
+    if isinstance(t, RecordType):
+        return tuple([_built(f, (*path, n), found) for n, f in t.fields])
+    if isinstance(t, ArrayType):
+        return tuple([_built(t.element, (*path, f"[{i}]"), found) for i in range(t.size)])
+    return found[path]
+
+
+# ---------------------------------------------------------------- cells
+
+
+def _leaf(path: Path, t: Type, leaf: From, cell: object, where: str) -> Value | None:
+    """A value; None for an empty cell, NaN and infinities. SoterError D016 for anything else."""
+    if isinstance(cell, str):
+        cell = cell.strip()
+    if cell is None or cell == "":
+        return None
+    try:
+        if isinstance(t, FloatType):
+            return _number(leaf, cell)
+        return _other(t, cell)
+    except (ValueError, TypeError) as error:
+        shown = str(cell)[:40]
+        text = f"`{shown}` in {where}, `{leaf.name}`, is no `{t}`"
+        raise unusable(path, text) from error
+
+
+def _number(leaf: From, cell: Any) -> float | None:  # noqa: ANN401 - a text, or what JSON has
+    if isinstance(cell, bool):
+        raise TypeError
+    value = float(cell)
+    if leaf.scale != 1.0:
+        value = leaf.scale * value
+    if leaf.offset != 0.0:
+        value = value + leaf.offset
+    return value if math.isfinite(value) else None
+
+
+def _other(t: Type, cell: Any) -> Value:  # noqa: ANN401 - the same
+    if isinstance(t, BoolType):
+        if isinstance(cell, bool):
+            return cell
+        return _known(TRUTHS, str(cell).lower())
+    if isinstance(t, EnumType):
+        return t.members.index(str(cell))
+    if isinstance(cell, bool) or not isinstance(t, (IntType, DurationType)):
+        raise TypeError
+    value = int(cell) if not isinstance(cell, float) else _whole(cell)
+    if isinstance(t, IntType) and not t.low <= value <= t.high:
+        raise ValueError
+    return value
+
+
+def _known(known: dict[str, bool], text: str) -> bool:
+    if text not in known:
+        raise ValueError
+    return known[text]
+
+
+def _whole(x: float) -> int:
+    if x != int(x):
+        raise ValueError
+    return int(x)
+
+
+def recorded(system: System, samples: list[Samples]) -> Recorded:
+    """The topics at every time at which one of them was sampled, from when all are known.
+
+    Nothing is interpolated; times count from the first row of the log; there are no true states.
+    """
+    start = max(s.times_ns[0] for s in samples if not s.always)
+    topics = {t.name: t.default for t in system.topics}
+    topics.update({s.topic.name: s.values[0] for s in samples if s.always})
+    events = sorted((t, k, i) for k, s in enumerate(samples) for i, t in enumerate(s.times_ns))
+    found = Recorded([], [], [])
+    for at, (time_ns, k, i) in enumerate(events):
+        topics[samples[k].topic.name] = samples[k].values[i]
+        last = at + 1 == len(events) or events[at + 1][0] != time_ns
+        if last and time_ns >= start:
+            found.times_ns.append(time_ns)
+            found.topics.append(dict(topics))
+            found.truths.append({})
+    return found
