@@ -392,6 +392,13 @@ BENCHMARKS = (
         "after equally many steps; `brute`: so does the enumerator over the interpreter, where it "
         "can (200,000 transitions).",
     ),
+    Benchmark(
+        "Campaigns as device code",
+        ("bench/device_code.py",),
+        "The C of a small and of a large system as one file of C++, a world a thread: compiled for "
+        "a GPU by NVRTC and assembled by ptxas, without one being there; the same file compiled by "
+        "g++ and flown on the CPU, against campaigns.",
+    ),
 )
 
 

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import re
 import time
+from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from math import ceil, isfinite
 from pathlib import Path
@@ -22,6 +23,7 @@ from soter.campaign.flying import fly
 from soter.campaign.lateness import kept
 from soter.campaign.page import write_page
 from soter.campaign.parquet import write_parquet
+from soter.campaign.ray_flying import cluster, require_ray
 from soter.campaign.result import Result, result_of
 from soter.campaign.store import About, Store
 from soter.campaign.troubles import ORDER
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 
     from soter.campaign.arms import Arm
     from soter.campaign.flight import Flight
+    from soter.campaign.flying import Workers
     from soter.campaign.lateness import Lateness
     from soter.program.model.system import System
     from soter.simulate.externs.bindings import Bindings
@@ -41,6 +44,7 @@ if TYPE_CHECKING:
 
 HOURS_MAX = 1e7
 WORKERS_MAX = 256
+LOCAL, RAY = "local", "ray"
 
 
 @dataclass(frozen=True)
@@ -90,7 +94,7 @@ def campaign(
     flights: int | None = None,
     until: float | str | None = None,
     seed: int = 1,
-    workers: int | None = None,
+    workers: int | str | None = None,
     output: str | Path | None = None,
     arms: Sequence[str] = (),
     saves: float | str | None = None,
@@ -100,20 +104,19 @@ def campaign(
     """Fly `flights` seeds, or as many as make `hours` of flight (1 h by default).
 
     Flight k is the run of seed `seed` + k, so `soter run --seed` flies it again. `workers`:
-    threads, one a core by default; the results are the same. `output`: the folder; a campaign of
+    threads; "local", which is the default: one a core; "ray": the cores of a Ray cluster. The
+    results are the same. `output`: the folder; a campaign of
     the same program, system, time, parameters and seed goes on where it stopped, and may be made
     longer. `arms`: also fly `ac`, `paper`, `swept` on these seeds, each in a folder of its own
     below; `lateness_s`: how long this machine is measured for the paper's rules. `saves`: count
     saves, flying AC on for so long (seconds, or text) where it was taken off. SoterError U001 for
-    wrong figures, U003 for extern nodes, D006 for the folder.
+    wrong figures, U003 for extern nodes, D006 for the folder, D007 and D018 for the cluster.
     """
     began = time.perf_counter()
     flat, core = bindings.system, bindings.core
     until_ns = end_of(flat, until)
     count = _count(hours, flights, until_ns)
-    threads = workers if workers is not None else os.cpu_count() or 1
-    if not 1 <= threads <= WORKERS_MAX:
-        raise mistake("U001", f"{threads} workers cannot fly", f"give 1 to {WORKERS_MAX}")
+    threads = _threads(workers)
     horizon_ns = time_ns("saves", saves) or 0
     if saves is not None and horizon_ns <= 0:
         raise mistake("U001", "saves need a time for which AC is flown on", "as `--saves 10s`")
@@ -129,9 +132,11 @@ def campaign(
         )
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", own))
     flown = []
-    for k, one in enumerate(todo):
-        share = _part(progress or _quiet, k, len(todo))
-        flown.append(_flown(*one, count, threads, share))
+    with ExitStack() as held:
+        crew = threads or held.enter_context(cluster())
+        for k, one in enumerate(todo):
+            share = _part(progress or _quiet, k, len(todo))
+            flown.append(_flown(*one, count, crew, share))
     ours = flown[0]
     return Campaign(
         system=flat.name,
@@ -142,12 +147,24 @@ def campaign(
         result=ours.result,
         flown=ours.flown,
         wall_s=time.perf_counter() - began,
-        workers=threads,
+        workers=crew if isinstance(crew, int) else crew.cores,
         arms=tuple(flown) if others else (),
         lateness=lateness.text() if lateness else "",
         horizon_s=horizon_ns / 1e9,
         faults=_faults(flat),
     )
+
+
+def _threads(workers: int | str | None) -> int:
+    """How many threads fly; 0: none, a Ray cluster does. SoterError U001, D007."""
+    if workers == RAY:
+        require_ray()
+        return 0
+    threads = os.cpu_count() or 1 if workers in (None, LOCAL) else workers
+    if not isinstance(threads, int) or not 1 <= threads <= WORKERS_MAX:
+        said = f"give 1 to {WORKERS_MAX}, `{LOCAL}` or `{RAY}`"
+        raise mistake("U001", f"{workers} workers cannot fly", said)
+    return threads
 
 
 def _faults(flat: System) -> tuple[tuple[str, str], ...]:
@@ -198,7 +215,7 @@ def _flown(
     folder: Path,
     about: About,
     count: int,
-    threads: int,
+    workers: int | Workers,
     progress: Progress,
 ) -> FlownArm:
     began = time.perf_counter()
@@ -206,7 +223,7 @@ def _flown(
     before = len(store.flights)
     try:
         if before < count:
-            fly(fleet, store, count, threads, progress)
+            fly(fleet, store, count, workers, progress)
     finally:
         store.close()
     wanted = store.flights[:count]

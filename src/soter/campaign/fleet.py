@@ -1,6 +1,6 @@
 """Flights of one system in compiled batches: their events, their digests, their last states.
 
-Purpose: `Fleet`, the Python face of `c/soter_batch.c`.
+Purpose: `Fleet`, the Python face of `c/soter_batch.c`, and `Flyer`, the same of a recipe alone.
 Non-goals: statistics (`statistics.py`), workers and files (`store.py`, `flying.py`).
 """
 
@@ -15,9 +15,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.campaign.flight import Flight, Look
-from soter.campaign.unit import generate_measured
+from soter.campaign.unit import recipe_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.lower.layout import state_dtype
 from soter.lower.steps import lower
 from soter.native.build import RUNTIME, library
 from soter.native.interface import address, declarations, interface, opened
@@ -27,6 +26,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.campaign.unit import Recipe
     from soter.lower.core import CoreSystem
     from soter.program.model.system import System
 
@@ -47,35 +47,18 @@ AT_ONCE = 32
 """Flights in one call at most: after each, somebody may want to stop."""
 
 
-class Fleet:
-    """A compiled system that is flown under many seeds. One thread at a time a `fly`."""
+class Flyer:
+    """A compiled recipe that is flown under many seeds. One thread at a time a `fly`."""
 
-    def __init__(
-        self,
-        system: System,
-        until_ns: int,
-        optimise: str = "-O3",
-        *,
-        core: CoreSystem | None = None,
-        horizon_ns: int = 0,
-        link: bool = False,
-    ) -> None:
-        """Compile; SoterError U003 where the system needs what only Python answers.
-
-        `horizon_ns`: how far AC is flown on where it was taken off, to count saves; 0: not at all.
-        `link`: optimise across files, which takes longer to compile.
-        """
-        core = core or lower(system)
-        _without_externs(system, core)
-        if horizon_ns and len(system.modules) > MODULES_MAX:
-            many = f"saves of {len(system.modules)} modules cannot be counted"
-            raise SoterError((Diagnostic("U003", many, notes=(f"at most {MODULES_MAX}",)),))
-        self.system, self.until_ns, self.horizon_ns = system, until_ns, horizon_ns
-        unit = generate_measured(system, core)
-        self.dtype = state_dtype(system, unit.layout)
+    def __init__(self, recipe: Recipe) -> None:
+        """Compile, or take it from the cache."""
+        self.recipe, self.dtype = recipe, recipe.dtype
+        self.until_ns, self.horizon_ns = recipe.until_ns, recipe.horizon_ns
+        unit = recipe.unit
         hashing = ("soter_sha256.c", "soter_sha256.h")
         engine = (BATCH, BATCH.with_suffix(".h"), *(RUNTIME / name for name in hashing))
-        path = library(unit, optimise, engine=engine, extra=("-flto",) if link else ())
+        extra = ("-flto",) if recipe.link else ()
+        path = library(unit, recipe.optimise, engine=engine, extra=extra)
         self.ffi = interface(
             declarations(RUNTIME / "soter.h"), declarations(BATCH.with_suffix(".h"))
         )
@@ -83,7 +66,6 @@ class Fleet:
         find = partial(address, self.ffi, path)
         self._program = find(f"{unit.prefix}_program", "const soter_program *")
         self._measured = find(f"{unit.prefix}_measured", "const soter_measured *")
-        self._bins = [m.bins + 2 for m in system.measures]
         self._own = threading.local()
         self.at_once = max(1, min(AT_ONCE, BATCH_BYTES // unit.layout.size))
 
@@ -119,16 +101,16 @@ class Fleet:
         return found
 
     def _flight(self, number: int, seed: int, events: Any, last: Any, digest: str) -> Flight:  # noqa: ANN401 - records
-        system, modules = self.system, range(len(self.system.modules))
+        recipe, modules = self.recipe, range(len(self.recipe.forced))
         broken = [
-            f"{p.kind} {p.text}"
-            for p in system.properties
-            for _ in range(int(last["properties"][p.index]["count"]))
+            text
+            for index, text in recipe.properties
+            for _ in range(int(last["properties"][index]["count"]))
         ]
         broken += [
-            f"{c.name} latched"
-            for c in system.components
-            if int(last["components"][c.index]["latched"])
+            f"{name} latched"
+            for index, name in recipe.components
+            if int(last["components"][index]["latched"])
         ]
         bad = events[events["kind"] >= VIOLATED]["time"]
         spans = [_in_ac(events, k, self._start(k), self.until_ns) for k in modules]
@@ -149,19 +131,48 @@ class Fleet:
 
     def _start(self, module: int) -> int | None:
         """Since when a module is in AC at the start: it starts in SC unless it is forced."""
-        return 0 if self.system.modules[module].forced == "ac" else None
+        return 0 if self.recipe.forced[module] else None
+
+
+class Fleet(Flyer):
+    """A system that is flown here."""
+
+    def __init__(
+        self,
+        system: System,
+        until_ns: int,
+        optimise: str = "-O3",
+        *,
+        core: CoreSystem | None = None,
+        horizon_ns: int = 0,
+        link: bool = False,
+    ) -> None:
+        """Compile; SoterError U003 where the system needs what only Python answers.
+
+        `horizon_ns`: how far AC is flown on where it was taken off, to count saves; 0: not at all.
+        `link`: optimise across files, which takes longer to compile.
+        """
+        core = core or lower(system)
+        _without_externs(system, core)
+        if horizon_ns and len(system.modules) > MODULES_MAX:
+            many = f"saves of {len(system.modules)} modules cannot be counted"
+            raise SoterError((Diagnostic("U003", many, notes=(f"at most {MODULES_MAX}",)),))
+        self.system = system
+        super().__init__(
+            recipe_of(system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise, link=link)
+        )
 
 
 class _Got:
     """What one call of the batch driver writes, for so many flights."""
 
-    def __init__(self, fleet: Fleet, count: int, room: int) -> None:
-        ffi, modules = fleet.ffi, len(fleet.system.modules)
+    def __init__(self, fleet: Flyer, count: int, room: int) -> None:
+        ffi, modules, bins = fleet.ffi, len(fleet.recipe.forced), fleet.recipe.bins
         self.fleet = fleet
         self.states = np.zeros((count + SPARE, fleet.dtype.itemsize), dtype=np.uint8)
         self.events = np.zeros(room, dtype=EVENT)
-        self.looks = np.zeros((count, len(fleet._bins)), dtype=LOOK)  # noqa: SLF001 - its own
-        self.histogram = np.zeros((count, sum(fleet._bins)), dtype=np.uint32)  # noqa: SLF001
+        self.looks = np.zeros((count, len(bins)), dtype=LOOK)
+        self.histogram = np.zeros((count, sum(bins)), dtype=np.uint32)
         self.saves = np.zeros((count, modules), dtype=np.uint32)
         self.precautions = np.zeros((count, modules), dtype=np.uint32)
         self.order = ffi.new("soter_order *")
@@ -191,7 +202,7 @@ class _Got:
 
     def _looks(self, k: int) -> Iterator[Look]:
         at = 0
-        for i, bins in enumerate(self.fleet._bins):  # noqa: SLF001
+        for i, bins in enumerate(self.fleet.recipe.bins):
             count, _, total, least, most = self.looks[k, i].tolist()
             yield Look(count, total, least, most, tuple(self.histogram[k, at : at + bins].tolist()))
             at += bins

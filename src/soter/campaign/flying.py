@@ -1,50 +1,87 @@
-"""Fly a campaign: so many flights on so many threads, kept as they come.
+"""Fly a campaign: so many flights by threads or by others, kept as they come.
 
 Purpose: `fly`, from a fleet and a folder to all flights; the same flights whatever flies them.
-Non-goals: what they say (`result.py`).
+Non-goals: what they say (`result.py`), who else flies (`ray_flying.py`).
 """
 
 from __future__ import annotations
 
 from collections import deque
-from concurrent.futures import Future, ThreadPoolExecutor
-from typing import TYPE_CHECKING
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Protocol
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Iterator
+    from contextlib import AbstractContextManager
 
     from soter.campaign.fleet import Fleet
     from soter.campaign.flight import Flight
     from soter.campaign.store import Store
+    from soter.campaign.unit import Recipe
 
 AHEAD = 4
-"""Batches a thread that are asked for before the first of them is kept."""
+"""Batches a worker that are asked for before the first of them is kept."""
+
+
+class Asked(Protocol):
+    """A batch that was asked for."""
+
+    def result(self) -> list[Flight]:
+        """Its flights, waiting for them; raises what went wrong."""
+
+    def cancel(self) -> object:
+        """Nobody wants it any more."""
+
+
+class Crew(Protocol):
+    """Those that fly one recipe."""
+
+    def __call__(self, numbers: range, first_seed: int, /) -> Asked:
+        """Ask for the flights of these numbers."""
+
+
+class Workers(Protocol):
+    """Who flies instead of threads of this process."""
+
+    @property
+    def cores(self) -> int:
+        """So many batches are flown at once."""
+
+    def crew(self, recipe: Recipe) -> AbstractContextManager[Crew]:
+        """Those that fly this recipe."""
 
 
 def fly(
     fleet: Fleet,
     store: Store,
     count: int,
-    workers: int,
+    workers: int | Workers,
     progress: Callable[[float], None],
 ) -> None:
-    """Fly what is not there yet of `count` flights, in order; what is done stands in the store.
-
-    C runs without Python's lock, so threads are enough.
-    """
+    """Fly what is not there yet of `count` flights, in order; what is done stands in the store."""
     first = store.about.first_seed
     todo = range(len(store.flights), count)
     batches = deque(
         range(k, min(k + fleet.at_once, count)) for k in range(todo.start, count, fleet.at_once)
     )
-    waiting: deque[Future[list[Flight]]] = deque()
-    with ThreadPoolExecutor(workers) as pool:
+    waiting: deque[Asked] = deque()
+    cores = workers if isinstance(workers, int) else workers.cores
+    crew = _threads(fleet, workers) if isinstance(workers, int) else workers.crew(fleet.recipe)
+    with crew as ask:
         try:
             while batches or waiting:
-                while batches and len(waiting) < AHEAD * workers:
-                    waiting.append(pool.submit(fleet.fly, batches.popleft(), first))
+                while batches and len(waiting) < AHEAD * cores:
+                    waiting.append(ask(batches.popleft(), first))
                 store.add(waiting.popleft().result())
                 progress(len(store.flights) / count)
         finally:
             for f in waiting:
                 f.cancel()
+
+
+@contextmanager
+def _threads(fleet: Fleet, workers: int) -> Iterator[Crew]:
+    """C runs without Python's lock, so threads are enough."""
+    with ThreadPoolExecutor(workers) as pool:
+        yield lambda numbers, first: pool.submit(fleet.fly, numbers, first)

@@ -27,6 +27,7 @@ EXAMPLES = """\
   soter campaign drone.soter --flights 1000 --until 30s --system Twitching
   soter campaign drone.soter --hours 200          goes on where `--hours 104` ended
   soter campaign drone.soter --hours 104 --saves 10s --arms ac,paper,swept --report
+  soter campaign drone.soter --workers ray        the cores of a Ray cluster; the same results
   soter run drone.soter --flight 48123 --report   look at the flight of that number
 
 Every flight stands in `flights.csv` of the campaign's folder, with its seed. It can be stopped at
@@ -45,7 +46,9 @@ def parser() -> Parser:
     made.add_argument("--flights", metavar="N", type=at_least_one, help="in place of --hours")
     made.add_argument("--until", metavar="TIME", help="of each; by default the system's own")
     made.add_argument("--seed", metavar="N", type=seed, default=1, help="of the first (1)")
-    made.add_argument("--workers", metavar="N", type=at_least_one, help="threads (one a core)")
+    made.add_argument(
+        "--workers", metavar="N", type=_workers, help="threads, `local`: one a core, or `ray`"
+    )
     made.add_argument(
         "--arms",
         metavar="A,B",
@@ -101,6 +104,10 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     code = VIOLATED if found.result.violations else FINE
     fields = {"file": args.file, "program_sha256": program.sha256, **figures(found)}
     return Outcome(code, program.diagnostics, fields)
+
+
+def _workers(text: str) -> int | str:
+    return text if text in ("local", "ray") else at_least_one(text)
 
 
 def _names(text: str) -> tuple[str, ...]:

@@ -118,9 +118,10 @@ def _seals(folder: Path, content: str, files: tuple[str, ...]) -> str:
 
 
 def _seal(made: Path, content: str, files: tuple[str, ...]) -> None:
-    """Only these files, which only we may write."""
+    """Only these files, in folders or not, which only we may write."""
+    wanted = {Path(name).parts[0] for name in files}
     for path in made.iterdir():
-        if path.name not in files:
+        if path.name not in wanted:
             shutil.rmtree(path) if path.is_dir() else path.unlink()
     (made / SEALS).write_text(_seals(made, content, files), encoding="utf-8")
     for name in (*files, SEALS):

@@ -38,6 +38,7 @@ NOT_STATIC = {
     "D015": "the mapping of a log",
     "D016": "a log that somebody else wrote",
     "D017": "a log that has not what a module reads",
+    "D018": "the workers of a cluster cannot fly",
     "I001": "a defect of soter",
     "U001": "a value on the command line",
     "U002": "the name of a system on the command line",
