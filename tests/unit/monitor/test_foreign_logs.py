@@ -118,7 +118,9 @@ WRONG_MAPPINGS = [
     (("topics", "seen", "colour"), 3, "says `colour`"),
     (("topics", "seen"), "x", "`seen` is no table"),
     (("time", "unit"), "hours", "`time` is in `hours`"),
-    (("time", "scale"), -1, "no number above 0"),
+    (("time", "scale"), -1, "no number from 1e-12"),
+    (("time", "scale"), 1e300, "no number from 1e-12"),
+    (("time", "scale"), 10**400, "no number from 1e-12"),
     (("time", "from"), 3, "`from` of `time` is no name"),
     (("system",), 3, "`system` is no name"),
     (("tiem",), {}, "says `tiem`"),
@@ -157,6 +159,7 @@ WRONG_LOGS = [
     (LOG.replace("HIGH,2", "HIGH,2.5"), "`2.5` in line 4, `count`, is no"),
     (LOG.replace("HIGH,2", "HIGH,12"), "`12` in line 4, `count`, is no"),
     (LOG.replace("0.5,HIGH", "0.5,0.5,HIGH"), "line 4 has 6 cells, the head 5"),
+    (LOG + "9000000000.0,1.2,0.5,HIGH,2\n", "it spans 9,000,000,000 s, 90,000,000,000 decisions"),
     ("t,x,v,gear,count\n0.0,,0.5,LOW,1\n", "no row of it has all of `seen`"),
     ("t,x,v,gear,count\n0.0,\xff", "line 2 has 2 cells"),
 ]
@@ -188,6 +191,8 @@ def test_files_that_cannot_be_read_are_told(program: Any, tmp_path: Path) -> Non
     mapping.write_text(json.dumps(MAP))
     broken = tmp_path / "broken.toml"
     broken.write_text("[topics\n")
+    deep = tmp_path / "deep.json"
+    deep.write_text("[" * 100_000)
     junk = tmp_path / "junk.mcap"
     junk.write_bytes(b"no mcap at all")
     zipped = tmp_path / "junk.csv.gz"
@@ -199,6 +204,7 @@ def test_files_that_cannot_be_read_are_told(program: Any, tmp_path: Path) -> Non
         (missing, mapping, "D016"),
         (missing, tmp_path / "none.json", "D015"),
         (missing, broken, "D015"),
+        (missing, deep, "D015"),
         (junk, channels, "D016"),
         (junk, MAP, "D016"),
         (zipped, MAP, "D016"),

@@ -53,6 +53,9 @@ UNITS = {
 GAP_NS = 10**9
 """Between samples further apart nothing is interpolated, unless the mapping says otherwise."""
 
+TIME_MIN, TIME_MAX = 1e-12, 1e12
+NUMBER_MAX = 1e30
+"""Scales and offsets beyond are none."""
 LEAF_KEYS = ("from", "scale", "offset", "unit", "constant", "slope", "window")
 TOPIC_KEYS = ("channel", "between", "gap", "fields")
 KEYS = ("system", "time", "where", "topics")
@@ -136,9 +139,9 @@ def read_mapping(path: Path) -> dict[str, Any]:
         given = _toml(text) if path.suffix == ".toml" else json.loads(text)
     except ImportError as error:
         raise _wrong(["TOML needs Python 3.11 or the package tomli: or write JSON"]) from error
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         kind = "TOML" if path.suffix == ".toml" else "JSON"
-        raise _wrong([f"the mapping `{path}` is no {kind}: {error}"]) from error
+        raise _wrong([f"the mapping `{path}` is no {kind}: {str(error)[:200]}"]) from error
     if not isinstance(given, dict):
         raise _wrong([f"the mapping `{path}` is no table"])
     return given
@@ -194,8 +197,10 @@ class _Reading:
         unit, scale = given.get("unit", "s"), given.get("scale", 1)
         if unit not in TIME_UNITS:
             self.problems.append(f"`time` is in `{unit}`: there are {', '.join(TIME_UNITS)}")
-        if not _is_number(scale) or scale <= 0:
-            self.problems.append(f"`scale` of `time` is no number above 0: {scale!r}")
+        if not _is_number(scale) or not TIME_MIN <= scale <= TIME_MAX:
+            self.problems.append(
+                f"`scale` of `time` is no number from 1e-12 to 1e12: {str(scale)[:40]}"
+            )
             scale = 1
         name = given.get("from")
         if name is not None and not isinstance(name, str):
@@ -336,4 +341,6 @@ def _unknown(what: str, name: str, known: Iterable[str]) -> str:
 
 
 def _is_number(given: object) -> bool:
-    return isinstance(given, (int, float)) and not isinstance(given, bool) and math.isfinite(given)
+    if not isinstance(given, (int, float)) or isinstance(given, bool):
+        return False
+    return -NUMBER_MAX <= given <= NUMBER_MAX  # NaN, too, is none

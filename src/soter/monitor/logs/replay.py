@@ -14,10 +14,12 @@ from __future__ import annotations
 from bisect import bisect_left, bisect_right
 from dataclasses import replace
 from math import copysign, isinf
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.monitor.logs.margins import At, Margins
 from soter.monitor.logs.result import Change, LogJudgement, ModuleOfLog, Nearest
+from soter.monitor.logs.sources import unusable
 from soter.program.meaning.arith import StepFault
 from soter.program.meaning.statements import Evaluator
 from soter.semantics.configuration import NEVER
@@ -37,6 +39,8 @@ if TYPE_CHECKING:
     from soter.semantics.configuration import Configuration
     from soter.semantics.machine import Machine
 
+STEPS_MAX = 20_000_000
+"""Decisions that are replayed of one log; a thousand take half a second."""
 AGAINST = At(sense=-1.0)
 """Distances count away from `ttf`."""
 
@@ -61,6 +65,7 @@ def replay(
     started = [s for s in samples if not s.always]
     from_ns = max(s.times_ns[0] for s in started)
     to_ns = max(s.times_ns[-1] for s in started)
+    _bounded(system, plan, to_ns - from_ns, log)
     judged = LogJudgement(
         log=log,
         from_s=from_ns / 1e9,
@@ -121,6 +126,19 @@ def _instants(system: System, plan: Decidable, length_ns: int) -> Iterator[int]:
         if now > length_ns:
             return
         yield now
+
+
+def _bounded(system: System, plan: Decidable, length_ns: int, log: str) -> None:
+    """D016 for a log so long that it must be a mistake: a clock that jumped, another unit."""
+    parts = [system.components[system.modules[m].dm] for m in plan.modules]
+    steps = sum(length_ns // c.period_ns for c in parts)
+    if steps > STEPS_MAX:
+        raise unusable(
+            Path(log),
+            f"it spans {length_ns / 1e9:,.0f} s, {steps:,} decisions",
+            "does its clock jump? is `unit` of `time` right?",
+            f"at most {STEPS_MAX:,} decisions are replayed: choose a part with `--where`",
+        )
 
 
 class _World:
