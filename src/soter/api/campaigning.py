@@ -82,6 +82,9 @@ class Campaign:
     arms: tuple[FlownArm, ...] = ()
     lateness: str = ""
     horizon_s: float = 0.0
+    program_sha256: str = ""
+    forced: tuple[str, ...] = ()
+    """Modules whose mode the system forces, with who is in control."""
     faults: tuple[tuple[str, str], ...] = ()
     """What goes wrong, as it was written, and which assumption it keeps; "": none."""
 
@@ -151,6 +154,8 @@ def campaign(
         arms=tuple(flown) if others else (),
         lateness=lateness.text() if lateness else "",
         horizon_s=horizon_ns / 1e9,
+        program_sha256=flat.program.sha256,
+        forced=tuple(f"{m.name} to {m.forced.upper()}" for m in flat.modules if m.forced),
         faults=_faults(flat),
     )
 

@@ -30,6 +30,7 @@ SAVE = (
 RESTS_ON = (
     "Virtual time: every step takes none, unless the program or a fault says otherwise.",
     "The plants of the program are the world: what they do not model is not flown.",
+    "Whether a module is proved is not asked here: `soter verify` says.",
     "Rates are of independent flights; intervals are exact (Poisson, binomial), 95 %.",
     SAVE,
 )
@@ -54,22 +55,26 @@ def page_of(found: CampaignLike, program: str) -> CampaignPage:
         title=f"{Path(program).name}: {found.system}, {r.flights:,} flights",
         headline=headline,
         verdict="bad" if r.violations else "good",
-        sections=tuple(_sections(found)),
+        sections=tuple(_sections(found, Path(program).name)),
         histograms=tuple(_histogram(m) for m in r.measures),
     )
 
 
-def _sections(found: CampaignLike) -> Iterator[Section]:
+def _sections(found: CampaignLike, program: str) -> Iterator[Section]:
     r = found.result
     rates = f"Violations an hour, 95 %: {interval(*r.per_hour)}"
-    again = f"flight k has the seed {found.first_seed} + k; `soter run --flight k` shows it again"
+    system = f"--system {found.system} --until {found.until_s:g}s --seed {found.first_seed}"
     says = [
-        f"{r.hours:,.2f} h in {r.flights:,} flights of {found.until_s:g} s; {again}.",
+        f"{r.hours:,.2f} h in {r.flights:,} flights of {found.until_s:g} s.",
+        f"Again: soter campaign {program} {system} --flights {r.flights}",
+        f"Flight K of it, looked at: soter run {program} {system} --flight K --report",
         f"{rates}; violated flights, 95 %: {interval(*r.per_flight)}.",
     ]
+    if found.forced:
+        says.append(f"Forced, so that nothing protects them: {', '.join(found.forced)}.")
     if r.violations and found.faults:
         says.append(f"Violated and met no fault outside before: {r.violated_inside} flights.")
-    says.append(f"Digest of all flights: {r.digest}")
+    says.append(f"Program {found.program_sha256}; digest of all flights {r.digest}.")
     yield Section("What was flown", tuple(says), *tables.broken(found))
     control = []
     if len(r.modules) > 1:

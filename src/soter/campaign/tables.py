@@ -72,6 +72,14 @@ class CampaignLike(Protocol):
         """As `Campaign.horizon_s`."""
 
     @property
+    def program_sha256(self) -> str:
+        """As `Campaign.program_sha256`."""
+
+    @property
+    def forced(self) -> Sequence[str]:
+        """As `Campaign.forced`."""
+
+    @property
     def faults(self) -> Sequence[tuple[str, str]]:
         """As `Campaign.faults`."""
 
