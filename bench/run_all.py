@@ -188,6 +188,13 @@ BENCHMARKS = (
         "100 Hz and 200 Hz), beside the reference interpreter in the same run.",
     ),
     Benchmark(
+        "Campaigns",
+        ("bench/campaign.py",),
+        "The whole drone with prepared plans (examples/drone/campaign.soter) through the batch "
+        "driver: 104 hours on one core, saves, two threads, flights of one instant, compilers, and "
+        "a campaign that is killed again and again. What campaigns found: docs/results.md.",
+    ),
+    Benchmark(
         "Calls of simulate from Python",
         ("bench/simulate_calls.py",),
         "One `Program.simulate` after the other, wall time: what does not depend on the seed is "
