@@ -169,7 +169,7 @@ def main() -> int:
     """Fly, and write the page."""
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--hours", type=float, default=195.0)
-    parser.add_argument("--stack", type=int, default=100)
+    parser.add_argument("--stack", type=int, default=60)
     parser.add_argument("--laps", type=int, default=1000)
     parser.add_argument("--out", type=Path, default=ROOT / ".soter" / "results")
     args = parser.parse_args()
