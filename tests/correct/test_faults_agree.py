@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from long_tests import examples
-from soter import SoterError, load
+from soter import SoterError, load, recheck
 from soter.program.build import check_file, system_of
 from soter.program.flatten.derived import with_faults
 from soter.program.model.system import Fault
@@ -242,9 +242,12 @@ def test_a_declared_lateness_is_inside_up_to_what_is_declared(tmp_path: Path) ->
 
 def test_no_proof_and_no_set_is_about_faults(tmp_path: Path) -> None:
     source = changed_cart(tmp_path, "late all by 9ms; silent c at 900 per 1h;")
-    report = load(source).verify()
+    report = load(source).verify(cert=tmp_path / "cert")
     assert report.verdict == "proved"
     assert any("`faults` of system Protected" in a for a in report.modules[0].problem.assumptions)
+    again = recheck(tmp_path / "cert")
+    assert again.accepted
+    assert any("its `faults` go wrong" in said.text for said in again.not_covered)
 
 
 def test_more_faults_can_be_put_into_a_system(tmp_path: Path) -> None:

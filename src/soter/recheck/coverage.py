@@ -92,3 +92,9 @@ def _of(facts: Covered) -> Iterator[Said]:
             f"what system {system.name} says under `always` and `never`: "
             f"only `safe` of {name} is covered",
         )
+    said = system.program.systems.get(system.name)
+    if said is not None and said.faults:
+        yield Said(
+            f"faults {system.name}",
+            f"runs of system {system.name} in which its `faults` go wrong",
+        )
