@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from soter.program.check.expressions.field import listed
 from soter.program.flatten.trials.names import named, nobody
 from soter.program.flatten.trials.waiting import waiting
 from soter.program.model.durations import show_ns
@@ -246,13 +247,15 @@ class _Places:
                 yield c, topic, indices, None
         if not hit:
             what = f"`{'.'.join(rest)}` of `{c.name}`" if rest else f"what `{c.name}` publishes"
-            self._impossible(item, f"{what} is nothing that `{item.kind}` could hit")
+            there = [t.name.rpartition(".")[2] for t in symbols]
+            also = [f"`{c.name}` publishes {listed(there)}"] if there else []
+            self._impossible(item, f"{what} is nothing that `{item.kind}` could hit", *also)
         elif c.plant is not None and item.kind == "nan":
             self._impossible(item, "a reading that is no number reaches no topic: say `silent`")
 
-    def _impossible(self, item: typed.SystemFaultSymbol, why: str) -> None:
+    def _impossible(self, item: typed.SystemFaultSymbol, *why: str) -> None:
         self.diagnostics.error(
-            "E018", f"`{item.kind} {item.path}` cannot happen", item.span, notes=(why,)
+            "E018", f"`{item.kind} {item.path}` cannot happen", item.span, notes=why
         )
 
     # ------------------------------------------------------------ inside or outside
