@@ -35,6 +35,7 @@ def test_equal_instances_are_stored_once(chunk: int) -> None:
     assert equal >= 2, "programs of which hardly any has equal instances show nothing"
 
 
+@pytest.mark.long
 def test_orbits_are_counted() -> None:
     """Of some programs there is more to say than the verdict."""
     counted = 0

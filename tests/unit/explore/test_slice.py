@@ -101,6 +101,7 @@ def test_what_does_not_matter_may_choose_otherwise(text: str) -> None:
             assert all(again.stays(random, matters=False) for _ in range(TRIES)), name
 
 
+@pytest.mark.long
 @pytest.mark.parametrize("make", [small_program, program_apart])
 def test_what_does_not_matter_may_choose_otherwise_in_random_programs(
     make: Callable[[int], str],
