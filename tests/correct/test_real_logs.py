@@ -367,9 +367,7 @@ def test_the_faults_of_a_system_are_not_put_into_a_log(tmp_path: Path) -> None:
     log = track(tmp_path / "a.csv", rows, ["t", "x"])
     mapping = {"time": {"from": "t"}, "topics": {"raw": {"fields": {"value": "x"}}}}
     found = []
-    faults = (
-        "faults { silent Filter.pose at 800 per 1h for 1s; late M.dm by 90ms at 3600 per 1h; }"
-    )
+    faults = "faults { silent Filter.pose at 800 per 1h for 1s; late M.dm by 90ms at 3600 per 1h; }"
     for more in ("", faults):
         path = tmp_path / "estimator.soter"
         path.write_text(ESTIMATOR.replace("module M; }", f"module M; {more} }}"))
