@@ -57,8 +57,7 @@ class Flyer:
         unit = recipe.unit
         hashing = ("soter_sha256.c", "soter_sha256.h")
         engine = (BATCH, BATCH.with_suffix(".h"), *(RUNTIME / name for name in hashing))
-        extra = ("-flto",) if recipe.link else ()
-        path = library(unit, recipe.optimise, engine=engine, extra=extra)
+        path = library(unit, recipe.optimise, engine=engine)
         self.ffi = interface(
             declarations(RUNTIME / "soter.h"), declarations(BATCH.with_suffix(".h"))
         )
@@ -145,12 +144,10 @@ class Fleet(Flyer):
         *,
         core: CoreSystem | None = None,
         horizon_ns: int = 0,
-        link: bool = False,
     ) -> None:
         """Compile; SoterError U003 where the system needs what only Python answers.
 
         `horizon_ns`: how far AC is flown on where it was taken off, to count saves; 0: not at all.
-        `link`: optimise across files, which takes longer to compile.
         """
         core = core or lower(system)
         _without_externs(system, core)
@@ -159,7 +156,7 @@ class Fleet(Flyer):
             raise SoterError((Diagnostic("U003", many, notes=(f"at most {MODULES_MAX}",)),))
         self.system = system
         super().__init__(
-            recipe_of(system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise, link=link)
+            recipe_of(system, core, until_ns, horizon_ns=horizon_ns, optimise=optimise)
         )
 
 

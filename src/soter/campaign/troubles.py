@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.semantics.chance.faults import is_active
+from soter.semantics.chance.faults import begins
 
 if TYPE_CHECKING:
     from soter.program.model.system import Fault, System
@@ -26,9 +26,5 @@ def outside(system: System, seed: int, until_ns: int) -> list[str]:
 
 
 def _was_there(system: System, f: Fault, seed: int, until_ns: int) -> bool:
-    period = system.components[f.component].period_ns
-    if f.kind == "late" and f.slot_ns == 0:
-        return True
-    step = max(f.slot_ns, period)  # what lies between two releases hits nobody
-    times = (*range(0, until_ns, step), until_ns)
-    return any(is_active(f, seed, t, period) for t in times)
+    always = f.kind == "late" and f.slot_ns == 0
+    return always or bool(begins(f, system.components[f.component], seed, until_ns))

@@ -43,7 +43,6 @@ class Recipe:
     until_ns: int
     horizon_ns: int
     optimise: str
-    link: bool
     properties: tuple[tuple[int, str], ...]
     components: tuple[tuple[int, str], ...]
     forced: tuple[bool, ...]
@@ -58,7 +57,6 @@ def recipe_of(
     *,
     horizon_ns: int = 0,
     optimise: str = "-O3",
-    link: bool = False,
 ) -> Recipe:
     """The recipe of a system; SoterError X003 where the C of an extern cannot be read."""
     unit = generate_measured(system, core)
@@ -69,7 +67,6 @@ def recipe_of(
         until_ns=until_ns,
         horizon_ns=horizon_ns,
         optimise=optimise,
-        link=link,
         properties=tuple((p.index, f"{p.kind} {p.text}") for p in system.properties),
         components=tuple((c.index, c.name) for c in system.components),
         forced=tuple(m.forced == "ac" for m in system.modules),
