@@ -9,6 +9,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.api.timing import TimingReport, timing_reports
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
@@ -74,6 +76,10 @@ class CheckReport:
     warnings: tuple[Diagnostic, ...]
     steps: tuple[StepReport, ...]
     """Of every node and module of the program that has code of its own."""
+    timings: tuple[TimingReport, ...] = ()
+    """Of every system whose thread declares execution times."""
+    untimely: tuple[Diagnostic, ...] = ()
+    """What does not hold of them, as errors: deadlines, the times of a proof, P1c."""
 
 
 def check_report(
@@ -93,7 +99,10 @@ def check_report(
     from soter.simulate.externs.files import warnings_of  # noqa: PLC0415 - see `soter.api`
 
     warnings = (*checked.diagnostics.items, *warnings_of(program, bound))
-    return CheckReport(path, program.sha256, systems, warnings, step_reports(program))
+    timings, untimely = timing_reports(list(flat.values()))
+    return CheckReport(
+        path, program.sha256, systems, warnings, step_reports(program), timings, untimely
+    )
 
 
 def step_reports(program: Program) -> tuple[StepReport, ...]:

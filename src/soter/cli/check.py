@@ -12,6 +12,7 @@ from soter.api import load
 from soter.cli.terminal.outcome import Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings
 from soter.cli.terminal.progress import LineOfProgress
+from soter.cli.terminal.timing import say_timing, timing_fields
 
 if TYPE_CHECKING:
     import argparse
@@ -23,6 +24,7 @@ EXAMPLES = """\
   soter check drone.soter
   soter check drone.soter --set GAIN=3     with another value of a parameter
   soter check drone.soter --json | jq .modules
+  soter check timed.soter                  where nodes say `wcet`: the thread, and P1c
 """
 
 STEPS_SHOWN = 8
@@ -52,7 +54,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         return Outcome(exit_of(program.diagnostics), program.diagnostics, fields)
     report = program.check(dict(args.params))
     _say(report, console)
-    return Outcome(diagnostics=report.warnings, fields=_fields(report))
+    found = (*report.warnings, *report.untimely)
+    return Outcome(exit_of(found), found, _fields(report))
 
 
 def _say(report: CheckReport, console: Console) -> None:
@@ -66,6 +69,8 @@ def _say(report: CheckReport, console: Console) -> None:
     console.say(f"{ok}  {report.path}  {counted}{proved}  {report.program_sha256[:12]}")
     for line in (*_assumptions(report.systems), *_steps(report)):
         console.say(console.paint("muted", f"    {line}"))
+    for timing in report.timings:
+        say_timing(timing, console)
 
 
 def _steps(report: CheckReport) -> list[str]:
@@ -106,6 +111,7 @@ def _fields(report: CheckReport) -> dict[str, object]:
             }
             for s in report.steps
         ],
+        "timings": [timing_fields(t) for t in report.timings],
         "modules": {
             m.name: {
                 "verdict": "assumed",
