@@ -121,20 +121,29 @@ def turn(jobs: list[Job]) -> int:
     return lcm(*(j.every for j in jobs))
 
 
-PERIODS = (4, 5, 6, 8, 10, 12, 15, 16, 20, 24, 30, 40, 48, 60, 80, 120, 240)
+BASES = (12, 16, 20, 24, 30, 36)
+RATIOS = ((1, 1), (1, 1), (3, 2), (2, 1), (2, 1), (3, 1), (4, 1))
 
 
-def drawn(rng: random.Random, use: float, scale: int = 1) -> list[Job]:
-    """A set of two to seven jobs with about this utilisation; all times times `scale`."""
-    count = rng.randint(2, 7)
-    cuts = sorted(rng.random() for _ in range(count - 1))
-    shares = [b - a for a, b in zip([0.0, *cuts], [*cuts, 1.0], strict=True)]
+def drawn(rng: random.Random, use: float) -> list[Job]:
+    """A set of two to eight jobs that keep the thread busy for about this share of the time."""
+    count, base = rng.randint(2, 8), rng.choice(BASES)
+    left, shares = use, []
+    for k in range(count - 1, 0, -1):  # even over all ways to divide it
+        rest = left * rng.random() ** (1 / k)
+        shares.append(left - rest)
+        left = rest
     found = []
-    for share in shares:
-        every = rng.choice(PERIODS) * scale
-        cost = max(0, round(share * use * every))
+    for share in (*shares, left):
+        over, under = rng.choice(RATIOS)
+        every = base * over // under
         offset = rng.randrange(every) if rng.random() < 0.5 else 0
-        hold = rng.randint(0, max(1, every // 8)) if rng.random() < 0.5 else 0
-        due = every if rng.random() < 0.7 else rng.randint(max(1, every // 2), every)
-        found.append(Job(every, offset, cost, hold, due))
+        hold = rng.randint(0, every // 10) if rng.random() < 0.3 else 0
+        due = every if rng.random() < 0.9 else rng.randint(every * 3 // 4, every)
+        found.append(Job(every, offset, round(share * every), hold, due))
     return found
+
+
+def busy(jobs: list[Job]) -> float:
+    """The share of the time that the thread is busy where every step is as long as it may be."""
+    return sum(j.cost / j.every for j in jobs)
