@@ -242,9 +242,9 @@ BENCHMARKS = (
         "Threads: the analysis against executions",
         ("bench/schedulability.py",),
         "10,000 random sets of tasks that keep a thread busy for 60 to 100 % of the time "
-        "(docs/timing.md). Accepted: executions are simulated tick by tick, the one in which all is "
-        "as late as it may be and random ones; none may miss. Refused: the instance that comes with "
-        "it is replayed, and has to miss.",
+        "(docs/timing.md). Accepted: executions are simulated tick by tick, the one in which all "
+        "is as late as it may be and random ones; none may miss. Refused: the instance that comes "
+        "with it is replayed, and has to miss.",
     ),
     Benchmark(
         "The same sets, with something hidden from the analysis",

@@ -110,7 +110,7 @@ def _budget(s: Step) -> str:
     return f"wcet {_time(s.cost)};{jitter}"
 
 
-def _node(  # noqa: PLR0913, PLR0917 - the parts of a node
+def _node(
     name: str, every: int, offset: int, budget: str, reads: str, writes: str, value: str
 ) -> str:
     phase = f" phase {_time(offset)}" if offset else ""
