@@ -9,10 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from soter.api.timing import TimingReport, timing_reports
+from soter.api.timing import TimingReport, timing_reports, with_times
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.program.build import Checked
@@ -83,7 +84,11 @@ class CheckReport:
 
 
 def check_report(
-    path: str, checked: Checked, flat: Mapping[str, System], bound: Mapping[str, object]
+    path: str,
+    checked: Checked,
+    flat: Mapping[str, System],
+    bound: Mapping[str, object],
+    times: str | Path | None = None,
 ) -> CheckReport:
     """The report on a sound program; `SoterError` U005 where `bound` names no extern of `flat`."""
     program = checked.program
@@ -99,6 +104,8 @@ def check_report(
     from soter.simulate.externs.files import warnings_of  # noqa: PLC0415 - see `soter.api`
 
     warnings = (*checked.diagnostics.items, *warnings_of(program, bound))
+    if times is not None:
+        with_times(flat, times)
     timings, untimely = timing_reports(list(flat.values()))
     return CheckReport(
         path, program.sha256, systems, warnings, step_reports(program), timings, untimely

@@ -6,13 +6,17 @@ Non-goals: the analysis (`soter.timing`, `soter.reach.time`), printing (`cli/`).
 
 from __future__ import annotations
 
+import json
 from dataclasses import dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.program.flatten.numbers import MAX_PERIOD_NS
 
 if TYPE_CHECKING:
-    from soter.diagnostics.diagnostic import Diagnostic
+    from collections.abc import Mapping
+
     from soter.program.model.system import Component, System
     from soter.reach.time.switching import Switch
     from soter.timing.deployment import Timing
@@ -68,6 +72,43 @@ class TimingReport:
     missing: tuple[str, ...]
     schedule: tuple[str, ...]
     switches: tuple[SwitchReport, ...]
+
+
+def times_in(path: str | Path) -> tuple[str, dict[str, int]]:
+    """The system of a file of times, and the `wcet_ns` of its components by name.
+
+    `SoterError` U011 where it is no such file; OSError where it cannot be read.
+    """
+    text = Path(path).read_text(encoding="utf-8")
+    try:
+        given = json.loads(text)
+        found = {s["name"]: s["wcet_ns"] for s in given["steps"]}
+        sound = given["schema"] == 1 and all(
+            isinstance(n, str) and type(ns) is int and 0 < ns <= MAX_PERIOD_NS
+            for n, ns in found.items()
+        )
+        system = str(given["system"])
+    except (ValueError, KeyError, TypeError):
+        sound = False
+    if not sound:
+        problem = Diagnostic(
+            "U011",
+            f"`{path}` is no file of times",
+            notes=("`soter measure` writes one",),
+        )
+        raise SoterError((problem,))
+    return system, found
+
+
+def with_times(systems: Mapping[str, System], path: str | Path) -> None:
+    """Gives components that say no `wcet` the one of a file; `SoterError` U011 as `times_in`."""
+    name, times = times_in(path)
+    if name not in systems:
+        note = f"it has those of system `{name}`"
+        problem = Diagnostic("U011", f"`{path}` has no times of this program", notes=(note,))
+        raise SoterError((problem,))
+    for c in systems[name].components:
+        c.wcet_ns = times.get(c.name) if c.wcet_ns is None else c.wcet_ns
 
 
 def timing_reports(

@@ -25,6 +25,7 @@ EXAMPLES = """\
   soter check drone.soter --set GAIN=3     with another value of a parameter
   soter check drone.soter --json | jq .modules
   soter check timed.soter                  where nodes say `wcet`: the thread, and P1c
+  soter check drone.soter --times .soter/drone-times.json
 """
 
 STEPS_SHOWN = 8
@@ -40,6 +41,9 @@ def parser() -> Parser:
     )
     add_file(made)
     add_settings(made)
+    made.add_argument(
+        "--times", metavar="FILE", help="what `soter measure` wrote, for nodes without a `wcet`"
+    )
     return made
 
 
@@ -52,7 +56,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     if not program.ok:
         fields = {"file": args.file, "program_sha256": program.sha256}
         return Outcome(exit_of(program.diagnostics), program.diagnostics, fields)
-    report = program.check(dict(args.params))
+    report = program.check(dict(args.params), times=args.times)
     _say(report, console)
     found = (*report.warnings, *report.untimely)
     return Outcome(exit_of(found), found, _fields(report))

@@ -154,6 +154,36 @@ def test_an_extern_node_costs_the_thread_nothing_until_it_is_inline(tmp_path: Pa
     assert rechecked(tmp_path, inline) != ""
 
 
+IN_STEP = "    late dm 2ms, sc 1ms, Estimate 2ms;\n    response dm 1ms, sc 1ms, Estimate 1ms;\n"
+
+
+@pytest.mark.parametrize(
+    ("driver", "between", "fits"),
+    [
+        ((200, 0), "", True),  # 500 us of SC, 300 us of Estimate, 200 us: `response sc 1ms`
+        ((201, 0), "", False),
+        ((200, 800), "", True),  # its release may be waited for: 800 us, from the instant on
+        ((200, 801), "", False),
+        ((100, 0), "wcet 100us;", True),
+        ((100, 0), "wcet 101us;", False),
+        ((100, 0), "wcet 100us; jitter 800us;", True),
+        ((100, 0), "wcet 100us; jitter 801us;", False),
+    ],
+)
+def test_what_a_node_behind_sc_takes_counts_as_its_response(
+    driver: tuple[int, int], between: str, fits: bool, tmp_path: Path
+) -> None:
+    program = text({**FITS, "Driver": driver}, verify=IN_STEP)
+    if between:
+        body = f"publishes unused; {between} step {{ publish unused = 1.0; }}"
+        node = f"node Between period 10ms {{ {body} }}"
+        program = program.replace("topic raw", f"topic unused: float;\n{node}\ntopic raw", 1)
+        program = program.replace("node Driver; }", "node Between; node Driver; }")
+        assert "node Between;" in program
+    assert said(tmp_path, program) == ([] if fits else ["R033"])
+    assert (rechecked(tmp_path, program) == "") == fits
+
+
 def test_prover_and_rechecker_agree_on_random_threads(tmp_path: Path) -> None:
     rng = random.Random(20261122)  # noqa: S311
     refused = 0
