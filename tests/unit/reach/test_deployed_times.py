@@ -127,6 +127,20 @@ def test_what_the_proof_does_not_look_at_holds_it_up_all_the_same(tmp_path: Path
     assert "may start" in rechecked(tmp_path, program)
 
 
+def test_a_deadline_of_a_node_that_the_proof_does_not_look_at_counts_too(tmp_path: Path) -> None:
+    long = "publishes unused; wcet 4ms; step { publish unused = 1.0; }"
+    often = "publishes often; wcet 10us; step { publish often = 1.0; }"
+    program = text(
+        FITS,
+        f"node Blocker period 50ms phase 7ms {{ {long} }}",
+        f"node Often period {{}} {{ {often} }}",
+    ).replace("topic raw", "topic unused: float;\ntopic often: float;\ntopic raw", 1)
+    for period, codes in (("5ms", []), ("2ms", ["R034"])):
+        tried = program.replace("node Often period {}", f"node Often period {period}")
+        assert said(tmp_path, tried) == codes
+        assert ("released again" in rechecked(tmp_path, tried)) == bool(codes)
+
+
 def test_a_thread_with_too_much_to_do_is_refused_by_both(tmp_path: Path) -> None:
     program = text({**FITS, "Driver": (4900, 0)})
     assert said(tmp_path, program) == ["R034"]
