@@ -33,6 +33,7 @@ from soter.simulate.settings import seed_value
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from soter.api.program import Program
     from soter.campaign.arms import Arm
     from soter.campaign.flight import Flight
     from soter.campaign.flying import Workers
@@ -178,6 +179,12 @@ def _faults(flat: System) -> tuple[tuple[str, str], ...]:
     for f in (f for f in flat.faults if f.on is None):
         found.setdefault(f.text, []).append(f.inside)
     return tuple((t, next(iter(w)) or "" if None not in w else "") for t, w in found.items())
+
+
+def own_folder(program: Program, system: str | None, params: Any, until: Any, seed: int) -> Path:  # noqa: ANN401
+    """Where a campaign of these arguments lies that was given no folder; SoterError U001..."""
+    flat = program.flat(system, params)
+    return _folder(program.path, _about(flat, program.path, end_of(flat, until), seed, 0))
 
 
 def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -> About:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import hashlib
 import json
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -10,8 +12,9 @@ import numpy as np
 import pytest
 
 from soter import SoterError, load
+from soter.api.campaigning import own_folder
 from soter.campaign.arms import NAMES, arms_of
-from soter.campaign.fleet import Fleet
+from soter.campaign.fleet import EVENT, Fleet
 from soter.campaign.lateness import Lateness, measured
 from soter.campaign.troubles import outside
 from soter.program.build import check_file, system_of
@@ -20,10 +23,12 @@ from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
+    from soter.simulate.result import Run
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = ROOT / "examples" / "wall" / "cart.soter"
 SECOND = 10**9
+SC_MODE, AC_MODE = 0, 1
 MEASURES = """
   measure far = abs(c.truth.x) in [0.0, 4.0] / 8 every 100ms;
   measure inverse = 1.0 / (motion.x > 2.0 ? 0.0 : 1.0) in [0.5, 2.0] / 3 every 30ms;
@@ -259,3 +264,107 @@ def test_a_flight_is_flown_again_by_its_number(
     assert main([*arguments, "--seed", "5", "--flight", str(flight.number)]) == 3
     document = json.loads(capsys.readouterr().out)
     assert document["violations"] == flight.violations
+
+
+def digest_of_run(run: Run) -> str:
+    """SHA-256 over events and last state, straight from a trace: another `soter_compare`."""
+    states, events = run.require_trace(), []
+    before = {
+        "mode": [AC_MODE if m.forced == "ac" else SC_MODE for m in run.system.modules],
+        "count": [0] * len(run.system.properties),
+        "latched": [0] * len(run.system.components),
+    }
+    for state in states:
+        time = int(state["header"]["ct"])
+        for i, mode in enumerate(state["modules"]["mode"]):
+            if mode != before["mode"][i]:
+                events.append((time, 0 if mode == SC_MODE else 1, i))
+        for i, count in enumerate(state["properties"]["count"]):
+            if count != before["count"][i]:
+                events.append((time, 2, i))
+        for i, latched in enumerate(state["components"]["latched"]):
+            if latched != before["latched"][i]:
+                events.append((time, 3, i))
+        before = {
+            "mode": state["modules"]["mode"],
+            "count": state["properties"]["count"],
+            "latched": state["components"]["latched"],
+        }
+    found = np.array(events, dtype=EVENT)
+    return hashlib.sha256(found.tobytes() + states[-1].tobytes()).hexdigest()
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    text = (folder / "flights.csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
+
+
+@pytest.fixture(scope="module")
+def flown_by_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("arms") / "c"
+    how = {"flights": 4, "until": "5s", "output": folder, "seed": 11, "lateness_s": 0.2}
+    load(CART).campaign("Protected", arms=("ac", "paper", "swept"), **how)
+    return folder
+
+
+@pytest.mark.parametrize("arm", ["ours", "ac", "paper", "ours-modules-1200ms", "paper-all-360ms"])
+def test_a_flight_of_an_arm_is_flown_again_bit_for_bit(arm: str, flown_by_arms: Path) -> None:
+    place = flown_by_arms if arm == "ours" else flown_by_arms / f"arm-{arm}"
+    rows = rows_of(place)
+    assert len(rows) == 4
+    program = load(CART)
+    for row in rows:
+        for engine in ("native", "interp") if row["number"] == "2" else ("native",):
+            seed = int(row["seed"])
+            run = program.simulate("Protected", "5s", seed, engine, arm=arm, campaign=flown_by_arms)
+            assert digest_of_run(run) == row["digest"]
+    assert len({row["digest"] for row in rows}) == 4
+
+
+def test_a_run_of_an_arm_is_asked_for_by_the_number_of_its_flight(
+    flown_by_arms: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from soter.cli.main import main
+
+    arguments = ["run", str(CART), "--system", "Protected", "--until", "5s", "--seed", "11"]
+    arguments += ["--flight", "3", "--campaign", str(flown_by_arms), "--json"]
+    digests = []
+    for arm in ("paper", "ac"):
+        row = rows_of(flown_by_arms / f"arm-{arm}")[3]
+        code = main([*arguments, "--arm", arm, "--report", "-o", str(tmp_path)])
+        document = json.loads(capsys.readouterr().out)
+        assert (code == 3) == (document["violations"] > 0)
+        assert document["violations"] == int(row["violations"])
+        assert arm in Path(document["report"]).name
+        digests.append(document["trace_sha256"])
+    assert digests[0] != digests[1]
+
+
+@pytest.mark.parametrize(
+    ("arm", "campaign", "code", "said"),
+    [
+        ("best", None, "U001", "there is no arm `best`"),
+        ("paper", "nowhere", "D006", "no arm `paper` was flown there"),
+        ("paper", None, "D006", "no arm `paper` was flown there"),
+    ],
+)
+def test_an_arm_that_cannot_be_flown_again_is_an_error_in_words(
+    arm: str, campaign: str | None, code: str, said: str
+) -> None:
+    with pytest.raises(SoterError, match=said) as caught:
+        load(CART).simulate("Protected", "1s", arm=arm, campaign=campaign)
+    assert [d.code for d in caught.value.diagnostics] == [code]
+
+
+def test_a_lateness_of_another_program_is_refused(flown_by_arms: Path) -> None:
+    with pytest.raises(SoterError, match="of another program or system"):
+        load(CART).simulate("Unprotected", "1s", arm="paper", campaign=flown_by_arms)
+
+
+def test_where_a_campaign_lies_is_known_without_being_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    program = load(CART)
+    found = program.campaign("Protected", {}, flights=1, until="2s", seed=3)
+    assert own_folder(program, "Protected", {}, "2s", 3) == found.folder
