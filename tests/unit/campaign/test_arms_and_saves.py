@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -16,9 +17,10 @@ from soter.api.campaigning import own_folder
 from soter.campaign.arms import NAMES, arms_of
 from soter.campaign.fleet import EVENT, Fleet
 from soter.campaign.lateness import Lateness, measured
-from soter.campaign.troubles import outside
+from soter.campaign.troubles import occurred, outside
 from soter.program.build import check_file, system_of
 from soter.program.flatten.derived import forced
+from soter.semantics.chance.faults import begins
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
@@ -174,6 +176,61 @@ def test_what_was_outside_is_told_up_to_the_violation(tmp_path: Path) -> None:
     some = ["silent c at 100 per 1h for 1s" in t for t in told]
     assert any(some)
     assert not all(some)
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        "silent c at 100 per 1h for 1s;",
+        "nan SafeCart.Fast at 300 per 1h; skip SafeCart.Fast at 300 per 1h for 700ms;",
+        "saturated SafeCart.Fast at 3000 per 1h for 3ms; bias c by 0.1 at 900 per 1h for 2s;",
+        "overrun SafeCart.Fast by 3ms at 4000 per 1h; late SafeCart.dm by 90ms at 900 per 1h;",
+    ],
+)
+def test_how_often_each_fault_was_there_is_what_each_run_says(faults: str, tmp_path: Path) -> None:
+    flat, until = flat_of(with_faults(tmp_path, faults)), 29 * SECOND
+    seeds = [*range(7), 2**64 - 1]
+    told = occurred(flat, seeds, until)
+    wanted: dict[str, int] = {}
+    for text, stream in {(f.text, f.stream) for f in flat.faults if f.on is None}:
+        (f, *_) = [f for f in flat.faults if f.stream == stream]
+        c = flat.components[f.component]
+        times = sum(len(begins(f, c, seed, until)) for seed in seeds)
+        wanted[text] = wanted.get(text, 0) + times
+    assert told == wanted
+    assert all(n > 0 for n in wanted.values())
+
+
+def test_many_flights_are_counted_in_pieces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flat = flat_of(with_faults(tmp_path, "nan SafeCart.Fast at 300 per 1h;"))
+    whole = occurred(flat, range(50), SECOND)
+    monkeypatch.setattr("soter.campaign.troubles.DRAWS", 300)
+    assert occurred(flat, range(50), SECOND) == whole
+
+
+def test_a_campaign_tells_how_often_each_fault_was_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from soter.cli.main import main
+
+    said = "late modules by 400ms at 900 per 1h"
+    path = with_faults(tmp_path, f"{said}; late all by [0ms, 1us]; order any;")
+    folder = tmp_path / "c"
+    arguments = ["campaign", str(path), "--system", "Protected", "--flights", "20"]
+    main([*arguments, "--until", "10s", "--report", "--json", "-o", str(folder)])
+    document = json.loads(capsys.readouterr().out)
+    times = {f["fault"]: f["times"] for f in document["faults"]}
+    flat = flat_of(path)
+    late = next(f for f in flat.faults if f.text == said)
+    c = flat.components[late.component]
+    once = sum(len(begins(late, c, seed, 10 * SECOND)) for seed in range(1, 21))
+    assert times == {said: once, "late all by [0ms, 1us]": None, "order any": None}
+    assert 20 < once < 80, "50 are expected"
+    assert f"<td>{once}</td>" in (folder / "report.html").read_text(encoding="utf-8")
+    main([*arguments, "--until", "10s", "-o", str(folder)])
+    assert re.search(rf"{once} +{said} +outside", capsys.readouterr().out)
 
 
 # ---------------------------------------------------------------- arms
