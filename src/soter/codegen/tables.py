@@ -48,6 +48,7 @@ class TableEmitter:
         self.open_topics = environment_topics(frame.system)
         self.moved = {f.component for f in frame.system.faults if f.of_time}
         self.overrun = {f.component for f in frame.system.faults if f.kind == "overrun"}
+        self.judged = {p.component for p in frame.system.properties}
         self.found: list[c.CTop] = []
 
     def tables(self) -> list[c.CTop]:
@@ -122,6 +123,7 @@ class TableEmitter:
                 ("phase_ns", int_number(x.phase_ns)),
                 ("module", c.Number(str(-1 if x.module is None else x.module))),
                 ("is_extern", c.Name("true" if x.extern and not linked else "false")),
+                ("judged", c.Name("true" if x.index in self.judged else "false")),
                 ("outputs", c.Number(f"{(1 << outputs) - 1}U")),
                 ("step", c.Name(f"{name}_step" if step else "NULL")),
                 ("failsafe", c.Name(f"{name}_failsafe" if x.failsafe else "NULL")),

@@ -156,6 +156,7 @@ typedef struct {
   int64_t phase_ns;
   int32_t module; /* -1 outside modules */
   bool is_extern;
+  bool judged;      /* whether it has contracts: `assumes`, `guarantees` */
   uint32_t outputs; /* one bit per output */
   soter_step_fn* step;
   void (*failsafe)(void* state); /* publishes the declared fail-safe values; may be NULL */

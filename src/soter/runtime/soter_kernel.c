@@ -117,12 +117,10 @@ int64_t soter_next_instant(const soter_program* p, const void* state) {
   const soter_component* const c = (const soter_component*)(h + 1);
   int64_t next = INT64_MAX;
   for (uint32_t i = 0; i < p->components; i++) {
-    const int64_t effect = effect_of(p, state, i);
-    if (effect != SOTER_NEVER && effect < next) {
-      next = effect;
-    }
-    if (c[i].next < next) {
-      next = c[i].next;
+    next = c[i].next < next ? c[i].next : next;
+    if (p->component[i].effect != NULL) {
+      const int64_t effect = effect_of(p, state, i);
+      next = effect != SOTER_NEVER && effect < next ? effect : next;
     }
   }
   for (uint32_t i = 0; i < p->inputs; i++) {
@@ -152,11 +150,12 @@ void soter_progress(const soter_program* p, void* state) {
   assert(h->firing == 0U);                       /* dt1: FN is empty */
   h->ct = soter_next_instant(p, state);          /* dt2 */
   for (uint32_t i = 0; i < p->components; i++) { /* dt3 */
+    const bool released = c[i].next == h->ct;
     const int64_t effect = effect_of(p, state, i);
-    if (effect == h->ct || (effect < h->ct && c[i].next == h->ct)) { /* busy: a release is lost */
+    if (effect == h->ct || (released && effect < h->ct)) { /* busy: a release is lost */
       c[i].pending = 1;
     }
-    if (c[i].next == h->ct) {
+    if (released) {
       c[i].next = following(p, state, i);
     }
   }
@@ -276,6 +275,9 @@ static void note_property(const soter_program* p, void* state, uint32_t index, b
 static bool contracts_hold(const soter_program* p, void* state, uint32_t component,
                            soter_when when) {
   bool hold = true;
+  if (!p->component[component].judged) {
+    return hold;
+  }
   for (uint32_t i = 0; i < p->properties; i++) {
     const soter_property_info* const info = &p->property[i];
     if (info->when == when && info->component == component) {

@@ -425,3 +425,14 @@ def test_where_a_campaign_lies_is_known_without_being_told(
     program = load(CART)
     found = program.campaign("Protected", {}, flights=1, until="2s", seed=3)
     assert own_folder(program, "Protected", {}, "2s", 3) == found.folder
+
+
+def test_flights_in_which_steps_overrun_are_runs_bit_for_bit(tmp_path: Path) -> None:
+    faults = "overrun SafeCart.Fast by 35ms at 900 per 1h for 300ms; late SafeCart.Fast by 4ms;"
+    path = with_faults(tmp_path, faults)
+    flights = Fleet(flat_of(path), 6 * SECOND).fly(range(5), first_seed=2)
+    program = load(path)
+    for f in flights:
+        assert digest_of_run(program.simulate("Protected", "6s", f.seed)) == f.digest
+    plain = Fleet(flat_of(CART), 6 * SECOND).fly(range(5), first_seed=2)
+    assert {f.digest for f in plain}.isdisjoint(f.digest for f in flights)

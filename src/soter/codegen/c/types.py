@@ -199,13 +199,13 @@ class TypeTable:
         else:
             assert isinstance(t, (ArrayType, ListType))
             array = c.Member(v, "at" if isinstance(t, ArrayType) else "items")
-            size = t.size if isinstance(t, ArrayType) else t.capacity
-            element = c.IndexExpr(array, c.Name("k"))
+            size = c.Number(str(t.size)) if isinstance(t, ArrayType) else c.Member(v, "len")
+            element = c.IndexExpr(array, c.Name("k"))  # beyond the length of a list all is zero
             body.append(
                 c.For(
                     "k",
                     c.Number("0"),
-                    c.Number(str(size)),
+                    size,
                     (c.Assign(element, self.canonical(t.element, element)),),
                 )
             )
