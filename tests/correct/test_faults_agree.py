@@ -406,7 +406,7 @@ def expected(flat: System, seed: int, until: int) -> dict[int, int]:
 @pytest.mark.parametrize(
     "faults",
     [
-        "overrun N by 4ms at 30 per 1s;",
+        "overrun N by 4500us at 30 per 1s;",
         "overrun N by 10ms at 30 per 1s;",
         "overrun N by 25ms at 2 per 1s for 200ms;",
         "overrun N by 4ms at 30 per 1s; overrun N by 9ms at 30 per 1s;",
