@@ -108,7 +108,7 @@ static int64_t effect_of(const soter_program* p, const void* state, uint32_t com
   const soter_property* const q = (const soter_property*)(m + p->modules);
   const int64_t* const stamps = (const int64_t*)(q + p->properties);
   const soter_component_info* const info = &p->component[component];
-  return info->most_ns > 0 ? stamps[info->held] : SOTER_NEVER;
+  return info->effect != NULL ? stamps[info->held] : SOTER_NEVER;
 }
 
 int64_t soter_next_instant(const soter_program* p, const void* state) {
@@ -118,7 +118,7 @@ int64_t soter_next_instant(const soter_program* p, const void* state) {
   int64_t next = INT64_MAX;
   for (uint32_t i = 0; i < p->components; i++) {
     next = c[i].next < next ? c[i].next : next;
-    if (p->component[i].most_ns > 0) {
+    if (p->component[i].effect != NULL) {
       const int64_t effect = effect_of(p, state, i);
       next = effect != SOTER_NEVER && effect < next ? effect : next;
     }
@@ -305,10 +305,17 @@ static void judge_guarantees(const soter_program* p, void* state, uint32_t index
 static void last(const soter_program* p, void* state, uint32_t index) {
   const soter_component_info* const info = &p->component[index];
   const soter_header* const h = soter_header_of(state);
-  if (info->most_ns > 0) {
-    const int64_t release = (h->ct - info->phase_ns) / info->period_ns;
-    soter_stamps_of(p, state)[info->held] =
-        h->ct + soter_draw_int(h, info->stream, release, info->least_ns, info->most_ns);
+  if (info->effect == NULL) {
+    return;
+  }
+  const int64_t release = (h->ct - info->phase_ns) / info->period_ns;
+  int64_t took = soter_draw_int(h, info->stream, release, info->least_ns, info->most_ns);
+  if (info->overrun != NULL) {
+    took += info->overrun(state);
+  }
+  soter_stamps_of(p, state)[info->held] = h->ct + took;
+  if (took == 0) {
+    info->effect(state);
   }
 }
 
@@ -373,7 +380,11 @@ static bool take_effect(const soter_program* p, void* state, uint32_t index) {
     return true;
   }
   info->effect(state);
-  return ct >= info->phase_ns && (ct - info->phase_ns) % info->period_ns == 0;
+  const int64_t since = ct - info->phase_ns;
+  if (info->happens != NULL) {
+    return since >= 0 && info->happens(state, since / info->period_ns) == ct;
+  }
+  return since >= 0 && since % info->period_ns == 0;
 }
 
 uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer) {
