@@ -198,6 +198,57 @@ def test_what_a_node_behind_sc_takes_counts_as_its_response(
     assert (rechecked(tmp_path, program) == "") == fits
 
 
+PLANS = """soter 1;
+type Plan = enum {{ Hover, Around, Through }};
+topic candidate: Plan;
+topic inForce: Plan;
+fun good(p: Plan): bool {{ return p != Plan.Through; }}
+node Any period 10ms {{ publishes candidate; step {{ publish candidate = choose Plan; }} }}
+node Hold period 10ms {{
+  publishes candidate;
+  wcet 100us;
+  step {{ publish candidate = Plan.Hover; }}
+}}
+node Follower period 10ms {{
+  subscribes candidate;
+  publishes inForce;
+  wcet 200us;
+  var plan: Plan;
+  step {{
+    if age(candidate) > seconds(30ms) {{ plan = candidate; }}
+    publish inForce = plan;
+  }}
+}}
+rta Planner {{
+  ac Any;
+  sc Hold;
+  period 20ms;
+  wcet 50us;
+  safe good(inForce);
+  ttf !good(candidate);
+  safer good(candidate);
+  verify {{ induction; lemma good(candidate) || age(candidate) <= seconds(30ms); {times} }}
+}}
+system S default {{ node Follower; module Planner; until 1s; }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("times", "fits"),
+    [
+        ("", False),
+        ("response dm 50us, sc 100us, Follower 200us; late Follower 150us;", True),
+        ("response dm 50us, sc 100us, Follower 200us; late Follower 149us;", False),
+        ("response dm 50us, sc 99us, Follower 200us; late Follower 150us;", False),
+        ("response sc 100us, Follower 200us; late sc 50us, Follower 150us;", False),
+    ],
+)
+def test_an_induction_counts_with_times_that_the_thread_keeps(
+    times: str, fits: bool, tmp_path: Path
+) -> None:
+    assert said(tmp_path, PLANS.format(times=times)) == ([] if fits else ["R033"])
+
+
 def test_prover_and_rechecker_agree_on_random_threads(tmp_path: Path) -> None:
     rng = random.Random(20261122)  # noqa: S311
     refused = 0
