@@ -96,11 +96,11 @@ class Analysis:
     """`worst`: of every task, in order; with `exact` they are reached, else only not exceeded.
 
     `work` of `hyperperiod` ns the thread is busy where every step is as long as it may be. With a
-    `miss` the figures are those seen until then. Neither exact nor a miss nor within all deadlines:
-    undecided.
+    `miss` the figures are those seen until then, None of who was not released yet. `worst` is empty
+    where no bound is known. Neither exact nor a miss nor within all deadlines: undecided.
     """
 
-    worst: tuple[Worst, ...]
+    worst: tuple[Worst | None, ...]
     miss: Miss | None
     exact: bool
     work: int
@@ -135,7 +135,7 @@ def analyse(tasks: Sequence[Task], watch: Callable[[Step], None] | None = None) 
         if work > hyperperiod and thread.miss is None and left - before == work - hyperperiod:
             base += _skip(thread, tasks, window, base - first - hyperperiod, work - hyperperiod)
             left = thread.left(base)
-    worst = tuple(Worst(*w) for w in thread.worst)
+    worst = tuple(thread.latest)
     return Analysis(worst, thread.miss, exact=True, work=work, hyperperiod=hyperperiod)
 
 
@@ -155,7 +155,7 @@ class _Thread:
         self.tasks = tasks
         self.watch = watch
         self.free = 0
-        self.worst = [[0, 0, t.phase] for t in tasks]
+        self.latest: list[Worst | None] = [None] * len(tasks)
         self.miss: Miss | None = None
         self.busy: deque[Step] = deque(maxlen=SHOWN)
         self.since = 0
@@ -180,10 +180,9 @@ class _Thread:
             self.since += 1
             if self.watch is not None:
                 self.watch(step)
-            worst = self.worst[i]
-            worst[0] = max(worst[0], start - release)
-            if self.free - release > worst[1]:
-                worst[1:] = [self.free - release, release]
+            seen = self.latest[i]
+            if seen is None or self.free - release > seen.end:
+                self.latest[i] = Worst(start - release, self.free - release, release)
             if self.free - release > task.deadline:
                 left_out = self.since - len(self.busy)
                 self.miss = Miss(tuple(self.busy), left_out, release + task.deadline)
@@ -222,7 +221,7 @@ def _first_miss(tasks: Sequence[Task], work: int, hyperperiod: int) -> Analysis 
     thread.go(0, _releases(tasks, 0, horizon))
     if thread.miss is None:
         return None
-    worst = tuple(Worst(*w) for w in thread.worst)
+    worst = tuple(thread.latest)
     return Analysis(worst, thread.miss, exact=True, work=work, hyperperiod=hyperperiod)
 
 

@@ -57,6 +57,8 @@ class Deployed:
     dm: Pair
     sc: Pair
     nodes: dict[str, Pair]
+    late_at: dict[str, int]
+    """The release at which each starts so late: "dm", "sc" and names of nodes."""
     handed_over: int | None
     """From a release of the DM to the start of SC at its first release from then on, at most, where
     that is known; it has the verdict then, as the thread works in order."""
@@ -76,12 +78,15 @@ def deployed(flat: System, module: Module, assumed: Assumed) -> Deployed | None:
     spoken = _needed(timing, dm)
     ready = max(sum(assumed.dm), sum(spoken))
     late, response = _needed(timing, sc)
-    if timing.exact:
-        late = max((_late(s, dm, ready) for s in steps), default=0)
+    late_at = {"dm": _at(timing, dm), "sc": _at(timing, sc)}
+    late_at |= {n: _at(timing, flat.component(n)) for n in assumed.nodes}
+    if timing.exact and steps:
+        worst = max(steps, key=lambda s: _late(s, dm, ready))
+        late, late_at["sc"] = _late(worst, dm, ready), worst.release
     response = max([response, *(_behind(flat, sc, flat.component(n)) for n in assumed.in_step)])
     nodes = {n: _needed(timing, flat.component(n)) for n in assumed.nodes}
     handed_over = max((_waited(s, dm, sc) for s in steps), default=0) if timing.exact else None
-    return Deployed(timing, spoken, (late, response), nodes, handed_over)
+    return Deployed(timing, spoken, (late, response), nodes, late_at, handed_over)
 
 
 def _waited(step: Step, dm: Component, sc: Component) -> int:
@@ -95,6 +100,13 @@ def _needed(timing: Timing, c: Component) -> Pair:
     row = timing.row(c)
     assert row is not None
     return (0 if row.worst is None else row.worst.start), row.task.wcet
+
+
+def _at(timing: Timing, c: Component) -> int:
+    """The release of a component that starts latest."""
+    row = timing.row(c)
+    assert row is not None
+    return 0 if row.worst is None else row.worst.at
 
 
 def _late(step: Step, dm: Component, ready: int) -> int:
@@ -142,7 +154,7 @@ def check_deployed(
         return _too_long(flat, module, diagnostics)
     pairs = {"dm": (assumed.dm, found.dm), "sc": (assumed.sc, found.sc)}
     pairs |= {n: (pair, found.nodes[n]) for n, pair in assumed.nodes.items()}
-    wrong = list(_beyond(pairs))
+    wrong = list(_beyond(pairs, found))
     if wrong:
         verify = module.symbol.verify
         diagnostics.error(
@@ -171,13 +183,14 @@ def _too_long(flat: System, module: Module, diagnostics: Diagnostics) -> list[st
     return []
 
 
-def _beyond(pairs: dict[str, tuple[Pair, Pair]]) -> Iterator[str]:
-    """What is later or longer than a proof counts with."""
+def _beyond(pairs: dict[str, tuple[Pair, Pair]], found: Deployed) -> Iterator[str]:
+    """What is later or longer than a proof counts with, with a release at which it is."""
     for name, (assumed, needed) in pairs.items():
         who = {"dm": "the DM", "sc": "SC"}.get(name, f"`{name}`")
         if needed[0] > assumed[0]:
+            when = f" at {show_ns(found.late_at[name])}" if found.timing.exact else ""
             yield (
-                f"{who} may start {show_ns(needed[0])} after its release, "
+                f"{who} may start {show_ns(needed[0])} after its release{when}, "
                 f"the proof counts with {show_ns(assumed[0])}"
             )
         if needed[1] > assumed[1]:
