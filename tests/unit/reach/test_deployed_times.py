@@ -6,6 +6,7 @@ The prover (R033, R034) and the re-checker read them on their own; here they hav
 from __future__ import annotations
 
 import random
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -14,16 +15,18 @@ from bench.recheck_small import PROGRAMS
 import soter
 from long_tests import examples
 from soter.api import recheck
+from soter.api.timing import timing_reports
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.build import check_file, system_to_prove
 from soter.reach.problem.extract import extract
 from soter.recheck.reading.facts import DiffersError
+from soter.timing.deployment import in_thread
 from unit.recheck import small_proofs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
+CORRIDOR = Path(__file__).parents[3] / "examples" / "drone" / "corridor.soter"
 DRAWS = examples("SOTER_DEPLOYED_TIMES", quick=60, long=1_000)
 DECLARED = {
     "Estimate": "node Estimate period 10ms {",
@@ -196,6 +199,20 @@ def test_what_a_node_behind_sc_takes_counts_as_its_response(
         assert "node Between;" in program
     assert said(tmp_path, program) == ([] if fits else ["R033"])
     assert (rechecked(tmp_path, program) == "") == fits
+
+
+def test_of_a_module_with_views_it_is_said_once_where_its_times_stand() -> None:
+    checked = check_file(str(CORRIDOR))
+    flat = system_to_prove(checked, None)
+    for c in flat.components:
+        c.wcet_ns = 80_000 if in_thread(c) else None
+    (timing,), untimely = timing_reports([flat])
+    (problem,) = untimely
+    assert problem.code == "R033"
+    assert "SC may take 400 us from its start" in problem.notes[0]
+    assert problem.primary is not None
+    assert problem.primary.span.text.startswith("verify {")
+    assert [s.verdict for s in timing.switches] == ["holds"]
 
 
 PLANS = """soter 1;

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.span import Span
     from soter.program.model.system import Component, Module, System
     from soter.timing.calendar import Step
     from soter.timing.deployment import Timing
@@ -156,12 +157,11 @@ def check_deployed(
     pairs |= {n: (pair, found.nodes[n]) for n, pair in assumed.nodes.items()}
     wrong = list(_beyond(pairs, found))
     if wrong:
-        verify = module.symbol.verify
         diagnostics.error(
             "R033",
             f"the thread of system `{flat.name}` does not keep the times of the proof of "
             f"`{module.name}`",
-            verify.span or module.symbol.span,
+            _place(module),
             notes=(*wrong, *([] if timing.exact else ["these are bounds: docs/timing.md"])),
             helps=(f"write `{' '.join(_lines(flat, module, pairs))}`",),
         )
@@ -171,12 +171,18 @@ def check_deployed(
     return ["`wcet` and `jitter` hold, and one thread works in the deployed order (docs/timing.md)"]
 
 
+def _place(module: Module) -> Span:
+    """Where the times stand: of all views of a module, in one place."""
+    symbol = module.whole or module.symbol
+    return symbol.verify.span or symbol.span
+
+
 def _too_long(flat: System, module: Module, diagnostics: Diagnostics) -> list[str]:
     diagnostics.error(
         "R033",
         f"whether the thread of system `{flat.name}` keeps the times of the proof of "
         f"`{module.name}` is not known",
-        module.symbol.verify.span or module.symbol.span,
+        _place(module),
         notes=("its calendar has too many steps before it comes again, and is too full",),
         helps=("periods that are multiples of one another",),
     )
