@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.program.flatten.composition import Composition, hyperperiod
 from soter.program.flatten.idle import Idle
+from soter.program.flatten.looking import MAX_LEVELS, look_topics
 from soter.program.flatten.measure import TooLargeError
 from soter.program.flatten.placing import controller_names
 from soter.program.flatten.taking import held_topic, may_take, said_twice
@@ -33,7 +34,7 @@ from soter.program.model.system import (
     Topic,
 )
 from soter.program.model.types import ErrorType, FloatType, IntType, default_value, leaves
-from soter.program.model.walk import mode_reads, nodes, topic_reads
+from soter.program.model.walk import margin_reads, mode_reads, nodes, topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -48,7 +49,6 @@ MAX_CLEAN = 1_000_000
 MAX_SUBSTEPS = 1_000
 MAX_CELLS = 1_000_000
 MAX_BINS = 1_000
-MAX_LEVELS = 100
 RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
 __all__ = ["Elaborator", "elaborate", "first_outside", "implicit_system", "show_ns"]
@@ -73,6 +73,8 @@ class Elaborator(Topics):
         """Topics that properties read, and where."""
         self._plants: dict[str, int] = {}
         self._modules_by_name: dict[str, Module] = {}
+        self._margins: list[int] = []
+        """Modules whose margin somebody reads."""
 
     # ------------------------------------------------------------ the result
 
@@ -90,6 +92,8 @@ class Elaborator(Topics):
         self._modes_in_scope(components, modules)
         properties = self._properties(modules, components)
         inputs = self._inputs()
+        measures = tuple(self.measures())
+        self.topics += look_topics(self._margins, modules, len(self.topics))
         for c in components:
             self._hold(c)
         system = System(
@@ -109,6 +113,7 @@ class Elaborator(Topics):
         )
         composition.check(self.property_reads)
         self.disturb(system)
+        system.measures = measures
         self._idle_settings()
         if not self.unknown:
             system.hyperperiod_ns = hyperperiod(system, self.symbol, self.diagnostics)
@@ -118,9 +123,9 @@ class Elaborator(Topics):
         """What goes wrong in its runs."""
         if self.symbol.faults:
             place_faults(self, system)
-        system.measures = tuple(self._measures())
 
-    def _measures(self) -> Iterator[Measure]:
+    def measures(self) -> Iterator[Measure]:
+        """What campaigns tell of its runs."""
         for item in self.symbol.measures:
             what = f"measure `{item.name}`"
             interval = self.interval(item.low, item.high, item.low.span.to(item.high.span), what)
@@ -452,7 +457,7 @@ class Elaborator(Topics):
         )
         for output in outputs:
             self._has_set(self.topics[output], module)
-        self._verify_block(module)
+        late_ns = self._verify_block(module)
         return Module(
             index=index,
             name=placed.name,
@@ -467,6 +472,7 @@ class Elaborator(Topics):
             outputs=outputs,
             forced=placed.forced,
             around=self.params_at[placed.prefix],
+            late_ns=late_ns,
         )
 
     def _has_set(self, topic: Topic, module: typed.ModuleSymbol) -> None:
@@ -492,8 +498,8 @@ class Elaborator(Topics):
             helps=("add a set: `in [-1.0, 1.0]` with your bounds",),
         )
 
-    def _verify_block(self, module: typed.ModuleSymbol) -> None:
-        """Numbers that only `soter verify` needs, checked now."""
+    def _verify_block(self, module: typed.ModuleSymbol) -> int:
+        """Numbers that only `soter verify` needs, checked now; how late the DM may be, in ns."""
         verify = module.verify
         self.long_duration(verify.horizon, "`horizon`")
         self.long_duration(verify.recover, "`recover within`")
@@ -508,14 +514,14 @@ class Elaborator(Topics):
             **{f"`late {n}`": e for n, e in verify.late_of.items()},
             **{f"`response {n}`": e for n, e in verify.response_of.items()},
         }
-        for what, expr in delays.items():
-            self.delay(expr, what)
+        found = [self.delay(expr, what) for what, expr in delays.items()]
         for block in (verify, *(v.block for v in verify.views)):
             for axis in (a for group in block.groups for a in group.axes):
                 self._axis(axis)
         for commands in verify.commands:
             for value in commands.values:
                 self._command(commands, value)
+        return found[0] or 0
 
     def _axis(self, axis: typed.GridAxis) -> None:
         self.count(axis.cells, "the number of cells", 1, MAX_CELLS)
@@ -565,20 +571,23 @@ class Elaborator(Topics):
             beside.setdefault((prefixes[m.name], m.symbol), []).append(m)
         for component in components:
             wanted: dict[typed.ModuleSymbol | str, typed.Expr] = {}
+            margins: set[typed.ModuleSymbol | str] = set()
             home = component.name
             if component.module is not None:
                 home = modules[component.module].name
             if component.node is not None:
                 node = component.node
                 contracts = (*node.assumes, *node.guarantees)
-                wanted = mode_reads(*node.step, *(node.takeover or ()), *contracts)
+                code = (*node.step, *(node.takeover or ()), *contracts)
+                wanted, margins = mode_reads(*code), margin_reads(*code)
             elif component.role == "dm" and component.module is not None:
                 own = modules[component.module].symbol
-                wanted = mode_reads(*own.expressions)
+                wanted, margins = mode_reads(*own.expressions), margin_reads(*own.expressions)
             for symbol, read in wanted.items():
                 found = beside.get((prefixes[home], symbol), [])
                 if len(found) == 1:
                     component.scope.modules[symbol] = found[0].index
+                    self._margins += [found[0].index] if symbol in margins else []
                 elif isinstance(symbol, typed.ModuleSymbol):
                     self._no_module(symbol, len(found), read, f"beside `{component.name}`")
 
@@ -702,6 +711,7 @@ class Elaborator(Topics):
                 scope.modules[module] = found[0].index
             else:
                 self._no_module(module, len(found), mode, "in this system")
+        self._margins += [scope.modules[m] for m in margin_reads(*roots) if m in scope.modules]
 
     def input_items(self) -> Iterator[tuple[Part, typed.InputSymbol]]:
         """Draws of the system, then those of sub-systems that nothing outside decides."""
