@@ -189,6 +189,8 @@ class Module:
     whole: ModuleSymbol | None = None
     late_ns: int = 0
     """How late a release of its DM may be (`late dm`)."""
+    computed: bool = False
+    """Whether `ttf` and `safer` were computed: a level of each group is compared with 1 and 2."""
     looks: int = 1
     """Where `safer` was true, so many looks of the DM at least keep AC: the next one counts."""
     looked: int | None = None

@@ -90,6 +90,7 @@ def put(flat: System, module: Module, problem: Problem, found: Found) -> None:
         flat.components[module.dm].scope.topics.setdefault(topic, scope[topic])
     module.symbol = replace(module.symbol, ttf=ttf, safer=safer, topics_read=reads)
     module.inputs = tuple(scope[topic] for topic in reads)
+    module.computed = True
     module.looks = looks_of(problem, found)
 
 
