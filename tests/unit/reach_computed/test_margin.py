@@ -174,3 +174,24 @@ def test_levels_do_not_count_where_the_argument_has_a_gap(tmp_path: Path) -> Non
     assert looks_of(problem, [table, facets]) == 1
     assert looks_of(replace(problem, kind="map"), [table]) == 1
     assert looks_of(replace(problem, parameters=(sides,)), [table]) == 1
+
+
+def test_in_a_proof_a_margin_is_any_value_at_any_read(tmp_path: Path) -> None:
+    cart(tmp_path, levels=6, command=RUSH, predicates=f"{BY_HAND[:-1]} && margin(Keep) < 1.0;")
+    flat = system_of(check_file(str(tmp_path / "cart.soter")), "S")
+    problem = extract(flat, flat.modules[0])
+    assert "margin(Keep): 0 to 0.25 s, anew at every read" in problem.assumptions
+    (bound,) = problem.system.topics[-1].bounds
+    assert bound is not None
+    assert (bound.low, bound.high) == (0.0, 0.25)
+
+
+def test_safe_speaks_of_no_margin(tmp_path: Path) -> None:
+    cart(tmp_path, levels=3, command=RUSH, predicates=BY_HAND)
+    path = tmp_path / "cart.soter"
+    text = path.read_text(encoding="utf-8")
+    path.write_text(text.replace("safe abs", "safe margin(Keep) < 9.0 && abs"), encoding="utf-8")
+    flat = system_of(check_file(str(path)), "S")
+    with pytest.raises(soter.SoterError) as refused:
+        extract(flat, flat.modules[0])
+    assert [d.code for d in refused.value.diagnostics] == ["R007"]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.program.flatten.composition import Composition, hyperperiod
 from soter.program.flatten.idle import Idle
-from soter.program.flatten.looking import MAX_LEVELS, look_topics
+from soter.program.flatten.looking import look_topics
 from soter.program.flatten.measure import TooLargeError
 from soter.program.flatten.placing import controller_names
 from soter.program.flatten.taking import held_topic, may_take, said_twice
@@ -22,6 +22,7 @@ from soter.program.flatten.value_sets import Topics, beyond, first_outside
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
 from soter.program.model.system import (
+    LEVELS_DEFAULT,
     Component,
     Disturbance,
     InputDrive,
@@ -49,6 +50,7 @@ MAX_CLEAN = 1_000_000
 MAX_SUBSTEPS = 1_000
 MAX_CELLS = 1_000_000
 MAX_BINS = 1_000
+MAX_LEVELS = 100
 RANK = {"plant": 0, "dm": 1, "sc": 2, "ac": 3, "node": 3}
 
 __all__ = ["Elaborator", "elaborate", "first_outside", "implicit_system", "show_ns"]
@@ -457,7 +459,7 @@ class Elaborator(Topics):
         )
         for output in outputs:
             self._has_set(self.topics[output], module)
-        late_ns = self._verify_block(module)
+        late_ns, levels = self._verify_block(module)
         return Module(
             index=index,
             name=placed.name,
@@ -473,6 +475,7 @@ class Elaborator(Topics):
             forced=placed.forced,
             around=self.params_at[placed.prefix],
             late_ns=late_ns,
+            levels=levels,
         )
 
     def _has_set(self, topic: Topic, module: typed.ModuleSymbol) -> None:
@@ -498,12 +501,12 @@ class Elaborator(Topics):
             helps=("add a set: `in [-1.0, 1.0]` with your bounds",),
         )
 
-    def _verify_block(self, module: typed.ModuleSymbol) -> int:
-        """Numbers that only `soter verify` needs, checked now; how late the DM may be, in ns."""
+    def _verify_block(self, module: typed.ModuleSymbol) -> tuple[int, int]:
+        """Numbers of `verify`, checked now: how late the DM may be, in ns, and its levels."""
         verify = module.verify
         self.long_duration(verify.horizon, "`horizon`")
         self.long_duration(verify.recover, "`recover within`")
-        self.count(verify.levels, "the number of levels", 2, MAX_LEVELS)
+        levels = self.count(verify.levels, "the number of levels", 2, MAX_LEVELS)
         delays = {
             "`late dm`": verify.late_dm,
             "`late sc`": verify.late_sc,
@@ -521,7 +524,7 @@ class Elaborator(Topics):
         for commands in verify.commands:
             for value in commands.values:
                 self._command(commands, value)
-        return found[0] or 0
+        return found[0] or 0, levels or LEVELS_DEFAULT
 
     def _axis(self, axis: typed.GridAxis) -> None:
         self.count(axis.cells, "the number of cells", 1, MAX_CELLS)

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from soter.program.model.system import Module
 
-MAX_LEVELS = 100
-
 
 def look_topics(read: Iterable[int], modules: list[Module], first: int) -> list[Topic]:
     """A topic for every module of which somebody reads the margin, numbered from `first` on.
@@ -37,13 +35,14 @@ def look_topics(read: Iterable[int], modules: list[Module], first: int) -> list[
 
 def _topic(module: Module, index: int) -> Topic:
     name = f"{module.name}.margin"
-    looks = IntType(0, MAX_LEVELS)
+    most = max(module.levels - 1, 1)
+    looks = IntType(0, most)
     return Topic(
         index=index,
         name=name,
         symbol=TopicSymbol(name, module.symbol.span, looks, False, {}, None, None),
         type=looks,
-        bounds=(Bound(0, MAX_LEVELS),),
+        bounds=(Bound(0, most),),
         set_declared=True,
         default=0,
         max_age_ns=None,

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from soter.program.model.types import Type, Value
 
 
+LEVELS_DEFAULT = 3
+
+
 @dataclass(frozen=True)
 class Bound:
     """Closed bounds of one scalar leaf: floats, or ints for int leaves."""
@@ -189,6 +192,8 @@ class Module:
     whole: ModuleSymbol | None = None
     late_ns: int = 0
     """How late a release of its DM may be (`late dm`)."""
+    levels: int = LEVELS_DEFAULT
+    """Of its predicates, where they are computed."""
     computed: bool = False
     """Whether `ttf` and `safer` were computed: a level of each group is compared with 1 and 2."""
     looks: int = 1
