@@ -8,7 +8,7 @@ Non-goals: deciding (the generated DM did), drawing.
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.lower.layout import StateLayout
     from soter.program.model.system import Module, System
     from soter.simulate.observe import ModeChange
-    from soter.simulate.result import Run
 
 Mode = Literal["SC", "AC"]
 
@@ -68,7 +68,15 @@ class Decided:
         return [] if self.why is None else self.why.words(self.before, self.after)
 
 
-def changes(run: Run) -> list[Decided]:
+class Observed(Protocol):
+    """What is asked of a run (`result.Run`)."""
+
+    system: System
+    layout: StateLayout
+    changes: list[ModeChange]
+
+
+def changes(run: Observed) -> list[Decided]:
     """The DM steps that changed a mode, in order of time."""
     explainer = Explainer(run.system, run.layout)
     return [of_change(run.system, change, explainer) for change in run.changes]
@@ -84,7 +92,9 @@ def of_change(system: System, change: ModeChange, explainer: Explainer | None = 
         why = explainer.of(change.module, *change.states)
     said = reason(before, after, saw)
     margin_s = _margin_s(module, after, saw)
-    return Decided(change.time_ns, module.name, before, after, saw, said, margin_s, why)
+    return Decided(
+        change.time_ns, module.name, before, after, saw, said, margin_s=margin_s, why=why
+    )
 
 
 def steps(

@@ -167,11 +167,11 @@ class Observer:
                     int(states["header"]["ct"][row]),
                     int(module),
                     "AC" if m["mode"] else "SC",
-                    bool(m["ttf"]),
-                    bool(m["safer"]),
-                    bool(m["stale"]),
-                    bool(m["saw_gate_fault"]),
-                    self._explained(states, earlier, int(row)),
+                    ttf=bool(m["ttf"]),
+                    safer=bool(m["safer"]),
+                    stale=bool(m["stale"]),
+                    gate_fault=bool(m["saw_gate_fault"]),
+                    states=self._explained(states, earlier, int(row)),
                 )
             )
         self._modes = modes[-1].copy()
