@@ -60,9 +60,10 @@ def units(files: tuple[Path, ...]) -> Iterator[tuple[Unit, list[int]]]:
     """Every system of these files, its externs left to the harness; and its topics of floats."""
     for file in files:
         checked = check_file(str(file))
-        if not checked.ok:
+        if not checked.ok or checked.program is None:
             print(f"left out, it has errors: {file.name}")
-        for name in checked.program.systems if checked.ok else ():
+            continue
+        for name in checked.program.systems:
             try:
                 system = system_of(checked, name)
             except SoterError:

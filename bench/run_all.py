@@ -108,7 +108,7 @@ BENCHMARKS = (
     Benchmark(
         "Coverage of the C that ships",
         ("bench/c_coverage.py",),
-        "Lines, branches and conditions on their own (MC/DC) that runs of small programs and of the "
+        "Lines, branches and conditions on their own (MC/DC) that runs of small programs and the "
         "drone reach, the same runs under ASan and UBSan. `--show` lists what was not reached: of "
         "soter.h what says that a compiler computes wrongly, of generated code what cannot be "
         "(a step that always publishes asks whether it did).",

@@ -42,18 +42,18 @@ EXPLAINED = (
     ),
     (
         r"valid_function\(\(p->component \+ \w+\)->step\)",
-        "DMs have no step, and soter_fire does not ask them for one: EVA forgets which row it reads",
+        "DMs have no step, and soter_fire asks none of them for one: EVA forgets which row it reads",
     ),
 )
 
 
 def alarms(text: str) -> list[str]:
     """Every alarm of a log: where it is and what would have to hold."""
-    found = []
-    for block in re.split(r"^(?=\[)", text, flags=re.MULTILINE):
-        if block.startswith("[eva:alarm]"):
-            found.append(" ".join(block.removeprefix("[eva:alarm] ").split()))
-    return found
+    return [
+        " ".join(block.removeprefix("[eva:alarm] ").split())
+        for block in re.split(r"^(?=\[)", text, flags=re.MULTILINE)
+        if block.startswith("[eva:alarm]")
+    ]
 
 
 def why(alarm: str) -> str | None:
@@ -91,7 +91,8 @@ def main() -> int:
     if shutil.which("frama-c") is None:
         print("`frama-c` was not found: apt install frama-c-base")
         return 2
-    rows, left, used = [], [], {}
+    rows, left = [], []
+    used: dict[str, int] = {}
     for program in sys.argv[1:] or PROGRAMS:
         found, took = analysed(program)
         unexplained = [a for a in found if why(a) is None]
