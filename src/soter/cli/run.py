@@ -76,6 +76,9 @@ def parser() -> Parser:
         help="folder of logs and reports without a path; by default .soter",
     )
     made.add_argument(
+        "--why", action="store_true", help="list every change of mode, and on which values"
+    )
+    made.add_argument(
         "--real-time",
         action="store_true",
         help="pace the run against the clock (best effort, not the real-time runtime)",
@@ -148,7 +151,7 @@ def _finish(
     from soter.cli.terminal.run_summary import summary  # noqa: PLC0415 - needs NumPy
     from soter.simulate.outputs.figures import run_figures  # noqa: PLC0415 - needs NumPy
 
-    console.say(summary(result, args.file, console))
+    console.say(summary(result, args.file, console, why=args.why))
     written, problems = _files(program, result, args, log, console)
     lines = [f"{kind:<7} {path}" for kind, path in written.items()]
     if result.trace_sha256:
