@@ -7,8 +7,10 @@ check` says it is compared with the longest switch: from the state behind the la
 effect of SC's first output, over all delays of releases, lengths of steps, ages of what is read and
 every release of the DM, for the case's phases (`tests/generators/switches.py`, which has no formula
 in it). *Exceeded*: an execution takes longer than Soter says. *Slack*: what Soter says less the
-longest. Exit code 1 where a figure misses its target. `--blind` adds something to the case that the
-program does not say, to show that the comparison sees it.
+longest. *Undecided* are threads with more work than time: Soter knows that they miss, and the
+executions, four hyperperiods of them, do not see it yet. Exit code 1 where a figure misses its
+target. `--blind` adds something to the case that the program does not say, to show that the
+comparison sees it.
 Non-goals: nodes before and behind the module (`bench/verify_times.py`).
 """
 
