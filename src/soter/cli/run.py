@@ -136,7 +136,8 @@ def _campaign(program: Program, args: argparse.Namespace, first_seed: int) -> Pa
     """Where the campaign of that flight lies, if nobody said where."""
     from soter.api.campaigning import own_folder  # noqa: PLC0415 - needs NumPy
 
-    return own_folder(program, args.system, dict(args.params), args.until, first_seed)
+    flat = program.flat(args.system, dict(args.params))
+    return own_folder(flat, program.path, args.until, first_seed)
 
 
 def _finish(
