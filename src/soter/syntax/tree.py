@@ -487,6 +487,8 @@ class NodeDecl(Decl):
     takeover: Block | None
     step: Block | None
     takes: Interval | None
+    wcet: Expr | None = None
+    jitter: Expr | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -607,6 +609,8 @@ class RtaDecl(Decl):
     clean: Expr | None
     verify: VerifyBlock | None
     contract: tuple[Clause, ...] = ()
+    wcet: Expr | None = None
+    jitter: Expr | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -717,6 +721,14 @@ class Property:
 
 
 @dataclass(frozen=True, slots=True)
+class Inline:
+    """`inline M.Fast;`: it runs in the thread of the trusted part."""
+
+    what: Path
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
 class Force:
     """`force M ac;`."""
 
@@ -797,6 +809,7 @@ class SystemDecl(Decl):
     inputs: tuple[DriveInput | Repeated, ...]
     faults: tuple[SystemFault, ...] = ()
     measures: tuple[Measure, ...] = ()
+    inlines: tuple[Inline | Repeated, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
