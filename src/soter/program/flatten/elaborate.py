@@ -11,6 +11,7 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.program.flatten.composition import Composition, hyperperiod
+from soter.program.flatten.deployed import place_externals
 from soter.program.flatten.idle import Idle
 from soter.program.flatten.measure import TooLargeError
 from soter.program.flatten.placing import controller_names
@@ -90,6 +91,7 @@ class Elaborator(Topics):
         self._modes_in_scope(components, modules)
         properties = self._properties(modules, components)
         inputs = self._inputs()
+        externals = place_externals(self)
         for c in components:
             self._hold(c)
         system = System(
@@ -103,6 +105,7 @@ class Elaborator(Topics):
             until_ns=self.long_duration(self.symbol.until, "`until`"),
             params=self.parameters.named,
             hyperperiod_ns=1,
+            externals=externals,
         )
         composition = Composition(
             system, self.symbol, self.diagnostics, partial=self.partial, draft=self.draft
