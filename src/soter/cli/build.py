@@ -36,6 +36,9 @@ def parser() -> Parser:
     made.add_argument("--target", metavar="T", default=default, help=names)
     made.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
+    made.add_argument(
+        "--cert", metavar="DIR", help="certificate of the system that is deployed; checked again"
+    )
     add_settings(made)
     return made
 
@@ -48,7 +51,12 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         program.bind(name, target)
     with Progress(console) as progress:
         package = program.build(
-            args.target, args.output, args.system, dict(args.params), progress=progress
+            args.target,
+            args.output,
+            args.system,
+            dict(args.params),
+            cert=args.cert,
+            progress=progress,
         )
     _say(package, console)
     fields: dict[str, object] = {
@@ -59,6 +67,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         "written": package.written,
         "kept": package.kept,
         "notes": package.notes,
+        "inherited": package.inherited or None,
         "commands": package.commands,
     }
     return Outcome(diagnostics=program.diagnostics, fields=fields)
@@ -69,6 +78,8 @@ def _say(package: Package, console: Console) -> None:
     console.say(f"{console.paint('green', 'built')}  {package.folder}  {what}")
     for name in package.kept:
         console.say(f"kept   {package.folder / name}, which is yours")
+    for line in package.inherits:
+        console.say(f"inherits  {line}")
     for note in package.notes:
         console.say(f"{console.paint('yellow', 'note')}   {note}")
     console.say("\nnext\n" + "\n".join(f"  {command}" for command in package.commands))

@@ -141,7 +141,8 @@ def _flatten(
         check_periods(flat, diagnostics, elaborator.unknown)
         sound = all(d.severity is not Severity.ERROR for d in diagnostics.items[before:])
         if symbol.deploys is not None and sound:
-            check_deployed(flat, symbol, _proved(program, symbol, overrides), diagnostics)
+            flat.proved = _proved(program, symbol, overrides)
+            check_deployed(flat, symbol, diagnostics)
     return flat
 
 
@@ -153,21 +154,6 @@ def _proved(
     found = Diagnostics()
     flat = Elaborator(program, symbol.deploys, overrides, found).run()
     return None if found.has_errors else flat
-
-
-def proved_system(checked: Checked, flat: System, overrides: Mapping[str, Value]) -> System | None:
-    """The system in which the modules of a deployed one were proved, flattened afresh; else None.
-
-    It runs under the same parameters; `SoterError` where it has errors.
-    """
-    assert checked.program is not None
-    symbol = checked.program.systems.get(flat.name)
-    if symbol is None or symbol.deploys is None:
-        return None
-    proved = _proved(checked.program, symbol, overrides)
-    if proved is None:
-        raise SoterError(checked.diagnostics.items)
-    return proved
 
 
 def _check_the_rest(

@@ -130,6 +130,31 @@ static uint32_t what_holds(const soter_firmware* f, void* state) {
   return said;
 }
 
+/* Everything up to `time`; notes the greatest lateness. */
+static uint32_t run_until(soter_firmware* f, void* state, int64_t time) {
+  uint32_t said = 0;
+  int64_t next = soter_next_instant(f->program, state);
+  while (next <= time) {
+    const int64_t behind = time - next;
+    if (behind > f->lateness) {
+      f->lateness = behind;
+    }
+    said |= (said & SOTER_RAN) != 0U ? SOTER_BEHIND : SOTER_RAN;
+    said |= too_late(f, state, next, behind) ? SOTER_LATE : 0U;
+    said |= run_instant(f, state);
+    next = soter_next_instant(f->program, state);
+  }
+  return said;
+}
+
+static void count(soter_firmware* f, uint32_t said) {
+  if (f->lateness > f->latest) {
+    f->latest = f->lateness;
+  }
+  f->late_steps += (said & SOTER_LATE) != 0U ? 1U : 0U;
+  f->behind_steps += (said & SOTER_BEHIND) != 0U ? 1U : 0U;
+}
+
 uint32_t soter_firmware_step(soter_firmware* f, void* state, int64_t now) {
   assert(f != NULL);
   if (f->program == NULL) {
@@ -138,21 +163,10 @@ uint32_t soter_firmware_step(soter_firmware* f, void* state, int64_t now) {
   if (now < f->now || !tellable(now)) {
     return SOTER_TIME_BACKWARDS;
   }
-  const int64_t time = now - f->origin;
-  uint32_t said = what_holds(f, state) & SOTER_UNHEARD; /* what the first instant could not read */
+  const uint32_t unheard = what_holds(f, state) & SOTER_UNHEARD; /* what instants could not read */
   f->now = now;
   f->lateness = 0;
-  int64_t next = soter_next_instant(f->program, state);
-  while (next <= time) {
-    const int64_t behind = time - next;
-    f->lateness = behind > f->lateness ? behind : f->lateness;
-    said |= too_late(f, state, next, behind) ? SOTER_LATE : 0U;
-    said |= (said & SOTER_RAN) != 0U ? SOTER_BEHIND : 0U;
-    said |= run_instant(f, state) | SOTER_RAN;
-    next = soter_next_instant(f->program, state);
-  }
-  f->latest = f->lateness > f->latest ? f->lateness : f->latest;
-  f->late_steps += (said & SOTER_LATE) != 0U ? 1U : 0U;
-  f->behind_steps += (said & SOTER_BEHIND) != 0U ? 1U : 0U;
-  return said | (what_holds(f, state) & SOTER_LATCHED);
+  const uint32_t said = run_until(f, state, now - f->origin);
+  count(f, said);
+  return said | unheard | (what_holds(f, state) & SOTER_LATCHED);
 }

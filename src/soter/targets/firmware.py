@@ -108,6 +108,7 @@ class _Firmware:
                     c.Include("soter_firmware.h"),
                     c.Section("what the messages look like"),
                     c.Define(f"{n}_LAYOUT", f'"{layout}"'),
+                    *self._certificate(),
                     *self._enums(),
                     *(
                         c.Alias(self._type(t), self._named(t), t.name)
@@ -139,6 +140,11 @@ class _Firmware:
                 )
             )
         )
+
+    def _certificate(self) -> tuple[c.CTop, ...]:
+        """The seal of the proof whose verdicts are carried (inherited.json)."""
+        seal = self.system.certificate
+        return (c.Define(f"{self.name}_CERTIFICATE", f'"{seal}"'),) if seal else ()
 
     def source(self) -> str:
         """The functions."""

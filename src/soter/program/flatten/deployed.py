@@ -1,66 +1,28 @@
 """Systems that stand in the world: topics of the outside, and what a deployed system must share.
 
-Purpose: numbers of `external topic`; that a system which `deploys` another one has its modules,
-nodes, parameters, periods and topics, so that what was proved there is about the same code.
+Purpose: which topics come from outside, how late components may be; that a system which `deploys`
+another one has its modules, nodes, parameters, periods and topics, so that what was proved there is
+about the same code.
 Non-goals: whether ages, delays and errors from outside are covered (`reach/deploy/inherited.py`).
 """
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.program.check.const import Calculator
-from soter.program.model.system import External
-from soter.program.model.types import leaves
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from soter.program.flatten.elaborate import Elaborator
-    from soter.program.flatten.placing import Part
     from soter.program.model import typed
-    from soter.program.model.system import Component, Module, System, Topic
+    from soter.program.model.system import Component, External, Module, System, Topic
 
 DIFFERENCES_SHOWN = 8
 
 
-# ---------------------------------------------------------------- numbers
-
-
-def place_externals(elaborator: Elaborator) -> tuple[External, ...]:
-    """The external topics of a system and of those in it, by the first who says so."""
-    found: dict[int, External] = {}
-    for part in elaborator.parts:
-        for item in part.system.externals:
-            index = elaborator.topic(elaborator.key(item.topic, part.prefix, part.wires))
-            if index not in found:
-                found[index] = _external(elaborator, part, item, index)
-    return tuple(found.values())
-
-
-def _external(
-    elaborator: Elaborator, part: Part, item: typed.ExternalSymbol, index: int
-) -> External:
-    what = f"of external topic `{item.topic.name}`"
-    with elaborator.under(part.params):
-        every = elaborator.duration(item.every, f"`every` {what}") if item.every else None
-        delay = elaborator.delay(item.delayed, f"`delayed` {what}")
-        errors: list[float | None] = [None for _ in leaves(item.topic.type)]
-        for m in item.measured:
-            bound = elaborator.number(m.within, "the bound of an error")
-            if bound is not None and not (math.isfinite(bound) and bound >= 0):
-                elaborator.diagnostics.error(
-                    "V006",
-                    "the bound of an error must be finite and not negative",
-                    m.within.span,
-                    f"this is {bound!r}",
-                )
-            for k, (path, _) in enumerate(leaves(item.topic.type)):
-                if path[: len(m.path)] == m.path:
-                    errors[k] = bound
-    return External(index, every, delay, tuple(errors), item.span)
+# ---------------------------------------------------------------- the world outside
 
 
 def check_external(system: System, read: set[int], diagnostics: Diagnostics) -> None:
@@ -107,10 +69,9 @@ def allowed_lateness(system: System) -> dict[int, int]:
 # ---------------------------------------------------------------- the same system
 
 
-def check_deployed(
-    here: System, symbol: typed.SystemSymbol, there: System | None, diagnostics: Diagnostics
-) -> None:
-    """M025 where `here` is not the system that it deploys, without its plants."""
+def check_deployed(here: System, symbol: typed.SystemSymbol, diagnostics: Diagnostics) -> None:
+    """M025 where `here` is not the system that it deploys, `proved`, without its plants."""
+    there = here.proved
     if there is None or symbol.deploys is None:
         return
     found = list(_differences(here, there))
@@ -150,7 +111,7 @@ def _differences(here: System, there: System) -> Iterator[str]:
     for t in here.topics:
         if t.queue_of is None and not t.held and t.name in topics:
             yield from _topic(t, topics[t.name])
-    yield from _times_of_nodes(here, there)
+    yield from _outside(here, there)
 
 
 def _plants(here: System) -> Iterator[str]:
@@ -235,8 +196,8 @@ def _topic(mine: Topic, proved: Topic) -> Iterator[str]:
             yield f"topic `{mine.name}` has {what} there"
 
 
-def _times_of_nodes(here: System, there: System) -> Iterator[str]:
-    """What publishes to a topic from outside is no part of the proof but a plant or an input."""
+def _outside(here: System, there: System) -> Iterator[str]:
+    """What comes from outside was published by a plant or the environment there."""
     proved = {t.name: t for t in there.topics}
     for e in from_outside(here):
         name = here.topics[e.topic].name

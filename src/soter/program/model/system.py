@@ -364,6 +364,10 @@ class System:
     """What campaigns tell of its runs."""
     externals: tuple[External, ...] = ()
     """Topics that somebody outside publishes or reads: it stands in the world, without plants."""
+    proved: System | None = None
+    """Of one that deploys another: that one, flattened under the same parameters."""
+    certificate: str = ""
+    """Of one that deploys another: the seal of the certificate whose verdicts it carries."""
     shuffled: bool = False
     """Whether the nodes of an instant step in an order that is drawn, not in the deployed one."""
 
