@@ -15,6 +15,7 @@ import soter
 from generators.packages import EXAMPLES, make
 from long_tests import examples
 from processes import PIPE
+from soter.api.deploying import stack_bound
 from soter.lower.layout import state_layout
 from soter.native.compiler import MEANING, WARNINGS, find
 from soter.program.meaning.arith import FaultKind
@@ -24,7 +25,10 @@ from soter.simulate.image import image
 
 CART = EXAMPLES / "wall" / "cart_firmware.soter"
 OWN = EXAMPLES / "wall" / "firmware"
-SCRIPT = Path(__file__).parent / "files" / "firmware_script.c"
+FILES = Path(__file__).parent / "files"
+SCRIPT = FILES / "firmware_script.c"
+LIBRARY = 256
+"""Bytes that `memset` and `strcmp` may take."""
 LOOPS = examples("SOTER_FIRMWARE_LOOPS", quick=12, long=400)
 MS = 1_000_000
 RAN, BEHIND, LATE, TIME_BACKWARDS, UNHEARD, LATCHED, REFUSED = 1, 2, 4, 8, 16, 32, 64
@@ -338,3 +342,44 @@ def test_a_loop_gives_the_states_of_the_reference_interpreter(told: Told, seed: 
             assert (None if got.said == TIME_BACKWARDS else got.state) == want, line
         else:
             assert got == want, line
+
+
+# ---------------------------------------------------------------- stack
+
+
+@pytest.mark.parametrize("name", compilers("gcc", "clang"))
+def test_the_stack_that_is_used_is_within_the_bound_and_not_far_from_it(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str
+) -> None:
+    monkeypatch.setenv("SOTER_CC", name)
+    find.cache_clear()
+    try:
+        made = soter.load(CART).build("c", tmp_path / "cart_c")
+        bound = stack_bound(made)
+        assert make(tmp_path / "cart_c", "lib").returncode == 0
+    finally:
+        find.cache_clear()
+    target = tmp_path / "stack"
+    words = [name, "-O1", "-w", f"-I{tmp_path / 'cart_c'}", str(FILES / "firmware_stack.c")]
+    words += [
+        str(tmp_path / "cart_c" / "libcart_firmware.a"),
+        "-lm",
+        "-Wl,-z,now",
+        "-o",
+        str(target),
+    ]
+    assert processes.run(words, capture_output=True, text=True).returncode == 0
+    used = int(processes.run([target], capture_output=True, text=True).stdout)
+    assert bound.bytes is not None, bound.why
+    assert set(bound.not_counted) <= {"memset", "strcmp", "memcpy", "sqrt"}
+    assert used <= bound.bytes + LIBRARY, "what libc needs comes on top"
+    assert used > bound.bytes // 4, "the bound is of the same code"
+
+
+def test_the_trusted_drone_needs_no_more_than_eight_kibibytes(tmp_path: Path) -> None:
+    made = soter.load(EXAMPLES / "drone" / "motion_primitive.soter").build("c", tmp_path / "out")
+    bound = stack_bound(made)
+    if not bound.compiler.startswith(("gcc", "cc", "clang", "Debian")):
+        pytest.skip("this compiler tells no stack usage")
+    assert bound.bytes is not None, bound.why
+    assert bound.bytes <= 8 * 1024

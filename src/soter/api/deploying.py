@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.api.given import Progress
+    from soter.native.stack import Stack
     from soter.program.model.system import System
     from soter.reach.deploy.inherited import Inherited
     from soter.recheck.report import ModuleReport, Report
@@ -32,6 +33,8 @@ if TYPE_CHECKING:
 
 FILE = "inherited.json"
 SCHEMA = 1
+NO_PART = frozenset({"soter_app.c", "soter_virtual.c", "soter_sha256.c"})
+"""Files of the command that runs in virtual time."""
 
 
 @dataclass
@@ -106,6 +109,22 @@ def build(
     package.notes += computed
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
+
+
+def stack_bound(package: Package) -> Stack:
+    """How much stack the trusted part of a package needs at most, compiled on this machine.
+
+    Neither externs nor the virtual-time command are part of it, nor plants.
+    """
+    from soter.native.stack import stack_of  # noqa: PLC0415 - runs a compiler
+
+    files = {
+        f.path: f.text
+        for f in package.files
+        if f.path.endswith((".c", ".h")) and "/" not in f.path and not f.yours
+        if f.path not in NO_PART and "int main(" not in f.text
+    }
+    return stack_of(files, package.entries, package.world)
 
 
 # ---------------------------------------------------------------- what is told

@@ -62,6 +62,10 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         File("README.md", _readme(system, unit, stubs, plants)),
     ]
     package.notes = _notes(core, stubs, plants)
+    package.entries = f"{firmware_name(system, unit)}_"
+    package.world = tuple(
+        f"{unit.names[x.index]}_step" for x in system.components if x.plant is not None
+    )
     package.commands = [f"make -C {folder}", f"{folder}/{_command_name(unit.prefix)}"]
     return package
 
