@@ -41,6 +41,8 @@ if TYPE_CHECKING:
 RUNTIME_FILES = ("soter_firmware.h", "soter_firmware.c")
 MESSAGES = "messages.json"
 SCHEMA = 1
+PLACE = frozenset({"name", "published"})
+"""What of a message depends on the file that declares it, and is no part of the layout."""
 SELF, STATE, VALUE = c.Name("self"), c.Arrow(c.Name("self"), "state"), c.Name("value")
 LOOP = c.Unary("&", c.Arrow(SELF, "loop"))
 STATE_POINTER = c.Unary("&", STATE)
@@ -61,14 +63,14 @@ def firmware_name(system: System, unit: Unit) -> str:
 
     That may only be where the program's own prefix begins like it.
     """
-    name = program_prefix(system.name.rpartition(".")[2])
+    base = name = program_prefix(system.name.rpartition(".")[2])
     code = re.sub(r'/\*.*?\*/|"(?:\\.|[^"\\])*"', " ", unit.header + unit.source, flags=re.DOTALL)
     taken = set(re.findall(r"[A-Za-z_]\w*", code))
-    files = {f"{unit.prefix}".lower()}
-    while f"{name}_firmware".lower() in files or any(
+    number = 2
+    while f"{name}_firmware".lower() == unit.prefix.lower() or any(
         x == name or x.startswith(f"{name}_") for x in taken
     ):
-        name += "_"
+        name, number = f"{base}{number}", number + 1
     return name
 
 
@@ -370,15 +372,19 @@ class _Firmware:
     def _messages(self) -> dict[str, object]:
         """What the messages look like, and the SHA-256 of that as `layout`."""
         topics = [self._message(t) for t in self.topics]
-        body: dict[str, object] = {
+        modules = [m.name for m in self.system.modules]
+        size = self.unit.layout.size
+        seen = [{k: v for k, v in t.items() if k not in PLACE} for t in topics]
+        alike = {"schema": SCHEMA, "state_size": size, "topics": seen, "modules": modules}
+        text = json.dumps(alike, sort_keys=True, separators=(",", ":"))
+        return {
+            "layout": hashlib.sha256(text.encode()).hexdigest(),
             "schema": SCHEMA,
             "system": self.system.name,
-            "state_size": self.unit.layout.size,
+            "state_size": size,
             "topics": topics,
-            "modules": [m.name for m in self.system.modules],
+            "modules": modules,
         }
-        text = json.dumps(body, sort_keys=True, separators=(",", ":"))
-        return {"layout": hashlib.sha256(text.encode()).hexdigest(), **body}
 
     def _message(self, t: Topic) -> dict[str, object]:
         found: dict[str, object] = {
