@@ -34,7 +34,7 @@ RED_ZONE = 128
 FOUND = "stack.json"
 QUIET = frozenset({"__assert_fail", "__assert_rtn", "abort", "__stack_chk_fail"})
 """Do not come back."""
-ROLES = "step|failsafe|effect|exchange|happens|decide|violated|publish|init|order|self_test"
+ROLES = "step|failsafe|effect|exchange|happens|overrun|decide|violated|publish|init|order|self_test"
 TABLE = re.compile(rf"\.({ROLES}) = (\w+)")
 NODE = re.compile(r'^node: \{ title: "([^"]+)" label: "([^"]*)"')
 EDGE = re.compile(r'^edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"')
