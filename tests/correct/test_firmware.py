@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import random
+import re
 import shutil
 from dataclasses import dataclass
 from pathlib import Path
@@ -383,3 +384,29 @@ def test_the_trusted_drone_needs_no_more_than_eight_kibibytes(tmp_path: Path) ->
         pytest.skip("this compiler tells no stack usage")
     assert bound.bytes is not None, bound.why
     assert bound.bytes <= 8 * 1024
+
+
+# ---------------------------------------------------------------- the page
+
+
+def test_the_page_names_what_there_is(built: Path) -> None:
+    page = (EXAMPLES.parent / "docs" / "deploy.md").read_text(encoding="utf-8")
+    names = ("Vehicle_firmware.h", "soter_firmware.h", "soter.h")
+    headers = "".join((built / name).read_text() for name in names)
+    there = set(re.findall(r"\w+", headers)) | {"SOTER_CC"}
+    told = set(re.findall(r"\b(?:Vehicle|SOTER)_\w+", page)) - {"Vehicle_firmware"}
+    assert len(told) > 15
+    assert told <= there
+    bits = set(re.findall(r"^#define (SOTER_\w+) \d+U", headers, re.MULTILINE))
+    refusals = set(re.findall(r"^  (SOTER_\w+) = \d", (built / names[1]).read_text(), re.MULTILINE))
+    every = (bits | refusals) - {"SOTER_ENABLED", "SOTER_TAKEOVER", "SOTER_FIRST", "SOTER_TAKEN"}
+    assert every - told == set(), "every word that may come back stands on the page"
+    for name in re.findall(r"v\.(loop|state)\.(\w+)", page):
+        assert f" {name[1]};" in headers or f" {name[1]}[" in headers
+
+
+def test_the_page_shows_the_system_of_the_example() -> None:
+    page = (EXAMPLES.parent / "docs" / "deploy.md").read_text(encoding="utf-8")
+    shown = re.search(r"^```\n(import .*?)^```", page, re.MULTILINE | re.DOTALL)
+    assert shown is not None
+    assert shown[1] in CART.read_text(encoding="utf-8")
