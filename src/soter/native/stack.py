@@ -32,6 +32,7 @@ RETURNS_HERE = 16
 RED_ZONE = 128
 """What the last function of a way may use below its frame (x86-64) and no compiler counts."""
 FOUND = "stack.json"
+SILENT = "this compiler tells no stack usage (gcc does, and clang for x86-64 and aarch64 of Linux)"
 QUIET = frozenset({"__assert_fail", "__assert_rtn", "abort", "__stack_chk_fail"})
 """Do not come back."""
 ROLES = "step|failsafe|effect|exchange|happens|overrun|decide|violated|publish|init|order|self_test"
@@ -41,6 +42,8 @@ EDGE = re.compile(r'^edge: \{ sourcename: "([^"]+)" targetname: "([^"]+)"')
 BYTES = re.compile(r"\\n(\d+) bytes \((\w+(?:,\w+)*)\)")
 LABEL = re.compile(r"^([A-Za-z_][\w.$]*):")
 CALL = re.compile(r"^\s+(callq?|bl|blr|jmpq?|b|br)\s+(\S+)")
+READABLE = re.compile(r"^Target: (x86_64|aarch64)-\S*linux", re.MULTILINE)
+"""The targets of clang whose assembly is read here: what is not known is not guessed."""
 TAIL = frozenset({"jmp", "jmpq", "b", "br"})
 
 
@@ -107,12 +110,14 @@ def _measured(
     graph: Graph | None = None
     if _run([*command, *flags, "-fcallgraph-info=su", "-c", *sources], work).returncode == 0:
         graph = _of_gcc(work)
+    elif READABLE.search(version.stdout) is None:
+        pass
     elif _run([*command, *flags, "-fstack-usage", "-S", *sources], work).returncode == 0:
         graph = _of_clang(work)
     for path in work.iterdir():
         path.unlink()
     if graph is None or not graph.frames:
-        return Stack(None, said, why="this compiler tells no stack usage (gcc and clang do)")
+        return Stack(None, said, why=SILENT)
     pointed = {name for text in files.values() for _, name in TABLE.findall(text)}
     return _bound(graph, said, entries, pointed - {"NULL", *left_out})
 

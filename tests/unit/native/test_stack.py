@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import pytest
 
 from soter.native.compiler import find
-from soter.native.stack import RED_ZONE, Stack, stack_of
+from soter.native.stack import RED_ZONE, SILENT, Stack, stack_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -123,6 +123,23 @@ def test_a_compiler_that_says_nothing_gives_no_figure(
     found = bound(main=MAIN, other=OTHER)
     assert found.bytes is None
     assert "no stack usage" in found.why
+
+
+def test_assembly_of_a_processor_that_is_not_known_is_not_guessed_at(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    script = tmp_path / "foreign"
+    script.write_text(
+        '#!/bin/sh\ncase "$*" in\n*callgraph*) exit 1;;\n'
+        '--version) echo "clang version 14"; echo "Target: armv7-unknown-linux-gnu"; exit 0;;\n'
+        'esac\nexec cc "$@"\n'
+    )
+    script.chmod(0o755)
+    monkeypatch.setenv("SOTER_CC", str(script))
+    find.cache_clear()
+    found = bound(main=MAIN, other=OTHER)
+    assert found.bytes is None
+    assert found.why == SILENT
 
 
 def test_no_compiler_at_all_gives_no_figure(monkeypatch: pytest.MonkeyPatch) -> None:
