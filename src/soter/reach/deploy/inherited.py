@@ -49,14 +49,18 @@ class Inherited:
 
 
 def carry(here: System, there: System) -> None:
-    """Gives the modules of `here` the predicates that were computed for those of `there`."""
+    """Gives the modules of `here` the predicates that were computed for those of `there`.
+
+    A margin here counts until the next look and no further (`Module.looks` stays 1): that more
+    looks keep AC is an argument about sensors, which may be covered or not.
+    """
     for m in here.modules:
         proved = _module(there, m)
         if m.symbol.ttf is not None or proved.symbol.ttf is None:
             continue
         dm, sc = here.components[m.dm], here.components[m.sc]
         scope = {**sc.scope.topics, **m.scope.topics}
-        m.symbol = proved.symbol
+        m.symbol, m.computed = proved.symbol, proved.computed
         for topic in proved.symbol.topics_read:
             m.scope.topics.setdefault(topic, scope[topic])
             dm.scope.topics.setdefault(topic, scope[topic])
