@@ -125,6 +125,13 @@ BENCHMARKS = (
         "computed predicates read a table by halving.",
     ),
     Benchmark(
+        "The stack of the trusted part",
+        ("bench/stack_bounds.py",),
+        "What `soter build` prints: the most stack that a call of the typed interface may need, "
+        "from the compilers' own figures over the call graph, `-O2`. Not in it: what libc's "
+        "functions need, externs, plants.",
+    ),
+    Benchmark(
         "The mountain car: four drivers, alone and with RTA",
         ("bench/mountain_car.py",),
         "10,000 seeded episodes of each driver on the proved map, until flag, cliff or 999 steps. "

@@ -7,6 +7,7 @@ Non-goals: the work itself (the rooms below), printing and exit codes (`cli/`).
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -237,20 +238,20 @@ class Program:
         system: str | None = None,
         params: Mapping[str, object] | None = None,
         *,
+        cert: str | Path | None = None,
         progress: Progress | None = None,
     ) -> Package:
         """Write the package of a target (`"c"`) into the folder `output`.
 
-        `progress` is called with the share that is done of computing `ttf` and `safer`, for modules
-        that have neither.
+        `cert`: a certificate of the system that this one deploys; it is checked again. `progress`
+        is called with the share that is done. `SoterError` D019, D020 where it does not fit.
         """
-        from soter.targets.build import build_package  # noqa: PLC0415 - see the docstring
+        from soter.api.deploying import build  # noqa: PLC0415 - see the docstring
 
-        flat, computed = self._completed(system, params, progress)
-        bindings = self._bindings(flat)
-        package = build_package(target, bindings.system, bindings.core, Path(output))
-        package.notes += computed
-        return package
+        fresh = system_of(self._checked, system, self._values(params))
+        completed = partial(self._completed, system, params, progress)
+        how: dict[str, Any] = {"cert": cert, "progress": progress}
+        return build(target, Path(output), fresh, completed, self._bindings, **how)
 
     def monitor(
         self,
@@ -299,8 +300,7 @@ class Program:
 
         self._require_sound()
         flat, _ = self._completed(system, params, None)
-        (first, *_) = chosen_modules(flat, module)
-        return write_monitor(flat, first, self.path, Path(path), alarm)
+        return write_monitor(flat, chosen_modules(flat, module)[0], self.path, Path(path), alarm)
 
     def verify(
         self,

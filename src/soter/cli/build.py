@@ -9,15 +9,18 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
+from soter.api.deploying import stack_bound
 from soter.cli.terminal.outcome import Outcome
 from soter.cli.terminal.parser import Parser, add_file, add_settings
 from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.native.stack import OPTIMISE
 from soter.targets.build import TARGETS
 
 if TYPE_CHECKING:
     import argparse
 
     from soter.cli.terminal.console import Console
+    from soter.native.stack import Stack
     from soter.targets.package import Package
 
 EXAMPLES = """\
@@ -36,6 +39,9 @@ def parser() -> Parser:
     made.add_argument("--target", metavar="T", default=default, help=names)
     made.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
+    made.add_argument(
+        "--cert", metavar="DIR", help="certificate of the system that is deployed; checked again"
+    )
     add_settings(made)
     return made
 
@@ -48,9 +54,15 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         program.bind(name, target)
     with Progress(console) as progress:
         package = program.build(
-            args.target, args.output, args.system, dict(args.params), progress=progress
+            args.target,
+            args.output,
+            args.system,
+            dict(args.params),
+            cert=args.cert,
+            progress=progress,
         )
-    _say(package, console)
+    stack = stack_bound(package)
+    _say(package, stack, console)
     fields: dict[str, object] = {
         "file": args.file,
         "target": package.target,
@@ -59,16 +71,32 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         "written": package.written,
         "kept": package.kept,
         "notes": package.notes,
+        "inherited": package.inherited or None,
+        "stack": {
+            "bytes": stack.bytes,
+            "compiler": stack.compiler,
+            "way": list(stack.way),
+            "not_counted": list(stack.not_counted),
+            "why": stack.why,
+        },
         "commands": package.commands,
     }
     return Outcome(diagnostics=program.diagnostics, fields=fields)
 
 
-def _say(package: Package, console: Console) -> None:
+def _say(package: Package, stack: Stack, console: Console) -> None:
     what = f"{len(package.written)} files, target {package.target}"
     console.say(f"{console.paint('green', 'built')}  {package.folder}  {what}")
     for name in package.kept:
         console.say(f"kept   {package.folder / name}, which is yours")
+    for line in package.inherits:
+        console.say(f"inherits  {line}")
+    if stack.bytes is None:
+        console.say(f"stack  no bound: {stack.why}")
+    else:
+        rest = f", and of {', '.join(stack.not_counted)}" if stack.not_counted else ""
+        console.say(f"stack  at most {stack.bytes:,} bytes{rest} ({stack.compiler}, {OPTIMISE})")
+        console.say(f"       {' > '.join(stack.way)}")
     for note in package.notes:
         console.say(f"{console.paint('yellow', 'note')}   {note}")
     console.say("\nnext\n" + "\n".join(f"  {command}" for command in package.commands))

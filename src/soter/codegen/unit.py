@@ -66,6 +66,8 @@ class Unit:
     """C files that externs are bound to."""
     names: dict[int, str]
     """Component -> what its C names begin with (`cart_c`: `cart_c_step`, `cart_c_out`)."""
+    topics: tuple[tuple[str, str], ...] = ()
+    """Of each topic its C type and its member in `topics` of the state."""
     branches: tuple[Branch, ...] = ()
     """What the numbers of `soter_branch` mean, where they were asked for."""
 
@@ -179,6 +181,10 @@ class UnitBuilder:
             answers=answers,
             c_sources=tuple(dict.fromkeys(self.c_sources)),
             names=dict(self.names),
+            topics=tuple(
+                (self.types.stored(t.type), self.frame.topic_field(t.index))
+                for t in self.system.topics
+            ),
             branches=tuple(self.frame.branches or ()),
         )
 

@@ -11,8 +11,9 @@ import sys
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.diagnostics.diagnostic import Diagnostics, Severity, SoterError
 from soter.program.check.checker import check
+from soter.program.flatten.deployment.deployed import check_deployed
 from soter.program.flatten.derived import at_once, faultless
 from soter.program.flatten.elaborate import Elaborator, implicit_system
 from soter.program.flatten.parameters import has_param
@@ -134,10 +135,25 @@ def _flatten(
     draft: bool = False,
 ) -> System | None:
     elaborator = Elaborator(program, symbol, overrides, diagnostics, draft=draft)
+    before = len(diagnostics.items)
     flat = elaborator.run()
     if flat is not None:
         check_periods(flat, diagnostics, elaborator.unknown)
+        sound = all(d.severity is not Severity.ERROR for d in diagnostics.items[before:])
+        if symbol.deploys is not None and sound:
+            flat.proved = _proved(program, symbol, overrides)
+            check_deployed(flat, symbol, diagnostics)
     return flat
+
+
+def _proved(
+    program: Program, symbol: SystemSymbol, overrides: Mapping[str, Value]
+) -> System | None:
+    """The system that `symbol` deploys; None where it has errors, which are told of it."""
+    assert symbol.deploys is not None
+    found = Diagnostics()
+    flat = Elaborator(program, symbol.deploys, overrides, found).run()
+    return None if found.has_errors else flat
 
 
 def _check_the_rest(

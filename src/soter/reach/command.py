@@ -126,7 +126,8 @@ def modules_of(
     SoterError U008 where there is none.
     """
     preferred = checked.default_system()
-    names = [system] if system else list(checked.systems)
+    _not_deployed(checked, system)
+    names = [system] if system else [n for n, s in checked.systems.items() if s.deploys is None]
     if not system and preferred is not None:
         names.sort(key=lambda n: n != preferred.name)
         names.sort(
@@ -149,6 +150,19 @@ def modules_of(
     if module is not None and not found:
         raise SoterError((_no_module(module, list(dict.fromkeys(known))),))
     return found
+
+
+def _not_deployed(checked: Checked, system: str | None) -> None:
+    """U008 for a system in the world: what it deploys is proved."""
+    every = list(checked.systems.values())
+    meant = [s for s in every if s.name == system or system is None]
+    if not meant or any(s.deploys is None for s in meant):
+        return
+    symbol = meant[0]
+    assert symbol.deploys is not None
+    what = f"system `{symbol.name}` has no plants: it deploys `{symbol.deploys.name}`"
+    helps = (f"verify that one, and build with its certificate: `--system {symbol.deploys.name}`",)
+    raise SoterError((Diagnostic("U008", what, helps=helps),))
 
 
 def _names(m: Module) -> tuple[str, str]:

@@ -558,7 +558,9 @@ SOTER_INLINE uint32_t soter_ask(const void* answer, uint64_t stream, uint32_t co
   const bool known = at < a->given && at < a->room && a->choices[at].pick < count;
   const uint32_t pick = known ? a->choices[at].pick : 0U;
   if (at < a->room) {
-    a->choices[at] = (soter_choice){.stream = stream, .count = count, .pick = pick};
+    a->choices[at].stream = stream; /* one by one: C++ has no compound literals */
+    a->choices[at].count = count;
+    a->choices[at].pick = pick;
   }
   (*a->taken)++;
   return pick;

@@ -757,6 +757,17 @@ class DriveInput:
 
 
 @dataclass(frozen=True, slots=True)
+class ExternalTopic:
+    """`external topic motion [every d] [delayed d] [measured motion.x within e, ...];`."""
+
+    topic: Path
+    every: Expr | None
+    delayed: Expr | None
+    measured: tuple[tuple[Path, Expr], ...]
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
 class TimingFault:
     """`late N by d;`, `skip N [at most k];`, `overrun N by d;` of a test."""
 
@@ -797,7 +808,7 @@ class Measure:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SystemDecl(Decl):
-    """`system Name [default] {...}`."""
+    """`system Name [default] [deploys Other] {...}`."""
 
     default: bool
     instances: tuple[Instance | Repeated, ...]
@@ -810,6 +821,8 @@ class SystemDecl(Decl):
     faults: tuple[SystemFault, ...] = ()
     measures: tuple[Measure, ...] = ()
     inlines: tuple[Inline | Repeated, ...] = ()
+    externals: tuple[ExternalTopic, ...] = ()
+    deploys: Ref | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

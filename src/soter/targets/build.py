@@ -12,12 +12,12 @@ from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.targets.c99 import c99_package
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
     from pathlib import Path
 
     from soter.lower.core import CoreSystem
     from soter.program.model.system import System
-    from soter.targets.package import Package
+    from soter.targets.package import File, Package
 
     Maker = Callable[[System, CoreSystem, Path], Package]
 
@@ -26,8 +26,12 @@ TARGETS: dict[str, Maker] = {"c": c99_package}
 COMING = ("posix", "cortex-m", "ros1", "dds", "zenoh", "mavlink")
 
 
-def build_package(target: str, system: System, core: CoreSystem, folder: Path) -> Package:
+def build_package(
+    target: str, system: System, core: CoreSystem, folder: Path, more: Sequence[File] = ()
+) -> Package:
     """Write the package of a target; SoterError U001 where there is no such target.
+
+    `more`: files that it has besides, whatever the target.
 
     `system`, `core`: with every binding to C entered (`simulate/externs/bindings.py`); whatever
     else an extern is bound to does not leave this machine.
@@ -49,4 +53,5 @@ def build_package(target: str, system: System, core: CoreSystem, folder: Path) -
         )
     package = make(system, core, folder)
     package.target = target
+    package.files += more
     return package.write()

@@ -19,6 +19,7 @@ from soter.codegen.unit import generate
 from soter.native.build import FAULTS, RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets.c_files import with_headers
+from soter.targets.firmware import RUNTIME_FILES, firmware_files, firmware_name
 from soter.targets.package import File, Package
 
 if TYPE_CHECKING:
@@ -31,6 +32,7 @@ APP = "soter_app"
 KERNEL = (
     *("soter.h", "soter_kernel.c", "soter_virtual.c", "soter_self_test.c"),
     *("soter_sha256.h", "soter_sha256.c"),
+    *RUNTIME_FILES,
 )
 STATE, PROGRAM, UNTIL = "APP_STATE", "APP_PROGRAM", "APP_UNTIL_NS"
 
@@ -43,6 +45,7 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
     linked = [s for s in unit.c_sources if s != STUBS]
     plants = [x for x in system.components if x.extern and x.plant is not None]
     package.files = [
+        *firmware_files(system, unit),
         File(f"{unit.prefix}.h", unit.header),
         File(f"{unit.prefix}.c", unit.source),
         File(f"{APP}.h", _app_header(system, unit)),
@@ -55,10 +58,14 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
     package.files += _extern_files(linked)
     sources = [f.path for f in package.files if f.path.endswith(".c")]
     package.files += [
-        File("Makefile", _makefile(_command_name(unit.prefix), sources)),
+        File("Makefile", _makefile(_command_name(unit.prefix), sources, _main_name(unit))),
         File("README.md", _readme(system, unit, stubs, plants)),
     ]
     package.notes = _notes(core, stubs, plants)
+    package.entries = f"{firmware_name(system, unit)}_"
+    package.world = tuple(
+        f"{unit.names[x.index]}_step" for x in system.components if x.plant is not None
+    )
     package.commands = [f"make -C {folder}", f"{folder}/{_command_name(unit.prefix)}"]
     return package
 
@@ -81,7 +88,7 @@ def _bind_stubs(system: System) -> dict[str, Component]:
 
 def _command_name(prefix: str) -> str:
     """What the package's command is called: never like a file, folder or goal of its Makefile."""
-    taken = re.fullmatch(r"(gnu)?makefile|run|clean|extern(_\d+)?", prefix, re.IGNORECASE)
+    taken = re.fullmatch(r"(gnu)?makefile|run|clean|lib|extern(_\d+)?", prefix, re.IGNORECASE)
     return f"{prefix}_program" if taken else prefix
 
 
@@ -253,12 +260,13 @@ def _move(unit: Unit, x: Component, body: tuple[c.CStmt, ...] | None) -> c.Funct
 # ---------------------------------------------------------------- Makefile and README
 
 
-def _makefile(name: str, sources: list[str]) -> str:
+def _makefile(name: str, sources: list[str], main: str) -> str:
     meaning = " ".join(MEANING)
     warnings = " ".join(w for w in WARNINGS if w != "-Werror")
     listed = " \\\n  ".join(sorted(sources))
     return f"""\
-# Written by soter: `make` builds ./{name}, `make run` runs it.
+# Written by soter: `make` builds ./{name}, `make run` runs it, `make lib` builds lib{name}.a for a
+# main of your own (docs/deploy.md).
 CFLAGS ?= -O2
 # these belong to the meaning, so they come last: one rounding an operation, on every compiler
 MEANING := {meaning}
@@ -266,15 +274,22 @@ WARNINGS := {warnings}
 SOURCES := \\
   {listed}
 
+OBJECTS := $(patsubst %.c,%.o,$(filter-out {main},$(SOURCES)))
+
 {name}: $(SOURCES) $(wildcard *.h extern*/*.h)
 \t$(CC) {STANDARD} $(WARNINGS) $(CFLAGS) $(MEANING) -I. -o $@ $(SOURCES) -lm
 
 Makefile: ; # never made from a Makefile.c
-.PHONY: run clean
+lib{name}.a: $(OBJECTS)
+\t$(AR) rcs $@ $(OBJECTS)
+%.o: %.c $(wildcard *.h extern*/*.h)
+\t$(CC) {STANDARD} $(WARNINGS) $(CFLAGS) $(MEANING) -I. -c -o $@ $<
+.PHONY: run clean lib
+lib: lib{name}.a
 run: {name}
 \t./{name}
 clean:
-\trm -f {name}
+\trm -f {name} lib{name}.a $(OBJECTS)
 """
 
 
@@ -312,6 +327,9 @@ may call it too, with the program: both files are looked at).
 |---|---|
 | `{name}.h`, `{name}.c` | the program: state, steps, decision modules, tables |
 | `soter.h`, `soter_kernel.c`, `soter_virtual.c` | the kernel and the virtual-time driver |
+| `{firmware_name(system, unit)}_firmware.h` | the program in your own loop: publish, step, read |
+| `soter_firmware.h`, `soter_firmware.c` | what these functions have in common |
+| `messages.json` | what the topics look like in memory; its hash is compared at the start |
 | `soter_self_test.c` | finds at start what a compiler's or linker's flags have changed |
 | `{APP}.h`, `{APP}.c`, `{_main_name(unit)}` | this command |
 {filled}"""

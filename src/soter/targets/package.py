@@ -45,6 +45,14 @@ class Package:
     written: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
     target: str = ""
+    entries: str = ""
+    """What the functions begin with that a loop of one's own calls; "" where there are none."""
+    world: tuple[str, ...] = ()
+    """Functions that are of plants: no part of what runs on a robot."""
+    inherits: list[str] = field(default_factory=list)
+    """Of a deployed system: what it inherits, in lines."""
+    inherited: dict[str, object] = field(default_factory=dict)
+    """The same as a document; empty of others."""
 
     def write(self) -> Package:
         """Write everything; SoterError D006, D008, the latter before anything is written."""

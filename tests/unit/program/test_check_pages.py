@@ -39,6 +39,8 @@ NOT_STATIC = {
     "D016": "a log that somebody else wrote",
     "D017": "a log that has not what a module reads",
     "D018": "the workers of a cluster cannot fly",
+    "D019": "a deployed system, when it is built",
+    "D020": "a certificate of something else",
     "I001": "a defect of soter",
     "U001": "a value on the command line",
     "U002": "the name of a system on the command line",

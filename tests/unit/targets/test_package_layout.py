@@ -18,9 +18,12 @@ from soter.native.compiler import MEANING, STANDARD, WARNINGS
 
 RUNTIME = {
     *("soter.h", "soter_kernel.c", "soter_virtual.c", "soter_self_test.c"),
-    *("soter_sha256.h", "soter_sha256.c"),
+    *("soter_sha256.h", "soter_sha256.c", "soter_firmware.h", "soter_firmware.c"),
 }
-OWN = {"cart.h", "cart.c", "soter_app.h", "soter_app.c", "main.c", "Makefile", "README.md"}
+OWN = {
+    *("cart.h", "cart.c", "soter_app.h", "soter_app.c", "main.c", "Makefile", "README.md"),
+    *("Protected_firmware.h", "Protected_firmware.c", "messages.json"),
+}
 MANIFEST = ".soter-files.json"
 NAMES = (
     *("_Atomic", "__LINE__", "m___LINE__", "__func__", "_Generic"),

@@ -275,6 +275,9 @@ def top(item: c.CTop) -> Iterator[str]:
         yield "typedef struct {"
         yield from (member(m, 1) for m in item.members)
         yield f"}} {item.name};"
+    elif isinstance(item, c.Alias):
+        comment = f" /* {comment_text(item.comment)} */" if item.comment else ""
+        yield f"typedef {declarator(item.type, item.name)};{comment}"
     elif isinstance(item, c.FunctionDef):
         yield from _function(item)
     elif isinstance(item, c.TableDef):

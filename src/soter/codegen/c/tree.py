@@ -254,6 +254,15 @@ class StructDef(CTop):
 
 
 @dataclass(frozen=True)
+class Alias(CTop):
+    """Another name of a type: `typedef type name;`."""
+
+    type: str
+    name: str
+    comment: str = ""
+
+
+@dataclass(frozen=True)
 class FunctionDef(CTop):
     """A function; `doc` is the comment above it. An inline one need not be called (soter.h)."""
 

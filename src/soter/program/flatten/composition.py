@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from soter.program.flatten.deployment.deployed import check_external
 from soter.program.model.durations import show_ns
 from soter.program.model.system import modules_above
 from soter.program.model.walk import topic_reads
@@ -47,6 +48,8 @@ class Composition:
         self.partial = partial
         self.draft = draft
         self.had_errors = diagnostics.has_errors
+        self.outside = {e.topic for e in system.externals}
+        self.read: set[int] = set()
 
     def check(self, property_reads: list[tuple[int, Span]]) -> None:
         """All rules; also enters the driver of every topic."""
@@ -72,6 +75,8 @@ class Composition:
         for index, span in property_reads:
             self._driven(index, span, "a property", driven)
         self._disjoint_nodes()
+        if not self.partial:
+            check_external(self.system, self.read, self.diagnostics)
         for queue in self.system.topics:
             if queue.queue_of is not None:
                 queue.driver = self.system.topics[queue.queue_of].driver
@@ -227,9 +232,10 @@ class Composition:
     def _driven(self, index: int, span: Span, reader: str, driven: set[int]) -> None:
         index = self._source(index)
         topic = self.system.topics[index]
+        self.read.add(index)
         if index in driven:
             return
-        if topic.symbol.input:
+        if topic.symbol.input or index in self.outside:
             topic.driver = "input"
             return
         if self.partial:

@@ -10,8 +10,8 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.program.flatten.budgets import budget, inlined
 from soter.program.flatten.composition import Composition, hyperperiod
+from soter.program.flatten.deployment.budgets import budget, inlined
 from soter.program.flatten.idle import Idle
 from soter.program.flatten.looking import look_topics
 from soter.program.flatten.measure import TooLargeError
@@ -26,6 +26,7 @@ from soter.program.model.system import (
     LEVELS_DEFAULT,
     Component,
     Disturbance,
+    External,
     InputDrive,
     Measure,
     Measurement,
@@ -95,6 +96,7 @@ class Elaborator(Topics):
         self._modes_in_scope(components, modules)
         properties = self._properties(modules, components)
         inputs = self._inputs()
+        externals = self._externals()
         measures = tuple(self.measures())
         self.topics += look_topics(self._margins, modules, len(self.topics))
         for c in components:
@@ -111,6 +113,7 @@ class Elaborator(Topics):
             until_ns=self.long_duration(self.symbol.until, "`until`"),
             params=self.parameters.named,
             hyperperiod_ns=1,
+            externals=externals,
         )
         composition = Composition(
             system, self.symbol, self.diagnostics, partial=self.partial, draft=self.draft
@@ -292,16 +295,8 @@ class Elaborator(Topics):
     def _measurements(self, name: str, plant: typed.PlantSymbol, scope: Scope) -> list[Measurement]:
         found: list[Measurement] = []
         for m in plant.measured:
-            bound = self.number(m.within, "the bound of an error")
+            bound = self._bound_of_error(m.within)
             if bound is None:
-                continue
-            if not (math.isfinite(bound) and bound >= 0):
-                self.diagnostics.error(
-                    "V006",
-                    "the bound of an error must be finite and not negative",
-                    m.within.span,
-                    f"this is {bound!r}",
-                )
                 continue
             topic = scope.topics[m.topic]
             for index, (path, _) in enumerate(leaves(m.topic.type)):
@@ -309,6 +304,19 @@ class Elaborator(Topics):
                     stream = ".".join((name, m.topic.name, *path))
                     found.append(Measurement(topic, index, bound, stream))
         return sorted(found, key=lambda m: (m.topic, m.leaf))
+
+    def _bound_of_error(self, within: typed.Expr) -> float | None:
+        """None after a report."""
+        bound = self.number(within, "the bound of an error")
+        if bound is None or (math.isfinite(bound) and bound >= 0):
+            return bound
+        self.diagnostics.error(
+            "V006",
+            "the bound of an error must be finite and not negative",
+            within.span,
+            f"this is {bound!r}",
+        )
+        return None
 
     # ------------------------------------------------------------ nodes
 
@@ -749,6 +757,28 @@ class Elaborator(Topics):
                 if part.prefix and any(item.topic in table for table in part.wires):
                     continue  # wired: the outer system says what it is
                 yield part, item
+
+    def _externals(self) -> tuple[External, ...]:
+        """Topics of the outside, of the system and of those in it, by the first who says so."""
+        found: dict[int, External] = {}
+        for part in self.parts:
+            for item in part.system.externals:
+                index = self.topic(self.key(item.topic, part.prefix, part.wires))
+                with self.under(part.params):
+                    found.setdefault(index, self._external(item, index))
+        return tuple(found.values())
+
+    def _external(self, item: typed.ExternalSymbol, index: int) -> External:
+        what = f"of external topic `{item.topic.name}`"
+        every = self.duration(item.every, f"`every` {what}") if item.every else None
+        delay = self.delay(item.delayed, f"`delayed` {what}")
+        errors: list[float | None] = [None for _ in leaves(item.topic.type)]
+        for m in item.measured:
+            bound = self._bound_of_error(m.within)
+            for k, (path, _) in enumerate(leaves(item.topic.type)):
+                if path[: len(m.path)] == m.path:
+                    errors[k] = bound
+        return External(index, every, delay, tuple(errors), item.span)
 
     def _inputs(self) -> list[InputDrive]:
         """How each input topic is driven: by the first who says so."""

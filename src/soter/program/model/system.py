@@ -247,6 +247,21 @@ class InputDrive:
 
 
 @dataclass(eq=False)
+class External:
+    """A topic that somebody outside of the system publishes or reads.
+
+    What was said of what comes from outside, None where nothing was: it comes at least every
+    `every_ns`, at most `delay_ns` after it was measured, and leaf k is at most `errors[k]` off.
+    """
+
+    topic: int
+    every_ns: int | None
+    delay_ns: int | None
+    errors: tuple[float | None, ...]
+    span: Span
+
+
+@dataclass(eq=False)
 class Measure:
     """What a campaign tells of runs: a number, looked at after instants, `every_ns` apart.
 
@@ -376,6 +391,12 @@ class System:
     """What goes wrong in its runs; no proof and no test is about them."""
     measures: tuple[Measure, ...] = ()
     """What campaigns tell of its runs."""
+    externals: tuple[External, ...] = ()
+    """Topics that somebody outside publishes or reads: it stands in the world, without plants."""
+    proved: System | None = None
+    """Of one that deploys another: that one, flattened under the same parameters."""
+    certificate: str = ""
+    """Of one that deploys another: the seal of the certificate whose verdicts it carries."""
     shuffled: bool = False
     """Whether the nodes of an instant step in an order that is drawn, not in the deployed one."""
 

@@ -760,6 +760,17 @@ class InputSymbol:
 
 
 @dataclass(eq=False)
+class ExternalSymbol:
+    """`external topic t ...;`: `every` and `delayed` are durations; None where not said."""
+
+    topic: TopicSymbol
+    every: Expr | None
+    delayed: Expr | None
+    measured: tuple[MeasuredSymbol, ...]
+    span: Span
+
+
+@dataclass(eq=False)
 class SetSymbol:
     """`set K = 3;`, of the instance `path` of the system; of everything in it where that is ""."""
 
@@ -790,6 +801,9 @@ class SystemSymbol(Symbol):
     measures: tuple[MeasureSymbol, ...] = ()
     inlines: tuple[tuple[str, Span], ...] = ()
     """Nodes that run in the thread of the trusted part, and where that is said."""
+    externals: tuple[ExternalSymbol, ...] = ()
+    deploys: SystemSymbol | None = None
+    """The system in which its modules were proved."""
 
     @cached_property
     def by_name(self) -> dict[str, InstanceSymbol]:

@@ -22,6 +22,7 @@ from soter.program.flatten.derived import faultless
 from soter.program.model.walk import topic_reads
 from soter.reach.claims import claims
 from soter.reach.claims.levels import levels, withheld
+from soter.reach.deploy.inherited import carry
 from soter.reach.enclose.forms import library_of
 from soter.reach.grid.sets import UnboundedError
 from soter.reach.methods import in_order, method_of, pairs_of, tables
@@ -62,6 +63,10 @@ def complete(flat: System, progress: Progress | None = None) -> list[str]:
     A module that determines no verification problem, or whose problem has no solution, stays as it
     is: its AC never gets control. Gives a note about each module; `soter verify` says more.
     """
+    if flat.proved is not None:  # of a deployed system: what was computed where it was proved
+        notes = complete(flat.proved, progress)
+        carry(flat, flat.proved)
+        return notes
     todo = open_modules(flat)
     notes = []
     for i, module in enumerate(todo):

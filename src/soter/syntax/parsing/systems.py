@@ -33,6 +33,7 @@ class _SystemParts(OnceParts):
     disturbed: list[tree.SystemFault] = field(default_factory=list)
     measures: list[tree.Measure] = field(default_factory=list)
     inlines: list[tree.Inline | tree.Repeated] = field(default_factory=list)
+    externals: list[tree.ExternalTopic] = field(default_factory=list)
     loops: int = 0  # around these items
 
 
@@ -42,6 +43,7 @@ def system(parser: BodyParser) -> tree.Decl:
     parser.i += 1
     name = parser.declare("the name of the system")
     default = parser.accept_word("default")
+    deploys = parser.ref("the name of a system") if parser.accept_word("deploys") else None
     parts = _SystemParts()
     what = f"system `{visible(name.text)}`"
     parser.body(what, parts, _SYSTEM_ITEMS, _instance)
@@ -59,6 +61,8 @@ def system(parser: BodyParser) -> tree.Decl:
         faults=tuple(parts.disturbed),
         measures=tuple(parts.measures),
         inlines=tuple(parts.inlines),
+        externals=tuple(parts.externals),
+        deploys=deploys,
     )
 
 
@@ -237,6 +241,27 @@ def _input(parser: BodyParser, parts: _SystemParts) -> None:
     parts.inputs.append(item)
 
 
+def _external(parser: BodyParser, parts: _SystemParts) -> None:
+    """`external topic t [every d] [delayed d] [measured t.x within e, ...];`."""
+    start = parser.starts[parser.i]
+    parser.i += 1
+    parser.expect("topic", "after `external`")
+    topic = parser.path("the name of a topic")
+    every = parser.time("`every`") if parser.accept_word("every") else None
+    delayed = parser.time("`delayed`") if parser.accept_word("delayed") else None
+    measured: list[tuple[tree.Path, tree.Expr]] = []
+    if parser.accept_word("measured"):
+        while True:
+            path = parser.path("the topic or one of its fields")
+            parser.expect_word("within", "after the measured value")
+            measured.append((path, parser.expr("the bound of the error")))
+            if not parser.accept(","):
+                break
+    parser.semicolon("the external topic")
+    span = parser.span_from(start)
+    parts.externals.append(tree.ExternalTopic(topic, every, delayed, tuple(measured), span))
+
+
 def _values(parser: BodyParser) -> list[tree.Expr]:
     """`{ a, b }`: the values of an input."""
     parser.expect("{", "before the values of the input")
@@ -407,6 +432,7 @@ _IN_LOOPS = dict(_SYSTEM_ITEMS)
 _IN_LOOPS["for"] = _SYSTEM_ITEMS["for"] = arrays.loop(_IN_LOOPS, _instance)
 _SYSTEM_ITEMS["faults"] = _faults
 _SYSTEM_ITEMS["measure"] = _measure
+_SYSTEM_ITEMS["external"] = _external
 _TEST_ITEMS["for"] = arrays.loop(_TEST_ITEMS, _leads_to)
 LEADERLESS["test"] = ("`p leadsto q`",)
 LEADERLESS["system"] = ("`name: What`",)

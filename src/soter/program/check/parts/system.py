@@ -14,6 +14,7 @@ from soter.program.check.expressions.choose import MAX_CHOICES
 from soter.program.check.expressions.field import find_instance
 from soter.program.check.parts.arrays import Unroller
 from soter.program.check.parts.campaigned import campaigned, mentioned
+from soter.program.check.parts.external import deployed_system, externals
 from soter.program.check.parts.wiring import Settings, Wires
 from soter.program.model import typed
 from soter.program.model.types import BOOL, DURATION, ArrayType, ListType, RecordType
@@ -94,6 +95,7 @@ class SystemChecker:
             sets=(),
             inputs=(),
         )
+        system.deploys = deployed_system(self.shared, decl, scope)
         self.shared.lost[system] = frozenset(lost)
         self.shared.later(system, decl, scope)
         return system
@@ -224,6 +226,7 @@ class SystemChecker:
         own = [("", s) for s in unroller.items(decl.sets)]
         system.sets = tuple(self.sets.all([*own, *inside], system, scope))
         system.inputs = tuple(self.inputs(unroller.items(decl.inputs), context))
+        system.externals = externals(self.shared, decl, scope)
         campaigned(self.shared, system, decl, context, unroller.items(decl.faults))
 
     def time(self, expr: tree.Expr | None, context: Context, what: str) -> typed.Expr | None:

@@ -11,6 +11,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.program.flatten import derived
+from soter.program.flatten.deployment.deployed import from_outside
 from soter.program.flatten.elaborate import Elaborator
 from soter.program.flatten.placing import expressions_of
 from soter.program.flatten.trials.names import named, nobody
@@ -193,8 +194,19 @@ class _TestElaborator(Elaborator):
     def _hold(self, c: Component) -> None:
         """Nothing: a test holds what is published later itself."""
 
-    def disturb(self, system: System) -> None:  # noqa: ARG002 - as declared
-        """E018: a test says itself what goes wrong, and all of it is tried."""
+    def disturb(self, system: System) -> None:
+        """E018: a test says itself what goes wrong, and all of it is tried; E019."""
+        outside = from_outside(system)
+        if outside:
+            name = system.topics[outside[0].topic].name
+            self.diagnostics.error(
+                "E019",
+                f"test `{self.test.name}` is of a system in the world: `{name}` comes from outside",
+                outside[0].span,
+                also=((self.test.span, "the test"),),
+                notes=("nothing is published from outside in a test, so that little is tried",),
+                helps=("test the system that has plants or nodes in the place of the world",),
+            )
         if self.symbol.faults:
             self.diagnostics.error(
                 "E018",

@@ -1,0 +1,246 @@
+"""What `soter build` says and packs of a deployed system: what it inherits, and from which proof.
+
+Purpose: the certificate is checked again, compared with the program and the parameters at hand, and
+its verdicts are told of the modules of the deployed system that it covers.
+Non-goals: what is covered (`reach/deploy/inherited.py`), the checker (`soter.recheck`).
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import os
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.api.rechecking import recheck
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.program.load.loader import load
+from soter.targets.build import build_package
+from soter.targets.package import File
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from soter.api.given import Progress
+    from soter.native.stack import Stack
+    from soter.program.model.system import System
+    from soter.reach.deploy.inherited import Inherited
+    from soter.recheck.report import ModuleReport, Report
+    from soter.simulate.externs.bindings import Bindings
+    from soter.targets.package import Package
+
+FILE = "inherited.json"
+SCHEMA = 1
+NO_PART = frozenset({"soter_app.c", "soter_virtual.c", "soter_sha256.c"})
+"""Files of the command that runs in virtual time."""
+
+
+@dataclass
+class Deployed:
+    """`lines`: for people; `document`: the same for programs, a file of the package, too."""
+
+    certificate: str = ""
+    lines: list[str] = field(default_factory=list)
+    document: dict[str, object] = field(default_factory=dict)
+
+    @property
+    def files(self) -> list[File]:
+        """What the package has besides; nothing where no other system is deployed."""
+        if not self.document:
+            return []
+        return [File(FILE, json.dumps(self.document, indent=1) + "\n")]
+
+
+def deployed(here: System, cert: str | Path | None, progress: Progress | None = None) -> Deployed:
+    """What a freshly flattened system inherits; nothing where it deploys no other.
+
+    `SoterError` D019 where something from outside is not covered, D020 where the certificate is
+    rejected or of something else, D009 and D007 as of `recheck`, U001 for a certificate of a system
+    that deploys none.
+    """
+    there = here.proved
+    if there is None:
+        if cert is not None:
+            what = f"system `{here.name}` deploys no other: there is nothing to inherit"
+            helps = ("write `system NAME deploys PROVED { ... }`",)
+            raise SoterError((Diagnostic("U001", what, helps=helps),))
+        return Deployed()
+    from soter.reach.deploy.inherited import inherited  # noqa: PLC0415 - needs NumPy
+
+    modules = inherited(here, there)
+    seal, confirmed = "", {}
+    if cert is not None:
+        report = recheck(cert, progress)
+        seal = _fits(Path(cert), report, there)
+        confirmed = _confirmed(report, there)
+    entries = [_entry(m, confirmed.get(m.module), seal) for m in modules]
+    lines = [line for e in entries for line in _lines(e, there.name, seal)]
+    document: dict[str, object] = {
+        "schema": SCHEMA,
+        "system": here.name,
+        "deploys": there.name,
+        "certificate": seal or None,
+        "modules": entries,
+    }
+    return Deployed(seal, lines, document)
+
+
+def build(
+    target: str,
+    output: Path,
+    fresh: System,
+    completed: Callable[[], tuple[System, list[str]]],
+    bound: Callable[[System], Bindings],
+    *,
+    cert: str | Path | None,
+    progress: Progress | None,
+) -> Package:
+    """The package of a target; `completed`: the same system with computed predicates, and notes.
+
+    `SoterError` as of `deployed`, and of `build_package`.
+    """
+    inherits = deployed(fresh, cert, progress)
+    flat, computed = completed()
+    flat.certificate = inherits.certificate
+    bindings = bound(flat)
+    package = build_package(target, bindings.system, bindings.core, output, inherits.files)
+    package.notes += computed
+    package.inherited, package.inherits = inherits.document, inherits.lines
+    return package
+
+
+def stack_bound(package: Package) -> Stack:
+    """How much stack the trusted part of a package needs at most, compiled on this machine.
+
+    Neither externs nor the virtual-time command are part of it, nor plants.
+    """
+    from soter.native.stack import stack_of  # noqa: PLC0415 - runs a compiler
+
+    files = {
+        f.path: f.text
+        for f in package.files
+        if f.path.endswith((".c", ".h")) and "/" not in f.path and not f.yours
+        if f.path not in NO_PART and "int main(" not in f.text
+    }
+    return stack_of(files, package.entries, package.world)
+
+
+# ---------------------------------------------------------------- what is told
+
+
+def _entry(m: Inherited, report: list[ModuleReport] | None, seal: str) -> dict[str, object]:
+    why = m.why_not
+    if not why and not seal:
+        why = "no certificate was given (--cert DIR)"
+    elif not why and report is None:
+        why = "the certificate is not about it"
+    confirmed: list[str] = []
+    missing: list[str] = []
+    if not why and report is not None:
+        every = [set(r.confirmed) for r in report]
+        confirmed = [c for c in report[0].confirmed if all(c in e for e in every)]
+        missing = list(dict.fromkeys(x for r in report for x in r.missing))
+    return {
+        "module": m.module,
+        "inherited": not why,
+        "why_not": why,
+        "confirmed": confirmed,
+        "missing": missing,
+        "covered": m.covered,
+        "assumptions": m.assumptions if not why else [],
+    }
+
+
+def _lines(entry: dict[str, object], there: str, seal: str) -> list[str]:
+    name = entry["module"]
+    if not entry["inherited"]:
+        found = [f"{name}: nothing proved: {entry['why_not']}"]
+    else:
+        confirmed, missing = entry["confirmed"], entry["missing"]
+        assert isinstance(confirmed, list)
+        assert isinstance(missing, list)
+        safe = f"; safety is not established: {', '.join(missing)}" if missing else ""
+        words = " ".join(confirmed)
+        found = [f"{name}: {words} of `{there}`, certificate {seal[:12]}, checked again{safe}"]
+    covered = entry["covered"]
+    assert isinstance(covered, list)
+    return [*found, *(f"{name}: {line}" for line in covered)]
+
+
+# ---------------------------------------------------------------- whether it fits
+
+
+def _fits(folder: Path, report: Report, there: System) -> str:
+    """The seal of a certificate that is accepted and about this program; `SoterError` D020."""
+    if not report.accepted:
+        raise _other(folder, f"it is rejected: {report.reason}")
+    manifest = json.loads((folder / "manifest.json").read_bytes())
+    prefix = _prefix(there)
+    home = _home(there, prefix)
+    main = Path(str(manifest["main"]))
+    for name, digest in manifest["files"].items():
+        if not name.startswith("program/"):
+            continue
+        own = name.removeprefix("program/")
+        beside = Path(os.path.relpath(own, main.parent)) if own != main.as_posix() else None
+        local = home if beside is None else home.parent / beside
+        try:
+            same = hashlib.sha256(local.read_bytes()).hexdigest() == digest
+        except OSError:
+            same = False
+        if not same:
+            raise _other(folder, f"its `{own}` is not the one that is built")
+    return (folder / "SEAL").read_text(encoding="ascii").strip()
+
+
+def _prefix(there: System) -> str:
+    """What stands before the names of the file that declares the proved system: `cart.`."""
+    return there.name[: len(there.name) - len(there.name.rpartition(".")[2])]
+
+
+def _home(there: System, prefix: str) -> Path:
+    """The file that declares it."""
+    found = Diagnostics()
+    loaded = load(there.program.path, found)
+    if loaded is None:
+        raise SoterError(found.items)
+    return next(f.path for f in loaded.files if f.prefix == prefix).resolve()
+
+
+def _confirmed(report: Report, there: System) -> dict[str, list[ModuleReport]]:
+    """Module -> what was confirmed of it in the proved system, view by view; D020."""
+    from soter.recheck.coverage import parameters_of  # noqa: PLC0415 - an extra
+
+    prefix = _prefix(there)
+    short = there.name.removeprefix(prefix)
+    values = {
+        n: v
+        for n, v in parameters_of(there).items()
+        if not prefix or _declared(there, n).startswith(prefix)
+    }
+    found: dict[str, list[ModuleReport]] = {}
+    for m in report.modules:
+        if m.system != short:
+            continue
+        given = {prefix + n: v for n, v in m.parameters.items()}
+        if given != values:
+            differ = sorted(set(given.items()) ^ set(values.items()))
+            names = ", ".join(dict.fromkeys(f"`{n}`" for n, _ in differ))
+            raise _other(None, f"it is about other values of {names}")
+        found.setdefault(m.name.partition(" as ")[0], []).append(m)
+    return found
+
+
+def _declared(there: System, name: str) -> str:
+    param = there.program.param(name)
+    return name if param is None else param.name
+
+
+def _other(folder: Path | None, why: str) -> SoterError:
+    what = f"the certificate `{folder}`" if folder is not None else "the certificate"
+    hint = "`soter verify FILE --system NAME --cert DIR` of the file that declares what is deployed"
+    return SoterError(
+        (Diagnostic("D020", f"{what} is not about what is deployed: {why}", helps=(hint,)),)
+    )

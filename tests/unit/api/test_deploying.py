@@ -1,0 +1,246 @@
+"""What a deployed system inherits: tables, verdicts and a seal, and what is refused."""
+
+from __future__ import annotations
+
+import json
+import re
+from typing import TYPE_CHECKING
+
+import pytest
+
+import soter
+from soter.api.deploying import FILE
+from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.render import render_all
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+PROVED = """soter 1;
+param TOP: float = 9.0 in [5.0, 9.5];
+topic motion: float in [-20.0, 20.0] max_age 20ms;
+topic push: float in [-1.0, 1.0];
+input topic goal: float in [-9.0, 9.0];
+plant Point period 10ms {
+  reads push;
+  drives motion = x;
+  state x: float in [-1.0, 1.0];
+  disturbance wind: float in [-0.1, 0.1];
+  der x = push + wind;
+  measured motion within 0.1;
+}
+node Fast period 10ms {
+  subscribes motion, goal;
+  publishes push;
+  step { publish push = clamp(goal, -1.0, 1.0); }
+}
+node Back period 10ms {
+  subscribes motion;
+  publishes push;
+  step { publish push = clamp(-motion, -1.0, 1.0); }
+}
+rta Keep {
+  ac Fast;
+  sc Back;
+  period 50ms;
+  safe abs(motion) < TOP;
+  verify {
+    grid motion in [-10.0, 10.0] / 200;
+    late dm 1ms, sc 2ms;
+    response dm 1ms, sc 1ms;
+    acts within 1ms;
+  }
+}
+system Protected default { p: Point; module Keep; input goal every 1s; until 10s; }
+"""
+VEHICLE = """soter 1;
+import "point.soter" as point;
+system Vehicle deploys point.Protected {
+  external topic point.motion every 10ms delayed 4ms measured point.motion within 0.1;
+  external topic point.goal;
+  external topic point.push;
+  module point.Keep;
+}
+"""
+
+
+@pytest.fixture
+def here(tmp_path: Path) -> Path:
+    (tmp_path / "point.soter").write_text(PROVED)
+    (tmp_path / "vehicle.soter").write_text(VEHICLE)
+    return tmp_path
+
+
+@pytest.fixture(scope="module")
+def cert(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A certificate of the proved system, made where that lies alone."""
+    folder = tmp_path_factory.mktemp("proved")
+    (folder / "point.soter").write_text(PROVED)
+    report = soter.load(folder / "point.soter").verify(cert=folder / "cert")
+    assert {f.verdict for r in report.modules for f in r.findings.values()} == {"proved"}
+    return folder / "cert"
+
+
+def refused(folder: Path, **how: object) -> tuple[str, str]:
+    """Code and text of the first error of a build."""
+    with pytest.raises(SoterError) as caught:
+        soter.load(folder / "vehicle.soter").build("c", folder / "out", **how)  # type: ignore[arg-type]
+    assert not (folder / "out").exists(), "nothing is written"
+    first = caught.value.diagnostics[0]
+    return first.code, render_all(caught.value.diagnostics)
+
+
+def changed(folder: Path, name: str, old: str, new: str) -> None:
+    text = (folder / name).read_text()
+    assert old in text
+    (folder / name).write_text(text.replace(old, new))
+
+
+def test_without_a_certificate_nothing_is_said_to_be_proved(here: Path) -> None:
+    made = soter.load(here / "vehicle.soter").build("c", here / "out")
+    (module,) = json.loads((here / "out" / FILE).read_text())["modules"]
+    assert module["inherited"] is False
+    assert module["confirmed"] == []
+    assert "no certificate" in module["why_not"]
+    assert "CERTIFICATE" not in (here / "out" / "Vehicle_firmware.h").read_text()
+    assert "nothing proved" in made.inherits[0]
+
+
+def test_verdicts_and_seal_of_a_certificate_that_was_checked_again_are_carried(
+    here: Path, cert: Path
+) -> None:
+    made = soter.load(here / "vehicle.soter").build("c", here / "out", cert=cert)
+    told = json.loads((here / "out" / FILE).read_text())
+    seal = (cert / "SEAL").read_text().strip()
+    assert told["certificate"] == seal
+    assert told["deploys"] == "point.Protected"
+    (module,) = told["modules"]
+    assert module["inherited"] is True
+    assert {"P1c", "P2a", "P3", "ttf", "safer"} <= set(module["confirmed"])
+    assert module["missing"] == []
+    assert module["covered"] == [
+        "point.motion: at most 16 ms old of 20 ms, point.motion within 0.1 of 0.1"
+    ]
+    assert any("before the first step" in a for a in module["assumptions"])
+    assert f'Vehicle_CERTIFICATE "{seal}"' in (here / "out" / "Vehicle_firmware.h").read_text()
+    assert made.inherited == told
+
+
+def test_the_tables_that_were_computed_with_the_plants_are_those_of_the_deployed_system(
+    here: Path,
+) -> None:
+    soter.load(here / "vehicle.soter").build("c", here / "out")
+    soter.load(here / "point.soter").build("c", here / "model")
+    own = (here / "out" / "vehicle.c").read_text()
+    model = (here / "model" / "point.c").read_text()
+    table = r"static const [^;{]*level[^;{]*\{[^}]*\}"
+    tables = re.findall(table, model)
+    assert tables, "the predicates were computed"
+    assert [_plain(t) for t in re.findall(table, own)] == [_plain(t) for t in tables]
+
+
+def _plain(text: str) -> str:
+    return re.sub(r"\b(vehicle|point)_(point_)?", "", text)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        (" measured point.motion within 0.1", "", "nothing says how exact"),
+        ("within 0.1;", "within 0.11;", "within 0.11"),
+        ("every 10ms ", "", "how often"),
+        ("delayed 4ms", "delayed 9ms", "may be 21 ms old"),
+        ("every 10ms", "every 15ms", "may be 21 ms old"),
+        ("  external topic point.push;\n", "", "nobody takes it out"),
+    ],
+)
+def test_what_comes_from_outside_is_no_worse_than_the_proof_allows(
+    here: Path, old: str, new: str, says: str
+) -> None:
+    changed(here, "vehicle.soter", old, new)
+    code, text = refused(here)
+    assert code == "D019"
+    assert says in text
+
+
+def test_a_bound_is_met_exactly_and_not_passed(here: Path) -> None:
+    changed(here, "vehicle.soter", "delayed 4ms", "delayed 8ms")
+    soter.load(here / "vehicle.soter").build("c", here / "out")
+    changed(here, "vehicle.soter", "delayed 8ms", "delayed 8000001ns")
+    assert refused_after(here) == "D019"
+
+
+def refused_after(folder: Path) -> str:
+    with pytest.raises(SoterError) as caught:
+        soter.load(folder / "vehicle.soter").build("c", folder / "out")
+    return caught.value.diagnostics[0].code
+
+
+def test_two_topics_are_not_read_at_one_instant(here: Path) -> None:
+    changed(here, "point.soter", "drives motion = x;", "drives motion = x; drives speed = v;")
+    changed(here, "point.soter", "  der x =", "  state v: float;\n  der v = 0.0;\n  der x =")
+    changed(
+        here,
+        "point.soter",
+        "topic push",
+        "topic speed: float in [-9.0, 9.0] max_age 20ms;\ntopic push",
+    )
+    changed(here, "point.soter", "subscribes motion;", "subscribes motion, speed;")
+    changed(here, "point.soter", "clamp(-motion,", "clamp(-motion - 0.0 * speed,")
+    changed(here, "point.soter", "/ 200;", "/ 200; grid speed in [-1.0, 1.0] / 4;")
+    more = (
+        "external topic point.speed every 10ms measured point.speed within 0.0;\n  external topic"
+    )
+    changed(here, "vehicle.soter", "external topic point.goal", f"{more} point.goal")
+    code, text = refused(here)
+    assert code == "D019"
+    assert "one instant" in text
+
+
+def test_a_module_that_cannot_be_proved_inherits_nothing_and_is_built(here: Path) -> None:
+    changed(here, "point.soter", " max_age 20ms", "")
+    changed(
+        here, "point.soter", "safe abs", "ttf abs(motion) > 5.0; safer abs(motion) < 4.0; safe abs"
+    )
+    made = soter.load(here / "vehicle.soter").build("c", here / "out")
+    assert "nothing can be proved of it" in made.inherits[0]
+
+
+# ---------------------------------------------------------------- certificates of something else
+
+
+def test_a_certificate_of_another_text_is_refused(here: Path, cert: Path) -> None:
+    changed(here, "point.soter", "-motion, -1.0", "-1.1 * motion, -1.0")
+    code, text = refused(here, cert=cert)
+    assert code == "D020"
+    assert "point.soter" in text
+
+
+def test_a_certificate_of_other_values_is_refused(here: Path, cert: Path) -> None:
+    code, text = refused(here, cert=cert, params={"point.TOP": 8.0})
+    assert code == "D020"
+    assert "point.TOP" in text
+
+
+def test_a_certificate_that_was_changed_is_refused(here: Path, cert: Path, tmp_path: Path) -> None:
+    copy = tmp_path / "copy"
+    for path in cert.rglob("*"):
+        if path.is_file():
+            target = copy / path.relative_to(cert)
+            target.parent.mkdir(parents=True, exist_ok=True)
+            target.write_bytes(path.read_bytes())
+    manifest = (copy / "manifest.json").read_text()
+    (copy / "manifest.json").write_text(manifest.replace('"undecided"', '"proved"') + " ")
+    code, text = refused(here, cert=copy)
+    assert code == "D020"
+    assert "rejected" in text
+
+
+def test_a_system_that_deploys_nothing_takes_no_certificate(here: Path, cert: Path) -> None:
+    with pytest.raises(SoterError, match="deploys no other"):
+        soter.load(here / "point.soter").build("c", here / "out", cert=cert)
+
+
+def test_a_deployed_system_is_not_verified_itself(here: Path) -> None:
+    with pytest.raises(SoterError, match="has no plants"):
+        soter.load(here / "vehicle.soter").verify(system="Vehicle")
