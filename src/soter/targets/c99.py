@@ -19,6 +19,9 @@ from soter.codegen.unit import generate
 from soter.native.build import FAULTS, RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets.c_files import with_headers
+from soter.targets.leases import FILES as LEASES
+from soter.targets.leases import lease_files, leased
+from soter.targets.leases import notes as notes_of_leases
 from soter.targets.package import File, Package
 
 if TYPE_CHECKING:
@@ -50,6 +53,7 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         File(_main_name(unit), (RUNTIME / "soter_main.c").read_text(encoding="utf-8")),
         *(File(n, (RUNTIME / n).read_text(encoding="utf-8")) for n in _runtime(system)),
     ]
+    package.files += lease_files(system, unit.prefix)
     if stubs or plants:
         package.files.append(File(STUBS, _stubs(unit, stubs, plants), yours=True))
     package.files += _extern_files(linked)
@@ -58,13 +62,14 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         File("Makefile", _makefile(_command_name(unit.prefix), sources)),
         File("README.md", _readme(system, unit, stubs, plants)),
     ]
-    package.notes = _notes(core, stubs, plants)
+    package.notes = [*_notes(core, stubs, plants), *notes_of_leases(system)]
     package.commands = [f"make -C {folder}", f"{folder}/{_command_name(unit.prefix)}"]
     return package
 
 
 def _runtime(system: System) -> tuple[str, ...]:
-    return (*KERNEL, FAULTS) if system.faults else KERNEL
+    leases = LEASES if leased(system) else ()
+    return (*KERNEL, *((FAULTS,) if system.faults else ()), *leases)
 
 
 def _bind_stubs(system: System) -> dict[str, Component]:
@@ -294,6 +299,12 @@ def _readme(
 
 {listed}
 """
+    leases = ""
+    if leased(system):
+        leases = f"""\
+| `{name}_lease.h`, `{name}_lease.c`, `soter_lease.*` | the actuators: what they obey, the law |
+| `{name}_grant.c`, `soter_grant.*` | the trusted side: who gives leases, and when nobody does |
+"""
     until = "" if system.until_ns else " --until SECONDS"
     return f"""\
 # {name}, system {system.name}
@@ -314,7 +325,7 @@ may call it too, with the program: both files are looked at).
 | `soter.h`, `soter_kernel.c`, `soter_virtual.c` | the kernel and the virtual-time driver |
 | `soter_self_test.c` | finds at start what a compiler's or linker's flags have changed |
 | `{APP}.h`, `{APP}.c`, `{_main_name(unit)}` | this command |
-{filled}"""
+{leases}{filled}"""
 
 
 def _notes(core: CoreSystem, stubs: dict[str, Component], plants: list[Component]) -> list[str]:

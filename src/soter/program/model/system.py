@@ -186,6 +186,9 @@ class Module:
     """Of a module as one of its views sees it (`flatten/views.py`): `symbol` has a part of its
     predicates; `whole` is the one that flies."""
     whole: ModuleSymbol | None = None
+    law: dict[int, Value] = field(default_factory=dict)
+    """The fail-safe law: topic index -> what its actuator holds once the lease has ended; empty:
+    none is declared."""
 
 
 @dataclass(eq=False)
