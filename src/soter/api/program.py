@@ -162,6 +162,8 @@ class Program:
         progress: Progress | None = None,
         real_time: bool = False,
         partial: bool = False,
+        arm: str | None = None,
+        campaign: str | Path | None = None,
     ) -> Run:
         """Run a system in virtual time.
 
@@ -172,15 +174,15 @@ class Program:
         the log while the run goes on. `progress` is called with the share that is done. Ctrl-C,
         with a log SIGTERM and SIGHUP, too, ends the run at an instant and raises
         `KeyboardInterrupt` (the others end the process), or, where `partial`, gives back what
-        was reached.
+        was reached. `arm`: by the rules of that arm of a `campaign` (its folder, for `paper`).
         """
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
-        from soter.simulate.settings import seed_value  # noqa: PLC0415 - the same
 
         require_engine(engine)
-        seed = seed_value(seed)
         values = self._values(params)
         prepared = self._prepared.of(self._checked, system, values, self._bound, progress)
+        if arm is not None:
+            prepared = self._prepared.of_arm(prepared, arm, campaign)
         end_ns = end_of(prepared.system, until)
         writer = run_log(log)
         require_writers(log if isinstance(log, (str, Path)) else None, report)

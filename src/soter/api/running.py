@@ -25,6 +25,7 @@ from soter.simulate.interrupt import (
 from soter.simulate.pace import Pacer
 from soter.simulate.params import changed
 from soter.simulate.run import run_interpreted
+from soter.simulate.settings import seed_value
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -56,7 +57,7 @@ def simulate(
 
     `KeyboardInterrupt` where it is stopped, unless `partial`.
     """
-    stop = stop_request()
+    seed, stop = seed_value(seed), stop_request()
     bindings = bind_again(prepared.bindings, given)
     bound = callables(bindings, engine, stop)
     go = _engine(engine, preparations, prepared)
