@@ -246,13 +246,13 @@ def _module(
         raise RejectedError("a module has sets of its law where `failsafe` is claimed")
     law = _law(certificate, facts, extents, entry) if "law" in entry else None
     try:
-        _cases(facts, groups, extents, entry, claims, progress, workers, law)
+        _cases(facts, groups, extents, entry, claims, progress, workers=workers, law=law)
     except (RejectedError, NotRecheckedError):
         if facts.times["d_ns"] == facts.own.delay:
             raise
         # older reads than there are may be too much for our bounds: those that there are count
         facts.times["d_ns"] = facts.own.delay
-        _cases(facts, groups, extents, entry, claims, progress, workers, law)
+        _cases(facts, groups, extents, entry, claims, progress, workers=workers, law=law)
     jumps = jumps_of(facts, groups, extents, claims)
     report.assumptions, report.shown = assumptions_of(facts, jumps), kept_of(facts, jumps)
     report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)

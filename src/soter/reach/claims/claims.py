@@ -83,7 +83,7 @@ def constraint(case: Case) -> bool:
             case.fail("P2a", "no state was found on which `core` holds")
             return False
         found = hinted
-    case.lawful = without_law(case, found) or _kept_by_law(case, found)
+    case.lawful = without_law(case.problem, found) or _kept_by_law(case, found)
     for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
         proof.take(case, part)
     why = law_stays_inside(case.problem, case.forms, found)
@@ -107,7 +107,7 @@ def _kept_by_law(case: Case, parts: Sequence[Part]) -> Lawful:
             return Lawful(parts, parts, "no set was found that the law keeps")
     except UnboundedError as error:
         return Lawful(parts, parts, str(error))
-    return inside(law, parts)
+    return inside(law.sets, parts)
 
 
 def _hinted(case: Case, parts: Sequence[Part]) -> list[Part] | None:

@@ -16,9 +16,9 @@ from soter.reach.claims.products import CellsPart
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from soter.reach.claims.case import Case
     from soter.reach.claims.products import Part
     from soter.reach.claims.results import CaseSets
+    from soter.reach.problem.problem import Problem
 
 NO_LAW = "no fail-safe law is declared: nothing is said of what acts once the trusted part stops"
 
@@ -47,15 +47,15 @@ class Lawful:
         self.parts, self.why = self.whole, why
 
 
-def without_law(case: Case, parts: Sequence[Part]) -> Lawful | None:
+def without_law(problem: Problem, parts: Sequence[Part]) -> Lawful | None:
     """The answer where there is nothing to compute; None: there is a law to be looked at."""
-    if case.problem.law is not None:
+    if problem.law is not None:
         return None
-    return Lawful(parts, parts, case.problem.law_unread or NO_LAW)
+    return Lawful(parts, parts, problem.law_unread or NO_LAW)
 
 
-def inside(law: Case, parts: Sequence[Part]) -> Lawful:
-    """C_g inside K_fs, from the sets of `law`, the case of the law, on the same cells."""
+def inside(law: CaseSets, parts: Sequence[Part]) -> Lawful:
+    """C_g inside K_fs, from the sets of the law, on the same cells."""
     found: list[Part] = []
     kept = of = 0
     for proof, part in zip(law.proofs, parts, strict=True):
@@ -64,4 +64,4 @@ def inside(law: Case, parts: Sequence[Part]) -> Lawful:
             return Lawful(parts, parts, f"a law is not looked at on a {proof.group.representation}")
         found.append(CellsPart(part.engine, part.cells & (core > 0)))
         kept, of = kept + int((core > 0).sum()), of + int(part.cells.sum())
-    return Lawful(found, parts, "", (kept, of), law.sets)
+    return Lawful(found, parts, "", (kept, of), law)
