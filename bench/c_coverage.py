@@ -74,9 +74,7 @@ def units(files: tuple[Path, ...]) -> Iterator[tuple[Unit, list[int]]]:
             yield generate(alone), floats
 
 
-def compiled(
-    unit: Unit, floats: list[int], folder: Path, flags: tuple[str, ...]
-) -> Path | None:
+def compiled(unit: Unit, floats: list[int], folder: Path, flags: tuple[str, ...]) -> Path | None:
     """The harness around a unit; None where it has C of its own, which is not ours."""
     if unit.c_sources:
         return None

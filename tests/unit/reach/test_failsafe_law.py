@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -12,6 +13,8 @@ import pytest
 import soter
 from soter.api import recheck
 from soter.program.build import check_file, system_of
+from soter.reach.advise import advise
+from soter.reach.deploy.complete import complete
 from soter.reach.problem.extract import extract
 from soter.reach.verify import verify_module
 from unit.recheck.small_proofs import edit_program, reseal
@@ -127,6 +130,40 @@ def test_sc_has_to_keep_what_the_law_keeps() -> None:
     assert 0.8 < max(edges[i + 1] for i in after.core.nonzero()[0]) <= 1.0
     assert ((after.core > 0) <= (law.core > 0)).all()
     assert after.core.sum() > 0
+
+
+def test_the_table_of_the_dm_is_computed_inside_what_the_law_keeps() -> None:
+    """What a run or a package gets, also from the cache: another law, another table."""
+    found: dict[str, str] = {}
+    for law in ("0.0", "none", "0.3", "0.0"):
+        line = "" if law == "none" else f"  failsafe vel = {law};\n"
+        source = text(**HILL).replace("  failsafe vel = 0.0;\n", line)
+        flat = system_of(check_file("stop.soter", source), None)
+        (note,) = complete(flat)
+        share = re.search(r"S_0 is ([0-9.]+)%", note)
+        assert share is not None, note
+        assert found.setdefault(law, share[1]) == share[1]
+    assert float(found["0.3"]) < float(found["0.0"]) < float(found["none"])
+
+
+def test_advice_does_not_ask_for_p2b_where_the_program_does_not() -> None:
+    checked = check_file("stop.soter", text())
+    flat = system_of(checked, None)
+    found = advise(extract(flat, flat.modules[0]), (1.0,))
+    assert found.best_ns == 50_000_000
+
+
+def test_a_node_that_reads_what_the_module_publishes_would_stop_too() -> None:
+    mixer = """topic wheel: float in [-1.0, 1.0];
+node Mixer period 10ms { subscribes vel; publishes wheel; step { publish wheel = vel; } }
+rta Guard {"""
+    source = (
+        text().replace("rta Guard {", mixer).replace("module Guard;", "module Guard; node Mixer;")
+    )
+    found = verified(source)
+    assert found.findings["failsafe"].verdict == "undecided"
+    assert "`Mixer` reads" in found.findings["failsafe"].text
+    assert found.findings["P2a"].verdict == "proved"
 
 
 def test_without_a_law_it_is_assumed() -> None:

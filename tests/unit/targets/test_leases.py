@@ -7,6 +7,8 @@ from random import Random
 from typing import TYPE_CHECKING
 
 import pytest
+from bench.delays import STOP as STOP_MODULE
+from bench.delays import shipped, stop_flights
 from bench.delays_model import AC, LAW, SC, Delay, Flown, Node, Timing, fly
 from bench.lease_engine import Grant, Lease
 
@@ -151,10 +153,10 @@ def test_due_and_the_longest_lease_are_those_of_the_proof() -> None:
 
 
 def outcome(timing: Timing, delay: Delay | None, chance: Random, *, watchdog: bool) -> Flown:
-    switch = chance.randint(0, 24 * timing.nodes[0].period)
+    switch, often = chance.randint(0, 24 * timing.nodes[0].period), chance.choice((0.0, 0.0, 0.5))
 
     def says_ac(_: Flown, start: int) -> bool:
-        return start < switch
+        return (start < switch) != (chance.random() < often)
 
     until = 20 * timing.nodes[0].period
     return fly(timing, until, delay, says_ac, chance, watchdog=watchdog)
@@ -182,6 +184,13 @@ def test_in_time_or_the_law_before_h_runs_out() -> None:
     assert min(kept, lawful) > cases // 4
     assert tight > lawful // 10, "H is used to its end"
     assert fed > lawful // 2, "a watchdog that is fed by late outputs never bites"
+
+
+def test_flights_of_the_emergency_stop_stay_between_the_walls_with_leases_only() -> None:
+    found = dict(shipped())[STOP_MODULE]
+    assert isinstance(found, Timing)
+    assert stop_flights(found, 4, Random(3), watchdog=False) == (48, 0)  # noqa: S311 - a test
+    assert stop_flights(found, 4, Random(3), watchdog=True)[1] > 0  # noqa: S311 - a test
 
 
 def test_times_of_the_package_are_those_of_the_proof() -> None:

@@ -31,8 +31,10 @@ def law_of(facts: Facts) -> Facts:
     if not law or set(law) != outputs:
         raise DiffersError(f"`{module.name}` declares no fail-safe law")
     for c in flying.components:
-        reads = () if c.node is None else c.node.subscribes
-        if c.index not in (module.ac, module.sc) and any(s.topic in outputs for s in reads):
+        if c.node is None or c.index in (module.ac, module.sc):
+            continue
+        read = [flying.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
+        if any(t.index in module.outputs or t.queue_of in module.outputs for t in read):
             raise DiffersError(f"`{c.name}` reads the module's outputs: the law is not what acts")
     sc = flying.components[module.sc]
     assert sc.node is not None
