@@ -132,6 +132,43 @@ def test_sc_has_to_keep_what_the_law_keeps() -> None:
     assert after.core.sum() > 0
 
 
+THRUST = """soter 1;
+topic motion: { x: float, v: float } max_age 20ms;
+topic accel: float in [-3.0, 3.0] = 0.0;
+plant Cart period 10ms {
+  reads accel;
+  drives motion = { x: x, v: v };
+  state x: float;
+  state v: float;
+  der x = v;
+  der v = accel;
+}
+node Fast period 10ms { subscribes motion; publishes accel; step { publish accel = 3.0; } }
+node Careful period 10ms {
+  subscribes motion;
+  publishes accel;
+  step { publish accel = clamp(-2.0 * motion.x - 3.0 * motion.v, -3.0, 3.0); }
+}
+rta Guard {
+  ac Fast;
+  sc Careful;
+  period 50ms;
+  safe abs(motion.x) < 10.0;
+  failsafe accel = LAW;
+  verify { grid motion.x in [-10.0, 10.0] / 60, motion.v in [-6.0, 6.0] / 40; }
+}
+system Track { c: Cart; module Guard; until 10s; }
+"""
+
+
+@pytest.mark.parametrize("law", ["0.0", "-3.0"])
+def test_a_body_that_only_brakes_by_thrust_has_no_law(law: str) -> None:
+    """It coasts on, or constant braking reverses it."""
+    found = verified(THRUST.replace("LAW", law)).findings
+    assert found["failsafe"].verdict == "undecided"
+    assert found["P2a"].verdict == "proved", "of SC that is said, as without a law"
+
+
 def test_the_table_of_the_dm_is_computed_inside_what_the_law_keeps() -> None:
     """What a run or a package gets, also from the cache: another law, another table."""
     found: dict[str, str] = {}
