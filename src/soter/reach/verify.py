@@ -65,6 +65,8 @@ HOW = {
     "DM": "the compiled DM on all facts and on every class of input",
 }
 """What is no matter of groups."""
+RESTS_ON = ("P1c", "P2a", "P3", "start")
+"""Where the law begins the state is in K by these."""
 CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
 
 
@@ -97,7 +99,7 @@ def verify_module(
     _handed_over(problem, result, done)
     _waits(problem, result.findings["P2b"])
     _stays(problem, result.findings["P2b"])
-    result.findings["failsafe"] = _failsafe(problem, done)
+    result.findings["failsafe"] = _failsafe(problem, result, done)
     if result.findings["failsafe"].verdict == PROVED:
         result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
     result.findings["DM"] = _decision_module(result)
@@ -309,7 +311,7 @@ def _stays(problem: Problem, finding: Finding) -> None:
         finding.verdict, finding.method, finding.text = ASSUMED, "", STAYS
 
 
-def _failsafe(problem: Problem, done: list[Case]) -> Finding:
+def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Finding:
     """That the law keeps C once the lease has ended: SC and AC stay inside what it keeps."""
     finding = Finding(PROVED, method=HOW["failsafe"])
     if problem.law is None and not problem.law_unread:
@@ -319,6 +321,11 @@ def _failsafe(problem: Problem, done: list[Case]) -> Finding:
     if why or len(lawful) < len(done) or not all(c.proofs for c in done):
         finding.verdict, finding.text = UNDECIDED, why or NO_CORE
         finding.hint = "a law under which the plant comes to rest; a finer grid"
+        return finding
+    open_ = [n for n in RESTS_ON if not result.findings[n].holds]
+    if open_:
+        finding.verdict = UNDECIDED
+        finding.text = f"the law keeps K, and nothing says that it begins there: {', '.join(open_)}"
         return finding
     problem.assumptions.append(
         "the actuators hold the law from the end of the lease on: all of them at one instant, "

@@ -215,6 +215,92 @@ def test_p2b_is_asked_where_nothing_says_never() -> None:
     assert found.findings["P2a"].verdict == "proved"
 
 
+VIEWS = """soter 1;
+const NEAR: float = 1.0;
+topic motion: { x: float } max_age 20ms;
+topic left: { room: float } max_age 20ms;
+topic right: { room: float } max_age 20ms;
+topic push: float in [-1.0, 1.0] = 0.0;
+plant Cart period 10ms {
+  reads push;
+  drives motion = { x: x };
+  state x: float;
+  der x = push;
+}
+plant Left period 10ms {
+  reads push;
+  drives left = { room: r };
+  state r: float = 3.0;
+  der r = push;
+}
+plant Right period 10ms {
+  reads push;
+  drives right = { room: r };
+  state r: float = 3.0;
+  der r = -push;
+}
+node Estimator period 10ms {
+  subscribes motion;
+  publishes left, right;
+  step {
+    publish left = { room: motion.x + 4.0 };
+    publish right = { room: 4.0 - motion.x };
+  }
+}
+node Fast period 10ms { publishes push; step { publish push = 1.0; } }
+node Stop period 10ms { publishes push; step { publish push = 0.0; } }
+rta Keep {
+  ac Fast;
+  sc Stop;
+  period 10ms;
+  safe left.room >= 0.0 && right.room >= 0.0;
+  ttf !(left.room > 0.2 && right.room > 0.2 && left.room < 7.8 && right.room < 7.8);
+  safer left.room > 0.3 && right.room > 0.3 && left.room < 7.7 && right.room < 7.7;
+  failsafe push = 0.0;
+  verify {
+    late dm 500us, sc 500us, Estimator 500us;
+    response dm 200us, sc 200us, Estimator 200us;
+    acts within 0ms;
+    recover never;
+    view left {
+      abstracts d by seen: Left = { r: d.truth.x + 4.0 };
+      grid seen.r in [0.0, 10.0] / 200;
+    }
+    view right {
+      abstracts d by seen: Right = { r: 4.0 - d.truth.x };
+      grid seen.r in [0.0, 10.0] / 200;
+    }
+  }
+}
+system S default {
+  d: Cart;
+  node Estimator;
+  module Keep;
+  until 10s;
+}
+"""
+
+
+def test_a_law_is_proved_and_rechecked_in_every_view(tmp_path: Path) -> None:
+    path = tmp_path / "views.soter"
+    path.write_text(VIEWS)
+    report = soter.load(path).verify(cert=tmp_path / "cert", refute=False)
+    assert [m.findings["failsafe"].verdict for m in report.modules] == ["proved", "proved"]
+    found = recheck(tmp_path / "cert")
+    assert found.accepted, found.reason
+    assert all("failsafe" in m.confirmed for m in found.modules)
+
+
+def test_the_law_is_not_proved_where_nothing_says_that_it_begins_in_k() -> None:
+    bold = text().replace(
+        "  verify {", "  ttf abs(pos) > 9.95;\n  safer abs(pos) < 9.0;\n  verify {"
+    )
+    found = verified(bold).findings
+    assert found["P3"].verdict == "undecided"
+    assert found["failsafe"].verdict == "undecided"
+    assert "P3" in found["failsafe"].text
+
+
 # ---------------------------------------------------------------- certificates
 
 
@@ -271,6 +357,15 @@ def test_a_claim_without_sets_and_sets_without_a_claim_are_rejected(
     manifest["modules"][0]["claims"]["failsafe"] = "assumed"  # type: ignore[index]
     reseal(folder, manifest)
     assert "sets of its law" in recheck(folder).reason
+
+
+def test_a_law_is_not_confirmed_beside_a_p3_that_is_not_claimed(
+    proved: Path, tmp_path: Path
+) -> None:
+    folder, manifest = copied(proved, tmp_path)
+    manifest["modules"][0]["claims"]["P3"] = "undecided"  # type: ignore[index]
+    reseal(folder, manifest)
+    assert "nothing says that the law begins" in recheck(folder).reason
 
 
 def test_a_k_that_is_not_inside_what_the_law_keeps_is_rejected(
