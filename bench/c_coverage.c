@@ -1,12 +1,13 @@
 /* c_coverage.c: runs a generated program through what happens, and through what hardly ever does.
  *
  * Purpose: bench/c_coverage.py measures which lines, branches and conditions this reaches. Externs
- * are answered in turns by nobody, with a fault, with zeros and with noise; the environment's topics
- * are set from outside, rightly and wrongly; now and then a topic is overwritten where it lies, as
- * no run would. Nothing here asks whether what comes out is right.
- * Non-goals: tests: those are elsewhere.
+ * are answered in turns by nobody, with a fault, with zeros and with noise; the environment's
+ * topics are set from outside, rightly and wrongly; now and then a topic is overwritten where it
+ * lies, as no run would. Nothing here asks whether what comes out is right. Non-goals: tests: those
+ * are elsewhere.
  */
 #include COVERED_HEADER
+#include "soter_sha256.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -57,7 +58,8 @@ static void from_outside(const soter_program* p, void* state) {
 }
 
 static void overwrite(const soter_program* p, unsigned char* state) {
-  static const uint32_t floats[] = COVERED_FLOATS; /* how many, and which topics hold nothing else */
+  static const uint32_t floats[] =
+      COVERED_FLOATS; /* how many, and which topics hold nothing else */
   if (floats[0] > 0U) {
     const soter_topic_info* const topic = &p->topic[floats[1U + next() % floats[0]]];
     fill(state + topic->offset, topic->size);
@@ -78,6 +80,39 @@ static void answer(const soter_program* p, void* state, uint32_t due) {
   soter_answer(p, state, due, fault, how == 2U ? NULL : room);
 }
 
+/* A step whose choices somebody makes, and has its branches told. */
+static void choose(const soter_program* p, void* state) {
+  static soter_choice choices[64];
+  static uint64_t branches[1024];
+  uint32_t taken = 0;
+  soter_answers answers = {choices, 0, 0, &taken, branches};
+  answers.room = (uint32_t)(next() % 64U);
+  answers.given = (uint32_t)(next() % 64U);
+  for (uint32_t i = 0; i < 64U; i++) {
+    choices[i].pick = (uint32_t)(next() % 4U);
+  }
+  const uint32_t component = (uint32_t)(next() % p->components);
+  if (!p->component[component].is_extern) {
+    (void)soter_fire(p, state, component, &answers);
+  }
+  for (uint32_t i = 0; i < p->inputs; i++) {
+    taken = 0;
+    p->input[i].draw(state, &answers);
+  }
+}
+
+/* What has latched works again, and modules are as they hardly ever are. */
+static void unlatch(const soter_program* p, void* state) {
+  for (uint32_t i = 0; i < p->modules; i++) {
+    soter_module* const m = soter_modules_of(p, state) + i;
+    m->gate_fault = (uint8_t)(next() % 2U);
+    m->clean_needed = (uint32_t)(next() % 2U);
+  }
+  for (uint32_t i = 0; i < p->components; i++) {
+    soter_components_of(state)[i].latched = 0;
+  }
+}
+
 /* usage: PROGRAM SEED INSTANTS WILD, where `WILD` of 100 instants are not left alone. */
 int main(int count, char** words) {
   const soter_program* const p = &COVERED_PROGRAM;
@@ -92,7 +127,14 @@ int main(int count, char** words) {
   if (state == NULL || trace == NULL || soter_self_test(p) != NULL) {
     return EXIT_FAILURE;
   }
-  soter_start(p, state, seed);
+  if (seed % 3U == 0U) {
+    soter_choice picks[64] = {{0, 0, 1}, {0, 0, 2}};
+    uint32_t taken = 0;
+    const soter_answers answers = {picks, 64, 64, &taken, NULL};
+    soter_start_with(p, state, seed, &answers);
+  } else {
+    soter_start(p, state, seed);
+  }
   for (long i = 0; i < instants; i++) {
     if (next() % 100U < wild) {
       from_outside(p, state);
@@ -100,10 +142,17 @@ int main(int count, char** words) {
     if (next() % 100U < wild / 2U) {
       overwrite(p, state);
     }
-    if (next() % 100U < wild / 4U && soter_header_of(state)->firing == 0U && i % 2 == 0) {
-      (void)soter_fire(p, state, (uint32_t)(next() % p->components), NULL);
+    if (next() % 100U < wild / 2U) {
+      unlatch(p, state);
     }
-    soter_status status = i % 2 == 0 ? soter_virtual_instant(p, state, &due) : SOTER_INSTANT_DONE;
+    if (next() % 100U < wild / 4U) {
+      choose(p, state);
+    }
+    soter_status status = SOTER_INSTANT_DONE;
+    if (i % 2 == 0) {
+      status = i % 8 == 0 && p->inputs == 0U ? soter_instant(p, state, &due)
+                                             : soter_virtual_instant(p, state, &due);
+    }
     while (status == SOTER_EXTERN_DUE) {
       answer(p, state, due);
       status = i % 4 == 0 ? soter_virtual_instant(p, state, &due) : soter_instant(p, state, &due);
@@ -112,13 +161,23 @@ int main(int count, char** words) {
       const int64_t until = soter_next_instant(p, state) + (int64_t)(next() % 2U) * 20000000;
       const soter_run_status ran =
           soter_run(p, state, until, i % 3 == 0 ? NULL : trace, 3U, &written, &due);
-      for (status = ran == SOTER_RUN_EXTERN ? SOTER_EXTERN_DUE : SOTER_INSTANT_DONE;
-           status == SOTER_EXTERN_DUE; status = soter_virtual_instant(p, state, &due)) {
+      status = ran == SOTER_RUN_EXTERN ? SOTER_EXTERN_DUE : SOTER_INSTANT_DONE;
+      while (status == SOTER_EXTERN_DUE) {
         answer(p, state, due);
+        status = soter_run(p, state, until, NULL, 0U, &written, &due) == SOTER_RUN_EXTERN
+                     ? SOTER_EXTERN_DUE
+                     : SOTER_INSTANT_DONE;
       }
     }
   }
-  (void)printf("%u violations\n", soter_header_of(state)->violations);
+  soter_sha256 hash;
+  char digest[65];
+  soter_sha256_start(&hash);
+  for (size_t cut = 0; cut < p->state_size; cut += 1U + (size_t)(next() % 150U)) {
+    soter_sha256_add(&hash, state, cut);
+  }
+  soter_sha256_end(&hash, digest);
+  (void)printf("%u violations, %s\n", soter_header_of(state)->violations, digest);
   free(state);
   free(trace);
   return EXIT_SUCCESS;
