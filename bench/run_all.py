@@ -252,6 +252,30 @@ BENCHMARKS = (
         "show as quantities that are exceeded.",
     ),
     Benchmark(
+        "Threads: the analysis against executions",
+        ("bench/schedulability.py",),
+        "10,000 random sets of tasks that keep a thread busy for 60 to 100 % of the time "
+        "(docs/timing.md). Accepted: executions are simulated tick by tick, the one in which all "
+        "is as late as it may be and random ones; none may miss. Refused: the instance that comes "
+        "with it is replayed, and has to miss.",
+    ),
+    Benchmark(
+        "The same sets, with something hidden from the analysis",
+        ("bench/schedulability.py", "--blind", "--sets", "1000"),
+        "A check that the comparison would see a wrong analysis.",
+    ),
+    Benchmark(
+        "P1c of deployed modules against all executions",
+        ("bench/p1c_phases.py",),
+        "20,000 random programs: what `soter check` says that the horizon must be, beside the "
+        "longest switch over all delays of releases, lengths of steps and ages of what is read.",
+    ),
+    Benchmark(
+        "The same switches, with something the program does not say",
+        ("bench/p1c_phases.py", "--blind", "--cases", "500"),
+        "A check that the comparison would see a figure that is too small.",
+    ),
+    Benchmark(
         "Changed modules that must not be proved",
         ("bench/verify_mutants.py",),
         "Every mutant is first confirmed bad by a NumPy simulation of its own (`escapes`: runs "

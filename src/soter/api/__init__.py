@@ -14,6 +14,7 @@ from soter.api.program import Program, load
 from soter.api.rechecking import recheck
 from soter.api.replaying import ReplayReport, replay
 from soter.api.reports import CheckReport, ModuleReport, StepReport, SystemReport
+from soter.api.timing import SwitchReport, ThreadRow, TimingReport
 from soter.diagnostics.diagnostic import SoterError
 
 __all__ = [
@@ -24,7 +25,10 @@ __all__ = [
     "ReplayReport",
     "SoterError",
     "StepReport",
+    "SwitchReport",
     "SystemReport",
+    "ThreadRow",
+    "TimingReport",
     "format_text",
     "load",
     "read_text",

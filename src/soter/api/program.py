@@ -92,12 +92,17 @@ class Program:
         """Hash of every source and data file; None where nothing could be read."""
         return self._checked.program.sha256 if self._checked.program is not None else None
 
-    def check(self, params: Mapping[str, object] | None = None) -> CheckReport:
-        """What is known about a sound program; `SoterError` with every error otherwise."""
+    def check(
+        self, params: Mapping[str, object] | None = None, *, times: str | Path | None = None
+    ) -> CheckReport:
+        """What is known about a sound program; `SoterError` with every error otherwise.
+
+        `times`: a file that `soter measure` wrote, for who says no `wcet`.
+        """
         self._require_sound()
         values = self._values(params)
         flat = {n: system_of(self._checked, n, values, exact=False) for n in self.systems}
-        return check_report(self.path, self._checked, flat, self._bound)
+        return check_report(self.path, self._checked, flat, self._bound, times)
 
     def constant(self, name: str) -> Any:  # noqa: ANN401 - any Soter value
         """The value of a constant, by full name (`city.GOALS`), as externs see it; KeyError."""
@@ -116,8 +121,6 @@ class Program:
     def format(self) -> str:
         """The text of the main file, well laid out; `SoterError` where it does not parse."""
         return format_text(self.path, read_text(self.path))
-
-    # ------------------------------------------------------------ externs
 
     def bind(self, name: str, target: object) -> Program:
         """Let `target` answer the extern `name`, in all later runs; gives back this program.
@@ -461,8 +464,6 @@ class Program:
         if report.interrupted and not partial:
             raise KeyboardInterrupt
         return report
-
-    # ------------------------------------------------------------ shared
 
     def _require_sound(self) -> TypedProgram:
         if not self._checked.ok:

@@ -9,8 +9,11 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.api.timing import TimingReport, timing_reports, with_times
+
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.program.build import Checked
@@ -74,10 +77,18 @@ class CheckReport:
     warnings: tuple[Diagnostic, ...]
     steps: tuple[StepReport, ...]
     """Of every node and module of the program that has code of its own."""
+    timings: tuple[TimingReport, ...] = ()
+    """Of every system whose thread declares execution times."""
+    untimely: tuple[Diagnostic, ...] = ()
+    """What does not hold of them, as errors: deadlines, the times of a proof, P1c."""
 
 
 def check_report(
-    path: str, checked: Checked, flat: Mapping[str, System], bound: Mapping[str, object]
+    path: str,
+    checked: Checked,
+    flat: Mapping[str, System],
+    bound: Mapping[str, object],
+    times: str | Path | None = None,
 ) -> CheckReport:
     """The report on a sound program; `SoterError` U005 where `bound` names no extern of `flat`."""
     program = checked.program
@@ -93,7 +104,12 @@ def check_report(
     from soter.simulate.externs.files import warnings_of  # noqa: PLC0415 - see `soter.api`
 
     warnings = (*checked.diagnostics.items, *warnings_of(program, bound))
-    return CheckReport(path, program.sha256, systems, warnings, step_reports(program))
+    if times is not None:
+        with_times(flat, times)
+    timings, untimely = timing_reports(list(flat.values()))
+    return CheckReport(
+        path, program.sha256, systems, warnings, step_reports(program), timings, untimely
+    )
 
 
 def step_reports(program: Program) -> tuple[StepReport, ...]:

@@ -12,6 +12,7 @@ from soter.api import load
 from soter.cli.terminal.outcome import Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings
 from soter.cli.terminal.progress import LineOfProgress
+from soter.cli.terminal.timing import say_timing, timing_fields
 
 if TYPE_CHECKING:
     import argparse
@@ -23,6 +24,8 @@ EXAMPLES = """\
   soter check drone.soter
   soter check drone.soter --set GAIN=3     with another value of a parameter
   soter check drone.soter --json | jq .modules
+  soter check timed.soter                  where nodes say `wcet`: the thread, and P1c
+  soter check drone.soter --times .soter/drone-times.json
 """
 
 STEPS_SHOWN = 8
@@ -38,6 +41,9 @@ def parser() -> Parser:
     )
     add_file(made)
     add_settings(made)
+    made.add_argument(
+        "--times", metavar="FILE", help="what `soter measure` wrote, for nodes without a `wcet`"
+    )
     return made
 
 
@@ -50,9 +56,10 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     if not program.ok:
         fields = {"file": args.file, "program_sha256": program.sha256}
         return Outcome(exit_of(program.diagnostics), program.diagnostics, fields)
-    report = program.check(dict(args.params))
+    report = program.check(dict(args.params), times=args.times)
     _say(report, console)
-    return Outcome(diagnostics=report.warnings, fields=_fields(report))
+    found = (*report.warnings, *report.untimely)
+    return Outcome(exit_of(found), found, _fields(report))
 
 
 def _say(report: CheckReport, console: Console) -> None:
@@ -66,6 +73,8 @@ def _say(report: CheckReport, console: Console) -> None:
     console.say(f"{ok}  {report.path}  {counted}{proved}  {report.program_sha256[:12]}")
     for line in (*_assumptions(report.systems), *_steps(report)):
         console.say(console.paint("muted", f"    {line}"))
+    for timing in report.timings:
+        say_timing(timing, console)
 
 
 def _steps(report: CheckReport) -> list[str]:
@@ -106,6 +115,7 @@ def _fields(report: CheckReport) -> dict[str, object]:
             }
             for s in report.steps
         ],
+        "timings": [timing_fields(t) for t in report.timings],
         "modules": {
             m.name: {
                 "verdict": "assumed",

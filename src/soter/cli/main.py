@@ -44,13 +44,11 @@ COMMANDS = {
     "campaign": "many seeded runs, and what they say",
     "test": "explore every schedule, find the shortest counterexample",
     "replay": "run a trace again, step by step",
+    "measure": "time the steps on this machine",
     "build": "write C99, or a package for a target",
     "explain": "what a diagnostic code means, and what to do",
     "fmt": "lay out source files",
     "new": "make a small robot that runs",
-}
-COMING = {
-    "measure": "execution times of steps",
 }
 
 
@@ -122,13 +120,9 @@ def _run(name: str | None, arguments: list[str], console: Console) -> Outcome:
     if name in COMMANDS:
         command = cast("Command", import_module(f"soter.cli.{name}"))
         return command.run(command.parser().parse_args(rest), console)
-    if name in COMING:
-        from soter.cli.coming import run  # noqa: PLC0415 - only then
-
-        return run(name, COMING[name], rest)
     from soter.diagnostics.near import closest  # noqa: PLC0415 - only then
 
-    near = closest(name, [*COMMANDS, *COMING])
+    near = closest(name, list(COMMANDS))
     hint = f"; did you mean `{near[0]}`?" if near else ""
     raise UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")
 
@@ -160,9 +154,6 @@ def _help(console: Console) -> str:
             "",
             *(row(name, about) for name, about in COMMANDS.items()),
             "",
-            "to come:",
-            *(row(name, about) for name, about in COMING.items()),
-            "",
             "soter COMMAND --help      options and examples",
             "soter explain CODE        what a diagnostic means",
             "",
@@ -176,7 +167,7 @@ def _help(console: Console) -> str:
 def _print_document(outcome: Outcome, name: str | None, console: Console) -> None:
     import json  # noqa: PLC0415 - only with --json
 
-    command = name if name in COMMANDS or name in COMING else None
+    command = name if name in COMMANDS else None
     console.document(json.dumps(outcome.document(command), indent=2, allow_nan=False))
 
 

@@ -244,6 +244,8 @@ def _timing(facts: Facts) -> Iterator[Said]:
             yield Said(f"declared {text}", f"times as declared: {text}")
         elif facts.kind == "flow":
             yield Said(f"undeclared {words}", f"undeclared times are zero: {words}")
+    if facts.thread:
+        yield Said(f"thread {facts.thread}", facts.thread)
     yield Said("wait", "SC waits for the DM, in one thread, and no release is skipped")
     yield Said("order", "commands of AC and SC act in the order in which they were published")
     if verify.dropout is None:

@@ -487,6 +487,8 @@ class NodeDecl(Decl):
     takeover: Block | None
     step: Block | None
     takes: Interval | None
+    wcet: Expr | None = None
+    jitter: Expr | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -611,6 +613,8 @@ class RtaDecl(Decl):
     contract: tuple[Clause, ...] = ()
     failsafe: tuple[tuple[Ref, Expr], ...] = ()
     """The fail-safe law: `failsafe speed = 0.0;`."""
+    wcet: Expr | None = None
+    jitter: Expr | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -721,6 +725,14 @@ class Property:
 
 
 @dataclass(frozen=True, slots=True)
+class Inline:
+    """`inline M.Fast;`: it runs in the thread of the trusted part."""
+
+    what: Path
+    span: Span
+
+
+@dataclass(frozen=True, slots=True)
 class Force:
     """`force M ac;`."""
 
@@ -801,6 +813,7 @@ class SystemDecl(Decl):
     inputs: tuple[DriveInput | Repeated, ...]
     faults: tuple[SystemFault, ...] = ()
     measures: tuple[Measure, ...] = ()
+    inlines: tuple[Inline | Repeated, ...] = ()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -108,14 +108,13 @@ def test_130_an_interrupt(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None
 # ---------------------------------------------------------------- the top level
 
 
-COMMANDS = ("check", "run", "advise", "test", "replay", "build", "explain", "fmt", "new")
-COMING = ("measure",)
+COMMANDS = ("check", "run", "advise", "test", "replay", "build", "explain", "fmt", "new", "measure")
 
 
 def test_the_help_lists_every_command_of_the_contract(soter: Soter) -> None:
     done = soter("--help")
     assert done.exit == 0
-    for name in (*COMMANDS, *COMING):
+    for name in COMMANDS:
         assert f"\n  {name} " in done.out
     assert max(map(len, done.out.splitlines())) <= 80
 
@@ -127,15 +126,6 @@ def test_every_command_has_help_with_examples(soter: Soter, name: str) -> None:
     assert f"usage: soter {name}" in done.out
     assert "examples:\n" in done.out
     assert soter(name, "--help", "--json").document["help"].startswith("usage:")
-
-
-@pytest.mark.parametrize("name", COMING)
-def test_a_command_to_come_says_so(soter: Soter, name: str) -> None:
-    done = soter(name, "cart.soter")
-    assert done.exit == 2
-    assert "is not in soter" in done.err
-    assert soter(name, "cart.soter", "--json").codes == ["U006"]
-    assert soter(name, "--help").exit == 0
 
 
 def test_a_mistyped_command_is_guessed(soter: Soter) -> None:

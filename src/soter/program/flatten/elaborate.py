@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from soter.program.flatten.budgets import budget, inlined
 from soter.program.flatten.composition import Composition, hyperperiod
 from soter.program.flatten.idle import Idle
 from soter.program.flatten.looking import look_topics
@@ -200,6 +201,8 @@ class Elaborator(Topics):
         components = _deployed_order(components)
         modules = self._modules(pending, components)
         said_twice(modules, components, self.diagnostics)
+        if not self.partial:
+            inlined(self.parts, components, self.diagnostics)
         return components, modules
 
     def _hold(self, c: Component) -> None:
@@ -331,6 +334,7 @@ class Elaborator(Topics):
         self._takeover_in_module(node, role)
         locals_ = [v for v in node.locals if not isinstance(v.type, ErrorType)]
         initial = dict(zip(node.locals, node.initial, strict=True))
+        wcet, jitter = budget(self, node)
         return Component(
             0,
             name,
@@ -346,6 +350,8 @@ class Elaborator(Topics):
             binding=node.source,
             stands_for=stands_for,
             takes_ns=self._takes(node, role if module is not None else "node"),
+            wcet_ns=wcet,
+            jitter_ns=jitter,
         )
 
     def _takes(self, node: typed.NodeSymbol, role: str) -> tuple[int, int] | None:
@@ -437,9 +443,21 @@ class Elaborator(Topics):
         period = self._period(module.period, f"the period of module `{module.name}`", name)
         reads = list(dict.fromkeys([*module.topics_read, *topic_reads(*module.expressions)]))
         scope = self._scope(placed, reads)
+        wcet, jitter = budget(self, module)
         ac_name, sc_name = controller_names(placed.name, ac, sc)
         found = [
-            Component(0, name, "dm", period, 0, scope, placed.span, module=index),
+            Component(
+                0,
+                name,
+                "dm",
+                period,
+                0,
+                scope,
+                placed.span,
+                module=index,
+                wcet_ns=wcet,
+                jitter_ns=jitter,
+            ),
             self._node(placed, sc, sc_name, "sc", index),
         ]
         if placed.below is None:

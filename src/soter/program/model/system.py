@@ -152,6 +152,12 @@ class Component:
     """How long a step lasts, at least and at most; None: what it publishes counts at once."""
     held: int | None = None
     """Where steps may last: the topic that holds what one published (`flatten/taking.py`)."""
+    wcet_ns: int | None = None
+    """What a step, or a decision, needs of its processor at most; None: not declared."""
+    jitter_ns: int = 0
+    """How late its release may be (docs/timing.md)."""
+    inline: bool = False
+    """Whether the system says that it runs in the thread of the trusted part."""
 
     @property
     def extern(self) -> bool:

@@ -443,6 +443,9 @@ class NodeSymbol(Symbol):
     """Topics of which a step may publish several messages, and how many."""
     takes: tuple[Expr, Expr] | None = None
     """How long a step lasts, at least and at most; None: its publications count at once."""
+    wcet: Expr | None = None
+    jitter: Expr | None = None
+    """What a step needs of its processor at most, and how late its release may be."""
 
     @property
     def answers(self) -> list[tuple[str, Type]]:
@@ -588,6 +591,9 @@ class ModuleSymbol(Symbol):
     """What it relies on and promises, judged as its controllers step."""
     failsafe: dict[TopicSymbol, Expr] = field(default_factory=dict)
     """The fail-safe law: a value for each output, which actuators hold once the lease has ended."""
+    wcet: Expr | None = None
+    jitter: Expr | None = None
+    """Of its decision module, as of a node."""
 
     @property
     def own(self) -> tuple[NodeSymbol, ...]:
@@ -786,6 +792,8 @@ class SystemSymbol(Symbol):
     inputs: tuple[InputSymbol, ...]
     faults: tuple[SystemFaultSymbol, ...] = ()
     measures: tuple[MeasureSymbol, ...] = ()
+    inlines: tuple[tuple[str, Span], ...] = ()
+    """Nodes that run in the thread of the trusted part, and where that is said."""
 
     @cached_property
     def by_name(self) -> dict[str, InstanceSymbol]:

@@ -23,7 +23,9 @@ from soter.reach.induction.calendar import Clock
 from soter.reach.problem.modes import NO_MODES
 from soter.reach.problem.problem import NODES, Problem, Times
 from soter.reach.problem.quantities import Quantities
+from soter.reach.time.deployed import Assumed, check_deployed
 from soter.reach.time.schedule import Releases, Schedule
+from soter.timing.deployment import in_thread
 
 if TYPE_CHECKING:
     from soter.lower.core import Predicate
@@ -105,6 +107,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
     at = system.modules[index]
     assert not any(c.extern for c in system.components if c.role in ("sc", "node"))
     times, clocks, declared, absent = _times(system, at, diagnostics)
+    rests = _rests(flat, module, system, declared, diagnostics)
     _stop(diagnostics)
     lemmas_, progress_ = at.symbol.verify.lemmas, at.symbol.verify.progress
     asked = (at.symbol.safe, *lemmas_, *progress_)
@@ -150,7 +153,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
         flying=flat.name,
     )
-    problem.assumptions = [*_assumptions(problem, absent), *modes.assumptions]
+    problem.assumptions = [*_assumptions(problem, absent), *rests, *modes.assumptions]
     return problem
 
 
@@ -414,6 +417,24 @@ def _times(
         (),
     )
     return Times(schedule), tuple(clocks), tuple(declared), absent
+
+
+def _rests(
+    flat: System,
+    module: Module,
+    system: System,
+    declared: tuple[Clock, ...],
+    diagnostics: Diagnostics,
+) -> list[str]:
+    """R033 where the thread of `flat` does not keep the times of the proof; what they rest on."""
+    by_name = {system.components[c.component].name: (c.late, c.response) for c in declared}
+    dm, sc = flat.components[module.dm].name, flat.components[module.sc].name
+    nodes = {
+        c.name: by_name[c.name]
+        for c in flat.components
+        if c.name in by_name and c.role in ("node", "ac") and in_thread(c)
+    }
+    return check_deployed(flat, module, Assumed(by_name[dm], by_name[sc], nodes), diagnostics)
 
 
 def _assumptions(problem: InductionProblem, absent: list[str]) -> list[str]:

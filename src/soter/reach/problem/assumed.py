@@ -280,6 +280,7 @@ def _timing(place: Place, times: Times, routes: Routes, kind: str) -> list[str]:
     ]
     if absent:
         found.append(f"undeclared times are zero: {', '.join(absent)}")
+    found += times.rests
     found.append("SC waits for the DM, in one thread, and no release is skipped")
     found.append("commands of AC and SC act in the order in which they were published")
     return found

@@ -48,17 +48,12 @@ def behind(flat: System, module: Module) -> str:
 
 def _lawful(sc: Component, module: Module) -> Component:
     assert sc.node is not None
-    span = sc.node.span
     step = tuple(typed.Publish(e.span, t, e) for t, e in module.symbol.failsafe.items())
-    node = typed.NodeSymbol(
-        sc.node.name,
-        span,
-        period=sc.node.period,
-        phase=sc.node.phase,
+    node = replace(
+        sc.node,
         extern=False,
         source=None,
         subscribes=(),
-        publishes=sc.node.publishes,
         failsafe={},
         locals=(),
         initial=(),
@@ -66,6 +61,8 @@ def _lawful(sc: Component, module: Module) -> Component:
         guarantees=(),
         takeover=None,
         step=step,
+        bursts={},
+        takes=None,
     )
     return replace(sc, node=node, initial=(), failsafe={}, binding=None)
 

@@ -42,6 +42,8 @@ class Times:
     horizon: int | None = None
     """H as declared; None: what is needed."""
     declared: frozenset[str] = frozenset()
+    rests: tuple[str, ...] = ()
+    """What these times rest on where execution times are declared, in words."""
 
     @property
     def delta_dm(self) -> int:

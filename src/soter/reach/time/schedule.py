@@ -375,9 +375,13 @@ class Schedule:
 
         An "AC" verdict shows that what the DM reads is there. SC's other topics are by h_0.
         """
+        return max(self.h_star, self.start) if self.reads_more else self.h_star
+
+    @property
+    def reads_more(self) -> bool:
+        """Whether SC reads what the DM does not."""
         known = {(p.topic, p.sensor, p.nodes) for p in self.read_by_dm}
-        more = {(p.topic, p.sensor, p.nodes) for p in self.read_by_sc} - known
-        return max(self.h_star, self.start) if more else self.h_star
+        return any((p.topic, p.sensor, p.nodes) not in known for p in self.read_by_sc)
 
     # ------------------------------------------------------------ decisions
 

@@ -14,14 +14,20 @@ from soter.program.model.walk import topic_reads
 from soter.reach.problem.place import sc_reads
 from soter.reach.problem.problem import Times
 from soter.reach.time.checks import check_times, of_map
+from soter.reach.time.deployed import Assumed, check_deployed
 from soter.reach.time.publishing import UnfollowedError
 from soter.reach.time.routes import Routes, outputs_of, routes_of
 from soter.reach.time.schedule import Releases, Schedule
+from soter.timing.deployment import in_thread
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.program.model import typed
+    from soter.program.model.system import Component
     from soter.reach.problem.place import Place
+    from soter.reach.time.routes import Route
 
 DELAYS = ("late_dm", "late_sc", "response_dm", "response_sc", "acts")
 WORDS = {
@@ -61,8 +67,13 @@ def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> tuple[Times, 
         outputs,
         ns(verify.dropout),
     )
+    rests: list[str] = []
+    if not diagnostics.has_errors:
+        assumed = assumed_of(schedule, routes)
+        rests = check_deployed(place.flat, place.home, assumed, diagnostics)
     times = Times(
         schedule,
+        rests=tuple(rests),
         horizon=None if verify.horizon is None else ns(verify.horizon),
         declared=frozenset(
             [name for name, expr in given.items() if expr is not None]
@@ -75,6 +86,24 @@ def times_of(place: Place, kind: str, diagnostics: Diagnostics) -> tuple[Times, 
             for who, topics in (("the DM", dm), ("SC", sc)):
                 _of_one_instant(place, who, topics, diagnostics)
     return (of_map(times) if kind == "map" else times), routes
+
+
+def assumed_of(schedule: Schedule, routes: Routes) -> Assumed:
+    """What the proof counts with, of everybody on the way who runs in the thread."""
+    at = {n: r for q in (*routes.by_dm, *routes.by_sc) for n, r in _stations(q)}
+    at.update((n, routes.releases[n]) for n in routes.behind)
+    return Assumed(
+        dm=(schedule.dm.late, schedule.dm.response),
+        sc=(schedule.sc.late, schedule.sc.response),
+        nodes={n.name: (r.late, r.response) for n, r in at.items() if in_thread(n)},
+        in_step=tuple(
+            dict.fromkeys(n.name for w in routes.ways for n in w.in_step if in_thread(n))
+        ),
+    )
+
+
+def _stations(route: Route) -> Iterator[tuple[Component, Releases]]:
+    return zip(route.stations, route.path.nodes, strict=True)
 
 
 def undeclared(place: Place, routes: Routes) -> list[str]:

@@ -156,6 +156,8 @@ def _times(facts: InductionFacts) -> None:
     for expr in (*said, *verify.late_of.values(), *verify.response_of.values()):
         if nanoseconds(facts, expr):
             raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
+    if any(c.wcet_ns is not None for c in facts.flying.components):
+        raise NotRecheckedError("declared execution times: not rechecked yet beside an induction")
     if any(c.takes_ns is not None for c in facts.actors):
         raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
     others = [c for c in facts.actors if c.role in ("ac", "node")]

@@ -87,6 +87,8 @@ class Facts:
     """State -> the topic leaf that is declared as its axis."""
     times: dict[str, int] = field(default_factory=dict)
     """What every claim is held to, by names of the manifest: never less than `own`."""
+    thread: str = ""
+    """What is assumed of the thread that keeps them; "" where no execution times are declared."""
     levels: int = 3
     running: dict[int, int] = field(default_factory=dict)
     """Topic of the module -> the same in the system that runs."""

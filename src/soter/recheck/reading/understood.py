@@ -61,11 +61,11 @@ Not on it: `in_control` (SC steps while it is not in control, too), `time`, `age
 """
 DECLARATIONS: dict[type, str] = {
     t.NodeSymbol: "name span period phase extern source subscribes publishes failsafe locals "
-    "initial assumes guarantees takeover step bursts takes",
+    "initial assumes guarantees takeover step bursts takes wcet jitter",
     t.Subscribed: "topic queue policy span",
     t.TopicSymbol: "name span type input values default max_age",
     t.ModuleSymbol: "name span ac sc period safe safer ttf clean verify topics_read ac_span "
-    "sc_span over contract failsafe",
+    "sc_span over contract failsafe wcet jitter",
     t.VerifyBlock: "groups abstracts commands core horizon levels late_dm late_sc response_dm "
     "response_sc acts recover stays late_of response_of dropout views induction lemmas progress "
     "enters span",

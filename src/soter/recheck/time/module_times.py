@@ -14,6 +14,7 @@ from soter.program.model.walk import topic_reads
 from soter.recheck.reading.facts import DiffersError, Facts, driven_topics, number_of, read_by_sc
 from soter.recheck.terms.terms import NotRecheckedError
 from soter.recheck.time.paths import Ways, setting_of
+from soter.recheck.time.thread import check_thread
 from soter.recheck.time.times import derive
 
 if TYPE_CHECKING:
@@ -71,6 +72,8 @@ def read_times(facts: Facts) -> None:
     found |= {"h0_ns": own.h_0, "H_star_ns": own.h_star, "H_ns": own.h_star}
     if verify.horizon is not None:
         found["H_ns"] = int(number_of(facts, verify.horizon))
+    in_step = [name for kind, name in facts.ways.notes if kind == "in step"]
+    facts.thread = check_thread(facts.flying, facts.flying_module, setting, in_step)
     facts.times, facts.own, facts.setting = found, own, setting
 
 

@@ -90,6 +90,8 @@ class NodeParser(VerifyParser):
             takeover=parts.once.get("on takeover"),
             step=step,
             takes=parts.once.get("takes"),
+            wcet=parts.once.get("wcet"),
+            jitter=parts.once.get("jitter"),
         )
 
     def _misplaced(self, code: str, message: str, span: Span, help_: str) -> None:
@@ -199,6 +201,13 @@ class NodeParser(VerifyParser):
         self.semicolon("how long a step takes")
         self.keep_once(parts, "takes", found, at)
 
+    def _budget(self, parts: OnceParts) -> None:
+        """`wcet 200us;` and `jitter 50us;` of a node, or of the decision module of an `rta`."""
+        at = self.i
+        word = "jitter" if self.texts[at] == "jitter" else "wcet"
+        self.i += 1
+        self.keep_once(parts, word, self.time_value(f"`{word}`"), at)
+
     def _on(self, parts: _NodeParts) -> None:
         at = self.i
         self.i += 1
@@ -232,6 +241,8 @@ class NodeParser(VerifyParser):
             verify=once("verify"),
             contract=tuple(parts.contract),
             failsafe=tuple(parts.failsafe),
+            wcet=once("wcet"),
+            jitter=once("jitter"),
         )
 
     def _clause(self, parts: _RtaParts) -> None:
@@ -293,6 +304,8 @@ _NODE_ITEMS: dict[str, Callable[[NodeParser, _NodeParts], None]] = {
     "subscribes": NodeParser._subscribes,
     "publishes": NodeParser._publishes,
     "takes": NodeParser._takes,
+    "wcet": NodeParser._budget,
+    "jitter": NodeParser._budget,
     "failsafe": NodeParser._failsafe,
     "var": NodeParser._local,
     "assumes": NodeParser._assumes,
@@ -304,6 +317,8 @@ _RTA_ITEMS: dict[str, Callable[[NodeParser, _RtaParts], None]] = {
     "ac": NodeParser._controller,
     "sc": NodeParser._controller,
     "period": NodeParser._module_period,
+    "wcet": NodeParser._budget,
+    "jitter": NodeParser._budget,
     "safe": predicate("safe", "the safe condition"),
     "safer": predicate("safer", "the safer condition"),
     "ttf": predicate("ttf", "the ttf condition"),

@@ -32,6 +32,7 @@ class _SystemParts(OnceParts):
     faults: list[tree.TimingFault | tree.Repeated] = field(default_factory=list)
     disturbed: list[tree.SystemFault] = field(default_factory=list)
     measures: list[tree.Measure] = field(default_factory=list)
+    inlines: list[tree.Inline | tree.Repeated] = field(default_factory=list)
     loops: int = 0  # around these items
 
 
@@ -57,6 +58,7 @@ def system(parser: BodyParser) -> tree.Decl:
         inputs=tuple(parts.inputs),
         faults=tuple(parts.disturbed),
         measures=tuple(parts.measures),
+        inlines=tuple(parts.inlines),
     )
 
 
@@ -197,6 +199,17 @@ def _force(parser: BodyParser, parts: _SystemParts) -> None:
     parser.i += 1
     parser.semicolon("the forced mode")
     parts.forces.append(tree.Force(module, to, parser.span_from(start)))
+
+
+def _inline(parser: BodyParser, parts: _SystemParts) -> None:
+    start = parser.starts[parser.i]
+    parser.i += 1
+    while True:
+        what = arrays.path(parser, "the name of a node after `inline`")
+        parts.inlines.append(tree.Inline(what, parser.span_from(start)))
+        if not parser.accept(","):
+            break
+    parser.semicolon("the nodes of `inline`")
 
 
 def _replace(parser: BodyParser, parts: _SystemParts) -> None:
@@ -369,6 +382,7 @@ _SYSTEM_ITEMS: dict[str, Callable[[BodyParser, _SystemParts], None]] = {
     "always": _always,
     "never": _always,
     "force": _force,
+    "inline": _inline,
     "replace": _replace,
     "set": _set,
     "input": _input,

@@ -290,6 +290,7 @@ _FILLED = (
     tree.Instance,
     tree.Property,
     tree.Force,
+    tree.Inline,
     tree.Replace,
     tree.SetParam,
     tree.DriveInput,

@@ -117,6 +117,8 @@ class ModuleChecker:
             sc = self.node_ref(decl.sc, scope) if decl.sc else None
         period = number(decl.period, context, DURATION, "a period") if decl.period else None
         clean = number(decl.clean, context, INT, "`clean`") if decl.clean else None
+        wcet = number(decl.wcet, context, DURATION, "`wcet`") if decl.wcet else None
+        jitter = number(decl.jitter, context, DURATION, "`jitter`") if decl.jitter else None
         if decl.ac is None or decl.sc is None or decl.safe is None:
             return None
         if ac is None or sc is None or period is None:
@@ -137,6 +139,8 @@ class ModuleChecker:
             ac_span=decl.ac.span,
             sc_span=decl.sc.span,
             over=over,
+            wcet=sound(wcet),
+            jitter=sound(jitter),
         )
         self.shared.later(module, decl, scope)
         return module

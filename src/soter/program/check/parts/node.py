@@ -86,6 +86,10 @@ class NodeChecker:
             step=(),
             bursts=bursts,
             takes=self._takes(decl, context),
+            wcet=sound(number(decl.wcet, context, DURATION, "`wcet`")) if decl.wcet else None,
+            jitter=sound(number(decl.jitter, context, DURATION, "`jitter`"))
+            if decl.jitter
+            else None,
         )
         self.shared.later(node, decl, scope)
         return node

@@ -219,6 +219,7 @@ class SystemChecker:
         system.properties = tuple(p for p in found if p is not None)
         self._forces(system, decl.name.text, unroller.items(decl.forces))
         system.replaces = tuple(self.replaces(unroller.items(decl.replaces), scope))
+        system.inlines = tuple((i.what.text, i.what.span) for i in unroller.items(decl.inlines))
         inside = [(i.name, s) for i in system.instances for s in self.settings.get(i, ())]
         own = [("", s) for s in unroller.items(decl.sets)]
         system.sets = tuple(self.sets.all([*own, *inside], system, scope))

@@ -1,0 +1,199 @@
+"""What declared execution times come to, as plain data.
+
+Purpose: `TimingReport` of a system: its thread, what is missing, P1c of its modules.
+Non-goals: the analysis (`soter.timing`, `soter.reach.time`), printing (`cli/`).
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.program.flatten.numbers import MAX_PERIOD_NS
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.program.model.system import Component, System
+    from soter.reach.time.switching import Switch
+    from soter.timing.deployment import Timing
+
+
+@dataclass(frozen=True)
+class ThreadRow:
+    """A component of the thread; all times in ns, from its release.
+
+    `start`, `response`: at the latest, over all executions; None where no bound is known.
+    """
+
+    name: str
+    period_ns: int
+    wcet_ns: int | None
+    jitter_ns: int
+    start_ns: int | None
+    response_ns: int | None
+    deadline_ns: int
+    slack_ns: int | None
+
+
+@dataclass(frozen=True)
+class SwitchReport:
+    """P1c of a module with these times: `holds`, `fails` or `undecided`; None: not known."""
+
+    module: str
+    verdict: str
+    horizon_ns: int | None
+    needed_ns: int | None
+    slack_ns: int | None
+    largest: str | None
+    largest_ns: int | None
+    text: str
+
+
+@dataclass(frozen=True)
+class TimingReport:
+    """The thread of the trusted part of one system (docs/timing.md).
+
+    `verdict`: `fits`, `misses` or `undecided`; `busy_ns` of every `hyperperiod_ns` at most;
+    `exact`: whether the figures are reached; `schedule`: the steps before a miss; `elsewhere`: who
+    runs in a process of its own; `missing`: who has no `wcet`.
+    """
+
+    system: str
+    verdict: str
+    busy_ns: int
+    hyperperiod_ns: int
+    exact: bool
+    rows: tuple[ThreadRow, ...]
+    elsewhere: tuple[str, ...]
+    missing: tuple[str, ...]
+    schedule: tuple[str, ...]
+    switches: tuple[SwitchReport, ...]
+
+
+def times_in(path: str | Path) -> tuple[str, dict[str, int]]:
+    """The system of a file of times, and the `wcet_ns` of its components by name.
+
+    `SoterError` U011 where it is no such file; OSError where it cannot be read.
+    """
+    text = Path(path).read_text(encoding="utf-8")
+    try:
+        given = json.loads(text)
+        found = {s["name"]: s["wcet_ns"] for s in given["steps"]}
+        sound = given["schema"] == 1 and all(
+            isinstance(n, str) and type(ns) is int and 0 < ns <= MAX_PERIOD_NS
+            for n, ns in found.items()
+        )
+        system = str(given["system"])
+    except (ValueError, KeyError, TypeError):
+        sound = False
+    if not sound:
+        problem = Diagnostic(
+            "U011",
+            f"`{path}` is no file of times",
+            notes=("`soter measure` writes one",),
+        )
+        raise SoterError((problem,))
+    return system, found
+
+
+def with_times(systems: Mapping[str, System], path: str | Path) -> None:
+    """Gives components that say no `wcet` the one of a file; `SoterError` U011 as `times_in`."""
+    name, times = times_in(path)
+    if name not in systems:
+        note = f"it has those of system `{name}`"
+        problem = Diagnostic("U011", f"`{path}` has no times of this program", notes=(note,))
+        raise SoterError((problem,))
+    for c in systems[name].components:
+        c.wcet_ns = times.get(c.name) if c.wcet_ns is None else c.wcet_ns
+
+
+def timing_reports(
+    systems: list[System],
+) -> tuple[tuple[TimingReport, ...], tuple[Diagnostic, ...]]:
+    """Of every system whose thread declares execution times, and what does not hold of them."""
+    from soter.timing.deployment import report_miss, timing_of  # noqa: PLC0415 - see `soter.api`
+
+    found: list[TimingReport] = []
+    diagnostics = Diagnostics()
+    for system in systems:
+        timing = timing_of(system)
+        if timing is None:
+            continue
+        report_miss(timing, diagnostics)
+        switches = _switches(system, diagnostics)
+        found.append(_report(timing, switches))
+    return tuple(found), diagnostics.items
+
+
+def _switches(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, ...]:
+    if not system.modules:
+        return ()
+    from soter.reach.time.switching import switch_of  # noqa: PLC0415 - see `soter.api`
+
+    found = []
+    for module in system.modules:
+        switch = switch_of(system, module)
+        for d in switch.diagnostics:
+            diagnostics.add(d)
+        if switch.verdict == "fails":
+            verify = module.symbol.verify
+            diagnostics.error(
+                "P1c",
+                f"a switch of `{module.name}` may take longer than its horizon "
+                f"in system `{system.name}`",
+                verify.span or module.symbol.span,
+                notes=(switch.in_words(),),
+                helps=("a longer `horizon`, which `ttf` has to look ahead, or shorter times",),
+            )
+        found.append(_switch(switch))
+    return tuple(found)
+
+
+def _switch(switch: Switch) -> SwitchReport:
+    largest, ns = switch.largest or (None, None)
+    return SwitchReport(
+        module=switch.module,
+        verdict=switch.verdict,
+        horizon_ns=switch.horizon,
+        needed_ns=switch.needed,
+        slack_ns=switch.slack,
+        largest=largest,
+        largest_ns=ns,
+        text=switch.in_words(),
+    )
+
+
+def _report(timing: Timing, switches: tuple[SwitchReport, ...]) -> TimingReport:
+    from soter.timing.deployment import schedule_lines  # noqa: PLC0415 - see `soter.api`
+
+    def names(components: tuple[Component, ...]) -> tuple[str, ...]:
+        return tuple(c.name for c in components)
+
+    return TimingReport(
+        system=timing.system,
+        verdict=timing.verdict,
+        busy_ns=timing.work,
+        hyperperiod_ns=timing.hyperperiod,
+        exact=timing.exact,
+        rows=tuple(
+            ThreadRow(
+                name=r.component.name,
+                period_ns=r.task.period,
+                wcet_ns=r.component.wcet_ns,
+                jitter_ns=r.task.jitter,
+                start_ns=None if r.worst is None else r.worst.start,
+                response_ns=None if r.worst is None else r.worst.end,
+                deadline_ns=r.task.deadline,
+                slack_ns=r.slack,
+            )
+            for r in timing.rows
+        ),
+        elsewhere=names(timing.elsewhere),
+        missing=names(timing.missing),
+        schedule=tuple(schedule_lines(timing)),
+        switches=switches,
+    )

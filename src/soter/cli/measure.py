@@ -1,0 +1,126 @@
+"""`soter measure FILE`: how long single steps take on this machine.
+
+Purpose: a table, a file of times, the `wcet` lines to paste; that this is no bound.
+Non-goals: the stopwatch (`soter.measure`), what follows from the times (`soter check`).
+"""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.api import load
+from soter.cli.terminal.outcome import FINE, Outcome, exit_of
+from soter.cli.terminal.parser import Parser, add_file, add_settings, at_least_one, seed
+from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.diagnostics.diagnostic import SoterError
+from soter.program.model.durations import show_ns
+
+if TYPE_CHECKING:
+    from soter.api.measuring import Measured
+    from soter.cli.terminal.console import Console
+
+EXAMPLES = """\
+  soter measure cart.soter                 writes .soter/cart-times.json
+  soter measure cart.soter --system Protected --until 20s --samples 100000
+  soter measure cart.soter --margin 3      wcet: three times the longest that was seen
+  soter check cart.soter --times .soter/cart-times.json
+
+The compiled steps of the trusted thread (decision modules, safe controllers, other nodes that
+are Soter code) are timed one by one, from states of a run and from states with random reads,
+with caches as they are and swept. The suggested `wcet` is the longest times the margin. That is
+no bound: the longest that can happen may not have been seen, and another machine is another
+matter.
+
+exit codes: 0 measured, 1 diagnostics, 2 usage
+"""
+
+
+def parser() -> Parser:
+    """The command line."""
+    from soter.api.measuring import MARGIN, SAMPLES  # noqa: PLC0415 - needs NumPy
+
+    made = Parser("measure", "Time the steps of the trusted thread on this machine.", EXAMPLES)
+    add_file(made)
+    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
+    made.add_argument("--until", metavar="TIME", help="of the run; by default the system's own")
+    made.add_argument("--seed", metavar="N", type=seed, default=1, help="by default 1")
+    made.add_argument(
+        "--samples",
+        metavar="N",
+        type=at_least_one,
+        default=SAMPLES,
+        help=f"steps that are timed of each ({SAMPLES:,})",
+    )
+    made.add_argument(
+        "--margin",
+        metavar="X",
+        type=_factor,
+        default=MARGIN,
+        help=f"what the longest is multiplied with ({MARGIN:g})",
+    )
+    add_settings(made)
+    made.add_argument("-o", dest="output", metavar="FILE", help="the file (.soter/...-times.json)")
+    return made
+
+
+def _factor(text: str) -> float:
+    """A margin; ArgumentTypeError for other text."""
+    try:
+        return float(text)
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"`{text}` is no number") from None
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Measure."""
+    from soter.api.measuring import document, measure, written  # noqa: PLC0415 - needs NumPy
+
+    with LineOfProgress(console) as line:
+        program = load(args.file, line)
+    for name, target in args.bindings:
+        program.bind(name, target)
+    path = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-times.json")
+    try:
+        with Progress(console) as progress:
+            found = measure(
+                program,
+                args.system,
+                dict(args.params),
+                until=args.until,
+                samples=args.samples,
+                margin=args.margin,
+                seed=args.seed,
+                progress=progress,
+            )
+    except SoterError as error:
+        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    written(found, path)
+    _say(found, path, console)
+    told = document(found)
+    fields = {k: told[k] for k in ("system", "program_sha256", "machine", "margin", "steps")}
+    return Outcome(FINE, program.diagnostics, {"file": args.file, "times": str(path), **fields})
+
+
+def _say(found: Measured, path: Path, console: Console) -> None:
+    from soter.api.measuring import NO_BOUND  # noqa: PLC0415 - as above
+    from soter.report.summary import table  # noqa: PLC0415 - only here
+
+    if not found.steps:
+        console.say(f"nothing of `{found.system}` runs in the trusted thread as Soter code")
+        return
+    shares = [f"{q:g}%" for q, _ in found.steps[0].percentiles]
+    rows = [
+        [s.name, *(show_ns(ns) for _, ns in s.percentiles), show_ns(s.longest_ns), f"{s.samples}"]
+        for s in found.steps
+    ]
+    console.say(table(("step", *shares, "longest", "steps"), rows, color=console.color_out))
+    console.say()
+    for s in found.steps:
+        where = f"rta {s.declared}" if s.role == "dm" else f"node {s.declared}"
+        faulted = f", {s.faulted} of the steps faulted" if s.faulted else ""
+        console.say(f"  {s.line:<14} // {where}: {found.margin:g} x the longest{faulted}")
+    console.say()
+    console.say(f"times   {path}")
+    console.say(f"{NO_BOUND} ({found.machine})")

@@ -1,0 +1,1 @@
+"""Execution times of steps, measured on this machine."""

@@ -1,0 +1,168 @@
+"""Steps of the trusted thread, timed one by one on this machine.
+
+Purpose: `timed`: of every component of the thread that is Soter code the times of single steps, on
+states of a run and on states made of them, with caches as they are and swept; `Measured`, what is
+told of them, and the `wcet` that they suggest.
+Non-goals: bounds: a measurement has not seen what it has not seen.
+"""
+
+from __future__ import annotations
+
+import random
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.codegen.unit import generate
+from soter.lower.layout import state_dtype
+from soter.measure.states import of_run, varied
+from soter.native.build import RUNTIME, library
+from soter.native.interface import address, declarations, interface, opened
+from soter.program.model.durations import write_ns
+from soter.simulate.externs.c_extern import linked_symbols
+from soter.timing.deployment import in_thread
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    import numpy.typing as npt
+
+    from soter.lower.core import CoreSystem
+    from soter.native.library import Bytes
+    from soter.program.model.system import Component, System
+
+FOLDER = Path(__file__).resolve().parent / "c"
+ENGINE = (FOLDER / "soter_stopwatch.c", FOLDER / "soter_stopwatch.h")
+SWEPT_BYTES = 4 * 1024 * 1024
+"""More than the caches near a processor hold."""
+PERCENTILES = (50.0, 90.0, 99.0, 99.9)
+GRAIN_NS = 1_000
+"""A suggested `wcet` is a whole number of these."""
+
+
+@dataclass(frozen=True)
+class StepTimes:
+    """Of one component: percentiles and the longest of `samples` steps, in ns; how many faulted.
+
+    `wcet_ns`: the longest times the margin, in whole microseconds, for people to judge.
+    """
+
+    name: str
+    declared: str
+    role: str
+    samples: int
+    percentiles: tuple[tuple[float, int], ...]
+    longest_ns: int
+    faulted: int
+    wcet_ns: int
+
+    @property
+    def line(self) -> str:
+        """For the node, or the `rta`."""
+        return f"wcet {write_ns(self.wcet_ns)};"
+
+
+def timed(
+    made: Made,
+    trace: Bytes,
+    *,
+    samples: int,
+    margin: float,
+    seed: int,
+    progress: Callable[[float], None] | None = None,
+) -> tuple[StepTimes, ...]:
+    """The times of every component of the thread that is no extern's; `trace` (n, size): states.
+
+    Of each about `samples` steps: a quarter from states of the run, a quarter from states made of
+    them, and both again with caches swept.
+    """
+    rng = random.Random(f"measure {seed}")  # noqa: S311 - states, not secrets
+    mine = [c for c in made.system.components if in_thread(c) and not c.extern]
+    found = []
+    for k, c in enumerate(mine):
+        quarter = max(1, samples // 4)
+        seen = of_run(trace, quarter)
+        made_up = varied(made.system, made.layout, c, seen, quarter, rng)
+        took: list[npt.NDArray[np.int64]] = []
+        faulted = 0
+        for states in (seen, made_up):
+            for swept in (False, True):
+                times, wrong = made.times(c, states, swept=swept)
+                took.append(times)
+                faulted += wrong
+        found.append(_told(made, c, np.concatenate(took), faulted, margin))
+        if progress is not None:
+            progress((k + 1) / len(mine))
+    return tuple(found)
+
+
+def _told(
+    made: Made,
+    c: Component,
+    took: npt.NDArray[np.int64],
+    faulted: int,
+    margin: float,
+) -> StepTimes:
+    longest = int(took.max())
+    if c.node is not None:
+        declared = c.node.name
+    else:
+        assert c.module is not None
+        declared = made.system.modules[c.module].symbol.name
+    return StepTimes(
+        name=c.name,
+        declared=declared,
+        role=c.role,
+        samples=len(took),
+        percentiles=tuple((q, int(np.percentile(took, q, method="higher"))) for q in PERCENTILES),
+        longest_ns=longest,
+        faulted=faulted,
+        wcet_ns=-(-int(longest * margin) // GRAIN_NS) * GRAIN_NS,
+    )
+
+
+class Made:
+    """A system and its C, with that of `c/` beside it."""
+
+    def __init__(self, system: System, core: CoreSystem | None) -> None:
+        self.system = system
+        self.unit = generate(system, core)
+        self.layout = self.unit.layout
+        self.dtype = state_dtype(system, self.layout)
+        path = library(self.unit, engine=ENGINE)
+        self.ffi: Any = interface(
+            declarations(RUNTIME / "soter.h"), declarations(FOLDER / "soter_stopwatch.h")
+        )
+        self.lib = opened(self.ffi, path, linked_symbols(system, core))
+        prefix = self.unit.prefix
+        self.program = address(self.ffi, path, f"{prefix}_program", "const soter_program *")
+        self.state = np.zeros(self.layout.size, dtype=np.uint8)
+        self.swept = np.zeros(SWEPT_BYTES, dtype=np.uint8)
+
+    def times(
+        self, c: Component, states: Bytes, *, swept: bool
+    ) -> tuple[npt.NDArray[np.int64], int]:
+        """Ns of one step from each state (n, size), and how many of them faulted."""
+        took = np.zeros(len(states), dtype=np.int64)
+        states = np.ascontiguousarray(states)
+        job = self.ffi.new(
+            "soter_timing *",
+            {
+                "program": self.program,
+                "component": c.index,
+                "from": self._at("const void *", states),
+                "stride": self.layout.size,
+                "count": len(states),
+                "state": self._at("void *", self.state),
+                "swept": self._at("unsigned char *", self.swept),
+                "size": SWEPT_BYTES if swept else 0,
+                "took": self._at("int64_t *", took),
+            },
+        )
+        faulted = self.lib.soter_stopwatch(job)
+        return took, int(faulted)
+
+    def _at(self, type_: str, array: npt.NDArray[Any]) -> Any:  # noqa: ANN401 - cdata
+        return self.ffi.cast(type_, array.ctypes.data)

@@ -1,0 +1,177 @@
+"""P1c of a module as it is deployed: what a switch takes with the execution times declared.
+
+Purpose: `switch_of`: H* from the latest starts and ends of the thread, beside the H of the proof.
+Non-goals: whether the proof's own times hold (`deployed.py`), any set.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.program.flatten.views import as_seen
+from soter.program.model.durations import show_ns
+from soter.reach.problem.following import check_followed
+from soter.reach.problem.place import place
+from soter.reach.problem.problem import Times
+from soter.reach.time.checks import of_map
+from soter.reach.time.deployed import Assumed, deployed
+from soter.reach.time.routes import Routes, outputs_of
+from soter.reach.time.timing import assumed_of, terms, times_of
+
+if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.program.model.system import Module, System
+    from soter.reach.time.deployed import Deployed
+    from soter.reach.time.routes import Route
+    from soter.reach.time.schedule import Releases, Schedule
+
+HOLDS, FAILS, UNKNOWN = "holds", "fails", "undecided"
+OF_THIS = ("R034", "R033")
+"""What is said of the deployed times themselves."""
+
+
+@dataclass(frozen=True)
+class Switch:
+    """P1c of one module as deployed; times in ns, None where `why` says why there are none.
+
+    `horizon`: H of the proof; `needed`: what it must be, from the sample behind the last "AC"
+    verdict to the first output of SC that acts; `largest`: its largest term, and that term.
+    `diagnostics`: where the times that the proof counts with do not hold.
+    """
+
+    module: str
+    verdict: str
+    horizon: int | None = None
+    needed: int | None = None
+    largest: tuple[str, int] | None = None
+    why: str = ""
+    diagnostics: tuple[Diagnostic, ...] = ()
+
+    @property
+    def slack(self) -> int | None:
+        """H less what is needed; negative where P1c does not hold."""
+        return None if self.horizon is None or self.needed is None else self.horizon - self.needed
+
+    def in_words(self) -> str:
+        """For people."""
+        if self.slack is None or self.horizon is None or self.needed is None:
+            return f"P1c {self.verdict}: {self.why}"
+        what = "spare" if self.slack >= 0 else "missing"
+        name, ns = self.largest or ("", 0)
+        return (
+            f"P1c {self.verdict}: H = {show_ns(self.horizon)}, needed {show_ns(self.needed)} "
+            f"({show_ns(abs(self.slack))} {what}; largest: {name}, {show_ns(ns)})"
+        )
+
+
+def switch_of(flat: System, module: Module) -> Switch:
+    """P1c of a module of a flat system whose thread declares execution times."""
+    verify = module.symbol.verify
+    if verify.span is None:
+        return Switch(module.name, UNKNOWN, why="there is no `verify` block")
+    if verify.induction is not None:
+        return _of_nodes(flat, module)
+    if module.forced is not None:
+        return Switch(module.name, UNKNOWN, why=f"it is forced to {module.forced}")
+    try:
+        seen = [_seen(flat, m) for flat, m in as_seen(flat, module)]
+    except SoterError as error:
+        return _unknown(module, error.diagnostics)
+    known = [s for s in seen if s.slack is not None]
+    found = next((s for s in seen if s.slack is None), None)
+    found = found or min(known, key=lambda s: s.slack or 0)
+    diagnostics = dict.fromkeys(d for s in seen for d in s.diagnostics)
+    return replace(found, module=module.name, diagnostics=tuple(diagnostics))
+
+
+def _unknown(module: Module, said: tuple[Diagnostic, ...]) -> Switch:
+    of_this = tuple(d for d in said if d.code in OF_THIS)
+    why = f"[{said[0].code}] {said[0].message}" if said else "`soter verify` says why"
+    return Switch(module.name, UNKNOWN, why=why, diagnostics=of_this)
+
+
+def _of_nodes(flat: System, module: Module) -> Switch:
+    from soter.reach.induction.problem import extract_induction  # noqa: PLC0415 - only then
+    from soter.reach.problem.modes import modes_as_topics  # noqa: PLC0415 - only then
+
+    try:
+        extract_induction(*modes_as_topics(flat, module))
+    except SoterError as error:
+        return _unknown(module, error.diagnostics)
+    why = "every order of steps that the times allow is part of its proof"
+    return Switch(module.name, HOLDS, why=why)
+
+
+def _seen(flat: System, module: Module) -> Switch:
+    """Of a module as one of its views sees it."""
+    at = place(flat, module)
+    diagnostics = Diagnostics()
+    kind = check_followed(at, diagnostics, synthesize=module.symbol.synthesized)
+    if diagnostics.has_errors:
+        return _unknown(module, diagnostics.items)
+    times, routes = times_of(at, kind, diagnostics)
+    said = tuple(d for d in diagnostics.items if d.code in OF_THIS)
+    if any(d.code not in OF_THIS for d in diagnostics.items):
+        return _unknown(module, diagnostics.items)
+    given = assumed_of(times.schedule, routes)
+    nothing = Assumed((0, 0), (0, 0), dict.fromkeys(given.nodes, (0, 0)), given.in_step)
+    found = deployed(at.flat, at.home, nothing)
+    assert found is not None
+    if found.timing.verdict != "fits":
+        return Switch(
+            module.name, UNKNOWN, why="the calendar is not known to be kept", diagnostics=said
+        )
+    real = Times(_replaced(times.schedule, routes, found), horizon=times.horizon_ns)
+    real = of_map(real) if kind == "map" else real
+    needed = _needed(real.schedule, None if kind == "map" else found.handed_over)
+    return Switch(
+        module=module.name,
+        verdict=HOLDS if needed <= times.horizon_ns else FAILS,
+        horizon=times.horizon_ns,
+        needed=needed,
+        largest=max(terms(real).items(), key=lambda item: item[1]),
+        diagnostics=said,
+    )
+
+
+def _needed(schedule: Schedule, handed_over: int | None) -> int:
+    """What H must be.
+
+    Where it is known when SC starts after each release of the DM that may be the first not to say
+    "AC", and no node is behind SC, that takes the place of the sum in H*.
+    """
+    if handed_over is None or any(o.nodes for o in schedule.outputs):
+        return schedule.needed
+    acts = schedule.sc.response + max(o.most for o in schedule.outputs)
+    star = schedule.age_dm + schedule.dm.period + handed_over + acts
+    return max(star, schedule.start) if schedule.reads_more else star
+
+
+def _replaced(schedule: Schedule, routes: Routes, found: Deployed) -> Schedule:
+    """The same module with the times of the thread, where it has any of a component."""
+
+    def route(r: Route) -> Route:
+        stations = zip(r.stations, r.path.nodes, strict=True)
+        return replace(
+            r, path=replace(r.path, nodes=tuple(_with(found, n.name, q) for n, q in stations))
+        )
+
+    by_dm, by_sc = [route(r) for r in routes.by_dm], [route(r) for r in routes.by_sc]
+    releases = {n: _with(found, n.name, r) for n, r in routes.releases.items()}
+    ways = Routes(by_dm, by_sc, routes.ways, routes.beside, releases)
+    acts = max(o.most for o in schedule.outputs)
+    return replace(
+        schedule,
+        dm=replace(schedule.dm, late=found.dm[0], response=found.dm[1]),
+        sc=replace(schedule.sc, late=found.sc[0], response=found.sc[1]),
+        read_by_dm=tuple(r.path for r in by_dm),
+        read_by_sc=tuple(r.path for r in by_sc),
+        outputs=outputs_of(ways, acts),
+    )
+
+
+def _with(found: Deployed, name: str, at: Releases) -> Releases:
+    late, response = found.nodes.get(name, (at.late, at.response))
+    return replace(at, late=late, response=response)

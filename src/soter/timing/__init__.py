@@ -1,0 +1,1 @@
+"""Execution times: whether the thread of the trusted part can keep its calendar."""

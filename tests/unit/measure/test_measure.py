@@ -1,0 +1,143 @@
+"""Times of steps: what is timed, from which states, and what is told. Not how long it takes."""
+
+from __future__ import annotations
+
+import json
+import random
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+import soter
+from soter.api.measuring import document, measure, written
+from soter.diagnostics.diagnostic import SoterError
+from soter.lower.layout import state_layout
+from soter.measure.states import of_run, varied
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+TEXT = """soter 1;
+type Seen = { flag: bool, at: float, many: float[<=3], few: int in [2, 5] };
+topic seen: Seen in { at in [-2.0, 3.0], many in [0.0, 1.0] } max_age 100ms;
+topic free: float;
+topic u: float in [-1.0, 1.0];
+topic out: int in [0, 9];
+node Fast period 10ms {
+  subscribes seen;
+  publishes u;
+  step { publish u = seen.at > 0.0 ? 1.0 : 0.0; }
+}
+node Slow period 10ms {
+  subscribes seen, free;
+  publishes u;
+  step { publish u = seen.few > 2 && free < 9.0 ? 0.5 : 0.0; }
+}
+node Late period 20ms {
+  subscribes u;
+  publishes free;
+  takes [1ms, 5ms];
+  step { publish free = u; }
+}
+node Count period 20ms {
+  subscribes seen;
+  publishes out;
+  step { assert seen.few < 5; publish out = 1; }
+}
+extern plant World period 10ms from "python:none.py:World" {
+  reads u;
+  drives seen = s;
+  state s: Seen;
+}
+rta M { ac Fast; sc Slow; period 20ms; safe true; ttf seen.at > 1.0; safer seen.at < 0.0; }
+system S { w: World; module M; node Late; node Count; until 200ms; }
+"""
+
+
+def program(folder: Path) -> soter.Program:
+    path = folder / "timed.soter"
+    path.write_text(TEXT)
+    found = soter.load(path)
+    assert found.ok, found.diagnostics
+
+    class World:
+        def step(self, *_: object) -> dict[str, object]:
+            return {"s": {"flag": True, "at": 0.5, "many": [0.5], "few": 3}}
+
+    return found.bind("w", World)
+
+
+def test_what_runs_in_the_thread_is_timed_and_nothing_else(tmp_path: Path) -> None:
+    found = measure(program(tmp_path), samples=40)
+    assert [s.name for s in found.steps] == ["M.dm", "M.Slow", "Count"]
+    assert [s.declared for s in found.steps] == ["M", "Slow", "Count"]
+    for s in found.steps:
+        assert 0 < s.percentiles[0][1] <= s.percentiles[-1][1] <= s.longest_ns
+        assert s.wcet_ns >= found.margin * s.longest_ns
+        assert s.wcet_ns % 1000 == 0
+        assert s.wcet_ns < found.margin * s.longest_ns + 1000
+
+
+def test_random_states_find_faults_that_the_run_does_not(tmp_path: Path) -> None:
+    count = measure(program(tmp_path), samples=400).steps[-1]
+    assert 0 < count.faulted < count.samples / 2
+
+
+def test_the_margin_multiplies_the_longest(tmp_path: Path) -> None:
+    for step in measure(program(tmp_path), samples=40, margin=5.0).steps:
+        assert 5 * step.longest_ns <= step.wcet_ns < 5 * step.longest_ns + 1000
+    with pytest.raises(SoterError, match="U001"):
+        measure(program(tmp_path), samples=40, margin=0.5)
+
+
+def test_states_made_of_a_run_differ_in_what_is_read_alone(tmp_path: Path) -> None:
+    run = program(tmp_path).simulate(until=0.1, seed=1)
+    assert run.trace is not None
+    layout = state_layout(run.system)
+    size = layout.size
+    seen = of_run(run.trace.view("u1").reshape(-1, size), 5)
+    assert seen.shape == (5, size)
+    slow = run.system.component("M.Slow")
+    made = varied(run.system, layout, slow, seen, 200, random.Random(1))  # noqa: S311
+    states = made.view(run.dtype).reshape(-1)
+    topic = states["topics"]["seen"]
+    assert topic["at"].min() >= -2.0
+    assert topic["at"].max() <= 3.0
+    assert {-2.0, 3.0} <= set(topic["at"])
+    assert set(topic["few"]) == {2, 3, 4, 5}
+    assert set(topic["many"]["len"]) == {0, 1, 2, 3}
+    assert len(set(states["topics"]["free"])) > 100
+    stamps = states["stamps"][:, run.system.topic("seen").index]
+    assert (stamps == states["header"]["ct"]).all()
+    for k in range(5):
+        assert set(states["topics"]["out"]) <= set(
+            seen.view(run.dtype).reshape(-1)["topics"]["out"]
+        )
+        assert np.isin(states["topics"]["u"], seen.view(run.dtype)["topics"]["u"]).all(), k
+
+
+def test_a_file_of_times_is_what_check_takes(tmp_path: Path) -> None:
+    found = program(tmp_path)
+    assert found.check().timings == ()
+    path = written(measure(found, samples=40), tmp_path / "new" / "times.json")
+    (report,) = found.check(times=path).timings
+    given = {s["name"]: s["wcet_ns"] for s in json.loads(path.read_text())["steps"]}
+    assert {r.name: r.wcet_ns for r in report.rows} == given
+    assert report.elsewhere == ("M.Fast", "Late")
+
+
+@pytest.mark.parametrize("change", ["schema", "system", "steps", "negative", "text"])
+def test_another_file_is_refused(change: str, tmp_path: Path) -> None:
+    found = program(tmp_path)
+    told = document(measure(found, samples=8))
+    wrong = {
+        "schema": {**told, "schema": 2},
+        "system": {**told, "system": "Other"},
+        "steps": {k: v for k, v in told.items() if k != "steps"},
+        "negative": {**told, "steps": [{"name": "Count", "wcet_ns": -1}]},
+    }
+    path = tmp_path / "times.json"
+    path.write_text("no JSON" if change == "text" else json.dumps(wrong[change]))
+    with pytest.raises(SoterError, match="U011"):
+        found.check(times=path)
