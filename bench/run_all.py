@@ -450,6 +450,15 @@ BENCHMARKS = (
         "a GPU by NVRTC and assembled by ptxas, without one being there; the same file compiled by "
         "g++ and flown on the CPU, against campaigns.",
     ),
+    Benchmark(
+        "Delays of the trusted part",
+        ("bench/delays.py",),
+        "One node of the trusted part late or dead, every shipped module that is proved on sets, "
+        "virtual time, the C of leases as it ships. In time: every output of SC, no lease ends. "
+        "Law in time: the fail-safe law acts before H runs out, and nothing is obeyed afterwards. "
+        "Third: neither; the target is 0. The watchdog is obeyed and fed by whatever comes. Only "
+        "`stop` declares a law; of the others this says when theirs would act.",
+    ),
 )
 
 

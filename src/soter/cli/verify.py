@@ -189,10 +189,14 @@ def _listed(texts: tuple[str, ...]) -> list[str]:
 
 def _of_the_certificate(report: VerifyReport) -> list[str]:
     """What a certificate does not say, or `soter recheck` does not accept."""
+    from soter.reach.claims.results import UNCLAIMED  # noqa: PLC0415 - needs nothing heavy, but a room below
+
     lines = []
     for module in report.modules:
-        claimed = [n for n, f in module.findings.items() if f.verdict == "proved" and n != "DM"]
-        open_ = [n for n, f in module.findings.items() if not f.holds and n != "DM"]
+        claimed = [
+            n for n, f in module.findings.items() if f.verdict == "proved" and n not in UNCLAIMED
+        ]
+        open_ = [n for n, f in module.findings.items() if not f.holds and n not in UNCLAIMED]
         if open_ == ["P2b"]:
             lines.append(f"{module.name}: claims safety, without P2b: AC may not get control back")
         elif open_:

@@ -227,7 +227,10 @@ def at_period(problem: Problem, delta_ns: int) -> Problem:
         dm=replace(schedule.dm, period=delta_ns),
         sc=replace(schedule.sc, period=sc),
     )
-    return replace(problem, times=replace(times, schedule=schedule))
+    law = problem.law
+    if law is not None:
+        law = replace(law, times=replace(law.times, schedule=schedule))
+    return replace(problem, times=replace(times, schedule=schedule), law=law)
 
 
 def _opened(problem: Problem, library: ReachLibrary) -> list[Case]:
@@ -276,7 +279,8 @@ def _own(case: Case) -> bool:
     """Whether the program's predicates verify at this period: `ttf`, `safer`, P2b."""
     for predicate in ("ttf", "safer"):
         claims.inclusion(case, predicate)
-    recover(case)
+    if not case.problem.stays:
+        recover(case)
     return not any(case.failed(c) for c in ("ttf", "safer", "P2b"))
 
 
@@ -287,6 +291,9 @@ def _held(part: GroupSets, which: int) -> Bools:
 
 
 def _returns(case: Case) -> bool:
+    """Whether P2b is shown, or not asked (`recover never`)."""
+    if case.problem.stays:
+        return True
     recover(case)
     return not case.failed("P2b")
 

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.load.loader import load
-from soter.reach.claims.results import PROVED
+from soter.reach.claims.results import PROVED, UNCLAIMED
 from soter.reach.induction.entry import induction_entry
 from soter.reach.induction.verify import InductionResult
 from soter.reach.methods import pairs_of, tables
@@ -113,7 +113,9 @@ def _module(
         return induction_entry(result, system)
     q = problem.quantities
     plants = [c.name for c in problem.system.components if c.role == "plant"]
-    claims = {n: f.verdict for n, f in result.findings.items() if n != "DM"}  # that is about C
+    claims = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
+    if not problem.module.law:
+        claims.pop("failsafe", None)  # none is declared: there is nothing to be claimed
     recover = problem.recover_ns if claims.get("P2b") == PROVED else None
     inputs = [
         *_inputs("state", q.states, problem.states),
@@ -138,6 +140,9 @@ def _module(
     }
     if problem.view:
         entry["view"] = problem.view
+    if result.laws:
+        ruled = enumerate(result.laws)
+        entry["law"] = [_case(problem, case, f"{stem}_law{k}", files) for k, case in ruled]
     if problem.computed:
         entry["tables"] = _tables(result, stem, files)
     return entry

@@ -48,6 +48,7 @@ MEANINGS = {
     "ttf": "whenever `ttf` may be false, the state lies in R(H)",
     "safer": "whenever `safer` may be true, the state lies in R(H)",
     "start": "the declared initial states are among those for which all this holds",
+    "failsafe": "once the lease has ended the fail-safe law keeps the constraint C for ever",
     "DM": "the generated C of the decision module switches as docs/semantics.md says",
 }
 OF_SETS = "the enclosures and the set engine; `soter recheck` checks certificates without them"

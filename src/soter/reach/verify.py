@@ -15,6 +15,7 @@ from soter.program.model.durations import show_ns
 from soter.reach.claims import claims
 from soter.reach.claims.case import Case, Clock
 from soter.reach.claims.entered import not_entered
+from soter.reach.claims.lawful import NO_LAW
 from soter.reach.claims.levels import deploy, levels
 from soter.reach.claims.recovery import in_time, recover
 from soter.reach.claims.refine import refined
@@ -23,6 +24,7 @@ from soter.reach.claims.results import (
     NO_CORE,
     PROPERTIES,
     PROVED,
+    STAYS,
     UNDECIDED,
     Finding,
     ModuleResult,
@@ -59,9 +61,12 @@ HOW = {
     "P1b": "outputs compared",
     "P1c": "worst case over all releases",
     "P3": "inclusions of `ttf` and `safer`",
+    "failsafe": "K inside the core of the fail-safe law",
     "DM": "the compiled DM on all facts and on every class of input",
 }
 """What is no matter of groups."""
+RESTS_ON = ("P1c", "P2a", "P3", "start")
+"""Where the law begins the state is in K by these."""
 CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
 
 
@@ -93,6 +98,10 @@ def verify_module(
     _together(problem, done)
     _handed_over(problem, result, done)
     _waits(problem, result.findings["P2b"])
+    _stays(problem, result.findings["P2b"])
+    result.findings["failsafe"] = _failsafe(problem, result, done)
+    if result.findings["failsafe"].verdict == PROVED:
+        result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
     result.findings["DM"] = _decision_module(result)
     result.findings = {p: result.findings[p] for p in PROPERTIES}
     result.recover_s = _recover_s(done, result)
@@ -132,8 +141,8 @@ def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | Non
 
 def _return(case: Case) -> None:
     """P2b of one case."""
-    if case.failed("P2b"):
-        return  # there is no K, or no enclosure
+    if case.failed("P2b") or case.problem.stays:
+        return  # there is no K, or no enclosure; or it is not asked
     try:
         with Clock(case, "P2b"):
             recover(case)
@@ -184,6 +193,8 @@ def _claims(case: Case) -> None:
     _after_core(case)
     if case.problem.computed:
         return  # P2b waits for the sets of all cases
+    if case.problem.stays:
+        return
     with Clock(case, "P2b"):
         recover_at_last(case)
     if _shrunk(case):
@@ -292,6 +303,39 @@ def _waits(problem: Problem, finding: Finding) -> None:
         return
     finding.verdict = ASSUMED
     finding.text += f" while {said(modes.waits)} in AC: not proved"
+
+
+def _stays(problem: Problem, finding: Finding) -> None:
+    """`recover never`: nobody says that control comes back, and nobody has to."""
+    if problem.stays and finding.verdict == PROVED:
+        finding.verdict, finding.method, finding.text = ASSUMED, "", STAYS
+
+
+def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Finding:
+    """That the law keeps C once the lease has ended: SC and AC stay inside what it keeps."""
+    finding = Finding(PROVED, method=HOW["failsafe"])
+    if problem.law is None and not problem.law_unread:
+        return Finding(ASSUMED, method=HOW["failsafe"], text=NO_LAW)
+    lawful = [c.lawful for c in done if c.lawful is not None]
+    why = next((x.why for x in lawful if x.why), problem.law_unread)
+    if why or len(lawful) < len(done) or not all(c.proofs for c in done):
+        finding.verdict, finding.text = UNDECIDED, why or NO_CORE
+        finding.hint = "a law under which the plant comes to rest; a finer grid"
+        return finding
+    open_ = [n for n in RESTS_ON if not result.findings[n].holds]
+    if open_:
+        finding.verdict = UNDECIDED
+        finding.text = f"the law keeps K, and nothing says that it begins there: {', '.join(open_)}"
+        return finding
+    problem.assumptions.append(
+        "the actuators hold the law from the end of the lease on: all of them at one instant, "
+        f"within {show_ns(problem.times.acts)}, and they take nothing that comes later"
+    )
+    kept, of = (sum(x.cells[k] for x in lawful) for k in (0, 1))
+    lease = show_ns(problem.times.lease_ns)
+    finding.text = f"the law keeps C from K_fs: {kept:,} of {of:,} cells; K lies in it; "
+    finding.text += f"each lease ends at most {lease} after its release"
+    return finding
 
 
 def _follows_scheme(case: Case) -> bool:

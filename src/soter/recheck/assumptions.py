@@ -254,6 +254,12 @@ def _timing(facts: Facts) -> Iterator[Said]:
         silent = show_ns(facts.setting.silent)
         text = f"sensors are silent for {silent} longer than their periods at most"
         yield Said(f"dropout {silent}", text)
+    if facts.symbol.failsafe:
+        text = (
+            "the actuators hold the law from the end of the lease on: all of them at one instant, "
+        )
+        text += f"within {show_ns(facts.times['L_ns'])}, and they take nothing that comes later"
+        yield Said("lease", text)
     yield Said("fresh", "P2b: what the DM reads is fresh, and no gate fault keeps AC out")
 
 

@@ -70,6 +70,8 @@ class Case:
     workers: int
     polytopes: list[PolytopeTables] = field(default_factory=list)
     """Groups that are no grids; their C are the extents of their states."""
+    lawful: list[Cells] | None = None
+    """K_fs of each group, where SC is to keep the state in what the fail-safe law keeps."""
     tasks: list[tuple[str, Grid, Callable[[Block], Iterator[Block]], Block]] = field(
         default_factory=list
     )
@@ -133,11 +135,15 @@ class Case:
         allowed = certain_beside(self.model, self.groups, self.polytopes, safe, errors=False)
         for polytope in self.half_spaces:
             self._prove("K", polytope.show_core)
+        if self.lawful is not None:
+            both = zip(allowed, self.lawful, strict=True)
+            allowed = [Cells(a.grid, a.members & b.members) for a, b in both]
         for k, (group, core, within) in enumerate(
             zip(self.groups, self.cores, allowed, strict=True)
         ):
             if (core.members & ~within.members).any():
-                raise RejectedError("K holds cells on which `safe` is not certain")
+                what = "`safe`" if self.lawful is None else "`safe`, or what the law keeps,"
+                raise RejectedError(f"K holds cells on which {what} is not certain")
             if self._never_left(k, core):
                 continue
             check = self._chains(k)

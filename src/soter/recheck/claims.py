@@ -14,7 +14,7 @@ from soter.recheck.certificate.errors import RejectedError
 if TYPE_CHECKING:
     from soter.recheck.reading.facts import Facts
 
-CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start")
+CLAIMS = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe")
 ELSEWHERE = ("DM",)
 """Said in a certificate, not confirmed here: what was compiled is not our matter."""
 SAFETY = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")

@@ -28,11 +28,12 @@ from soter.recheck.coverage import parameters_of, uncovered
 from soter.recheck.handover import jumps_of
 from soter.recheck.inclusions.deployed import compare_tables
 from soter.recheck.inclusions.inclusion import GroupTables
-from soter.recheck.inclusions.tables import Grid
+from soter.recheck.inclusions.tables import Cells, Grid
 from soter.recheck.induction.check import recheck_induction
 from soter.recheck.polytope.deployed import compare_half_spaces
 from soter.recheck.polytope.predicates import narrowed
 from soter.recheck.polytope.tables import PolytopeTables, read_polytope
+from soter.recheck.reading.law import law_of
 from soter.recheck.reading.model import Model
 from soter.recheck.reading.problem import DiffersError, Facts, read_facts
 from soter.recheck.reading.understood import understood
@@ -184,7 +185,7 @@ def _keys(entry: object, names: tuple[str, ...], what: str) -> None:
 
 def _facts(checked: Checked, overrides: dict[str, Any], entry: dict[str, Any]) -> Facts:
     """The problem of a module, which is the whole of what is understood of it."""
-    given = [k for k in ("tables", "view") if isinstance(entry, dict) and k in entry]
+    given = [k for k in ("tables", "view", "law") if isinstance(entry, dict) and k in entry]
     _keys(entry, (*MODULE_KEYS, *given), "a module")
     with _understood("a module"):
         if entry["system"] not in checked.systems:
@@ -221,6 +222,7 @@ def _module(
     said = static_claims(facts, entry["claims"])
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
     report = ModuleReport(name, said, system=entry["system"])
+    report.stays = facts.symbol.verify.stays is not None
     report.parameters = parameters_of(facts.flying)
     cases = list(facts.cases())
     if given != [list(c) for c in cases]:
@@ -240,14 +242,19 @@ def _module(
             compare_tables(certificate, facts, tables, entry["tables"][:count])
             compare_half_spaces(certificate, facts, polytopes, entry["tables"][count:])
     groups = list(zip(tables, polytopes, strict=True))
+    if ("law" in entry) != ("failsafe" in claims):
+        raise RejectedError("a module has sets of its law where `failsafe` is claimed")
+    if "failsafe" in claims and not {"P2a", "P3", "start"} <= claims:
+        raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
+    law = _law(certificate, facts, extents, entry) if "law" in entry else None
     try:
-        _cases(facts, groups, extents, entry, claims, progress, workers)
+        _cases(facts, groups, extents, entry, claims, progress, workers=workers, law=law)
     except (RejectedError, NotRecheckedError):
         if facts.times["d_ns"] == facts.own.delay:
             raise
         # older reads than there are may be too much for our bounds: those that there are count
         facts.times["d_ns"] = facts.own.delay
-        _cases(facts, groups, extents, entry, claims, progress, workers)
+        _cases(facts, groups, extents, entry, claims, progress, workers=workers, law=law)
     jumps = jumps_of(facts, groups, extents, claims)
     report.assumptions, report.shown = assumptions_of(facts, jumps), kept_of(facts, jumps)
     report.cells = sum(int(np.prod(g.grid.shape)) for grids in tables for g in grids)
@@ -265,13 +272,52 @@ def _cases(
     claims: set[str],
     progress: Callable[[float], None],
     workers: int,
+    law: Law | None,
 ) -> None:
-    """Every claim, for every combination of parameter values."""
+    """Every claim, for every combination of parameter values; of the law that it keeps K_fs."""
     cases = list(facts.cases())
     for k, (values, (groups, others)) in enumerate(zip(cases, tables, strict=True)):
         model = Model(facts, values, narrowed(extents, others))
         share = partial(_share, progress, k, len(cases))
-        Case(model, groups, claims, entry, share, workers, others).check()
+        found = Case(model, groups, claims, entry, share, workers, others)
+        if law is not None:
+            of_law, kept = law[0], law[1][k]
+            ruled = Model(of_law, values, narrowed(extents, others))
+            Case(ruled, kept, {"P2a"}, entry, lambda _: None, workers).check()
+            found.lawful = [_of_law(g, kept) for g in groups]
+        found.check()
+
+
+Law = tuple[Facts, list[list[GroupTables]]]
+"""The problem of the fail-safe law, and the groups with their K_fs, for every case."""
+
+
+def _law(
+    certificate: Certificate,
+    facts: Facts,
+    extents: tuple[tuple[float, float], ...],
+    entry: dict[str, Any],
+) -> Law:
+    """What a certificate says of the fail-safe law."""
+    with _understood("a law"):
+        if [c["parameter"] for c in entry["law"]] != [list(c) for c in facts.cases()]:
+            raise RejectedError("the cases of the law are not those of the module")
+        found = []
+        for case in entry["law"]:
+            _keys(case, ("parameter", "groups"), "a case of the law")
+            grids, others = _groups(certificate, facts, extents, case["groups"])
+            if others:
+                raise NotRecheckedError("a fail-safe law on polytopes is not rechecked")
+            found.append(grids)
+    return law_of(facts), found
+
+
+def _of_law(group: GroupTables, law: list[GroupTables]) -> Cells:
+    """K_fs on the cells of a group."""
+    for other in law:
+        if other.states == group.states and other.grid.edges == group.grid.edges:
+            return Cells(group.grid, other.core > 0)
+    raise RejectedError("the law is looked at on other cells than SC")
 
 
 def _compare(facts: Facts, entry: dict[str, Any]) -> tuple[tuple[float, float], ...]:

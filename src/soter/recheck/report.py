@@ -25,6 +25,8 @@ class ModuleReport:
     half_spaces: int = 0
     """Of K, of all polytope groups."""
     confirmed: list[str] = field(default_factory=list)
+    stays: bool = False
+    """`recover never`: the program does not ask for P2b."""
     system: str = ""
     parameters: dict[str, str] = field(default_factory=dict)
     """Of the program, each with the value that was checked."""
@@ -85,5 +87,5 @@ class Report:
 
     @property
     def returns(self) -> bool:
-        """Whether P2b is, too."""
-        return self.accepted and all(m.returns for m in self.modules)
+        """Whether P2b is, too, wherever the program asks for it."""
+        return self.accepted and all(m.returns or m.stays for m in self.modules)

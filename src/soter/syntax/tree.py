@@ -561,6 +561,8 @@ class VerifyBlock:
     response: Delays | None
     acts: Expr | None
     recover: Expr | None
+    stays: Span | None
+    """`recover never;`: SC may keep control for ever."""
     dropout: Expr | None
     views: tuple[View, ...]
     induction: Span | None
@@ -609,6 +611,8 @@ class RtaDecl(Decl):
     clean: Expr | None
     verify: VerifyBlock | None
     contract: tuple[Clause, ...] = ()
+    failsafe: tuple[tuple[Ref, Expr], ...] = ()
+    """The fail-safe law: `failsafe speed = 0.0;`."""
     wcet: Expr | None = None
     jitter: Expr | None = None
 

@@ -20,6 +20,9 @@ from soter.native.build import FAULTS, RUNTIME
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets.c_files import with_headers
 from soter.targets.firmware import RUNTIME_FILES, firmware_files, firmware_name
+from soter.targets.leases import FILES as LEASES
+from soter.targets.leases import lease_files, leased
+from soter.targets.leases import notes as notes_of_leases
 from soter.targets.package import File, Package
 
 if TYPE_CHECKING:
@@ -53,6 +56,7 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         File(_main_name(unit), (RUNTIME / "soter_main.c").read_text(encoding="utf-8")),
         *(File(n, (RUNTIME / n).read_text(encoding="utf-8")) for n in _runtime(system)),
     ]
+    package.files += lease_files(system, unit.prefix)
     if stubs or plants:
         package.files.append(File(STUBS, _stubs(unit, stubs, plants), yours=True))
     package.files += _extern_files(linked)
@@ -61,7 +65,7 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         File("Makefile", _makefile(_command_name(unit.prefix), sources, _main_name(unit))),
         File("README.md", _readme(system, unit, stubs, plants)),
     ]
-    package.notes = _notes(core, stubs, plants)
+    package.notes = [*_notes(core, stubs, plants), *notes_of_leases(system)]
     package.entries = f"{firmware_name(system, unit)}_"
     package.world = tuple(
         f"{unit.names[x.index]}_step" for x in system.components if x.plant is not None
@@ -71,7 +75,8 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
 
 
 def _runtime(system: System) -> tuple[str, ...]:
-    return (*KERNEL, FAULTS) if system.faults else KERNEL
+    leases = LEASES if leased(system) else ()
+    return (*KERNEL, *((FAULTS,) if system.faults else ()), *leases)
 
 
 def _bind_stubs(system: System) -> dict[str, Component]:
@@ -309,6 +314,12 @@ def _readme(
 
 {listed}
 """
+    leases = ""
+    if leased(system):
+        leases = f"""\
+| `{name}_lease.h`, `{name}_lease.c`, `soter_lease.*` | the actuators: what they obey, the law |
+| `{name}_grant.c`, `soter_grant.*` | the trusted side: who gives leases, and when nobody does |
+"""
     until = "" if system.until_ns else " --until SECONDS"
     return f"""\
 # {name}, system {system.name}
@@ -332,7 +343,7 @@ may call it too, with the program: both files are looked at).
 | `messages.json` | what the topics look like in memory; its hash is compared at the start |
 | `soter_self_test.c` | finds at start what a compiler's or linker's flags have changed |
 | `{APP}.h`, `{APP}.c`, `{_main_name(unit)}` | this command |
-{filled}"""
+{leases}{filled}"""
 
 
 def _notes(core: CoreSystem, stubs: dict[str, Component], plants: list[Component]) -> list[str]:

@@ -10,11 +10,12 @@ from pathlib import Path
 import pytest
 
 import soter
-from generators.packages import CART, command, make, package, trace
+from generators.packages import CART, EXAMPLES, command, make, package, trace
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.build import FAULTS
 from soter.native.build import RUNTIME as OF_SOTER
 from soter.native.compiler import MEANING, STANDARD, WARNINGS
+from soter.targets.leases import FILES as LEASES
 
 RUNTIME = {
     *("soter.h", "soter_kernel.c", "soter_virtual.c", "soter_self_test.c"),
@@ -32,7 +33,7 @@ NAMES = (
 
 
 def test_the_run_time_is_what_ships() -> None:
-    assert {p.name for p in OF_SOTER.iterdir()} == RUNTIME | {"soter_main.c", FAULTS}
+    assert {p.name for p in OF_SOTER.iterdir()} == RUNTIME | {*LEASES, "soter_main.c", FAULTS}
 
 
 def test_a_program_with_faults_ships_what_they_need_and_no_other_does(tmp_path: Path) -> None:
@@ -43,6 +44,17 @@ def test_a_program_with_faults_ships_what_they_need_and_no_other_does(tmp_path: 
     assert files(tmp_path / "out") == OWN | RUNTIME | {MANIFEST, FAULTS}
     make(tmp_path / "out")
     ran = command(["./cart"], tmp_path / "out")
+    assert trace(ran.stdout) == soter.load(source).simulate().trace_sha256
+
+
+def test_a_program_with_a_law_ships_its_leases(tmp_path: Path) -> None:
+    source = tmp_path / "stop.soter"
+    source.write_text((EXAMPLES / "wall" / "stop.soter").read_text())
+    package(source, tmp_path / "out")
+    more = files(tmp_path / "out") - RUNTIME - {MANIFEST}
+    assert more >= {*LEASES, "stop_lease.h", "stop_lease.c", "stop_grant.c"}
+    make(tmp_path / "out")
+    ran = command(["./stop"], tmp_path / "out")
     assert trace(ran.stdout) == soter.load(source).simulate().trace_sha256
 
 

@@ -401,8 +401,14 @@ class Elaborator(Topics):
                 helps=("leave the block out, or make the node the AC or SC of a module",),
             )
 
-    def _failsafe(self, node: typed.NodeSymbol, scope: Scope) -> dict[int, Value]:
+    def _failsafe(
+        self, node: typed.NodeSymbol | typed.ModuleSymbol, scope: Scope
+    ) -> dict[int, Value]:
+        """What is published after a step fault, or held after the end of a lease."""
         found: dict[int, Value] = {}
+        why = "what is published after a step fault must be allowed too"
+        if isinstance(node, typed.ModuleSymbol):
+            why = "proofs of what acts after the lease speak of values in the set"
         for symbol, expr in node.failsafe.items():
             value = self.number(expr, f"the fail-safe value of `{symbol.name}`")
             if value is None:
@@ -414,7 +420,7 @@ class Elaborator(Topics):
                 value,
                 expr,
                 f"the fail-safe value of `{symbol.name}`",
-                ("what is published after a step fault must be allowed too",),
+                (why,),
             )
         return found
 
@@ -508,6 +514,7 @@ class Elaborator(Topics):
             outputs=outputs,
             forced=placed.forced,
             around=self.params_at[placed.prefix],
+            law=self._failsafe(module, self._scope(placed, list(module.failsafe))),
             late_ns=late_ns,
             levels=levels,
         )

@@ -196,6 +196,9 @@ class Module:
     """Of a module as one of its views sees it (`flatten/views.py`): `symbol` has a part of its
     predicates; `whole` is the one that flies."""
     whole: ModuleSymbol | None = None
+    law: dict[int, Value] = field(default_factory=dict)
+    """The fail-safe law: topic index -> what its actuator holds once the lease has ended; empty:
+    none is declared."""
     late_ns: int = 0
     """How late a release of its DM may be (`late dm`)."""
     levels: int = LEVELS_DEFAULT

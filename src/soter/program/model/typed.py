@@ -514,6 +514,8 @@ class VerifyBlock:
     response_sc: Expr | None = None
     acts: Expr | None = None
     recover: Expr | None = None
+    stays: Span | None = None
+    """`recover never`: SC may keep control for ever."""
     late_of: dict[str, Expr] = field(default_factory=dict)
     """Nodes between plant and module, by name in the flying system: how late they start."""
     response_of: dict[str, Expr] = field(default_factory=dict)
@@ -587,6 +589,8 @@ class ModuleSymbol(Symbol):
     over: ModuleSymbol | None = None
     contract: tuple[ClauseSymbol, ...] = ()
     """What it relies on and promises, judged as its controllers step."""
+    failsafe: dict[TopicSymbol, Expr] = field(default_factory=dict)
+    """The fail-safe law: a value for each output, which actuators hold once the lease has ended."""
     wcet: Expr | None = None
     jitter: Expr | None = None
     """Of its decision module, as of a node."""

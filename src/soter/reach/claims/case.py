@@ -25,6 +25,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    from soter.reach.claims.lawful import Lawful
     from soter.reach.claims.products import Part
     from soter.reach.claims.results import Region
     from soter.reach.enclose.forms import Forms
@@ -254,6 +255,8 @@ class Case:
     spent: dict[str, float] = field(default_factory=dict)
     """Seconds per claim."""
     counts: dict[str, int] = field(default_factory=dict)
+    lawful: Lawful | None = None
+    """What its fail-safe law keeps; None: not looked at."""
     first: Case | None = None
     """The attempt on the declared grid, where this one is on a finer one."""
 

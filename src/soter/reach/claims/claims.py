@@ -11,8 +11,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.reach.claims.case import Case
+from soter.reach.claims.lawful import Lawful, inside, without_law
 from soter.reach.claims.products import law_stays_inside, product_holds
-from soter.reach.enclose.forms import Forms
+from soter.reach.enclose.forms import Forms, library_of
+from soter.reach.grid.sets import UnboundedError
 from soter.reach.methods import by_method, in_order, method_of
 from soter.reach.time.first_reads import fault_on_defaults
 
@@ -81,12 +83,31 @@ def constraint(case: Case) -> bool:
             case.fail("P2a", "no state was found on which `core` holds")
             return False
         found = hinted
-    for proof, part in zip(case.proofs, found, strict=True):
+    case.lawful = without_law(case.problem, found) or _kept_by_law(case, found)
+    for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
         proof.take(case, part)
     why = law_stays_inside(case.problem, case.forms, found)
     if why:
         case.fail("P2a", why, hint="clamp what SC publishes to the topic's set")
     return True
+
+
+def _kept_by_law(case: Case, parts: Sequence[Part]) -> Lawful:
+    """K_fs on the same groups, and C inside it."""
+    problem = case.problem.law
+    assert problem is not None
+    names = [s.name for s in case.problem.quantities.states]
+    if [s.name for s in problem.quantities.states] != names:
+        return Lawful(parts, parts, "the law is not about the same states as SC")
+    groups = [p.group for p in case.proofs]
+    library, _ = library_of(problem)
+    try:
+        law = open_case(problem, library, groups, case.parameter, None)
+        if not (constraint(law) and core(law)):
+            return Lawful(parts, parts, "no set was found that the law keeps")
+    except UnboundedError as error:
+        return Lawful(parts, parts, str(error))
+    return inside(law.sets, parts)
 
 
 def _hinted(case: Case, parts: Sequence[Part]) -> list[Part] | None:
@@ -102,7 +123,21 @@ def _hinted(case: Case, parts: Sequence[Part]) -> list[Part] | None:
 
 
 def core(case: Case) -> bool:
-    """K of every group; False where one is empty."""
+    """K of every group; False where one is empty.
+
+    Where SC keeps nothing inside what the fail-safe law keeps, K is looked for without the law.
+    """
+    whole = _cores(case)
+    if whole or case.lawful is None or not case.lawful.narrows:
+        return whole
+    case.lawful.give_up("SC keeps nothing inside what the law keeps")
+    for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
+        case.again(proof)
+        proof.take(case, part)
+    return _cores(case)
+
+
+def _cores(case: Case) -> bool:
     whole = True
     for proof in case.fresh:
         whole = proof.core(case) and whole

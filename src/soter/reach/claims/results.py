@@ -28,9 +28,13 @@ if TYPE_CHECKING:
 PROVED, REFUTED, UNDECIDED, ASSUMED = "proved", "refuted", "undecided", "assumed"
 NO_CORE = "there is no K"
 """What every claim that rests on K says where there is none: P2a says why."""
-PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "DM")
+PROPERTIES = ("P1a", "P1b", "P1c", "P2a", "P2b", "P3", "ttf", "safer", "start", "failsafe", "DM")
 """In this order everywhere; `start` is that the declared initial states are among those proved,
+`failsafe` that the fail-safe law keeps C once the lease has ended (`lawful.py`),
 `DM` that the generated C of the decision module is the switching logic (`dm_check.py`)."""
+STAYS = "not asked: `recover never`, SC may keep control for ever"
+UNCLAIMED = ("DM",)
+"""What no certificate claims: that is about C."""
 
 
 @dataclass(frozen=True)
@@ -250,6 +254,8 @@ class ModuleResult:
     problem: Problem
     findings: dict[str, Finding]
     cases: list[CaseSets]
+    laws: list[CaseSets] = field(default_factory=list)
+    """The sets of the fail-safe law, case by case; empty: it is not proved."""
     seconds: float = 0.0
     shares: dict[str, float] = field(default_factory=dict)
     """Shares of the grid box's volume: `core`, `free`, `lets_ac`, `gives_back`, the least over

@@ -189,11 +189,22 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         problem.has_core_hint,
         sorted(problem.topic_leaf_of_state.items()),
         sorted(seen(problem)),
+        problem.law_unread,
+        *_of_the_law(problem),
     ):
         told.update(repr(part).encode() + b"\0")
     for file in engine_files():
         told.update(file.read_bytes())
     return told.hexdigest()
+
+
+def _of_the_law(problem: Problem) -> tuple[object, ...]:
+    """What K_fs depends on besides: SC is asked to keep it, so the sets hang on it as well."""
+    law = problem.law
+    if law is None:
+        return ()
+    times = replace(law.times, declared=frozenset())
+    return library_of(law)[0].path.name, law.states, law.controls, law.disturbances, times
 
 
 def engine_files() -> list[Path]:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.reach.claims.results import PROVED
+from soter.reach.claims.results import PROVED, UNCLAIMED
 from soter.reach.induction.problem import InductionProblem
 
 if TYPE_CHECKING:
@@ -19,7 +19,8 @@ def induction_entry(result: InductionResult, system: str) -> dict[str, object]:
     """The module in a manifest."""
     problem, found = result.problem, result.induction
     assert isinstance(problem, InductionProblem)
-    claims = {n: f.verdict for n, f in result.findings.items() if n != "DM"}  # that is about C
+    claims = {n: f.verdict for n, f in result.findings.items() if n not in UNCLAIMED}
+    claims.pop("failsafe", None)  # of plants, and nothing is proved of it here
     returns = found.returns if claims.get("P2b") == PROVED else 0
     declared = problem.recover_ns is not None and returns
     return {

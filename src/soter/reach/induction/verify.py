@@ -14,11 +14,13 @@ from soter.diagnostics.diagnostic import SoterError
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
 from soter.program.model.walk import nodes
+from soter.reach.claims.lawful import NO_LAW
 from soter.reach.claims.results import (
     ASSUMED,
     PROPERTIES,
     PROVED,
     REFUTED,
+    STAYS,
     UNDECIDED,
     Finding,
     ModuleResult,
@@ -85,6 +87,7 @@ def verify_by_induction(
         and found.fails_ns is not None
     ):
         _refute(problem, found, findings, search)
+    findings["failsafe"] = _failsafe(problem)
     findings["DM"] = _decision_module(result)
     result.findings = {p: findings[p] for p in PROPERTIES}
     if found.uninterpreted:
@@ -92,6 +95,14 @@ def verify_by_induction(
         result.notes = (f"opaque (of equal arguments equal answers, and nothing else): {names}",)
     result.seconds = time.perf_counter() - began
     return result
+
+
+def _failsafe(problem: InductionProblem) -> Finding:
+    """A law acts on plants, of which an induction says nothing."""
+    if not problem.module.law:
+        return Finding(ASSUMED, text=NO_LAW)
+    text = "a fail-safe law acts on plants, of which a proof by induction says nothing"
+    return Finding(UNDECIDED, text=text, hint="leave the law out, or prove it with a grid")
 
 
 def _static(problem: InductionProblem, findings: dict[str, Finding]) -> None:
@@ -158,6 +169,8 @@ def _returns(problem: InductionProblem, found: Induction) -> Finding:
         if problem.modes is not None and problem.modes.never:
             finding.verdict, finding.text = UNDECIDED, problem.modes.never
             finding.hint = "let one of them give control back whatever the other one does"
+    elif found.proved and problem.module.symbol.verify.stays is not None:
+        finding.verdict, finding.text = ASSUMED, STAYS
     elif found.contradicted:
         finding.text = "what `progress` takes for granted holds in no run"
         finding.hint = "say what always holds: at the start, too, and of topics' defaults"

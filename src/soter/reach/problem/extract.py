@@ -20,6 +20,7 @@ from soter.reach.enclose.scheme import ORDER
 from soter.reach.induction.problem import InductionProblem, extract_induction
 from soter.reach.problem.assumed import assumptions_of, jumps_of
 from soter.reach.problem.axes import Axes
+from soter.reach.problem.failsafe import behind, under_law
 from soter.reach.problem.following import check_followed
 from soter.reach.problem.inputs import Inputs, inputs_of
 from soter.reach.problem.modes import modes_as_topics
@@ -44,7 +45,22 @@ OF_VIEWS = "it says when the state of a view may jump, and there is no view"
 
 
 def extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
-    """The problem of `module` of the flat system; `SoterError` with R... where there is none."""
+    """The problem of `module` of the flat system; `SoterError` with R... where there is none.
+
+    With that of its fail-safe law, where one is declared.
+    """
+    problem = _extract(flat, module, synthesize=synthesize)
+    if module.law and not isinstance(problem, InductionProblem):
+        try:
+            problem.law_unread = behind(flat, module)
+            if not problem.law_unread:
+                problem.law = _extract(*under_law(flat, module))
+        except SoterError as error:
+            problem.law_unread = error.diagnostics[0].message
+    return problem
+
+
+def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:
     diagnostics = Diagnostics()
     refuse_views(module)
     _stands_alone(flat, module, diagnostics)
@@ -109,6 +125,7 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
         parameter_start=tuple(inputs.parameter_start),
         scheme_step_ns=_scheme_step(at) if kind == "flow" else 0,
         still=frozenset(inputs.still),
+        stays=symbol.verify.stays is not None,
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
     )
 

@@ -121,6 +121,11 @@ class Times:
         return self.schedule.jitter
 
     @property
+    def lease_ns(self) -> int:
+        """From a release of SC to the end of the lease that its step gives, at most."""
+        return self.schedule.lease
+
+    @property
     def decision(self) -> int:
         """Delta + A + J_dm: from a state to the DM's next look, at worst."""
         return self.schedule.look
@@ -237,6 +242,12 @@ class Problem:
     scheme is not covered: an assumption."""
     recover_ns: int | None = None
     """T of P2b where it is declared: `recover within d;`."""
+    stays: bool = False
+    """`recover never;`: P2b is not asked, SC may keep control for ever."""
+    law: Problem | None = None
+    """The same module with its fail-safe law in the place of SC; None: none is declared."""
+    law_unread: str = ""
+    """Why a declared law determines no such problem."""
 
     @property
     def returning(self) -> str:

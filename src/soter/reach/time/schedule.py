@@ -316,6 +316,30 @@ class Schedule:
         """R015: the windows of two outputs of SC do not touch each other's middle."""
         return 2 * self.jitter <= self.sc.period
 
+    # ------------------------------------------------------------ leases
+
+    def due(self, release: int) -> int:
+        """Until when what SC was released for at `release` is published.
+
+        It starts J_sc late at most, or with the verdict of the last DM released until then; R_sc
+        later it has published. A lease that the step before gave ends here (docs/proof.md, "When
+        the trusted part stops").
+        """
+        starts = release + self.sc.late
+        if self.dm.phase <= release:
+            last = release - (release - self.dm.phase) % self.dm.period
+            starts = max(starts, last + self.dm.latest)
+        return starts + self.sc.response
+
+    @cached_property
+    def lease(self) -> int:
+        """From a release of SC to the end of the lease that its step gives, at most.
+
+        That is when the next output is due: delta later it is released, and Lambda + R_sc after
+        that it is out, as `due` is at most r = `nearest` short of a verdict's worst case.
+        """
+        return self.sc.period + self.published
+
     # ------------------------------------------------------------ first reads
 
     @cached_property

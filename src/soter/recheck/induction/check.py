@@ -46,6 +46,8 @@ def recheck_induction(flat: System, entry: dict[str, Any]) -> tuple[InductionFac
         raise RejectedError("a module that is proved by induction is not as it should be")
     facts = read_induction(flat, entry["module"])
     claims = claimed_of(entry["claims"])
+    if "failsafe" in claims:
+        raise RejectedError("failsafe: an induction says nothing of plants, so of no law")
     k, returns = compare(facts, entry["induction"])
     said = dict(entry["claims"])
     _static(facts, said)
@@ -60,6 +62,7 @@ def recheck_induction(flat: System, entry: dict[str, Any]) -> tuple[InductionFac
     if "P2b" in claims:
         _returns(facts, returns, entry["recover_ns"])
     report = ModuleReport(entry["module"], said, system=flat.name)
+    report.stays = facts.symbol.verify.stays is not None
     report.parameters = parameters_of(flat)
     report.assumptions = _assumptions(facts)
     report.times = {"hyperperiod_ns": facts.turn, "k": k, "returns": returns}

@@ -35,6 +35,7 @@ class _NodeParts(OnceParts):
 @dataclass(slots=True)
 class _RtaParts(OnceParts):
     contract: list[tree.Clause] = field(default_factory=list)
+    failsafe: list[tuple[tree.Ref, tree.Expr]] = field(default_factory=list)
 
 
 class NodeParser(VerifyParser):
@@ -165,7 +166,7 @@ class NodeParser(VerifyParser):
         self.expect("]", "after the number of messages")
         return found
 
-    def _failsafe(self, parts: _NodeParts) -> None:
+    def _failsafe(self, parts: _NodeParts | _RtaParts) -> None:
         self.i += 1
         topic = self.ref("the name of a topic")
         self.assign("after the topic of `failsafe`")
@@ -239,6 +240,7 @@ class NodeParser(VerifyParser):
             clean=once("clean"),
             verify=once("verify"),
             contract=tuple(parts.contract),
+            failsafe=tuple(parts.failsafe),
             wcet=once("wcet"),
             jitter=once("jitter"),
         )
@@ -321,6 +323,7 @@ _RTA_ITEMS: dict[str, Callable[[NodeParser, _RtaParts], None]] = {
     "safer": predicate("safer", "the safer condition"),
     "ttf": predicate("ttf", "the ttf condition"),
     "clean": predicate("clean", "the value of `clean`"),
+    "failsafe": NodeParser._failsafe,
     "assumes": NodeParser._clause,
     "guarantees": NodeParser._clause,
     "verify": NodeParser._verify,

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.bodies import HOMES, BodyParser, OnceParts, predicate
 
@@ -43,6 +44,7 @@ class VerifyParser(BodyParser):
         inner = _VerifyParts()
         self.body("this `verify` block", inner, _VERIFY_ITEMS)
         once = inner.once.get
+        recover = once("recover")
         block = tree.VerifyBlock(
             groups=tuple(inner.groups),
             abstracts=tuple(inner.abstracts),
@@ -53,7 +55,8 @@ class VerifyParser(BodyParser):
             late=once("late"),
             response=once("response"),
             acts=once("acts"),
-            recover=once("recover"),
+            recover=None if isinstance(recover, Span) else recover,
+            stays=recover if isinstance(recover, Span) else None,
             dropout=once("dropout"),
             views=tuple(inner.views),
             induction=once("induction"),
@@ -195,6 +198,16 @@ class VerifyParser(BodyParser):
         self.expect_word("within", f"after `{word}`")
         self.keep_once(parts, word, self.time_value("`within`"), at)
 
+    def _recover(self, parts: _VerifyParts) -> None:
+        """`recover within 10s;`, or `recover never;`: SC may stop for good."""
+        at = self.i
+        if self.texts[at + 1] != "never":
+            self._within_time(parts)
+            return
+        self.i += 2
+        self.semicolon("`recover never`")
+        self.keep_once(parts, "recover", self.span_from(self.starts[at]), at)
+
 
 _VIEW_ITEMS: dict[str, Callable[[VerifyParser, _ViewParts], None]] = {
     "grid": VerifyParser._grid,
@@ -214,7 +227,7 @@ _VERIFY_ITEMS: dict[str, Callable[[VerifyParser, _VerifyParts], None]] = {
     "late": VerifyParser._delays,
     "response": VerifyParser._delays,
     "acts": VerifyParser._within_time,
-    "recover": VerifyParser._within_time,
+    "recover": VerifyParser._recover,
     "dropout": VerifyParser._dropout,
     "induction": VerifyParser._induction,
     "lemma": VerifyParser._lemma,

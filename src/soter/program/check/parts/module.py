@@ -194,8 +194,48 @@ class ModuleChecker:
                 helps=(f"write `{what}` too, or leave both out: then they are computed",),
             )
         module.contract = tuple(self._contract(module, decl, scope))
+        module.failsafe = self._law(module, decl, scope)
         if decl.verify is not None:
             self.verification.check(module, decl.verify, scope)
+
+    def _law(
+        self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope
+    ) -> dict[typed.TopicSymbol, typed.Expr]:
+        """A constant for every output: M009 for other topics, M026 where one is left out."""
+        name = decl.name.text
+        context = Context(scope, f"the fail-safe law of module `{name}`")
+        found: dict[typed.TopicSymbol, typed.Expr] = {}
+        spans: dict[typed.TopicSymbol, Span] = {}
+        for ref, expr in decl.failsafe:
+            topic = self.shared.topic_ref(ref, scope)
+            wanted = topic.type if topic else None
+            value = self.shared.number(expr, context, wanted, "a fail-safe value")
+            if topic is None:
+                continue
+            if topic not in module.sc.publishes:
+                self.diagnostics.error(
+                    "M009",
+                    f"module `{name}` does not publish `{ref.text}`",
+                    ref.span,
+                    notes=("the fail-safe law takes the place of what a module publishes",),
+                    helps=(f"leave `{ref.text}` out",),
+                )
+            elif topic in spans:
+                self.shared.names.twice(ref.text, ref.span, spans[topic])
+            elif not is_error(value):
+                found[topic] = value
+            spans.setdefault(topic, ref.span)
+        left = [t.name for t in module.sc.publishes if t not in spans]
+        if decl.failsafe and left and module.sc not in self.shared.damaged:
+            self.diagnostics.error(
+                "M026",
+                f"the fail-safe law of module `{name}` says nothing of {listed(left)}",
+                decl.failsafe[0][0].span,
+                also=((module.sc_span or module.span, "publishes it"),),
+                notes=("when the lease ends all outputs of a module get a value at once",),
+                helps=(f"add `failsafe {left[0]} = ...;`",),
+            )
+        return found if not left else {}
 
     def _contract(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope

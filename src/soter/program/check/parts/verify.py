@@ -95,6 +95,7 @@ class VerifyChecker:
         block.horizon = time(verify.horizon, "`horizon`")
         block.acts = time(verify.acts, "`acts within`")
         block.recover = time(verify.recover, "`recover within`")
+        block.stays = verify.stays
         block.dropout = time(verify.dropout, "`dropout`")
 
         def times(word: str, delays: tree.Delays | None) -> list[typed.Expr | None]:

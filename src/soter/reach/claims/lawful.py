@@ -1,0 +1,67 @@
+"""What the fail-safe law keeps, as the claims of a module take it.
+
+Purpose: `Lawful`: the parts of C inside K_fs, the core of the module with its law in the place of
+SC; SC is then asked to keep these instead of C, so that the law may take over at any time
+(docs/proof.md, "When the trusted part stops").
+Non-goals: computing K_fs (`claims.py`), its problem (`reach/problem/failsafe.py`), the lease.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.reach.claims.products import CellsPart
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.reach.claims.products import Part
+    from soter.reach.claims.results import CaseSets
+    from soter.reach.problem.problem import Problem
+
+NO_LAW = "no fail-safe law is declared: nothing is said of what acts once the trusted part stops"
+
+
+@dataclass(eq=False)
+class Lawful:
+    """`parts`: C_g inside K_fs, or C_g itself; `why`: why it is C_g itself, "" where it is not.
+
+    `cells`: of K_fs, and of C, of all groups together.
+    """
+
+    parts: Sequence[Part]
+    whole: Sequence[Part]
+    why: str = ""
+    cells: tuple[int, int] = (0, 0)
+    law: CaseSets | None = None
+    """The sets of the law, where it is not."""
+
+    @property
+    def narrows(self) -> bool:
+        """Whether SC is asked for more than `safe`."""
+        return self.parts is not self.whole
+
+    def give_up(self, why: str) -> None:
+        """SC is asked for `safe` alone."""
+        self.parts, self.why = self.whole, why
+
+
+def without_law(problem: Problem, parts: Sequence[Part]) -> Lawful | None:
+    """The answer where there is nothing to compute; None: there is a law to be looked at."""
+    if problem.law is not None:
+        return None
+    return Lawful(parts, parts, problem.law_unread or NO_LAW)
+
+
+def inside(law: CaseSets, parts: Sequence[Part]) -> Lawful:
+    """C_g inside K_fs, from the sets of the law, on the same cells."""
+    found: list[Part] = []
+    kept = of = 0
+    for proof, part in zip(law.proofs, parts, strict=True):
+        core = getattr(proof.found, "core", None)
+        if not isinstance(part, CellsPart) or core is None or core.shape != part.cells.shape:
+            return Lawful(parts, parts, f"a law is not looked at on a {proof.group.representation}")
+        found.append(CellsPart(part.engine, part.cells & (core > 0)))
+        kept, of = kept + int((core > 0).sum()), of + int(part.cells.sum())
+    return Lawful(found, parts, "", (kept, of), law)

@@ -1,0 +1,63 @@
+/* soter_grant.c: who gives leases, and when nobody does any more. See soter_grant.h.
+ *
+ * Purpose: deadlines of releases, and one flag that is never taken back.
+ * Non-goals: as there.
+ */
+#include "soter_grant.h"
+
+enum { DM = 0, SC = 1 };
+
+void soter_grant_init(soter_grant* grant, const soter_grant_info* info, int64_t* done) {
+  grant->info = info;
+  grant->done = done;
+  grant->broken = false;
+  for (uint32_t k = 0; k < info->nodes; k++) {
+    done[k] = 0;
+  }
+}
+
+int64_t soter_grant_next(const soter_grant* grant, uint32_t node) {
+  const soter_budget* const b = &grant->info->node[node];
+  return b->phase + grant->done[node] * b->period;
+}
+
+int64_t soter_grant_starts_by(const soter_grant* grant, uint32_t node) {
+  const int64_t release = soter_grant_next(grant, node);
+  const int64_t own = release + grant->info->node[node].late;
+  const soter_budget* const dm = &grant->info->node[DM];
+  if (node != SC || dm->phase > release) {
+    return own;
+  }
+  const int64_t last = release - (release - dm->phase) % dm->period;
+  const int64_t verdict = last + dm->late + dm->response; /* SC waits for it */
+  return verdict > own ? verdict : own;
+}
+
+int64_t soter_grant_due(const soter_grant* grant, uint32_t node) {
+  return soter_grant_starts_by(grant, node) + grant->info->node[node].response;
+}
+
+bool soter_grant_done(soter_grant* grant, uint32_t node, int64_t start, int64_t out) {
+  const bool early = start < soter_grant_next(grant, node) || out < start;
+  const bool late =
+      start > soter_grant_starts_by(grant, node) || out - start > grant->info->node[node].response;
+  if (early || late) {
+    grant->broken = true;
+  }
+  grant->done[node]++;
+  return !grant->broken;
+}
+
+bool soter_grant_lease(soter_grant* grant, int64_t now, int64_t* stamp, int64_t* expiry) {
+  for (uint32_t k = 0; k < grant->info->nodes; k++) {
+    if (soter_grant_due(grant, k) < now) {
+      grant->broken = true;
+    }
+  }
+  if (grant->broken || grant->done[SC] == 0) {
+    return false;
+  }
+  *stamp = soter_grant_next(grant, SC) - grant->info->node[SC].period;
+  *expiry = soter_grant_due(grant, SC);
+  return true;
+}

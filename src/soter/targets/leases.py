@@ -1,0 +1,219 @@
+"""The lease of a module's outputs as C: the fail-safe law, and the times of the trusted part.
+
+Purpose: for every module with a fail-safe law `PREFIX_lease.h`, `PREFIX_lease.c` (the actuator
+side: the law and the length of a lease, for `soter_lease.c`) and `PREFIX_grant.c` (the trusted
+side: the times that every release is held to, for `soter_grant.c`); docs/proof.md, "When the
+trusted part stops". None of them needs the program or the kernel.
+Non-goals: who calls them; proofs of the law (`reach/claims/lawful.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from math import gcd
+from pathlib import PurePath
+from typing import TYPE_CHECKING
+
+from soter.codegen.c import tree as c
+from soter.codegen.c.names import FileNames, field_name, legal
+from soter.codegen.c.printer import print_file
+from soter.codegen.c.types import TypeTable
+from soter.program.meaning.statements import Evaluator
+from soter.program.model.durations import show_ns
+from soter.targets.package import File
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from soter.program.model import typed
+    from soter.program.model.system import Component, Module, System
+
+FILES = ("soter_lease.h", "soter_lease.c", "soter_grant.h", "soter_grant.c")
+"""Of the runtime: what the emitted files are for."""
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Times of one node of the trusted part, in ns: releases at phase + k period, and how late."""
+
+    name: str
+    period: int
+    phase: int
+    late: int = 0
+    response: int = 0
+
+    @property
+    def latest(self) -> int:
+        """From a release to its output, at most."""
+        return self.late + self.response
+
+
+@dataclass(frozen=True)
+class LeaseTimes:
+    """The times of a module's leases; `budgets`: of its DM, its SC, then the nodes on the way.
+
+    `undeclared`: which of `late` and `response` of DM and SC count as zero.
+    """
+
+    module: Module
+    budgets: tuple[Budget, ...]
+    undeclared: tuple[str, ...]
+
+    @property
+    def longest(self) -> int:
+        """From the release of SC that gives a lease to its end: delta + Lambda + R_sc, in ns."""
+        dm, sc = self.budgets[:2]
+        nearest = (sc.phase - dm.phase) % gcd(dm.period, sc.period)
+        return sc.period + max(sc.late, dm.latest - nearest) + sc.response
+
+
+def lease_times(system: System, module: Module) -> LeaseTimes:
+    """Of a module that nothing stands above or below; `system` is the one that flies."""
+    verify = module.symbol.verify
+
+    def ns(expr: typed.Expr | None) -> int:
+        return 0 if expr is None else int(Evaluator(module.scope.params).value(expr))
+
+    dm, sc = system.components[module.dm], system.components[module.sc]
+    found = [
+        Budget(dm.name, module.period_ns, dm.phase_ns, ns(verify.late_dm), ns(verify.response_dm)),
+        Budget(sc.name, sc.period_ns, sc.phase_ns, ns(verify.late_sc), ns(verify.response_sc)),
+    ]
+    outer = module.name.rpartition(".")[0]
+    for node in _on_the_way(system, module):
+        name = node.name.removeprefix(f"{outer}.") if outer else node.name
+        late, response = (of.get(name) for of in (verify.late_of, verify.response_of))
+        takes = 0 if node.takes_ns is None else node.takes_ns[1]
+        times = ns(late), takes or ns(response)
+        found.append(Budget(node.name, node.period_ns, node.phase_ns, *times))
+    given = {"late_dm": verify.late_dm, "late_sc": verify.late_sc}
+    given |= {"response_dm": verify.response_dm, "response_sc": verify.response_sc}
+    missing = tuple(n.replace("_", " ") for n, e in given.items() if e is None)
+    return LeaseTimes(module, tuple(found), missing)
+
+
+def leased(system: System) -> list[Module]:
+    """Modules whose outputs have a law, and no module above or below that shares them."""
+    below = {m.over for m in system.modules}
+    return [m for m in system.modules if m.law and m.over is None and m.index not in below]
+
+
+def _on_the_way(system: System, module: Module) -> Iterator[Component]:
+    """Nodes, no controllers, behind what DM and SC read, in order of declaration."""
+    sc = system.components[module.sc]
+    assert sc.node is not None
+    wanted = {*module.inputs, *(sc.scope.topics[s.topic] for s in sc.node.subscribes)}
+    found: dict[int, Component] = {}
+    while True:
+        queued = [system.topics[i].queue_of for i in wanted]
+        wanted |= {i for i in queued if i is not None}
+        more = [
+            x
+            for x in system.components
+            if x.role == "node"
+            and x.index not in found
+            and x.node is not None
+            and wanted & {x.scope.topics[t] for t in x.node.publishes}
+        ]
+        if not more:
+            break
+        for x in more:
+            assert x.node is not None
+            found[x.index] = x
+            wanted |= {x.scope.topics[s.topic] for s in x.node.subscribes}
+    yield from (found[i] for i in sorted(found))
+
+
+# ---------------------------------------------------------------- C
+
+
+def lease_files(system: System, prefix: str) -> list[File]:
+    """The header and both sources; none where no module has a law."""
+    modules = leased(system)
+    if not modules:
+        return []
+    types = TypeTable(FileNames(f"{prefix}_lease", ()))
+    header: list[c.CTop] = []
+    actuator: list[c.CTop] = []
+    trusted: list[c.CTop] = []
+    for module in modules:
+        times = lease_times(system, module)
+        name = f"{prefix}_{legal(module.name)}"
+        header += _declared(system, times, name, types)
+        actuator += _law(system, times, name, types)
+        trusted += _times(times, name)
+    about = f"system {system.name}, from {PurePath(system.program.path).name}, generated by soter"
+    told = [
+        (f"{prefix}_lease.h: leases and fail-safe laws, {about}", "No dependence on the program."),
+        (f"{prefix}_lease.c: the actuator side, {about}", "Belongs to soter_lease.c alone."),
+        (f"{prefix}_grant.c: the trusted side, {about}", "Belongs to soter_grant.c alone."),
+    ]
+    include = c.Include(f"{prefix}_lease.h")
+    guard = c.Guarded(f"SOTER_LEASE_OF_{prefix.upper()}_H")
+    needed = (c.Include("soter_grant.h"), c.Include("soter_lease.h"))
+    files = (
+        c.CFile((c.FileComment(told[0]), guard, *needed, *types.definitions, *header)),
+        c.CFile((c.FileComment(told[1]), include, *types.constants, *actuator)),
+        c.CFile((c.FileComment(told[2]), include, *trusted)),
+    )
+    names = (f"{prefix}_lease.h", f"{prefix}_lease.c", f"{prefix}_grant.c")
+    return [File(n, print_file(f)) for n, f in zip(names, files, strict=True)]
+
+
+def _declared(system: System, times: LeaseTimes, name: str, types: TypeTable) -> Iterator[c.CTop]:
+    module = times.module
+    yield c.Section(f"module {module.name}")
+    members = tuple(
+        c.StructMember(types.stored(system.topics[i].type), _field(system, i))
+        for i in module.outputs
+    )
+    yield c.StructDef(f"{name}_command", members, "what it publishes")
+    lease = f"a lease ends {show_ns(times.longest)} after the release of SC that gave it, at most"
+    yield c.VariableDef("soter_lease_info", f"{name}_lease", None, comment=lease)
+    yield c.VariableDef("soter_grant_info", f"{name}_grant", None, comment="whom it watches")
+    for k, b in enumerate(times.budgets):
+        yield c.Define(f"{name}_node_{legal(b.name)}", f"{k}U")
+
+
+def _field(system: System, topic: int) -> str:
+    return field_name(system.topics[topic].symbol.name.rpartition(".")[2])
+
+
+def _law(system: System, times: LeaseTimes, name: str, types: TypeTable) -> Iterator[c.CTop]:
+    values = tuple(
+        (_field(system, i), types.initializer(system.topics[i].type, times.module.law[i]))
+        for i in times.module.outputs
+    )
+    comment = f"the fail-safe law of {times.module.name}"
+    yield c.VariableDef(f"{name}_command", f"{name}_law", c.Initializer(values), comment=comment)
+    info = (
+        ("law", c.Unary("&", c.Name(f"{name}_law"))),
+        ("size", c.Number(f"(uint32_t)sizeof {name}_law")),
+        ("longest", c.Number(f"INT64_C({times.longest})")),
+    )
+    yield c.VariableDef("soter_lease_info", f"{name}_lease", c.Initializer(info), static=False)
+
+
+def _times(times: LeaseTimes, name: str) -> Iterator[c.CTop]:
+    def numbers(b: Budget) -> c.CExpr:
+        of: Sequence[str] = ("period", "phase", "late", "response")
+        return c.Initializer(tuple((n, c.Number(f"INT64_C({getattr(b, n)})")) for n in of))
+
+    rows = c.Initializer(tuple((None, numbers(b)) for b in times.budgets))
+    who = ", ".join(b.name for b in times.budgets)
+    yield c.VariableDef("soter_budget", f"{name}_budgets", rows, array=True, comment=who)
+    info = (("node", c.Name(f"{name}_budgets")), ("nodes", c.Number(f"{len(times.budgets)}U")))
+    yield c.VariableDef("soter_grant_info", f"{name}_grant", c.Initializer(info), static=False)
+
+
+def notes(system: System) -> list[str]:
+    """What whoever builds has to know: how long leases are, and which times count as zero."""
+    found = []
+    for module in leased(system):
+        times = lease_times(system, module)
+        text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
+        if times.undeclared:
+            zero = ", ".join(times.undeclared)
+            text += f"; {zero} not declared: they count as zero, which no clock keeps"
+        found.append(text)
+    return found

@@ -1,0 +1,310 @@
+"""Leases: the C of the actuators and of who gives leases, against definitions and brute force."""
+
+from __future__ import annotations
+
+import re
+from random import Random
+from typing import TYPE_CHECKING
+
+import pytest
+from bench.delays import STOP as STOP_MODULE
+from bench.delays import shipped, stop_flights
+from bench.delays_model import AC, LAW, SC, Delay, Flown, Node, Timing, fly
+from bench.lease_engine import Grant, Lease
+
+from generators.packages import EXAMPLES, command, package
+from long_tests import examples
+from soter.native.build import RUNTIME
+from soter.native.compiler import STANDARD, WARNINGS, find
+from soter.program.build import check_file, system_of
+from soter.reach.problem.extract import extract
+from soter.reach.time.schedule import Output, Releases, Schedule
+from soter.targets.leases import lease_times
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+STOP = EXAMPLES / "wall" / "stop.soter"
+FACTORS = (None, 0.5, 0.99, 1.0, 1.01, 2.0, 10.0, float("inf"))
+
+
+# ---------------------------------------------------------------- the actuator side
+
+
+class Written:
+    """The lease as docs/semantics.md has it, in Python."""
+
+    def __init__(self, longest: int) -> None:
+        self.longest, self.seen = longest, -(10**9)
+        self.command, self.held = LAW, (-1, -1)
+        self.armed, self.over = True, False
+
+    def _at(self, now: int) -> int:
+        self.seen = max(self.seen, now)
+        if not self.armed and self.seen > self.held[1]:
+            self.over = True
+        return self.seen
+
+    def take(self, now: int, value: float, stamp: int, expiry: int) -> bool:
+        time = self._at(now)
+        last, until = (0, -(10**9)) if self.armed else self.held
+        fits = max(last, 0) <= stamp <= time <= expiry and until <= expiry <= stamp + self.longest
+        if self.over or not fits:
+            return False
+        self.command, self.held, self.armed = value, (stamp, expiry), False
+        return True
+
+    def read(self, now: int) -> tuple[bool, float]:
+        self._at(now)
+        holds = not self.armed and not self.over
+        return holds, self.command if holds else LAW
+
+    def arm(self) -> None:
+        self.armed, self.over = True, False
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_actuators_obey_what_is_written(seed: int) -> None:
+    chance = Random(seed)  # noqa: S311 - a test
+    c, written = Lease(LAW, 7), Written(7)
+    now = taken = ended = 0
+    for k in range(600):
+        now += chance.choice((0, 0, 1, 1, 2, 5, -3))
+        what = chance.random()
+        if what < 0.6:
+            stamp = now - chance.randint(-1, 6)
+            given = (now, float(k + 3), stamp, stamp + chance.randint(2, 9))
+            got = c.take(*given)
+            assert got == written.take(*given), given
+            taken += got
+        elif what < 0.65:
+            c.arm()
+            written.arm()
+        found = c.read(now)
+        assert found == written.read(now)
+        ended += not found[0]
+    assert taken > 20
+    assert ended > 20
+
+
+def test_what_comes_late_does_not_renew_a_lease_and_a_clock_that_steps_back_does_not_either() -> (
+    None
+):
+    lease = Lease(LAW, 10)
+    assert lease.read(0) == (False, LAW)
+    assert lease.take(5, SC, 4, 14)
+    assert lease.read(14) == (True, SC)
+    assert lease.read(15) == (False, LAW)
+    assert lease.read(3) == (False, LAW), "the clock stepped back"
+    assert not lease.take(3, AC, 4, 14)
+    assert not lease.take(16, AC, 14, 24), "too late, by one instant"
+    lease.arm()
+    assert lease.read(16) == (False, LAW), "armed, and nobody has spoken"
+    assert lease.take(16, SC, 14, 24)
+    assert lease.read(24) == (True, SC)
+
+
+def test_a_lease_that_is_too_long_too_old_or_from_the_future_is_not_taken() -> None:
+    lease = Lease(LAW, 10)
+    assert not lease.take(5, SC, 4, 15)
+    assert not lease.take(5, SC, -6, 4)
+    assert not lease.take(5, SC, 6, 14)
+    assert lease.take(5, SC, 4, 14)
+    assert not lease.take(6, AC, 3, 13), "older than the one in force"
+
+
+# ---------------------------------------------------------------- who gives leases
+
+
+def schedules(count: int, seed: int) -> Iterator[tuple[Schedule, Timing, Random]]:
+    """Small schedules in which outputs of SC do not meet (R015), with all kinds of times."""
+    chance = Random(seed)  # noqa: S311 - a test
+    while count:
+        delta = chance.randint(2, 12)
+        own = chance.randint(1, delta)
+        dm = Releases(delta, 0, chance.randint(0, delta // 3), chance.randint(0, delta // 3))
+        phase, late = chance.randint(0, own - 1), chance.randint(0, own // 2)
+        sc = Releases(own, phase, late, chance.randint(0, own // 3))
+        found = Schedule(dm, sc, (), (), (Output(0, chance.randint(0, 2)),))
+        if not found.ordered:
+            continue
+        nodes = tuple(
+            Node(n, r.period, r.phase, r.late, r.response) for n, r in (("dm", dm), ("sc", sc))
+        )
+        acts = found.outputs[0].most
+        yield found, Timing(nodes, 0, found.h_star, acts, found.lease, found.start), chance
+        count -= 1
+
+
+def test_due_and_the_longest_lease_are_those_of_the_proof() -> None:
+    longest = 0
+    for schedule, timing, _ in schedules(200, 1):
+        grant = Grant([(n.period, n.phase, n.late, n.response) for n in timing.nodes])
+        reached = 0
+        for k in range(60):
+            release = schedule.sc.phase + k * schedule.sc.period
+            assert grant.due(1) == schedule.due(release)
+            reached = max(reached, grant.due(1) - release + schedule.sc.period)
+            grant.done(1, release, release)
+        assert reached == schedule.lease, "reached, never exceeded"
+        longest = max(longest, schedule.lease)
+    assert longest > 12
+
+
+def outcome(timing: Timing, delay: Delay | None, chance: Random, *, watchdog: bool) -> Flown:
+    switch, often = chance.randint(0, 24 * timing.nodes[0].period), chance.choice((0.0, 0.0, 0.5))
+
+    def says_ac(_: Flown, start: int) -> bool:
+        return (start < switch) != (chance.random() < often)
+
+    until = 20 * timing.nodes[0].period
+    return fly(timing, until, delay, says_ac, chance, watchdog=watchdog)
+
+
+def test_in_time_or_the_law_before_h_runs_out() -> None:
+    """No third outcome, and none of the bounds is longer than it has to be."""
+    kept = lawful = tight = fed = 0
+    cases = examples("SOTER_LEASES", quick=1_500, long=30_000)
+    for _, timing, chance in schedules(cases, 2):
+        factor = chance.choice(FACTORS)
+        node = chance.choice((0, 1))
+        delay = None if factor is None else Delay(node, factor, chance.randint(0, 8))
+        seed = chance.getrandbits(64)
+        same, again = Random(seed), Random(seed)  # noqa: S311 - a test
+        found = outcome(timing, delay, same, watchdog=False)
+        if factor is None or factor <= 1.0:
+            assert found.kept, (timing, delay, found)
+            kept += 1
+            continue
+        assert found.safe, (timing, delay, found)
+        lawful += 1
+        tight += bool(found.law) and found.law == found.deadline
+        fed += not outcome(timing, delay, again, watchdog=True).safe
+    assert min(kept, lawful) > cases // 4
+    assert tight > lawful // 10, "H is used to its end"
+    assert fed > lawful // 2, "a watchdog that is fed by late outputs never bites"
+
+
+def test_flights_of_the_emergency_stop_stay_between_the_walls_with_leases_only() -> None:
+    found = dict(shipped())[STOP_MODULE]
+    assert isinstance(found, Timing)
+    assert stop_flights(found, 4, Random(3), watchdog=False) == (48, 0)  # noqa: S311 - a test
+    assert stop_flights(found, 4, Random(3), watchdog=True)[1] > 0  # noqa: S311 - a test
+
+
+def test_times_of_the_package_are_those_of_the_proof() -> None:
+    for name in ("wall/stop", "wall/cart", "wall/lift", "generality/drag", "drone/battery"):
+        checked = check_file(str(EXAMPLES / f"{name}.soter"))
+        flat = system_of(checked, None)
+        for module in flat.modules:
+            times = extract(flat, module).times
+            found = lease_times(flat, module)
+            assert found.longest == times.schedule.lease
+            dm, sc = found.budgets[:2]
+            assert (dm.late, dm.response) == (times.late_dm, times.response_dm)
+            assert (sc.late, sc.response) == (times.late_sc, times.response_sc)
+
+
+def test_nodes_between_sensors_and_module_are_watched() -> None:
+    flat = system_of(check_file(str(EXAMPLES / "drone" / "battery.soter")), None)
+    watched = {b.name: b.latest for b in lease_times(flat, flat.modules[0]).budgets[2:]}
+    assert {n.rpartition(".")[2] for n in watched} == {"Order", "Reserve"}
+    assert set(watched.values()) == {2_000_000}
+
+
+# ---------------------------------------------------------------- what is emitted
+
+MAIN = """
+#include "stop.h"
+#include "stop_lease.h"
+#include <stdio.h>
+
+static stop_state state;
+static int64_t done[2];
+
+/* One start of the trusted part, killed after `steps` releases of SC: its first mode. */
+static int run(soter_lease* lease, int64_t from, int steps) {
+  soter_grant grant;
+  soter_start(&stop_program, &state, 1);
+  const int mode = (int)soter_modules_of(&stop_program, &state)->mode;
+  soter_grant_init(&grant, &stop_Guard_grant, done);
+  stop_Guard_command command = {1.0};
+  int64_t stamp, expiry;
+  if (soter_grant_lease(&grant, 0, &stamp, &expiry)) { return -1; } /* SC has not spoken yet */
+  for (int k = 0; k < steps; k++) {
+    const int64_t t = k * INT64_C(10000000);
+    if (k % 5 == 0) { (void)soter_grant_done(&grant, stop_Guard_node_Guard_dm, t, t); }
+    (void)soter_grant_done(&grant, stop_Guard_node_Guard_Stop, t, t + 1000000);
+    if (!soter_grant_lease(&grant, t + 1000000, &stamp, &expiry)) { return -2; }
+    if (!soter_lease_take(lease, from + t + 1000000, &command, from + stamp, from + expiry)) {
+      return -3;
+    }
+  }
+  return mode;
+}
+
+static void show(soter_lease* lease, int64_t now) {
+  stop_Guard_command held = {9.0};
+  const int obeys = soter_lease_read(lease, now, &held);
+  printf("%d %g\\n", obeys, held.speed);
+}
+
+int main(void) {
+  soter_lease lease;
+  stop_Guard_command room;
+  soter_lease_init(&lease, &stop_Guard_lease, &room);
+  show(&lease, 0);
+  const int first = run(&lease, 0, 10); /* the last lease: of 90 ms, until 103 ms */
+  show(&lease, 103000000);
+  show(&lease, 103000001);
+  printf("%d\\n", run(&lease, 200000000, 3));
+  soter_lease_arm(&lease);
+  printf("%d %d\\n", first, run(&lease, 300000000, 3));
+  show(&lease, 322000000);
+  return 0;
+}
+"""
+
+
+def test_a_killed_trusted_part_and_its_restart(tmp_path: Path) -> None:
+    """The law within the lease; the restart comes up in SC, and is obeyed once it was armed."""
+    package(STOP, tmp_path)
+    (tmp_path / "main.c").write_text(MAIN)
+    sources = sorted(p.name for p in tmp_path.glob("*.c") if p.name != "soter_app.c")
+    built = [*find().command, STANDARD, *WARNINGS, "-ffp-contract=off", "-I.", *sources]
+    compiled = command([*built, "-o", "own", "-lm"], tmp_path)
+    assert compiled.returncode == 0, compiled.stderr
+    said = command(["./own"], tmp_path).stdout.split("\n")
+    assert said[:6] == ["0 0", "1 1", "0 0", "-3", "0 0", "1 1"]
+
+
+def test_the_actuator_side_needs_nothing_of_the_program(tmp_path: Path) -> None:
+    package(STOP, tmp_path)
+    for name, allowed in (
+        ("stop_lease", set()),
+        ("soter_lease", {"memcpy"}),
+        ("soter_grant", set()),
+    ):
+        done = command([*find().command, STANDARD, *WARNINGS, "-c", f"{name}.c"], tmp_path)
+        assert done.returncode == 0, done.stderr
+        said = command(["nm", f"{name}.o"], tmp_path).stdout
+        assert " T " in said or " R " in said or " D " in said, said
+        wanted = set(re.findall(r"\bU (\w+)", said)) - {"_GLOBAL_OFFSET_TABLE_", "__stack_chk_fail"}
+        assert wanted <= allowed
+        written = (tmp_path / f"{name}.c").read_text()
+        assert not re.search(r"\b(malloc|free|static [a-z0-9_]+ [a-z]+;)", written)
+
+
+def test_a_program_without_a_law_has_no_files_of_leases(tmp_path: Path) -> None:
+    source, out = tmp_path / "stop.soter", tmp_path / "out"
+    source.write_text(STOP.read_text().replace("  failsafe speed = 0.0;\n", ""))
+    package(source, out)
+    assert (out / "stop.c").exists()
+    assert not [*out.glob("*lease*"), *out.glob("*grant*")]
+
+
+def test_the_runtime_says_why_it_is_there() -> None:
+    for name in ("soter_lease", "soter_grant"):
+        for ending in (".h", ".c"):
+            assert "Purpose:" in (RUNTIME / f"{name}{ending}").read_text()
