@@ -162,8 +162,9 @@ class Program:
         progress: Progress | None = None,
         real_time: bool = False,
         partial: bool = False,
+        quiet: bool = True,
     ) -> Run:
-        """Run a system in virtual time.
+        """Run a system in virtual time, or with `real_time` against the clock (docs/real-time.md).
 
         `until`: seconds or a text such as `"30s"`, by default the system's own. `params`: values
         of parameters by full name; lengths of time in s or as text. `seed`: a whole number, 0 to
@@ -198,6 +199,7 @@ class Program:
             real_time=real_time,
             writer=writer,
             partial=partial,
+            quiet=quiet,
         )
         if writer is not None and writer is not log and writer.problem is not None:
             raise writer.problem

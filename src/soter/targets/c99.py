@@ -87,7 +87,9 @@ def bind_stubs(system: System, left: frozenset[int] = frozenset()) -> dict[str, 
 
 def command_name(prefix: str) -> str:
     """What the package's command is called: never like a file, folder or goal of its Makefile."""
-    taken = re.fullmatch(r"(gnu)?makefile|run|clean|all|extern(_\d+)?|worker_\d+", prefix, re.IGNORECASE)
+    taken = re.fullmatch(
+        r"(gnu)?makefile|run|clean|all|extern(_\d+)?|worker_\d+", prefix, re.IGNORECASE
+    )
     return f"{prefix}_program" if taken else prefix
 
 

@@ -93,6 +93,10 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     rules = []
     for number, w in enumerate(built, 1):
         rules.append(_worker_files(package, unit, w, number))
+    package.programs = {
+        command: ["-pthread", "-I.", *sorted(trusted)],
+        **{name: [f"-I{PurePath(of[2]).parent}", "-I.", *of] for name, of in rules},
+    }
     package.files.append(File("Makefile", _makefile(command, trusted, rules)))
     package.files.append(File("README.md", _readme(system, unit, command, workers)))
     package.notes = c99.notes(core, stubs, plants)

@@ -148,8 +148,9 @@ typedef struct {
   soter_policy policy;
   int core;        /* -1: choose, -2: do not pin */
   int64_t late_ns; /* -1: as the program says */
-  bool json, quiet;
+  bool json, quiet, live;
   const char* log;
+  const char* states;  /* the state after every instant, one after the other */
   uint32_t restarts;   /* of each worker */
   int64_t patience_ns; /* without an answer, until a worker is ended */
   int64_t wait_ns;     /* for workers to be ready, at the start */

@@ -46,9 +46,9 @@ bool soter_ring_take(soter_ring* ring, soter_record* record) {
 
 /* ------------------------------------------------------------------ files and words */
 
-static void failed(soter_posix* d, FILE** log) {
-  soter_posix_note(d, "the log `%s` cannot be written (%s): it ends here, the run goes on",
-                   d->options.log, strerror(errno));
+static void failed(soter_posix* d, FILE** log, const char* path) {
+  soter_posix_note(d, "the log `%s` cannot be written (%s): it ends here, the run goes on", path,
+                   strerror(errno));
   d->log_failed = true;
   (void)fclose(*log);
   *log = NULL;
@@ -61,23 +61,36 @@ static void write_line(soter_posix* d, FILE** log, const soter_instant_times* t)
   }
   if (fprintf(*log, "%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRId64 ",%" PRIu32 ",%" PRIu32 "\n",
               t->ct, t->wake_ns, t->done_ns, t->independent_ns, t->misses, t->modes) < 0) {
-    failed(d, log);
+    failed(d, log, d->options.log);
   }
 }
 
-static FILE* open_log(soter_posix* d) {
-  if (d->options.log == NULL) {
-    return NULL;
+static void write_state(soter_posix* d, FILE** states, const APP_STATE* state) {
+  if (*states != NULL && fwrite(state, sizeof *state, 1U, *states) != 1U) {
+    failed(d, states, d->options.states);
   }
-  FILE* const log = fopen(d->options.log, "w");
-  if (log == NULL) {
-    soter_posix_note(d, "the log `%s` cannot be written (%s): the run goes on without",
-                     d->options.log, strerror(errno));
+}
+
+static FILE* opened(soter_posix* d, const char* path, const char* head) {
+  FILE* const file = path == NULL ? NULL : fopen(path, "wb");
+  if (path != NULL && file == NULL) {
+    soter_posix_note(d, "the log `%s` cannot be written (%s): the run goes on without", path,
+                     strerror(errno));
     d->log_failed = true;
-    return NULL;
   }
-  (void)fprintf(log, "ct_ns,wake_late_ns,done_ns,raw_ns,misses,modes\n");
-  return log;
+  if (file != NULL) {
+    (void)fputs(head, file);
+  }
+  return file;
+}
+
+static void closed(soter_posix* d, FILE** file, const char* path) {
+  if (*file != NULL && fflush(*file) != 0) {
+    failed(d, file, path);
+  }
+  if (*file != NULL) {
+    (void)fclose(*file);
+  }
 }
 
 /* ------------------------------------------------------------------ what it watches */
@@ -122,19 +135,21 @@ static void show(const soter_posix* d, const soter_record* r, uint64_t instants,
 void* soter_posix_logger(void* driver) {
   soter_posix* const d = (soter_posix*)driver;
   static soter_record record; /* too large for a stack */
-  const bool live = !d->options.quiet && isatty(STDERR_FILENO) != 0;
+  const bool live = (d->options.live || !d->options.quiet) && isatty(STDERR_FILENO) != 0;
   const struct timespec nap = {0, NAP_NS};
   uint64_t instants = 0;
   uint64_t misses = 0;
   int64_t shown = 0;
   soter_sha256 hash;
   soter_sha256_start(&hash);
-  FILE* log = open_log(d);
+  FILE* log = opened(d, d->options.log, "ct_ns,wake_late_ns,done_ns,raw_ns,misses,modes\n");
+  FILE* states = opened(d, d->options.states, "");
   for (bool last = false; !last;) {
     last = __atomic_load_n(&d->done, __ATOMIC_ACQUIRE);
     while (soter_ring_take(&d->ring, &record)) {
       soter_sha256_add(&hash, &record.state, sizeof record.state);
       write_line(d, &log, &record.times);
+      write_state(d, &states, &record.state);
       instants++;
       misses += record.times.misses;
     }
@@ -146,12 +161,11 @@ void* soter_posix_logger(void* driver) {
     }
     (void)nanosleep(&nap, NULL);
   }
-  if (log != NULL && fflush(log) != 0) {
-    failed(d, &log);
+  if (live) {
+    (void)fputc('\n', stderr);
   }
-  if (log != NULL) {
-    (void)fclose(log);
-  }
+  closed(d, &log, d->options.log);
+  closed(d, &states, d->options.states);
   soter_sha256_end(&hash, d->digest);
   return NULL;
 }

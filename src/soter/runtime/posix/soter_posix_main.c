@@ -26,7 +26,8 @@
 
 static const char* const USAGE =
     "usage: %s [--until SECONDS] [--seed N] [--policy auto|fifo|deadline|other] [--core N|none]\n"
-    "  [--late MICROSECONDS] [--log FILE] [--json] [--quiet] [--worker NAME=COMMAND]\n"
+    "  [--late MICROSECONDS] [--log FILE] [--states FILE] [--json] [--quiet [--live]] [--worker "
+    "NAME=COMMAND]\n"
     "  [--restarts N] [--patience SECONDS] [--wait SECONDS] [--worker-memory MIB]\n"
     "  [--worker-user UID]\n";
 
@@ -143,6 +144,10 @@ static bool option(soter_posix* d, const char* name, const char* value) {
     o->log = value;
     return true;
   }
+  if (strcmp(name, "--states") == 0) {
+    o->states = value;
+    return true;
+  }
   return option_of_workers(d, name, value);
 }
 
@@ -152,6 +157,8 @@ static bool parse(soter_posix* d, int count, char** words) {
       d->options.json = true;
     } else if (strcmp(words[i], "--quiet") == 0) {
       d->options.quiet = true;
+    } else if (strcmp(words[i], "--live") == 0) {
+      d->options.live = true;
     } else if (i + 1 < count && option(d, words[i], words[i + 1])) {
       i++;
     } else {

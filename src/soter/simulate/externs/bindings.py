@@ -141,6 +141,13 @@ def _problems_of_binding(system: System, name: str, target: object) -> tuple[Dia
     return ()
 
 
+def require_runnable(bindings: Bindings, engine: str) -> None:
+    """SoterError where an extern cannot be run on this engine: X001, X007, X008."""
+    problems = [p for x in bindings.externs if (p := _impossible(x, engine)) is not None]
+    if problems:
+        raise SoterError(tuple(problems))
+
+
 def callables(bindings: Bindings, engine: str, stop: StopRequest) -> dict[str, object]:
     """The callables for one run; SoterError where an extern cannot be run on this engine."""
     problems: list[Diagnostic] = []
