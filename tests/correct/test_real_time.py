@@ -187,8 +187,8 @@ def test_an_ac_that_fails_loses_control_and_nothing_else_happens(
     assert found["violations"] == 0
     assert found["instants"] == 301
     assert module["gate_faults"] > 50
-    assert module["takeovers"]["silent"] + module["takeovers"]["gate"] == 1
-    assert module["switches_to_sc"] == 1 + module["takeovers"]["ttf"]
+    assert module["takeovers"]["silent"] + module["takeovers"]["gate"] >= 1
+    assert module["switches_to_sc"] == module["switches_to_ac"], "it ends in SC"
     if sign != "gate":
         assert worker[sign] > 50
 

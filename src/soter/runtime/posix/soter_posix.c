@@ -25,10 +25,8 @@
 #include <unistd.h>
 
 #define SECOND INT64_C(1000000000)
-#define LEAD_NS (SECOND / 20)   /* from the decision to start until ct = 0 */
-#define GIVE_UP_NS SECOND       /* so far behind the calendar begins anew */
-#define BARE_NS (SECOND / 1000) /* between bare wake-ups */
-#define BARE_COUNT 200
+#define LEAD_NS (SECOND / 20) /* from the decision to start until ct = 0 */
+#define GIVE_UP_NS SECOND     /* so far behind the calendar begins anew */
 
 int64_t soter_posix_clock(void) {
   struct timespec t;
@@ -356,13 +354,14 @@ static void distrust(soter_posix* d) {
   }
 }
 
-/* What this machine's wake-ups cost with nothing to do, for comparison. */
+/* What this machine's wake-ups cost with nothing to do, as often as ours, for comparison. */
 static void bare_wakeups(soter_posix* d) {
-  int64_t at = soter_posix_clock() + BARE_NS;
-  for (int i = 0; i < BARE_COUNT && !stopped(d); i++) {
+  const int64_t period = soter_posix_shortest();
+  int64_t at = soter_posix_clock() + period;
+  for (int64_t left = d->options.bare_ns; left > 0 && !stopped(d); left -= period) {
     sleep_until(d, at);
     soter_histogram_add(&d->bare, soter_posix_clock() - at);
-    at += BARE_NS;
+    at += period;
   }
 }
 

@@ -153,6 +153,8 @@ typedef struct {
   const char* states;  /* the state after every instant, one after the other */
   uint32_t restarts;   /* of each worker */
   int64_t patience_ns; /* without an answer, until a worker is ended */
+  int64_t again_ns;    /* before a worker that ended is started again */
+  int64_t bare_ns;     /* for wake-ups with nothing to do, before the start */
   int64_t wait_ns;     /* for workers to be ready, at the start */
   uint64_t memory;     /* bytes a worker may map; 0: any */
   int64_t user;        /* uid of workers; -1: as this process */
@@ -210,6 +212,7 @@ void soter_posix_note(soter_posix* d, const char* format, ...)
 void soter_posix_lock(soter_posix* d);
 bool soter_posix_thread(soter_posix* d, pthread_t* thread, void* (*run)(void*));
 void soter_posix_become(soter_posix* d);
+int64_t soter_posix_shortest(void); /* period, at most 1 s */
 
 /* soter_posix_workers.c: segments, and the process that starts workers. Before any thread. */
 void soter_posix_workers(soter_posix* d, const char* self);

@@ -28,7 +28,8 @@ static const char* const USAGE =
     "usage: %s [--until SECONDS] [--seed N] [--policy auto|fifo|deadline|other] [--core N|none]\n"
     "  [--late MICROSECONDS] [--log FILE] [--states FILE] [--json] [--quiet [--live]] [--worker "
     "NAME=COMMAND]\n"
-    "  [--restarts N] [--patience SECONDS] [--wait SECONDS] [--worker-memory MIB]\n"
+    "  [--bare SECONDS] [--restarts N] [--again SECONDS] [--patience SECONDS] [--wait SECONDS] "
+    "[--worker-memory MIB]\n"
     "  [--worker-user UID]\n";
 
 /* ------------------------------------------------------------------ options */
@@ -100,6 +101,24 @@ static bool worker(soter_posix* d, const char* text) {
   return false;
 }
 
+/* Lengths of time, in seconds. */
+static bool option_of_times(soter_options* o, const char* name, const char* value) {
+  const struct {
+    const char* name;
+    int64_t* ns;
+  } times[5] = {{"--until", &o->until_ns},
+                {"--bare", &o->bare_ns},
+                {"--patience", &o->patience_ns},
+                {"--again", &o->again_ns},
+                {"--wait", &o->wait_ns}};
+  for (int i = 0; i < 5; i++) {
+    if (strcmp(name, times[i].name) == 0) {
+      return duration(value, SECOND, times[i].ns);
+    }
+  }
+  return false;
+}
+
 static bool option_of_workers(soter_posix* d, const char* name, const char* value) {
   soter_options* const o = &d->options;
   uint64_t n = 0;
@@ -109,25 +128,20 @@ static bool option_of_workers(soter_posix* d, const char* name, const char* valu
   } else if (strcmp(name, "--restarts") == 0) {
     fine = whole(value, &n) && n < 1000000U;
     o->restarts = (uint32_t)n;
-  } else if (strcmp(name, "--patience") == 0) {
-    fine = duration(value, SECOND, &o->patience_ns);
-  } else if (strcmp(name, "--wait") == 0) {
-    fine = duration(value, SECOND, &o->wait_ns);
   } else if (strcmp(name, "--worker-memory") == 0) {
     fine = whole(value, &n) && n < (UINT64_C(1) << 40);
     o->memory = n << 20;
   } else if (strcmp(name, "--worker-user") == 0) {
     fine = whole(value, &n) && n < UINT32_MAX;
     o->user = (int64_t)n;
+  } else {
+    fine = option_of_times(o, name, value);
   }
   return fine;
 }
 
 static bool option(soter_posix* d, const char* name, const char* value) {
   soter_options* const o = &d->options;
-  if (strcmp(name, "--until") == 0) {
-    return duration(value, SECOND, &o->until_ns);
-  }
   if (strcmp(name, "--seed") == 0) {
     return whole(value, &o->seed);
   }
@@ -245,6 +259,8 @@ int main(int count, char** words) {
                                .late_ns = -1,
                                .restarts = 5,
                                .patience_ns = 1000000000,
+                               .again_ns = 100000000,
+                               .bare_ns = 100000000,
                                .wait_ns = 10000000000,
                                .memory = UINT64_C(4) << 30,
                                .user = -1};

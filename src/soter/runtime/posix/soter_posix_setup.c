@@ -19,7 +19,7 @@
 #include <sys/syscall.h>
 #include <unistd.h>
 
-#define STACK_BYTES ((size_t)512 * 1024)
+#define STACK_BYTES ((size_t)2 * 1024 * 1024)
 #define TOUCHED_BYTES ((size_t)256 * 1024)
 #define PRIORITY 80
 #define POLICY_DEADLINE 6U
@@ -86,7 +86,7 @@ static void pin(soter_posix* d) {
 
 /* ------------------------------------------------------------------ policy */
 
-static int64_t least_period(void) {
+int64_t soter_posix_shortest(void) {
   int64_t least = INT64_C(1000000000);
   for (uint32_t i = 0; i < APP_PROGRAM->components; i++) {
     const int64_t period = APP_PROGRAM->component[i].period_ns;
@@ -108,7 +108,7 @@ static bool take_deadline(void) {
   (void)memset(&wanted, 0, sizeof wanted);
   wanted.size = (uint32_t)sizeof wanted;
   wanted.policy = POLICY_DEADLINE;
-  wanted.period = (uint64_t)least_period();
+  wanted.period = (uint64_t)soter_posix_shortest();
   wanted.deadline = wanted.period;
   wanted.runtime = wanted.period / 2U;
   return syscall(SYS_sched_setattr, 0, &wanted, 0U) == 0;

@@ -37,7 +37,6 @@
 #define FIRST_OTHER_FD 5
 #define LAST_OTHER_FD 1024
 #define NAP_NS 2000000L
-#define AGAIN_NS INT64_C(100000000) /* before a worker that ended is started again */
 #define CPU_SLACK_S 10
 #define NICENESS 5
 #define NOT_STARTED 127
@@ -180,7 +179,7 @@ static void look_after(soter_posix* d, uint32_t k, int64_t* ended_ns) {
   if (s->pid == 0) {
     __atomic_store_n(&s->kill_done, asked, __ATOMIC_RELEASE);
     const bool there = d->workers[k].command[0] != '\0';
-    if (there && s->starts <= d->options.restarts && now_ns() - *ended_ns >= AGAIN_NS) {
+    if (there && s->starts <= d->options.restarts && now_ns() - *ended_ns >= d->options.again_ns) {
       start_worker(d, k);
     }
   }
