@@ -162,7 +162,7 @@ class Program:
         progress: Progress | None = None,
         real_time: bool = False,
         partial: bool = False,
-        quiet: bool = True,
+        apart: bool = False,
     ) -> Run:
         """Run a system in virtual time, or with `real_time` against the clock (docs/real-time.md).
 
@@ -173,7 +173,7 @@ class Program:
         the log while the run goes on. `progress` is called with the share that is done. Ctrl-C,
         with a log SIGTERM and SIGHUP, too, ends the run at an instant and raises
         `KeyboardInterrupt` (the others end the process), or, where `partial`, gives back what
-        was reached.
+        was reached. `apart`: extern nodes in Python get processes of their own (docs/externs.md).
         """
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
         from soter.simulate.settings import seed_value  # noqa: PLC0415 - the same
@@ -199,7 +199,7 @@ class Program:
             real_time=real_time,
             writer=writer,
             partial=partial,
-            quiet=quiet,
+            apart=apart,
         )
         if writer is not None and writer is not log and writer.problem is not None:
             raise writer.problem

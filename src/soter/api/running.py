@@ -7,13 +7,14 @@ Non-goals: what may be asked for (`program.py`), what runs share (`prepared.py`)
 
 from __future__ import annotations
 
+import os
 from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.lower.layout import state_layout
 from soter.semantics.externs import Stop
-from soter.simulate.externs.bindings import bind_again, callables, require_runnable
+from soter.simulate.externs.bindings import bind_again, callables, close, require_runnable
 from soter.simulate.interrupt import (
     ANY_END,
     INTERRUPT,
@@ -53,7 +54,7 @@ def simulate(
     real_time: bool,
     writer: RunLog | None,
     partial: bool,
-    quiet: bool = True,
+    apart: bool = False,
 ) -> Run:
     """Run, as `Program.simulate` says; `given`: what externs are bound to.
 
@@ -64,10 +65,10 @@ def simulate(
     paced = why_not(bindings, engine) if real_time else ""
     if real_time and not paced:
         require_runnable(bindings, engine)
-        go: Callable[..., Run] = partial_(_in_real_time, bindings, quiet)
+        go: Callable[..., Run] = partial_(_in_real_time, bindings, not apart)
         bound: dict[str, object] = {}
     else:
-        bound = callables(bindings, engine, stop)
+        bound = callables(bindings, engine, stop, apart=apart and hasattr(os, "fork"))
         go = _engine(engine, preparations, prepared)
     if writer is not None:
         layout = state_layout(bindings.system)
@@ -91,6 +92,8 @@ def simulate(
         if writer is not None:
             writer.end_by(error)
         raise
+    finally:
+        close(bound)
     run.externs = bindings.texts()
     run.paced = paced
     run.computed = list(prepared.computed)

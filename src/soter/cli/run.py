@@ -114,7 +114,7 @@ def _simulate(
             progress=progress,
             real_time=args.real_time,
             partial=True,
-            quiet=args.json,
+            apart=console.own_process,
         )
 
 
