@@ -29,6 +29,8 @@ import soter
 from soter.campaign.fleet import Fleet
 from soter.campaign.flying import fly
 from soter.campaign.store import About, Store, digest_of
+from soter.diagnostics.diagnostic import SoterError
+from soter.native.compiler import find
 from soter.program.flatten.derived import faultless
 
 if TYPE_CHECKING:
@@ -122,24 +124,27 @@ def overhead() -> None:
 def compilers(flat: System, names: list[str]) -> bool:
     """The same flights, whoever compiles them."""
     found: dict[str, str] = {}
-    before = os.environ.get("CC")
+    seen: set[str] = set()
+    before = os.environ.get("SOTER_CC")
     for name in names:
-        command = f"{sys.executable} -m ziglang cc" if name == "zig" else name
-        probe = subprocess.run(  # noqa: S602 - as soter does
-            f"{command} --version", shell=True, capture_output=True, check=False
-        )
-        if probe.returncode:
+        os.environ["SOTER_CC"] = name
+        find.cache_clear()
+        try:
+            used = find()
+        except SoterError:
             print(f"  {name}: not on this machine")
             continue
-        os.environ["CC"] = command
+        seen.add(used.identity)
         for optimise in OPTIMISE:
             fleet = Fleet(flat, 60 * SECOND, optimise)
             found[f"{name} {optimise}"] = digest_of(fleet.fly(range(4), first_seed=1))
-    os.environ.pop("CC", None)
+    os.environ.pop("SOTER_CC", None)
     if before:
-        os.environ["CC"] = before
+        os.environ["SOTER_CC"] = before
+    find.cache_clear()
     same = len(set(found.values())) == 1
-    print(f"digest by {', '.join(found)}: {'the same' if same else found}")
+    told = "the same" if same else str(found)
+    print(f"digest by {', '.join(found)} ({len(seen)} different compilers): {told}")
     return same
 
 

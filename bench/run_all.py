@@ -106,6 +106,19 @@ BENCHMARKS = (
         "CPU time a plan.",
     ),
     Benchmark(
+        "Coverage of the C that ships",
+        ("bench/c_coverage.py",),
+        "Lines, branches and conditions on their own (MC/DC) that runs of small programs and the "
+        "drone reach, the same runs under ASan and UBSan. `--show` lists what was not reached: of "
+        "soter.h what says that a compiler computes wrongly, of generated code what cannot be "
+        "(a step that always publishes asks whether it did).",
+    ),
+    Benchmark(
+        "The C that ships under Frama-C's EVA",
+        ("bench/static_analysis.py",),
+        "Every alarm of a run from any seed that never ends, with its explanation.",
+    ),
+    Benchmark(
         "The decision module's time",
         ("bench/dm_time.py",),
         "One call of the generated C of a DM, predicates included, on the states of a run; "

@@ -12,7 +12,7 @@ import pytest
 from long_tests import examples
 from soter import SoterError, load, recheck
 from soter.program.build import check_file, system_of
-from soter.program.flatten.derived import with_faults
+from soter.program.flatten.derived import faultless, with_faults
 from soter.program.model.system import Fault
 from soter.semantics.chance.faults import happens, is_active, is_released, next_release
 from soter.simulate.run import NativeProgram, run_interpreted
@@ -72,6 +72,7 @@ SECOND = 10**9
 CART = Path(__file__).resolve().parents[2] / "examples" / "wall" / "cart.soter"
 TIMED = ("M.dm", "M.Fast", "M.Slow", "Other", "Ear", "all", "modules")
 VALUED = ("M.Fast", "M.Slow", "M.Fast.push", "Other.extra", "Other.extra[1]", "p.pose.x", "p.pose")
+LASTING = ("M.Fast", "Other", "Ear")
 ODD = ("p", "p.pose.near", "p.pose.on", "Other.spoken", "Other", "M.Slow.push")
 RANDOM_PROGRAMS = examples("SOTER_FAULTY_PROGRAMS", quick=5, long=120)
 
@@ -87,7 +88,7 @@ def random_faults(rng: random.Random) -> str:
     for _ in range(rng.randint(1, 6)):
         often = f"at {rng.choice([200, 700, 1900])} per 1h"
         lasts = rng.choice(["", f" for {rng.choice([30, 100, 450])}ms"])
-        kind = rng.choice(["late", "held", "skip", "value", "odd", "wind"])
+        kind = rng.choice(["late", "held", "skip", "value", "odd", "wind", "overrun"])
         if kind == "late":
             times = [0, *sorted(rng.randint(0, 30) for _ in range(rng.randint(1, 3)))]
             by = f"[{', '.join(f'{t}ms' for t in times)}]" if rng.random() < 0.5 else "6ms"
@@ -105,6 +106,9 @@ def random_faults(rng: random.Random) -> str:
                 where = "M.Slow"
             by = f" by {rng.choice(['0.5', '-1.5', '3.0'])}" if what in "bias noise scale" else ""
             found.append(f"{what} {where}{by} {often}{lasts};")
+        elif kind == "overrun":
+            by = rng.choice(["1ns", "3ms", "7ms", "10ms", "25ms", "160ms"])
+            found.append(f"overrun {rng.choice(LASTING)} by {by} {often}{lasts};")
         elif kind == "odd":
             found.append(f"stuck {rng.choice(ODD)} {often}{lasts};")
         else:
@@ -349,3 +353,139 @@ def test_a_lateness_that_is_none_is_an_error_in_words(by: str, tmp_path: Path) -
     with pytest.raises(SoterError) as caught:
         flat_of(tmp_path, f"late M.dm by {by};")
     assert caught.value.diagnostics[0].code in {"V011", "S019", "T002", "N001", "C001"}
+
+
+COUNTING = """soter 1;
+topic made: int in [0, 1000000];
+topic heard: int in [0, 1000000];
+node N period 10ms phase 3ms {
+  publishes made; TAKES
+  var n: int = 0;
+  step { n = n + 1; publish made = n; }
+}
+node Ear period 1ms { subscribes made; publishes heard; step { publish heard = made; } }
+system S { node N; node Ear; until 10s; FAULTS }
+"""
+
+
+def counting(folder: Path, takes: str, faults: str) -> System:
+    path = folder / "n.soter"
+    text = COUNTING.replace("TAKES", takes)
+    path.write_text(text.replace("FAULTS", f"faults {{ {faults} }}" if faults else ""))
+    return system_of(check_file(str(path)), "S")
+
+
+@pytest.mark.parametrize("by_ms", [1, 7, 10, 13, 40])
+def test_a_node_that_always_overruns_is_one_that_takes_so_long(by_ms: int, tmp_path: Path) -> None:
+    fault = counting(tmp_path, "", f"overrun N by {by_ms}ms at 100 per 1s;")
+    said = counting(tmp_path, f"takes [{by_ms}ms, {by_ms}ms];", "")
+    runs = [NativeProgram(x).run(3 * SECOND, 4, hash_trace=True) for x in (fault, said)]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    assert (
+        runs[0].trace_sha256
+        != run_interpreted(counting(tmp_path, "", ""), 3 * SECOND, 4, hash_trace=True).trace_sha256
+    )
+
+
+def expected(flat: System, seed: int, until: int) -> dict[int, int]:
+    """When what N publishes counts, and which step that was: straight from semantics.md."""
+    c = flat.component("N")
+    longer = [f for f in flat.faults if f.kind == "overrun"]
+    moved = [f for f in flat.faults if f.of_time]
+    found, busy, steps = {}, -1, 0
+    for k in range(until // c.period_ns + 1):
+        t = happens(flat, moved, c, seed, k)
+        if t is None or t < busy:
+            continue
+        steps += 1
+        busy = t + sum(int(f.amount[0]) for f in longer if is_active(f, seed, t, c.period_ns))
+        found[busy] = steps
+    return {t: n for t, n in found.items() if t <= until}
+
+
+@pytest.mark.parametrize(
+    "faults",
+    [
+        "overrun N by 4500us at 30 per 1s;",
+        "overrun N by 10ms at 30 per 1s;",
+        "overrun N by 25ms at 2 per 1s for 200ms;",
+        "overrun N by 4ms at 30 per 1s; overrun N by 9ms at 30 per 1s;",
+        "overrun N by 6ms at 50 per 1s; late N by [0ms, 9ms]; skip N at 10 per 1s;",
+    ],
+)
+def test_what_a_step_that_overruns_publishes_counts_so_much_later(
+    faults: str, tmp_path: Path
+) -> None:
+    flat = counting(tmp_path, "", faults)
+    made = flat.topic("made").index
+    for seed in range(3):
+        native = NativeProgram(flat).run(4 * SECOND, seed, keep_trace=True)
+        states = native.require_trace()
+        seen = dict(
+            zip(states["stamps"][:, made].tolist(), states["topics"]["made"].tolist(), strict=True)
+        )
+        wanted = expected(flat, seed, 4 * SECOND)
+        assert {t: n for t, n in seen.items() if t >= 0} == wanted
+        assert wanted != {3_000_000 + 10_000_000 * k: k + 1 for k in range(400)}
+        again = run_interpreted(flat, 4 * SECOND, seed, keep_trace=True)
+        assert again.require_trace().tobytes() == states.tobytes()
+
+
+PLANNED = """soter 1;
+topic x: float in [0.0, 9.0] max_age 30ms;
+topic goal: float in [0.0, 9.0] max_age 90ms;
+topic u: float in [0.0, 9.0];
+plant P period 10ms { reads u; drives x = z; state z: float = 1.0; next z = u; }
+node Plan period 20ms { subscribes x; publishes goal; step { publish goal = x; } }
+node Go period 10ms { subscribes goal; publishes u; step { publish u = goal; } }
+node Stay period 10ms { subscribes goal; publishes u; step { publish u = 0.5; } }
+rta M {
+  ac Go; sc Stay; period 50ms;
+  safe goal < 9.0;
+  ttf goal > 5.0;
+  safer goal < 3.0;
+  verify { RESPONSE }
+}
+system S { p: P; module M; node Plan; until 1s; faults { FAULTS } }
+"""
+
+
+@pytest.mark.parametrize(
+    ("response", "faults", "inside"),
+    [
+        ("response Plan 5ms;", "overrun Plan by 5ms at 1 per 1h;", [True]),
+        ("response Plan 5ms;", "overrun Plan by 5001us at 1 per 1h;", [False]),
+        ("response Plan 20ms;", "overrun Plan by 20ms at 1 per 1h;", [False]),
+        ("", "overrun Plan by 1us at 1 per 1h;", [False]),
+        (
+            "response Plan 5ms;",
+            "overrun Plan by 3ms at 1 per 1h; overrun Plan by 3ms at 1 per 1h;",
+            [False, False],
+        ),
+        (
+            "response Plan 15ms; late Plan 15ms;",
+            "overrun Plan by 15ms at 1 per 1h; late Plan by 5ms;",
+            [False, True],
+        ),
+        ("", "overrun M.Go by 900ms at 1 per 1h;", [True]),
+    ],
+)
+def test_an_overrun_is_inside_up_to_the_declared_response(
+    response: str, faults: str, inside: list[bool], tmp_path: Path
+) -> None:
+    path = tmp_path / "p.soter"
+    path.write_text(PLANNED.replace("RESPONSE", response).replace("FAULTS", faults))
+    flat = system_of(check_file(str(path)), "S")
+    assert [f.inside is not None for f in flat.faults] == inside
+
+
+def test_a_proof_holds_nothing_back_for_faults(tmp_path: Path) -> None:
+    flat = counting(tmp_path, "", "overrun N by 4ms at 30 per 1s;")
+    plain = counting(tmp_path, "", "")
+    assert len(flat.topics) == len(plain.topics) + 1
+    calm = faultless(flat)
+    assert [t.name for t in calm.topics] == [t.name for t in plain.topics]
+    runs = [NativeProgram(x).run(SECOND, 4, hash_trace=True) for x in (calm, plain)]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+    both = faultless(counting(tmp_path, "takes [1ms, 2ms];", "overrun N by 4ms at 30 per 1s;"))
+    assert [t.name for t in both.topics if t.held] == ["N.held"]

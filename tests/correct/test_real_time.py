@@ -206,7 +206,7 @@ def test_an_ac_that_is_killed_is_started_again_and_wins_control_back(cart_apart:
     worker, module = found["workers"][WORKER], found["modules"]["SafeCart"]
     assert (worker["starts"], worker["ends"]) == (2, 1)
     assert worker["missing"] >= 1
-    assert module["takeovers"]["silent"] == 1
+    assert module["takeovers"]["silent"] >= 1
     assert module["switches_to_ac"] >= 2
     assert found["violations"] == 0
 

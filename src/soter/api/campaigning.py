@@ -10,7 +10,7 @@ import os
 import re
 import time
 from contextlib import ExitStack
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from math import ceil, isfinite
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -26,13 +26,14 @@ from soter.campaign.parquet import write_parquet
 from soter.campaign.ray_flying import cluster, require_ray
 from soter.campaign.result import Result, result_of
 from soter.campaign.store import About, Store
-from soter.campaign.troubles import ORDER
+from soter.campaign.troubles import ORDER, occurred
 from soter.simulate.params import changed
 from soter.simulate.settings import seed_value
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from soter.api.program import Program
     from soter.campaign.arms import Arm
     from soter.campaign.flight import Flight
     from soter.campaign.flying import Workers
@@ -87,6 +88,8 @@ class Campaign:
     """Modules whose mode the system forces, with who is in control."""
     faults: tuple[tuple[str, str], ...] = ()
     """What goes wrong, as it was written, and which assumption it keeps; "": none."""
+    occurred: Mapping[str, int | None] = field(default_factory=dict)
+    """How often each of them was there in all flights; None: always."""
 
 
 def campaign(
@@ -157,6 +160,7 @@ def campaign(
         program_sha256=flat.program.sha256,
         forced=tuple(f"{m.name} to {m.forced.upper()}" for m in flat.modules if m.forced),
         faults=_faults(flat),
+        occurred=occurred(flat, [f.seed for f in ours.flights], until_ns),
     )
 
 
@@ -178,6 +182,12 @@ def _faults(flat: System) -> tuple[tuple[str, str], ...]:
     for f in (f for f in flat.faults if f.on is None):
         found.setdefault(f.text, []).append(f.inside)
     return tuple((t, next(iter(w)) or "" if None not in w else "") for t, w in found.items())
+
+
+def own_folder(program: Program, system: str | None, params: Any, until: Any, seed: int) -> Path:  # noqa: ANN401
+    """Where a campaign of these arguments lies that was given no folder; SoterError U001..."""
+    flat = program.flat(system, params)
+    return _folder(program.path, _about(flat, program.path, end_of(flat, until), seed, 0))
 
 
 def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -> About:
@@ -285,7 +295,9 @@ def figures(found: Campaign) -> dict[str, Any]:
         "saves_horizon_s": found.horizon_s or None,
         "arms": {a.name: {"text": a.text, **_figures(a.result)} for a in found.arms},
         "lateness": found.lateness or None,
-        "faults": [{"fault": t, "inside": w or None} for t, w in found.faults],
+        "faults": [
+            {"fault": t, "inside": w or None, "times": found.occurred[t]} for t, w in found.faults
+        ],
         "folder": str(found.folder),
         "wall_s": found.wall_s,
         "workers": found.workers,

@@ -10,7 +10,8 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api.given import complete
@@ -85,6 +86,24 @@ class Preparations:
                     self._kept.popitem(last=False)
             self._kept.move_to_end(key)
             return found
+
+    def of_arm(self, prepared: Prepared, name: str, folder: str | Path | None) -> Prepared:
+        """The same by the rules of an arm of a campaign, whose folder it is; not kept.
+
+        SoterError U001 for a name that is none, D006 where that arm needs the folder.
+        """
+        from soter.campaign.arms import OURS, PAPER, arm_of  # noqa: PLC0415 - see `soter.api`
+        from soter.campaign.store import measured_lateness  # noqa: PLC0415 - the same
+
+        if name == OURS:
+            return prepared
+        flat = prepared.system
+        lateness: tuple[int, ...] = ()
+        if name == PAPER:
+            lateness = measured_lateness(Path(folder or "."), flat.program.sha256, flat.name)
+        system = arm_of(flat, name, lateness).system
+        bindings = replace(prepared.bindings, system=system)
+        return Prepared(system, prepared.computed, bindings)
 
     def native(self, prepared: Prepared) -> NativeProgram:
         """The compiled system; compiled again where the C of an extern is another."""

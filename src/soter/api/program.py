@@ -163,6 +163,8 @@ class Program:
         real_time: bool = False,
         partial: bool = False,
         apart: bool = False,
+        arm: str | None = None,
+        campaign: str | Path | None = None,
     ) -> Run:
         """Run a system in virtual time, or with `real_time` against the clock (docs/real-time.md).
 
@@ -171,18 +173,17 @@ class Program:
         2^64 - 1. `trace` keeps the state after every instant, or only the named topics, truths and
         modules of it; `sha256` hashes it. `log`, `report`: files to write (a report keeps it all),
         the log while the run goes on. `progress` is called with the share that is done. Ctrl-C,
-        with a log SIGTERM and SIGHUP, too, ends the run at an instant and raises
-        `KeyboardInterrupt` (the others end the process), or, where `partial`, gives back what
-        was reached. `apart`: extern nodes in Python get processes of their own (docs/externs.md).
+        with a log SIGTERM and SIGHUP, too, ends the run at an instant and raises KeyboardInterrupt
+        (others end the process), or, where `partial`, gives back what was reached. `apart`: nodes
+        in Python as processes (docs/externs.md). `arm`: by its rules, of a `campaign`'s folder.
         """
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
-        from soter.simulate.settings import seed_value  # noqa: PLC0415 - the same
 
         require_engine(engine)
-        seed = seed_value(seed)
         values = self._values(params)
         prepared = self._prepared.of(self._checked, system, values, self._bound, progress)
-        end_ns = end_of(prepared.system, until)
+        if arm is not None:
+            prepared = self._prepared.of_arm(prepared, arm, campaign)
         writer = run_log(log)
         require_writers(log if isinstance(log, (str, Path)) else None, report)
         report = None if report is None else Path(report).absolute()  # externs may move
@@ -191,7 +192,7 @@ class Program:
             prepared,
             dict(self._bound),
             engine,
-            until_ns=end_ns,
+            until_ns=end_of(prepared.system, until),
             seed=seed,
             keep=trace if report is None else True,
             sha256=sha256,

@@ -27,6 +27,7 @@ from soter.simulate.pace import Pacer
 from soter.simulate.params import changed
 from soter.simulate.real_time import run_real_time, why_not
 from soter.simulate.run import run_interpreted
+from soter.simulate.settings import seed_value
 from soter.version import VERSION
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ def simulate(
 
     `KeyboardInterrupt` where it is stopped, unless `partial`.
     """
-    stop = stop_request()
+    seed, stop = seed_value(seed), stop_request()
     bindings = bind_again(prepared.bindings, given)
     paced = why_not(bindings, engine) if real_time else ""
     if real_time and not paced:

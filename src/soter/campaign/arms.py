@@ -66,6 +66,18 @@ def arms_of(system: System, names: Sequence[str], lateness: Sequence[int]) -> li
     return found
 
 
+def arm_of(system: System, name: str, lateness: Sequence[int]) -> Arm:
+    """The arm of this name, as campaigns list it; SoterError U001 for a name that is none.
+
+    `lateness` as of `arms_of`; it matters for the paper's rules alone.
+    """
+    found = {a.name: a for a in arms_of(system, [ALONE, PAPER, SWEPT], lateness or (0, 0))}
+    if name not in found:
+        helps = (f"there are {listed(list(found))}",)
+        raise SoterError((Diagnostic("U001", f"there is no arm `{name}`", helps=helps),))
+    return found[name]
+
+
 def _alone(system: System) -> System:
     for m in system.modules:
         system = forced(system, m.index, "ac")

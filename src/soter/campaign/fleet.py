@@ -36,6 +36,8 @@ EPISODE_NS = 2_000_000_000
 """Disengagements of a module that lie no further apart are one episode."""
 EVENT = np.dtype([("time", "<i8"), ("kind", "<u4"), ("index", "<u4")])
 LOOK = np.dtype([("count", "<u4"), ("_", "<u4"), ("sum", "<f8"), ("least", "<f8"), ("most", "<f8")])
+FAST = ("-fno-trapping-math",)
+"""Nobody looks at the processor's floating-point flags: clang may take both ways of a choice."""
 SPARE = 3
 """States that a batch needs besides those of its flights."""
 MODULES_MAX = 64
@@ -57,7 +59,7 @@ class Flyer:
         unit = recipe.unit
         hashing = ("soter_sha256.c", "soter_sha256.h")
         engine = (BATCH, BATCH.with_suffix(".h"), *(RUNTIME / name for name in hashing))
-        path = library(unit, recipe.optimise, engine=engine)
+        path = library(unit, recipe.optimise, FAST, engine)
         self.ffi = interface(
             declarations(RUNTIME / "soter.h"), declarations(BATCH.with_suffix(".h"))
         )

@@ -67,7 +67,8 @@ def _sections(found: CampaignLike, program: str) -> Iterator[Section]:
     says = [
         f"{r.hours:,.2f} h in {r.flights:,} flights of {found.until_s:g} s.",
         f"Again: soter campaign {program} {system} --flights {r.flights}",
-        f"Flight K of it, looked at: soter run {program} {system} --flight K --report",
+        f"Flight K of it, looked at: soter run {program} {system} --flight K --report"
+        + (" (of an arm: --arm NAME)" if found.arms else ""),
         f"{rates}; violated flights, 95 %: {interval(*r.per_flight)}.",
     ]
     if found.forced:

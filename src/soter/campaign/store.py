@@ -196,6 +196,21 @@ class Store:
         self.flights += flights
 
 
+def measured_lateness(folder: Path, program_sha256: str | None, system: str) -> tuple[int, ...]:
+    """What the arm `paper` of a campaign was flown with, ns; SoterError D006 where none was."""
+    file = folder / "arm-paper" / ABOUT
+    about = _read(file) if file.is_file() else None
+    if not isinstance(about, dict):
+        helps = ("fly it with `soter campaign --arms paper`, or say where it is: `--campaign DIR`",)
+        raise _trouble(folder, "no arm `paper` was flown there", *helps)
+    if (about.get("program_sha256"), about.get("system")) != (program_sha256, system):
+        raise _trouble(folder, "its arm `paper` is of another program or system")
+    times = about.get("lateness")
+    if not isinstance(times, list) or len(times) < 2 or any(type(t) is not int for t in times):
+        raise _trouble(folder, f"`{file.name}` of its arm `paper` is damaged")
+    return tuple(times)
+
+
 def _look(row: dict[str, str], name: str) -> Look:
     total, least, most = (float(row[f"{name}.{part}"]) for part in ("sum", "least", "most"))
     bins = tuple(int(x) for x in row[f"{name}.histogram"].split())

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Protocol
 from soter.campaign.words import interval
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from soter.campaign.result import Module, Result
@@ -83,6 +83,10 @@ class CampaignLike(Protocol):
     def faults(self) -> Sequence[tuple[str, str]]:
         """As `Campaign.faults`."""
 
+    @property
+    def occurred(self) -> Mapping[str, int | None]:
+        """As `Campaign.occurred`."""
+
 
 def broken(found: CampaignLike) -> Table:
     """What was violated, and how often."""
@@ -137,5 +141,11 @@ def arms(found: CampaignLike) -> Table:
 
 def faults(found: CampaignLike) -> Table:
     """What was declared to go wrong."""
-    rows = tuple((t, f"inside: {w}" if w else "outside") for t, w in found.faults)
-    return ("fault", "of what proofs assume"), rows
+    rows = tuple(
+        (_times(found.occurred[t]), t, f"inside: {w}" if w else "outside") for t, w in found.faults
+    )
+    return ("times", "fault", "of what proofs assume"), rows
+
+
+def _times(count: int | None) -> str:
+    return "always" if count is None else f"{count:,}"

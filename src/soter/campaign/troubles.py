@@ -1,6 +1,7 @@
-"""Which faults a flight met: inside of what proofs assume, or outside.
+"""Which faults a flight met: inside of what proofs assume, or outside; how often each was there.
 
-Purpose: whether a violation is a defect, or had an excuse that was declared before the flight.
+Purpose: whether a violation is a defect, or had an excuse that was declared before the flight. All
+of it follows from the seeds, so nothing is kept for it.
 Non-goals: what faults do (`semantics/chance/faults.py`).
 """
 
@@ -8,10 +9,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from soter.semantics.chance.faults import begins
+from soter.semantics.chance.random_draws import GOLDEN, fnv
 
 if TYPE_CHECKING:
-    from soter.program.model.system import Fault, System
+    from collections.abc import Sequence
+
+    import numpy.typing as npt
+
+    from soter.program.model.system import Component, Fault, System
+
+    Words = npt.NDArray[np.uint64]
 
 ORDER = "order any"
 
@@ -28,3 +38,75 @@ def outside(system: System, seed: int, until_ns: int) -> list[str]:
 def _was_there(system: System, f: Fault, seed: int, until_ns: int) -> bool:
     always = f.kind == "late" and f.slot_ns == 0
     return always or bool(begins(f, system.components[f.component], seed, until_ns))
+
+
+# ---------------------------------------------------------------- how often
+
+DRAWS = 1 << 20
+"""So many at once."""
+
+
+def occurred(system: System, seeds: Sequence[int], until_ns: int) -> dict[str, int | None]:
+    """How often each fault was there in the flights of these seeds, by what was written.
+
+    In how many slots of time (docs/semantics.md, Faults), as far as a release met them; what hits
+    a group at once counts once. None: always, as a lateness of every release.
+    """
+    found: dict[str, dict[str, int] | None] = {ORDER: None} if system.shuffled else {}
+    for f in system.faults:
+        if f.on is not None:
+            continue
+        if f.kind == "late" and f.slot_ns == 0:
+            found[f.text] = None
+            continue
+        streams = found.setdefault(f.text, {})
+        if streams is not None:
+            # outputs of one component share a stream, and so do all of a group
+            times = _times(f, system.components[f.component], seeds, until_ns)
+            streams[f.stream] = max(times, streams.get(f.stream, 0))
+    return {text: None if s is None else sum(s.values()) for text, s in found.items()}
+
+
+def _times(f: Fault, c: Component, seeds: Sequence[int], until_ns: int) -> int:
+    """As `begins`, of many flights at once."""
+    step = max(f.slot_ns, c.period_ns)
+    slots = until_ns // step + 2
+    rows, total = max(1, DRAWS // slots), 0
+    for k in range(0, len(seeds), rows):
+        some = seeds[k : k + rows]
+        offsets = np.zeros(len(some), dtype=np.int64)
+        if f.slot_ns:
+            begin = _bits(some, f"{f.stream}.at", np.zeros((len(some), 1), dtype=np.int64))
+            offsets = (begin[:, 0] % np.uint64(f.slot_ns)).astype(np.int64)
+        first = -offsets if f.slot_ns > c.period_ns else np.full(len(some), c.phase_ns)
+        times = first[:, None] + np.arange(slots, dtype=np.int64) * step
+        seen = times <= until_ns
+        times = np.maximum(times, 0)
+        at = (times + offsets[:, None]) // f.slot_ns if f.slot_ns else times // c.period_ns
+        there = _drawn(f, some, at)
+        if f.apart:
+            there &= ~_drawn(f, some, at - 1)
+        total += int((there & seen).sum())
+    return total
+
+
+def _drawn(f: Fault, seeds: Sequence[int], slots: npt.NDArray[np.int64]) -> npt.NDArray[np.bool_]:
+    """Which slots (flights, slots) are drawn."""
+    share = (_bits(seeds, f.stream, slots) >> np.uint64(11)).astype(np.float64) * 2.0**-53
+    found: npt.NDArray[np.bool_] = share < f.probability
+    return found
+
+
+def _bits(seeds: Sequence[int], stream: str, index: npt.NDArray[np.int64]) -> Words:
+    """`draw_bits` of each index (flights, n), under the seed of its row."""
+    golden = np.uint64(GOLDEN)
+    keys = _mixed(_mixed(np.array(seeds, dtype=np.uint64) + golden) ^ np.uint64(fnv(stream)))
+    return _mixed((index + 1).astype(np.uint64) * golden + keys[:, None])
+
+
+def _mixed(z: Words) -> Words:
+    """`mix` of each, any shape."""
+    for shift, factor in ((30, 0xBF58476D1CE4E5B9), (27, 0x94D049BB133111EB)):
+        z = (z ^ (z >> np.uint64(shift))) * np.uint64(factor)
+    found: Words = z ^ (z >> np.uint64(31))
+    return found

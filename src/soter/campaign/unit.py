@@ -1,7 +1,8 @@
 """The C of a system that a campaign flies: its program, and what it measures.
 
-Purpose: `<prefix>_measured` (soter_batch.h), one more table behind the generated program; `Recipe`,
-all that is needed to fly a system where neither the system nor its files are.
+Purpose: `<prefix>_measured` (soter_batch.h), one more table behind the generated program; what is
+not computed again where nothing changed (decision 108); `Recipe`, all that is needed to fly a
+system where neither the system nor its files are.
 Non-goals: flying (`fleet.py`).
 """
 
@@ -15,8 +16,11 @@ from typing import TYPE_CHECKING, Any
 from soter.codegen import decisions
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
+from soter.codegen.frame import S
 from soter.codegen.unit import UnitBuilder
-from soter.lower.layout import state_dtype
+from soter.lower.core import Call, Fact, If, Loop
+from soter.lower.footprint import walk
+from soter.lower.layout import size_of, state_dtype
 from soter.lower.steps import lower
 from soter.native.includes import included
 from soter.native.kept import digest, kept
@@ -25,8 +29,12 @@ if TYPE_CHECKING:
     import numpy as np
 
     from soter.codegen.unit import Unit
-    from soter.lower.core import CoreSystem
-    from soter.program.model.system import Measure, System
+    from soter.lower.core import CoreSystem, Function, Predicate, Stmt
+    from soter.program.model.system import Measure, Property, System
+
+NEVER = c.Name("SOTER_NEVER")
+NODES = ("node ", "module ")
+"""What the driver of a topic is called that nodes publish."""
 
 
 @dataclass(frozen=True)
@@ -96,10 +104,62 @@ def unpacked(recipe: Recipe) -> Recipe:
 
 def generate_measured(system: System, core: CoreSystem | None = None) -> Unit:
     """The unit of a system with its measures."""
-    return _Builder(system, core or lower(system), None).run()
+    return Rememberer(system, core or lower(system)).run()
 
 
-class _Builder(UnitBuilder):
+DEAR = 16
+"""A DM's call is remembered where it may take so many operations a word of its arguments."""
+
+
+class Rememberer(UnitBuilder):
+    """Builds the unit of a system that is flown many times."""
+
+    def __init__(self, system: System, core: CoreSystem) -> None:
+        super().__init__(system, core, None)
+        self.remembered = _dear_calls(core)
+
+    def function(self, f: Function) -> list[c.CTop]:
+        """A function; in front of one that is remembered the last call and its answer."""
+        made = self._function(f)
+        if f.name not in self.remembered:
+            return [made]
+        anew = f"{made.name}_anew"
+        return [replace(made, name=anew), *_remembering(made, anew)]
+
+    def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
+        """Whether a property is violated; one that reads what nodes say is settled until then."""
+        made = super().property(p, predicate)
+        topics = self._told(predicate)
+        if p.component is not None or not topics or made.body is None:
+            return made
+        ct = c.Member(c.Arrow(S, "header"), "ct")
+        stamps = [c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(t))) for t in topics]
+        old: c.CExpr | None = None
+        for stamp in stamps:
+            new = c.Binary("||", c.Binary("==", stamp, ct), c.Binary("==", stamp, NEVER))
+            one = c.Unary("!", new)
+            old = one if old is None else c.Binary("&&", old, one)
+        assert old is not None
+        own = c.IndexExpr(c.Arrow(S, "properties"), c.Number(str(p.index)))
+        active = c.Binary("!=", c.Member(own, "active"), c.Number("0U"))
+        first, *rest = made.body
+        return replace(made, body=(first, c.IfStmt(old, (c.Return(active),)), *rest))
+
+    def _told(self, predicate: Predicate) -> tuple[int, ...]:
+        """The topics that a predicate reads, if it reads nothing else and nodes publish them."""
+        cells = predicate.footprint.reads
+        if not cells or predicate.footprint.modes or predicate.footprint.stamps:
+            return ()
+        if any(isinstance(x, Fact) for x in walk((*predicate.body, predicate.value))):
+            return ()
+        for cell in cells:
+            topic = self.system.topics[cell.owner] if cell.kind == "topic" else None
+            if topic is None or topic.queue_of is not None or topic.held:
+                return ()
+            if not topic.driver.startswith(NODES):
+                return ()
+        return tuple(sorted({cell.owner for cell in cells}))
+
     def more(self) -> list[c.CTop]:
         """The table of measures, and their functions."""
         found: list[c.CTop] = [c.Include("soter_batch.h")]
@@ -134,3 +194,78 @@ def _row(measure: Measure, name: str) -> c.CExpr:
             ("value", c.Name(name)),
         )
     )
+
+
+def _dear_calls(core: CoreSystem) -> frozenset[str]:
+    """Functions that the predicates of DMs call, and that take long for what they are given.
+
+    A DM asks them at every period of what may not have changed for a long time: a plan, say.
+    """
+    functions = {f.name: f for f in core.functions}
+    asked = {
+        x.function
+        for d in core.decisions
+        for predicate in (d.ttf, d.safer)
+        for x in walk(predicate.body)
+        if isinstance(x, Call)
+    }
+    known: dict[str, int] = {}
+    for f in core.functions:  # those that are called come first
+        known[f.name] = _operations(f.body, known)
+    words = {n: sum(size_of(p.type) for p in functions[n].parameters) / 8 for n in asked}
+    return frozenset(
+        n for n in asked if functions[n].source is None and words[n] and known[n] > DEAR * words[n]
+    )
+
+
+def _operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
+    """How many expressions a body evaluates at most, roughly."""
+    found = 0
+    for s in body:
+        if isinstance(s, Loop):
+            found += max(0, s.high - s.low) * _operations(s.body, known)
+        elif isinstance(s, If):
+            found += _operations(s.then, known) + _operations(s.otherwise, known)
+        else:
+            found += sum(known[x.function] if isinstance(x, Call) else 1 for x in walk(s))
+    return found
+
+
+def _remembering(made: c.FunctionDef, anew: str) -> list[c.CTop]:
+    """The last call of a thread, and what came of it. Structs have no holes: bytes tell."""
+    kept, last = f"{made.name}_kept", c.Name("last")
+    given = [(t, n) for t, n in made.parameters if t != "soter_fault *"]
+    faults = len(given) < len(made.parameters)
+    members = [c.StructMember("bool", "known"), c.StructMember("soter_fault", "status")]
+    members += [c.StructMember(t, f"given_{k}") for k, (t, _) in enumerate(given)]
+    members.append(c.StructMember(made.result, "result"))
+    known: c.CExpr = c.Arrow(last, "known")
+    for k, (_, name) in enumerate(given):
+        there = c.Unary("&", c.Arrow(last, f"given_{k}"))
+        size = c.CallExpr("sizeof", (c.Name(name),))
+        same = c.CallExpr("memcmp", (there, c.Unary("&", c.Name(name)), size))
+        known = c.Binary("&&", known, c.Binary("==", same, c.Number("0")))
+    status = (c.Unary("&", c.Arrow(last, "status")),) if faults else ()
+    arguments = (*(c.Name(n) for _, n in given), *status)
+    compute = (
+        *(c.Assign(c.Arrow(last, f"given_{k}"), c.Name(n)) for k, (_, n) in enumerate(given)),
+        c.Assign(c.Arrow(last, "status"), c.Name("SOTER_OK")),
+        c.Assign(c.Arrow(last, "result"), c.CallExpr(anew, arguments)),
+        c.Assign(c.Arrow(last, "known"), c.Name("true")),
+    )
+    raised = c.Do(c.CallExpr("soter_raise", (c.Name("fault"), c.Arrow(last, "status"))))
+    failed = c.Binary("!=", c.Arrow(last, "status"), c.Name("SOTER_OK"))
+    body: list[c.CStmt] = [
+        c.Declare(f"static SOTER_OF_THREAD {kept}", "own", None),
+        c.Declare(f"{kept} *const ", "last", c.Unary("&", c.Name("own"))),
+        c.IfStmt(c.Unary("!", known), compute),
+    ]
+    if faults:
+        body.append(c.IfStmt(failed, (raised,)))
+    body.append(c.Return(c.Arrow(last, "result")))
+    return [
+        c.Include("string.h", system=True),
+        c.Include("soter_batch.h"),
+        c.StructDef(kept, tuple(members), f"the last call of {anew}"),
+        replace(made, body=tuple(body)),
+    ]

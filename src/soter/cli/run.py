@@ -35,6 +35,7 @@ EXAMPLES = """\
   soter run cart.soter --log out.mcap          for Foxglove, PlotJuggler, the mcap tools
   soter run cart.soter --set GAIN=3 --bind Learned=python:policy.py:step
   soter run cart.soter --flight 48123 --report what `soter campaign` flew under that number
+  soter run cart.soter --flight 7 --arm ac     the same flight by the rules of that arm
   soter run cart.soter --engine interp         the reference interpreter: slow, the same bytes
 """
 NAME_MAX = 150
@@ -52,6 +53,12 @@ def parser() -> Parser:
     made.add_argument("--seed", metavar="N", type=seed, default=1, help="by default 1")
     made.add_argument(
         "--flight", metavar="K", type=seed, help="flight K of a campaign that begins with --seed"
+    )
+    made.add_argument(
+        "--arm", metavar="A", help="by the rules of that arm of the campaign: ac, paper, ..."
+    )
+    made.add_argument(
+        "--campaign", metavar="DIR", help="its folder; by default where `soter campaign` puts it"
     )
     made.add_argument(
         "--engine", choices=ENGINES, default="native", help="native C, or the reference interpreter"
@@ -82,6 +89,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         program = load(args.file, line)
     if program.externs:
         apart(console, lambda process: _rescued(args, process))
+    first_seed = args.seed
     if args.flight is not None:
         args.seed = (args.seed + args.flight) % 2**64
     console.listen()
@@ -90,6 +98,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         program.bind(name, target)
     warnings = program.diagnostics if program.ok else ()
     try:
+        if args.arm is not None and args.campaign is None:
+            args.campaign = _campaign(program, args, first_seed)
         _look_ahead(args)
         log = _log(args)
         result = _simulate(program, args, console, log)
@@ -115,7 +125,16 @@ def _simulate(
             real_time=args.real_time,
             partial=True,
             apart=console.own_process,
+            arm=args.arm,
+            campaign=args.campaign,
         )
+
+
+def _campaign(program: Program, args: argparse.Namespace, first_seed: int) -> Path:
+    """Where the campaign of that flight lies, if nobody said where."""
+    from soter.api.campaigning import own_folder  # noqa: PLC0415 - needs NumPy
+
+    return own_folder(program, args.system, dict(args.params), args.until, first_seed)
 
 
 def _finish(
@@ -160,8 +179,9 @@ def _same(log: str, report: str) -> bool:
 
 
 def _own_name(args: argparse.Namespace, system: System) -> str:
-    """Program, system, seed and what was set on the command line: no sweep overwrites itself."""
+    """Program, system, seed, arm and what was set: no sweep overwrites itself."""
     parts = [Path(args.file).stem, system.name, str(args.seed)]
+    parts += [args.arm] if args.arm else []
     parts += [f"{name}={value}" for name, value in args.params]
     name = "-".join(re.sub(r"[^A-Za-z0-9_.=+-]", "_", part) for part in parts)
     if len(name) > NAME_MAX:

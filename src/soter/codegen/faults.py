@@ -58,6 +58,8 @@ def definitions(frame: Frame, names: Mapping[int, str]) -> list[c.CTop]:
             found.append(c.VariableDef("int64_t", _times(frame, i), times, array=True))
     moved = sorted({f.component for f in frame.system.faults if f.of_time})
     found += [_happens(frame, frame.system.components[k], names) for k in moved]
+    lasting = sorted({f.component for f in frame.system.faults if f.kind == "overrun"})
+    found += [_overrun(frame, frame.system.components[k], names[k]) for k in lasting]
     return [*found, *([_order(frame)] if frame.system.shuffled else [])]
 
 
@@ -131,6 +133,25 @@ def _wait(other: Component, name: str) -> list[c.CStmt]:
         c.Declare("int64_t", "since", c.Binary("-", c.Name("nominal"), phase), const=True),
         c.IfStmt(since_then, (c.Declare("int64_t", "waited", there, const=True), later)),
     ]
+
+
+def _overrun(frame: Frame, component: Component, name: str) -> c.FunctionDef:
+    """How much longer a step lasts that begins now."""
+    longer, period = c.Name("longer"), int_number(component.period_ns)
+    body: list[c.CStmt] = [
+        frame.state_pointer(const=True),
+        c.Declare("int64_t", "longer", c.Number("0")),
+    ]
+    for i, f in enumerate(frame.system.faults):
+        if f.component == component.index and f.kind == "overrun":
+            more = c.Assign(longer, c.Binary("+", longer, int_number(int(f.amount[0]))))
+            there = _asked(frame, i, "soter_fault_active", CT, period)
+            body.append(c.IfStmt(there, (more,)))
+    body.append(c.Return(longer))
+    doc = f"how much longer a step of {component.name} lasts"
+    return c.FunctionDef(
+        "int64_t", f"{name}_overrun", (("const void *", "state"),), tuple(body), doc
+    )
 
 
 def _order(frame: Frame) -> c.FunctionDef:

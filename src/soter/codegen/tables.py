@@ -47,6 +47,8 @@ class TableEmitter:
         self.module_names = module_names
         self.open_topics = environment_topics(frame.system)
         self.moved = {f.component for f in frame.system.faults if f.of_time}
+        self.overrun = {f.component for f in frame.system.faults if f.kind == "overrun"}
+        self.judged = {p.component for p in frame.system.properties}
         self.found: list[c.CTop] = []
 
     def tables(self) -> list[c.CTop]:
@@ -120,11 +122,13 @@ class TableEmitter:
                 ("phase_ns", int_number(x.phase_ns)),
                 ("module", c.Number(str(-1 if x.module is None else x.module))),
                 ("is_extern", c.Name("true" if x.extern and not self.frame.linked(x) else "false")),
+                ("judged", c.Name("true" if x.index in self.judged else "false")),
                 ("outputs", c.Number(f"{(1 << outputs) - 1}U")),
                 ("step", c.Name(f"{name}_step" if step else "NULL")),
                 ("failsafe", c.Name(f"{name}_failsafe" if x.failsafe else "NULL")),
                 *_held(x, name),
                 *((("happens", c.Name(f"{name}_happens")),) if x.index in self.moved else ()),
+                *((("overrun", c.Name(f"{name}_overrun")),) if x.index in self.overrun else ()),
             )
         )
 
@@ -203,12 +207,13 @@ def _when(p: Property) -> tuple[tuple[str, c.CExpr], ...]:
 
 
 def _held(x: Component, name: str) -> tuple[tuple[str, c.CExpr], ...]:
-    """Of a node whose steps take time; nothing of others."""
-    if x.held is None or x.takes_ns is None:
+    """Of a node whose steps may last; nothing of others."""
+    if x.held is None:
         return ()
+    least, most = x.takes_ns or (0, 0)
     return (
-        ("least_ns", int_number(x.takes_ns[0])),
-        ("most_ns", int_number(x.takes_ns[1])),
+        ("least_ns", int_number(least)),
+        ("most_ns", int_number(most)),
         ("stream", stream_key(f"{x.name}.takes")),
         ("held", c.Number(f"{x.held}U")),
         ("effect", c.Name(f"{name}_effect")),

@@ -28,9 +28,9 @@ from soter.program.model.system import environment_topics
 
 if TYPE_CHECKING:
     from soter.codegen.body import Branch
-    from soter.lower.core import CoreSystem, Function
+    from soter.lower.core import CoreSystem, Function, Predicate
     from soter.lower.layout import StateLayout
-    from soter.program.model.system import System
+    from soter.program.model.system import Property, System
     from soter.program.model.types import Type
 
 COMPONENT_NAMES = (
@@ -131,7 +131,7 @@ class UnitBuilder:
         """The header, the source and what a driver must know."""
         for topic in self.system.topics:
             self.types.stored(topic.type)  # declared names first: equal records share a struct
-        functions = [self._function(f) for f in self.core.functions]
+        functions = [made for f in self.core.functions for made in self.function(f)]
         steps = self._steps()
         init = start.init(self.frame, f"{self.prefix}_init")
         tables = TableEmitter(
@@ -218,7 +218,11 @@ class UnitBuilder:
 
     # ------------------------------------------------------------ functions and steps
 
-    def _function(self, f: Function) -> c.CTop:
+    def function(self, f: Function) -> list[c.CTop]:
+        """The C of a function; a kind of program may have more of it (`campaign/unit.py`)."""
+        return [self._function(f)]
+
+    def _function(self, f: Function) -> c.FunctionDef:
         name, faults = self.functions[f.name]
         parameters = [(self._parameter_type(p.type), self.body.local(p.name)) for p in f.parameters]
         if faults:
@@ -244,7 +248,7 @@ class UnitBuilder:
 
     def _extern_function(
         self, f: Function, name: str, parameters: tuple[tuple[str, str], ...], result: str, doc: str
-    ) -> c.CTop:
+    ) -> c.FunctionDef:
         """A linked C function; where it is bound to something else, calling it is a fault."""
         if f.source is not None and f.source.startswith("c:"):
             _, path, symbol = f.source.split(":")
@@ -306,19 +310,21 @@ class UnitBuilder:
         for d in self.core.decisions:
             found += decisions.decision(self.frame, d, self.module_names[d.module])
         for p, predicate in zip(self.system.properties, self.core.properties, strict=True):
-            found.append(
-                decisions.predicate(
-                    self.frame,
-                    predicate,
-                    f"{self.prefix}_property_{p.index}",
-                    f"violated: {p.kind} {p.text}",
-                    unsafe=True,
-                    negate=p.kind != "never",
-                )
-            )
+            found.append(self.property(p, predicate))
         for i, drive in enumerate(self.system.inputs):
             found.append(self.inputs.draw(drive, f"{self.prefix}_input_{i}"))
         return found
+
+    def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
+        """Whether a property is violated."""
+        return decisions.predicate(
+            self.frame,
+            predicate,
+            f"{self.prefix}_property_{p.index}",
+            f"violated: {p.kind} {p.text}",
+            unsafe=True,
+            negate=p.kind != "never",
+        )
 
     # ------------------------------------------------------------ the state struct
 

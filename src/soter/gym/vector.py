@@ -7,6 +7,7 @@ Non-goals: plants that live in Python (`protected.py`); learning.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -46,8 +47,9 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
     `reward(observation, action, next)`, `terminate(observation, action, next)`: functions of arrays
     (num_envs, numbers), to (num_envs,); `action` is what the module published, the agent's or SC's.
     Without `reward` it is 0. `on_violation`: `"terminate"` or `"truncate"` an episode in which a
-    property is violated. `max_steps`: after which an episode is truncated, by default as long as
-    the system's `until` says (0: never).
+    property is violated. `max_steps`: after so many steps of the agent an episode is truncated (0:
+    never); by default at its last release up to the system's `until`, or, where faults lose that
+    one, at the next that happens.
 
     `autoreset`: Gymnasium's `AutoresetMode`. Equal seeds give equal episodes: the first of world k
     is that of `simulate(seed=seed + k)`, the j-th after it has `seed + k + j * num_envs`. `copy`:
@@ -79,7 +81,8 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         self.num_envs = num_envs
         self.metadata = {"autoreset_mode": self.autoreset, "render_modes": []}
         self._reward, self._terminate, self._on_violation = reward, terminate, on_violation
-        self._max_steps = _limit(made) if max_steps is None else max_steps
+        self._max_steps = max_steps or 0
+        self._end_ns = _end_ns(made) if max_steps is None else None
         self._copy = copy
         agent = made.system.components[made.roles.agent]
         outputs = mapping.topics_published(made.system, agent)
@@ -166,8 +169,11 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         if isinstance(seed, (int, np.integer)):
             first = seed_value(int(seed))
             found = [(first + k) & SEED_BITS for k in range(self.num_envs)]
+        elif isinstance(seed, Iterable) and not isinstance(seed, (str, dict)):
+            found = [seed_value(s) for s in seed]
         else:
-            found = [seed_value(int(s)) for s in seed]
+            message = f"`seed` cannot be {str(seed)[:40]!r}"
+            raise wrong_choice(message, "give a whole number, or one for each world")
         if len(found) != self.num_envs:
             message = f"there are {len(found)} seeds for {self.num_envs} worlds"
             raise wrong_choice(message, "give one seed, or one for each world")
@@ -205,6 +211,8 @@ class ProtectedVector(VectorEnv[Any, Any, Any]):
         cut = np.zeros(n, dtype=bool)
         if self._max_steps:
             cut = facts["steps"] >= self._max_steps
+        if self._end_ns is not None:
+            cut = facts["time"] >= self._end_ns
         if self._on_violation is not None:
             violated = self._cost > 0.0
             ended, cut = (
@@ -253,10 +261,12 @@ def _chosen(
         raise wrong_choice(f"`autoreset` cannot be {autoreset!r}", f"there are {known}") from error
 
 
-def _limit(made: Compiled) -> int:
-    """How many steps the agent takes until the system's own end; 0 where it has none."""
+def _end_ns(made: Compiled) -> int | None:
+    """The agent's last release up to the system's own end, its second at least; None: no end."""
     agent, until = made.system.components[made.roles.agent], made.system.until_ns
-    return 0 if until is None else max(1, (until - agent.phase_ns) // agent.period_ns)
+    if until is None:
+        return None
+    return agent.phase_ns + max(1, (until - agent.phase_ns) // agent.period_ns) * agent.period_ns
 
 
 def _mask(options: dict[str, Any] | None, count: int) -> npt.NDArray[np.bool_]:

@@ -27,7 +27,9 @@ FAULTS = "soter_faults.h"
 LIBRARY = "program.so"
 TELLING = ("error", "undefined", "previous de")
 """What makes a line of a C compiler worth showing."""
-OWN_SYMBOLS = ("-Wl,-Bsymbolic",) if sys.platform.startswith("linux") else ()
+OWN_SYMBOLS = (
+    ("-Wl,-Bsymbolic", "-fno-semantic-interposition") if sys.platform.startswith("linux") else ()
+)
 """A library calls its own functions: without it an extern named `step` would be that of libc."""
 
 REPORT = "this is a defect of soter: please report it with your compiler's version"
@@ -75,8 +77,9 @@ def objects(sources: tuple[Path, ...], flags: tuple[str, ...]) -> tuple[Path, ..
     content = digest((compiler.identity, *flags, *texts(*sources)))
 
     def make(work: Path) -> None:
-        command = [*compiler.command, *flags, "-c", *map(str, sources)]
-        compile_with(command, work, "the run-time does not compile", (REPORT,))
+        for source, name in zip(sources, names, strict=True):  # of several zig makes but the first
+            command = [*compiler.command, *flags, "-c", str(source), "-o", name]
+            compile_with(command, work, "the run-time does not compile", (REPORT,))
 
     folder = kept("objects", content, names, make)
     return tuple(folder / name for name in names)

@@ -156,13 +156,15 @@ typedef struct {
   int64_t phase_ns;
   int32_t module; /* -1 outside modules */
   bool is_extern;
+  bool judged;      /* whether it has contracts: `assumes`, `guarantees` */
   uint32_t outputs; /* one bit per output */
   soter_step_fn* step;
   void (*failsafe)(void* state); /* publishes the declared fail-safe values; may be NULL */
-  /* A node whose steps take time, between `least_ns` and `most_ns` (of others 0), drawn from
-   * `stream`. They write what they publish into topic `held`, whose stamp is when it takes effect,
-   * SOTER_NEVER where no step lasts. `effect` publishes it, if the outputs are enabled; `exchange`
-   * swaps what is held and what the topics have, so that contracts can be judged. */
+  /* A node whose steps may last, between `least_ns` and `most_ns` (where only faults make them
+   * last: 0), drawn from `stream`; of others `effect` is NULL. They write what they publish into
+   * topic `held`, whose stamp is when it takes effect, SOTER_NEVER where no step lasts. `effect`
+   * publishes it, if the outputs are enabled; `exchange` swaps what is held and what the topics
+   * have, so that contracts can be judged. */
   int64_t least_ns;
   int64_t most_ns;
   uint64_t stream;
@@ -172,6 +174,9 @@ typedef struct {
   /* When release number `release` happens, SOTER_NEVER where it is lost: of a component whose
    * releases the faults of the system move; of others NULL. */
   int64_t (*happens)(const void* state, int64_t release);
+  /* How much longer a step lasts that begins at ct, where faults of the system make steps overrun;
+   * else NULL. */
+  int64_t (*overrun)(const void* state);
 } soter_component_info;
 
 typedef struct {

@@ -108,7 +108,7 @@ static int64_t effect_of(const soter_program* p, const void* state, uint32_t com
   const soter_property* const q = (const soter_property*)(m + p->modules);
   const int64_t* const stamps = (const int64_t*)(q + p->properties);
   const soter_component_info* const info = &p->component[component];
-  return info->most_ns > 0 ? stamps[info->held] : SOTER_NEVER;
+  return info->effect != NULL ? stamps[info->held] : SOTER_NEVER;
 }
 
 int64_t soter_next_instant(const soter_program* p, const void* state) {
@@ -117,12 +117,10 @@ int64_t soter_next_instant(const soter_program* p, const void* state) {
   const soter_component* const c = (const soter_component*)(h + 1);
   int64_t next = INT64_MAX;
   for (uint32_t i = 0; i < p->components; i++) {
-    const int64_t effect = effect_of(p, state, i);
-    if (effect != SOTER_NEVER && effect < next) {
-      next = effect;
-    }
-    if (c[i].next < next) {
-      next = c[i].next;
+    next = c[i].next < next ? c[i].next : next;
+    if (p->component[i].effect != NULL) {
+      const int64_t effect = effect_of(p, state, i);
+      next = effect != SOTER_NEVER && effect < next ? effect : next;
     }
   }
   for (uint32_t i = 0; i < p->inputs; i++) {
@@ -152,11 +150,12 @@ void soter_progress(const soter_program* p, void* state) {
   assert(h->firing == 0U);                       /* dt1: FN is empty */
   h->ct = soter_next_instant(p, state);          /* dt2 */
   for (uint32_t i = 0; i < p->components; i++) { /* dt3 */
+    const bool released = c[i].next == h->ct;
     const int64_t effect = effect_of(p, state, i);
-    if (effect == h->ct || (effect < h->ct && c[i].next == h->ct)) { /* busy: a release is lost */
+    if (effect == h->ct || (released && effect < h->ct)) { /* busy: a release is lost */
       c[i].pending = 1;
     }
-    if (c[i].next == h->ct) {
+    if (released) {
       c[i].next = following(p, state, i);
     }
   }
@@ -276,6 +275,9 @@ static void note_property(const soter_program* p, void* state, uint32_t index, b
 static bool contracts_hold(const soter_program* p, void* state, uint32_t component,
                            soter_when when) {
   bool hold = true;
+  if (!p->component[component].judged) {
+    return hold;
+  }
   for (uint32_t i = 0; i < p->properties; i++) {
     const soter_property_info* const info = &p->property[i];
     if (info->when == when && info->component == component) {
@@ -303,10 +305,17 @@ static void judge_guarantees(const soter_program* p, void* state, uint32_t index
 static void last(const soter_program* p, void* state, uint32_t index) {
   const soter_component_info* const info = &p->component[index];
   const soter_header* const h = soter_header_of(state);
-  if (info->most_ns > 0) {
-    const int64_t release = (h->ct - info->phase_ns) / info->period_ns;
-    soter_stamps_of(p, state)[info->held] =
-        h->ct + soter_draw_int(h, info->stream, release, info->least_ns, info->most_ns);
+  if (info->effect == NULL) {
+    return;
+  }
+  const int64_t release = (h->ct - info->phase_ns) / info->period_ns;
+  int64_t took = soter_draw_int(h, info->stream, release, info->least_ns, info->most_ns);
+  if (info->overrun != NULL) {
+    took += info->overrun(state);
+  }
+  soter_stamps_of(p, state)[info->held] = h->ct + took;
+  if (took == 0) {
+    info->effect(state);
   }
 }
 
@@ -371,7 +380,11 @@ static bool take_effect(const soter_program* p, void* state, uint32_t index) {
     return true;
   }
   info->effect(state);
-  return ct >= info->phase_ns && (ct - info->phase_ns) % info->period_ns == 0;
+  const int64_t since = ct - info->phase_ns;
+  if (info->happens != NULL) {
+    return since >= 0 && info->happens(state, since / info->period_ns) == ct;
+  }
+  return since >= 0 && since % info->period_ns == 0;
 }
 
 uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer) {

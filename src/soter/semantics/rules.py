@@ -14,7 +14,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.program.meaning.arith import FaultKind, StepFault
-from soter.semantics.chance.faults import disturbed, is_released, next_release
+from soter.semantics.chance.faults import disturbed, is_released, next_release, overrun_ns
 from soter.semantics.chance.random_draws import chooser, draw_bits
 from soter.semantics.configuration import NEVER, put
 from soter.semantics.control import enabled
@@ -105,11 +105,14 @@ def ac_or_sc_step(machine: Machine, c: Configuration, n: int) -> tuple[Configura
     late: dict[int, Value] = {}
     if c.stamps[component.held] == c.ct:
         c, late = take_effect(machine, c, component)
-        if not _is_released(component, c.ct):
+        if not _is_released(machine, component, c.ct):
             return c, Outcome(n, late)
     runs = not c.latched[n]
     c, outcome = _node_step(machine, c, component)
     c = last(machine, c, component) if runs else c
+    if c.stamps[component.held] == c.ct:  # it took no time
+        c, now = take_effect(machine, c, component)
+        late |= now
     return c, replace(outcome, published={**late, **outcome.published})
 
 
@@ -169,13 +172,8 @@ def _next_release(machine: Machine, ct: int, n: Component) -> int:
 
 def _is_due(machine: Machine, c: Configuration, n: Component, ct: int) -> bool:
     """Whether a component fires at `ct`; releases of one that is still busy are lost."""
-    late = machine.timing.get(n.index)
-    if late is not None:
-        return is_released(machine.system, late, n, machine.seed, ct)
-    if n.held is None:
-        return _is_released(n, ct)
-    ends = c.stamps[n.held]
-    return ends == ct or (ends == NEVER and _is_released(n, ct))
+    ends = NEVER if n.held is None else c.stamps[n.held]
+    return ends == ct or (ends == NEVER and _is_released(machine, n, ct))
 
 
 def _next_multiple(ct: int, phase: int, period: int) -> int:
@@ -183,7 +181,11 @@ def _next_multiple(ct: int, phase: int, period: int) -> int:
     return phase if ct < phase else ct + period - (ct - phase) % period
 
 
-def _is_released(n: Component, ct: int) -> bool:
+def _is_released(machine: Machine, n: Component, ct: int) -> bool:
+    """Whether a release of the component happens at `ct`, as the faults of the system move it."""
+    late = machine.timing.get(n.index)
+    if late is not None:
+        return is_released(machine.system, late, n, machine.seed, ct)
     return ct >= n.phase_ns and (ct - n.phase_ns) % n.period_ns == 0
 
 
@@ -221,11 +223,11 @@ def _holds(predicate: Compiled | None, env: Environment, *, unknown: bool) -> bo
 def last(machine: Machine, c: Configuration, component: Component) -> Configuration:
     """A step that has begun lasts until a time that is drawn, whatever became of it."""
     assert component.held is not None
-    assert component.takes_ns is not None
-    low, high = component.takes_ns
+    low, high = component.takes_ns or (0, 0)
+    faults = machine.faults.get(component.index, ())
     index = (c.ct - component.phase_ns) // component.period_ns
     drawn = draw_bits(machine.seed, f"{component.name}.takes", index)
-    took = low + drawn % (high - low + 1)
+    took = low + drawn % (high - low + 1) + overrun_ns(faults, component, machine.seed, c.ct)
     return replace(c, stamps=put(c.stamps, component.held, c.ct + took))
 
 

@@ -119,7 +119,7 @@ def _refuse(system: System) -> None:
     for x in nodes_of(system):
         assert x.node is not None
         why = "keeps locals (`var`) in the state" if x.node.locals else ""
-        why = "says how long its steps take (`takes`)" if x.takes_ns is not None else why
+        why = "has steps that take time (`takes`, `overrun`)" if x.held is not None else why
         if why:
             problems.append(
                 Diagnostic(

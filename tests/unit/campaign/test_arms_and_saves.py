@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import csv
+import hashlib
 import json
+import re
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,20 +13,24 @@ import numpy as np
 import pytest
 
 from soter import SoterError, load
+from soter.api.campaigning import own_folder
 from soter.campaign.arms import NAMES, arms_of
-from soter.campaign.fleet import Fleet
+from soter.campaign.fleet import EVENT, Fleet
 from soter.campaign.lateness import Lateness, measured
-from soter.campaign.troubles import outside
+from soter.campaign.troubles import occurred, outside
 from soter.program.build import check_file, system_of
 from soter.program.flatten.derived import forced
+from soter.semantics.chance.faults import begins
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
     from soter.program.model.system import System
+    from soter.simulate.result import Run
 
 ROOT = Path(__file__).resolve().parents[3]
 CART = ROOT / "examples" / "wall" / "cart.soter"
 SECOND = 10**9
+SC_MODE, AC_MODE = 0, 1
 MEASURES = """
   measure far = abs(c.truth.x) in [0.0, 4.0] / 8 every 100ms;
   measure inverse = 1.0 / (motion.x > 2.0 ? 0.0 : 1.0) in [0.5, 2.0] / 3 every 30ms;
@@ -171,6 +178,61 @@ def test_what_was_outside_is_told_up_to_the_violation(tmp_path: Path) -> None:
     assert not all(some)
 
 
+@pytest.mark.parametrize(
+    "faults",
+    [
+        "silent c at 100 per 1h for 1s;",
+        "nan SafeCart.Fast at 300 per 1h; skip SafeCart.Fast at 300 per 1h for 700ms;",
+        "saturated SafeCart.Fast at 3000 per 1h for 3ms; bias c by 0.1 at 900 per 1h for 2s;",
+        "overrun SafeCart.Fast by 3ms at 4000 per 1h; late SafeCart.dm by 90ms at 900 per 1h;",
+    ],
+)
+def test_how_often_each_fault_was_there_is_what_each_run_says(faults: str, tmp_path: Path) -> None:
+    flat, until = flat_of(with_faults(tmp_path, faults)), 29 * SECOND
+    seeds = [*range(7), 2**64 - 1]
+    told = occurred(flat, seeds, until)
+    wanted: dict[str, int] = {}
+    for text, stream in {(f.text, f.stream) for f in flat.faults if f.on is None}:
+        (f, *_) = [f for f in flat.faults if f.stream == stream]
+        c = flat.components[f.component]
+        times = sum(len(begins(f, c, seed, until)) for seed in seeds)
+        wanted[text] = wanted.get(text, 0) + times
+    assert told == wanted
+    assert all(n > 0 for n in wanted.values())
+
+
+def test_many_flights_are_counted_in_pieces(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    flat = flat_of(with_faults(tmp_path, "nan SafeCart.Fast at 300 per 1h;"))
+    whole = occurred(flat, range(50), SECOND)
+    monkeypatch.setattr("soter.campaign.troubles.DRAWS", 300)
+    assert occurred(flat, range(50), SECOND) == whole
+
+
+def test_a_campaign_tells_how_often_each_fault_was_there(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from soter.cli.main import main
+
+    said = "late modules by 400ms at 900 per 1h"
+    path = with_faults(tmp_path, f"{said}; late all by [0ms, 1us]; order any;")
+    folder = tmp_path / "c"
+    arguments = ["campaign", str(path), "--system", "Protected", "--flights", "20"]
+    main([*arguments, "--until", "10s", "--report", "--json", "-o", str(folder)])
+    document = json.loads(capsys.readouterr().out)
+    times = {f["fault"]: f["times"] for f in document["faults"]}
+    flat = flat_of(path)
+    late = next(f for f in flat.faults if f.text == said)
+    c = flat.components[late.component]
+    once = sum(len(begins(late, c, seed, 10 * SECOND)) for seed in range(1, 21))
+    assert times == {said: once, "late all by [0ms, 1us]": None, "order any": None}
+    assert 20 < once < 80, "50 are expected"
+    assert f"<td>{once}</td>" in (folder / "report.html").read_text(encoding="utf-8")
+    main([*arguments, "--until", "10s", "-o", str(folder)])
+    assert re.search(rf"{once} +{said} +outside", capsys.readouterr().out)
+
+
 # ---------------------------------------------------------------- arms
 
 
@@ -259,3 +321,118 @@ def test_a_flight_is_flown_again_by_its_number(
     assert main([*arguments, "--seed", "5", "--flight", str(flight.number)]) == 3
     document = json.loads(capsys.readouterr().out)
     assert document["violations"] == flight.violations
+
+
+def digest_of_run(run: Run) -> str:
+    """SHA-256 over events and last state, straight from a trace: another `soter_compare`."""
+    states, events = run.require_trace(), []
+    before = {
+        "mode": [AC_MODE if m.forced == "ac" else SC_MODE for m in run.system.modules],
+        "count": [0] * len(run.system.properties),
+        "latched": [0] * len(run.system.components),
+    }
+    for state in states:
+        time = int(state["header"]["ct"])
+        for i, mode in enumerate(state["modules"]["mode"]):
+            if mode != before["mode"][i]:
+                events.append((time, 0 if mode == SC_MODE else 1, i))
+        for i, count in enumerate(state["properties"]["count"]):
+            if count != before["count"][i]:
+                events.append((time, 2, i))
+        for i, latched in enumerate(state["components"]["latched"]):
+            if latched != before["latched"][i]:
+                events.append((time, 3, i))
+        before = {
+            "mode": state["modules"]["mode"],
+            "count": state["properties"]["count"],
+            "latched": state["components"]["latched"],
+        }
+    found = np.array(events, dtype=EVENT)
+    return hashlib.sha256(found.tobytes() + states[-1].tobytes()).hexdigest()
+
+
+def rows_of(folder: Path) -> list[dict[str, str]]:
+    text = (folder / "flights.csv").read_text(encoding="utf-8")
+    return list(csv.DictReader(text.splitlines()))
+
+
+@pytest.fixture(scope="module")
+def flown_by_arms(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("arms") / "c"
+    how = {"flights": 4, "until": "5s", "output": folder, "seed": 11, "lateness_s": 0.2}
+    load(CART).campaign("Protected", arms=("ac", "paper", "swept"), **how)
+    return folder
+
+
+@pytest.mark.parametrize("arm", ["ours", "ac", "paper", "ours-modules-1200ms", "paper-all-360ms"])
+def test_a_flight_of_an_arm_is_flown_again_bit_for_bit(arm: str, flown_by_arms: Path) -> None:
+    place = flown_by_arms if arm == "ours" else flown_by_arms / f"arm-{arm}"
+    rows = rows_of(place)
+    assert len(rows) == 4
+    program = load(CART)
+    for row in rows:
+        for engine in ("native", "interp") if row["number"] == "2" else ("native",):
+            seed = int(row["seed"])
+            run = program.simulate("Protected", "5s", seed, engine, arm=arm, campaign=flown_by_arms)
+            assert digest_of_run(run) == row["digest"]
+    assert len({row["digest"] for row in rows}) == 4
+
+
+def test_a_run_of_an_arm_is_asked_for_by_the_number_of_its_flight(
+    flown_by_arms: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    from soter.cli.main import main
+
+    arguments = ["run", str(CART), "--system", "Protected", "--until", "5s", "--seed", "11"]
+    arguments += ["--flight", "3", "--campaign", str(flown_by_arms), "--json"]
+    digests = []
+    for arm in ("paper", "ac"):
+        row = rows_of(flown_by_arms / f"arm-{arm}")[3]
+        code = main([*arguments, "--arm", arm, "--report", "-o", str(tmp_path)])
+        document = json.loads(capsys.readouterr().out)
+        assert (code == 3) == (document["violations"] > 0)
+        assert document["violations"] == int(row["violations"])
+        assert arm in Path(document["report"]).name
+        digests.append(document["trace_sha256"])
+    assert digests[0] != digests[1]
+
+
+@pytest.mark.parametrize(
+    ("arm", "campaign", "code", "said"),
+    [
+        ("best", None, "U001", "there is no arm `best`"),
+        ("paper", "nowhere", "D006", "no arm `paper` was flown there"),
+        ("paper", None, "D006", "no arm `paper` was flown there"),
+    ],
+)
+def test_an_arm_that_cannot_be_flown_again_is_an_error_in_words(
+    arm: str, campaign: str | None, code: str, said: str
+) -> None:
+    with pytest.raises(SoterError, match=said) as caught:
+        load(CART).simulate("Protected", "1s", arm=arm, campaign=campaign)
+    assert [d.code for d in caught.value.diagnostics] == [code]
+
+
+def test_a_lateness_of_another_program_is_refused(flown_by_arms: Path) -> None:
+    with pytest.raises(SoterError, match="of another program or system"):
+        load(CART).simulate("Unprotected", "1s", arm="paper", campaign=flown_by_arms)
+
+
+def test_where_a_campaign_lies_is_known_without_being_told(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    program = load(CART)
+    found = program.campaign("Protected", {}, flights=1, until="2s", seed=3)
+    assert own_folder(program, "Protected", {}, "2s", 3) == found.folder
+
+
+def test_flights_in_which_steps_overrun_are_runs_bit_for_bit(tmp_path: Path) -> None:
+    faults = "overrun SafeCart.Fast by 35ms at 900 per 1h for 300ms; late SafeCart.Fast by 4ms;"
+    path = with_faults(tmp_path, faults)
+    flights = Fleet(flat_of(path), 6 * SECOND).fly(range(5), first_seed=2)
+    program = load(path)
+    for f in flights:
+        assert digest_of_run(program.simulate("Protected", "6s", f.seed)) == f.digest
+    plain = Fleet(flat_of(CART), 6 * SECOND).fly(range(5), first_seed=2)
+    assert {f.digest for f in plain}.isdisjoint(f.digest for f in flights)

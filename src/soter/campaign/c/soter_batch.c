@@ -101,17 +101,21 @@ static void soter_note_look(const soter_measure* m, soter_look* look, uint32_t* 
   bins[soter_bin(m, x)]++;
 }
 
-/* Looks at what is due after an instant; `since`: the time of the instant before it. */
-static void soter_measure_all(const soter_measured* all, const void* state, int64_t since,
-                              soter_look* looks, uint32_t* bins) {
+/* Looks at what is due after an instant, and tells when the next look is due. */
+static int64_t soter_measure_all(const soter_measured* all, const void* state, int64_t since,
+                                 soter_look* looks, uint32_t* bins) {
   const int64_t ct = ((const soter_header*)state)->ct;
+  int64_t next = INT64_MAX;
   for (uint32_t i = 0; i < all->count; i++) {
     const soter_measure* const m = &all->measure[i];
-    if (since < 0 || ct / m->every_ns != since / m->every_ns) {
+    const int64_t part = ct / m->every_ns;
+    if (since < 0 || part != since / m->every_ns) {
       soter_note_look(m, &looks[i], bins, m->value(state));
     }
+    next = (part + 1) * m->every_ns < next ? (part + 1) * m->every_ns : next;
     bins += m->bins + 2U;
   }
+  return next;
 }
 
 /* ------------------------------------------------------------------ counterfactual saves */
@@ -188,10 +192,12 @@ typedef struct {
 static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* o,
                       const soter_places* at, soter_events* e) {
   uint32_t due = 0;
+  int64_t since = -1; /* the last time of which looks know */
+  int64_t look = 0;   /* when the next of them is due */
   soter_start(p, at->state, seed);
+  const soter_header* const h = soter_header_of(at->state);
   (void)memcpy(at->before, at->state, p->state_size);
   while (soter_next_instant(p, at->state) <= o->until_ns) {
-    const int64_t since = soter_header_of(at->state)->ct;
     const size_t first = e->used;
     if (at->saves != NULL && soter_decides_next(p, at->state)) {
       (void)memcpy(at->pre, at->state, p->state_size);
@@ -202,7 +208,10 @@ static bool soter_fly(const soter_program* p, uint64_t seed, const soter_order* 
     if (!soter_compare(p, at->state, at->before, e)) {
       return false;
     }
-    soter_measure_all(o->measured, at->state, since, at->looks, at->bins);
+    if (h->ct >= look) {
+      look = soter_measure_all(o->measured, at->state, since, at->looks, at->bins);
+      since = h->ct;
+    }
     if (at->saves != NULL && e->used != first) {
       soter_judge(p, o, e, first, at->pre, at->work, at->saves);
     }

@@ -10,6 +10,8 @@
 
 #include "soter.h"
 
+#define SOTER_OF_THREAD __thread /* what is remembered from one call to the next (unit.py) */
+
 #ifdef __cplusplus
 extern "C" {
 #endif

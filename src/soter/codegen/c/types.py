@@ -268,10 +268,12 @@ class TypeTable:
             body += self._check_array(t, bounds, v)
         else:
             assert isinstance(t, ListType)
-            length: c.CExpr = c.Arrow(v, "len")
+            length, most = c.Arrow(v, "len"), c.Number(str(t.capacity))
             element = c.IndexExpr(c.Arrow(v, "items"), c.Name("k"))
             inner = self.check(t.element, bounds, element)
-            body.append(c.For("k", c.Number("0"), length, tuple(inner)))
+            fits = c.CallExpr("soter_check_int", (length, c.Number("0"), most, FAULT))
+            there = c.CallExpr("soter_min_int", (length, most))
+            body += [c.Do(fits), c.For("k", c.Number("0"), there, tuple(inner))]
         stored = self.stored(t)
         name = self.unique(f"{stored}_check")
         self._checks[key] = name

@@ -302,7 +302,15 @@ def faultless(system: System) -> System:
     """Nothing goes wrong, and nodes step in the deployed order: what proofs are about."""
     if not system.faults and not system.shuffled:
         return system
-    return replace(system, faults=(), shuffled=False)
+    components = tuple(replace(c, held=c.held if c.takes_ns else None) for c in system.components)
+    held = {c.held for c in components}
+    return replace(
+        system,
+        topics=tuple(t for t in system.topics if not t.held or t.index in held),
+        components=components,
+        faults=(),
+        shuffled=False,
+    )
 
 
 def with_faults(system: System, more: Sequence[Fault], *, shuffled: bool = False) -> System:

@@ -91,7 +91,8 @@ class Elaborator(Topics):
         properties = self._properties(modules, components)
         inputs = self._inputs()
         for c in components:
-            self._hold(c)
+            if c.takes_ns is not None:
+                self._hold(c)
         system = System(
             name=self.symbol.name,
             program=self.program,
@@ -118,6 +119,10 @@ class Elaborator(Topics):
         """What goes wrong in its runs."""
         if self.symbol.faults:
             place_faults(self, system)
+            for f in system.faults:
+                if f.kind == "overrun":
+                    self._hold(system.components[f.component])
+            system.topics = tuple(self.topics)
         system.measures = tuple(self._measures())
 
     def _measures(self) -> Iterator[Measure]:
@@ -191,8 +196,11 @@ class Elaborator(Topics):
         return components, modules
 
     def _hold(self, c: Component) -> None:
-        """A topic for what a step that takes time publishes; these come last of all topics."""
-        if c.takes_ns is None or c.node is None or not c.node.publishes:
+        """A topic for what a step that lasts publishes; these come last of all topics.
+
+        First those of nodes that say so, then those that only overrun by a fault.
+        """
+        if c.held is not None or c.node is None or not c.node.publishes:
             return
         topic = held_topic(len(self.topics), c, self.topics)
         if not self.measure.fits(topic.type):

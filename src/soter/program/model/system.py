@@ -147,7 +147,7 @@ class Component:
     takes_ns: tuple[int, int] | None = None
     """How long a step lasts, at least and at most; None: what it publishes counts at once."""
     held: int | None = None
-    """With `takes_ns`: the topic that holds what a step published (`flatten/taking.py`)."""
+    """Where steps may last: the topic that holds what one published (`flatten/taking.py`)."""
 
     @property
     def extern(self) -> bool:
@@ -281,8 +281,9 @@ class Fault:
     with `probability`, drawn from `stream`. `amount`: of "late" times in ns, between which each
     release is late (the quantiles of the lateness); with a slot the longest time for which the
     component is held up. "wait": a release that falls together with one of the component `on`
-    happens no earlier than that (`flatten/trials/waiting.py`). `apart`: never in two slots in a
-    row. `inside`: None, or the assumption that it does not break; `text`: as it was written.
+    happens no earlier than that (`flatten/trials/waiting.py`). "overrun": a step that begins while
+    it is there lasts `amount` longer, ns (`Component.held`). `apart`: never in two slots in a row.
+    `inside`: None, or the assumption that it does not break; `text`: as it was written.
     """
 
     kind: str

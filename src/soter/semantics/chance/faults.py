@@ -132,6 +132,12 @@ def next_release(system: System, faults: Sequence[Fault], c: Component, seed: in
         release += 1
 
 
+def overrun_ns(faults: Sequence[Fault], c: Component, seed: int, ct: int) -> int:
+    """How much longer a step lasts that begins at ct, ns."""
+    own = [f for f in faults if f.kind == "overrun" and is_active(f, seed, ct, c.period_ns)]
+    return sum(int(f.amount[0]) for f in own)
+
+
 def begins(fault: Fault, c: Component, seed: int, until_ns: int) -> list[int]:
     """When it began, up to a time, ns; for a lateness of every release nothing is said: []."""
     if fault.on is not None or (fault.kind == "late" and fault.slot_ns == 0):

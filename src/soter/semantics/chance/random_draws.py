@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from soter.program.model.types import Type, Value
 
 _MASK = 2**64 - 1
-_GOLDEN = 0x9E3779B97F4A7C15
+GOLDEN = 0x9E3779B97F4A7C15
 
 
 def mix(z: int) -> int:
@@ -50,12 +50,12 @@ def fnv(text: str) -> int:
 @lru_cache(maxsize=4096)
 def stream_key(seed: int, stream: str) -> int:
     """The key of one stream under one seed."""
-    return mix(mix((seed + _GOLDEN) & _MASK) ^ fnv(stream))
+    return mix(mix((seed + GOLDEN) & _MASK) ^ fnv(stream))
 
 
 def draw_bits(seed: int, stream: str, index: int) -> int:
     """64 random bits."""
-    return mix((stream_key(seed, stream) + (index + 1) * _GOLDEN) & _MASK)
+    return mix((stream_key(seed, stream) + (index + 1) * GOLDEN) & _MASK)
 
 
 def draw_float(seed: int, stream: str, index: int, low: float, high: float) -> float:

@@ -18,8 +18,10 @@ if TYPE_CHECKING:
 
     from soter.syntax.parsing.bodies import BodyParser
 
-GIVEN = ("late", "bias", "noise", "scale")
+GIVEN = ("late", "overrun", "bias", "noise", "scale")
 """Kinds that say by how much."""
+TIMED = ("late", "overrun")
+"""Those of them that say it in time."""
 
 
 @dataclass(slots=True)
@@ -37,7 +39,7 @@ def _fault(parser: BodyParser, parts: FaultParts) -> None:
     by: tuple[tree.Expr, ...] = ()
     if kind in GIVEN:
         parser.expect_word("by", f"and how much, after what `{kind}` is about")
-        by = _amounts(parser, parser.time if kind == "late" else parser.expr)
+        by = _amounts(parser, parser.time if kind in TIMED else parser.expr)
     rate = per = lasts = None
     if kind != "late" or parser.is_word("at"):
         parser.expect_word("at", "and how often: `at 2 per 1h`")
@@ -72,9 +74,11 @@ def _order(parser: BodyParser, parts: FaultParts) -> None:
     parts.found.append(tree.SystemFault("order", None, (), None, None, None, span))
 
 
-KINDS = ("late", "skip", "nan", "stuck", "silent", "saturated", "bias", "noise", "scale")
+OF_TESTS = ("late", "skip", "overrun")
+"""Kinds that a test knows, too."""
+KINDS = (*OF_TESTS, "nan", "stuck", "silent", "saturated", "bias", "noise", "scale")
 FAULT_ITEMS: dict[str, Callable[[BodyParser, FaultParts], None]] = {
     "order": _order,
     **dict.fromkeys(KINDS, _fault),
 }
-HOMES["the `faults` of a system"] = frozenset(FAULT_ITEMS) - {"order", "late", "skip"}
+HOMES["the `faults` of a system"] = frozenset(FAULT_ITEMS) - {"order", *OF_TESTS}

@@ -62,7 +62,7 @@ def _measures(
 
 def _fault(shared: Shared, item: tree.SystemFault, context: Context) -> typed.SystemFaultSymbol:
     """One item of `faults { ... }`."""
-    wanted = DURATION if item.kind == "late" else FLOAT
+    wanted = DURATION if item.kind in {"late", "overrun"} else FLOAT
 
     def checked(e: tree.Expr | None, what: str, t: Type) -> typed.Expr | None:
         return None if e is None else sound(shared.number(e, context, t, what))

@@ -42,7 +42,8 @@ OFTEN = 0.999
 """A release that is skipped more probably than this would leave nothing that runs."""
 ALWAYS = 1.0
 LATE_MAX_NS = 3_600_000_000_000
-GIVEN = ("late", "bias", "noise", "scale")
+TIMED = ("late", "overrun")
+GIVEN = (*TIMED, "bias", "noise", "scale")
 
 
 def place_faults(elaborator: Topics, system: System) -> None:
@@ -133,6 +134,11 @@ class _Places:
             return None
         if not values and item.kind in GIVEN:
             return None  # it is reported
+        if item.kind == "overrun":
+            if not 0 < values[0] <= LATE_MAX_NS:
+                self._wrong(item, "is by a time of more than 0 and at most 1 h")
+                return None
+            return (values[0],)
         if item.kind != "late":
             if any(not math.isfinite(v) for v in values) or len(values) > 1:
                 self._wrong(item, "is by one finite number")
@@ -171,6 +177,9 @@ class _Places:
     def _group(
         self, item: typed.SystemFaultSymbol
     ) -> list[tuple[Component, int | None, tuple[int, ...], int | None]]:
+        if item.kind == "overrun":
+            self._impossible(item, f"not all nodes of `{item.path}` can: name those that shall")
+            return []
         if item.kind not in {"late", "skip"}:
             self._impossible(item, f"`{item.path}` stands for nodes whose time is disturbed")
             return []
@@ -209,6 +218,13 @@ class _Places:
             elif self._may_be_late(item, c):
                 yield c, None, (), None
             return
+        if item.kind == "overrun":
+            why = _why_no_overrun(c, rest)
+            if why is None:
+                yield c, None, (), None
+            else:
+                self._impossible(item, why)
+            return
         if c.role == "dm":
             self._impossible(item, "a decision module publishes nothing")
             return
@@ -227,9 +243,9 @@ class _Places:
         symbols = (
             [t for t, _ in c.plant.drives] if c.plant else list(c.node.publishes if c.node else ())
         )
-        found = [t for t in symbols if not rest or t.name.rpartition(".")[2] == rest[0]]
-        hit = False
-        below = [x for part in rest[1:] for x in part.replace("[", ".[").split(".") if x]
+        parts = [x for part in rest for x in part.replace("[", ".[").split(".") if x]
+        found = [t for t in symbols if not parts or t.name.rpartition(".")[2] == parts[0]]
+        hit, below = False, parts[1:]
         for symbol in found:
             bursts = c.node.bursts if c.node else {}
             if item.kind != "silent" and (symbol in bursts or _has_list(symbol.type)):
@@ -273,9 +289,13 @@ class _Places:
             d = c.disturbances[fault.disturbance]
             low, high = sorted(fault.amount[0] * x for x in (d.low, d.high))
             return "in its declared range" if d.low <= low and high <= d.high else None
-        if fault.kind == "late":
-            own = [f for f in faults if f.kind == "late" and f.component == c.index]
-            return self._declared_late(c, sum(int(f.amount[-1]) for f in own))
+        if fault.kind in TIMED:
+            own = [f for f in faults if f.kind in TIMED and f.component == c.index]
+            most = sum(int(f.amount[-1]) for f in own if f.kind == fault.kind)
+            if fault.kind == "late":
+                return self._declared_late(c, most)
+            lost = sum(int(f.amount[-1]) for f in own) >= c.period_ns
+            return None if lost or c.takes_ns is not None else self._declared_response(c, most)
         if fault.kind == "silent" and c.plant is not None:
             return self._declared_dropout(fault, c, faults)
         return None
@@ -286,7 +306,7 @@ class _Places:
         Inductions do, of every node that they meet.
         """
         blocks = [m.symbol.verify for m in self.system.modules]
-        return fault.kind in {"late", "skip", "silent"} and any(
+        return fault.kind in {"late", "skip", "silent", "overrun"} and any(
             b.induction is not None
             for m, b in zip(self.system.modules, blocks, strict=True)
             if c.index == m.ac or c.index in self._about(m)
@@ -315,6 +335,18 @@ class _Places:
             return None
         values = [self._number(m, e) for m, e in said]
         return "as late as declared" if all(v is not None and most <= v for v in values) else None
+
+    def _declared_response(self, c: Component, most: int) -> str | None:
+        """`response` of the verify blocks, of every module that depends on the component."""
+        said = []
+        for m in self.system.modules:
+            block = m.symbol.verify
+            prefix = m.name[: len(m.name) - len(m.name.rpartition(".")[2])]
+            by_name = {f"{prefix}{n}": e for n, e in block.response_of.items()}
+            if c.name in by_name or c.index in self._about(m) or c.index == m.ac:
+                said.append(self._number(m, by_name.get(c.name)))
+        fits = bool(said) and all(v is not None and most <= v for v in said)
+        return "no longer than its declared `response`" if fits else None
 
     def _declared_dropout(self, fault: Fault, c: Component, faults: Sequence[Fault]) -> str | None:
         """`dropout` of every module, for all that may be lost in a row, of all that it drives.
@@ -357,6 +389,23 @@ def _read(system: System, c: Component) -> set[int]:
         return set()
     own = [system.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
     return {t.index if t.queue_of is None else t.queue_of for t in own}
+
+
+def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
+    """Why no step of a component can last longer; None: it can (as one that `takes`)."""
+    if rest:
+        return f"`{c.name}` has no `{'.'.join(rest)}` that steps"
+    if c.role == "plant":
+        return "physical time is never skewed"
+    if c.role == "dm":
+        return "a decision module publishes nothing that could count later: say `late`"
+    if c.role == "sc":
+        return "what SC publishes has to count when the decision module calls for it: say `late`"
+    if c.node is None or not c.node.publishes:
+        return f"`{c.name}` publishes nothing that could count later"
+    for topic in c.node.bursts:
+        return f"a step publishes several messages on `{topic.name}`; one a topic can be held"
+    return None
 
 
 def _has_list(t: Type) -> bool:
