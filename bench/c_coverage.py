@@ -2,8 +2,8 @@
 
     .venv/bin/python bench/c_coverage.py [--seeds N] [--show]
 
-Purpose: the run-time (kernel, virtual driver, gate, hash) over every program of tests/correct and of
-the gallery, and the generated C of the drone; clang 18 or newer tells what was reached
+Purpose: the run-time (kernel, virtual driver, gate, hash) over the programs of tests/correct and
+of the gallery, and the generated C of the drone; clang 18 or newer tells what was reached
 (-fcoverage-mcdc), AddressSanitizer and UBSan watch the same runs. `--show`: every branch that was
 not reached, with its line. Needs clang-19 and llvm-19 of the system (or newer: $CLANG, $LLVM_COV,
 $LLVM_PROFDATA). Non-goals: whether what came out was right: that is what the tests ask.

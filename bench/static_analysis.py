@@ -42,7 +42,7 @@ EXPLAINED = (
     ),
     (
         r"valid_function\(\(p->component \+ \w+\)->step\)",
-        "DMs have no step, and soter_fire asks none of them for one: EVA forgets which row it reads",
+        "DMs have no step, and soter_fire asks none for one: EVA forgets which row it reads",
     ),
 )
 

@@ -33,7 +33,6 @@ from soter.simulate.settings import seed_value
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
-    from soter.api.program import Program
     from soter.campaign.arms import Arm
     from soter.campaign.flight import Flight
     from soter.campaign.flying import Workers
@@ -184,10 +183,9 @@ def _faults(flat: System) -> tuple[tuple[str, str], ...]:
     return tuple((t, next(iter(w)) or "" if None not in w else "") for t, w in found.items())
 
 
-def own_folder(program: Program, system: str | None, params: Any, until: Any, seed: int) -> Path:  # noqa: ANN401
-    """Where a campaign of these arguments lies that was given no folder; SoterError U001..."""
-    flat = program.flat(system, params)
-    return _folder(program.path, _about(flat, program.path, end_of(flat, until), seed, 0))
+def own_folder(flat: System, path: str, until: Any, seed: int) -> Path:  # noqa: ANN401
+    """Where a campaign of this system lies that was given no folder; SoterError U001..."""
+    return _folder(path, _about(flat, path, end_of(flat, until), seed, 0))
 
 
 def _about(flat: System, path: str, until_ns: int, seed: int, horizon_ns: int) -> About:

@@ -76,6 +76,9 @@ def parser() -> Parser:
         help="folder of logs and reports without a path; by default .soter",
     )
     made.add_argument(
+        "--why", action="store_true", help="list every change of mode, and on which values"
+    )
+    made.add_argument(
         "--real-time",
         action="store_true",
         help="run against the clock, externs in processes of their own (docs/real-time.md)",
@@ -134,7 +137,8 @@ def _campaign(program: Program, args: argparse.Namespace, first_seed: int) -> Pa
     """Where the campaign of that flight lies, if nobody said where."""
     from soter.api.campaigning import own_folder  # noqa: PLC0415 - needs NumPy
 
-    return own_folder(program, args.system, dict(args.params), args.until, first_seed)
+    flat = program.flat(args.system, dict(args.params))
+    return own_folder(flat, program.path, args.until, first_seed)
 
 
 def _finish(
@@ -149,7 +153,7 @@ def _finish(
     from soter.cli.terminal.run_summary import summary  # noqa: PLC0415 - needs NumPy
     from soter.simulate.outputs.figures import run_figures  # noqa: PLC0415 - needs NumPy
 
-    console.say(summary(result, args.file, console))
+    console.say(summary(result, args.file, console, why=args.why))
     written, problems = _files(program, result, args, log, console)
     lines = [f"{kind:<7} {path}" for kind, path in written.items()]
     if result.trace_sha256:

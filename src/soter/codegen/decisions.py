@@ -16,6 +16,7 @@ from soter.lower import core
 
 if TYPE_CHECKING:
     from soter.codegen.frame import Frame
+    from soter.program.model.system import Module
 
 
 def switch(frame: Frame) -> c.FunctionDef:
@@ -71,6 +72,7 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
         *set_fact,
         c.Declare("bool", "gate_fault", gate_fault, const=True),
         c.Declare("bool", "clean", clean, const=True),
+        *_look(frame, module),
         c.Return(c.CallExpr(f"{frame.prefix}_switch", facts)),
     ]
     doc = f"decision module of {module.name}, {where(module.symbol.span)}"
@@ -78,6 +80,19 @@ def decision(frame: Frame, decision: core.Decision, name: str) -> list[c.Functio
         c.FunctionDef("soter_mode", f"{name}_decide", (("void *", "state"),), tuple(body), doc)
     )
     return made
+
+
+def _look(frame: Frame, module: Module) -> list[c.CStmt]:
+    """What `margin` goes by: `Module.looks_left`, and when."""
+    if module.looked is None:
+        return []
+    unsafe: c.CExpr = c.Name("ttf")
+    for name in ("stale", "gate_fault"):
+        unsafe = c.Binary("||", unsafe, c.Name(name))
+    left = c.Ternary(c.Name("safer"), int_number(module.looks), int_number(1))
+    stamp = c.IndexExpr(c.Arrow(S, "stamps"), c.Number(str(module.looked)))
+    looks = c.Ternary(unsafe, int_number(0), left)
+    return [c.Assign(frame.topic(module.looked), looks), c.Assign(stamp, CT)]
 
 
 def predicate(

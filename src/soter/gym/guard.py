@@ -281,6 +281,7 @@ class Guard:
             "ttf": bool(seen.ttf),
             "safer": bool(seen.safer),
             "stale": bool(seen.stale),
+            "margin": self.session.margin_s,
             "switched": mode != before,
             "violations": violations,
             "taken_by": ("AC" if seen.taken_by else "SC") if stepped else None,

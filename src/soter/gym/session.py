@@ -190,6 +190,21 @@ class Session:
         """The module's record: mode, ttf, safer, stale, gate_faults, ..."""
         return self.record["modules"][self.module.index]
 
+    @property
+    def margin_s(self) -> float:
+        """For how long AC surely keeps control, whatever it does; 0 in mode SC (docs/proof.md)."""
+        facts, module = self.facts, self.module
+        if not facts["mode"]:
+            return 0.0
+        record = self.record
+        dm = record["components"][module.dm]
+        waits = 2 if dm["pending"] else 1  # it was due at this instant, and has not looked yet
+        late_ns = (int(dm["next"]) - self.system.components[module.dm].phase_ns) % module.period_ns
+        looked = int(dm["next"]) - late_ns - waits * module.period_ns
+        unsafe = bool(facts["ttf"] or facts["stale"] or facts["saw_gate_fault"])
+        looks = module.looks_left(unsafe=unsafe, safer=bool(facts["safer"]))
+        return module.margin_ns(looks, int(record["header"]["ct"]) - looked) / 1e9
+
     def states(self) -> list[Value]:
         """The plant's states."""
         raw = memoryview(self.state.data)

@@ -16,6 +16,7 @@ from soter.program.model.types import (
     BOOL,
     FLOAT,
     INT,
+    MODE,
     ArrayType,
     DurationType,
     FloatType,
@@ -159,6 +160,30 @@ class ExpressionBuilder:
     def _moderead(self, e: typed.ModeRead) -> core.Expr:
         assert self.scope is not None
         return core.Fact(e.type, "mode", self.scope.modules[e.module])
+
+    def _marginread(self, e: typed.MarginRead) -> core.Expr:
+        """(looks * period - late - age) / 1e9 in mode AC where that is positive, else 0.
+
+        In whole ns, which floats hold exactly: a period is below 2^53 ns.
+        """
+        assert self.scope is not None
+        module = self.system.modules[self.scope.modules[e.module]]
+        assert module.looked is not None, module.name
+        topic = self.system.topics[module.looked]
+
+        def op(name: str, left: core.Expr, right: float | core.Expr) -> core.Expr:
+            other = core.Const(FLOAT, right) if isinstance(right, float) else right
+            return core.Binary(BOOL if name == ">" else FLOAT, name, left, other)
+
+        looks = core.Get(topic.type, core.Cell("topic", topic.index, topic.name))
+        room = op("*", core.Unary(FLOAT, "to_float", looks), float(module.period_ns))
+        seconds = core.Fact(FLOAT, "age", topic.index)
+        age = core.Unary(FLOAT, "floor", op("+", op("*", seconds, 1e9), 0.5))
+        left = self.atom(op("-", op("-", room, float(module.late_ns)), age), e.span, "left")
+        mode = core.Fact(MODE, "mode", module.index)
+        in_ac = core.Binary(BOOL, "==", mode, core.Const(MODE, MODE.members.index("AC")))
+        some = core.Binary(BOOL, "&&", in_ac, op(">", left, 0.0))
+        return core.Select(FLOAT, some, op("/", left, 1e9), core.Const(FLOAT, 0.0))
 
     def _incontrol(self, e: typed.InControl) -> core.Expr:
         return core.Fact(e.type, "in_control")

@@ -80,6 +80,10 @@ class Fixed:
         assert len(values) == len(self._names), values.keys() ^ set(self._names)
         self.image.pack_into(buffer, offset, *[values[name] for name in self._names])
 
+    def unpack_from(self, buffer: bytes, offset: int) -> dict[str, int]:
+        """Every field but what is reserved, by name."""
+        return dict(zip(self._names, self.image.unpack_from(buffer, offset), strict=True))
+
     @cached_property
     def _names(self) -> tuple[str, ...]:
         return tuple([name for name, _, _ in self.fields if name != RESERVED])

@@ -93,6 +93,8 @@ DECISIONS_SCHEMA = object_schema(
         "mode_before": enum_schema(["SC", "AC"]),
         "mode_after": enum_schema(["SC", "AC"]),
         "reason": STRING,
+        "why": array_schema(STRING),
+        "margin_s": NUMBER,
         # The names differ from module to module. `properties` stays for viewers that insist on it.
         "predicates": {
             "type": "object",
@@ -129,7 +131,11 @@ class ModeChange:
 
 @dataclass(frozen=True)
 class DecisionStep:
-    """A step of the DM of `module` at `time_ns`, with what it saw; the modes may be equal."""
+    """A step of the DM of `module` at `time_ns`, with what it saw; the modes may be equal.
+
+    `why`: on which values, one phrase each, where this was another one than the step before;
+    `margin_s`: for how long AC surely keeps control.
+    """
 
     time_ns: int
     module: str
@@ -137,6 +143,8 @@ class DecisionStep:
     mode_after: Literal["SC", "AC"]
     reason: str = ""
     predicates: Mapping[str, bool | float] = field(default_factory=dict)
+    why: Sequence[str] = ()
+    margin_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -356,6 +364,8 @@ def decision_message(step: DecisionStep) -> Message:
         "mode_before": step.mode_before,
         "mode_after": step.mode_after,
         "reason": step.reason,
+        "why": list(step.why),
+        "margin_s": step.margin_s,
         "predicates": step.predicates,
     }
 

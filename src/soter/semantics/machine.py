@@ -24,6 +24,7 @@ from soter.semantics.externs import (
 )
 from soter.semantics.gate import check_of
 from soter.semantics.plant_code import PlantCode, compile_plant
+from soter.semantics.record import AC
 from soter.semantics.storing import storer
 
 if TYPE_CHECKING:
@@ -121,7 +122,16 @@ class Machine:
             in_control=c.OE[component.index] if component else True,
             mode=lambda module: c.L[self._dm_of[module]],
             truth=lambda plant: c.L[plant],
+            margin_ns=lambda module: self._margin_ns(c, module),
         )
+
+    def _margin_ns(self, c: Configuration, index: int) -> int:
+        """How long a module surely keeps AC in control, by what its DM saw last; 0 in SC."""
+        module = self.system.modules[index]
+        assert module.looked is not None, module.name
+        if c.L[module.dm] != AC:
+            return 0
+        return module.margin_ns(c.Topics[module.looked], c.ct - c.stamps[module.looked])
 
     # ------------------------------------------------------------ compiling
 

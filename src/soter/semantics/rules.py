@@ -81,6 +81,9 @@ def dm_step(machine: Machine, c: Configuration, dm: int) -> tuple[Configuration,
             after = SC
         elif mode == SC and safer and not stale and c.clean_needed[module.index] == 0:
             after = AC
+    if module.looked is not None:  # what `margin` goes by
+        looks = module.looks_left(unsafe=ttf or stale or gate_fault, safer=safer)
+        c = publish(machine.system.topics, c, {module.looked: looks})
     locals_ = put(c.L, dm, after)
     modes = [locals_[m.dm] for m in machine.system.modules]
     c = replace(

@@ -7,21 +7,22 @@ Non-goals: deciding (the generated DM did), drawing.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any, Literal, Protocol
 
 import numpy as np
 
 from soter.simulate.due import decided_at
+from soter.simulate.why import Explainer, Why
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
     import numpy.typing as npt
 
+    from soter.lower.layout import StateLayout
     from soter.program.model.system import Module, System
     from soter.simulate.observe import ModeChange
-    from soter.simulate.result import Run
 
 Mode = Literal["SC", "AC"]
 
@@ -56,34 +57,83 @@ class Decided:
     after: Mode
     saw: Saw
     reason: str
+    margin_s: float
+    """margin(M) right after it."""
+    why: Why | None = None
+    """On which values; None where nothing changed, and where the states are not kept."""
+
+    @property
+    def words(self) -> list[str]:
+        """What made it decide so, one phrase each."""
+        return [] if self.why is None else self.why.words(self.before, self.after)
 
 
-def changes(run: Run) -> list[Decided]:
+class Observed(Protocol):
+    """What is asked of a run (`result.Run`)."""
+
+    system: System
+    layout: StateLayout
+    changes: list[ModeChange]
+
+
+def changes(run: Observed) -> list[Decided]:
     """The DM steps that changed a mode, in order of time."""
-    return [of_change(run.system, change) for change in run.changes]
+    explainer = Explainer(run.system, run.layout)
+    return [of_change(run.system, change, explainer) for change in run.changes]
 
 
-def of_change(system: System, change: ModeChange) -> Decided:
-    """A change of mode, with its reason."""
+def of_change(system: System, change: ModeChange, explainer: Explainer | None = None) -> Decided:
+    """A change of mode, with its reason; by an `explainer` with the values, too."""
     module = system.modules[change.module]
     saw = Saw(change.ttf, change.safer, change.stale, change.gate_fault)
     before, after = _modes(change.to == "AC")
-    return Decided(change.time_ns, module.name, before, after, saw, reason(before, after, saw))
+    why = None
+    if explainer is not None and change.states is not None:
+        why = explainer.of(change.module, *change.states)
+    said = reason(before, after, saw)
+    margin_s = _margin_s(module, after, saw)
+    return Decided(
+        change.time_ns, module.name, before, after, saw, said, margin_s=margin_s, why=why
+    )
 
 
-def steps(system: System, states: npt.NDArray[Any], earlier: Any = None) -> Iterator[Decided]:  # noqa: ANN401 - a row of modules
+def steps(
+    system: System,
+    states: npt.NDArray[Any],
+    earlier: Any = None,  # noqa: ANN401 - a state
+    explainer: Explainer | None = None,
+) -> Iterator[Decided]:
     """Every DM step of states that follow each other, (n,), in order of time, ties by module.
 
-    `earlier`: the modules' records of the state before the first, None at the start of a run.
+    `earlier`: the state before the first, None at the start of a run. With an `explainer` those
+    that saw or did something else than the one before tell on which values.
     """
     due = decided_at(system, states)
     modules = states["modules"]
     times_ns = states["header"]["ct"]
     for row in np.flatnonzero(due.any(axis=1)):
-        before = modules[row - 1] if row else earlier
+        before = states[row - 1] if row else earlier
         for module in system.modules:
             if due[row, module.index]:
-                yield _step(modules[row], before, module, int(times_ns[row]))
+                seen = None if before is None else before["modules"]
+                found = _step(modules[row], seen, module, int(times_ns[row]))
+                if explainer is not None and _is_new(modules[row], seen, module.index):
+                    raw = None if before is None else before.tobytes()
+                    why = explainer.of(module.index, raw, states[row].tobytes())
+                    found = replace(found, why=why)
+                yield found
+
+
+def margins(system: System, module: Module, states: npt.NDArray[Any]) -> npt.NDArray[np.float64]:
+    """margin(M) after every instant of a whole run, (n,), in s; `states` (n,) from its start."""
+    now, of = states["header"]["ct"], states["modules"][:, module.index]
+    due = decided_at(system, states)[:, module.index]
+    last = np.maximum.accumulate(np.where(due, now, np.iinfo(np.int64).min // 2))
+    unsafe = (of["ttf"] != 0) | (of["stale"] != 0) | (of["saw_gate_fault"] != 0)
+    looks = np.where(unsafe, 0, np.where(of["safer"] != 0, module.looks, 1))
+    left_ns = looks * module.period_ns - module.late_ns - (now - last)
+    found: npt.NDArray[np.float64] = np.where(of["mode"] != 0, np.maximum(left_ns, 0), 0) / 1e9
+    return found
 
 
 def _step(modules: Any, before: Any, module: Module, time_ns: int) -> Decided:  # noqa: ANN401
@@ -101,7 +151,20 @@ def _step(modules: Any, before: Any, module: Module, time_ns: int) -> Decided:  
     was: Mode = "AC" if was_ac else "SC"
     after: Mode = "AC" if now["mode"] else "SC"
     why = "the system forces this mode" if module.forced else reason(was, after, saw)
-    return Decided(time_ns, module.name, was, after, saw, why)
+    return Decided(time_ns, module.name, was, after, saw, why, _margin_s(module, after, saw))
+
+
+def _margin_s(module: Module, after: Mode, saw: Saw) -> float:
+    """For how long AC surely keeps control from this step on."""
+    unsafe = saw.ttf or saw.stale or saw.gate_fault
+    looks = module.looks_left(unsafe=unsafe, safer=saw.safer)
+    return module.margin_ns(looks, 0) / 1e9 if after == "AC" else 0.0
+
+
+def _is_new(now: Any, before: Any, module: int) -> bool:  # noqa: ANN401 - rows of modules
+    """Whether a step saw or did something else than the one before."""
+    told = ["mode", "ttf", "safer", "stale", "saw_gate_fault"]
+    return before is None or bool(now[module][told] != before[module][told])
 
 
 def _modes(to_ac: bool) -> tuple[Mode, Mode]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import hashlib
 import tempfile
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -31,6 +31,9 @@ if TYPE_CHECKING:
 
 IN_MEMORY_BYTES = 512 * 1024 * 1024
 """A longer trace lies in a temporary file, which is gone with the process."""
+EXPLAINED_MAX = 1000
+EXPLAINED_BYTES = 64 * 1024 * 1024
+"""Of so many changes, in so many bytes of states, is kept what the decision module read."""
 
 
 @dataclass(frozen=True)
@@ -44,6 +47,9 @@ class ModeChange:
     safer: bool
     stale: bool
     gate_fault: bool
+    states: tuple[bytes | None, bytes] | None = field(default=None, repr=False, compare=False)
+    """The states after the instant before (None: there is none) and after its own; kept of the
+    first `EXPLAINED_MAX` changes."""
 
 
 @dataclass(frozen=True)
@@ -89,6 +95,7 @@ class Observer:
         if len(rows) == 0:
             return
         self.instants += len(rows)
+        earlier = self.last
         self.last = rows[-1].copy()
         if self._digest is not None:
             self._digest.update(np.ascontiguousarray(rows).data)
@@ -97,7 +104,7 @@ class Observer:
             self._keep(rows if self._parts is None else _bytes(self._parts.of(states)))
         known = len(self.changes)
         if len(self._modes):
-            self._see_modes(states)
+            self._see_modes(states, earlier)
         self._see_faults(states)
         if self._also is not None:
             self._also(states, self.changes[known:])
@@ -149,7 +156,7 @@ class Observer:
 
     # ------------------------------------------------------------ looking
 
-    def _see_modes(self, states: npt.NDArray[Any]) -> None:
+    def _see_modes(self, states: npt.NDArray[Any], earlier: Rows | None) -> None:
         modules = states["modules"]
         modes = modules["mode"]
         before = np.vstack([self._modes, modes[:-1]])
@@ -160,16 +167,28 @@ class Observer:
                     int(states["header"]["ct"][row]),
                     int(module),
                     "AC" if m["mode"] else "SC",
-                    bool(m["ttf"]),
-                    bool(m["safer"]),
-                    bool(m["stale"]),
-                    bool(m["saw_gate_fault"]),
+                    ttf=bool(m["ttf"]),
+                    safer=bool(m["safer"]),
+                    stale=bool(m["stale"]),
+                    gate_fault=bool(m["saw_gate_fault"]),
+                    states=self._explained(states, earlier, int(row)),
                 )
             )
         self._modes = modes[-1].copy()
         due = decided_at(self._system, states)
         together = due & (modules["ttf"] == 1) & (modules["safer"] == 1)
         self._decided += np.array([due.sum(axis=0), together.sum(axis=0)])
+
+    def _explained(
+        self, states: npt.NDArray[Any], earlier: Rows | None, row: int
+    ) -> tuple[bytes | None, bytes] | None:
+        """The states before and after an instant, as long as there is room for them."""
+        known = len(self.changes)
+        if known >= EXPLAINED_MAX or 2 * known * states.dtype.itemsize > EXPLAINED_BYTES:
+            return None
+        if row:
+            return states[row - 1].tobytes(), states[row].tobytes()
+        return None if earlier is None else earlier.tobytes(), states[row].tobytes()
 
     def _see_faults(self, states: npt.NDArray[Any]) -> None:
         faults = states["components"]["faults"]

@@ -15,6 +15,7 @@ import numpy as np
 from soter.lower.layout import group_field
 from soter.program.meaning.arith import FaultKind
 from soter.program.model.types import ArrayType, ListType, RecordType
+from soter.simulate.decisions import Decided, changes, margins
 from soter.simulate.settings import did_you_mean, usage_error
 
 if TYPE_CHECKING:
@@ -171,6 +172,15 @@ class Run:
             )
         return found
 
+    @property
+    def decisions(self) -> list[Decided]:
+        """The DM steps that changed a mode, in order of time, and why (hashed or traced runs).
+
+        Each has `time_ns`, `module`, `before`, `after`, `reason`, `words` and `why`
+        (docs/python.md).
+        """
+        return changes(self)
+
     # Everything below needs a trace: SoterError U001 without one, or for an unknown name.
 
     def require_trace(self) -> npt.NDArray[Any]:
@@ -199,6 +209,16 @@ class Run:
     def mode(self, module: str) -> npt.NDArray[np.uint8]:
         """Mode of a module after every instant, (n,): 1 is AC, 0 is SC."""
         return _mode(self, module)
+
+    def margin(self, module: str) -> npt.NDArray[np.float64]:
+        """For how long AC surely keeps control, after every instant, (n,), in s: `margin(M)`.
+
+        SoterError U001 where the trace has only parts.
+        """
+        trace = self.require_trace()
+        self.mode(module)  # is there such a module?
+        (found,) = [m for m in self.system.modules if m.name == module]
+        return margins(self.system, found, trace)
 
     def array(self, path: str) -> npt.NDArray[np.float64]:
         """A topic, a truth or a part of one (`boat.truth.p`) as plain floats.

@@ -424,7 +424,7 @@ def test_where_a_campaign_lies_is_known_without_being_told(
     monkeypatch.chdir(tmp_path)
     program = load(CART)
     found = program.campaign("Protected", {}, flights=1, until="2s", seed=3)
-    assert own_folder(program, "Protected", {}, "2s", 3) == found.folder
+    assert own_folder(program.flat("Protected"), program.path, "2s", 3) == found.folder
 
 
 def test_flights_in_which_steps_overrun_are_runs_bit_for_bit(tmp_path: Path) -> None:

@@ -676,3 +676,11 @@ def test_a_learner_may_see_less_than_the_module() -> None:
     assert inner.state[0] < WALL
     assert not ended
     assert info["violations"] == 0
+
+
+def test_the_margin_is_that_of_the_run() -> None:
+    env = Protected(CART, Cart())
+    env.reset(seed=1)
+    told = {env.step(FULL)[-1]["margin"] for _ in range(40)}
+    assert max(told) == 0.049, "right after a look: a period of 50 ms, less `late dm 1ms`"
+    assert min(told) < 0.02

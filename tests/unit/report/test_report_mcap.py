@@ -52,7 +52,16 @@ HEADER = LogHeader("ab" * 32, "Protected", 7, "0.1.0", {"command": "soter run x.
 MODES = (ModeChange(0, "d.M", "SC"), ModeChange(50_000_000, "d.M", "AC"))
 DECISIONS = (
     DecisionStep(0, "d.M", "SC", "SC", "not in φ_safer", {"ttf": False, "slack": math.inf}),
-    DecisionStep(50_000_000, "d.M", "SC", "AC", "in φ_safer", {"safer": True, "slack": 0.25}),
+    DecisionStep(
+        time_ns=50_000_000,
+        module="d.M",
+        mode_before="SC",
+        mode_after="AC",
+        reason="in φ_safer",
+        predicates={"safer": True, "slack": 0.25},
+        why=("x = 0.25 > 0.0",),
+        margin_s=0.1,
+    ),
 )
 
 
@@ -177,6 +186,8 @@ def test_modes_and_decisions_have_their_channels(tmp_path: Path) -> None:
             "mode_before": "SC",
             "mode_after": "SC",
             "reason": "not in φ_safer",
+            "why": [],
+            "margin_s": 0.0,
             "predicates": {"ttf": False, "slack": "Infinity"},
         },
         {
@@ -184,6 +195,8 @@ def test_modes_and_decisions_have_their_channels(tmp_path: Path) -> None:
             "mode_before": "SC",
             "mode_after": "AC",
             "reason": "in φ_safer",
+            "why": ["x = 0.25 > 0.0"],
+            "margin_s": 0.1,
             "predicates": {"safer": True, "slack": 0.25},
         },
     ]

@@ -60,6 +60,8 @@ def test_plants_modes_and_decisions_are_logged(run: Run, tmp_path: Path) -> None
     assert len(decisions) == 61
     taken = [d for _, d in decisions if d["mode_before"] != d["mode_after"]]
     assert taken[1]["reason"].startswith("ttf: ")
+    assert [w.partition(" = ")[0] for w in taken[1]["why"]] == ["Room(motion, 0.12)"]
+    assert [d["margin_s"] for d in taken[:2]] == [0.049, 0.0]
     assert taken[1]["predicates"] == {
         "ttf": True,
         "safer": False,

@@ -17,6 +17,7 @@ from soter.simulate.decisions import Saw, changes, reason, steps
 from soter.simulate.interrupt import StopRequest, stoppable
 from soter.simulate.outputs.figures import final_values, run_figures, scalars
 from soter.simulate.run import NativeProgram, run_interpreted
+from soter.simulate.why import Explainer
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -77,7 +78,8 @@ def test_decisions_have_reasons(cart: Cart) -> None:
         "safer: far enough inside φ_safe",
     )
     assert (second.after, second.reason) == ("SC", "ttf: φ_safe could be left within 2Δ")
-    every = list(steps(run.system, run.require_trace()))
+    explainer = Explainer(run.system, run.layout)
+    every = list(steps(run.system, run.require_trace(), None, explainer))
     assert len(every) == 101
     assert [d for d in every if d.before != d.after] == changes(run)
 

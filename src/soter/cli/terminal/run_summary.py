@@ -28,12 +28,13 @@ if TYPE_CHECKING:
 TIMES = "\N{MULTIPLICATION SIGN}"
 TIMELINE_MAX = 72
 TIMELINE_MIN = 20
+DECISIONS_MAX = 40
 COLUMNS_A_TAKEOVER = 3
 """Every takeover is drawn, so with more of them a bar would show nothing else."""
 
 
-def summary(run: Run, path: str, console: Console) -> str:
-    """All of it."""
+def summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
+    """All of it; with `why` each change of mode, and on which values."""
     sections = [
         [_headline(run, path, console), *_params(run, console), *_verdict(run, console)],
         list(_violations(run, console)),
@@ -43,6 +44,7 @@ def summary(run: Run, path: str, console: Console) -> str:
         [f"{console.paint('yellow', 'note')}  {text}" for text in run.notes],
         _modules(run, console),
         list(_timelines(run, console)),
+        list(_decisions(run, console)) if why else [],
         list(_grounds(run, console)),
     ]
     return "\n\n".join("\n".join(lines) for lines in sections if lines)
@@ -148,6 +150,20 @@ def _modules(run: Run, console: Console) -> list[str]:
     arrow = "->" if console.ascii_only else "→"
     headers = ("module", "AC share", f"SC{arrow}AC", f"AC{arrow}SC", "gate faults")
     return [table(headers, rows, color=console.color_out)]
+
+
+def _decisions(run: Run, console: Console) -> Iterator[str]:
+    """Every change of mode, up to `DECISIONS_MAX`, with what decided."""
+    found = run.decisions
+    arrow = "->" if console.ascii_only else "→"
+    if found:
+        yield "decisions"
+    for d in found[:DECISIONS_MAX]:
+        yield f"  {d.time_ns / 1e9:9.3f} s  {d.module}  {d.before}{arrow}{d.after}  {d.reason}"
+        for text in d.words:
+            yield console.paint("muted", f"{'':15}{text}")
+    if len(found) > DECISIONS_MAX:
+        yield console.paint("muted", f"  and {len(found) - DECISIONS_MAX} more: --json, --log")
 
 
 def _timelines(run: Run, console: Console) -> Iterator[str]:

@@ -253,6 +253,8 @@ class Footprints:
         for kind in ("mode", "gate"):
             found.reads.add((kind, module))
             found.writes.add((kind, module))
+        if m.looked is not None:
+            found.writes |= {("topic", m.looked), ("stamp", m.looked)}
 
     def _max_age(self, topic: int) -> int | None:
         return self.system.topics[topic].max_age_ns

@@ -42,6 +42,7 @@ BUILTIN_FUNCTIONS = (
     "saturate",
     "seconds",
     "mode",
+    "margin",
     "age",
 )
 EXAMPLES = {

@@ -286,7 +286,8 @@ def at_once(system: System) -> System:
 
     For those who count with `Component.takes_ns` themselves: proofs and tests.
     """
-    kept = [t for t in system.topics if not t.held]
+    gone = {c.held for c in system.components}
+    kept = [t for t in system.topics if t.index not in gone]
     assert [t.index for t in kept] == list(range(len(kept))), "what is held comes last"
     return replace(
         system,

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.program.flatten.composition import Composition, hyperperiod
 from soter.program.flatten.idle import Idle
+from soter.program.flatten.looking import look_topics
 from soter.program.flatten.measure import TooLargeError
 from soter.program.flatten.placing import controller_names
 from soter.program.flatten.taking import held_topic, may_take, said_twice
@@ -21,6 +22,7 @@ from soter.program.flatten.value_sets import Topics, beyond, first_outside
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
 from soter.program.model.system import (
+    LEVELS_DEFAULT,
     Component,
     Disturbance,
     InputDrive,
@@ -33,7 +35,7 @@ from soter.program.model.system import (
     Topic,
 )
 from soter.program.model.types import ErrorType, FloatType, IntType, default_value, leaves
-from soter.program.model.walk import mode_reads, nodes, topic_reads
+from soter.program.model.walk import margin_reads, mode_reads, nodes, topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -73,6 +75,8 @@ class Elaborator(Topics):
         """Topics that properties read, and where."""
         self._plants: dict[str, int] = {}
         self._modules_by_name: dict[str, Module] = {}
+        self._margins: list[int] = []
+        """Modules whose margin somebody reads."""
 
     # ------------------------------------------------------------ the result
 
@@ -90,6 +94,8 @@ class Elaborator(Topics):
         self._modes_in_scope(components, modules)
         properties = self._properties(modules, components)
         inputs = self._inputs()
+        measures = tuple(self.measures())
+        self.topics += look_topics(self._margins, modules, len(self.topics))
         for c in components:
             if c.takes_ns is not None:
                 self._hold(c)
@@ -110,6 +116,7 @@ class Elaborator(Topics):
         )
         composition.check(self.property_reads)
         self.disturb(system)
+        system.measures = measures
         self._idle_settings()
         if not self.unknown:
             system.hyperperiod_ns = hyperperiod(system, self.symbol, self.diagnostics)
@@ -123,9 +130,9 @@ class Elaborator(Topics):
                 if f.kind == "overrun":
                     self._hold(system.components[f.component])
             system.topics = tuple(self.topics)
-        system.measures = tuple(self._measures())
 
-    def _measures(self) -> Iterator[Measure]:
+    def measures(self) -> Iterator[Measure]:
+        """What campaigns tell of its runs."""
         for item in self.symbol.measures:
             what = f"measure `{item.name}`"
             interval = self.interval(item.low, item.high, item.low.span.to(item.high.span), what)
@@ -460,7 +467,7 @@ class Elaborator(Topics):
         )
         for output in outputs:
             self._has_set(self.topics[output], module)
-        self._verify_block(module)
+        late_ns, levels = self._verify_block(module)
         return Module(
             index=index,
             name=placed.name,
@@ -475,6 +482,8 @@ class Elaborator(Topics):
             outputs=outputs,
             forced=placed.forced,
             around=self.params_at[placed.prefix],
+            late_ns=late_ns,
+            levels=levels,
         )
 
     def _has_set(self, topic: Topic, module: typed.ModuleSymbol) -> None:
@@ -500,12 +509,12 @@ class Elaborator(Topics):
             helps=("add a set: `in [-1.0, 1.0]` with your bounds",),
         )
 
-    def _verify_block(self, module: typed.ModuleSymbol) -> None:
-        """Numbers that only `soter verify` needs, checked now."""
+    def _verify_block(self, module: typed.ModuleSymbol) -> tuple[int, int]:
+        """Numbers of `verify`, checked now: how late the DM may be, in ns, and its levels."""
         verify = module.verify
         self.long_duration(verify.horizon, "`horizon`")
         self.long_duration(verify.recover, "`recover within`")
-        self.count(verify.levels, "the number of levels", 2, MAX_LEVELS)
+        levels = self.count(verify.levels, "the number of levels", 2, MAX_LEVELS)
         delays = {
             "`late dm`": verify.late_dm,
             "`late sc`": verify.late_sc,
@@ -516,14 +525,14 @@ class Elaborator(Topics):
             **{f"`late {n}`": e for n, e in verify.late_of.items()},
             **{f"`response {n}`": e for n, e in verify.response_of.items()},
         }
-        for what, expr in delays.items():
-            self.delay(expr, what)
+        found = [self.delay(expr, what) for what, expr in delays.items()]
         for block in (verify, *(v.block for v in verify.views)):
             for axis in (a for group in block.groups for a in group.axes):
                 self._axis(axis)
         for commands in verify.commands:
             for value in commands.values:
                 self._command(commands, value)
+        return found[0] or 0, levels or LEVELS_DEFAULT
 
     def _axis(self, axis: typed.GridAxis) -> None:
         self.count(axis.cells, "the number of cells", 1, MAX_CELLS)
@@ -573,20 +582,23 @@ class Elaborator(Topics):
             beside.setdefault((prefixes[m.name], m.symbol), []).append(m)
         for component in components:
             wanted: dict[typed.ModuleSymbol | str, typed.Expr] = {}
+            margins: set[typed.ModuleSymbol | str] = set()
             home = component.name
             if component.module is not None:
                 home = modules[component.module].name
             if component.node is not None:
                 node = component.node
                 contracts = (*node.assumes, *node.guarantees)
-                wanted = mode_reads(*node.step, *(node.takeover or ()), *contracts)
+                code = (*node.step, *(node.takeover or ()), *contracts)
+                wanted, margins = mode_reads(*code), margin_reads(*code)
             elif component.role == "dm" and component.module is not None:
                 own = modules[component.module].symbol
-                wanted = mode_reads(*own.expressions)
+                wanted, margins = mode_reads(*own.expressions), margin_reads(*own.expressions)
             for symbol, read in wanted.items():
                 found = beside.get((prefixes[home], symbol), [])
                 if len(found) == 1:
                     component.scope.modules[symbol] = found[0].index
+                    self._margins += [found[0].index] if symbol in margins else []
                 elif isinstance(symbol, typed.ModuleSymbol):
                     self._no_module(symbol, len(found), read, f"beside `{component.name}`")
 
@@ -710,6 +722,7 @@ class Elaborator(Topics):
                 scope.modules[module] = found[0].index
             else:
                 self._no_module(module, len(found), mode, "in this system")
+        self._margins += [scope.modules[m] for m in margin_reads(*roots) if m in scope.modules]
 
     def input_items(self) -> Iterator[tuple[Part, typed.InputSymbol]]:
         """Draws of the system, then those of sub-systems that nothing outside decides."""

@@ -249,6 +249,9 @@ class _Reader:
         """Whether it is a clock; what it holds besides is read."""
         if isinstance(e, (typed.TimeRead, typed.AgeRead)):
             return True
+        if isinstance(e, typed.MarginRead):
+            self.open.append(e.span)
+            return False
         if isinstance(e, typed.VarRead):
             return e.variable in self.clocks
         if isinstance(e, typed.Binary) and e.op in {"+", "-", *COMPARISONS}:

@@ -30,8 +30,9 @@ class Environment:
     """All that an expression can see, and the publications of a step.
 
     `variables` by identity; `topics` and `stamps` by topic index, as they were when the step
-    began; `mode(module index)` and `truth(component index)` ask the configuration; `published`
-    collects what `publish` wrote, by topic index, of a burst the tuple of all messages.
+    began; `mode(module index)`, `margin_ns(module index)` and `truth(component index)` ask the
+    configuration; `published` collects what `publish` wrote, by topic index, of a burst the tuple
+    of all messages.
     `choose(count)` answers a `choose` expression: 0 <= pick < count. A closed constant needs no
     argument at all.
     """
@@ -39,6 +40,7 @@ class Environment:
     __slots__ = (
         "choose",
         "in_control",
+        "margin_ns",
         "mode",
         "period_ns",
         "published",
@@ -61,6 +63,7 @@ class Environment:
         mode: Callable[[int], int] | None = None,
         truth: Callable[[int], Value] | None = None,
         choose: Callable[[int], int] | None = None,
+        margin_ns: Callable[[int], int] | None = None,
     ) -> None:
         self.variables = {} if variables is None else variables
         self.topics = topics
@@ -69,6 +72,7 @@ class Environment:
         self.period_ns = period_ns
         self.in_control = in_control
         self.mode = mode
+        self.margin_ns = margin_ns
         self.truth = truth
         self.choose = _nobody if choose is None else choose
         self.published: dict[int, Value] = {}

@@ -194,6 +194,15 @@ class ExpressionEvaluator(ABC):
 
         return mode
 
+    def _margin_read(self, expr: t.MarginRead) -> Compiled:
+        index = self._modules[expr.module]
+
+        def margin(env: Environment) -> Value:
+            assert env.margin_ns is not None
+            return arith.seconds(env.margin_ns(index))
+
+        return margin
+
     def _in_control(self, _: t.InControl) -> Compiled:
         return lambda env: env.in_control
 
@@ -399,6 +408,7 @@ class ExpressionEvaluator(ABC):
         t.TopicRead: _topic_read,
         t.TruthRead: _truth_read,
         t.ModeRead: _mode_read,
+        t.MarginRead: _margin_read,
         t.InControl: _in_control,
         t.TimeRead: _time_read,
         t.PeriodRead: _period_read,

@@ -32,7 +32,7 @@ def start_behind(
     if link.value is None or not found or found[0].extern:
         return None
     (c,) = found
-    late = (typed.AgeRead, typed.TimeRead, typed.ModeRead)
+    late = (typed.AgeRead, typed.TimeRead, typed.ModeRead, typed.MarginRead)
     if any(r is not None for r in c.initial_range) or any(
         isinstance(n, late) for n in nodes([link.value])
     ):

@@ -25,6 +25,9 @@ if TYPE_CHECKING:
     from soter.program.model.types import Type, Value
 
 
+LEVELS_DEFAULT = 3
+
+
 @dataclass(frozen=True)
 class Bound:
     """Closed bounds of one scalar leaf: floats, or ints for int leaves."""
@@ -58,7 +61,8 @@ class Topic:
     queues: tuple[int, ...] = ()
     """The queues that take what is published here."""
     held: bool = False
-    """Whether it is no topic of the program but holds what a node that `takes` time published."""
+    """Whether it is no topic of the program: it holds what a node that `takes` time published, or
+    what a DM saw, for those who read `margin`."""
 
 
 @dataclass(eq=False)
@@ -186,6 +190,24 @@ class Module:
     """Of a module as one of its views sees it (`flatten/views.py`): `symbol` has a part of its
     predicates; `whole` is the one that flies."""
     whole: ModuleSymbol | None = None
+    late_ns: int = 0
+    """How late a release of its DM may be (`late dm`)."""
+    levels: int = LEVELS_DEFAULT
+    """Of its predicates, where they are computed."""
+    computed: bool = False
+    """Whether `ttf` and `safer` were computed: a level of each group is compared with 1 and 2."""
+    looks: int = 1
+    """Where `safer` was true, so many looks of the DM at least keep AC: the next one counts."""
+    looked: int | None = None
+    """Where somebody reads `margin` of it: the topic that says what the DM saw last."""
+
+    def looks_left(self, *, unsafe: bool, safer: bool) -> int:
+        """How many periods from a look on AC surely keeps control; `unsafe`: not even this one."""
+        return 0 if unsafe else self.looks if safer else 1
+
+    def margin_ns(self, looks: int, age_ns: int) -> int:
+        """What is left of `looks` periods when the look is `age_ns` old; 0 or more."""
+        return max(looks * self.period_ns - self.late_ns - age_ns, 0)
 
 
 @dataclass(eq=False)

@@ -101,6 +101,13 @@ class ModeRead(Expr):
 
 
 @dataclass(eq=False)
+class MarginRead(Expr):
+    """`margin(M)`: seconds in which the module surely keeps AC in control, whatever AC does."""
+
+    module: ModuleSymbol | str
+
+
+@dataclass(eq=False)
 class InControl(Expr):
     """`in_control`: whether this node's outputs count (true outside every module)."""
 

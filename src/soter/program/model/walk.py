@@ -75,12 +75,17 @@ def topic_reads(*roots: object) -> dict[typed.TopicSymbol, typed.Expr]:
 
 
 def mode_reads(*roots: object) -> dict[typed.ModuleSymbol | str, typed.Expr]:
-    """Modules whose mode is read, each with its first reading."""
+    """Modules whose mode or margin is read, each with its first reading."""
     found: dict[typed.ModuleSymbol | str, typed.Expr] = {}
     for node in nodes(roots):
-        if isinstance(node, typed.ModeRead):
+        if isinstance(node, (typed.ModeRead, typed.MarginRead)):
             found.setdefault(node.module, node)
     return found
+
+
+def margin_reads(*roots: object) -> set[typed.ModuleSymbol | str]:
+    """Modules whose margin is read."""
+    return {n.module for n in nodes(roots) if isinstance(n, typed.MarginRead)}
 
 
 def topics_mentioned(what: object) -> list[typed.TopicSymbol]:

@@ -27,7 +27,7 @@ from soter.reach.grid.sets import UnboundedError
 from soter.reach.methods import in_order, method_of, pairs_of, tables
 from soter.reach.problem.estimates import seen
 from soter.reach.problem.extract import cases, extract
-from soter.reach.tables.tables import predicates
+from soter.reach.tables.tables import Table, predicates
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -90,6 +90,21 @@ def put(flat: System, module: Module, problem: Problem, found: Found) -> None:
         flat.components[module.dm].scope.topics.setdefault(topic, scope[topic])
     module.symbol = replace(module.symbol, ttf=ttf, safer=safer, topics_read=reads)
     module.inputs = tuple(scope[topic] for topic in reads)
+    module.computed = True
+    module.looks = looks_of(problem, found)
+
+
+def looks_of(problem: Problem, found: Found) -> int:
+    """How many looks of the DM keep AC, the one that finds `safer` among them: m - 1, or 1.
+
+    An estimate in S_(m-2) leaves ttf false at the next m - 2 looks (docs/proof.md, Margin). Just
+    one look, which says nothing but when the next one is, where that argument has a gap: the DM's
+    table is that of several cases, but the levels are nested in each of them alone; of a map a
+    state may come to lie on the border of a cell; a half-space is read with a little less than S_0.
+    """
+    alone = sum(1 for _ in cases(problem)) == 1
+    inside = problem.kind == "flow" and all(isinstance(x, Table) for x in found)
+    return max(problem.levels, 2) - 1 if alone and inside else 1
 
 
 # ---------------------------------------------------------------- computing

@@ -15,9 +15,10 @@ from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.lower.steps import lower
 from soter.program.check.const import Calculator
 from soter.program.flatten import derived
+from soter.program.model import typed
 from soter.program.model.durations import show_ns
 from soter.program.model.system import Property
-from soter.program.model.walk import calls_in, mode_reads, topic_reads
+from soter.program.model.walk import calls_in, margin_reads, mode_reads, nodes, topic_reads
 from soter.reach.induction.calendar import Clock
 from soter.reach.problem.modes import NO_MODES
 from soter.reach.problem.problem import NODES, Problem, Times
@@ -26,7 +27,6 @@ from soter.reach.time.schedule import Releases, Schedule
 
 if TYPE_CHECKING:
     from soter.lower.core import Predicate
-    from soter.program.model import typed
     from soter.program.model.system import Component, Module, System
     from soter.reach.problem.modes import Modes
 
@@ -144,7 +144,7 @@ def extract_induction(flat: System, module: Module, modes: Modes = NO_MODES) -> 
         progress=tuple(others[len(lemmas_) :]),
         progress_texts=texts[1 + len(lemmas_) :],
         any_value=any_value,
-        modes=modes if modes.topics else None,
+        modes=modes if modes.topics or modes.margins else None,
         waited=frozenset(at.scope.topics[t] for t, n in modes.topics.items() if n in modes.waits),
         heard=frozenset(i for i in heard if not flat.topics[i].queues),
         first_ns=min([c.phase_ns for c in flat.components] + [0 for _ in flat.inputs]),
@@ -206,6 +206,14 @@ def _refuse(flat: System, module: Module, diagnostics: Diagnostics) -> None:
                 f"module `{module.name}` speaks of the mode of another module",
                 read.span,
                 notes=(OF_MODES,),
+            )
+    for node in nodes(symbol.spoken):
+        if isinstance(node, typed.MarginRead):
+            diagnostics.error(
+                "R030",
+                f"module `{module.name}` speaks of a margin",
+                node.span,
+                notes=("a margin says what the proof of a module shows, and proves nothing",),
             )
     for topic in topic_reads(symbol.safe):
         index = module.scope.topics[topic]
@@ -303,13 +311,14 @@ def _not_followed(flat: System, module: Module, writers: list[Component]) -> str
         if c.node.bursts:
             return f"{c.name} publishes several messages a step"
         if _reads_modes(c) - {module.index}:
-            return f"{c.name} reads the mode of another module"
+            return f"{c.name} reads a margin, or the mode of another module"
     return ""
 
 
 def _reads_modes(c: Component) -> set[int]:
     assert c.node is not None
-    return {c.scope.modules.get(m, -1) for m in mode_reads(*c.node.step)}
+    margins = {-1} if margin_reads(*c.node.step) else set()  # of any module: not followed
+    return {c.scope.modules.get(m, -1) for m in mode_reads(*c.node.step)} | margins
 
 
 def _externs(*roots: object) -> list[typed.Call]:

@@ -23,6 +23,7 @@ UNKNOWN_FACTS = {
     typed.TimeRead: "`time`",
     typed.AgeRead: "`age(...)`",
     typed.ModeRead: "`mode(...)`",
+    typed.MarginRead: "`margin(...)`",
     typed.InControl: "`in_control`",
 }
 OF_MODES = (

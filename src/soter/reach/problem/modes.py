@@ -1,10 +1,10 @@
-"""The modes of other modules: a topic each, of which a proof takes any value at any read.
+"""The modes of other modules, and margins: of each a proof takes any value at any read.
 
-Purpose: `modes_as_topics`: a module whose SC, `ttf` or `safer` reads `mode(M)` of another one reads
-a topic in its place that nobody of the proof drives; for whom P2b waits, and whether those wait in
-turn (docs/proof.md, Coordinated switching).
-Non-goals: `safe`, `core` and lemmas, in which no other mode may stand; one's own mode; the
-re-checker, which reads `mode` by itself.
+Purpose: `modes_as_topics`: a module whose SC, `ttf` or `safer` reads `mode(M)` of another one, or
+`margin(M)` of any, reads a topic in its place that nobody of the proof drives; for whom P2b waits,
+and whether those wait in turn (docs/proof.md, Coordinated switching).
+Non-goals: `safe`, `core` and lemmas, in which none of these may stand; one's own mode; the
+re-checker, which reads `mode` by itself and refuses `margin`.
 """
 
 from __future__ import annotations
@@ -15,17 +15,20 @@ from typing import TYPE_CHECKING, Any
 
 from soter.program.flatten import derived
 from soter.program.model import typed
-from soter.program.model.system import Topic
-from soter.program.model.types import MODE
-from soter.program.model.walk import mode_reads, rewritten, topic_reads
+from soter.program.model.system import Bound, Topic
+from soter.program.model.types import FLOAT, MODE
+from soter.program.model.walk import nodes, rewritten, topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from soter.program.model.system import Component, Module, Scope, System
 
-    Names = tuple[tuple[typed.ModuleSymbol | str, typed.TopicSymbol], ...]
+    Read = tuple[str, typed.ModuleSymbol | str]
+    Names = tuple[tuple[Read, typed.TopicSymbol], ...]
 
+READS: dict[type, str] = {typed.ModeRead: "mode", typed.MarginRead: "margin"}
+"""What is read of a module."""
 SC, AC = MODE.members.index("SC"), MODE.members.index("AC")
 
 
@@ -33,11 +36,13 @@ SC, AC = MODE.members.index("SC"), MODE.members.index("AC")
 class Modes:
     """Whose modes a module reads.
 
-    `topics`: what stands for a mode -> the name of its module; `waits`: those that `safer` reads;
-    `never`: why nothing shows that all of these are in AC at some time; "": nothing speaks against.
+    `topics`: what stands for a mode -> the name of its module; `margins`: what stands for a margin
+    -> what is assumed of it; `waits`: whose modes `safer` reads; `never`: why nothing shows that
+    all of these are in AC at some time; "": nothing speaks against.
     """
 
     topics: Mapping[typed.TopicSymbol, str] = field(default_factory=dict)
+    margins: Mapping[typed.TopicSymbol, str] = field(default_factory=dict)
     waits: tuple[str, ...] = ()
     never: str = ""
 
@@ -45,6 +50,7 @@ class Modes:
     def assumptions(self) -> list[str]:
         """In words: what is not restricted, and what P2b rests on."""
         found = [f"mode({name}): SC or AC, anew at every read" for name in self.topics.values()]
+        found += self.margins.values()
         if self.waits:
             found.append(
                 f"for P2b alone: {said(self.waits)} in AC; otherwise `safer` may not hold and SC "
@@ -63,35 +69,25 @@ def said(names: tuple[str, ...]) -> str:
 
 
 def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes]:
-    """The system with a topic for every other mode that SC, `ttf` or `safer` of a module reads.
+    """The system with a topic for every other mode, and every margin, that a module reads.
 
-    The module and its SC read these topics; nobody publishes them. Without such reads everything
-    stays as it is.
+    In SC, `ttf` or `safer`. The module and its SC read these topics; nobody publishes them. Without
+    such reads everything stays as it is.
     """
     sc = flat.components[module.sc]
     own = {**sc.scope.modules, **module.scope.modules}
-    read = _read_by(module, sc)
-    others = {s: own[s] for s in read if s in own and own[s] != module.index}
-    if not others:
+    asked = {
+        (kind, s): flat.modules[own[s]]
+        for kind, s in _read_by(module, sc)
+        if s in own and (kind == "margin" or own[s] != module.index)
+    }
+    if not asked:
         return flat, module, NO_MODES
-    by_index = {i: _symbol(flat.modules[i].name, flat.modules[i].symbol) for i in others.values()}
-    names: Names = tuple((s, by_index[i]) for s, i in others.items())
-    topics = dict.fromkeys(by_index.values())
-    at = {t: len(flat.topics) + k for k, t in enumerate(topics)}
-    made = [
-        Topic(
-            index=at[symbol],
-            name=symbol.name,
-            symbol=symbol,
-            type=MODE,
-            bounds=(None,),
-            set_declared=True,
-            default=SC,
-            max_age_ns=None,
-            driver=flat.modules[i].name,
-        )
-        for i, symbol in by_index.items()
-    ]
+    names: Names = tuple((read, _symbol(read[0], m.name, m.symbol)) for read, m in asked.items())
+    of = {topic: (read[0], asked[read]) for read, topic in names}
+    at = {t: len(flat.topics) + k for k, t in enumerate(of)}
+    made = [_topic(index, t, *of[t]) for t, index in at.items()]
+    topics = list(at)
     symbol = _module(module.symbol, names)
     reads = tuple(t for t in topics if t in symbol.topics_read)
     found = derived.reading(
@@ -111,11 +107,37 @@ def modes_as_topics(flat: System, module: Module) -> tuple[System, Module, Modes
         system,
         found,
         Modes(
-            {by_index[i]: flat.modules[i].name for i in by_index},
+            {t: m.name for t, (kind, m) in of.items() if kind == "mode"},
+            {t: _any_margin(m) for t, (kind, m) in of.items() if kind == "margin"},
             tuple(flat.modules[i].name for i in waits),
             _never(flat, module, waits),
         ),
     )
+
+
+def _topic(index: int, symbol: typed.TopicSymbol, kind: str, of: Module) -> Topic:
+    """What stands for the mode or margin of a module."""
+    is_mode = kind == "mode"
+    return Topic(
+        index=index,
+        name=symbol.name,
+        symbol=symbol,
+        type=MODE if is_mode else FLOAT,
+        bounds=(None if is_mode else Bound(0.0, _longest_s(of)),),
+        set_declared=True,
+        default=SC if is_mode else 0.0,
+        max_age_ns=None,
+        driver=of.name,
+    )
+
+
+def _longest_s(of: Module) -> float:
+    """No margin of a module is longer, whatever it counts."""
+    return max(of.levels - 1, 1) * of.period_ns / 1e9
+
+
+def _any_margin(of: Module) -> str:
+    return f"margin({of.name}): 0 to {_longest_s(of):g} s, anew at every read"
 
 
 def in_ac(e: typed.Expr, modes: Modes) -> typed.Expr:
@@ -133,19 +155,24 @@ def in_ac(e: typed.Expr, modes: Modes) -> typed.Expr:
 # ---------------------------------------------------------------- who waits for whom
 
 
-def _read_by(module: Module, sc: Component) -> list[typed.ModuleSymbol | str]:
+def _read_by(module: Module, sc: Component) -> list[Read]:
     symbol, node = module.symbol, sc.node
     assert node is not None
     code = () if node.extern else (*node.step, *(node.takeover or ()))
     predicates = [e for e in (symbol.ttf, symbol.safer) if e is not None]
-    return list(mode_reads(*code, *predicates))
+    found: dict[Read, None] = {}
+    for n in nodes((*code, *predicates)):
+        if isinstance(n, (typed.ModeRead, typed.MarginRead)):
+            found[READS[type(n)], n.module] = None
+    return list(found)
 
 
 def _read_in(module: Module, *predicates: str) -> list[int]:
     """The modules whose modes these predicates of a module read, without itself."""
     symbol = module.symbol if module.whole is None else module.whole
     said = [e for e in (getattr(symbol, p) for p in predicates) if e is not None]
-    found = [module.scope.modules.get(s, module.index) for s in mode_reads(*said)]
+    read = [n.module for n in nodes(said) if isinstance(n, typed.ModeRead)]
+    found = [module.scope.modules.get(s, module.index) for s in read]
     return [i for i in dict.fromkeys(found) if i != module.index]
 
 
@@ -177,9 +204,11 @@ def _never(flat: System, module: Module, waits: list[int]) -> str:
 
 
 @lru_cache(maxsize=256)
-def _symbol(name: str, module: typed.ModuleSymbol) -> typed.TopicSymbol:
+def _symbol(kind: str, name: str, module: typed.ModuleSymbol) -> typed.TopicSymbol:
     """Symbols are compared by identity: the same for the same module, as are those below."""
-    return typed.TopicSymbol(f"{name}.mode", module.span, MODE, False, {}, None, None)
+    if kind == "mode":
+        return typed.TopicSymbol(f"{name}.mode", module.span, MODE, False, {}, None, None)
+    return typed.TopicSymbol(f"{name}.any_margin", module.span, FLOAT, False, {}, None, None)
 
 
 @lru_cache(maxsize=256)
@@ -207,8 +236,9 @@ def _of(code: Any, names: Names) -> Any:  # noqa: ANN401 - any part of a tree
     by = dict(names)
 
     def instead(part: Any) -> Any:  # noqa: ANN401 - any part of a tree
-        if isinstance(part, typed.ModeRead) and part.module in by:
-            return typed.TopicRead(MODE, part.span, by[part.module])
+        kind = READS.get(type(part), "")
+        if kind and (kind, part.module) in by:
+            return typed.TopicRead(part.type, part.span, by[kind, part.module])
         return part
 
     return rewritten(code, instead)

@@ -180,6 +180,7 @@ def decision_hover(decision: Decision) -> str:
     ]
     if decision.reason:
         lines.append(_hover(decision.reason))
+    lines += [escape(text) for text in decision.why]
     lines += [escape(text) for text in predicates_text(decision.predicates)]
     return "<br>".join(lines)
 

@@ -356,10 +356,11 @@ def _decision_row(arm: Flight | Chart, decision: Decision, *, with_module: bool)
     module = f"<td><code>{escape(decision.module)}</code></td>" if with_module else ""
     kind = "takeover" if decision.to == "SC" else "giveback"
     seen = "<br>".join(escape(text) for text in predicates_text(decision.predicates))
+    values = "".join(f"<br><code>{escape(text)}</code>" for text in decision.why)
     return (
         f'<tr><td class="number">{decision.time_s:.2f}</td>'
         f'<td class="change"><i class="mark {kind}"></i>{change_text(decision)}</td>'
-        f'<td class="why">{prose(decision.reason)}</td><td class="seen">{seen}</td>'
+        f'<td class="why">{prose(decision.reason)}{values}</td><td class="seen">{seen}</td>'
         f"{_where(arm, decision)}{module}</tr>"
     )
 

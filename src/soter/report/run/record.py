@@ -71,7 +71,8 @@ class Decision:
 
     `time_s`; `module`, full dotted name; `to`, who is in control from now on; `reason`, a text
     for people; `predicates`, name to value as the DM saw them (`ttf`, `safer`, margins ...);
-    `position` of the vehicle in m, None where there is none (then it is read off the flight).
+    `position` of the vehicle in m, None where there is none (then it is read off the flight);
+    `why`: on which values, one phrase each.
     """
 
     time_s: float
@@ -80,6 +81,7 @@ class Decision:
     reason: str = ""
     predicates: Mapping[str, bool | float] = field(default_factory=dict)
     position: Vec3 | None = None
+    why: tuple[str, ...] = ()
 
 
 class Violation(NamedTuple):

@@ -60,6 +60,8 @@ def run_figures(run: Run) -> dict[str, object]:
                 "mode": d.after,
                 "reason": d.reason,
                 "predicates": d.saw.predicates(),
+                "margin_s": d.margin_s,
+                "why": None if d.why is None else {"words": d.words, **d.why.as_json()},
             }
             for d in decided[:CHANGES_MAX]
         ],

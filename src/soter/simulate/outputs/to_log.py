@@ -50,6 +50,7 @@ from soter.report.whole_file import unfinished
 from soter.simulate import decisions
 from soter.simulate.outputs.figures import truth_value
 from soter.simulate.params import changed
+from soter.simulate.why import Explainer
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -117,6 +118,7 @@ class RunLog:
     ) -> None:
         """What is going to run. The file is not touched before there is something to log."""
         self._system, self._layout = system, layout
+        self._explainer = Explainer(system, layout)
         self.path = self.path(system) if callable(self.path) else self.path
         self.path = self.path.absolute()  # an extern may change the folder
         self.unfinished = unfinished(self.path)
@@ -176,8 +178,8 @@ class RunLog:
 
     def _blocks(self, states: npt.NDArray[Any], changes: Sequence[ChangeSeen]) -> Iterator[Channel]:
         """What the states add to each channel, in the channels' order."""
-        modules = None if self._earlier is None else self._earlier["modules"][0]
-        steps = decisions.steps(self._system, states, modules)
+        earlier = None if self._earlier is None else self._earlier[0]
+        steps = decisions.steps(self._system, states, earlier, self._explainer)
         messages = [
             map(mode_message, self._modes(changes)),
             (decision_message(_decision(d)) for d in steps),
@@ -223,7 +225,16 @@ class RunLog:
 
 
 def _decision(d: decisions.Decided) -> DecisionStep:
-    return DecisionStep(d.time_ns, d.module, d.before, d.after, d.reason, d.saw.predicates())
+    return DecisionStep(
+        time_ns=d.time_ns,
+        module=d.module,
+        mode_before=d.before,
+        mode_after=d.after,
+        reason=d.reason,
+        predicates=d.saw.predicates(),
+        why=d.words,
+        margin_s=d.margin_s,
+    )
 
 
 # ---------------------------------------------------------------- schemas

@@ -85,8 +85,9 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
 
 def run_chart(run: Run) -> Chart:
     """All signals of a run, thinned to what can be seen."""
-    trace = run.require_trace()
-    trace = trace[:: max(1, len(trace) // SAMPLES_MAX)]
+    whole = run.require_trace()
+    thin = max(1, len(whole) // SAMPLES_MAX)
+    trace = whole[::thin]
     time_s = trace["header"]["ct"] / 1e9
     bands = tuple(
         ModeBand(m.name, trace["modules"]["mode"][:, m.index] == 1) for m in run.system.modules
@@ -95,7 +96,7 @@ def run_chart(run: Run) -> Chart:
         name=run.system.name,
         title=run.system.name,
         time_s=time_s,
-        series=tuple(_series(run, trace))[:SERIES_MAX],
+        series=(*_margins(run, thin), *_series(run, trace))[:SERIES_MAX],
         modes=bands,
         decisions=tuple(_decision(d) for d in decisions.changes(run)),
         violations=tuple(
@@ -106,7 +107,9 @@ def run_chart(run: Run) -> Chart:
 
 
 def _decision(d: decisions.Decided) -> Decision:
-    return Decision(d.time_ns / 1e9, d.module, d.after, d.reason, d.saw.predicates())
+    return Decision(
+        d.time_ns / 1e9, d.module, d.after, d.reason, d.saw.predicates(), why=tuple(d.words)
+    )
 
 
 def _summary(run: Run) -> dict[str, float | int | str]:
@@ -117,6 +120,13 @@ def _summary(run: Run) -> dict[str, float | int | str]:
         found["switches_to_sc"] = modules[0].switches_to_sc
         found["switches_to_ac"] = modules[0].switches_to_ac
     return found
+
+
+def _margins(run: Run, thin: int) -> Iterator[Series]:
+    """For how long AC surely keeps control, of modules whose levels say more than the calendar."""
+    for m in run.system.modules:
+        if m.looks > 1:
+            yield Series(f"margin({m.name})", "s", run.margin(m.name)[::thin], panel=m.name)
 
 
 def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:

@@ -129,7 +129,7 @@ class CallChecker(FieldChecker):
         self, name: str, expr: tree.CallExpr, context: Context, expected: Type | None
     ) -> typed.Expr:
         span = expr.span
-        if name in {"mode", "age"}:
+        if name in {"mode", "margin", "age"}:
             return self._mode_or_age(name, expr, context)
         if name not in TAKES:
             assert isinstance(expr.callee, tree.NameExpr)
@@ -162,7 +162,7 @@ class CallChecker(FieldChecker):
     def _counted(self, name: str, expr: tree.CallExpr, wanted: int) -> bool:
         if len(expr.arguments) == wanted:
             return True
-        takes = TAKES.get(name, "a module" if name == "mode" else "a topic")
+        takes = TAKES.get(name, "a topic" if name == "age" else "a module")
         self.diagnostics.error(
             "T003",
             _count(name, wanted, len(expr.arguments)),
@@ -214,15 +214,21 @@ class CallChecker(FieldChecker):
         if not context.has_modes:
             self.diagnostics.error(
                 "T013",
-                f"`mode` has no meaning in {context.where}",
+                f"`{name}` has no meaning in {context.where}",
                 span,
-                notes=("only nodes, modules and properties see the mode of a module",),
+                notes=(f"only nodes, modules and properties see the {name} of a module",),
             )
             return error_expr(span)
-        module = self._module(argument, context)
-        return error_expr(span) if module is None else typed.ModeRead(MODE, span, module)
+        module = self._module(argument, context, name)
+        if module is None:
+            return error_expr(span)
+        if name == "margin":
+            return typed.MarginRead(FLOAT, span, module)
+        return typed.ModeRead(MODE, span, module)
 
-    def _module(self, argument: tree.Expr, context: Context) -> typed.ModuleSymbol | str | None:
+    def _module(
+        self, argument: tree.Expr, context: Context, asked: str
+    ) -> typed.ModuleSymbol | str | None:
         names = flat_names(argument)
         what = "an expression"
         if isinstance(argument, tree.ErrorExpr):
@@ -250,7 +256,9 @@ class CallChecker(FieldChecker):
                 if entry.kind == "module":
                     return symbol if isinstance(symbol, typed.ModuleSymbol) else None
                 what = f"a {entry.kind}"
-        self.diagnostics.error("T002", "`mode` takes a module", argument.span, f"this is {what}")
+        self.diagnostics.error(
+            "T002", f"`{asked}` takes a module", argument.span, f"this is {what}"
+        )
         return None
 
 

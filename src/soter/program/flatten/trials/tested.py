@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.span import Span
     from soter.program.flatten.placing import Part
     from soter.program.model import typed
-    from soter.program.model.system import Component, Module, Property, System
+    from soter.program.model.system import Component, Measure, Module, Property, System
     from soter.program.model.types import Value
 
 MAX_ACTORS = 64
@@ -204,6 +204,10 @@ class _TestElaborator(Elaborator):
                 notes=("chance decides on them in runs; a test tries everything that it permits",),
                 helps=("test the system without them: `late`, `skip`, `replace` of the test",),
             )
+
+    def measures(self) -> Iterator[Measure]:
+        """Nothing: a test measures nothing."""
+        yield from ()
 
     # ------------------------------------------------------------ faults
 
