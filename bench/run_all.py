@@ -459,6 +459,14 @@ BENCHMARKS = (
         "Third: neither; the target is 0. The watchdog is obeyed and fed by whatever comes. Only "
         "`stop` declares a law; of the others this says when theirs would act.",
     ),
+    Benchmark(
+        "Real time: misses, controllers that fail, the way to SC's output",
+        ("bench/real_time.py", "--minutes", "10", "--trials", "100", "--kills", "10000"),
+        "A loop at 1 kHz, its processor kept busy by an ordinary process; late is more than 200 us "
+        "behind, counted by a second clock and compared with what the driver counted. Then an AC "
+        "in a process of its own that fails in ten ways, or is killed at random instants; and SC's "
+        "output against bare wake-ups. An hour and a half.",
+    ),
 )
 
 

@@ -96,10 +96,7 @@ class Program:
     def check(
         self, params: Mapping[str, object] | None = None, *, times: str | Path | None = None
     ) -> CheckReport:
-        """What is known about a sound program; `SoterError` with every error otherwise.
-
-        `times`: a file that `soter measure` wrote, for who says no `wcet`.
-        """
+        """What is known of a sound program, else SoterError; `times`: what `soter measure` wrote."""
         self._require_sound()
         values = self._values(params)
         flat = {n: system_of(self._checked, n, values, exact=False) for n in self.systems}
@@ -166,19 +163,20 @@ class Program:
         progress: Progress | None = None,
         real_time: bool = False,
         partial: bool = False,
+        apart: bool = False,
         arm: str | None = None,
         campaign: str | Path | None = None,
     ) -> Run:
-        """Run a system in virtual time.
+        """Run a system in virtual time, or with `real_time` against the clock (docs/real-time.md).
 
         `until`: seconds or a text such as `"30s"`, by default the system's own. `params`: values
         of parameters by full name; lengths of time in s or as text. `seed`: a whole number, 0 to
         2^64 - 1. `trace` keeps the state after every instant, or only the named topics, truths and
         modules of it; `sha256` hashes it. `log`, `report`: files to write (a report keeps it all),
         the log while the run goes on. `progress` is called with the share that is done. Ctrl-C,
-        with a log SIGTERM and SIGHUP, too, ends the run at an instant and raises
-        `KeyboardInterrupt` (the others end the process), or, where `partial`, gives back what
-        was reached. `arm`: by the rules of that arm of a `campaign` (its folder, for `paper`).
+        with a log SIGTERM and SIGHUP, too, ends the run at an instant and raises KeyboardInterrupt
+        (others end the process), or, where `partial`, gives back what was reached. `apart`: nodes
+        in Python as processes (docs/externs.md). `arm`: by its rules, of a `campaign`'s folder.
         """
         from soter.api.running import simulate  # noqa: PLC0415 - see the docstring
 
@@ -187,7 +185,6 @@ class Program:
         prepared = self._prepared.of(self._checked, system, values, self._bound, progress)
         if arm is not None:
             prepared = self._prepared.of_arm(prepared, arm, campaign)
-        end_ns = end_of(prepared.system, until)
         writer = run_log(log)
         require_writers(log if isinstance(log, (str, Path)) else None, report)
         report = None if report is None else Path(report).absolute()  # externs may move
@@ -196,7 +193,7 @@ class Program:
             prepared,
             dict(self._bound),
             engine,
-            until_ns=end_ns,
+            until_ns=end_of(prepared.system, until),
             seed=seed,
             keep=trace if report is None else True,
             sha256=sha256,
@@ -204,6 +201,7 @@ class Program:
             real_time=real_time,
             writer=writer,
             partial=partial,
+            apart=apart,
         )
         if writer is not None and writer is not log and writer.problem is not None:
             raise writer.problem

@@ -7,13 +7,14 @@ Non-goals: what may be asked for (`program.py`), what runs share (`prepared.py`)
 
 from __future__ import annotations
 
+import os
 from functools import partial as partial_
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from soter.lower.layout import state_layout
 from soter.semantics.externs import Stop
-from soter.simulate.externs.bindings import bind_again, callables
+from soter.simulate.externs.bindings import bind_again, callables, close, require_runnable
 from soter.simulate.interrupt import (
     ANY_END,
     INTERRUPT,
@@ -24,6 +25,7 @@ from soter.simulate.interrupt import (
 )
 from soter.simulate.pace import Pacer
 from soter.simulate.params import changed
+from soter.simulate.real_time import run_real_time, why_not
 from soter.simulate.run import run_interpreted
 from soter.simulate.settings import seed_value
 from soter.version import VERSION
@@ -33,6 +35,7 @@ if TYPE_CHECKING:
 
     from soter.api.given import Progress
     from soter.api.prepared import Preparations, Prepared
+    from soter.simulate.externs.bindings import Bindings
     from soter.simulate.outputs.to_log import RunLog
     from soter.simulate.parts import Kept
     from soter.simulate.result import Run
@@ -52,15 +55,22 @@ def simulate(
     real_time: bool,
     writer: RunLog | None,
     partial: bool,
+    apart: bool = False,
 ) -> Run:
-    """Run in virtual time, as `Program.simulate` says; `given`: what externs are bound to.
+    """Run, as `Program.simulate` says; `given`: what externs are bound to.
 
     `KeyboardInterrupt` where it is stopped, unless `partial`.
     """
     seed, stop = seed_value(seed), stop_request()
     bindings = bind_again(prepared.bindings, given)
-    bound = callables(bindings, engine, stop)
-    go = _engine(engine, preparations, prepared)
+    paced = why_not(bindings, engine) if real_time else ""
+    if real_time and not paced:
+        require_runnable(bindings, engine)
+        go: Callable[..., Run] = partial_(_in_real_time, bindings, not apart)
+        bound: dict[str, object] = {}
+    else:
+        bound = callables(bindings, engine, stop, apart=apart and hasattr(os, "fork"))
+        go = _engine(engine, preparations, prepared)
     if writer is not None:
         layout = state_layout(bindings.system)
         writer.begin(bindings.system, layout, seed, engine, bindings.texts())
@@ -74,7 +84,7 @@ def simulate(
                 hash_trace=sha256,
                 progress=progress,
                 stop=stop,
-                pacer=Pacer() if real_time else None,
+                pacer=Pacer() if paced else None,
                 also=None if writer is None else writer.see,
             )
     except Stop:  # before the first instant
@@ -83,13 +93,29 @@ def simulate(
         if writer is not None:
             writer.end_by(error)
         raise
+    finally:
+        close(bound)
     run.externs = bindings.texts()
+    run.paced = paced
     run.computed = list(prepared.computed)
     if writer is not None:
         writer.end(run, stopped_by(stop) if run.interrupted else "")
     if run.interrupted and not partial:
         raise_again(stop)
     return run
+
+
+def _in_real_time(
+    bindings: Bindings,
+    quiet: bool,
+    until_ns: int,
+    seed: int,
+    _bound: Mapping[str, object],
+    **how: Any,  # noqa: ANN401 - as the engines take it
+) -> Run:
+    """As an engine: what the clock paces needs no pacer and shows its own progress."""
+    wanted = {k: how[k] for k in ("keep_trace", "hash_trace", "stop", "also")}
+    return run_real_time(bindings, until_ns, seed, quiet=quiet, **wanted)
 
 
 def _engine(engine: str, preparations: Preparations, prepared: Prepared) -> Callable[..., Run]:

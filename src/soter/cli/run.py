@@ -1,7 +1,7 @@
-"""`soter run FILE`: a system in virtual time.
+"""`soter run FILE`: a system in virtual time, or with `--real-time` against the clock.
 
 Purpose: run, summarise, write log and report; exit 3 where a property was violated.
-Non-goals: real time. `--real-time` only paces the virtual-time driver.
+Non-goals: how either is done.
 """
 
 from __future__ import annotations
@@ -81,7 +81,7 @@ def parser() -> Parser:
     made.add_argument(
         "--real-time",
         action="store_true",
-        help="pace the run against the clock (best effort, not the real-time runtime)",
+        help="run against the clock, externs in processes of their own (docs/real-time.md)",
     )
     return made
 
@@ -127,6 +127,7 @@ def _simulate(
             progress=progress,
             real_time=args.real_time,
             partial=True,
+            apart=console.own_process,
             arm=args.arm,
             campaign=args.campaign,
         )

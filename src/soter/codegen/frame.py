@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from soter.codegen.c.types import TypeTable
     from soter.diagnostics.span import Span
     from soter.lower import core
-    from soter.program.model.system import System
+    from soter.program.model.system import Component, System
 
 S = c.Name("s")
 OK = c.Name("SOTER_OK")
@@ -54,10 +54,17 @@ class Frame:
         self.prefix = prefix
         self.groups = groups
         """Component index -> C name of its group of locals or states."""
+        self.apart: frozenset[int] = frozenset()
+        """Extern nodes that a driver answers though they are bound to C (`targets/posix.py`)."""
         self.branches: list[Branch] | None = None
         """A list: nodes count which branches they take, and it says what the numbers mean."""
         unique = Unique()
         self._topic_fields = [unique(t.name) for t in system.topics]
+
+    def linked(self, component: Component) -> bool:
+        """Whether it is an extern node whose C is linked into the program."""
+        bound = (component.binding or "").startswith("c:") and component.node is not None
+        return component.extern and bound and component.index not in self.apart
 
     def state_pointer(self, *, const: bool = False) -> c.CStmt:
         """`prefix_state *const s = state;`."""

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from soter.codegen.frame import Frame
     from soter.lower.core import CoreSystem
     from soter.lower.layout import Struct
-    from soter.program.model.system import Component
+    from soter.program.model.system import Component, System
     from soter.program.model.types import Type
 
 
@@ -55,8 +55,11 @@ def interface(frame: Frame, core: CoreSystem, names: dict[int, str]) -> list[c.C
         name = names[x.index]
         layout = arrange(answer_fields(x))
         found.append(struct(frame, layout, f"{name}_out", f"what {x.name} answers"))
-        if x.node is not None and x.binding and x.binding.startswith("c:"):
-            found += _linked(frame, x, name)
+        bound_to_c = (x.binding or "").startswith("c:")
+        if x.node is not None and (bound_to_c or x.index in frame.apart):
+            found.append(_inputs(frame, x, name))
+        if x.node is not None and bound_to_c:
+            found.append(_linked(x, name))
     for f in core.functions:
         if f.result is None and f.source and f.source.startswith("c:"):
             parameters = tuple(
@@ -76,29 +79,37 @@ def interface(frame: Frame, core: CoreSystem, names: dict[int, str]) -> list[c.C
     return [c.Section("externs"), *found] if found else []
 
 
-def _linked(frame: Frame, x: Component, name: str) -> list[c.CTop]:
+def request_fields(system: System, component: Component) -> tuple[tuple[str, Type], ...]:
+    """Members of the struct of what an extern node reads, in its order, with their types."""
+    assert component.node is not None
+    topics = component.scope.topics
+    return tuple(
+        (x.topic.name.rsplit(".", 1)[-1], system.topics[topics[x.topic]].type)
+        for x in component.node.subscribes
+    )
+
+
+def _inputs(frame: Frame, x: Component, name: str) -> c.StructDef:
+    members = tuple(
+        c.StructMember(frame.types.stored(t), field_name(n))
+        for n, t in request_fields(frame.system, x)
+    ) or (c.StructMember("uint8_t", "pad_"),)
+    return c.StructDef(f"{name}_in", members, f"what {x.name} reads")
+
+
+def _linked(x: Component, name: str) -> c.FunctionDef:
     assert x.node is not None
     assert x.binding is not None
     symbol = x.binding.rsplit(":", 1)[1]
-    inputs = tuple(
-        c.StructMember(
-            frame.types.stored(frame.system.topics[x.scope.topics[t.topic]].type),
-            field_name(t.topic.name.rsplit(".", 1)[-1]),
-        )
-        for t in x.node.subscribes
-    ) or (c.StructMember("uint8_t", "pad_"),)
     parameters = [(f"const {name}_in *", "in")]
     if x.node.locals:
         parameters.append((f"{name}_local *", "local"))
     parameters.append((f"{name}_out *", "out"))
-    return [
-        c.StructDef(f"{name}_in", inputs, f"what {x.name} reads"),
-        c.FunctionDef(
-            "int",
-            symbol,
-            tuple(parameters),
-            None,
-            f"extern node {x.node.name}: 0 is success; set has_... for each output given",
-            static=False,
-        ),
-    ]
+    return c.FunctionDef(
+        "int",
+        symbol,
+        tuple(parameters),
+        None,
+        f"extern node {x.node.name}: 0 is success; set has_... for each output given",
+        static=False,
+    )

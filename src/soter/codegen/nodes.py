@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> c.FunctionDef:
     """The step of a node."""
     assert component.node is not None
-    c_source = component.binding is not None and component.binding.startswith("c:")
+    c_source = frame.linked(component)
     foreign = component.extern
     used = used_names((step.takeover, step.body))
     branches = None if foreign else frame.branches
@@ -112,12 +112,7 @@ def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) 
     found.append(c.Do(c.CallExpr("soter_guard", (fine, c.Name("SOTER_EXTERN_FAULT"), FAULT))))
     for x in step.locals:
         found += received(x.type, c.Member(c.Name("kept"), field_name(x.cell.name)))
-    for topic in node.publishes:
-        short = topic.name.rsplit(".", 1)[-1]
-        cleaned = received(node.given(topic), c.Member(c.Name("got"), field_name(short)))
-        has = c.Member(c.Name("got"), field_name(f"has_{short}"))
-        if cleaned:
-            found.append(c.IfStmt(c.Binary("!=", has, c.Number("0")), tuple(cleaned)))
+    found += _cleaned(node)
     return found + _given(frame, node, lambda field: c.Member(c.Name("got"), field))
 
 
@@ -132,12 +127,34 @@ def _answered(frame: Frame, component: Component, step: core.NodeStep, name: str
     node = component.node
     assert node is not None
     got = c.Name("got")
+    nothing = (c.Return(c.Name("SOTER_EXTERN_FAULT")),)
+    if component.index in frame.apart:
+        return [
+            *frame.declare_outputs(step.outputs),
+            c.IfStmt(c.Binary("==", c.Name("answer"), c.Name("NULL")), nothing),
+            c.Declare(f"const {name}_out *const ", "sent", c.Name("answer")),
+            c.Declare(f"{name}_out", "got", c.Unary("*", c.Name("sent"))),
+            *_cleaned(node),
+            *_given(frame, node, lambda field: c.Member(got, field)),
+        ]
     return [
         *frame.declare_outputs(step.outputs),
         c.Declare(f"const {name}_out *const ", "got", c.Name("answer")),
-        c.IfStmt(c.Binary("==", got, c.Name("NULL")), (c.Return(c.Name("SOTER_EXTERN_FAULT")),)),
+        c.IfStmt(c.Binary("==", got, c.Name("NULL")), nothing),
         *_given(frame, node, lambda field: c.Arrow(got, field)),
     ]
+
+
+def _cleaned(node: NodeSymbol) -> list[c.CStmt]:
+    """Make `got` values of their types, or raise the fault `extern`."""
+    found: list[c.CStmt] = []
+    for topic in node.publishes:
+        short = topic.name.rsplit(".", 1)[-1]
+        cleaned = received(node.given(topic), c.Member(c.Name("got"), field_name(short)))
+        has = c.Member(c.Name("got"), field_name(f"has_{short}"))
+        if cleaned:
+            found.append(c.IfStmt(c.Binary("!=", has, c.Number("0")), tuple(cleaned)))
+    return found
 
 
 def _given(frame: Frame, node: NodeSymbol, part: Callable[[str], c.CExpr]) -> list[c.CStmt]:

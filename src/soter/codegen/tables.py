@@ -114,7 +114,6 @@ class TableEmitter:
         name = self.names[x.index]
         step = self.core.nodes.get(x.index) or self.core.plants.get(x.index)
         outputs = len(step.outputs) if step else 0
-        linked = bool(x.binding and x.binding.startswith("c:") and x.node)
         return c.Initializer(
             (
                 ("name", c.String(x.name)),
@@ -122,7 +121,7 @@ class TableEmitter:
                 ("period_ns", int_number(x.period_ns)),
                 ("phase_ns", int_number(x.phase_ns)),
                 ("module", c.Number(str(-1 if x.module is None else x.module))),
-                ("is_extern", c.Name("true" if x.extern and not linked else "false")),
+                ("is_extern", c.Name("true" if x.extern and not self.frame.linked(x) else "false")),
                 ("judged", c.Name("true" if x.index in self.judged else "false")),
                 ("outputs", c.Number(f"{(1 << outputs) - 1}U")),
                 ("step", c.Name(f"{name}_step" if step else "NULL")),

@@ -87,9 +87,15 @@ def generate(
     prefix: str | None = None,
     *,
     branches: bool = False,
+    apart: frozenset[int] = frozenset(),
 ) -> Unit:
-    """The C of a system. With `branches` its nodes tell which of their branches they take."""
+    """The C of a system. With `branches` its nodes tell which of their branches they take.
+
+    `apart`: extern nodes that a driver answers from outside the process: none of their C is
+    linked, and what they answer is believed in nothing, lengths included.
+    """
     builder = UnitBuilder(system, core or lower(system), prefix)
+    builder.frame.apart = apart
     builder.frame.branches = [] if branches else None
     return builder.run()
 
@@ -153,7 +159,7 @@ class UnitBuilder:
                 c.VariableDef("soter_program", f"{self.prefix}_program", None),
             )
         )
-        copied = self.c_sources or self.open_topics
+        copied = self.c_sources or self.open_topics or self.frame.apart
         source = c.CFile(
             (
                 c.FileComment(about),
@@ -300,7 +306,7 @@ class UnitBuilder:
                     outputs = self.core.nodes[x.index].outputs
                     found.append(holding.effect(self.frame, x, outputs, name))
                     found.append(holding.exchange(self.frame, x, outputs, name))
-                if x.extern and x.binding and x.binding.startswith("c:"):
+                if x.binding and self.frame.linked(x):
                     self.c_sources.append(x.binding.split(":")[1])
         if self.core.decisions:
             found.append(decisions.switch(self.frame))

@@ -91,6 +91,10 @@ class Run:
     interrupted: bool = False
     lag_s_max: float | None = None
     """How late the latest instant was, where the run was paced against the clock."""
+    timing: dict[str, Any] | None = None
+    """What the real-time driver reported (docs/json.md); None: virtual time."""
+    paced: str = ""
+    """Why a run that was asked for in real time was only paced."""
     externs: dict[str, str] = field(default_factory=dict)
     """What answered each extern, in words."""
     computed: list[str] = field(default_factory=list)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.targets.c99 import c99_package
+from soter.targets.posix import posix_package
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -21,9 +22,9 @@ if TYPE_CHECKING:
 
     Maker = Callable[[System, CoreSystem, Path], Package]
 
-TARGETS: dict[str, Maker] = {"c": c99_package}
+TARGETS: dict[str, Maker] = {"c": c99_package, "posix": posix_package}
 """The default first."""
-COMING = ("posix", "cortex-m", "ros1", "dds", "zenoh", "mavlink")
+COMING = ("cortex-m", "ros1", "dds", "zenoh", "mavlink")
 
 
 def build_package(

@@ -43,7 +43,7 @@ STATE, PROGRAM, UNTIL = "APP_STATE", "APP_PROGRAM", "APP_UNTIL_NS"
 def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
     """The package; externs without C are bound to `externs.c` here."""
     package = Package(folder)
-    stubs = _bind_stubs(system)
+    stubs = bind_stubs(system)
     unit = generate(system, core)
     linked = [s for s in unit.c_sources if s != STUBS]
     plants = [x for x in system.components if x.extern and x.plant is not None]
@@ -51,49 +51,57 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         *firmware_files(system, unit),
         File(f"{unit.prefix}.h", unit.header),
         File(f"{unit.prefix}.c", unit.source),
-        File(f"{APP}.h", _app_header(system, unit)),
-        File(f"{APP}.c", _app_source(system, unit, plants)),
+        File(f"{APP}.h", app_header(system, unit)),
+        File(f"{APP}.c", app_source(system, unit, plants)),
         File(_main_name(unit), (RUNTIME / "soter_main.c").read_text(encoding="utf-8")),
-        *(File(n, (RUNTIME / n).read_text(encoding="utf-8")) for n in _runtime(system)),
+        *(File(n, (RUNTIME / n).read_text(encoding="utf-8")) for n in run_time(system)),
     ]
     package.files += lease_files(system, unit.prefix)
     if stubs or plants:
-        package.files.append(File(STUBS, _stubs(unit, stubs, plants), yours=True))
-    package.files += _extern_files(linked)
+        package.files.append(File(STUBS, stubs_text(unit, stubs, plants), yours=True))
+    package.files += extern_files(linked)
     sources = [f.path for f in package.files if f.path.endswith(".c")]
     package.files += [
-        File("Makefile", _makefile(_command_name(unit.prefix), sources, _main_name(unit))),
+        File("Makefile", _makefile(command_name(unit.prefix), sources, _main_name(unit))),
         File("README.md", _readme(system, unit, stubs, plants)),
     ]
-    package.notes = [*_notes(core, stubs, plants), *notes_of_leases(system)]
+    package.notes = [*notes(core, stubs, plants), *notes_of_leases(system)]
     package.entries = f"{firmware_name(system, unit)}_"
     package.world = tuple(
         f"{unit.names[x.index]}_step" for x in system.components if x.plant is not None
     )
-    package.commands = [f"make -C {folder}", f"{folder}/{_command_name(unit.prefix)}"]
+    package.commands = [f"make -C {folder}", f"{folder}/{command_name(unit.prefix)}"]
     return package
 
 
-def _runtime(system: System) -> tuple[str, ...]:
+def run_time(system: System) -> tuple[str, ...]:
+    """Files of the run-time that a package of the system takes along."""
     leases = LEASES if leased(system) else ()
     return (*KERNEL, *((FAULTS,) if system.faults else ()), *leases)
 
 
-def _bind_stubs(system: System) -> dict[str, Component]:
-    """Bind every extern node that is not C to a function of `externs.c`, by its C name."""
+def bind_stubs(system: System, left: frozenset[int] = frozenset()) -> dict[str, Component]:
+    """Bind every extern node that is not C to a function of `externs.c`, by its C name.
+
+    `left`: components that stay as they are bound.
+    """
     unique = Unique()
     found: dict[str, Component] = {}
     for x in system.components:
-        if x.node is not None and x.extern and not (x.binding or "").startswith("c:"):
+        if x.index in left or x.node is None or not x.extern:
+            continue
+        if not (x.binding or "").startswith("c:"):
             symbol = unique(f"{x.name.rpartition('.')[2]}_step")
             found[symbol] = x
             x.binding = f"c:{STUBS}:{symbol}"
     return found
 
 
-def _command_name(prefix: str) -> str:
+def command_name(prefix: str) -> str:
     """What the package's command is called: never like a file, folder or goal of its Makefile."""
-    taken = re.fullmatch(r"(gnu)?makefile|run|clean|lib|extern(_\d+)?", prefix, re.IGNORECASE)
+    taken = re.fullmatch(
+        r"(gnu)?makefile|run|clean|lib|all|extern(_\d+)?|worker_\d+", prefix, re.IGNORECASE
+    )
     return f"{prefix}_program" if taken else prefix
 
 
@@ -101,7 +109,7 @@ def _main_name(unit: Unit) -> str:
     return "main.c" if unit.prefix != "main" else "soter_main.c"
 
 
-def _extern_files(sources: list[str]) -> list[File]:
+def extern_files(sources: list[str]) -> list[File]:
     """Copies of the externs' C, a folder for each source that needs one."""
     files: dict[str, str] = {}
     for source in sources:
@@ -121,7 +129,8 @@ def _extern_files(sources: list[str]) -> list[File]:
 # ---------------------------------------------------------------- which program
 
 
-def _app_header(system: System, unit: Unit) -> str:
+def app_header(system: System, unit: Unit) -> str:
+    """Which program the virtual-time command runs."""
     return print_file(
         c.CFile(
             (
@@ -146,7 +155,7 @@ def _app_header(system: System, unit: Unit) -> str:
     )
 
 
-def _app_source(system: System, unit: Unit, plants: list[Component]) -> str:
+def app_source(system: System, unit: Unit, plants: list[Component]) -> str:
     """The answers of extern plants; extern nodes are linked and never due."""
     del system
     state = c.Name("state")
@@ -201,7 +210,7 @@ def _app_source(system: System, unit: Unit, plants: list[Component]) -> str:
 # ---------------------------------------------------------------- externs.c
 
 
-def _stubs(unit: Unit, nodes: dict[str, Component], plants: list[Component]) -> str:
+def stubs_text(unit: Unit, nodes: dict[str, Component], plants: list[Component]) -> str:
     """A function an extern, each a fault until somebody fills it in."""
     return print_file(
         c.CFile(
@@ -327,7 +336,7 @@ def _readme(
 Written by soter from `{PurePath(system.program.path).name}` (program {system.program.sha256[:12]}).
 
     make
-    ./{_command_name(name)}{until}
+    ./{command_name(name)}{until}
 
 runs the program in virtual time and prints verdict, modules and `trace_sha256`, which is that of
 `soter run` with the same seed. `--seed N`, `--until SECONDS`; exits 0 safe, 3 violated, 2 usage, 1
@@ -346,7 +355,8 @@ may call it too, with the program: both files are looked at).
 {leases}{filled}"""
 
 
-def _notes(core: CoreSystem, stubs: dict[str, Component], plants: list[Component]) -> list[str]:
+def notes(core: CoreSystem, stubs: dict[str, Component], plants: list[Component]) -> list[str]:
+    """What is still to be filled in or bound, a sentence each."""
     notes = []
     waiting = [x.name for x in (*stubs.values(), *plants)]
     if waiting:

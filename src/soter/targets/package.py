@@ -42,6 +42,8 @@ class Package:
     files: list[File] = field(default_factory=list)
     notes: list[str] = field(default_factory=list)
     commands: list[str] = field(default_factory=list)
+    programs: dict[str, list[str]] = field(default_factory=dict)
+    """Of some targets: a program that is built, and the flags and sources it is made of."""
     written: list[str] = field(default_factory=list)
     kept: list[str] = field(default_factory=list)
     target: str = ""

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import signal
 import sys
 import time
@@ -44,6 +45,34 @@ def crashes(inputs):
 def later(inputs):
     threading.Timer(0.0, os._exit, (0,)).start()
     time.sleep(1)
+
+def hangs(inputs):
+    time.sleep(600)
+
+def spins(inputs):
+    while True:
+        pass
+
+def side():
+    import socket
+    for n in os.listdir("/proc/self/fd"):
+        try:
+            return socket.socket(fileno=os.dup(int(n)))
+        except OSError:
+            continue
+
+def floods(inputs):
+    side().sendall(bytes([255]) * 4096)
+    time.sleep(600)
+
+def forges(inputs):
+    side().sendall((9).to_bytes(8, "little") + b'["u", 1]x')
+    time.sleep(600)
+
+def answers_for_another(inputs):
+    text = b'{"values": [[1.0]]}'
+    side().sendall(len(text).to_bytes(8, "little") + text)
+    time.sleep(600)
 
 def at_the_end(inputs):
     atexit.register(os._exit, 0)
@@ -97,20 +126,87 @@ def run(folder: Path, policy: str, *options: str) -> Done:
     return done
 
 
-@pytest.mark.parametrize("policy", ["leaves", "execs", "crashes", "later"])
-def test_a_missing_verdict_is_no_success(folder: Path, policy: str) -> None:
-    done = run(folder, policy)
+@pytest.mark.parametrize(
+    ("policy", "why"),
+    [
+        ("leaves", "its process ended by itself, with exit status 0"),
+        ("execs", "its process ended by itself, with exit status 0"),
+        ("crashes", "its process was ended by SIGSEGV"),
+        ("later", "its process ended by itself, with exit status 0"),
+        ("hangs", "it did not answer for 0.5 s: ended"),
+        ("spins", "it did not answer for 0.5 s: ended"),
+        ("floods", "it answered with too much"),
+        ("forges", "its process answered"),
+        ("answers_for_another", "its process answered"),
+    ],
+)
+@pytest.mark.parametrize("engine", ["native", "interp"])
+def test_a_policy_that_ends_its_process_is_a_step_fault(
+    folder: Path, policy: str, why: str, engine: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOTER_EXTERN_PATIENCE_S", "0.5")
+    done = run(folder, policy, "--engine", engine)
+    assert done.returncode == 3
+    assert re.search(r"Learned: 1 . `extern`", done.stdout)
+    assert why in done.stdout
+
+
+def test_a_policy_is_started_again_and_again_but_not_for_ever(folder: Path) -> None:
+    text = (folder / "robot.soter").read_text()
+    text = text.replace(
+        "extern node Learned period 20ms { publishes u; failsafe u = 0.0; }",
+        "extern node Learned period 20ms { publishes u; }\n"
+        "node Safe period 20ms { publishes u; step { publish u = 0.0; } }\n"
+        "rta Guard { ac Learned; sc Safe; period 20ms; safe abs(u) <= 1.0;"
+        " ttf false; safer true; }",
+    ).replace("system S { node Learned;", "system S { module Guard;")
+    (folder / "robot.soter").write_text(text)
+    found = json.loads(run(folder, "leaves", "--json").stdout)
+    assert found["violations"] == 0
+    assert found["modules"]["Guard"]["gate_faults"] == 51
+    assert "exit status 0" in found["extern_failures"]["Guard.Learned"]
+
+
+def test_a_missing_verdict_is_no_success(folder: Path) -> None:
+    (folder / "leaves.c").write_text(C_LEAVES)
+    done = run_c(folder)
     assert done.returncode == 1
     assert "error[X011]" in done.stderr
     assert done.stdout == ""
 
 
 def test_a_missing_verdict_is_one_document(folder: Path) -> None:
-    done = run(folder, "leaves", "--json")
+    (folder / "leaves.c").write_text(C_LEAVES)
+    done = run_c(folder, "--json")
     document = json.loads(done.stdout)
     assert problems_of(document) == []
     assert document["exit"] == done.returncode == 1
     assert [d["code"] for d in document["diagnostics"]] == ["X011"]
+
+
+C_LEAVES = """
+#include "robot.h"
+#include <unistd.h>
+int leaves(const robot_Learned_in *in, robot_Learned_out *out) {
+  static long steps;
+  (void)in;
+  if (++steps > STEPS) { _exit(0); }
+  out->u = 0.001 * (double)(steps % 500);
+  out->has_u = 1;
+  return 0;
+}
+""".replace("STEPS", "60000")
+
+
+def run_c(folder: Path, *options: str) -> Done:
+    command = [*SOTER, "run", "robot.soter", "--bind", "Learned=c:leaves.c:leaves"]
+    return processes.run(
+        [*command, "--until", "9h", *options],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=60,
+    )
 
 
 @pytest.mark.parametrize("policy", ["at_the_end", "closes"])
@@ -195,14 +291,6 @@ import os, time
 def slow(inputs):
     time.sleep(0.0005)
     return 0.5
-
-class Dies:
-    steps = 0
-    def step(self, inputs):
-        self.steps += 1
-        if self.steps > 60_000:
-            os._exit(0)
-        return 0.001 * (self.steps % 500)
 """
 
 
@@ -240,10 +328,8 @@ def test_a_signal_closes_the_log(folder: Path, number: signal.Signals) -> None:
 
 
 def test_a_log_of_a_process_that_died_is_kept_up_to_its_last_chunk(folder: Path) -> None:
-    (folder / "slow.py").write_text(SLOW)
-    command = [*SOTER, "run", "robot.soter", "--bind", "Learned=python:slow.py:Dies"]
-    command += ["--until", "9h", "--log", "a.mcap"]
-    done = processes.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    (folder / "leaves.c").write_text(C_LEAVES)
+    done = run_c(folder, "--log", "a.mcap")
     assert done.returncode == 1
     assert "the log until then is `a.mcap`" in done.stderr
     last_ns, end = logged(folder / "a.mcap")

@@ -168,7 +168,7 @@ def test_a_program_may_be_called_like_one_of_the_files(soter: Soter, here: Path,
 
 
 def test_targets_that_are_not_there(soter: Soter) -> None:
-    for target in ("posix", "cortex-m", "nonsense"):
+    for target in ("ros1", "cortex-m", "nonsense"):
         done = soter("build", "cart.soter", "--target", target, "-o", "out", "--json")
         assert (done.exit, done.codes) == (2, ["U001"])
 
@@ -182,7 +182,7 @@ def test_another_target_is_called_by_its_own_name(
         return package
 
     monkeypatch.setitem(TARGETS, "toy", toy)
-    assert "c (the default) or toy" in " ".join(soter("build", "--help").out.split())
+    assert "c (the default) or posix or toy" in " ".join(soter("build", "--help").out.split())
     assert "target toy" in soter("build", "cart.soter", "--target", "toy", "-o", "out").out
     assert (here / "out" / "TOY.txt").read_text() == "a toy"
     done = soter("build", "cart.soter", "--target", "toy", "-o", "out", "--json")

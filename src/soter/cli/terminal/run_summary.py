@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.cli.terminal.real_time import timing_lines
 from soter.report.summary import Entry, Styled, display_width, mode_timeline, table
 from soter.semantics.chance.faults import begins
 from soter.simulate.outputs.assumptions import of_run
@@ -39,6 +40,7 @@ def summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
         list(_violations(run, console)),
         list(_faults(run, console)),
         _on_purpose(run),
+        timing_lines(run.timing) if run.timing else [],
         [f"{console.paint('yellow', 'note')}  {text}" for text in run.notes],
         _modules(run, console),
         list(_timelines(run, console)),
@@ -51,7 +53,8 @@ def summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
 def _headline(run: Run, path: str, console: Console) -> str:
     speed = run.reached_s / run.wall_s if run.wall_s > 0 else 0.0
     how = f"{run.engine}, {_time(run.wall_s)}"
-    how += f" ({_rounded(speed)} {TIMES} real time)" if run.lag_s_max is None else ", paced"
+    how += f" ({_rounded(speed)} {TIMES} real time)" if run.lag_s_max is None else ""
+    how += ", in real time" if run.timing else ", paced" if run.lag_s_max is not None else ""
     facts = f"{path}  {run.system.name}, seed {run.seed}, {run.duration_s:g} s  {how}"
     return console.paint("muted", facts)
 
@@ -83,9 +86,10 @@ def _verdict(run: Run, console: Console) -> list[str]:
     else:
         noun = "the property holds" if properties == 1 else f"all {properties} properties hold"
         lines.append(f"{console.paint('green', 'no violation in this run')}  {noun}")
-    if run.lag_s_max is not None:
+    if run.lag_s_max is not None and not run.timing:
         late = f"no instant was more than {_time(run.lag_s_max)} late"
-        lines.append(f"paced by the virtual-time driver, not the real-time runtime: {late}")
+        why = f" ({run.paced})" if run.paced else ""
+        lines.append(f"paced by the virtual-time driver, not the real-time runtime{why}: {late}")
     return lines
 
 

@@ -141,8 +141,20 @@ def _problems_of_binding(system: System, name: str, target: object) -> tuple[Dia
     return ()
 
 
-def callables(bindings: Bindings, engine: str, stop: StopRequest) -> dict[str, object]:
-    """The callables for one run; SoterError where an extern cannot be run on this engine."""
+def require_runnable(bindings: Bindings, engine: str) -> None:
+    """SoterError where an extern cannot be run on this engine: X001, X007, X008."""
+    problems = [p for x in bindings.externs if (p := _impossible(x, engine)) is not None]
+    if problems:
+        raise SoterError(tuple(problems))
+
+
+def callables(
+    bindings: Bindings, engine: str, stop: StopRequest, *, apart: bool = False
+) -> dict[str, object]:
+    """The callables for one run; SoterError where an extern cannot be run on this engine.
+
+    `apart`: nodes in Python get processes of their own.
+    """
     problems: list[Diagnostic] = []
     found: dict[str, object] = {}
     for extern in bindings.externs:
@@ -151,7 +163,7 @@ def callables(bindings: Bindings, engine: str, stop: StopRequest) -> dict[str, o
             problems.append(problem)
         elif not _is_c(extern.bound):
             try:
-                found[extern.name] = PythonExtern(extern.name, _target(extern), stop)
+                found[extern.name] = _python(extern, stop, apart=apart)
             except SoterError as error:
                 problems += error.diagnostics
     if problems:
@@ -265,6 +277,23 @@ def _c_callables(bindings: Bindings) -> dict[str, object]:
 
 
 # ---------------------------------------------------------------- Python
+
+
+def close(bound: Mapping[str, object]) -> None:
+    """End the processes that the callables of a run have."""
+    for extern in bound.values():
+        end = getattr(extern, "close", None) if not isinstance(extern, PythonExtern) else None
+        if callable(end):
+            end()
+
+
+def _python(extern: Extern, stop: StopRequest, *, apart: bool) -> object:
+    node = extern.component.node if extern.component is not None else None
+    if not apart or node is None:
+        return PythonExtern(extern.name, _target(extern), stop)
+    from soter.simulate.externs.apart import ProcessExtern  # noqa: PLC0415 - POSIX only
+
+    return ProcessExtern(extern.name, lambda: _target(extern), node.answers, extern.span, stop)
 
 
 def _target(extern: Extern) -> object:

@@ -40,6 +40,7 @@ def run_figures(run: Run) -> dict[str, object]:
         "interrupted": run.interrupted,
         "wall_s": run.wall_s,
         "lag_s_max": run.lag_s_max,
+        "real_time": run.timing,
         "instants": run.instants,
         "violations": run.violations,
         "violation_list": [_violation(v) for v in run.violation_list],

@@ -1,0 +1,240 @@
+/* soter_posix.h: the real-time driver: one thread that the calendar wakes.
+ *
+ * Purpose: what the files of the driver share. docs/real-time.md says what it does and what it
+ * cannot.
+ * Non-goals: other systems than Linux and its like; sensors and actuators (soter_app.h has hooks).
+ *
+ * Times are whole nanoseconds. `ct` is time of the program, 0 at the start; `origin_ns + ct` is
+ * when that is on CLOCK_MONOTONIC, which nobody can set.
+ */
+#ifndef SOTER_POSIX_H
+#define SOTER_POSIX_H
+
+#include "soter_app.h"
+#include "soter_channel.h"
+
+#include <pthread.h>
+#include <stdbool.h>
+#include <stdint.h>
+#include <stdio.h>
+
+/* ------------------------------------------------------------------ what the program says */
+
+/* An extern node, answered by a process of its own. */
+typedef struct {
+  uint32_t component;
+  const char* file; /* the worker's program, beside this one; NULL: --worker says it */
+  size_t in_size, out_size;
+  uint64_t hash;     /* of both layouts */
+  int64_t budget_ns; /* from the release until it must have answered */
+  void (*gather)(const void* state, void* in);
+} soter_posix_extern;
+
+/* soter_app.h declares, soter_app.c defines:
+ *   APP_STATE, APP_PROGRAM, APP_UNTIL_NS, APP_COMPONENTS, APP_MODULES, APP_EXTERNS, APP_WORDS,
+ *   APP_SLOTS, APP_LONGEST_NS, soter_app_answer, soter_app_inputs, soter_app_outputs, and: */
+extern const soter_posix_extern soter_app_externs[];
+extern const uint32_t soter_app_extern_count; /* APP_EXTERNS */
+extern const int64_t soter_app_late_ns[];     /* of each component */
+extern const int64_t soter_app_response_ns[]; /* of each component */
+
+/* ------------------------------------------------------------------ figures */
+
+/* Logarithmic: 16 parts an octave, so a figure read off is within 6.25 %. */
+#define SOTER_BINS 1024U
+typedef struct {
+  uint64_t count;
+  int64_t most_ns;
+  uint32_t bin[SOTER_BINS];
+} soter_histogram;
+
+typedef struct {
+  soter_histogram late;     /* from the release to the begin of the step */
+  soter_histogram complete; /* from the release to its end */
+  uint64_t released_late;   /* misses, by kind */
+  uint64_t completed_late;
+} soter_node_times;
+
+typedef struct {
+  uint64_t asked, answered;
+  uint64_t later;   /* of those answered: in budget, but not before the next instant */
+  uint64_t missing; /* nothing whole by the end of the budget */
+  uint64_t seen[SOTER_CHANNEL_STATES]; /* what stood there then */
+  uint64_t failed;                     /* it answered that its step failed */
+  soter_histogram took;
+  uint64_t in_a_row; /* unanswered until now */
+} soter_worker_times;
+
+typedef enum {
+  SOTER_CAUSE_TTF = 0,
+  SOTER_CAUSE_STALE = 1,
+  SOTER_CAUSE_GATE = 2,   /* AC published what its topic's set has not, or failed */
+  SOTER_CAUSE_SILENT = 3, /* AC did not answer in its budget */
+  SOTER_CAUSE_MISSED = 4  /* the trusted part was late: soter_posix_missed */
+} soter_cause;
+#define SOTER_CAUSES 5
+
+typedef enum {
+  SOTER_MISS_RELEASE = 0,  /* a trusted step began later than it may */
+  SOTER_MISS_COMPLETE = 1, /* it ended later than it may */
+  SOTER_MISS_CALENDAR = 2  /* so far behind that the calendar was given up and began anew */
+} soter_miss;
+
+/* ------------------------------------------------------------------ the log */
+
+/* What the trusted thread leaves for the logger at the end of an instant. */
+typedef struct {
+  int64_t ct;
+  int64_t wake_ns;        /* CLOCK_MONOTONIC behind the release, as the instant began */
+  int64_t done_ns;        /* the same at its end */
+  int64_t independent_ns; /* CLOCK_MONOTONIC_RAW as it began */
+  uint32_t misses;        /* of this instant */
+  uint32_t modes;         /* a bit a module, 1: AC; of the first 32 */
+} soter_instant_times;
+
+typedef struct {
+  soter_instant_times times;
+  APP_STATE state;
+} soter_record;
+
+/* One writer, one reader. Full: the record is dropped and counted, nobody waits. */
+typedef struct {
+  uint64_t head; /* written by the trusted thread */
+  uint64_t tail; /* written by the logger */
+  uint64_t dropped;
+  soter_record slot[APP_SLOTS];
+} soter_ring;
+
+bool soter_ring_put(soter_ring* ring, const soter_instant_times* times, const APP_STATE* state);
+bool soter_ring_take(soter_ring* ring, soter_record* record);
+
+/* ------------------------------------------------------------------ workers */
+
+#define SOTER_COMMAND_MAX 4096
+
+typedef struct {
+  char command[SOTER_COMMAND_MAX]; /* run by /bin/sh; empty: `file`, beside this program */
+  void* request;                   /* we write, it reads */
+  void* answer;                    /* it writes, we read */
+  int request_fd, answer_fd;
+} soter_worker;
+
+/* Shared with the process that starts workers; every field has one writer. */
+typedef struct {
+  uint32_t starts, ends;
+  int32_t pid;    /* 0: none */
+  int32_t status; /* the last wait status */
+  int32_t error;  /* errno where it could not be started */
+  uint32_t kill_asked, kill_done;
+} soter_worker_status;
+
+typedef struct {
+  soter_worker_status worker[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
+  bool over; /* written by us: all are ended */
+} soter_workers_status;
+
+/* ------------------------------------------------------------------ the driver */
+
+typedef enum {
+  SOTER_POLICY_AUTO = 0,
+  SOTER_POLICY_FIFO,
+  SOTER_POLICY_DEADLINE,
+  SOTER_POLICY_OTHER
+} soter_policy;
+
+typedef struct {
+  int64_t until_ns;
+  uint64_t seed;
+  soter_policy policy;
+  int core;        /* -1: choose, -2: do not pin */
+  int64_t late_ns; /* -1: as the program says */
+  bool json, quiet, live;
+  const char* log;
+  const char* states;  /* the state after every instant, one after the other */
+  uint32_t restarts;   /* of each worker */
+  int64_t patience_ns; /* without an answer, until a worker is ended */
+  int64_t again_ns;    /* before a worker that ended is started again */
+  int64_t bare_ns;     /* for wake-ups with nothing to do, before the start */
+  int64_t wait_ns;     /* for workers to be ready, at the start */
+  uint64_t memory;     /* bytes a worker may map; 0: any */
+  int64_t user;        /* uid of workers; -1: as this process */
+} soter_options;
+
+typedef struct {
+  uint64_t number;               /* of the last request */
+  int64_t asked_at_ns, until_ns; /* ct of the release, ct by which an answer counts */
+  bool outstanding;
+} soter_request;
+
+/* What could not be had, and what that costs. */
+#define SOTER_NOTES 16
+#define SOTER_NOTE_MAX 400
+
+typedef struct {
+  APP_STATE state;
+  soter_options options;
+  int64_t origin_ns;
+  int stop; /* a signal number */
+  bool deadline, locked, pinned;
+  int core;
+  char policy[32];
+  /* the trusted thread */
+  soter_node_times node[APP_COMPONENTS];
+  soter_worker_times worker[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
+  soter_request request[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
+  uint32_t cause[APP_MODULES > 0 ? APP_MODULES : 1]; /* why the gate latch was set */
+  uint64_t takeovers[APP_MODULES > 0 ? APP_MODULES : 1][SOTER_CAUSES];
+  uint64_t instants, late_instants, missed, calendars;
+  uint32_t missed_now;
+  bool failsafe_now, calendar_lost;
+  soter_histogram wake, output, bare;
+  uint64_t minor_faults, major_faults;
+  int64_t heartbeat_ns; /* CLOCK_MONOTONIC as the last instant ended */
+  uint64_t value[APP_WORDS];
+  /* others */
+  soter_worker workers[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
+  soter_workers_status* status;
+  int32_t keeper; /* the process that starts workers; 0: none */
+  bool shared;    /* there is shared memory */
+  soter_ring ring;
+  char notes[SOTER_NOTES][SOTER_NOTE_MAX];
+  uint32_t note_count;
+  char digest[65];
+  bool log_failed, silent_seen, began, done;
+  uint64_t lines_lost;
+} soter_posix;
+
+int64_t soter_posix_clock(void);
+
+/* soter_posix_setup.c */
+void soter_posix_note(soter_posix* d, const char* format, ...)
+    __attribute__((format(printf, 2, 3)));
+void soter_posix_lock(soter_posix* d);
+bool soter_posix_thread(soter_posix* d, pthread_t* thread, void* (*run)(void*));
+void soter_posix_become(soter_posix* d);
+int64_t soter_posix_shortest(void); /* period, at most 1 s */
+
+/* soter_posix_workers.c: segments, and the process that starts workers. Before any thread. */
+void soter_posix_workers(soter_posix* d, const char* self);
+bool soter_posix_ready(soter_posix* d, uint32_t worker);
+void soter_posix_await(soter_posix* d);
+void soter_posix_release(soter_posix* d); /* at the end: no process is left */
+
+/* soter_posix.c: the trusted thread. */
+void* soter_posix_run(void* driver);
+
+/* The one place where a trusted part that was late is made safe: its modules go to SC at the next
+ * decision, as after a gate fault, and every node that has declared fail-safe values publishes
+ * them at the end of this instant. `by_ns`: how late. */
+void soter_posix_missed(soter_posix* d, soter_miss kind, uint32_t component, int64_t by_ns);
+
+/* soter_posix_log.c: the logger's thread. */
+void* soter_posix_logger(void* driver);
+
+/* soter_posix_report.c */
+void soter_histogram_add(soter_histogram* h, int64_t ns);
+int64_t soter_histogram_quantile(const soter_histogram* h, double share);
+void soter_posix_report(const soter_posix* d, FILE* out);
+void soter_posix_json(const soter_posix* d, FILE* out);
+
+#endif

@@ -1,0 +1,292 @@
+/* soter_posix_workers.c: segments, and the process that starts workers.
+ *
+ * Purpose: before there is a thread, a second process is forked that starts, limits, ends and
+ * restarts workers, so the trusted one never forks. Segments are sealed: a worker can neither cut
+ * its own (which would end us with SIGBUS) nor write ours.
+ * Non-goals: protection from a worker that means harm and has our user's rights: it may send us
+ * signals. --worker-user gives it another (docs/real-time.md).
+ */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
+#endif
+
+#include "soter_posix.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <grp.h>
+#include <linux/capability.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/prctl.h>
+#include <sys/resource.h>
+#include <sys/syscall.h>
+#include <sys/wait.h>
+#include <time.h>
+#include <unistd.h>
+
+#ifndef F_SEAL_FUTURE_WRITE
+#define F_SEAL_FUTURE_WRITE 0x0010
+#endif
+
+#define REQUEST_FD 3
+#define ANSWER_FD 4
+#define FIRST_OTHER_FD 5
+#define LAST_OTHER_FD 1024
+#define NAP_NS 2000000L
+#define CPU_SLACK_S 10
+#define NICENESS 5
+#define NOT_STARTED 127
+
+/* ------------------------------------------------------------------ segments */
+
+static void* segment(size_t bytes, int* fd) {
+  const int made = (int)syscall(SYS_memfd_create, "soter", 2U /* MFD_ALLOW_SEALING */);
+  if (made < 0 || ftruncate(made, (off_t)bytes) != 0) {
+    return NULL;
+  }
+  void* const at = mmap(NULL, bytes, PROT_READ | PROT_WRITE, MAP_SHARED, made, 0);
+  if (at == MAP_FAILED) {
+    return NULL;
+  }
+  *fd = fcntl(made, F_DUPFD, 64); /* away from those that a worker has */
+  (void)close(made);
+  return at;
+}
+
+static bool segments(soter_posix* d) {
+  for (uint32_t k = 0; k < soter_app_extern_count; k++) {
+    soter_worker* const w = &d->workers[k];
+    w->request = segment(soter_channel_bytes(soter_app_externs[k].in_size), &w->request_fd);
+    w->answer = segment(soter_channel_bytes(soter_app_externs[k].out_size), &w->answer_fd);
+    if (w->request == NULL || w->answer == NULL) {
+      return false;
+    }
+    const int whole = F_SEAL_SHRINK | F_SEAL_GROW;
+    const bool sealed =
+        fcntl(w->request_fd, F_ADD_SEALS, whole | F_SEAL_FUTURE_WRITE | F_SEAL_SEAL) == 0 &&
+        fcntl(w->answer_fd, F_ADD_SEALS, whole | F_SEAL_SEAL) == 0;
+    if (!sealed) {
+      return false;
+    }
+  }
+  return true;
+}
+
+/* ------------------------------------------------------------------ a worker's side of the fork */
+
+static void limit(int what, uint64_t most) {
+  const struct rlimit r = {.rlim_cur = (rlim_t)most, .rlim_max = (rlim_t)most};
+  (void)setrlimit((__rlimit_resource_t)what, &r);
+}
+
+/* Nothing of ours: no priority, no capability, few files, bounded memory and time. */
+static void give_up_rights(const soter_posix* d) {
+  const struct sched_param ordinary = {.sched_priority = 0};
+  (void)sched_setscheduler(0, SCHED_OTHER, &ordinary);
+  (void)setpriority(PRIO_PROCESS, 0, NICENESS);
+  limit(RLIMIT_CORE, 0);
+  limit(RLIMIT_RTPRIO, 0);
+  limit(RLIMIT_MEMLOCK, 0);
+  limit(RLIMIT_CPU, (uint64_t)(d->options.until_ns / 1000000000 + CPU_SLACK_S));
+  if (d->options.memory > 0U) {
+    limit(RLIMIT_AS, d->options.memory);
+  }
+  (void)prctl(PR_SET_NO_NEW_PRIVS, 1, 0, 0, 0);
+  for (unsigned long c = 0; c < 64UL; c++) {
+    (void)prctl(PR_CAPBSET_DROP, c, 0, 0, 0);
+  }
+  if (d->options.user >= 0) {
+    const uid_t user = (uid_t)d->options.user;
+    (void)setgroups(0, NULL);
+    if (setresgid((gid_t)user, (gid_t)user, (gid_t)user) != 0 || setresuid(user, user, user) != 0) {
+      _exit(NOT_STARTED);
+    }
+  }
+  struct __user_cap_header_struct header = {.version = _LINUX_CAPABILITY_VERSION_3, .pid = 0};
+  struct __user_cap_data_struct none[2];
+  (void)memset(none, 0, sizeof none);
+  (void)syscall(SYS_capset, &header, none);
+}
+
+static void become_worker(const soter_posix* d, uint32_t k, pid_t parent) {
+  const soter_worker* const w = &d->workers[k];
+  sigset_t none;
+  (void)sigemptyset(&none);
+  (void)sigprocmask(SIG_SETMASK, &none, NULL);
+  (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+  if (getppid() != parent || setsid() < 0) {
+    _exit(NOT_STARTED);
+  }
+  (void)dup2(w->request_fd, REQUEST_FD);
+  (void)dup2(w->answer_fd, ANSWER_FD);
+  (void)dup2(STDERR_FILENO, STDOUT_FILENO); /* our standard output is ours */
+  for (int fd = FIRST_OTHER_FD; fd < LAST_OTHER_FD; fd++) {
+    (void)close(fd);
+  }
+  give_up_rights(d);
+  if (w->command[0] == '/') {
+    (void)execl(w->command, w->command, (char*)NULL);
+  } else {
+    (void)execl("/bin/sh", "sh", "-c", w->command, (char*)NULL);
+  }
+  _exit(NOT_STARTED);
+}
+
+/* ------------------------------------------------------------------ the process that starts them
+ */
+
+static int64_t now_ns(void) {
+  return soter_posix_clock();
+}
+
+static void start_worker(soter_posix* d, uint32_t k) {
+  soter_worker_status* const s = &d->status->worker[k];
+  const pid_t self = getpid();
+  const pid_t made = fork();
+  if (made == 0) {
+    become_worker(d, k, self);
+  }
+  __atomic_store_n(&s->error, made < 0 ? errno : 0, __ATOMIC_RELEASE);
+  __atomic_store_n(&s->pid, made < 0 ? 0 : (int32_t)made, __ATOMIC_RELEASE);
+  __atomic_store_n(&s->starts, s->starts + 1U, __ATOMIC_RELEASE);
+}
+
+/* Ends what is left of a worker's session and notes how it ended. */
+static void end_worker(soter_posix* d, uint32_t k, int status) {
+  soter_worker_status* const s = &d->status->worker[k];
+  (void)kill(-s->pid, SIGKILL);
+  __atomic_store_n(&s->status, (int32_t)status, __ATOMIC_RELEASE);
+  __atomic_store_n(&s->pid, 0, __ATOMIC_RELEASE);
+  __atomic_store_n(&s->ends, s->ends + 1U, __ATOMIC_RELEASE);
+}
+
+static void look_after(soter_posix* d, uint32_t k, int64_t* ended_ns) {
+  soter_worker_status* const s = &d->status->worker[k];
+  const uint32_t asked = __atomic_load_n(&s->kill_asked, __ATOMIC_ACQUIRE);
+  if (s->pid != 0 && asked != s->kill_done) {
+    (void)kill(-s->pid, SIGKILL);
+    (void)kill(s->pid, SIGKILL);
+  }
+  int status = 0;
+  if (s->pid != 0 && waitpid(s->pid, &status, WNOHANG) == s->pid) {
+    end_worker(d, k, status);
+    *ended_ns = now_ns();
+  }
+  if (s->pid == 0) {
+    __atomic_store_n(&s->kill_done, asked, __ATOMIC_RELEASE);
+    const bool there = d->workers[k].command[0] != '\0';
+    if (there && s->starts <= d->options.restarts && now_ns() - *ended_ns >= d->options.again_ns) {
+      start_worker(d, k);
+    }
+  }
+}
+
+static void keep_workers(soter_posix* d, pid_t parent) {
+  const struct timespec nap = {0, NAP_NS};
+  int64_t ended_ns[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
+  (void)memset(ended_ns, 0, sizeof ended_ns);
+  (void)prctl(PR_SET_PDEATHSIG, SIGKILL);
+  while (getppid() == parent && !__atomic_load_n(&d->status->over, __ATOMIC_ACQUIRE)) {
+    for (uint32_t k = 0; k < soter_app_extern_count; k++) {
+      look_after(d, k, &ended_ns[k]);
+    }
+    (void)nanosleep(&nap, NULL);
+  }
+  for (uint32_t k = 0; k < soter_app_extern_count; k++) {
+    const int32_t pid = d->status->worker[k].pid;
+    if (pid != 0) {
+      (void)kill(-pid, SIGKILL);
+      (void)kill(pid, SIGKILL);
+      (void)waitpid(pid, NULL, 0);
+    }
+  }
+  _exit(0);
+}
+
+void soter_posix_release(soter_posix* d) {
+  if (d->keeper > 0) {
+    __atomic_store_n(&d->status->over, true, __ATOMIC_RELEASE);
+    (void)waitpid(d->keeper, NULL, 0);
+  }
+}
+
+/* ------------------------------------------------------------------ the trusted process's side */
+
+/* The worker's own program lies beside ours. */
+static bool find_program(soter_posix* d, uint32_t k, const char* self) {
+  soter_worker* const w = &d->workers[k];
+  const char* const slash = strrchr(self, '/');
+  const int folder = slash == NULL ? 0 : (int)(slash - self) + 1;
+  if (w->command[0] != '\0') {
+    return true;
+  }
+  if (soter_app_externs[k].file == NULL) {
+    return false;
+  }
+  char path[SOTER_COMMAND_MAX];
+  (void)snprintf(path, sizeof path, "%.*s%s", folder, self, soter_app_externs[k].file);
+  return realpath(path, w->command) != NULL && access(w->command, X_OK) == 0;
+}
+
+void soter_posix_workers(soter_posix* d, const char* self) {
+  if (APP_EXTERNS == 0) {
+    return;
+  }
+  d->status =
+      mmap(NULL, sizeof *d->status, PROT_READ | PROT_WRITE, MAP_SHARED | MAP_ANONYMOUS, -1, 0);
+  if (d->status == MAP_FAILED || !segments(d)) {
+    soter_posix_note(d,
+                     "no shared memory (%s): no worker is started, and their modules stay with SC",
+                     strerror(errno));
+    return;
+  }
+  for (uint32_t k = 0; k < soter_app_extern_count; k++) {
+    if (!find_program(d, k, self)) {
+      soter_posix_note(d,
+                       "the worker of %s cannot be started: there is no program `%s`: its module "
+                       "stays with SC",
+                       APP_PROGRAM->component[soter_app_externs[k].component].name,
+                       soter_app_externs[k].file != NULL ? soter_app_externs[k].file : "--worker");
+      d->workers[k].command[0] = '\0';
+    }
+  }
+  d->shared = true;
+  const pid_t parent = getpid();
+  const pid_t made = fork();
+  if (made == 0) {
+    keep_workers(d, parent);
+  }
+  d->keeper = (int32_t)made;
+  if (made < 0) {
+    soter_posix_note(d, "no process can be made (%s): no worker is started", strerror(errno));
+    d->shared = false;
+  }
+}
+
+bool soter_posix_ready(soter_posix* d, uint32_t worker) {
+  const soter_posix_extern* const x = &soter_app_externs[worker];
+  soter_channel_head head;
+  return soter_channel_read(d->workers[worker].answer, x->hash, x->out_size, 0U, &head, d->value) ==
+         SOTER_CHANNEL_FRESH;
+}
+
+/* Waits, bounded, until workers are there: that saves AC its first answers. */
+void soter_posix_await(soter_posix* d) {
+  const struct timespec nap = {0, NAP_NS};
+  const int64_t end_ns = now_ns() + d->options.wait_ns;
+  for (uint32_t k = 0; d->shared && k < soter_app_extern_count; k++) {
+    soter_worker_status* const s = &d->status->worker[k];
+    while (d->workers[k].command[0] != '\0' && !soter_posix_ready(d, k) && now_ns() < end_ns &&
+           __atomic_load_n(&s->ends, __ATOMIC_ACQUIRE) == 0U) {
+      (void)nanosleep(&nap, NULL);
+    }
+    if (d->workers[k].command[0] != '\0' && !soter_posix_ready(d, k)) {
+      soter_posix_note(d, "the worker of %s is not ready: its module stays with SC until it is",
+                       APP_PROGRAM->component[soter_app_externs[k].component].name);
+    }
+  }
+}

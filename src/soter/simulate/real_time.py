@@ -1,0 +1,211 @@
+"""One run of a system in real time: the package of target `posix`, compiled, kept and run.
+
+Purpose: `soter run --real-time`. The states after all instants come back in a file, so a run is
+told as any other, and has the driver's own report besides (`Run.timing`).
+Non-goals: the driver (`runtime/posix/`), processes of externs (`externs/serving.py`).
+"""
+
+from __future__ import annotations
+
+import json
+import shlex
+import shutil
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.lower.layout import state_dtype, state_layout
+from soter.native.compiler import STRICT, compile_with, find
+from soter.native.kept import digest, kept
+from soter.simulate.externs.serving import write_spec
+from soter.simulate.observe import Observer
+from soter.simulate.parts import Parts, names_of, wanted
+from soter.simulate.result import Run
+from soter.targets.posix import nodes_of, posix_package
+
+if TYPE_CHECKING:
+    from soter.lower.core import CoreSystem
+    from soter.program.model.system import System
+    from soter.simulate.externs.bindings import Bindings
+    from soter.simulate.interrupt import StopRequest
+    from soter.simulate.observe import Also
+    from soter.simulate.parts import Kept
+
+LOOK_S = 0.05
+WAIT_S = 60
+"""How long workers may load."""
+MEMORY_MIB = 16_384
+"""Of a worker: Python reserves much more than it uses."""
+BLOCK = 1024
+FINE = (0, 3, 130)
+
+
+@dataclass(frozen=True)
+class Built:
+    """The folder of a built package and the program in it."""
+
+    folder: Path
+    program: str
+
+
+def why_not(bindings: Bindings, engine: str) -> str:
+    """Why a run cannot be in real time but only be paced; empty where it can."""
+    if engine != "native":
+        return "the interpreter has no clock"
+    if sys.platform != "linux":
+        return "the driver is for Linux"
+    for x in bindings.externs:
+        name = f"`{x.name}` is bound to "
+        if x.kind == "plant" and x.bound is not None:
+            return f"extern plant {name}Python"
+        if x.bound is not None and not isinstance(x.bound, str):
+            return f"{name}an object of this process"
+    return ""
+
+
+def build(system: System, core: CoreSystem) -> Built:
+    """The package, from the cache or compiled now; SoterError X004, X008."""
+    compiler = find()
+    package = posix_package(system, core, Path())
+    flags = (*STRICT, "-O2")
+    program = next(iter(package.programs))
+    texts = [x for f in package.files for x in (f.path, f.text)]
+    names = tuple(package.programs)
+
+    def make(work: Path) -> None:
+        package.folder = work / "sources"
+        package.write()
+        for name, rest in package.programs.items():
+            command = [*compiler.command, *flags, "-o", str(work / name), *rest, "-lm"]
+            compile_with(command, package.folder, "the C of this program does not compile")
+
+    folder = kept(f"posix-{program[:32]}", digest((compiler.identity, *flags, *texts)), names, make)
+    return Built(folder, program)
+
+
+def run_real_time(
+    bindings: Bindings,
+    until_ns: int,
+    seed: int,
+    *,
+    keep_trace: Kept = False,
+    hash_trace: bool = False,
+    stop: StopRequest,
+    also: Also | None = None,
+    quiet: bool = False,
+) -> Run:
+    """Run against the clock, to `until_ns` or until `stop` is wanted; its trace is (instants,).
+
+    SoterError X004, X008 where it cannot be built, X011 where the driver does not run.
+    """
+    system = bindings.system
+    built = build(system, bindings.core)
+    layout = state_layout(system)
+    dtype = state_dtype(system, layout)
+    names = names_of(keep_trace)
+    parts = None if names is None else Parts(system, layout, dtype, names)
+    observer = Observer(
+        system,
+        dtype,
+        keep_trace=wanted(keep_trace),
+        hash_trace=hash_trace,
+        parts=parts,
+        also=also,
+    )
+    with tempfile.TemporaryDirectory(prefix="soter-") as place:
+        work = Path(place)
+        began = time.perf_counter()
+        timing = _driven(built, bindings, work, until_ns, seed, stop, quiet=quiet)
+        wall = time.perf_counter() - began
+        _observe(work / "states", layout.size, observer)
+    last = observer.last if observer.last is not None else np.zeros(layout.size, dtype=np.uint8)
+    return Run(
+        system=system,
+        layout=layout,
+        dtype=dtype,
+        seed=seed,
+        engine="native",
+        final=last.view(dtype)[0],
+        trace=observer.trace(),
+        recorded=names,
+        instants=observer.instants,
+        duration_s=until_ns / 1e9,
+        wall_s=wall,
+        trace_sha256=observer.sha256,
+        changes=observer.changes,
+        first_faults=observer.first_faults,
+        interrupted=bool(timing["stopped"]),
+        lag_s_max=max(float(timing["wake"]["max_ns"]), 0.0) / 1e9,
+        decided=observer.decided,
+        timing=timing,
+    )
+
+
+def _driven(
+    built: Built,
+    bindings: Bindings,
+    work: Path,
+    until_ns: int,
+    seed: int,
+    stop: StopRequest,
+    *,
+    quiet: bool,
+) -> dict[str, Any]:
+    """The driver's report; SoterError X011 where there is none."""
+    program = _runnable(built, work)
+    command = [str(program), "--json", "--seed", str(seed), "--until", f"{until_ns / 1e9!r}"]
+    command += ["--states", str(work / "states"), "--wait", str(WAIT_S)]
+    command += ["--worker-memory", str(MEMORY_MIB), "--quiet", *([] if quiet else ["--live"])]
+    for x in nodes_of(bindings.system):
+        if (x.binding or "").startswith("python:"):
+            spec = work / f"worker_{x.index}"
+            write_spec(bindings.system, x, seed, spec)
+            words = [sys.executable, "-m", "soter.simulate.externs.serving", str(spec)]
+            command += ["--worker", f"{x.name}=exec {shlex.join(words)}"]
+    with (work / "report").open("w+b") as out, (work / "said").open("w+b") as said:
+        process = subprocess.Popen(command, stdout=out, stderr=said if quiet else None)
+        while process.poll() is None:
+            if stop.wanted:
+                process.terminate()
+            time.sleep(LOOK_S)
+        out.seek(0)
+        said.seek(0)
+        text = out.read().decode("utf-8", "replace")
+        words = said.read().decode("utf-8", "replace").splitlines()
+    if process.returncode not in FINE or not text:
+        raise SoterError((_without_report(process.returncode, words),))
+    found: dict[str, Any] = json.loads(text)
+    return found
+
+
+def _runnable(built: Built, work: Path) -> Path:
+    """Copies of the programs that may be executed: what is kept may not."""
+    for path in built.folder.iterdir():
+        if path.name != "seals":
+            (work / path.name).symlink_to(path) if path.is_dir() else shutil.copy2(path, work)
+            (work / path.name).chmod(0o700)
+    return work / built.program
+
+
+def _without_report(status: int, said: list[str]) -> Diagnostic:
+    return Diagnostic(
+        "X011",
+        "the process of the real-time driver is gone, without a report",
+        notes=(f"its exit status is {status}", *said[-4:]),
+    )
+
+
+def _observe(path: Path, size: int, observer: Observer) -> None:
+    if not path.exists():
+        return
+    with path.open("rb") as stream:
+        while data := stream.read(size * BLOCK):
+            whole = len(data) // size * size
+            observer.see(np.frombuffer(data[:whole], dtype=np.uint8).reshape(-1, size).copy())

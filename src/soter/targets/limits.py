@@ -1,0 +1,61 @@
+"""How late a component may be in real time: what the proof of its module assumes.
+
+Purpose: `late` and `response` of `verify` blocks, a component each, for the driver to judge by.
+Non-goals: whether they can be kept on a machine (response-time analysis).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics
+from soter.program.check.const import Calculator
+
+if TYPE_CHECKING:
+    from soter.program.model import typed
+    from soter.program.model.system import Component, Module, System
+
+LATE_NS = 1_000_000
+"""Where nothing is declared, or a fifth of the period if that is less."""
+SHARE = 5
+
+
+def limits_of(system: System) -> tuple[list[int], list[int]]:
+    """Lateness and response of each component, ns; the least of all modules that declare one."""
+    late = [min(LATE_NS, x.period_ns // SHARE) for x in system.components]
+    response = list(late)
+    declared: tuple[dict[int, int], dict[int, int]] = ({}, {})
+    for module in system.modules:
+        for found, what in zip(declared, ("late", "response"), strict=True):
+            for index, ns in _of_module(system, module, what):
+                found[index] = min(ns, found.get(index, ns))
+    for index, ns in declared[0].items():
+        late[index] = ns
+    for index, ns in declared[1].items():
+        response[index] = ns
+    return late, response
+
+
+def _of_module(system: System, module: Module, what: str) -> list[tuple[int, int]]:
+    verify = module.symbol.verify
+    if verify is None:
+        return []
+    calculator = Calculator(Diagnostics(), module.scope.params)
+    around = module.name.rpartition(".")[0]
+    named: dict[str, typed.Expr] = getattr(verify, f"{what}_of")
+    given: list[tuple[int | None, typed.Expr | None]] = [
+        (module.dm, getattr(verify, f"{what}_dm")),
+        (module.sc, getattr(verify, f"{what}_sc")),
+        *((_index(system.components, around, name), e) for name, e in named.items()),
+    ]
+    found = []
+    for index, expr in given:
+        value = None if expr is None else calculator.value(expr, "a time")
+        if index is not None and isinstance(value, int):
+            found.append((index, value))
+    return found
+
+
+def _index(components: tuple[Component, ...], around: str, name: str) -> int | None:
+    full = f"{around}.{name}" if around else name
+    return next((x.index for x in components if x.name == full), None)

@@ -1,0 +1,1 @@
+"""Processes of controllers that are somebody else's code."""
