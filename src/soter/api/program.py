@@ -96,7 +96,7 @@ class Program:
     def check(
         self, params: Mapping[str, object] | None = None, *, times: str | Path | None = None
     ) -> CheckReport:
-        """What is known of a sound program, else SoterError; `times`: that `soter measure` wrote."""
+        """What is known of a sound program, else SoterError; `times`: of `soter measure`."""
         self._require_sound()
         values = self._values(params)
         flat = {n: system_of(self._checked, n, values, exact=False) for n in self.systems}
