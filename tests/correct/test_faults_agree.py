@@ -479,6 +479,29 @@ def test_an_overrun_is_inside_up_to_the_declared_response(
     assert [f.inside is not None for f in flat.faults] == inside
 
 
+@pytest.mark.parametrize(("there", "inside"), [("", False), ("late M.Go 4ms;", True)])
+def test_an_ac_is_late_inside_where_every_induction_that_reads_it_says_so(
+    there: str, inside: bool, tmp_path: Path
+) -> None:
+    other = f"""topic w: float in [-2.0, 2.0];
+node Echo period 10ms {{ subscribes u; publishes w; step {{ publish w = u; }} }}
+node Quiet period 10ms {{ publishes w; step {{ publish w = 0.0; }} }}
+rta N {{
+  ac Echo; sc Quiet; period 50ms;
+  safe abs(u) <= 2.0; ttf abs(u) > 2.0; safer abs(u) <= 2.0;
+  verify {{ induction; {there} }}
+}}
+system S"""
+    text = PLANNED.replace("RESPONSE", "induction; late M.Go 4ms;").replace("system S", other)
+    path = tmp_path / "p.soter"
+    path.write_text(text.replace("module M;", "module M; module N;").replace("FAULTS", LATE_GO))
+    flat = system_of(check_file(str(path)), "S")
+    assert [f.inside is not None for f in flat.faults] == [inside]
+
+
+LATE_GO = "late M.Go by 3ms;"
+
+
 def test_a_proof_holds_nothing_back_for_faults(tmp_path: Path) -> None:
     flat = counting(tmp_path, "", "overrun N by 4ms at 30 per 1s;")
     plain = counting(tmp_path, "", "")

@@ -329,7 +329,10 @@ class _Places:
             by_name = {f"{prefix}{n}": e for n, e in block.late_of.items()}
             if c.index in (m.dm, m.sc):
                 said.append((m, block.late_dm if c.index == m.dm else block.late_sc))
-            elif c.name in by_name or (c.module is None and c.index in self._about(m)):
+            elif c.name in by_name or (
+                (c.module is None or (c.role == "ac" and block.induction is not None))
+                and c.index in self._about(m)
+            ):
                 said.append((m, by_name.get(c.name)))
         if not said or most >= c.period_ns:
             return None
