@@ -119,6 +119,12 @@ BENCHMARKS = (
         "Every alarm of a run from any seed that never ends, with its explanation.",
     ),
     Benchmark(
+        "A decision and its gate, against run-time-assurance",
+        ("bench/simplex_peer.py", "--peer", "peer/bin/python"),
+        "The same docking on a line in one run, in turns; `peer` is a Python environment with "
+        "run-time-assurance 1.18.6 (its filter is compiled by JAX, its call is not).",
+    ),
+    Benchmark(
         "The decision module's time",
         ("bench/dm_time.py",),
         "One call of the generated C of a DM, predicates included, on the states of a run; "
