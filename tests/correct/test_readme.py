@@ -62,7 +62,8 @@ def test_a_command_of_the_readme_works(command: str, tmp_path: Path) -> None:
     for folder in ("wall", "drone", "testing"):
         shutil.copytree(ROOT / "examples" / folder, tmp_path / "examples" / folder)
     before = [c for c in COMMANDS if c.endswith("late_sc.soter")] if "replay" in command else []
-    for each in (*before, command):  # a trace is written before it is replayed
+    before += [c for c in COMMANDS if " measure " in c] if "--times" in command else []
+    for each in (*before, command):  # a trace is written before it is replayed, times before use
         done = _done(each + SHORTER.get(each.split()[1], ""), tmp_path)
     violates = "Unprotected" in command or command.endswith("late_sc.soter")
     expected = VIOLATED if violates else 0
