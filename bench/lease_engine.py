@@ -50,8 +50,9 @@ def engine() -> tuple[Any, Any]:
         bool soter_lease_read(soter_lease *, int64_t, void *);
         typedef struct { int64_t period, phase, late, response; } soter_budget;
         typedef struct { const soter_budget *node; uint32_t nodes; } soter_grant_info;
-        typedef struct { const soter_grant_info *info; int64_t *done; bool broken; } soter_grant;
-        void soter_grant_init(soter_grant *, const soter_grant_info *, int64_t *);
+        typedef struct { const soter_grant_info *info; int64_t origin; int64_t *done; bool broken; }
+            soter_grant;
+        void soter_grant_begin(soter_grant *, const soter_grant_info *, int64_t *, int64_t);
         int64_t soter_grant_due(const soter_grant *, uint32_t);
         bool soter_grant_done(soter_grant *, uint32_t, int64_t, int64_t);
         bool soter_grant_lease(soter_grant *, int64_t, int64_t *, int64_t *);
@@ -93,16 +94,19 @@ class Lease:
 
 
 class Grant:
-    """The trusted side; `budgets`: (period, phase, late, response) of DM, SC and others."""
+    """The trusted side; `budgets`: (period, phase, late, response) of DM, SC and others.
 
-    def __init__(self, budgets: Sequence[tuple[int, int, int, int]]) -> None:
+    `origin`: when the trusted part began, ns.
+    """
+
+    def __init__(self, budgets: Sequence[tuple[int, int, int, int]], origin: int = 0) -> None:
         self.ffi, self.lib = engine()
         self.node = self.ffi.new("soter_budget[]", [tuple(b) for b in budgets])
         self.info = self.ffi.new("soter_grant_info *", {"node": self.node, "nodes": len(budgets)})
         self.count = self.ffi.new("int64_t[]", len(budgets))
         self.c = self.ffi.new("soter_grant *")
         self.stamp, self.expiry = self.ffi.new("int64_t *"), self.ffi.new("int64_t *")
-        self.lib.soter_grant_init(self.c, self.info, self.count)
+        self.lib.soter_grant_begin(self.c, self.info, self.count, origin)
 
     def done(self, node: int, start: int, out: int) -> bool:
         """The next release of a node is done; whether all were in time."""

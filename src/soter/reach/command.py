@@ -161,7 +161,10 @@ def _not_deployed(checked: Checked, system: str | None) -> None:
     symbol = meant[0]
     assert symbol.deploys is not None
     what = f"system `{symbol.name}` has no plants: it deploys `{symbol.deploys.name}`"
-    helps = (f"verify that one, and build with its certificate: `--system {symbol.deploys.name}`",)
+    there = symbol.deploys
+    name = there.name.rpartition(".")[2]
+    how = f"soter verify {shlex.quote(there.span.source.name)} --system {name} --cert DIR"
+    helps = (f"verify that one: `{how}`", "and build this one with `--cert DIR`")
     raise SoterError((Diagnostic("U008", what, helps=helps),))
 
 

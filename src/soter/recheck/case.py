@@ -7,6 +7,7 @@ Non-goals: the inclusions themselves (`inclusion.py`), certificates (`rechecker.
 from __future__ import annotations
 
 import multiprocessing
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from dataclasses import dataclass, field
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any
@@ -312,11 +313,16 @@ class Case:
         workers = min(self.workers, len(self.tasks))
         done = 0
         if workers > 1 and "fork" in multiprocessing.get_all_start_methods():
-            with multiprocessing.get_context("fork").Pool(workers) as pool:
-                for failed in pool.imap_unordered(_show, range(len(self.tasks))):
-                    self._note(failed)
-                    done += 1
-                    self.progress(done / len(self.tasks))
+            # a Pool that is terminated while it works may wait for ever; this ends what it began
+            with ProcessPoolExecutor(workers, multiprocessing.get_context("fork")) as pool:
+                asked = [pool.submit(_show, k) for k in range(len(self.tasks))]
+                try:
+                    for answer in as_completed(asked):
+                        self._note(answer.result())
+                        done += 1
+                        self.progress(done / len(self.tasks))
+                finally:
+                    pool.shutdown(wait=False, cancel_futures=True)
             return
         for k in range(len(self.tasks)):
             self._note(_show(k))

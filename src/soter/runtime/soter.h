@@ -70,6 +70,7 @@ typedef enum {
   SOTER_ROLE_NODE = 4
 } soter_role;
 
+#define SOTER_ULP 1.1102230246251565e-16 /* 2^-53, exactly; C++ before 17 has no 0x1p-53 */
 #define SOTER_NEVER (-(INT64_C(1) << 62))
 #define SOTER_LOST INT64_C(0) /* the stamp of a queue that was full and may not be; else NEVER */
 
@@ -534,7 +535,7 @@ SOTER_INLINE uint64_t soter_bits(const soter_header* h, uint64_t stream, int64_t
 /* Uniform in [low, high]; rounding never leads outside. */
 SOTER_INLINE double soter_draw(const soter_header* h, uint64_t stream, int64_t index, double low,
                                double high) {
-  const double u = (double)(soter_bits(h, stream, index) >> 11) * 0x1p-53;
+  const double u = (double)(soter_bits(h, stream, index) >> 11) * SOTER_ULP;
   return soter_min(low + (high - low) * u, high);
 }
 #endif

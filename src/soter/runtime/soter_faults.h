@@ -31,7 +31,7 @@ SOTER_INLINE int64_t soter_fault_slot(const soter_header* h, const soter_chance*
 }
 
 SOTER_INLINE bool soter_fault_drawn(const soter_header* h, const soter_chance* f, int64_t slot) {
-  return (double)(soter_bits(h, f->stream, slot) >> 11) * 0x1p-53 < f->probability;
+  return (double)(soter_bits(h, f->stream, slot) >> 11) * SOTER_ULP < f->probability;
 }
 
 /* Whether the fault is there at t. */
@@ -66,7 +66,7 @@ SOTER_INLINE int64_t soter_fault_late(const soter_header* h, const soter_chance*
 
 SOTER_INLINE double soter_fault_by(const soter_header* h, const soter_chance* f, int64_t index,
                                    double most) {
-  const double u = (double)(soter_bits(h, f->by, index) >> 11) * 0x1p-53;
+  const double u = (double)(soter_bits(h, f->by, index) >> 11) * SOTER_ULP;
   return soter_min(-most + (most - -most) * u, most);
 }
 

@@ -8,7 +8,13 @@
 enum { DM = 0, SC = 1 };
 
 void soter_grant_init(soter_grant* grant, const soter_grant_info* info, int64_t* done) {
+  soter_grant_begin(grant, info, done, 0);
+}
+
+void soter_grant_begin(soter_grant* grant, const soter_grant_info* info, int64_t* done,
+                       int64_t origin) {
   grant->info = info;
+  grant->origin = origin;
   grant->done = done;
   grant->broken = false;
   for (uint32_t k = 0; k < info->nodes; k++) {
@@ -18,17 +24,18 @@ void soter_grant_init(soter_grant* grant, const soter_grant_info* info, int64_t*
 
 int64_t soter_grant_next(const soter_grant* grant, uint32_t node) {
   const soter_budget* const b = &grant->info->node[node];
-  return b->phase + grant->done[node] * b->period;
+  return grant->origin + b->phase + grant->done[node] * b->period;
 }
 
 int64_t soter_grant_starts_by(const soter_grant* grant, uint32_t node) {
   const int64_t release = soter_grant_next(grant, node);
   const int64_t own = release + grant->info->node[node].late;
   const soter_budget* const dm = &grant->info->node[DM];
-  if (node != SC || dm->phase > release) {
+  const int64_t first = grant->origin + dm->phase;
+  if (node != SC || first > release) {
     return own;
   }
-  const int64_t last = release - (release - dm->phase) % dm->period;
+  const int64_t last = release - (release - first) % dm->period;
   const int64_t verdict = last + dm->late + dm->response; /* SC waits for it */
   return verdict > own ? verdict : own;
 }

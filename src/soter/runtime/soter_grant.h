@@ -6,7 +6,8 @@
  * gets a lease any more (docs/proof.md, "When the trusted part stops"). Non-goals: clocks, taking
  * commands (`soter_lease.h`), running anything.
  *
- * All times are ns on one clock; releases are at phase + k * period of it.
+ * All times are ns on one clock, that of the actuators. Releases are at phase + k * period from an
+ * origin on: after a restart the trusted part begins a new one, the clock goes on.
  */
 #ifndef SOTER_GRANT_H
 #define SOTER_GRANT_H
@@ -33,12 +34,17 @@ typedef struct {
 
 typedef struct {
   const soter_grant_info* info;
-  int64_t* done; /* of each node how many releases are done */
+  int64_t origin; /* when the trusted part began: its time 0 */
+  int64_t* done;  /* of each node how many releases are done */
   bool broken;   /* a release was not done in time: for good */
 } soter_grant;
 
 /* `done`: room for `info->nodes` numbers. */
 void soter_grant_init(soter_grant* grant, const soter_grant_info* info, int64_t* done);
+
+/* The same, where the first releases are at `origin` + phase: what NAME_start was told. */
+void soter_grant_begin(soter_grant* grant, const soter_grant_info* info, int64_t* done,
+                       int64_t origin);
 
 /* The next release of a node that is not done yet. */
 int64_t soter_grant_next(const soter_grant* grant, uint32_t node);

@@ -152,6 +152,24 @@ def test_due_and_the_longest_lease_are_those_of_the_proof() -> None:
     assert longest > 12
 
 
+@pytest.mark.parametrize("origin", [1, 12345, 10**15, -7])
+def test_a_new_origin_moves_every_time_and_nothing_else(origin: int) -> None:
+    for _, timing, chance in schedules(60, 5):
+        budgets = [(n.period, n.phase, n.late, n.response) for n in timing.nodes]
+        one, other = Grant(budgets), Grant(budgets, origin)
+        for k in range(40):
+            node, late = chance.randint(0, 1), chance.choice((0, 0, 0, 1, 2))
+            start = one.due(node) - timing.nodes[node].response - chance.randint(0, 1) + late
+            assert other.due(node) == one.due(node) + origin
+            done = one.done(node, start, start)
+            assert other.done(node, start + origin, start + origin) == done
+            leases = one.lease(start + k % 3), other.lease(start + k % 3 + origin)
+            if leases[0] is None:
+                assert leases[1] is None
+            else:
+                assert leases[1] == tuple(t + origin for t in leases[0])
+
+
 def outcome(timing: Timing, delay: Delay | None, chance: Random, *, watchdog: bool) -> Flown:
     switch, often = chance.randint(0, 24 * timing.nodes[0].period), chance.choice((0.0, 0.0, 0.5))
 
@@ -228,18 +246,16 @@ static int run(soter_lease* lease, int64_t from, int steps) {
   soter_grant grant;
   soter_start(&stop_program, &state, 1);
   const int mode = (int)soter_modules_of(&stop_program, &state)->mode;
-  soter_grant_init(&grant, &stop_Guard_grant, done);
+  soter_grant_begin(&grant, &stop_Guard_grant, done, from);
   stop_Guard_command command = {1.0};
   int64_t stamp, expiry;
-  if (soter_grant_lease(&grant, 0, &stamp, &expiry)) { return -1; } /* SC has not spoken yet */
+  if (soter_grant_lease(&grant, from, &stamp, &expiry)) { return -1; } /* SC has not spoken yet */
   for (int k = 0; k < steps; k++) {
-    const int64_t t = k * INT64_C(10000000);
+    const int64_t t = from + k * INT64_C(10000000);
     if (k % 5 == 0) { (void)soter_grant_done(&grant, stop_Guard_node_Guard_dm, t, t); }
     (void)soter_grant_done(&grant, stop_Guard_node_Guard_Stop, t, t + 1000000);
     if (!soter_grant_lease(&grant, t + 1000000, &stamp, &expiry)) { return -2; }
-    if (!soter_lease_take(lease, from + t + 1000000, &command, from + stamp, from + expiry)) {
-      return -3;
-    }
+    if (!soter_lease_take(lease, t + 1000000, &command, stamp, expiry)) { return -3; }
   }
   return mode;
 }
