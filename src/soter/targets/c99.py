@@ -71,6 +71,8 @@ def c99_package(system: System, core: CoreSystem, folder: Path) -> Package:
         f"{unit.names[x.index]}_step" for x in system.components if x.plant is not None
     )
     package.commands = [f"make -C {folder}", f"{folder}/{command_name(unit.prefix)}"]
+    if system.externals:  # nobody would publish for the command: it is for somebody's loop
+        package.commands = [f"make -C {folder} lib"]
     return package
 
 

@@ -119,7 +119,13 @@ def nodes_of(system: System) -> list[Component]:
 
 
 def _refuse(system: System) -> None:
-    problems = []
+    problems = [
+        Diagnostic(
+            "X008",
+            f"system `{system.name}` has external topics: the posix target cannot be told them yet",
+            helps=("build it for a loop of your own: `--target c` (docs/deploy.md)",),
+        )
+    ][: len(system.externals[:1])]
     for x in nodes_of(system):
         assert x.node is not None
         why = "keeps locals (`var`) in the state" if x.node.locals else ""
