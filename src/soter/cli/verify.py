@@ -199,6 +199,8 @@ def _of_the_certificate(report: VerifyReport) -> list[str]:
         open_ = [n for n, f in module.findings.items() if not f.holds and n not in UNCLAIMED]
         if open_ == ["P2b"]:
             lines.append(f"{module.name}: claims safety, without P2b: AC may not get control back")
+        elif open_ == ["failsafe"]:
+            lines.append(f"{module.name}: claims safety while the trusted part runs, not of the law")
         elif open_:
             said = " ".join(claimed) or "nothing"
             lines.append(f"{module.name}: claims only {said}: not a proof of safety")
@@ -229,6 +231,8 @@ def _headline(module: ModuleResult, console: Console) -> str:
         under = f": {', '.join(worst)}"
         if worst == ["P2b"] and all(f.holds for n, f in module.findings.items() if n != "P2b"):
             under += " alone: safe as proved, but nothing says that SC gives control back"
+        if worst == ["failsafe"]:
+            under += " alone: safe as proved while the trusted part runs; its law is not shown"
     return f"{console.paint('bold', module.name)}  {verdict}{under}  {seconds(module.seconds)}"
 
 
