@@ -105,6 +105,8 @@ def problem_key(problem: Problem) -> object:
         problem.levels,
         problem.recover_ns,
         tuple(problem.assumptions),
+        problem.law_unread,
+        None if problem.law is None else problem_key(problem.law),
     )
 
 

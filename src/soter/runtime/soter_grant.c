@@ -16,6 +16,8 @@ void soter_grant_begin(soter_grant* grant, const soter_grant_info* info, int64_t
   grant->info = info;
   grant->origin = origin;
   grant->done = done;
+  grant->spoken[0] = INT64_MIN;
+  grant->spoken[1] = INT64_MIN;
   grant->broken = false;
   for (uint32_t k = 0; k < info->nodes; k++) {
     done[k] = 0;
@@ -44,12 +46,26 @@ int64_t soter_grant_due(const soter_grant* grant, uint32_t node) {
   return soter_grant_starts_by(grant, node) + grant->info->node[node].response;
 }
 
+/* Whether SC starts at `start` after every verdict that is due by its release. One more may be out
+ * by now; where there are two, SC is late by any reckoning. */
+static bool after_verdicts(const soter_grant* grant, int64_t start) {
+  const soter_budget* const dm = &grant->info->node[DM];
+  const int64_t since = soter_grant_next(grant, SC) - grant->origin - dm->phase;
+  const int64_t due = since < 0 ? 0 : since / dm->period + 1;
+  const int64_t more = grant->done[DM] - due;
+  return (more == 0 || more == 1) && start >= grant->spoken[more];
+}
+
 bool soter_grant_done(soter_grant* grant, uint32_t node, int64_t start, int64_t out) {
   const bool early = start < soter_grant_next(grant, node) || out < start;
-  const bool late =
-      start > soter_grant_starts_by(grant, node) || out - start > grant->info->node[node].response;
-  if (early || late) {
+  const bool late = start > soter_grant_starts_by(grant, node);
+  if (early || late || out - start > grant->info->node[node].response ||
+      (node == SC && !after_verdicts(grant, start))) {
     grant->broken = true;
+  }
+  if (node == DM) {
+    grant->spoken[1] = grant->spoken[0];
+    grant->spoken[0] = out;
   }
   grant->done[node]++;
   return !grant->broken;

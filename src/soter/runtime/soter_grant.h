@@ -36,6 +36,7 @@ typedef struct {
   const soter_grant_info* info;
   int64_t origin; /* when the trusted part began: its time 0 */
   int64_t* done;  /* of each node how many releases are done */
+  int64_t spoken[2]; /* when the DM's last verdict was out, and the one before it */
   bool broken;   /* a release was not done in time: for good */
 } soter_grant;
 
@@ -54,7 +55,7 @@ int64_t soter_grant_starts_by(const soter_grant* grant, uint32_t node);
 int64_t soter_grant_due(const soter_grant* grant, uint32_t node);
 
 /* The next release of a node is done: it started at `start`, its output was out at `out`. A step
- * that faulted is not done. False: not in time. */
+ * that faulted is not done. False: not in time, or of SC: before the verdicts that it waits for. */
 bool soter_grant_done(soter_grant* grant, uint32_t node, int64_t start, int64_t out);
 
 /* Whether commands of the module may be passed on at `now`, and with which lease: `*stamp` is the

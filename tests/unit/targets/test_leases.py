@@ -152,6 +152,29 @@ def test_due_and_the_longest_lease_are_those_of_the_proof() -> None:
     assert longest > 12
 
 
+def test_an_sc_that_overtakes_a_dm_that_hangs_gets_no_more_leases() -> None:
+    grant = Grant([(50, 0, 0, 40), (10, 0, 0, 1)])
+    assert grant.done(0, 0, 3)
+    for t in range(0, 50, 10):
+        start = max(t, 3)  # it waits for the verdict
+        assert grant.done(1, start, start + 1)
+        assert grant.lease(start + 1) is not None
+    assert not grant.done(1, 50, 51), "the verdict of 50 is not out"
+    assert grant.lease(51) is None
+
+
+def test_an_sc_that_starts_before_the_verdict_is_out_was_not_done() -> None:
+    grant = Grant([(50, 0, 0, 40), (10, 0, 0, 1)])
+    assert grant.done(0, 0, 30)
+    assert not grant.done(1, 5, 6)
+
+
+def test_times_that_no_difference_holds_break_the_grant_and_nothing_else() -> None:
+    grant = Grant([(50, 0, 0, 40), (10, 0, 0, 1)])
+    assert not grant.done(0, -(2**63), 2**63 - 1)
+    assert grant.lease(1) is None
+
+
 @pytest.mark.parametrize("origin", [1, 12345, 10**15, -7])
 def test_a_new_origin_moves_every_time_and_nothing_else(origin: int) -> None:
     for _, timing, chance in schedules(60, 5):

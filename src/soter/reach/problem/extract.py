@@ -52,12 +52,26 @@ def extract(flat: System, module: Module, *, synthesize: bool = False) -> Proble
     problem = _extract(flat, module, synthesize=synthesize)
     if module.law and not isinstance(problem, InductionProblem):
         try:
-            problem.law_unread = behind(flat, module)
+            problem.law_unread = behind(flat, module) or _beyond_the_law(problem)
             if not problem.law_unread:
                 problem.law = _extract(*under_law(flat, module))
         except SoterError as error:
             problem.law_unread = error.diagnostics[0].message
     return problem
+
+
+def _beyond_the_law(problem: Problem) -> str:
+    """Why nothing is claimed of a law here; "" where something may be.
+
+    What others of the same trusted part keep, nobody keeps once it has stopped. Of a map whose
+    lease ends at an instant it is not said whether a command that ends there moves it once more.
+    """
+    if problem.influences:
+        named = ", ".join(i.name(problem.system) for i in problem.influences)
+        return f"the plants are moved by {named}, which nobody keeps where all stops"
+    if problem.kind != "flow":
+        return "the plants move in steps (`next`): when a lease ends there is not settled"
+    return ""
 
 
 def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Problem:

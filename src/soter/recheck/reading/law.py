@@ -36,6 +36,10 @@ def law_of(facts: Facts) -> Facts:
         read = [flying.topics[c.scope.topics[s.topic]] for s in c.node.subscribes]
         if any(t.index in module.outputs or t.queue_of in module.outputs for t in read):
             raise DiffersError(f"`{c.name}` reads the module's outputs: the law is not what acts")
+    if any(x.of_others for x in facts.disturbances):
+        raise DiffersError("others move the plants: nobody keeps what they publish where all stops")
+    if facts.kind != "flow":
+        raise DiffersError("the plants move in steps: when a lease ends there is not settled")
     sc = flying.components[module.sc]
     assert sc.node is not None
     node = replace(

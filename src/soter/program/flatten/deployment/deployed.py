@@ -103,6 +103,8 @@ def _differences(here: System, there: System) -> Iterator[str]:
             yield f"`{name}` is not part of `{there.name}`"
         else:
             yield from _component(here, mine[name], there, proved[name])
+    if mine.keys() == proved.keys() and list(mine) != list(proved):
+        yield f"its parts step in another order: {', '.join(mine)}; there {', '.join(proved)}"
     theirs = {m.name: m for m in there.modules}
     for m in here.modules:
         if m.name in theirs:
