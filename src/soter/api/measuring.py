@@ -61,7 +61,7 @@ def measure(
     """
     if not margin >= 1.0 or not margin <= 1e6:
         raise mistake("U001", f"a margin of {margin:g} is none", "say a number from 1 on")
-    run = program.simulate(system, until, seed, params=params, sha256=False)
+    run = program.simulate(system, until, seed, params=params, sha256=False, apart=True)
     assert run.trace is not None
     size = run.layout.size
     trace = run.trace.view("u1").reshape(len(run.trace), size)

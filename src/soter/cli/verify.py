@@ -200,7 +200,9 @@ def _of_the_certificate(report: VerifyReport) -> list[str]:
         if open_ == ["P2b"]:
             lines.append(f"{module.name}: claims safety, without P2b: AC may not get control back")
         elif open_ == ["failsafe"]:
-            lines.append(f"{module.name}: claims safety while the trusted part runs, not of the law")
+            lines.append(
+                f"{module.name}: claims safety while the trusted part runs, not of the law"
+            )
         elif open_:
             said = " ".join(claimed) or "nothing"
             lines.append(f"{module.name}: claims only {said}: not a proof of safety")

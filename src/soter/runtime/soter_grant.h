@@ -34,10 +34,10 @@ typedef struct {
 
 typedef struct {
   const soter_grant_info* info;
-  int64_t origin; /* when the trusted part began: its time 0 */
-  int64_t* done;  /* of each node how many releases are done */
+  int64_t origin;    /* when the trusted part began: its time 0 */
+  int64_t* done;     /* of each node how many releases are done */
   int64_t spoken[2]; /* when the DM's last verdict was out, and the one before it */
-  bool broken;   /* a release was not done in time: for good */
+  bool broken;       /* a release was not done in time: for good */
 } soter_grant;
 
 /* `done`: room for `info->nodes` numbers. */

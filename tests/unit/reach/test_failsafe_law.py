@@ -14,6 +14,7 @@ import soter
 from soter.api import recheck
 from soter.program.build import check_file, system_of
 from soter.reach.advise import advise
+from soter.reach.covered import problem_key
 from soter.reach.deploy.complete import complete
 from soter.reach.problem.extract import extract
 from soter.reach.verify import verify_module
@@ -379,3 +380,70 @@ def test_a_k_that_is_not_inside_what_the_law_keeps_is_rejected(
     path.write_bytes(bytes(cells))
     reseal(folder, manifest)
     assert "what the law keeps" in recheck(folder).reason
+
+
+BESIDE = (
+    STOP.replace("der x = vel + wind;", "der x = vel + push;")
+    .replace("reads vel;", "reads vel, push;")
+    .replace("  disturbance wind: float in [-WIND, WIND];\n", "")
+)
+OTHER = """topic push: float in [-0.1, 0.1];
+topic beside: float in [-9.0, 9.0];
+plant Wind period 10ms { reads beside; drives push = 0.01 * y; state y: float; next y = beside; }
+node Blow period 10ms { publishes beside; step { publish beside = 0.0; } }
+node Calm period 10ms { publishes beside; step { publish beside = 0.0; } }
+"""
+
+
+def test_what_others_keep_nobody_keeps_once_all_has_stopped(tmp_path: Path) -> None:
+    """A law that is fine while `push` stays in its set, which the trusted part saw to."""
+    source = BESIDE.replace("topic vel", f"{OTHER}topic vel", 1)
+    source = source.replace("c: Cart; module Guard;", "c: Cart; w: Wind; node Blow; module Guard;")
+    for word, value in LINES.items():
+        source = source.replace(word, value)
+    path = tmp_path / "p.soter"
+    path.write_text(source)
+    flat = system_of(check_file(str(path)), "Track")
+    problem = extract(flat, flat.modules[0])
+    assert problem.influences
+    assert "nobody keeps" in problem.law_unread
+    assert problem.law is None
+
+
+MAP = """soter 1;
+topic pos: float in [-50.0, 50.0] max_age 5ms;
+topic u: float in [-6.0, 6.0] = 0.0;
+plant P period 10ms { reads u; drives pos = x; state x: float; next x = 0.5 * x + u; }
+node Fast period 10ms { publishes u; step { publish u = 6.0; } }
+node Stop period 10ms { publishes u; step { publish u = 0.0; } }
+rta Guard {
+  ac Fast; sc Stop; period 10ms;
+  safe abs(pos) < 10.0; ttf pos > 7.8 || pos < -7.8; safer abs(pos) < 7.8;
+  failsafe u = 0.0;
+  verify { grid pos in [-10.0, 10.0] / 400; }
+}
+system T { c: P; module Guard; until 10s; }
+"""
+
+
+def test_of_a_map_no_law_is_claimed() -> None:
+    found = verified(MAP)
+    assert found.findings["P3"].verdict == "proved"
+    assert found.findings["failsafe"].verdict == "undecided"
+    assert "in steps" in found.findings["failsafe"].text
+
+
+def test_two_systems_are_not_the_same_where_one_leaves_the_law_undecided(tmp_path: Path) -> None:
+    motor = """topic o: float;
+node Motor period 10ms { subscribes vel; publishes o; step { publish o = vel; } }
+system Track default { c: Cart; module Guard; until 10s; }
+system Real { c: Cart; module Guard; node Motor; until 10s; }
+"""
+    path = tmp_path / "p.soter"
+    path.write_text(text().replace("system Track { c: Cart; module Guard; until 10s; }", motor))
+    checked = check_file(str(path))
+    keys = []
+    for name in ("Track", "Real"):
+        flat = system_of(checked, name)
+        keys.append(problem_key(extract(flat, flat.modules[0])))
+    assert keys[0] != keys[1]

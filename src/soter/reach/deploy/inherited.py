@@ -186,6 +186,11 @@ def _covers(s: _Sensors, problem: Problem, found: Inherited, diagnostics: Diagno
                 f"what moves starts where the plants of {s.there.name} do",
                 f"{topic.name} is published before the first step (SOTER_UNHEARD tells)",
                 "the loop runs every instant no later than `late` says (SOTER_LATE tells)",
+                *(
+                    f"{'.'.join((topic.name, *path))} is exactly what the plant would say"
+                    for path, t in leaves(topic.type)
+                    if not isinstance(t, FloatType)
+                ),
             ]
 
 

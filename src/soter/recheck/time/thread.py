@@ -70,7 +70,10 @@ def check_thread(system: System, module: Module, setting: Setting, in_step: Iter
     absent = [c.name for c in thread if c.wcet_ns is None]
     if absent:
         return f"execution times are not declared of {', '.join(absent)}: lateness is assumed"
-    return "declared execution times and jitters hold, in one thread that works in order"
+    return (
+        "declared execution times and jitters hold, in one thread that works in order; "
+        "ACs, externs and what takes time are in no thread but their own unless declared inline"
+    )
 
 
 def _there(c: Component) -> bool:

@@ -100,7 +100,12 @@ class ProcessExtern:
     def _started(self) -> Child:
         shapes, load, name = self._shapes, self._load, self._name
         child = Child(lambda: Served(name, load, shapes).answer)
-        said = self._asked(child, b"l", None)
+        try:
+            said = self._asked(child, b"l", None)
+        except GoneError as error:
+            text = f"extern `{self._name}` cannot be loaded: {error}"
+            label = Label(self._span, "its process ended while this was loaded")
+            raise SoterError((Diagnostic("X003", text, label),)) from error
         problems = said.get("problems")
         if problems:
             child.end("told")
