@@ -50,8 +50,8 @@ def engine() -> tuple[Any, Any]:
         bool soter_lease_read(soter_lease *, int64_t, void *);
         typedef struct { int64_t period, phase, late, response; } soter_budget;
         typedef struct { const soter_budget *node; uint32_t nodes; } soter_grant_info;
-        typedef struct { const soter_grant_info *info; int64_t origin; int64_t *done; int64_t spoken[2];
-                         bool broken; } soter_grant;
+        typedef struct { const soter_grant_info *info; int64_t origin; int64_t *done;
+                         int64_t spoken[2]; bool broken; } soter_grant;
         void soter_grant_begin(soter_grant *, const soter_grant_info *, int64_t *, int64_t);
         int64_t soter_grant_due(const soter_grant *, uint32_t);
         bool soter_grant_done(soter_grant *, uint32_t, int64_t, int64_t);

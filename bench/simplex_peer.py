@@ -1,4 +1,4 @@
-"""A decision and its gate against run-time-assurance's explicit switching filter, states of one range.
+"""A decision and its gate against run-time-assurance's switching filter, states of one range.
 
     python -m venv PEER && PEER/bin/pip install run-time-assurance==1.18.6
     .venv/bin/python bench/simplex_peer.py --peer PEER/bin/python

@@ -168,10 +168,9 @@ def check_deployed(
     missing = ", ".join(c.name for c in timing.missing)
     if missing:
         return [f"no `wcet` is said of {missing}: that the thread keeps these times is assumed"]
-    return [
-        "`wcet` and `jitter` hold, and one thread works in the deployed order; an AC, an extern and "
-        "what `takes` time run elsewhere, unless a system says `inline` (docs/timing.md)"
-    ]
+    one = "`wcet` and `jitter` hold, and one thread works in the deployed order"
+    others = "an AC, an extern and what `takes` time run elsewhere, unless they are `inline`"
+    return [f"{one}; {others} (docs/timing.md)"]
 
 
 def _place(module: Module) -> Span:
