@@ -244,7 +244,7 @@ def _module(
     groups = list(zip(tables, polytopes, strict=True))
     if ("law" in entry) != ("failsafe" in claims):
         raise RejectedError("a module has sets of its law where `failsafe` is claimed")
-    if "failsafe" in claims and not {"P2a", "P3", "start"} <= claims:
+    if "failsafe" in claims and not {"P1c", "P2a", "P3", "start"} <= claims:
         raise RejectedError("failsafe: nothing says that the law begins where it keeps `safe`")
     law = _law(certificate, facts, extents, entry) if "law" in entry else None
     try:

@@ -142,6 +142,7 @@ def _component(here: System, mine: Component, there: System, proved: Component) 
         ("another period", mine.period_ns, proved.period_ns),
         ("another phase", mine.phase_ns, proved.phase_ns),
         ("other times of a step", mine.takes_ns, proved.takes_ns),
+        ("another thread (`inline`)", mine.inline, proved.inline),
         ("other first values", repr(mine.initial), repr(proved.initial)),
         ("other parameters", _params(mine), _params(proved)),
         ("other topics", _topics_of(here, mine), _topics_of(there, proved)),
