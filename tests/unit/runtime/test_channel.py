@@ -5,7 +5,6 @@ from __future__ import annotations
 import ctypes
 import mmap
 import os
-import subprocess
 import sys
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +15,7 @@ from generators.packages import command, make
 from generators.real_time import FAST as AC
 from generators.real_time import FORGIVING, cart_with_extern
 from soter.native.build import RUNTIME
+from soter.native.compiler import find
 from soter.workers import channel as channel_of_python
 
 if TYPE_CHECKING:
@@ -120,7 +120,8 @@ def test_the_driver_is_clean_under_sanitizers(tmp_path: Path, kind: str) -> None
 @pytest.fixture(scope="module")
 def c_side(tmp_path_factory: pytest.TempPathFactory) -> Any:
     library = tmp_path_factory.mktemp("channel") / "channel.so"
-    subprocess.run(["cc", "-shared", "-fPIC", "-o", library, POSIX / "soter_channel.c"], check=True)
+    to_library = [*find().command, "-shared", "-fPIC", "-o", str(library)]
+    processes.run([*to_library, str(POSIX / "soter_channel.c")], check=True)
     return ctypes.CDLL(str(library))
 
 
