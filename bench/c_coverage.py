@@ -125,9 +125,7 @@ def wrong_builds(unit: Unit, floats: list[int], work: Path) -> tuple[list[Path],
     return programs, raws
 
 
-def reached(
-    programs: list[Path], seeds: int, instants: int, work: Path, raws: list[str]
-) -> Any:  # noqa: ANN401 - JSON
+def reached(programs: list[Path], seeds: int, instants: int, work: Path, raws: list[str]) -> Any:  # noqa: ANN401 - JSON
     """What llvm-cov says about these programs after so many runs of each, and about `raws`."""
     for k, program in enumerate(p for p in programs if not p.parent.name.startswith("wrong")):
         for seed in range(1, seeds + 1):
@@ -145,9 +143,7 @@ def reached(
     return json.loads(told.stdout)["data"][0]["files"]
 
 
-def run(
-    program: Path, seed: int, instants: int, environment: dict[str, str], *more: str
-) -> None:
+def run(program: Path, seed: int, instants: int, environment: dict[str, str], *more: str) -> None:
     """One run; RuntimeError where a sanitizer stops it."""
     wild = (0, 1, 20, 80)[seed % 4]
     done = subprocess.run(
