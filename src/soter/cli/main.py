@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {
     "check": "parse, types, well-formedness, composition, timing",
+    "show": "draw a system: nodes, topics, modules, plants",
     "run": "run a system in virtual time",
     "verify": "prove P2a, P2b, P3 per module",
     "recheck": "check certificates independently",
