@@ -13,7 +13,7 @@ PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 CONSTRAINTS ?=
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
 
-.PHONY: help setup demo test test-long lint format fuzz bench clean
+.PHONY: help setup demo test test-long lint format fuzz playground bench clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -59,6 +59,9 @@ format: $(VENV)/.dev  ## put Python and C into the one format
 	$(BIN)/ruff check --fix-only $(LINTED)
 	$(BIN)/clang-format -i $(shell find src/soter -name templates -prune -o -name "*.[ch]" -print)
 	$(BIN)/soter fmt examples/*/*.soter src/soter/prelude/*.soter
+
+playground: $(VENV)/.run  ## build/site/index.html: Soter in a browser, offline; needs npm
+	$(PY) -m soter.playground -o build/site --examples examples/wall
 
 bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md
 	$(PY) bench/run_all.py

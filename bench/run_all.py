@@ -473,6 +473,13 @@ BENCHMARKS = (
         "in a process of its own that fails in ten ways, or is killed at random instants; and SC's "
         "output against bare wake-ups. An hour and a half.",
     ),
+    Benchmark(
+        "The playground, and what pages weigh",
+        ("bench/playground.py",),
+        "Seconds from opening the file in headless Chromium, by the clock, on a machine that "
+        "others use meanwhile: the load a core before each opening, and the same run in CPython, say how "
+        "much.",
+    ),
 )
 
 

@@ -222,11 +222,11 @@ class Program:
 
         return write_log(run, path, VERSION)
 
-    def write_report(self, run: Run, path: str | Path) -> Path:
-        """Write the HTML report of a traced run; `SoterError` D006, D007."""
+    def write_report(self, run: Run, path: str | Path, *, self_contained: bool = False) -> Path:
+        """Write the HTML report of a traced run, its script beside it or in it; D006, D007."""
         from soter.api.running import write_report  # noqa: PLC0415 - see the docstring
 
-        return write_report(run, path, self.path)
+        return write_report(run, path, self.path, self_contained=self_contained)
 
     # ------------------------------------------------------------ building and proving
 
