@@ -477,8 +477,8 @@ BENCHMARKS = (
         "The playground, and what pages weigh",
         ("bench/playground.py",),
         "Seconds from opening the file in headless Chromium, by the clock, on a machine that "
-        "others use meanwhile: the load a core before each opening, and the same run in CPython, say how "
-        "much.",
+        "others use meanwhile: the load a core before each opening, and the same run in CPython, "
+        "say how much.",
     ),
 )
 

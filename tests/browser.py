@@ -17,13 +17,13 @@ import subprocess
 import tempfile
 import time
 from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import processes
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
-    from pathlib import Path
 
 FLAGS = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --hide-scrollbars "
@@ -41,8 +41,8 @@ def chromium() -> str | None:
 class Page:
     """One page. `requests`: every address that was asked for; `errors`: of the console."""
 
-    def __init__(self, read: int, write: int) -> None:
-        self._read, self._write = read, write
+    def __init__(self, read: int, write: int, process: int) -> None:
+        self._read, self._write, self._process = read, write, process
         self._buffer = b""
         self._number = 0
         self._session: str | None = None
@@ -85,6 +85,18 @@ class Page:
                 raise AssertionError(f"not within {seconds} s: {expression}")
             time.sleep(0.05)
         return time.monotonic() - began
+
+    def cpu_s(self) -> float:
+        """What the processes of the browser have computed so far, in s; others do not count."""
+        ticks = 0
+        for stat in Path("/proc").glob("[0-9]*/stat"):
+            try:
+                fields = stat.read_text().rpartition(")")[2].split()
+            except OSError:
+                continue
+            if int(fields[3]) == self._process:
+                ticks += int(fields[11]) + int(fields[12])
+        return ticks / os.sysconf("SC_CLK_TCK")
 
     def picture(self, path: Path) -> None:
         """A PNG of all of the page."""
@@ -145,8 +157,8 @@ def page() -> Iterator[Page]:
                 pass_fds=(to_read, from_write),
                 stdout=subprocess.DEVNULL,
                 stderr=subprocess.DEVNULL,
-            ):
-                yield Page(from_read, to_write)
+            ) as started:
+                yield Page(from_read, to_write, started.pid)
         finally:
             for end in (to_read, to_write, from_read, from_write):
                 os.close(end)

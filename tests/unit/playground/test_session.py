@@ -22,7 +22,7 @@ CART = (ROOT / "examples" / "wall" / "cart.soter").read_text(encoding="utf-8")
 
 def finished(session: Session) -> list[dict[str, Any]]:
     """Every answer until the run is done."""
-    found = []
+    found: list[dict[str, Any]] = []
     while not found or not found[-1]["done"]:
         found.append(json.loads(session.advance(0.01)))
     return found
