@@ -283,7 +283,7 @@ class Body(Places):
             if id(s) in self.plan.idle:
                 return []
             pointer = f"const {self.types.stored(t)} *const "
-            return [c.Declare(pointer, name, c.address(self.expr(s.value)))]
+            return [c.Declare(pointer, name, c.address(self.expr(s.value))), c.Unused(name)]
         idle = id(s) in self.plan.idle
         if not self.is_own(s.name):
             return [] if idle else self.into(self.place(s.name), s.name, t, s.value)
@@ -300,7 +300,8 @@ class Body(Places):
             declared = self._declare(s.name, t, self.expr(s.value), const=const)
             return self._marked(declared, s.name, used)
         declared = c.Declare(self.types.stored(t), name, None)
-        return [declared, *self.into(self.place(s.name), s.name, t, s.value)]
+        value = self.into(self.place(s.name), s.name, t, s.value)
+        return [declared, *value, c.Unused(name)]
 
     def _call(self, s: core.Call, used: set[str]) -> list[c.CStmt]:
         name, faults = self.functions[s.function]

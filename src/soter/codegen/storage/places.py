@@ -82,14 +82,20 @@ class Places:
 
     def place(self, name: str) -> c.CExpr:
         """Where a temporary, an output or the result lies."""
-        home = self.plan.home(name)
-        if home == RESULT:
+        home, path = self.plan.homes.get(name, (name, ()))
+        found = self._own(home)
+        for part in path:
+            found = c.Member(found, field_name(part))
+        return found
+
+    def _own(self, name: str) -> c.CExpr:
+        if name == RESULT:
             return MADE
         for k, output in enumerate(self.outputs):
-            if home == output_name(k):
+            if name == output_name(k):
                 return c.Name(f"out_{output}")
-        own = c.Name(self.local(home))
-        return c.Unary("*", own) if self.refers(home) else own
+        own = c.Name(self.local(name))
+        return c.Unary("*", own) if self.refers(name) else own
 
     # ------------------------------------------------------------ calls
 
@@ -141,9 +147,10 @@ class Places:
             return [c.IfStmt(self.expr(e.condition), tuple(then), tuple(otherwise))]
         in_pieces = isinstance(e, core.Make) and self.types.is_large(t)
         if not in_pieces or not isinstance(e, core.Make):
-            value = self.types.to_store(t, self.expr(e))
-            return [] if value == target else [c.Assign(target, value)]
-        if self.plan.home(root) in self.plan.roots(e):
+            if self._lies_in(e, target):
+                return []
+            return [c.Assign(target, self.types.to_store(t, self.expr(e)))]
+        if self._is_read(target, root, e):
             before, value = self._apart(e)
             return [*before, c.Assign(target, value)]
         if isinstance(t, RecordType):
@@ -167,6 +174,23 @@ class Places:
         if isinstance(t, ListType) and e.elements:
             found.append(c.Assign(c.Member(target, "len"), c.Number(str(len(e.elements)))))
         return found
+
+    def _lies_in(self, e: core.Expr, target: c.CExpr) -> bool:
+        """Whether a value need not be put there, because it is there already."""
+        return isinstance(e, core.Var) and self.place(self.plan.whole(e.name)) == target
+
+    def _is_read(self, target: c.CExpr, root: str, e: core.Make) -> bool:
+        """Whether a piece of a value that is put together in a place may be read from there."""
+        there: set[str] = set()
+        others = list(e.elements)
+        if isinstance(e.type, RecordType):
+            for (name, _), element in zip(e.type.fields, e.elements, strict=True):
+                if self._lies_in(element, c.Member(target, field_name(name))):
+                    assert isinstance(element, core.Var)
+                    there.add(self.plan.whole(element.name))
+                    others.remove(element)
+        reads = self.plan.reads(*others) - there
+        return any(self.plan.home(x) == self.plan.home(root) for x in reads)
 
     def _apart(self, e: core.Expr) -> tuple[list[c.CStmt], c.CExpr]:
         """A value in a place that nothing else has."""

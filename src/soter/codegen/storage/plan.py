@@ -3,7 +3,7 @@
 Purpose: a `Plan` of a body: temporaries that refer to what nothing changes while they are read;
 those that share a place, because one is a copy of the other and they never differ while both are
 needed; stores that nobody reads.
-Non-goals: C (`codegen/body.py`), which values are large (`TypeTable.by_address`).
+Non-goals: C (`codegen/body.py`), which values are large (`TypeTable.is_large`).
 
 Decision 109. Derived here from the definition of liveness: backwards through structured code, loops
 until nothing changes. Two places interfere where one is written while the other is still needed
@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from soter.lower import core
 from soter.lower.footprint import walk, written_names
+from soter.program.model.types import RecordType
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping
@@ -33,29 +34,41 @@ def output_name(output: int) -> str:
     return f"$out {output}"
 
 
+Path = tuple[str, ...]
+"""Fields, from the outside."""
+
+
 @dataclass(frozen=True)
 class Plan:
     """Of one body. Names are those of Core, `RESULT` and `output_name`.
 
     `references`: they are pointers; `behind`: the temporaries that such a one may point into;
-    `homes`: whose place a name has, where it is not its own; `shared`: places that others have,
-    too; `idle`: statements (by `id`) whose value nobody reads.
+    `same`: of one that points to all of another, that one; `homes`: of a name that has no place of
+    its own, whose it has, or which part of whose; `shared`: places that others have, too; `idle`:
+    statements (by `id`) whose value nobody reads.
     """
 
     references: frozenset[str] = frozenset()
     behind: Mapping[str, frozenset[str]] = field(default_factory=dict)
-    homes: Mapping[str, str] = field(default_factory=dict)
+    same: Mapping[str, str] = field(default_factory=dict)
+    homes: Mapping[str, tuple[str, Path]] = field(default_factory=dict)
     shared: frozenset[str] = frozenset()
     idle: frozenset[int] = frozenset()
 
     def home(self, name: str) -> str:
-        """Whose place a name has."""
-        return self.homes.get(name, name)
+        """Whose place a name has, or a part of whose."""
+        return self.homes[name][0] if name in self.homes else name
 
-    def roots(self, e: object) -> set[str]:
-        """The places from which an expression reads, through references too."""
-        found = {x.name for x in walk(e) if isinstance(x, core.Var)}
-        return {self.home(r) for name in found for r in (name, *self.behind.get(name, ()))}
+    def whole(self, name: str) -> str:
+        """What a name is another name for."""
+        while name in self.same:
+            name = self.same[name]
+        return name
+
+    def reads(self, *roots: object) -> set[str]:
+        """The temporaries from which expressions read, through references too."""
+        found = {x.name for x in walk(roots) if isinstance(x, core.Var)}
+        return {r for name in found for r in (name, *self.behind.get(name, ()))}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -109,6 +122,8 @@ class _Planner:
         self.declared: dict[str, tuple[int, int]] = {}
         """Of each temporary its depth, and its number in the order of the text."""
         self.outputs = {output_name(k): t for k, t in task.outputs}
+        self.kept = {name for name, _ in task.kept}
+        self.fixed = {RESULT, *self.outputs, *self.kept}
         self.candidates: dict[str, frozenset[str]] = {}
         self.same: dict[str, str] = {}
         """Of a reference to all of another temporary, that one."""
@@ -150,36 +165,63 @@ class _Planner:
         homes = self._share(walker)
         return Plan(
             references=frozenset((*references, *self.task.given)),
-            homes=homes,
-            shared=frozenset(homes.values()),
-            idle=frozenset(walker.idle),
             behind=walker.behind,
+            same=same,
+            homes=homes,
+            shared=frozenset(home for home, _ in homes.values()),
+            idle=frozenset(walker.idle),
         )
 
-    def _share(self, walker: _Walker) -> dict[str, str]:
-        group: dict[str, frozenset[str]] = {}
+    def _share(self, walker: _Walker) -> dict[str, tuple[str, Path]]:
+        """Whole places first; then parts of what is made of them."""
+        groups: dict[str, dict[str, Path]] = {n: {n: ()} for n in self.types}
         for a, b in walker.copies:
-            mine, other = group.get(a, frozenset({a})), group.get(b, frozenset({b}))
-            if mine == other or self.types[a] != self.types[b]:
-                continue
-            if any((x, y) in walker.apart for x in mine for y in other):
-                continue
-            both = mine | other
-            if len(both & self.outputs.keys()) > 1 or len(both & dict(self.task.kept).keys()) > 1:
-                continue
-            group.update(dict.fromkeys(both, both))
-        homes: dict[str, str] = {}
-        for name, names in group.items():
-            home = min(names, key=self._rank)
+            if self.types[a] == self.types[b]:
+                self._join(groups, walker, (a, ()), b)
+        for a, field_, b in walker.parts:
+            of = self.types[a]
+            if isinstance(of, RecordType) and of.fields[field_][1] == self.types[b]:
+                self._join(groups, walker, (a, (of.fields[field_][0],)), b)
+        homes: dict[str, tuple[str, Path]] = {}
+        for name, group in groups.items():
+            home = self._home(group)
             if home != name:
-                homes[name] = home
+                homes[name] = home, group[name]
         return homes
+
+    def _join(
+        self,
+        groups: dict[str, dict[str, Path]],
+        walker: _Walker,
+        into: tuple[str, Path],
+        name: str,
+    ) -> None:
+        """Let a group have its place in another, if nothing keeps them apart."""
+        outer, inner = groups[into[0]], groups[name]
+        path = (*outer[into[0]], *into[1])
+        if outer is inner or any((x, y) in walker.apart for x in outer for y in inner):
+            return
+        if path != inner[name]:
+            if inner[name] or self.fixed & inner.keys():
+                return
+            if self._rank(self._home(outer)) > self._rank(self._home(inner)):
+                return  # what is a part of another is declared inside its scope
+        elif path:
+            return
+        both = {**outer, **{x: (*path, *p) for x, p in inner.items()}}
+        if len(both.keys() & self.outputs.keys()) > 1 or len(both.keys() & self.kept) > 1:
+            return
+        for x in both:
+            groups[x] = both
+
+    def _home(self, group: dict[str, Path]) -> str:
+        return min((n for n, p in group.items() if not p), key=self._rank)
 
     def _rank(self, name: str) -> tuple[int, int, int]:
         """The result's place first, then locals of the step, then outputs, then the outermost."""
         if name == RESULT:
             return 0, 0, 0
-        if name in dict(self.task.kept):
+        if name in self.kept:
             return 1, 0, 0
         return (2, 0, 0) if name in self.outputs else (3, *self.declared[name])
 
@@ -222,6 +264,8 @@ class _Walker:
         self.changed: set[str] = set()
         """References to something that is written while they are needed."""
         self.copies: list[tuple[str, str]] = []
+        self.parts: list[tuple[str, int, str]] = []
+        """Which field of what is made of what."""
         self.apart: set[tuple[str, str]] = set()
         self._at_exit: set[str] = set()
         self._order: dict[int, int] = {}
@@ -256,6 +300,7 @@ class _Walker:
             self.apart |= {(a, b) for b in live | kept if a != b}
         self.apart |= {(b, a) for a, b in self.apart}
         self.copies.reverse()
+        self.parts.reverse()
 
     def _reads(self, *roots: object) -> set[str]:
         found = {x.name for x in walk(roots) if isinstance(x, core.Var)}
@@ -352,13 +397,27 @@ class _Walker:
         at_once = value is not None and has_address(value)
         needed = live if at_once else live | reads
         self.changed |= {r for r in needed if name in self.behind.get(r, ())}
-        source = value.name if whole and isinstance(value, core.Var) else None
-        while source in self.same:
-            source = self.same[source]
-        if source is not None and source in self.tracked and source not in self.behind:
-            if (name, source) not in self.copies:
-                self.copies.append((name, source))
-        else:
-            source = None
-        others = {x for x in needed if x not in {name, source}}
-        self.apart |= {(name, x) for x in others}
+        equal = {name}
+        if whole and isinstance(value, core.Var):
+            source = self._whole(value)
+            if source is not None:
+                equal.add(source)
+                if (name, source) not in self.copies:
+                    self.copies.append((name, source))
+        elif whole and isinstance(value, core.Make):
+            for k, element in enumerate(value.elements):
+                source = self._whole(element)
+                if source is not None:
+                    equal.add(source)
+                    if (name, k, source) not in self.parts:
+                        self.parts.append((name, k, source))
+        self.apart |= {(name, x) for x in needed - equal}
+
+    def _whole(self, e: core.Expr) -> str | None:
+        """The place that an expression is all of."""
+        if not isinstance(e, core.Var):
+            return None
+        name = e.name
+        while name in self.same:
+            name = self.same[name]
+        return name if name in self.tracked and name not in self.behind else None
