@@ -209,8 +209,6 @@ class _Planner:
         elif path:
             return
         both = {**outer, **{x: (*path, *p) for x, p in inner.items()}}
-        if len(both.keys() & self.outputs.keys()) > 1 or len(both.keys() & self.kept) > 1:
-            return
         for x in both:
             groups[x] = both
 
@@ -296,8 +294,7 @@ class _Walker:
         self._at_exit = set(live)
         live = self._block(task.code, live) - self._said.keys()
         kept = {n for n, _ in task.kept}
-        for a in kept:  # they are loaded one after the other
-            self.apart |= {(a, b) for b in live | kept if a != b}
+        self.apart |= {(a, b) for a in kept for b in kept if a != b}
         self.apart |= {(b, a) for a, b in self.apart}
         self.copies.reverse()
         self.parts.reverse()
