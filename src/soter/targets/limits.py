@@ -33,10 +33,11 @@ class Takeover:
     """From a request that AC leaves without a right answer to the output of SC; times in ns.
 
     A request is made at a release of AC and its budget is a period: at the next release at the
-    latest the driver sees that there is no answer. The DM decides at its next release from then on,
-    SC steps at its own next one, the same instant included in either case (AC's answer is looked at
-    first, then come DMs, then SCs). `turn`: the longest time from the request to that release of SC,
-    over all releases of AC. `work`: how late SC's step and the decision before it may end.
+    latest the driver sees that there is no answer. The DM decides at its next release from then
+    on, SC steps at its own next one, the same instant included in either case (AC's answer is
+    looked at first, then come DMs, then SCs). `turn`: the longest time from the request to that
+    release of SC, over all releases of AC. `work`: how late SC's step and the decision before it
+    may end.
     """
 
     module: str

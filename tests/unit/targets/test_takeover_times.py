@@ -1,12 +1,10 @@
-"""How long after a request without an answer SC stands in: against a clock that goes tick by tick."""
+"""How long after a request without an answer SC stands in, against a clock tick by tick."""
 
 from __future__ import annotations
 
 import random
 from types import SimpleNamespace
 from typing import TYPE_CHECKING, Any
-
-import pytest
 
 import soter
 from soter.program.build import check_file, system_of
@@ -15,6 +13,8 @@ from soter.targets.limits import longest_turn, takeovers
 
 if TYPE_CHECKING:
     from pathlib import Path
+
+    import pytest
 
 TEXT = """soter 1;
 topic seen: float max_age 100ms;
