@@ -74,6 +74,13 @@ def firmware_name(system: System, unit: Unit) -> str:
     return name
 
 
+def topic_names(system: System) -> dict[int, str]:
+    """Topic -> what it is called outside, without the file that declares it; queues are none."""
+    unique = Unique()
+    topics = [t for t in system.topics if t.queue_of is None and not t.held]
+    return {t.index: unique(_without_file(t)) for t in topics}
+
+
 class _Firmware:
     """The files of one system."""
 
@@ -81,9 +88,8 @@ class _Firmware:
         self.system = system
         self.unit = unit
         self.name = firmware_name(system, unit)
-        unique = Unique()
-        self.topics = [t for t in system.topics if t.queue_of is None and not t.held]
-        self.short = {t.index: unique(_without_file(t)) for t in self.topics}
+        self.short = topic_names(system)
+        self.topics = [system.topics[i] for i in self.short]
         self.open = environment_topics(system)
         modules = Unique()
         self.modules = [modules(legal(m.name)) for m in system.modules]
@@ -392,7 +398,7 @@ class _Firmware:
             "c_name": self.short[t.index],
             "published": "outside" if t.index in self.open else t.driver or "nobody",
             "max_age_ns": t.max_age_ns,
-            "type": _described(t.type),
+            "type": described(t.type),
             "set": [None if b is None else [b.low, b.high] for b in t.bounds],
         }
         for e in self.system.externals:
@@ -424,8 +430,8 @@ def _said_of(t: Topic) -> str:
     return f"{t.name}{f', in {inside}' if inside else ''}{age}"
 
 
-def _described(t: Type) -> dict[str, object]:
-    """A type and how it lies in memory."""
+def described(t: Type) -> dict[str, object]:
+    """A type and how it lies in memory, as `messages.json` has it."""
     s = scalar(t)
     if s is not None:
         found: dict[str, object] = {"kind": s.c_type, "size": s.size}
@@ -436,12 +442,12 @@ def _described(t: Type) -> dict[str, object]:
         return found
     if isinstance(t, RecordType):
         fields = [
-            {"name": m.name, "offset": m.offset, "type": _described(m.type)}
+            {"name": m.name, "offset": m.offset, "type": described(m.type)}
             for m in sorted(struct_of(t).members, key=lambda m: m.index)
         ]
         return {"kind": "record", "size": size_of(t), "fields": fields}
     assert isinstance(t, (ArrayType, ListType))
-    element = _described(t.element)
+    element = described(t.element)
     if isinstance(t, ArrayType):
         return {"kind": "array", "size": size_of(t), "length": t.size, "element": element}
     return {"kind": "list", "size": size_of(t), "capacity": t.capacity, "element": element}

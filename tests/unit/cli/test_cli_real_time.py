@@ -127,3 +127,13 @@ def test_a_process_has_no_locals_in_the_state_and_takes_what_it_takes(
     (apart / "cart.soter").write_text(text)
     assert soter("check", "cart.soter").exit == 0
     assert soter(*RUN).codes == ["X008"]
+
+
+def test_a_system_in_the_world_is_built_and_not_run(soter: Soter, here: Path) -> None:
+    (here / "p.soter").write_text(
+        "soter 1;\ntopic x: float; topic y: float;\n"
+        "node N period 10ms { subscribes x; publishes y; step { publish y = x; } }\n"
+        "system S { external topic x; external topic y; node N; }\n"
+    )
+    done = soter("run", "p.soter", "--real-time", "--until", "1s", "--json")
+    assert done.codes == ["X008"]

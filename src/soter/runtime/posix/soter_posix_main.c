@@ -30,7 +30,7 @@ static const char* const USAGE =
     "NAME=COMMAND]\n"
     "  [--bare SECONDS] [--restarts N] [--again SECONDS] [--patience SECONDS] [--wait SECONDS] "
     "[--worker-memory MIB]\n"
-    "  [--worker-user UID]\n";
+    "  [--worker-user UID] [--channels FOLDER]\n";
 
 /* ------------------------------------------------------------------ options */
 
@@ -162,6 +162,10 @@ static bool option(soter_posix* d, const char* name, const char* value) {
     o->states = value;
     return true;
   }
+  if (strcmp(name, "--channels") == 0) {
+    o->channels = value;
+    return true;
+  }
   return option_of_workers(d, name, value);
 }
 
@@ -274,7 +278,11 @@ int main(int count, char** words) {
   (void)sigaddset(&ending, SIGTERM);
   (void)sigaddset(&ending, SIGHUP);
   (void)sigprocmask(SIG_BLOCK, &ending, NULL);
+  if (!soter_posix_open(d)) {
+    return EXIT_FAILURE;
+  }
   soter_posix_workers(d, words[0]);
   soter_posix_await(d);
+  soter_posix_hear(d);
   return go(d, &ending);
 }
