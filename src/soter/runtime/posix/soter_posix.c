@@ -44,9 +44,14 @@ static bool stopped(const soter_posix* d) {
   return __atomic_load_n(&d->stop, __ATOMIC_ACQUIRE) != 0;
 }
 
+/* Wakes `early_ns` before, and looks at the clock until it is time: what a wake-up costs, up to
+ * that much, does not make us late. */
 static void sleep_until(const soter_posix* d, int64_t at_ns) {
-  const struct timespec t = {.tv_sec = (time_t)(at_ns / SECOND), .tv_nsec = (long)(at_ns % SECOND)};
+  const int64_t ns = at_ns - d->options.early_ns;
+  const struct timespec t = {.tv_sec = (time_t)(ns / SECOND), .tv_nsec = (long)(ns % SECOND)};
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR && !stopped(d)) {
+  }
+  while (d->options.early_ns > 0 && soter_posix_clock() < at_ns && !stopped(d)) {
   }
 }
 

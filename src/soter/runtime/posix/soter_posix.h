@@ -215,8 +215,9 @@ typedef struct {
   int64_t until_ns;
   uint64_t seed;
   soter_policy policy;
-  int core;        /* -1: choose, -2: do not pin */
-  int64_t late_ns; /* -1: as the program says */
+  int core;         /* -1: choose, -2: do not pin */
+  int64_t late_ns;  /* -1: as the program says */
+  int64_t early_ns; /* to wake before an instant, and spin until it */
   bool json, quiet, live;
   const char* log;
   const char* channels; /* the folder of what meets the world; NULL: nothing does */

@@ -23,10 +23,12 @@
 #define EXIT_STOPPED 130
 #define SECOND 1e9
 #define S_MAX 4.0e9
+#define EARLY_MOST_NS 10000000
 
 static const char* const USAGE =
     "usage: %s [--until SECONDS] [--seed N] [--policy auto|fifo|deadline|other] [--core N|none]\n"
-    "  [--late MICROSECONDS] [--log FILE] [--states FILE] [--json] [--quiet [--live]] [--worker "
+    "  [--late MICROSECONDS] [--early MICROSECONDS] [--log FILE] [--states FILE] [--json] [--quiet "
+    "[--live]] [--worker "
     "NAME=COMMAND]\n"
     "  [--bare SECONDS] [--restarts N] [--again SECONDS] [--patience SECONDS] [--wait SECONDS] "
     "[--worker-memory MIB]\n"
@@ -153,6 +155,9 @@ static bool option(soter_posix* d, const char* name, const char* value) {
   }
   if (strcmp(name, "--late") == 0) {
     return duration(value, 1e3, &o->late_ns);
+  }
+  if (strcmp(name, "--early") == 0) {
+    return duration(value, 1e3, &o->early_ns) && o->early_ns <= EARLY_MOST_NS;
   }
   if (strcmp(name, "--log") == 0) {
     o->log = value;

@@ -290,10 +290,11 @@ static void json_head(const soter_posix* d, FILE* out) {
                 ",\n \"policy\": \"%s\", \"locked\": %s, \"core\": %d, \"instants\": %" PRIu64
                 ", \"late_instants\": %" PRIu64 ", \"misses\": %" PRIu64 ", \"calendars\": %" PRIu64
                 ", \"page_faults\": %" PRIu64 ", \"major_page_faults\": %" PRIu64
-                ", \"dropped\": %" PRIu64 ", \"log_lines_lost\": %" PRIu64 ", \"stopped\": %s",
+                ", \"dropped\": %" PRIu64 ", \"log_lines_lost\": %" PRIu64
+                ", \"stopped\": %s, \"origin_ns\": %" PRId64,
                 d->policy, d->locked ? "true" : "false", d->pinned ? d->core : -1, d->instants,
                 d->late_instants, d->missed, d->calendars, d->minor_faults, d->major_faults,
-                d->ring.dropped, d->lines_lost, d->stop != 0 ? "true" : "false");
+                d->ring.dropped, d->lines_lost, d->stop != 0 ? "true" : "false", d->origin_ns);
 }
 
 void soter_posix_json(const soter_posix* d, FILE* out) {
