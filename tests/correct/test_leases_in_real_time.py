@@ -207,6 +207,31 @@ def test_a_sensor_that_nobody_speaks_for_is_told(made: Programs, tmp_path: Path)
     assert found["leases"]["Guard"]["stale"] > 0
 
 
+def test_an_sc_that_latched_gives_no_leases_whoever_has_control(
+    made: Programs, code: ctypes.CDLL, tmp_path: Path
+) -> None:
+    """Decision 110: the DM does not look; nobody is obeyed where SC could not act."""
+    speed, position = listening(code, made, tmp_path), speaking(code, made, tmp_path)
+    position.write(1.0)
+    with going(made.actuator, tmp_path), going(made.trusted, tmp_path) as trusted:
+
+        def becomes(wanted: float, at: float) -> bool:
+            position.write(at)
+            return speed.read() == wanted
+
+        soon(lambda: becomes(AC, 1.0))
+        soon(lambda: becomes(LAW, 31.0))
+        for _ in range(30):
+            assert becomes(LAW, 1.0)
+            time.sleep(0.02)
+        found = ended(trusted)
+    assert found["violations"] == 1, "the fault of SC"
+    assert found["leases"]["Guard"]["ended_ns"] > 0
+    assert found["misses"] == found["leases"]["Guard"]["stale"] == 0
+    guard = found["modules"]["Guard"]
+    assert guard["switches_to_ac"] > guard["switches_to_sc"], "AC has control, and is not obeyed"
+
+
 def test_the_sensor_of_the_page_is_heard_and_hears(tmp_path: Path) -> None:
     examples = EXAMPLES / "wall"
     built(examples / "stop_vehicle.soter", tmp_path / "vehicle")
@@ -224,8 +249,10 @@ def test_the_sensor_of_the_page_is_heard_and_hears(tmp_path: Path) -> None:
         acted = ended(actuator)["modules"]["Guard"]
     assert found["notes"] == []
     assert found["topics"]["position"]["taken"] > 10
-    assert acted["taken"] > 0
-    assert acted["ends"] >= 1
+    late = found["leases"]["Guard"]["ended_ns"]
+    assert acted["taken"] > 0 or late is not None, "a machine may be late by a millisecond"
+    assert acted["ends"] == (1 if acted["taken"] else 0)
+    assert acted["older"] == 0
     assert b"last speed 0.000" in said, "the law, or SC"
 
 

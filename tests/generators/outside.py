@@ -40,7 +40,11 @@ plant Cart period 50ms {{
   der x = speed;
 }}
 node Fast period 100ms {{ publishes speed; step {{ publish speed = {AC}; }} }}
-node Stop period 100ms {{ subscribes position; publishes speed; step {{ publish speed = {SC}; }} }}
+node Stop period 100ms {{  // beyond 30 m a defect: the value is not in the topic's set
+  subscribes position;
+  publishes speed;
+  step {{ publish speed = position > 30.0 ? 2.0 : {SC}; }}
+}}
 
 rta Guard {{
   ac Fast;

@@ -29,6 +29,7 @@ from soter.program.model.types import (
     RecordType,
     leaves,
 )
+from soter.targets.limits import Age, ages_of
 from soter.targets.package import File
 
 if TYPE_CHECKING:
@@ -160,6 +161,7 @@ class _Firmware:
         late = allowed_lateness(system)
         rows = [(None, c.Number(_number(late.get(x.index, -1)))) for x in system.components]
         outside = [(None, c.Number(f"{i}U")) for i in self.open]
+        ages = [_row(a) for m in system.modules for a in ages_of(system, m)]
         return print_file(
             c.CFile(
                 (
@@ -180,7 +182,14 @@ class _Firmware:
                         array=True,
                         comment="topics from outside",
                     ),
-                    self._start_as(self._starts(len(outside))),
+                    c.VariableDef(
+                        "soter_read_age",
+                        "ages",
+                        c.Initializer(tuple(ages) or ((None, _row(Age(0, 0, 0))[1]),)),
+                        array=True,
+                        comment="how old what SCs read may be",
+                    ),
+                    self._start_as(self._starts(len(outside), len(ages))),
                     self._step(True),
                     self._next(True),
                     *(self._publish(t, True) for t in self.topics if t.index in self.open),
@@ -247,7 +256,7 @@ class _Firmware:
             "const char *", f"{self.name}_start_as", parameters, body, doc, static=False
         )
 
-    def _starts(self, outside: int) -> tuple[c.CStmt, ...]:
+    def _starts(self, outside: int, ages: int) -> tuple[c.CStmt, ...]:
         differs = c.Binary(
             "!=",
             c.CallExpr("strcmp", (c.Name("layout"), c.Name(f"{self.name}_LAYOUT"))),
@@ -264,6 +273,8 @@ class _Firmware:
             c.Assign(c.Member(loop, "late"), c.Name("late")),
             c.Assign(c.Member(loop, "outside"), c.Name("outside")),
             c.Assign(c.Member(loop, "outside_count"), c.Number(f"{outside}U")),
+            c.Assign(c.Member(loop, "ages"), c.Name("ages")),
+            c.Assign(c.Member(loop, "age_count"), c.Number(f"{ages}U")),
             c.Return(c.CallExpr("soter_firmware_start", call)),
         )
 
@@ -405,6 +416,12 @@ class _Firmware:
             if e.topic == t.index:
                 found |= {"every_ns": e.every_ns, "delay_ns": e.delay_ns, "errors": e.errors}
         return found
+
+
+def _row(age: Age) -> tuple[None, c.CExpr]:
+    numbers = (("component", f"{age.component}U"), ("topic", f"{age.topic}U"))
+    most = ("most", c.Number(f"INT64_C({age.most_ns})"))
+    return None, c.Initializer((*((n, c.Number(v)) for n, v in numbers), most))
 
 
 def _by_value(t: Type) -> bool:

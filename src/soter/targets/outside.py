@@ -16,10 +16,10 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c.names import field_name, legal
 from soter.lower.layout import size_of
-from soter.program.meaning.statements import Evaluator
 from soter.program.model.durations import show_ns
 from soter.targets.firmware import described, topic_names
 from soter.targets.leases import lease_times, leased
+from soter.targets.limits import Age, ages_of
 from soter.targets.package import File
 
 if TYPE_CHECKING:
@@ -42,8 +42,7 @@ class Granted:
     name: str
     """What its C names begin with."""
     components: tuple[int, ...]
-    ages: tuple[tuple[int, int], ...]
-    """Topics that SC reads, and how old they may be, ns: older than that no proof speaks of."""
+    ages: tuple[Age, ...]
 
     @property
     def channel(self) -> str:
@@ -77,7 +76,7 @@ class Outside:
             return
         name = f"{self.unit.prefix}_{legal(module.name)}"
         indices = tuple(x.index for x in parts)
-        self.granted.append(Granted(module, name, indices, _ages(self.system, module)))
+        self.granted.append(Granted(module, name, indices, ages_of(self.system, module)))
         text = f"{module.name}: a lease ends {show_ns(times.longest)} after its release at most"
         if times.undeclared:
             zero = ", ".join(times.undeclared)
@@ -141,7 +140,7 @@ const uint32_t soter_app_lease_count = {len(self.granted)};
         out = "\n".join(f"  memcpy(&to->{f}, &from->{s}, sizeof to->{f});" for f, s in state)
         back = "\n".join(f"  memcpy(&to->{s}, &from->{f}, sizeof to->{s});" for f, s in state)
         components = ", ".join(f"{i}U" for i in g.components)
-        ages = ", ".join(f"{{{t}U, INT64_C({ns})}}" for t, ns in g.ages) or "{0, 0}"
+        ages = ", ".join(self._age(age) for age in g.ages) or "{0}"
         applied = ""
         if self._moves_plants():
             applied = f"""\
@@ -162,6 +161,10 @@ static void command_{index}(const void* state, void* command) {{
 static const soter_posix_age ages_{index}[] = {{{ages}}};
 
 """
+
+    def _age(self, age: Age) -> str:
+        outside = "true" if self.system.topics[age.topic].driver == "input" else "false"
+        return f"{{{age.component}U, {age.topic}U, INT64_C({age.most_ns}), {outside}}}"
 
     def _moves_plants(self) -> bool:
         return any(x.plant is not None for x in self.system.components)
@@ -334,20 +337,6 @@ SOTER_INLINE const char* {self.unit.prefix}_open_{name}({parameters}) {{
   return soter_outside_open(channel, folder, "{name}", {number}, sizeof({kind}), {writes});
 }}
 """
-
-
-def _ages(system: System, module: Module) -> tuple[tuple[int, int], ...]:
-    """Topics with an age that SC reads, and how old the proof lets them be: `dropout` longer."""
-    sc = system.components[module.sc]
-    assert sc.node is not None
-    dropout = module.symbol.verify.dropout
-    extra = 0 if dropout is None else int(Evaluator(module.scope.params).value(dropout))
-    found = []
-    for s in sc.node.subscribes:
-        topic = system.topics[sc.scope.topics[s.topic]]
-        if topic.max_age_ns is not None:
-            found.append((topic.index, topic.max_age_ns + extra))
-    return tuple(found)
 
 
 def _padded(size: int) -> int:

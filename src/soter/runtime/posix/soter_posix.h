@@ -42,10 +42,12 @@ typedef struct {
   bool inward;        /* somebody else publishes it */
 } soter_posix_topic;
 
-/* What one component may read at most: how old a topic is. */
+/* How old a topic may be where a component reads it: older no proof speaks of. */
 typedef struct {
+  uint32_t component;
   uint32_t topic;
   int64_t most_ns;
+  bool outside; /* it has to be there from the start: before, SC acts on its default */
 } soter_posix_age;
 
 /* What travels with a command of a module that has a fail-safe law; the command follows. */
@@ -127,7 +129,7 @@ typedef struct {
   int64_t done[APP_BUDGETS];
   soter_lease lease; /* what plants that are here obey */
   uint64_t given;    /* messages with a lease */
-  uint64_t stale;    /* releases of SC that read what was too old: not done */
+  uint64_t stale;    /* releases that read what was too old: not done */
   int64_t ended_ns;  /* ct from which on no lease is given; -1: they are */
   uint64_t law;      /* instants in which plants obeyed the law */
   uint64_t message[APP_WORDS];

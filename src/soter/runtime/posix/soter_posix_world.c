@@ -164,12 +164,16 @@ static void give(soter_posix* d, uint32_t k) {
   t->given++;
 }
 
-static bool stale(soter_posix* d, const soter_posix_lease* l) {
+/* Whether what a component read its proof is not about. */
+static bool stale(soter_posix* d, const soter_posix_lease* l, uint32_t component) {
   const int64_t* const stamps = soter_stamps_of(APP_PROGRAM, &d->state);
   const int64_t ct = soter_header_of(&d->state)->ct;
   bool found = false;
   for (uint32_t i = 0; i < l->ages; i++) {
-    found = found || ct - stamps[l->age[i].topic] > l->age[i].most_ns;
+    const soter_posix_age* const a = &l->age[i];
+    const int64_t stamp = stamps[a->topic];
+    const bool old = stamp == SOTER_NEVER ? a->outside : ct - stamp > a->most_ns;
+    found = found || (a->component == component && old);
   }
   return found;
 }
@@ -185,10 +189,10 @@ void soter_posix_done(soter_posix* d, uint32_t component, int64_t start_ns, int6
       if (l->component[n] != component) {
         continue;
       }
-      if (n != SC) {
+      if (stale(d, l, component)) {
+        t->stale++; /* not done: a sensor that is late is a part that is late */
+      } else if (n != SC) {
         (void)soter_grant_done(&t->grant, n, start_ns, end_ns);
-      } else if (stale(d, l)) {
-        t->stale++; /* what it read its proof is not about: not done, as if the sensor were late */
       } else {
         (void)soter_grant_done(&t->grant, n, start_ns, soter_posix_clock());
         give(d, k);
