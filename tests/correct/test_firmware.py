@@ -252,6 +252,13 @@ def test_two_bad_ticks_of_a_sensor_cost_control_at_most_and_latch_nothing(
     assert not any(s.said & LATCHED for s in two)
 
 
+@pytest.mark.parametrize(("measured", "stale"), [(0, 0), (-1, STALE)])
+def test_what_is_as_old_as_it_may_be_is_not_stale(told: Told, measured: int, stale: int) -> None:
+    lines = ["start 0", "goal 0 0 0", f"motion 0.0 0.0 {measured} 0"]
+    first, second, third = steps(told(*lines, "step 0", f"step {10 * MS}", f"step {20 * MS}"))
+    assert (first.said & STALE, second.said & STALE, third.said & STALE) == (0, 0, stale)
+
+
 # ---------------------------------------------------------------- a long time
 
 

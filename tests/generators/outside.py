@@ -129,6 +129,7 @@ class Number:
             ctypes.c_bool(writes),
         )
         self._last = None if writes else float("nan")
+        self.fresh = False
 
     def write(self, value: float, behind_ns: int = 0) -> None:
         measured = ctypes.c_int64(time.monotonic_ns() - behind_ns)
@@ -138,9 +139,10 @@ class Number:
     def read(self) -> float:
         """The last value that anybody wrote; NaN before the first."""
         stamp, value = ctypes.c_int64(), ctypes.c_double()
-        if self._code.soter_outside_read(
+        self.fresh = self._code.soter_outside_read(
             ctypes.byref(self._channel), ctypes.byref(stamp), ctypes.byref(value), None
-        ):
+        )
+        if self.fresh:
             self._last = value.value
         assert self._last is not None
         return self._last

@@ -114,7 +114,7 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
         **{name: [*_folder(of), "-I.", *of] for name, of in rules},
     }
     package.files.append(File("Makefile", _makefile(command, trusted, rules)))
-    package.files.append(File("README.md", _readme(system, unit, command, workers)))
+    package.files.append(File("README.md", _readme(system, unit, command, workers, world)))
     package.notes = [*c99.notes(core, stubs, plants), *world.notes]
     package.notes += [
         f"{w.component.name} is Python: `soter run --real-time`, or --worker {w.component.name}=..."
@@ -357,8 +357,9 @@ clean:
 """
 
 
-def _readme(system: System, unit: Unit, command: str, workers: list[Worker]) -> str:
-    until = "" if system.until_ns else " --until SECONDS"
+def _readme(system: System, unit: Unit, command: str, workers: list[Worker], world: Outside) -> str:
+    until = "" if system.until_ns or system.externals else " --until SECONDS"
+    until += " --channels FOLDER" if world.topics else ""
     name = unit.prefix
     rows = "\n".join(
         f"| `{w.component.name}` | {f'`{w.program}`' if w.program else '--worker NAME=COMMAND'} |"
@@ -366,6 +367,13 @@ def _readme(system: System, unit: Unit, command: str, workers: list[Worker]) -> 
     )
     table = f"\n| extern | its process |\n|---|---|\n{rows}\n" if workers else ""
     kernel = re.sub(r"\.c$", "", KERNEL[1])
+    actuators = ""
+    if world.granted:
+        actuators = f"""\
+| `soter_grant.*`, `{name}_grant.c` | who gives leases, and when nobody does any more |
+| `soter_lease.*`, `soter_actuator*`, `{name}_lease.*` | `{command}_actuator` |
+| `actuate.c` | yours: what moves the devices |
+"""
     return f"""\
 # {name}, system {system.name}, in real time
 
@@ -387,5 +395,6 @@ Where nobody was late its `trace_sha256` is that of `soter run` with the same se
 | `{name}.h`, `{name}.c` | the program: state, steps, decision modules, tables |
 | `soter.h`, `{kernel}.c` | the kernel |
 | `soter_posix*.c`, `soter_channel.c` | the real-time driver |
+| `soter_outside.*` | values from and to other programs (`{name}_channels.h`, where there are any) |
 | `soter_worker.c`, `worker_*/` | the processes of extern nodes |
-"""
+{actuators}"""
