@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from generators.packages import EXAMPLES
 from generators.real_time import cart_with_extern
 
 if TYPE_CHECKING:
@@ -98,6 +99,17 @@ def test_people_are_told_how_late_it_was(soter: Soter) -> None:
     done = soter("run", "cart.soter", "--real-time", "--until", "200ms")
     for words in ("in real time", "policy ", "instants", "SafeCart.dm complete", "worker SafeCart"):
         assert words in done.out
+
+
+@pytest.mark.usefixtures("here")
+def test_people_are_told_of_leases(soter: Soter) -> None:
+    stop = str(EXAMPLES / "wall" / "stop.soter")
+    done = soter("run", stop, "--system", "Track", "--real-time", "--until", "200ms")
+    (line,) = [x for x in done.out.splitlines() if "leases Guard" in x]
+    late = soter("run", stop, "--system", "Track", "--real-time", "--until", "200ms", "--json")
+    leases = late.document["real_time"]["leases"]["Guard"]
+    assert " given" in line
+    assert leases["given"] > 0 or leases["ended_ns"] is not None
 
 
 def test_what_is_not_bound_is_refused_before_it_runs(soter: Soter, apart: Path) -> None:
