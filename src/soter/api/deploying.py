@@ -107,9 +107,19 @@ def build(
     flat.certificate = inherits.certificate
     bindings = bound(flat)
     package = build_package(target, bindings.system, bindings.core, output, inherits.files)
-    package.notes += computed
+    package.notes += [*computed, *(_not_carried(bindings) if target == "c" else ())]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
+
+
+def _not_carried(bindings: Bindings) -> list[str]:
+    """Bindings to Python, which are dropped: a package is C."""
+    dropped = [
+        x.name
+        for x in bindings.externs
+        if x.bound is not None and not str(x.bound).startswith("c:")
+    ]
+    return [f"{n}: its binding to Python is left out, as the package is C" for n in dropped]
 
 
 def stack_bound(package: Package) -> Stack:
