@@ -127,6 +127,23 @@ def test_verdicts_and_seal_of_a_certificate_that_was_checked_again_are_carried(
     assert made.inherited == told
 
 
+def test_the_readme_of_a_deployed_package_says_what_works(here: Path) -> None:
+    """Its command has nobody outside who publishes; the library is what it is for."""
+    soter.load(here / "vehicle.soter").build("c", here / "out")
+    soter.load(here / "point.soter").build("c", here / "model")
+    told = (here / "out" / "README.md").read_text()
+    header = (here / "out" / "Vehicle_firmware.h").read_text()
+    first, _, command = told.partition("    make\n")
+    assert "    make lib\n" in first
+    assert "nobody outside" in first
+    assert "--until" in command
+    (library,) = re.findall(r"`(lib\S+\.a)`", first)
+    assert f"\n{library}: " in (here / "out" / "Makefile").read_text()
+    for name in re.findall(r"`(Vehicle_[a-z]+_?)[.]*`", first):
+        assert f"{name}" in header, name
+    assert "make lib" not in (here / "model" / "README.md").read_text()
+
+
 def test_the_tables_that_were_computed_with_the_plants_are_those_of_the_deployed_system(
     here: Path,
 ) -> None:
