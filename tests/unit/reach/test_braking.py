@@ -26,6 +26,9 @@ if TYPE_CHECKING:
 TEXT = (Path(__file__).parents[3] / "examples" / "wall" / "brake.soter").read_text("utf-8")
 LAW = "failsafe command = { drive: 0.0, brake: 1.0 };"
 B, MORE, SLOW = 4.0, 0.5, 0.2
+STEP_NS = 100_000
+STEPPED = 1e-6
+"""How far a stepped run may be from the run."""
 COARSE = (("ROOM] / 120", "ROOM] / 60"), ("FASTEST] / 55", "FASTEST] / 22"))
 
 
@@ -140,3 +143,55 @@ def test_the_plant_says_the_rate_of_that_room() -> None:
         expected = -v - max(v, SLOW) / B * dv
         assert rates[0].mean() == pytest.approx(expected, abs=1e-9)
         assert rates[1].mean() == pytest.approx(dv, abs=1e-9)
+
+
+def test_runs_that_go_one_way_stay_in_what_the_engine_says() -> None:
+    """Of the law, from random boxes: ends that are kept are kept by every run, and no other is."""
+    rng = np.random.default_rng(6)
+    for weaker in (0.0, 0.2):
+        source = text(("float in [0.0, MORE]", f"float in [{-weaker}, MORE]"))
+        flat = system_of(check_file("brake.soter", source), None)
+        law = extract(flat, flat.modules[0]).law
+        assert law is not None
+        case = claims.open_case(law, library_of(law)[0], law.groups, (), None)
+        engine = case.proofs[0].engine
+        kept = fallen = 0
+        for _ in range(40):
+            low = np.array([rng.uniform(5.0, 40.0), rng.uniform(0.0, 8.0)])
+            high = low + rng.uniform(0.01, 1.0, 2)
+            images, tubes = engine.enclosures(low, high, 4)
+            assert len(images) == 4
+            kept += int((images[:, 0, 0] >= low[0]).all())
+            first = (law.times.delta_sc - law.times.jitter_sc) // STEP_NS
+            runs = braked(rng, rng.uniform(low, high, (200, 2)), [first, *[100] * 3], weaker)
+            for k, inside in enumerate(runs):
+                for at in inside:
+                    assert (at >= tubes[k, :, 0] - STEPPED).all()
+                    assert (at <= tubes[k, :, 1] + STEPPED).all()
+                assert (inside[-1] >= images[k, :, 0] - STEPPED).all()
+                assert (inside[-1] <= images[k, :, 1] + STEPPED).all()
+                fallen += int((inside[-1][:, 0] < low[0]).any())
+        assert (kept == 40) == (weaker == 0.0)
+        assert (fallen > 0) == (weaker > 0.0)
+
+
+def braked(
+    rng: np.random.Generator, at: Floats, holds: list[int], weaker: float
+) -> list[list[Floats]]:
+    """States (runs, 2) in each hold, of so many steps, fully braked; a midpoint rule."""
+    found, state, step = [], at.copy(), STEP_NS * 1e-9
+
+    def rates(v: Floats, more: Floats) -> Floats:
+        s = np.clip(v / SLOW, 0.0, 1.0)
+        return np.stack([more * np.maximum(v, 0.0), -B * (1.0 + more) * s], 1)
+
+    for steps in holds:
+        inside = [state]
+        more = rng.uniform(-weaker, MORE, len(at))
+        more[: len(at) // 4] = -weaker
+        for _ in range(steps):
+            middle = state + 0.5 * step * rates(state[:, 1], more)
+            state = state + step * rates(middle[:, 1], more)
+            inside.append(state)
+        found.append(inside)
+    return found
