@@ -59,8 +59,7 @@ class TimingReport:
 
     `verdict`: `fits`, `misses` or `undecided`; `busy_ns` of every `hyperperiod_ns` at most;
     `exact`: whether the figures are reached; `schedule`: the steps before a miss; `elsewhere`: who
-    runs in a process of its own; `uncounted`: who of them is written in Soter, so that packages run
-    it in the thread all the same; `missing`: who has no `wcet`.
+    runs in a process of its own; `missing`: who has no `wcet`.
     """
 
     system: str
@@ -70,7 +69,6 @@ class TimingReport:
     exact: bool
     rows: tuple[ThreadRow, ...]
     elsewhere: tuple[str, ...]
-    uncounted: tuple[str, ...]
     missing: tuple[str, ...]
     schedule: tuple[str, ...]
     switches: tuple[SwitchReport, ...]
@@ -224,7 +222,6 @@ def _report(timing: Timing, switches: tuple[SwitchReport, ...]) -> TimingReport:
             for r in timing.rows
         ),
         elsewhere=names(timing.elsewhere),
-        uncounted=names(tuple(c for c in timing.elsewhere if not c.extern)),
         missing=names(timing.missing),
         schedule=tuple(schedule_lines(timing)),
         switches=switches,

@@ -4,9 +4,10 @@ Purpose: who runs in it, from a flat system; `timing_of`: the latest start and e
 theirs, or what is missing to say so; a deadline that is missed, as a diagnostic.
 Non-goals: the analysis (`calendar.py`), whether a proof's times hold (`reach/time/deployed.py`).
 
-A deployed system has no plants. Its decision modules, safe controllers and other nodes run in one
-thread. An AC, an extern node and one that `takes` time run elsewhere, in processes of their own,
-unless the system says `inline`; what they need of a processor is no part of the thread.
+A deployed system has no plants. All that is Soter code runs in one thread: decision modules, safe
+controllers, then ACs and other nodes, those that `takes` time, too. Only extern nodes run
+elsewhere, in processes of their own, unless the system says `inline`; what they need of a processor
+is no part of the thread.
 """
 
 from __future__ import annotations
@@ -80,12 +81,7 @@ class Timing:
 
 def in_thread(c: Component) -> bool:
     """Whether a component runs in the thread of the trusted part."""
-    if c.plant is not None:
-        return False
-    if c.inline or c.role in ("dm", "sc"):
-        return True
-    assert c.node is not None
-    return c.role == "node" and not c.node.extern and c.takes_ns is None
+    return c.plant is None and (c.inline or not c.extern)
 
 
 def timing_of(

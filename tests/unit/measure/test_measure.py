@@ -24,6 +24,7 @@ topic seen: Seen in { at in [-2.0, 3.0], many in [0.0, 1.0] } max_age 100ms;
 topic free: float;
 topic u: float in [-1.0, 1.0];
 topic out: int in [0, 9];
+topic far: int in [0, 9];
 node Fast period 10ms {
   subscribes seen;
   publishes u;
@@ -45,13 +46,14 @@ node Count period 20ms {
   publishes out;
   step { assert seen.few < 5; publish out = 1; }
 }
+extern node Far period 50ms { subscribes out; publishes far; }
 extern plant World period 10ms from "python:none.py:World" {
   reads u;
   drives seen = s;
   state s: Seen;
 }
 rta M { ac Fast; sc Slow; period 20ms; safe true; ttf seen.at > 1.0; safer seen.at < 0.0; }
-system S { w: World; module M; node Late; node Count; until 200ms; }
+system S { w: World; module M; node Late; node Count; node Far; until 200ms; }
 """
 
 
@@ -65,13 +67,17 @@ def program(folder: Path) -> soter.Program:
         def step(self, *_: object) -> dict[str, object]:
             return {"s": {"flag": True, "at": 0.5, "many": [0.5], "few": 3}}
 
-    return found.bind("w", World)
+    class Far:
+        def step(self, *_: object) -> dict[str, object]:
+            return {"far": 1}
+
+    return found.bind("w", World).bind("Far", Far)
 
 
 def test_what_runs_in_the_thread_is_timed_and_nothing_else(tmp_path: Path) -> None:
     found = measure(program(tmp_path), samples=40)
-    assert [s.name for s in found.steps] == ["M.dm", "M.Slow", "Count"]
-    assert [s.declared for s in found.steps] == ["M", "Slow", "Count"]
+    assert [s.name for s in found.steps] == ["M.dm", "M.Slow", "M.Fast", "Late", "Count"]
+    assert [s.declared for s in found.steps] == ["M", "Slow", "Fast", "Late", "Count"]
     for s in found.steps:
         assert 0 < s.percentiles[0][1] <= s.percentiles[-1][1] <= s.longest_ns
         assert s.wcet_ns >= found.margin * s.longest_ns
@@ -124,7 +130,7 @@ def test_a_file_of_times_is_what_check_takes(tmp_path: Path) -> None:
     (report,) = found.check(times=path).timings
     given = {s["name"]: s["wcet_ns"] for s in json.loads(path.read_text())["steps"]}
     assert {r.name: r.wcet_ns for r in report.rows} == given
-    assert report.elsewhere == ("M.Fast", "Late")
+    assert report.elsewhere == ("Far",)
 
 
 def test_times_of_a_program_that_was_changed_since_are_refused(tmp_path: Path) -> None:

@@ -32,9 +32,16 @@ DECLARED = {
     "Estimate": "node Estimate period 10ms {",
     "Driver": "node Driver period 5ms {",
     "Slow": "node Slow period 50ms {",
+    "Fast": "node Fast period 50ms {",
     "M": "rta M {",
 }
-FITS = {"Estimate": (300, 100), "Driver": (200, 50), "Slow": (500, 0), "M": (100, 200)}
+FITS = {
+    "Estimate": (300, 100),
+    "Driver": (200, 50),
+    "Slow": (499, 0),
+    "Fast": (1, 0),
+    "M": (100, 200),
+}
 """Node -> wcet and jitter in us."""
 GIVEN = (
     "    late dm 2ms, sc 1ms, Estimate 2ms, Driver 2ms;\n"
@@ -177,7 +184,7 @@ IN_STEP = "    late dm 2ms, sc 1ms, Estimate 2ms;\n    response dm 1ms, sc 1ms, 
 @pytest.mark.parametrize(
     ("driver", "between", "fits"),
     [
-        ((200, 0), "", True),  # 500 us of SC, 300 us of Estimate, 200 us: `response sc 1ms`
+        ((200, 0), "", True),  # 499 us of SC, 1 of AC, 300 of Estimate, 200: `response sc 1ms`
         ((201, 0), "", False),
         ((200, 800), "", True),  # its release may be waited for: 800 us, from the instant on
         ((200, 801), "", False),
@@ -209,7 +216,7 @@ def test_of_a_module_with_views_it_is_said_once_where_its_times_stand() -> None:
     (timing,), untimely = timing_reports([flat])
     (problem,) = untimely
     assert problem.code == "R033"
-    assert "SC may take 400 us from its start" in problem.notes[0]
+    assert "SC may take 480 us from its start" in problem.notes[0]
     assert problem.primary is not None
     assert problem.primary.span.text.startswith("verify {")
     assert [s.verdict for s in timing.switches] == ["holds"]
@@ -220,7 +227,11 @@ type Plan = enum {{ Hover, Around, Through }};
 topic candidate: Plan;
 topic inForce: Plan;
 fun good(p: Plan): bool {{ return p != Plan.Through; }}
-node Any period 10ms {{ publishes candidate; step {{ publish candidate = choose Plan; }} }}
+node Any period 10ms {{
+  publishes candidate;
+  wcet 50us;
+  step {{ publish candidate = choose Plan; }}
+}}
 node Hold period 10ms {{
   publishes candidate;
   wcet 100us;
@@ -254,9 +265,22 @@ system S default {{ node Follower; module Planner; until 1s; }}
     ("times", "fits"),
     [
         ("", False),
-        ("response dm 50us, sc 100us, Follower 200us; late Follower 150us;", True),
-        ("response dm 50us, sc 100us, Follower 200us; late Follower 149us;", False),
-        ("response dm 50us, sc 99us, Follower 200us; late Follower 150us;", False),
+        (
+            "response dm 50us, sc 100us, Any 50us, Follower 200us; late Any 350us, Follower 150us;",
+            True,
+        ),
+        (
+            "response dm 50us, sc 100us, Any 50us, Follower 200us; late Any 350us, Follower 149us;",
+            False,
+        ),
+        (
+            "response dm 50us, sc 99us, Any 50us, Follower 200us; late Any 350us, Follower 150us;",
+            False,
+        ),
+        (
+            "response dm 50us, sc 100us, Any 50us, Follower 200us; late Any 349us, Follower 150us;",
+            False,
+        ),
         ("response sc 100us, Follower 200us; late sc 50us, Follower 150us;", False),
     ],
 )
@@ -270,8 +294,12 @@ def test_prover_and_rechecker_agree_on_random_threads(tmp_path: Path) -> None:
     rng = random.Random(20261122)  # noqa: S311
     refused = 0
     for _ in range(DRAWS):
-        times = {n: (rng.randint(1, 900), rng.choice((0, rng.randint(0, 900)))) for n in FITS}
-        late = {n: rng.randint(0, 3000) for n in ("dm", "sc", "Estimate", "Driver")}
+        longest = {"Fast": 99}
+        times = {
+            n: (rng.randint(1, longest.get(n, 900)), rng.choice((0, rng.randint(0, 900))))
+            for n in FITS
+        }
+        late = {n: rng.randint(0, 4000) for n in ("dm", "sc", "Estimate", "Driver")}
         owner = {"dm": "M", "sc": "Slow"}
         takes = {n: times[owner.get(n, n)][0] + rng.choice((0, 0, 0, -1, 50)) for n in late}
         verify = "".join(

@@ -30,9 +30,6 @@ def say_timing(report: TimingReport, console: Console) -> None:
         lines.append(f"no `wcet` is said of {', '.join(report.missing)}, counted as nothing")
     if report.elsewhere:
         lines.append(f"in processes of their own: {', '.join(report.elsewhere)}")
-    if report.uncounted:
-        own = ", ".join(report.uncounted)
-        lines.append(f"in Soter itself, so packages run it in the thread, uncounted: {own}")
     lines += [f"{s.module}: {s.text}" for s in report.switches]
     for line in lines:
         console.say(f"    {line}")

@@ -169,7 +169,7 @@ def check_deployed(
     if missing:
         return [f"no `wcet` is said of {missing}: that the thread keeps these times is assumed"]
     one = "`wcet` and `jitter` hold, and one thread works in the deployed order"
-    others = "an AC, an extern and what `takes` time run elsewhere, unless they are `inline`"
+    others = "extern nodes run elsewhere, unless they are `inline`"
     return [f"{one}; {others} (docs/timing.md)"]
 
 

@@ -72,17 +72,15 @@ def check_thread(system: System, module: Module, setting: Setting, in_step: Iter
         return f"execution times are not declared of {', '.join(absent)}: lateness is assumed"
     return (
         "declared execution times and jitters hold, in one thread that works in order; "
-        "ACs, externs and what takes time are in no thread but their own unless declared inline"
+        "externs are in no thread but their own unless declared inline"
     )
 
 
 def _there(c: Component) -> bool:
-    """AC, externs and what takes time run elsewhere, unless the system says otherwise."""
-    if c.role in ("dm", "sc"):
-        return True
-    if c.node is None or c.role not in ("ac", "node"):
-        return False
-    return c.inline or (c.role == "node" and not c.extern and c.takes_ns is None)
+    """Whatever is written in Soter is in the thread; of externs those that the system takes in."""
+    if c.node is None:
+        return c.role == "dm"
+    return c.inline or not c.extern
 
 
 def _nodes(setting: Setting) -> Iterable[Clock]:
