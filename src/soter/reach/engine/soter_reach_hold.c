@@ -160,6 +160,15 @@ ALWAYS int read_commands(int n, int m, const soter_reach_group* g, soter_scratch
   return 1;
 }
 
+/* Axes whose rates have one sign, but for rounding. */
+static unsigned one_way(const soter_reach_group* g, const double* flo, const double* fhi) {
+  unsigned found = 0;
+  for (int i = 0; i < g->axes; i++) {
+    found |= flo[i] >= -g->dust[i] || fhi[i] <= g->dust[i] ? 1U << i : 0U;
+  }
+  return found;
+}
+
 /* A model and a step of its own, for flows that are not linear. A command that is held in place of
  * the law may change at any time: its radius is noise. The box is one over a little more time than
  * the step takes: soter_reach_make_step adds 8 EPS period. */
@@ -173,9 +182,7 @@ static int local_step(const soter_reach_group* g, soter_scratch* s, const soter_
       !soter_reach_model_of(g, s, model)) {
     return 0;
   }
-  for (int i = 0; i < g->axes; i++) {
-    *may |= flo[i] >= -g->dust[i] || fhi[i] <= g->dust[i] ? 1U << i : 0U;
-  }
+  *may = one_way(g, flo, fhi);
   for (int a = 0; a < g->commands; a++) {
     const double radius = g->held_low != 0 ? t->u[a].r : 0;
     for (int i = 0; i < g->axes; i++) {
@@ -317,6 +324,19 @@ ALWAYS int lingering(int n, int m, const soter_reach_group* g, soter_scratch* s,
   return 1;
 }
 
+/* Cuts axis i of the hold where it rises, or falls, from x. */
+ALWAYS void cut(int i, unsigned rises, unsigned falls, const soter_reach_chain* x,
+                soter_reach_chain* y, soter_hold* out) {
+  const double lo = rises >> i & 1U ? x->lo[i] : -HUGE_VAL;
+  const double hi = falls >> i & 1U ? x->hi[i] : HUGE_VAL;
+  y->lo[i] = soter_most(y->lo[i], lo);
+  out->image_lo[i] = soter_most(out->image_lo[i], lo);
+  out->tube_lo[i] = soter_most(out->tube_lo[i], lo);
+  y->hi[i] = soter_least(y->hi[i], hi);
+  out->image_hi[i] = soter_least(out->image_hi[i], hi);
+  out->tube_hi[i] = soter_least(out->tube_hi[i], hi);
+}
+
 /* Puts back the axes of x that did not move at all on the way to y, and the ends of those that went
  * one way only. `may`: axes that may do so, in a flow that is not linear. Of a linear one just
  * rates that are 0 but for rounding are looked at again: most holds end here. */
@@ -340,16 +360,7 @@ ALWAYS void standing(int n, const soter_reach_group* g, soter_scratch* s,
     if (!(may >> i & 1U) || !(g->is_local || (rises & falls) >> i & 1U)) {
       continue;
     }
-    if (rises >> i & 1U) {
-      y->lo[i] = soter_most(y->lo[i], x->lo[i]);
-      out->image_lo[i] = soter_most(out->image_lo[i], x->lo[i]);
-      out->tube_lo[i] = soter_most(out->tube_lo[i], x->lo[i]);
-    }
-    if (falls >> i & 1U) {
-      y->hi[i] = soter_least(y->hi[i], x->hi[i]);
-      out->image_hi[i] = soter_least(out->image_hi[i], x->hi[i]);
-      out->tube_hi[i] = soter_least(out->tube_hi[i], x->hi[i]);
-    }
+    cut(i, rises, falls, x, y, out);
     if ((rises & falls) >> i & 1U) {
       y->m[i] = x->m[i];
       y->box[i] = x->box[i];
