@@ -1,4 +1,4 @@
-"""What Soter says to newcomers: is the place right, the remedy right, does the edit mend it?
+"""What Soter says to newcomers: place right, remedy right, and whether its edit mends it.
 
     .venv/bin/python bench/newcomer.py [--show PART] [--wrong]
 
@@ -20,9 +20,9 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.diagnostic import Severity
 from soter.diagnostics.fix import applied
 from soter.diagnostics.render import render
-from soter.diagnostics.diagnostic import Severity
 from soter.program.build import check_file
 
 if TYPE_CHECKING:
@@ -82,9 +82,11 @@ class Answer:
 def slips() -> list[Slip]:
     """Those of the file, in its order."""
     found: list[Slip] = []
-    habit, old, new = "", [], []
+    habit = ""
+    old: list[str] = []
+    new: list[str] = []
     for line in [*(HERE / "newcomer.txt").read_text(encoding="utf-8").split("\n"), ""]:
-        if new and line[:1] not in ("+",):
+        if new and line[:1] != "+":
             found[-1].edits.append(("\n".join(old), "\n".join(new)))
             old, new = [], []
         if line.startswith("= "):

@@ -100,14 +100,15 @@ class Parser(NodeParser):
     def file(self) -> tree.File:
         """`program` of the grammar."""
         self.edition: int | None = None
+        self.broken.update(self.tokens.lost)
         imports: list[tree.ImportDecl] = []
         declarations: list[tree.Decl] = []
         reached = 0
         try:
-            self._edition_line()
+            self._recovered(self._edition_line)
             while self.kinds[self.i] != EOF:
                 reached = self.starts[self.i]
-                declaration = self._top_level()
+                declaration = self._recovered(self._top_level)
                 if isinstance(declaration, tree.ImportDecl):
                     if declarations:
                         self._late_import(declaration, declarations[0])
@@ -156,6 +157,19 @@ class Parser(NodeParser):
             if self.kinds[1] not in (";", EOF) and not self.new_line():
                 self.i = 2
         self.semicolon("the edition")
+
+    def _recovered(self, read: Callable[[], tree.Decl | None]) -> tree.Decl | None:
+        """What stands here at the top level, or None past a phrase of another language."""
+        self.items, self.blocks = frozenset(), 0
+        before = self.i
+        try:
+            return read()
+        except Panic:
+            self.broken.update(t for t in self.texts[before : self.i] if t.isidentifier())
+            if self.i == before:
+                self.advance()
+            self.skip_to_declaration()
+            return None
 
     def _top_level(self) -> tree.Decl | None:
         """One declaration, or one step past what is none."""

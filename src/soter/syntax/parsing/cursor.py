@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Label, made
 from soter.diagnostics.near import closest
 from soter.diagnostics.span import Span
+from soter.syntax.idioms import find, place_of
 from soter.syntax.tokens import DURATION, EOF, ERROR, FLOAT, INT, NAME, RESERVED, STRING, visible
 from soter.syntax.tree import Name, Path, Ref
 
@@ -142,6 +143,7 @@ class Cursor:
     ) -> None:
         """Report an error at the cursor (the token's span unless given), once per token.
 
+        Panic where the text there is a phrase of another language, which is told in its place;
         TooManyErrorsError beyond `ERRORS_MAX`.
         """
         i = self.i
@@ -157,8 +159,23 @@ class Cursor:
             raise TooManyErrorsError
         if span is None:
             span = self.token_span(i)
+        self._another_language(span)
         labels = tuple(Label(s, t) for s, t in also)
         self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
+
+    def _another_language(self, span: Span) -> None:
+        """Panic behind a phrase of another language, if one covers `span`, once it is told."""
+        phrase = find(self.source, span.start, place_of(self.items, self.blocks))
+        if phrase is None:
+            return
+        label = Label(phrase.span)
+        self.problems.append(made("S015", phrase.message, label, helps=(phrase.help,)))
+        self.tokens.forget(phrase.span.start, phrase.end)
+        while self.starts[self.i] < phrase.end and self.kinds[self.i] != EOF:
+            self.i += 1
+        self.damaged = True
+        self.quiet = self.i
+        raise Panic
 
     def failure(
         self,
