@@ -42,7 +42,7 @@ Help = str | Fix
 
 def replace(span: Span, text: str, title: str | None = None) -> Fix:
     """Write `text` instead of what `span` covers; the title says so unless another one is given."""
-    return Fix(title or f"write `{text.strip()}`", (Edit(span, text),))
+    return Fix(title or f"write `{' '.join(text.split())}`", (Edit(span, text),))
 
 
 def insert(span: Span, text: str, title: str | None = None) -> Fix:

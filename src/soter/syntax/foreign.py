@@ -21,6 +21,10 @@ _INTS = frozenset(
 _BOOLS = frozenset(["boolean", "_bool", "bool_t", "bit", "logical", "std_bool"])
 _DURATIONS = frozenset(["time_delta", "timedelta", "milliseconds", "seconds_t"])
 _TEXTS = frozenset(["string", "str", "char", "text", "wstring", "cstring", "std_string"])
+_CONTAINERS = frozenset(
+    ["object", "any", "Any", "dict", "Dict", "map", "Map", "set", "Set", "tuple", "Tuple", "list",
+     "List", "vector", "array"]
+)  # fmt: skip
 _SIZED = re.compile(r"(u?)(?:int|i)(8|16|32)(?:_t)?|u(8|16|32)")
 
 _FUNCTIONS = {
@@ -74,12 +78,11 @@ def type_meant(word: str) -> str | None:
 
 def type_advice(word: str) -> str | None:
     """What to do without a type that Soter has nothing for."""
-    small = word.lower()
-    if small in _TEXTS:
+    if word.lower() in _TEXTS:
         return "there are no texts at run time: name the cases, `type Name = enum { A, B };`"
-    if small == "void":
+    if word == "void":
         return "a function returns a value, of type `float` for example: what acts is a node"
-    if small in ("object", "any", "dict", "map", "set", "tuple", "list", "vector", "array"):
+    if word in _CONTAINERS:
         return (
             "values have one fixed type: a record `{ x: float }`, an array `float[4]` or a list "
             "`float[<=4]`"

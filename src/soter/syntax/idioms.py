@@ -1,8 +1,8 @@
 """Phrases of other languages: which one stands where the parser cannot go on.
 
 Purpose: say whether the text there is a phrase of C, C++, Python, Rust, ROS or a textbook, and
-which edit makes it Soter. Nothing is looked up before there is an error, and a phrase counts only where
-it covers the error, so no right program is concerned.
+which edit makes it Soter. Nothing is looked up before there is an error, and a phrase counts only
+where it covers the error, so no right program is concerned.
 Non-goals: the phrases (`phrases.py`), single words (`foreign.py`), how parsing goes on
 (`parsing/cursor.py`).
 """
@@ -38,12 +38,20 @@ class Phrase:
     end: int
 
 
-def find(source: Source, at: int, place: str) -> Phrase | None:
+_DIVISION = re.compile(r"[ \t]*(//)[ \t]*[\w.(-][\w.()+* -]*[])};][^\n]*")
+
+
+def find(source: Source, at: int, place: str, before: int) -> Phrase | None:
     """The phrase over the character offset `at`, None where no phrase is known.
 
-    `place` is the kind of body that the offset stands in.
+    `place` is the kind of body that the offset stands in, `before` where the token before it ends.
     """
     text = source.text
+    division = _DIVISION.match(text, before)
+    if division is not None and at >= before:
+        sign = Span(source, division.start(1), division.end(1))
+        fix = Fix("write `/`: of two ints it is the whole part", (Edit(sign, "/"),))
+        return Phrase(sign, "`//` begins a comment", fix, sign.end)
     line = text.rfind("\n", 0, at) + 1
     end = text.find("\n", at)
     end = len(text) if end < 0 else end

@@ -309,7 +309,7 @@ class DeclChecker:
                     f"`{t}` has no field `{name.text}`",
                     name.span,
                     notes=(f"its fields are {', '.join(f'`{n}`' for n in fields)}",),
-                    helps=self.diagnostics.did_you_mean(name.text, fields),
+                    helps=self.diagnostics.did_you_mean(name.text, fields, name.span),
                 )
             elif name.text in seen:
                 self.diagnostics.error(
@@ -380,7 +380,7 @@ class DeclChecker:
                     notes=(f"its fields are {', '.join(f'`{n}`' for n in fields)}",)
                     if fields
                     else (),
-                    helps=self.diagnostics.did_you_mean(part.text, fields),
+                    helps=self.diagnostics.did_you_mean(part.text, fields, part.span),
                 )
                 return None
             t = t.fields[fields.index(part.text)][1]

@@ -165,7 +165,8 @@ class Cursor:
 
     def _another_language(self, span: Span) -> None:
         """Panic behind a phrase of another language, if one covers `span`, once it is told."""
-        phrase = find(self.source, span.start, place_of(self.items, self.blocks))
+        before = self.ends[self.i - 1] if self.i else 0
+        phrase = find(self.source, span.start, place_of(self.items, self.blocks), before)
         if phrase is None:
             return
         label = Label(phrase.span)

@@ -262,7 +262,7 @@ class SystemChecker:
                     f"`{path}` is not a module of system `{name}`",
                     force.module.span,
                     notes=("only modules have a mode that can be forced",) if whole else (),
-                    helps=self.diagnostics.did_you_mean(path, modules),
+                    helps=self.diagnostics.did_you_mean(path, modules, force.module.span),
                 )
         system.forces = tuple(forces.values())
 
