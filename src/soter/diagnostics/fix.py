@@ -73,6 +73,16 @@ def whole_lines(span: Span) -> Span:
     return Span(span.source, start, min(end + 1, len(text)))
 
 
+def exchange(one: Span, other: Span, title: str) -> Fix:
+    """Each in the place of the other."""
+    return Fix(title, (Edit(one, other.text), Edit(other, one.text)))
+
+
+def the_other_way(low: Span, high: Span) -> Fix:
+    """The bounds of an interval, exchanged."""
+    return exchange(low, high, f"write `[{high.text}, {low.text}]`")
+
+
 def texts(helps: Iterable[Help]) -> tuple[str, ...]:
     """The lines to be shown."""
     return tuple(h.title if isinstance(h, Fix) else h for h in helps)

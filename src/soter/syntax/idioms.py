@@ -81,7 +81,7 @@ def _phrase(source: Source, idiom: Idiom, match: re.Match[str], place: str) -> P
         new = new.lstrip()
         shown = " ".join(new.split())
         title = idiom.say or (f"write `{shown}`" if shown else f"leave `{match['at'].strip()}` out")
-        help_ = Fix(title, (Edit(whole, new),))
+        help_ = Fix(title, (Edit(whole, new),)) if idiom.sure else title
     return Phrase(Span(source, start, end), message, help_, match.end())
 
 

@@ -41,6 +41,8 @@ class Idiom:
     write: Callable[[re.Match[str]], str | None] | None = None
     say: str = ""
     places: tuple[str, ...] = ()
+    sure: bool = True
+    """Whether `write` gives an edit; otherwise it is only shown."""
 
 
 # ---------------------------------------------------------------- how phrases are rewritten
@@ -164,9 +166,12 @@ def _scoped(match: re.Match[str]) -> str | None:
     return f"{head}.{name}"
 
 
-def _container(match: re.Match[str]) -> str | None:
-    size = match["size"]
-    return f"{_type(match['of'])}[{size}]" if size else f"{_type(match['of'])}[<=8]"
+def _array(match: re.Match[str]) -> str | None:
+    return f"{_type(match['of'])}[{match['size']}]" if match["size"] else None
+
+
+def _list(match: re.Match[str]) -> str | None:
+    return f"{_type(match['of'])}[<=8]"
 
 
 def _comprehension(match: re.Match[str]) -> str | None:
@@ -207,10 +212,11 @@ def _idiom(
     places: tuple[str, ...] = (),
     *,
     far: bool = False,
+    sure: bool = True,
 ) -> Idiom:
     flags = re.MULTILINE | (re.DOTALL if far else 0)
     making = _template(write) if isinstance(write, str) else write
-    return Idiom(re.compile(pattern, flags), message, making, say, places)
+    return Idiom(re.compile(pattern, flags), message, making, say, places, sure)
 
 
 IDIOMS: tuple[Idiom, ...] = (
@@ -292,6 +298,7 @@ IDIOMS: tuple[Idiom, ...] = (
         "a file is imported as a whole, under a name",
         _imported,
         places=(TOP,),
+        sure=False,
     ),
     _idiom(
         r"^import\s+(?P<at>(?P<file>[A-Za-z_][\w.]*))(?:\s+as\s+(?P<as>\w+))?\s*;?",
@@ -453,12 +460,19 @@ IDIOMS: tuple[Idiom, ...] = (
         r"(?P<at>\b(?:std::)?(?:vector|array|deque|list|List|Vec|Array|Sequence)\s*[<\[]\s*"
         r"(?P<of>\w+)\s*(?:,\s*(?P<size>\w+)\s*)?[>\]])",
         "lists and arrays say how much they hold",
-        _container,
+        _array,
+    ),
+    _idiom(
+        r"(?P<at>\b(?:std::)?(?:vector|array|deque|list|List|Vec|Array|Sequence)\s*[<\[]\s*"
+        r"(?P<of>\w+)\s*(?:,\s*(?P<size>\w+)\s*)?[>\]])",
+        "lists and arrays say how much they hold",
+        _list,
+        sure=False,
     ),
     _idiom(
         r"(?P<at>\[\s*(?P<of>\w+)\s*;\s*(?P<size>\w+)\s*\])",
         "the size of an array stands behind its type",
-        _container,
+        _array,
     ),
     _idiom(
         r"\b(?P<at>(?:std::)?(?:[Oo]ption(?:al)?)\s*[<\[]\s*(?P<of>\w+)\s*[>\]])",
@@ -491,6 +505,12 @@ IDIOMS: tuple[Idiom, ...] = (
         r"(?<![\w.])(?P<at>(?P<a>\d+),(?P<b>\d+))(?=\s*[;)])",
         "the decimal sign is a point",
         r"\g<a>.\g<b>",
+    ),
+    _idiom(
+        r"(?<=[(,])\s*(?P<at>const)\s+(?=\w+\s*:)",
+        "arguments never change",
+        lambda _: "",
+        places=(TOP,),
     ),
     _idiom(
         r"(?P<at>\((?P<parameters>[^()]*)\))(?=\s*(?::|->|\{))",

@@ -445,7 +445,7 @@ def _preprocessed(tokens: Tokens, token: str, hash_: Span) -> None:
 def _called(stem: str, text: str) -> str:
     """The name that a file goes by in the text that imports it; its own where that is not seen."""
     names = [stem, *reversed(stem.split("_"))]
-    return next((n for n in names if n and re.search(rf"\b{n}\.[A-Za-z]", text)), stem)
+    return next((n for n in names if n and re.search(rf"\b{n}\.(?!soter\b)[A-Za-z]", text)), stem)
 
 
 def _lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
