@@ -67,7 +67,24 @@ class StmtChecker:
             first.used = True
         variable = typed.Variable(name.text, t, kind, name.span)
         frame[name.text] = variable
+        if kind in ("let", "var") and context.node is not None:
+            self._hides(name, context.node, context)
         return variable
+
+    def _hides(self, name: tree.Name, node: typed.NodeSymbol, context: Context) -> None:
+        """W017 for a local called like a topic that the node reads or publishes."""
+        topics = [*(s.topic for s in node.subscribes), *node.publishes]
+        entry = context.scope.entries.get(name.text)
+        hidden = next((t for t in topics if entry is not None and t is entry.symbol), None)
+        if hidden is not None:
+            self.diagnostics.warning(
+                "W017",
+                f"`{name.text}` hides the topic of the same name",
+                name.span,
+                "a local of the step",
+                also=((hidden.span, "the topic"),),
+                helps=(f"give it another name, such as `{name.text}_now`",),
+            )
 
     def statement(self, s: tree.Stmt, context: Context) -> typed.Stmt | None:
         """One statement, or None when it was too broken to keep."""

@@ -65,6 +65,14 @@ class SystemChecker:
             if first is not None:
                 self._instance_twice(name, item, first)
                 continue
+            if name.text in scope.imports:
+                self.diagnostics.warning(
+                    "W017",
+                    f"the instance `{name.text}` hides the import of the same name",
+                    name.span,
+                    notes=(f"`{name.text}.` names what is inside the instance here",),
+                    helps=(f"give it another name, such as `{name.text}_2`",),
+                )
             symbol = typed.InstanceSymbol(name.text, what, {}, {}, name.span)
             instances[name.text] = symbol
             placed.append((symbol, item, values))
