@@ -141,7 +141,7 @@ def _flatten(
     if flat is not None:
         check_periods(flat, diagnostics, elaborator.unknown)
         sound = all(d.severity is not Severity.ERROR for d in diagnostics.items[before:])
-        if sound and not program.damaged:
+        if sound and not program.damaged and not diagnostics.has_errors:
             doubt(flat, diagnostics)
         if symbol.deploys is not None and sound:
             flat.proved = _proved(program, symbol, overrides)

@@ -10,10 +10,12 @@ times or modes; states that the plant never reaches.
 from __future__ import annotations
 
 import random
+from itertools import pairwise
 from typing import TYPE_CHECKING, cast
 
 from soter.diagnostics.fix import exchange
 from soter.program.meaning.arith import StepFault
+from soter.program.meaning.conjuncts import conjuncts, disjuncts
 from soter.program.meaning.environment import BudgetExceeded, Environment
 from soter.program.meaning.statements import Evaluator
 from soter.program.model import typed
@@ -27,7 +29,7 @@ from soter.program.model.types import (
     leaf_count,
     leaves,
 )
-from soter.program.model.walk import nodes, topic_reads
+from soter.program.model.walk import children, nodes, topic_reads
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,7 +63,7 @@ def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -
     if sum(leaf_count(system.topics[i].type) for i in topics.values()) > LEAVES_MAX:
         return
     trials = _trials(system, module, predicates, sorted(set(topics.values())))
-    both = next((t for t in trials if t[0] and t[1]), None)
+    both = next((t for t in trials if t[0] and t[1] and _alike(ttf, safer)), None)
     lost = [t for t in trials if not t[2]]
     turned = bool(lost) and all(s and not f for f, s, _, _ in lost)
     if turned and any(f and not s for f, s, held, _ in trials if held):
@@ -77,13 +79,43 @@ def doubt_predicates(system: System, module: Module, diagnostics: Diagnostics) -
     elif both is not None:
         diagnostics.warning(
             "W013",
-            f"`ttf` and `safer` of module `{symbol.name}` can hold at once",
+            f"`ttf` and `safer` of module `{symbol.name}` can both hold",
             safer.span,
             f"also where {_shown(system, sorted(set(topics.values())), both[3])}",
             also=((ttf.span, "`ttf`, which holds there, too"),),
             notes=("control would go back to AC and be taken away at the next look",),
             helps=("leave a gap: let `safer` begin where `ttf` has long ended",),
         )
+
+
+def _alike(ttf: typed.Expr, safer: typed.Expr) -> bool:
+    """Whether a part of each compares the same thing with numbers, so that these must leave a gap.
+
+    Predicates of other forms may exclude each other by what the plant can reach.
+    """
+    parts = {_form(p) for p in disjuncts(ttf)}
+    return any(_form(p) in parts for p in conjuncts(safer))
+
+
+def _form(node: object) -> str:
+    """An expression as text with `#` for what is constant and `?` for a comparison."""
+    if isinstance(node, (typed.Literal, typed.ParamRead)):
+        return "#"
+    inner = [_form(child) for child in children(node)]
+    if inner and all(i == "#" for i in inner):
+        return "#"
+    name = type(node).__name__
+    if isinstance(node, typed.TopicRead):
+        name = node.topic.name
+    elif isinstance(node, typed.VarRead):
+        name = node.variable.name
+    elif isinstance(node, typed.Call):
+        name = node.fun.name
+    elif isinstance(node, typed.Field):
+        name = f"field {node.index}"
+    elif isinstance(node, typed.Binary):
+        name = "?" if node.op in ("<", "<=", ">", ">=") else node.op
+    return f"{name}({', '.join(inner)})"
 
 
 def _everything(predicates: Sequence[typed.Expr]) -> list[object]:
@@ -109,18 +141,23 @@ def _trials(
     numbers = _numbers(predicates)
     draw = random.Random(0)  # noqa: S311 - values to try, always the same
     evaluator = Evaluator(module.scope.params, budget=BUDGET, topics=module.scope.topics)
-    compiled = [evaluator.expression(p) for p in predicates]
     values = [t.default for t in system.topics]
     found: list[_Trial] = []
+    left = BUDGET
     for _ in range(TRIED):
         for i in indices:
             values[i] = _value(system, i, numbers, draw)
         env = Environment(topics=values, stamps=[0] * len(values))
         try:
-            held = [bool(c(env)) for c in compiled]
+            held = []
+            for p in predicates:
+                held.append(bool(evaluator.value(p, env)))
+                left -= evaluator.spent
         except StepFault:
             continue
         except BudgetExceeded:
+            break
+        if left < 0:
             break
         found.append((held[0], held[1], held[2], [values[i] for i in indices]))
     return found
@@ -131,7 +168,7 @@ def _numbers(predicates: Sequence[typed.Expr]) -> list[float]:
     literals = [n.value for n in _everything(predicates) if isinstance(n, typed.Literal)]
     found = {float(v) for v in literals if isinstance(v, (int, float)) and abs(v) < 1e12}
     own = sorted({s * v for v in found for s in (1.0, -1.0)})[: 2 * NUMBERS_MAX]
-    return [*own, *((a + b) / 2 for a, b in zip(own, own[1:], strict=False))] or [0.0]
+    return [*own, *((a + b) / 2 for a, b in pairwise(own))] or [0.0]
 
 
 def _value(system: System, index: int, numbers: list[float], draw: random.Random) -> Value:

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.fix import replace
 from soter.program.meaning.arith import StepFault
-from soter.program.meaning.environment import BudgetExceeded, Environment
+from soter.program.meaning.environment import BudgetExceeded
 from soter.program.meaning.statements import Evaluator
 from soter.program.model import typed
 from soter.program.model.types import FloatType, IntType, leaf_count
@@ -78,7 +78,7 @@ def _outside(
         return
     (bound,) = system.topics[sc.scope.topics[topic]].bounds
     try:
-        value: Value = Evaluator(sc.scope.params, budget=BUDGET).expression(expr)(Environment())
+        value: Value = Evaluator(sc.scope.params, budget=BUDGET).value(expr)
     except (StepFault, BudgetExceeded):
         return
     if bound is None or bound.low <= value <= bound.high:
