@@ -60,6 +60,20 @@ def remove(span: Span, title: str) -> Fix:
     return Fix(title, (Edit(whole_lines(span), ""),))
 
 
+def out_of_list(span: Span, title: str) -> Fix:
+    """Leave one name out of a list between commas, the whole item where it is the only one."""
+    text, start, end = span.source.text, span.start, span.end
+    before, after = text[:start].rstrip(), text[end:].lstrip()
+    if before.endswith(","):
+        return Fix(title, (Edit(Span(span.source, len(before) - 1, end), ""),))
+    if after.startswith(","):
+        rest = after[1:].lstrip(" \t")
+        return Fix(title, (Edit(Span(span.source, start, len(text) - len(rest)), ""),))
+    word = len(before) - len(before.split()[-1]) if before.split() else start
+    stop = len(text) - len(after) + 1 if after.startswith(";") else end
+    return remove(Span(span.source, word, stop), title)
+
+
 def whole_lines(span: Span) -> Span:
     """The span with the blanks around it and its line break, where it is all its lines hold."""
     text = span.source.text

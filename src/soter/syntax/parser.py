@@ -15,6 +15,7 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Label
+from soter.diagnostics.fix import insert, replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.bodies import BODY_WORDS
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.source import Source
 
 #: The language edition this compiler reads.
@@ -133,7 +135,13 @@ class Parser(NodeParser):
                 "S001",
                 f"a file begins with {first}{found}",
                 notes=("the first line names the edition of the language",),
-                helps=(f"put {first} before everything else",),
+                helps=(
+                    insert(
+                        Span(self.source, 0, 0),
+                        f"soter {EDITION};\n",
+                        f"put {first} before everything else",
+                    ),
+                ),
             )
             self.quiet = -1
             return
@@ -225,12 +233,13 @@ class Parser(NodeParser):
         i = self.i
         word = self.texts[i]
         message = f"expected a declaration, found {self.found()}"
-        helps: tuple[str, ...] = ()
+        helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ()
         if kind == NAME and self.kinds[i + 1] in (NAME, "fun", "node", "plant", "topic", STRING):
             near = _SYNONYMS.get(word) or self.close_word(word, _DECLARATIONS)
             if near is not None and word not in _FOREIGN_DECLARATION:
-                self.report("S009", message, helps=(f"did you mean `{near}`?",))
+                helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
+                self.report("S009", message, helps=helps)
                 self.quiet = -1
                 return self._declaration(_DECLARATIONS[near])
         if word in _FOREIGN_DECLARATION:

@@ -18,6 +18,7 @@ from soter.diagnostics.diagnostic import Label, made
 from soter.diagnostics.fix import Fix, replace
 from soter.diagnostics.span import Span
 from soter.syntax.foreign import in_si, period_of
+from soter.syntax.idioms import find
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
@@ -458,6 +459,11 @@ def _lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
 
 
 def _garbage(tokens: Tokens, token: str, start: int, end: int) -> None:
+    phrase = find(tokens.source, start, "", start)
+    if phrase is not None:
+        where = phrase.span
+        tokens.report("S015", phrase.message, where.start, where.end, helps=(phrase.help,))
+        return
     if len(token) == 1:
         name = _INVISIBLE.get(token, f"`{visible(token)}`")
         message = f"unexpected {name}" if token in _INVISIBLE else f"unexpected character {name}"

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import insert
+from soter.diagnostics.fix import insert, replace
+from soter.diagnostics.span import Span
 from soter.program.check import meant
 from soter.program.check.base import error_expr, is_error, plain
 from soter.program.check.context import SPECIALS
@@ -30,7 +31,6 @@ from soter.syntax import tree
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
     from soter.program.check.context import Context
     from soter.program.check.expressions.expr import ExprChecker
     from soter.program.check.shared import Shared
@@ -262,10 +262,13 @@ class StmtChecker:
             "parameter": "is an argument",
             "loop": "is the variable of a loop",
         }.get(variable.kind, "cannot be assigned here")
-        helps = {
-            "let": ("declare it with `var`",),
-            "parameter": (f"copy it first: `var {variable.name}_now = {variable.name};`",),
-        }.get(variable.kind, ())
+        word = variable.span.source.text[: variable.span.start].rstrip()
+        let = Span(variable.span.source, len(word) - len("let"), len(word))
+        helps: tuple[Help, ...] = ()
+        if variable.kind == "let":
+            helps = (replace(let, "var", "declare it with `var`"),)
+        elif variable.kind == "parameter":
+            helps = (f"copy it first: `var {variable.name}_now = {variable.name};`",)
         self.diagnostics.error(
             "T009",
             f"`{variable.name}` {what}: it never changes",

@@ -11,6 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Label, made
+from soter.diagnostics.fix import append, replace
 from soter.diagnostics.near import closest
 from soter.diagnostics.span import Span
 from soter.syntax.idioms import find, place_of
@@ -276,7 +277,7 @@ class Cursor:
             return
         message = f"expected `{word}` {where}, found {self.found()}"
         if self.kinds[self.i] == NAME and self.close_word(self.texts[self.i], [word]):
-            self.report("S005", message, helps=(f"write `{word}`",))
+            self.report("S005", message, helps=(replace(self.token_span(self.i), word),))
             self.i += 1
             return
         raise self.failure("S005", message)
@@ -289,7 +290,9 @@ class Cursor:
             return
         if kind in (":=", "==", "<-"):
             self.report(
-                "S015", f"expected `=` {where}, found `{kind}`", helps=("assignment is `=`",)
+                "S015",
+                f"expected `=` {where}, found `{kind}`",
+                helps=(replace(self.token_span(self.i), "=", "assignment is `=`"),),
             )
             self.i += 1
             return
@@ -308,6 +311,8 @@ class Cursor:
     def missing_semicolon(self, after: str, helps: tuple[Help, ...] = ()) -> None:
         """Report that `;` is missing behind the previous token."""
         message = f"expected `;` after {after}, found {self.found()}"
+        if not helps and self.new_line() and self.fresh_start():
+            helps = (append(self.after_previous(), ";", "put `;` here"),)
         self.report("S004", message, self.after_previous(), "`;` is missing here", helps=helps)
 
     def fresh_start(self) -> bool:
@@ -394,7 +399,8 @@ class Cursor:
             return False
         message = f"expected `,` or `{close}` after {after}, found {self.found()}"
         if kind == ";" and close == "}" and self.kinds[self.i + 1] in (NAME, "}"):
-            self.report("S005", message, helps=("fields are separated by `,`",))
+            comma = replace(self.token_span(self.i), ",", "fields are separated by `,`")
+            self.report("S005", message, helps=(comma,))
             self.i += 1
             return not self.accept("}")
         also = ((self.token_span(opener), "opened here"),)

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.diagnostic import made
 from soter.diagnostics.fix import Edit, Fix, replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
@@ -83,14 +84,19 @@ class ExpressionParser(Cursor):
             i = self.i
             number = result.span.text
             unit = self.texts[i] if self.kinds[i] == NAME else ""
+            helps: tuple[Help, ...]
+            whole = Span(self.source, result.span.start, self.ends[i])
             if unit in UNIT_NS:
-                help_ = f"write `{number}{unit}`, without a space"
+                title = f"write `{number}{unit}`, without a space"
+                helps = (replace(whole, f"{number}{unit}", title),)
                 self.i += 1
             elif unit.lower() == "hz":
-                help_ = f"write the time between two steps: `{_period_of(result)}`"
+                period = _period_of(result)
+                title = f"write the time between two steps: `{period}`"
+                helps = (replace(whole, period, title),)
                 self.i += 1
             else:
-                help_ = f"write `{number}ms` or `{number}s`"
+                helps = (replace(result.span, f"{number}ms"), replace(result.span, f"{number}s"))
             self.quiet = -1
             self.report(
                 "S019",
@@ -98,7 +104,7 @@ class ExpressionParser(Cursor):
                 self.span_from(result.span.start),
                 "a number without a unit",
                 notes=("units are ns, us, ms, s, min and h, written right behind the number",),
-                helps=(help_,),
+                helps=helps,
             )
             self.quiet = -1
             return tree.ErrorExpr(result.span)
@@ -116,9 +122,11 @@ class ExpressionParser(Cursor):
             last = self.problems[-1]
             here = last.primary is not None and last.primary.span.start == self.ends[i - 1]
             if here and last.code == "S004" and self.kinds[i - 1] in (INT, FLOAT):
-                text = f"write `{self.texts[i - 1]}{self.texts[i]}`, without a space"
-                self.problems[-1] = type(last)(
-                    last.code, last.message, last.primary, last.secondary, last.notes, (text,)
+                time = f"{self.texts[i - 1]}{self.texts[i]}"
+                whole = self.token_span(i - 1).to(self.token_span(i))
+                help_ = replace(whole, time, f"write `{time}`, without a space")
+                self.problems[-1] = made(
+                    last.code, last.message, last.primary, last.secondary, last.notes, (help_,)
                 )
 
     # ------------------------------------------------------------ operators

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from soter.diagnostics.fix import replace
 from soter.program.check import meant
 from soter.program.check.base import (
     error_expr,
@@ -225,7 +224,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         if isinstance(symbol, typed.FunSymbol):
             helps = (f"call it: `{name}(...)`",)
         elif isinstance(symbol, typed.ModuleSymbol):
-            helps = (replace(span, f"mode({span.text})", f"its mode is `mode({name})`"),)
+            helps = (f"its mode is `mode({name})`",)
         elif isinstance(symbol, typed.PlantSymbol) and context.instances is not None:
             mine = [i for i, s in context.instances.items() if s.what is symbol]
             helps = (f"its state is `{mine[0]}.truth`",) if mine else ()

@@ -199,7 +199,7 @@ def _operator_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...
         x, y = left.text, right.text
         rest = f"({x}) - floor(({x}) / ({y})) * ({y})"
         return (replace(expr.span, rest, "for floats write `x - floor(x / y) * y`"),)
-    if DurationType in kinds and kinds <= {DurationType, FloatType}:
+    if op not in "*/%" and kinds == {DurationType, FloatType}:
         of = left if isinstance(lt, DurationType) else right
         title = "`seconds(d)` is a time as a `float`"
         return (replace(of, f"seconds({of.text})", title),)

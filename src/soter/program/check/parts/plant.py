@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import out_of_list
 from soter.program.check.base import a_type, error_expr, is_error, plain, sound
 from soter.program.check.bindings import check_binding, located
 from soter.program.check.context import Context
@@ -382,7 +383,7 @@ class PlantChecker:
         for topic, span in zip(plant.reads, plant.read_spans, strict=True):
             if topic not in context.topics_read:
                 message = f"plant `{decl.name.text}` never reads `{topic.name}`"
-                unused.add("W001", message, span, "", "leave it out")
+                unused.add("W001", message, span, "", out_of_list(span, "leave it out"))
 
 
 def unmoved(plant: typed.PlantSymbol) -> list[typed.Variable]:
