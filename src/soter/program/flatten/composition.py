@@ -133,7 +133,10 @@ class Composition:
             note="modules are composed only if their outputs are disjoint"
             if both_modules
             else "a topic has exactly one driver",
-            helps=("give one of them a topic of its own, or wire it: `{ topic = other }`",),
+            helps=(
+                "give one of them a topic of its own, or wire it: "
+                f"`{{ {topic.symbol.name.rpartition('.')[2]} = other }}`",
+            ),
         )
 
     def _report(
