@@ -11,11 +11,13 @@ from enum import Enum
 from itertools import islice
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import fixes, texts
 from soter.diagnostics.near import did_you_mean
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from soter.diagnostics.fix import Fix, Help
     from soter.diagnostics.span import Span
 
 
@@ -45,7 +47,8 @@ class Diagnostic:
     """One problem: `message` is lower case, names in backticks, no full stop.
 
     `primary` is where the problem stands, None for problems of no file (a missing file, a
-    command-line value). `note` lines explain; only `help` lines suggest.
+    command-line value). `note` lines explain; only `help` lines suggest. Those of them that are
+    edits are in `fixes`, too: the title of a fix is its help line.
     """
 
     code: str
@@ -55,6 +58,21 @@ class Diagnostic:
     notes: tuple[str, ...] = ()
     helps: tuple[str, ...] = ()
     severity: Severity = Severity.ERROR
+    fixes: tuple[Fix, ...] = ()
+
+
+def made(
+    code: str,
+    message: str,
+    primary: Label | None,
+    secondary: tuple[Label, ...] = (),
+    notes: tuple[str, ...] = (),
+    helps: tuple[Help, ...] = (),
+    severity: Severity = Severity.ERROR,
+) -> Diagnostic:
+    """A diagnostic whose helps may be edits."""
+    fields = (code, message, primary, secondary, notes, texts(helps), severity, fixes(helps))
+    return Diagnostic(*fields)
 
 
 class Diagnostics:
@@ -109,7 +127,7 @@ class Diagnostics:
         *,
         also: tuple[tuple[Span, str], ...] = (),
         notes: tuple[str, ...] = (),
-        helps: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
     ) -> None:
         """Report an error; `also` adds labelled secondary spans."""
         self._report(
@@ -125,7 +143,7 @@ class Diagnostics:
         *,
         also: tuple[tuple[Span, str], ...] = (),
         notes: tuple[str, ...] = (),
-        helps: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
     ) -> None:
         """Report a warning; `also` adds labelled secondary spans."""
         self._report(
@@ -142,11 +160,11 @@ class Diagnostics:
         *,
         also: tuple[tuple[Span, str], ...],
         notes: tuple[str, ...],
-        helps: tuple[str, ...],
+        helps: tuple[Help, ...],
     ) -> None:
         primary = Label(span, label) if span is not None else None
         secondary = tuple(Label(s, t) for s, t in also)
-        self.add(Diagnostic(code, message, primary, secondary, notes, helps, severity))
+        self.add(made(code, message, primary, secondary, notes, helps, severity))
 
     @property
     def items(self) -> tuple[Diagnostic, ...]:

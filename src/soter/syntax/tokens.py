@@ -14,10 +14,12 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, Label
+from soter.diagnostics.diagnostic import Label, made
 from soter.diagnostics.span import Span
 
 if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.source import Source
 
 NAME = "NAME"
@@ -168,11 +170,11 @@ class Tokens:
         label: str = "",
         *,
         notes: tuple[str, ...] = (),
-        helps: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
     ) -> None:
         """Keep a lexical error and silence the parser at the token that comes next."""
         primary = Label(Span(self.source, start, end), label)
-        self.problems.append(Diagnostic(code, message, primary, (), notes, helps))
+        self.problems.append(made(code, message, primary, (), notes, helps))
         self.bad.add(len(self.kinds))
 
 

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, Label
+from soter.diagnostics.diagnostic import Label, made
 from soter.diagnostics.near import closest
 from soter.diagnostics.span import Span
 from soter.syntax.tokens import DURATION, EOF, ERROR, FLOAT, INT, NAME, RESERVED, STRING, visible
@@ -19,6 +19,8 @@ from soter.syntax.tree import Name, Path, Ref
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.diagnostics.fix import Help
     from soter.syntax.tokens import Tokens
 
 #: So many errors of one file are shown.
@@ -136,7 +138,7 @@ class Cursor:
         *,
         also: tuple[tuple[Span, str], ...] = (),
         notes: tuple[str, ...] = (),
-        helps: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
     ) -> None:
         """Report an error at the cursor (the token's span unless given), once per token.
 
@@ -156,7 +158,7 @@ class Cursor:
         if span is None:
             span = self.token_span(i)
         labels = tuple(Label(s, t) for s, t in also)
-        self.problems.append(Diagnostic(code, message, Label(span, label), labels, notes, helps))
+        self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
 
     def failure(
         self,
@@ -167,7 +169,7 @@ class Cursor:
         *,
         also: tuple[tuple[Span, str], ...] = (),
         notes: tuple[str, ...] = (),
-        helps: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
     ) -> Panic:
         """Report as `report` does; the caller raises what it gets."""
         self.report(code, message, span, label, also=also, notes=notes, helps=helps)
@@ -285,7 +287,7 @@ class Cursor:
             self.damaged = True
             self.skip_statement()
 
-    def missing_semicolon(self, after: str, helps: tuple[str, ...] = ()) -> None:
+    def missing_semicolon(self, after: str, helps: tuple[Help, ...] = ()) -> None:
         """Report that `;` is missing behind the previous token."""
         message = f"expected `;` after {after}, found {self.found()}"
         self.report("S004", message, self.after_previous(), "`;` is missing here", helps=helps)
