@@ -21,7 +21,7 @@ from pytest_lsp import LanguageClient, client_capabilities
 import processes
 
 if TYPE_CHECKING:
-    from collections.abc import Awaitable, Iterator
+    from collections.abc import Awaitable, Iterable, Iterator
     from pathlib import Path
 
 ANSWER_S = 60.0
@@ -140,3 +140,23 @@ def editor(folder: Path, *, encodings: tuple[str, ...] = ("utf-16",)) -> Iterato
                 loop.close()
     said = b"".join(errors).decode()
     assert "Traceback" not in said, said
+
+
+def place(text: str, words: str, behind: int = 0) -> lsp.Position:
+    """The position of the first occurrence of some words, or so many characters behind it."""
+    offset = text.index(words) + behind
+    line_start = text.rfind("\n", 0, offset) + 1
+    return lsp.Position(text.count("\n", 0, offset), offset - line_start)
+
+
+def edited(text: str, edits: Iterable[lsp.TextEdit]) -> str:
+    """An ASCII text after the edits."""
+    lines = text.splitlines(keepends=True)
+    starts = [sum(map(len, lines[:i])) for i in range(len(lines) + 1)]
+
+    def offset(p: lsp.Position) -> int:
+        return min(starts[min(p.line, len(lines))] + p.character, len(text))
+
+    for e in sorted(edits, key=lambda e: (e.range.start.line, e.range.start.character))[::-1]:
+        text = text[: offset(e.range.start)] + e.new_text + text[offset(e.range.end) :]
+    return text

@@ -53,5 +53,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         raise SoterError((problem,)) from error
     if args.tcp is not None:
         console.note(f"waiting for a client at port {args.tcp}")
-    serve(None if args.tcp is None else ("127.0.0.1", args.tcp))
+    from soter.native.verdicts import last  # noqa: PLC0415 - only then
+
+    serve(last, None if args.tcp is None else ("127.0.0.1", args.tcp))
     return Outcome()

@@ -8,8 +8,10 @@ Non-goals: when to check (`server.py`), what to answer to a question.
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import dataclass, field
 from functools import lru_cache
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,21 +19,26 @@ from lsprotocol import types as lsp
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.lsp.diagnosed import by_file
+from soter.lsp.names.resolve import index_of
 from soter.lsp.overlay import Overlay
 from soter.lsp.positions import Lines, path_of, path_of_span, uri_of
 from soter.program.build import Checked, check_file
-from soter.program.load.loader import load
+from soter.program.load.loader import LoadedFile, load
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator
 
     from soter.diagnostics.source import Source
     from soter.diagnostics.span import Span
+    from soter.lsp.names.definitions import Index
     from soter.program.load.loader import LoadedProgram
 
     Publish = Callable[[str, int | None, list[lsp.Diagnostic]], None]
 
 KEPT_LINES = 64
+FILES_MAX = 2000
+"""So many files of a folder are searched for a name."""
+LEFT_OUT = {"node_modules", "__pycache__", "build"}
 
 
 @dataclass(eq=False)
@@ -48,7 +55,17 @@ class Document:
     """The last check without errors."""
     found: dict[Path, list[lsp.Diagnostic]] = field(default_factory=dict)
     """Diagnostics of the last check, by file."""
-    _loaded: tuple[str, LoadedProgram] | None = None
+    indexed: tuple[tuple[int, ...], LoadedProgram, Index] | None = None
+    _good_index: tuple[Checked, Index] | None = None
+
+    @property
+    def good_index(self) -> Index | None:
+        """The names of the last text without errors."""
+        if self.good is None or self.good.loaded is None:
+            return None
+        if self._good_index is None or self._good_index[0] is not self.good:
+            self._good_index = self.good, index_of(self.good.loaded)
+        return self._good_index[1]
 
 
 class Documents:
@@ -56,6 +73,8 @@ class Documents:
 
     def __init__(self, publish: Publish) -> None:
         self.encoding = "utf-16"
+        self.folders: tuple[Path, ...] = ()
+        """The folders of the workspace."""
         self.reading = Overlay(self.text_of)
         self._publish = publish
         self._open: dict[Path, Document] = {}
@@ -127,13 +146,18 @@ class Documents:
         """Whether something has to be checked."""
         return bool(self._waiting)
 
-    def check_next(self) -> Document | None:
-        """Check what has waited longest, and tell what was found; None where nothing waits."""
-        if not self._waiting:
-            return None
-        key = next(iter(self._waiting))
-        del self._waiting[key]
-        document = self._open[key]
+    def check_next(self) -> None:
+        """Check what has waited longest, if anything waits, and tell what was found."""
+        if self._waiting:
+            self._check(self._open[next(iter(self._waiting))])
+
+    def settle(self, document: Document) -> None:
+        """Check a document now if it waits: what is answered next is of its text as it is."""
+        if whole(document.path) in self._waiting:
+            self._check(document)
+
+    def _check(self, document: Document) -> None:
+        del self._waiting[whole(document.path)]
         checked = check_file(str(document.path), document.text, reading=self.reading)
         document.checked = checked
         if checked.ok:
@@ -141,7 +165,6 @@ class Documents:
         before = document.found
         document.found = by_file(checked.diagnostics.items, document.path, self.lines_of)
         self._tell({document.path: [], **document.found, **before})
-        return document
 
     def _tell(self, files: Iterable[Path]) -> None:
         """Publish what all checks together found in each of some files."""
@@ -164,8 +187,51 @@ class Documents:
 
     def loaded(self, document: Document) -> LoadedProgram:
         """The trees of a document's text as it is now, and of what it imports."""
-        found = load(str(document.path), Diagnostics(), document.text, self.reading)
-        assert found is not None, "a text can always be read"
+        return self.looked_at(document)[0]
+
+    def index(self, document: Document) -> Index:
+        """The names of a document's text as it is now, and of what it imports."""
+        return self.looked_at(document)[1]
+
+    def looked_at(self, document: Document) -> tuple[LoadedProgram, Index]:
+        """Trees and names; made again only where a text has changed."""
+        loaded = load(str(document.path), Diagnostics(), document.text, self.reading)
+        assert loaded is not None, "a text can always be read"
+        key = tuple(id(f.file) for f in loaded.files)
+        if document.indexed is None or document.indexed[0] != key:
+            document.indexed = key, loaded, index_of(loaded)
+        return document.indexed[1:]
+
+    def every_file(self) -> Iterator[LoadedFile]:
+        """Every file of the workspace, parsed, what is open first."""
+        for path in self.programs():
+            text = self.reading.text(path, str(path), Diagnostics())
+            if text is not None:
+                source, file = self.reading.parsed(str(path), text, Diagnostics())
+                yield LoadedFile(path, source, file, "", library=False)
+
+    def programs(self, about: Document | None = None) -> list[Path]:
+        """Every program of the workspace: open documents, files of its folders and beside one."""
+        found = {whole(d.path): d.path for d in self}
+        beside = () if about is None else (about.path.parent,)
+        for folder in (*self.folders, *beside):
+            for path in islice(_soter_files(folder), FILES_MAX):
+                found.setdefault(whole(path), path)
+        return list(found.values())
+
+    def mentioning(self, name: str, about: Document) -> list[tuple[Path, Index]]:
+        """The programs that say a name anywhere in their main file, and the document itself."""
+        word = re.compile(rf"\b{re.escape(name)}\b")
+        found = [(about.path, self.index(about))]
+        for path in self.programs(about):
+            if whole(path) == whole(about.path):
+                continue
+            text = self.reading.text(path, str(path), Diagnostics())
+            if text is None or not word.search(text):
+                continue
+            loaded = load(str(path), Diagnostics(), text, self.reading)
+            assert loaded is not None
+            found.append((path, index_of(loaded)))
         return found
 
     def lines_of(self, span: Span) -> Lines:
@@ -185,6 +251,13 @@ class Documents:
         """Where a span is, for the editor."""
         lines = self.lines_of(span)
         return lsp.Location(self.uri(path_of_span(span)), lines.range(span.start, span.end))
+
+
+def _soter_files(folder: Path) -> Iterator[Path]:
+    """The programs below a folder, hidden folders and environments left out."""
+    for at, folders, files in os.walk(folder):
+        folders[:] = sorted(f for f in folders if not f.startswith(".") and f not in LEFT_OUT)
+        yield from (Path(at) / f for f in sorted(files) if f.endswith(".soter"))
 
 
 @lru_cache(maxsize=1024)

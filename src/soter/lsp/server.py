@@ -8,17 +8,24 @@ Non-goals: what is answered.
 from __future__ import annotations
 
 import asyncio
+import logging
 import os
 import sys
 import traceback
 from contextlib import redirect_stdout
+from typing import TYPE_CHECKING
 
 from lsprotocol import types as lsp
+from pygls.exceptions import JsonRpcInvalidRequest
 from pygls.lsp.server import LanguageServer
 
+from soter.lsp.answers import answer
 from soter.lsp.documents import Documents
 from soter.lsp.positions import path_of
 from soter.version import VERSION
+
+if TYPE_CHECKING:
+    from soter.lsp.lenses import Verdicts
 
 SETTLE_S = 0.02
 """So long nothing may come before a check begins: of a burst of keystrokes only the last counts."""
@@ -62,10 +69,11 @@ class Server(LanguageServer):
         self.text_document_publish_diagnostics(lsp.PublishDiagnosticsParams(uri, items, version))
 
 
-def made() -> Server:
-    """A server that knows all it can do."""
+def made(verdicts: Verdicts) -> Server:
+    """A server that knows all it can do. `verdicts`: what was proved of a program (`lenses.py`)."""
     server = Server()
     _documents(server)
+    answer(server, server.documents, verdicts)
     return server
 
 
@@ -76,6 +84,8 @@ def _documents(server: Server) -> None:
     def initialized(_: lsp.InitializedParams) -> None:
         encoding = server.workspace.position_encoding or "utf-16"
         documents.encoding = str(getattr(encoding, "value", encoding))
+        folders = server.workspace.folders.values()
+        documents.folders = tuple(path_of(folder.uri) for folder in folders)
 
     @server.feature(lsp.TEXT_DOCUMENT_DID_OPEN)
     def did_open(params: lsp.DidOpenTextDocumentParams) -> None:
@@ -109,9 +119,19 @@ def _documents(server: Server) -> None:
         server.soon()
 
 
-def serve(tcp: tuple[str, int] | None = None) -> None:
+class _Refusals(logging.Filter):
+    """A request that is refused with a reason is no defect: nothing is logged."""
+
+    def filter(self, record: logging.LogRecord) -> bool:
+        """Whether the record is worth a line."""
+        error = record.exc_info[1] if record.exc_info else None
+        return not isinstance(error, JsonRpcInvalidRequest)
+
+
+def serve(verdicts: Verdicts, tcp: tuple[str, int] | None = None) -> None:
     """Serve one client over standard input and output, or over `tcp` (host, port), to its end."""
-    server = made()
+    server = made(verdicts)
+    logging.getLogger("pygls.protocol.json_rpc").addFilter(_Refusals())
     if tcp is not None:
         server.start_tcp(*tcp)
         return
