@@ -30,8 +30,12 @@ ANSWER_S = 60.0
 class Editor:
     """One client and its server. Positions are (line, character), both from 0."""
 
-    def __init__(self, loop: asyncio.AbstractEventLoop, client: LanguageClient) -> None:
+    def __init__(
+        self, loop: asyncio.AbstractEventLoop, client: LanguageClient, server: int
+    ) -> None:
         self.client = client
+        self.server = server
+        """The server's process."""
         self._loop = loop
         self._versions = itertools.count(1)
         self.published: list[lsp.PublishDiagnosticsParams] = []
@@ -110,7 +114,7 @@ def editor(folder: Path, *, encodings: tuple[str, ...] = ("utf-16",)) -> Iterato
         listener = threading.Thread(target=lambda: errors.extend(said_by), daemon=True)
         listener.start()
         client = LanguageClient()
-        made = Editor(loop, client)
+        made = Editor(loop, client, process.pid)
         stop = threading.Event()
         with ThreadPoolExecutor(1) as pool:
             client.protocol.set_writer(StdoutWriter(cast("BinaryIO", process.stdin)))

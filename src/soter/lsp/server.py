@@ -27,7 +27,7 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from soter.lsp.lenses import Verdicts
 
-SETTLE_S = 0.02
+SETTLE_S = 0.01
 """So long nothing may come before a check begins: of a burst of keystrokes only the last counts."""
 
 
