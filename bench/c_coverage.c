@@ -9,12 +9,19 @@
 #include COVERED_HEADER
 #include "soter_sha256.h"
 
+#include <fenv.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#if defined(__SSE2__)
+#include <xmmintrin.h>
+#endif
+
+void covered_loop(const soter_program* p, uint64_t (*next)(void));
 
 #define ANSWER_BYTES 65536U
 #define TOPIC_BYTES 65536U
+#define REFUSED 6 /* so many wrong environments does `refused` try */
 
 static uint64_t drawn;
 
@@ -92,7 +99,11 @@ static void choose(const soter_program* p, void* state) {
     choices[i].pick = (uint32_t)(next() % 4U);
   }
   const uint32_t component = (uint32_t)(next() % p->components);
-  if (!p->component[component].is_extern) {
+  const soter_component_info* const info = &p->component[component];
+  if (info->effect != NULL && next() % 2U == 0U) { /* what it holds is due now */
+    soter_stamps_of(p, state)[info->held] = soter_header_of(state)->ct;
+  }
+  if (!info->is_extern) {
     (void)soter_fire(p, state, component, &answers);
   }
   for (uint32_t i = 0; i < p->inputs; i++) {
@@ -113,6 +124,48 @@ static void unlatch(const soter_program* p, void* state) {
   }
 }
 
+/* Every word of what computes wrongly: rounding and small numbers as no program wants them. */
+static int refused(const soter_program* p) {
+  static const int ways[] = {FE_UPWARD, FE_DOWNWARD, FE_TOWARDZERO};
+  int seen = 0;
+  for (size_t i = 0; i < sizeof ways / sizeof *ways; i++) {
+    (void)fesetround(ways[i]);
+    seen += soter_self_test(p) != NULL;
+  }
+  (void)fesetround(FE_TONEAREST);
+#if defined(__SSE2__)
+  for (unsigned bits = 1; bits < 4U; bits++) { /* to zero what comes out, what goes in, both */
+    const unsigned kept = _mm_getcsr();
+    _mm_setcsr(kept | ((bits & 1U) != 0U ? 0x8000U : 0U) | ((bits & 2U) != 0U ? 0x40U : 0U));
+    seen += soter_self_test(p) != NULL;
+    _mm_setcsr(kept);
+  }
+#endif
+  return seen;
+}
+
+/* Helpers of generated code, with arguments that no program gives them. */
+static void ends(void* state) {
+  soter_header* const h = soter_header_of(state);
+  uint8_t ages[2] = {255U, 255U}; /* nobody may be taken any more */
+  uint32_t made = 0;
+  (void)soter_choose_fair(h, NULL, 1U, 0, &made, ages, 2U);
+  (void)soter_draw_int(h, 1U, 0, INT64_MIN, INT64_MAX);
+  (void)soter_plain(soter_div(5, 0, &(soter_fault){SOTER_OK}));
+  (void)soter_sub(INT64_MIN, 1, &(soter_fault){SOTER_OK});
+  (void)soter_sub(INT64_MAX, -1, &(soter_fault){SOTER_OK});
+  (void)soter_mod(5, 0, &(soter_fault){SOTER_OK});
+  uint64_t seen[1] = {0U};
+  soter_answers told = {NULL, 0U, 0U, &made, seen};
+  const soter_fault none = SOTER_OK;
+  const soter_fault one = SOTER_DIVIDE;
+  soter_branch(&told, &none, 3U);
+  soter_branch(&told, &one, 4U);
+  soter_branch(NULL, &none, 5U);
+  told.branches = NULL;
+  soter_branch(&told, &none, 6U);
+}
+
 /* usage: PROGRAM SEED INSTANTS WILD, where `WILD` of 100 instants are not left alone. */
 int main(int count, char** words) {
   const soter_program* const p = &COVERED_PROGRAM;
@@ -124,7 +177,13 @@ int main(int count, char** words) {
   uint32_t due = 0;
   size_t written = 0;
   drawn = seed;
-  if (state == NULL || trace == NULL || soter_self_test(p) != NULL) {
+  if (state == NULL || trace == NULL) {
+    return EXIT_FAILURE;
+  }
+  if (count > 4) { /* compiled wrongly on purpose: the self-test has to see it */
+    return soter_self_test(p) != NULL ? EXIT_SUCCESS : EXIT_FAILURE;
+  }
+  if (soter_self_test(p) != NULL || soter_self_test(NULL) != NULL || refused(p) != REFUSED) {
     return EXIT_FAILURE;
   }
   if (seed % 3U == 0U) {
@@ -135,6 +194,8 @@ int main(int count, char** words) {
   } else {
     soter_start(p, state, seed);
   }
+  ends(state);
+  covered_loop(p, next);
   for (long i = 0; i < instants; i++) {
     if (next() % 100U < wild) {
       from_outside(p, state);

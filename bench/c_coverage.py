@@ -36,11 +36,12 @@ if TYPE_CHECKING:
     from soter.codegen.unit import Unit
 
 ROOT = Path(__file__).resolve().parents[1]
-HARNESS = ROOT / "bench" / "c_coverage.c"
+HARNESS = (ROOT / "bench" / "c_coverage.c", ROOT / "bench" / "c_coverage_loop.c")
 CLANG = os.environ.get("CLANG", "clang-19")
 COV = os.environ.get("LLVM_COV", "llvm-cov-19")
 PROFDATA = os.environ.get("LLVM_PROFDATA", "llvm-profdata-19")
-SOURCES = (*KERNEL, "soter_sha256.c", "soter_self_test.c")
+LOOP = ("soter_firmware.c", "soter_grant.c", "soter_lease.c")
+SOURCES = (*KERNEL, "soter_sha256.c", "soter_self_test.c", *LOOP)
 SHIPPED = (*SOURCES, "soter.h", "soter_faults.h")
 COVERAGE = ("-DNDEBUG", "-fprofile-instr-generate", "-fcoverage-mapping", "-fcoverage-mcdc")
 WATCHED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -52,6 +53,15 @@ SMALL = (
     *sorted((ROOT / "examples" / "gallery").glob("*.soter")),
     ROOT / "examples" / "wall" / "cart.soter",
 )
+HIDDEN = ("-U__FAST_MATH__", "-U__FINITE_MATH_ONLY__", "-D__FINITE_MATH_ONLY__=0", "-w")
+WRONG = (
+    ("-ffast-math", "-O0", *HIDDEN),
+    ("-ffast-math", "-O2", *HIDDEN),
+    ("-ffp-contract=fast", "-mfma", "-O1"),
+    ("-funsafe-math-optimizations", "-O0"),
+    ("-funsafe-math-optimizations", "-O2"),
+)
+"""Flags under which the self-test has to refuse to go on; `HIDDEN`: from the preprocessor."""
 INSTANTS = {False: 400, True: 40_000}
 """In a run: of the small programs, and of the drone, which has to fly somewhere."""
 
@@ -95,7 +105,7 @@ def compiled(unit: Unit, floats: list[int], folder: Path, flags: tuple[str, ...]
             f'-DCOVERED_HEADER="{unit.prefix}.h"',
             f"-DCOVERED_PROGRAM={unit.prefix}_program",
             f"-DCOVERED_FLOATS={{{', '.join(map(str, (len(floats), *floats)))}}}",
-            *map(str, (HARNESS, source, *(RUNTIME / s for s in SOURCES))),
+            *map(str, (*HARNESS, source, *(RUNTIME / s for s in SOURCES))),
             *("-o", str(program), "-lm"),
         ],
         check=True,
@@ -103,10 +113,22 @@ def compiled(unit: Unit, floats: list[int], folder: Path, flags: tuple[str, ...]
     return program
 
 
-def reached(programs: list[Path], seeds: int, instants: int, work: Path) -> Any:  # noqa: ANN401 - JSON
-    """What llvm-cov says about these programs after so many runs of each."""
-    raws = []
-    for k, program in enumerate(programs):
+def wrong_builds(unit: Unit, floats: list[int], work: Path) -> tuple[list[Path], list[str]]:
+    """Programs that compute wrongly, and what they reached until the self-test stopped them."""
+    programs, raws = [], []
+    for k, flags in enumerate(WRONG):
+        program = compiled(unit, floats, work / f"wrong{k}", (*COVERAGE, *flags))
+        assert program is not None
+        raw = str(work / f"wrong{k}.profraw")
+        run(program, 1, 1, {"LLVM_PROFILE_FILE": raw}, "refused")
+        programs.append(program)
+        raws.append(raw)
+    return programs, raws
+
+
+def reached(programs: list[Path], seeds: int, instants: int, work: Path, raws: list[str]) -> Any:  # noqa: ANN401 - JSON
+    """What llvm-cov says about these programs after so many runs of each, and about `raws`."""
+    for k, program in enumerate(p for p in programs if not p.parent.name.startswith("wrong")):
         for seed in range(1, seeds + 1):
             raw = work / f"{k}-{seed}.profraw"
             run(program, seed, instants, {"LLVM_PROFILE_FILE": str(raw)})
@@ -122,11 +144,11 @@ def reached(programs: list[Path], seeds: int, instants: int, work: Path) -> Any:
     return json.loads(told.stdout)["data"][0]["files"]
 
 
-def run(program: Path, seed: int, instants: int, environment: dict[str, str]) -> None:
+def run(program: Path, seed: int, instants: int, environment: dict[str, str], *more: str) -> None:
     """One run; RuntimeError where a sanitizer stops it."""
     wild = (0, 1, 20, 80)[seed % 4]
     done = subprocess.run(
-        [str(program), str(seed), str(instants), str(wild)],
+        [str(program), str(seed), str(instants), str(wild), *more],
         capture_output=True, text=True, check=False, timeout=600,
         env={**os.environ, **environment},
     )  # fmt: skip
@@ -156,10 +178,19 @@ def missed(files: Any, names: tuple[str, ...]) -> Iterator[str]:  # noqa: ANN401
         for line, column, _, _, yes, no, *_ in file.get("branches", ()):
             both = ways.setdefault((line, column), [0, 0])
             both[0], both[1] = both[0] + yes, both[1] + no
+        for line, text_of in reached_never(file, text):
+            yield f"{path.name}:{line}: never: {text_of}"
         for (line, _), both in sorted(ways.items()):
             for way, times in zip(("true", "false"), both, strict=True):
                 if not times:
                     yield f"{path.name}:{line}: never {way}: {text[line - 1].strip()}"
+
+
+def reached_never(file: Any, text: list[str]) -> Iterator[tuple[int, str]]:  # noqa: ANN401 - JSON
+    """The lines at which code begins that was never reached."""
+    for line, _, count, has_count, entry, *_ in file.get("segments", ()):
+        if has_count and entry and not count:
+            yield line, text[line - 1].strip()
 
 
 def measure(title: str, files: tuple[Path, ...], *, seeds: int, drone: bool, show: bool) -> None:
@@ -167,7 +198,8 @@ def measure(title: str, files: tuple[Path, ...], *, seeds: int, drone: bool, sho
     with tempfile.TemporaryDirectory() as place:
         work = Path(place)
         programs, watched, names = [], 0, []
-        for k, (unit, floats) in enumerate(units(files)):
+        made = list(units(files))
+        for k, (unit, floats) in enumerate(made):
             program = compiled(unit, floats, work / f"c{k}", COVERAGE)
             if program is None:
                 continue
@@ -178,7 +210,11 @@ def measure(title: str, files: tuple[Path, ...], *, seeds: int, drone: bool, sho
             for seed in range(1, seeds + 1):
                 run(careful, seed, INSTANTS[drone], {})
                 watched += 1
-        files_of = reached(programs, seeds, INSTANTS[drone], work)
+        raws: list[str] = []
+        if not drone:
+            broken, raws = wrong_builds(*made[0], work)
+            programs += broken
+        files_of = reached(programs, seeds, INSTANTS[drone], work, raws)
         wanted = tuple(names) if drone else SHIPPED
         print(title)
         print(table(["file", "lines", "branches", "MC/DC"], rows(files_of, wanted)))

@@ -2,7 +2,8 @@
 
 Purpose: tests marked `long` run with `pytest --long`, with an `-m` that speaks of them, or where
 one is named (`FILE::TEST`); what is left out is told when a run begins and when it ends.
-`examples` is how many programs a random test draws: more in a long run. Enclosures that a test
+`examples` is how many programs a random test draws: more in a long run. `some`: of a long table
+the first lines. Enclosures that a test
 compiles in its own process are optimised as shipped in a long run, else compiled quickly.
 Non-goals: which tests are long; the marker stands beside them.
 """
@@ -15,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from _pytest.terminal import TerminalReporter
 
@@ -29,6 +30,13 @@ def examples(variable: str, *, quick: int, long: int) -> int:
     """How many examples a random test tries: what the environment says, if it says anything."""
     told = os.environ.get(variable)
     return int(told) if told else (long if _asked["long"] else quick)
+
+
+def some(these: Iterable[Any], quick: int) -> list[Any]:
+    """What a test is tried on: the first ones always, the others in a long run."""
+    return [
+        x if k < quick else pytest.param(x, marks=pytest.mark.long) for k, x in enumerate(these)
+    ]
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
+from soter.codegen.storage.plan import Task, output_name
 
 if TYPE_CHECKING:
     from soter.codegen.body import Body, Branch
@@ -97,39 +98,55 @@ class Frame:
         return self.member(cell.owner, cell.name)
 
     def load(self, copies: tuple[core.LocalCopy, ...], used: set[str]) -> list[c.CStmt]:
-        """Copy cells into temporaries."""
-        return [
-            c.Declare(
-                self.types.work(copy.type),
-                self.body.local(copy.name),
-                self.cell(copy.cell),
-                const=not copy.written,
-            )
-            for copy in copies
-            if copy.name in used or copy.written
-        ]
+        """Copy cells into temporaries; a large one that is only read is read where it is."""
+        found: list[c.CStmt] = []
+        for copy in copies:
+            if copy.name not in used and not copy.written:
+                continue
+            name, t, cell = self.body.local(copy.name), copy.type, self.cell(copy.cell)
+            if self.body.refers(copy.name):
+                pointer = f"const {self.types.stored(t)} *const "
+                found.append(c.Declare(pointer, name, c.address(cell)))
+            else:
+                found.append(c.Declare(self.types.work(t), name, cell, const=not copy.written))
+        return found
 
     def store(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
         """Commit written temporaries."""
-        return [
-            c.Assign(
-                self.cell(x.cell), self.types.canonical(x.type, c.Name(self.body.local(x.name)))
-            )
-            for x in copies
-            if x.written
-        ]
+        found: list[c.CStmt] = []
+        for x in copies:
+            if x.written:
+                found += self.types.commit(self.cell(x.cell), x.type, self.body.place(x.name))
+        return found
 
     def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-        """`out_topic` and `has_topic` for every output."""
+        """`out_topic` and `has_topic` for every output; a large one may lie where a local does."""
         unique = Unique()
         topics = [self.system.topics[o.topic].name.rpartition(".")[2] for o in outputs]
         self.body.outputs = tuple(unique(name) for name in topics)
         found: list[c.CStmt] = []
         for k, output in enumerate(outputs):
-            work, default = self.types.work(output.type), self.types.default(output.type)
-            found.append(c.Declare(work, self.body.out(k).text, default))
+            if self.body.is_own(output_name(k)):
+                work, default = self.types.work(output.type), self.types.default(output.type)
+                found.append(c.Declare(work, f"out_{self.body.outputs[k]}", default))
             found.append(c.Declare("bool", self.body.has(k).text, c.Name("false")))
         return found
+
+    def task(
+        self,
+        code: tuple[core.Stmt, ...],
+        copies: tuple[core.LocalCopy, ...],
+        outputs: tuple[core.Output, ...] = (),
+    ) -> Task:
+        """What is to be planned of a step: its large locals, and outputs that nothing changes."""
+        large = self.types.is_large
+        return Task(
+            code=code,
+            is_large=large,
+            given=tuple(x.name for x in copies if large(x.type) and not x.written),
+            kept=tuple((x.name, x.type) for x in copies if large(x.type) and x.written),
+            outputs=tuple((k, o.type) for k, o in enumerate(outputs) if large(o.type)),
+        )
 
     def check_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
         """The gate's check of every publication."""

@@ -380,11 +380,11 @@ static bool take_effect(const soter_program* p, void* state, uint32_t index) {
     return true;
   }
   info->effect(state);
-  const int64_t since = ct - info->phase_ns;
+  const int64_t since = ct - info->phase_ns; /* who holds something has been released before */
   if (info->happens != NULL) {
-    return since >= 0 && info->happens(state, since / info->period_ns) == ct;
+    return info->happens(state, since / info->period_ns) == ct;
   }
-  return since >= 0 && since % info->period_ns == 0;
+  return since % info->period_ns == 0;
 }
 
 uint32_t soter_fire(const soter_program* p, void* state, uint32_t component, const void* answer) {

@@ -21,7 +21,7 @@ from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets import c99
 from soter.targets.firmware import RUNTIME_FILES
 from soter.targets.leases import FILES as LEASES
-from soter.targets.limits import limits_of
+from soter.targets.limits import limits_of, takeovers
 from soter.targets.package import File, Package
 from soter.workers.layout import Exchange, exchange_of
 
@@ -104,6 +104,7 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     package.files.append(File("Makefile", _makefile(command, trusted, rules)))
     package.files.append(File("README.md", _readme(system, unit, command, workers)))
     package.notes = c99.notes(core, stubs, plants)
+    package.notes += [t.text for t in takeovers(system)]
     package.notes += [
         f"{w.component.name} is Python: `soter run --real-time`, or --worker {w.component.name}=..."
         for w in workers

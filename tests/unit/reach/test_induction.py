@@ -9,6 +9,7 @@ import pytest
 
 import soter
 from generators.opaque import OPAQUE
+from long_tests import some
 from soter.api.program import load
 from soter.diagnostics.diagnostic import SoterError
 from soter.reach.to_report import page
@@ -123,7 +124,7 @@ def test_a_response_delays_what_is_published(tmp_path: Path) -> None:
     assert verified(tmp_path, declared, phase, longer).verdict == "proved"
 
 
-@pytest.mark.parametrize("settled", ["20ms", "30ms", "32ms"])
+@pytest.mark.parametrize("settled", some(["30ms", "20ms", "32ms"], 2))
 @pytest.mark.parametrize("node", ["Follower", "RRTStar"])
 def test_what_a_node_takes_counts_as_its_response(tmp_path: Path, node: str, settled: str) -> None:
     longer = ("SETTLED: duration = 30ms", f"SETTLED: duration = {settled}")

@@ -238,7 +238,9 @@ def test_every_rule_of_the_grammar_is_reachable_and_defined() -> None:
 def test_grammar_and_parser_accept_the_sample_files(sample: Path) -> None:
     text = sample.read_text(encoding="utf-8")
     assert problems_of(text) == []
-    if len(text) < 5_000:  # the Earley parser takes milliseconds a token
+    if len(text) < (
+        5_000 if sample.parent.name == "samples" else 1_500
+    ):  # the Earley parser takes milliseconds a token
         assert grammar_accepts(text)
 
 

@@ -227,11 +227,14 @@ def test_in_time_or_the_law_before_h_runs_out() -> None:
     assert fed > lawful // 2, "a watchdog that is fed by late outputs never bites"
 
 
+FLIGHTS = examples("SOTER_STOP_FLIGHTS", quick=1, long=4)
+
+
 def test_flights_of_the_emergency_stop_stay_between_the_walls_with_leases_only() -> None:
     found = dict(shipped())[STOP_MODULE]
     assert isinstance(found, Timing)
-    assert stop_flights(found, 4, Random(3), watchdog=False) == (48, 0)  # noqa: S311 - a test
-    assert stop_flights(found, 4, Random(3), watchdog=True)[1] > 0  # noqa: S311 - a test
+    assert stop_flights(found, FLIGHTS, Random(3), watchdog=False) == (12 * FLIGHTS, 0)  # noqa: S311 - a test
+    assert stop_flights(found, FLIGHTS, Random(3), watchdog=True)[1] > 0  # noqa: S311 - a test
 
 
 def test_times_of_the_package_are_those_of_the_proof() -> None:

@@ -14,7 +14,7 @@ Rules that hold of every tree built by the checker:
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -456,6 +456,23 @@ class NodeSymbol(Symbol):
         """What a step gives for a topic that it publishes: a value, or of a burst a list."""
         limit = self.bursts.get(topic)
         return topic.type if limit is None else ListType(topic.type, limit)
+
+    def doing(self, step: tuple[Stmt, ...], subscribes: tuple[Subscribed, ...] = ()) -> NodeSymbol:
+        """A node that does this and keeps nothing, in the place of this one."""
+        return replace(
+            self,
+            extern=False,
+            source=None,
+            subscribes=subscribes,
+            failsafe={},
+            locals=(),
+            initial=(),
+            assumes=(),
+            guarantees=(),
+            takeover=None,
+            step=step,
+            bursts={},
+        )
 
 
 @dataclass(eq=False, kw_only=True)

@@ -49,21 +49,7 @@ def behind(flat: System, module: Module) -> str:
 def _lawful(sc: Component, module: Module) -> Component:
     assert sc.node is not None
     step = tuple(typed.Publish(e.span, t, e) for t, e in module.symbol.failsafe.items())
-    node = replace(
-        sc.node,
-        extern=False,
-        source=None,
-        subscribes=(),
-        failsafe={},
-        locals=(),
-        initial=(),
-        assumes=(),
-        guarantees=(),
-        takeover=None,
-        step=step,
-        bursts={},
-        takes=None,
-    )
+    node = replace(sc.node.doing(step), takes=None)
     return replace(sc, node=node, initial=(), failsafe={}, binding=None)
 
 

@@ -76,20 +76,8 @@ def stand_in(
         except EndlessError as problem:
             note = "every value that a contract permits is a branch of every execution"
             _refuse(str(problem), note, node, by, diagnostics)
-    made = replace(
-        node,
-        extern=False,
-        source=None,
-        subscribes=tuple(typed.Subscribed(t, None, "drop_oldest", by.span) for t in reads),
-        failsafe={},
-        locals=(),
-        initial=(),
-        assumes=(),
-        guarantees=(),
-        takeover=None,
-        step=step,
-        bursts={},
-    )
+    subscribes = tuple(typed.Subscribed(t, None, "drop_oldest", by.span) for t in reads)
+    made = node.doing(step, subscribes)
     texts = [(n, " ".join(e.span.text.split())) for n, e in [*given, *own]]
     told = [f"{n}: {text}" if n else text for n, text in texts]
     left = [t for t, pair in zip(told, [*given, *own], strict=True) if pair not in used]

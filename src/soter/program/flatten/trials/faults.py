@@ -25,7 +25,7 @@ from soter.program.model.types import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
 
     from soter.program.flatten.value_sets import Topics
     from soter.program.model import typed
@@ -325,8 +325,7 @@ class _Places:
         said = []
         for m in self.system.modules:
             block = m.symbol.verify
-            prefix = m.name[: len(m.name) - len(m.name.rpartition(".")[2])]
-            by_name = {f"{prefix}{n}": e for n, e in block.late_of.items()}
+            by_name = _beside(m, block.late_of)
             if c.index in (m.dm, m.sc):
                 said.append((m, block.late_dm if c.index == m.dm else block.late_sc))
             elif c.name in by_name or (
@@ -343,9 +342,7 @@ class _Places:
         """`response` of the verify blocks, of every module that depends on the component."""
         said = []
         for m in self.system.modules:
-            block = m.symbol.verify
-            prefix = m.name[: len(m.name) - len(m.name.rpartition(".")[2])]
-            by_name = {f"{prefix}{n}": e for n, e in block.response_of.items()}
+            by_name = _beside(m, m.symbol.verify.response_of)
             if c.name in by_name or c.index in self._about(m) or c.index == m.ac:
                 said.append(self._number(m, by_name.get(c.name)))
         fits = bool(said) and all(v is not None and most <= v for v in said)
@@ -409,6 +406,11 @@ def _why_no_overrun(c: Component, rest: Sequence[str]) -> str | None:
     for topic in c.node.bursts:
         return f"a step publishes several messages on `{topic.name}`; one a topic can be held"
     return None
+
+
+def _beside(m: Module, said: Mapping[str, typed.Expr]) -> dict[str, typed.Expr]:
+    """What a `verify` block says of nodes, by their names in the whole system."""
+    return {f"{m.name.removesuffix(m.name.rpartition('.')[2])}{n}": e for n, e in said.items()}
 
 
 def _has_list(t: Type) -> bool:
