@@ -11,8 +11,8 @@ from enum import Enum
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.fix import fixes, texts
-from soter.diagnostics.near import did_you_mean
+from soter.diagnostics.fix import fixes, replace, texts
+from soter.diagnostics.near import likely
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -110,13 +110,22 @@ class Diagnostics:
         self._seen.add(key)
         self._items.append(diagnostic)
 
-    def did_you_mean(self, name: str, candidates: Iterable[str]) -> tuple[str, ...]:
-        """A help line naming the closest candidate, if any is close and it will be read."""
+    def did_you_mean(
+        self, name: str, candidates: Iterable[str], span: Span | None = None
+    ) -> tuple[Help, ...]:
+        """A help line naming the closest candidate, if any is close and it will be read.
+
+        With the `span` of the name it is an edit.
+        """
         if self._names_left <= 0 or len(self._items) > KEPT_MAX:
             return ()
         known = list(islice(candidates, self._names_left + 1))
         self._names_left -= len(known)
-        return did_you_mean(name, known) if self._names_left >= 0 else ()
+        near = likely(name, known) if self._names_left >= 0 else None
+        if near is None:
+            return ()
+        title = f"did you mean `{near}`?"
+        return (title,) if span is None else (replace(span, near, title),)
 
     def error(
         self,

@@ -42,7 +42,7 @@ Help = str | Fix
 
 def replace(span: Span, text: str, title: str | None = None) -> Fix:
     """Write `text` instead of what `span` covers; the title says so unless another one is given."""
-    return Fix(title or f"write `{text.strip()}`", (Edit(span, text),))
+    return Fix(title or f"write `{' '.join(text.split())}`", (Edit(span, text),))
 
 
 def insert(span: Span, text: str, title: str | None = None) -> Fix:
@@ -60,6 +60,20 @@ def remove(span: Span, title: str) -> Fix:
     return Fix(title, (Edit(whole_lines(span), ""),))
 
 
+def out_of_list(span: Span, title: str) -> Fix:
+    """Leave one name out of a list between commas, the whole item where it is the only one."""
+    text, start, end = span.source.text, span.start, span.end
+    before, after = text[:start].rstrip(), text[end:].lstrip()
+    if before.endswith(","):
+        return Fix(title, (Edit(Span(span.source, len(before) - 1, end), ""),))
+    if after.startswith(","):
+        rest = after[1:].lstrip(" \t")
+        return Fix(title, (Edit(Span(span.source, start, len(text) - len(rest)), ""),))
+    word = len(before) - len(before.split()[-1]) if before.split() else start
+    stop = len(text) - len(after) + 1 if after.startswith(";") else end
+    return remove(Span(span.source, word, stop), title)
+
+
 def whole_lines(span: Span) -> Span:
     """The span with the blanks around it and its line break, where it is all its lines hold."""
     text = span.source.text
@@ -71,6 +85,16 @@ def whole_lines(span: Span) -> Span:
     if (start and text[start - 1] != "\n") or (end < len(text) and text[end] != "\n"):
         return span
     return Span(span.source, start, min(end + 1, len(text)))
+
+
+def exchange(one: Span, other: Span, title: str) -> Fix:
+    """Each in the place of the other."""
+    return Fix(title, (Edit(one, other.text), Edit(other, one.text)))
+
+
+def the_other_way(low: Span, high: Span) -> Fix:
+    """The bounds of an interval, exchanged."""
+    return exchange(low, high, f"write `[{high.text}, {low.text}]`")
 
 
 def texts(helps: Iterable[Help]) -> tuple[str, ...]:

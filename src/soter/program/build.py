@@ -15,6 +15,7 @@ from soter.diagnostics.diagnostic import Diagnostics, Severity, SoterError
 from soter.program.check.checker import check
 from soter.program.flatten.deployment.deployed import check_deployed
 from soter.program.flatten.derived import at_once, faultless
+from soter.program.flatten.doubts.doubts import doubt
 from soter.program.flatten.elaborate import Elaborator, implicit_system
 from soter.program.flatten.parameters import has_param
 from soter.program.flatten.trials.tested import elaborate_test
@@ -149,6 +150,8 @@ def _flatten(
     if flat is not None:
         check_periods(flat, diagnostics, elaborator.unknown)
         sound = all(d.severity is not Severity.ERROR for d in diagnostics.items[before:])
+        if sound and not program.damaged and not diagnostics.has_errors:
+            doubt(flat, diagnostics)
         if symbol.deploys is not None and sound:
             flat.proved = _proved(program, symbol, overrides)
             check_deployed(flat, symbol, diagnostics)

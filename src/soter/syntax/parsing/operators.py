@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
 from soter.syntax.parsing.cursor import Panic
 from soter.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, RESERVED, STRING
 
@@ -68,10 +69,11 @@ def report_slip(cursor: Cursor, meant: str) -> None:
         cursor.report(
             "S016",
             "`=` assigns, it does not compare",
-            helps=("comparison for equality is `==`",),
+            helps=(replace(cursor.token_span(cursor.i), "==", "comparison for equality is `==`"),),
         )
     else:
-        cursor.report("S015", f"`{text}` is not an operator of Soter", helps=(f"write `{meant}`",))
+        helps = (replace(cursor.token_span(cursor.i), meant),)
+        cursor.report("S015", f"`{text}` is not an operator of Soter", helps=helps)
 
 
 def no_expression(cursor: Cursor, kind: str) -> NoReturn:
