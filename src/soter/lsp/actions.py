@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from lsprotocol import types as lsp
 
-from soter.lsp.diagnosed import by_file, range_of
+from soter.lsp.diagnosed import AGAIN, by_file, range_of
 from soter.lsp.positions import path_of_span
 
 if TYPE_CHECKING:
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.diagnostics.span import Span
     from soter.lsp.documents import Document, Documents
+
+ASKED = "did you mean "
 
 
 def actions(
@@ -33,7 +35,8 @@ def actions(
     for d in checked.diagnostics.items:
         if d.primary is None or d.primary.span.source is not checked.loaded.main.source:
             continue
-        if d.primary.span.start <= end and start <= d.primary.span.end:
+        spans = [d.primary.span, *(o.span for o in d.secondary if o.text == AGAIN)]
+        if any(s.start <= end and start <= s.end for s in spans):
             yield from _fixes(d, documents)
 
 
@@ -43,12 +46,19 @@ def _fixes(d: Diagnostic, documents: Documents) -> Iterator[lsp.CodeAction]:
     problems = shown[path_of_span(d.primary.span)][:1]
     for number, fix in enumerate(d.fixes):
         yield lsp.CodeAction(
-            title=f"{fix.title[:1].upper()}{fix.title[1:]}",
+            title=_title(fix.title),
             kind=lsp.CodeActionKind.QuickFix,
             diagnostics=problems,
             is_preferred=number == 0 and len(d.fixes) == 1,
             edit=workspace_edit(((e.span, e.text) for e in fix.edits), documents),
         )
+
+
+def _title(help_: str) -> str:
+    """A help line as an order: `Write ...`, `Change to ...`."""
+    if help_.startswith(ASKED):
+        help_ = "change to " + help_.removeprefix(ASKED).removesuffix("?")
+    return help_[:1].upper() + help_[1:]
 
 
 def workspace_edit(edits: Iterable[tuple[Span, str]], documents: Documents) -> lsp.WorkspaceEdit:

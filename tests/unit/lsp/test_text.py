@@ -2,21 +2,22 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import pytest
 from lsprotocol import types as lsp
 
 from editor_client import Editor, edited
+from soter.diagnostics.fix import applied
 from soter.diagnostics.source import Source
 from soter.lsp import lenses
+from soter.lsp.actions import actions
+from soter.lsp.documents import Documents
 from soter.lsp.positions import Lines, path_of, uri_of
 from soter.native import verdicts
 from soter.program.build import check_file
 
-if TYPE_CHECKING:
-    from pathlib import Path
-
+WRONG = sorted((Path(__file__).resolve().parents[2] / "static_error").glob("**/*.soter"))
 START = lsp.Position(0, 0)
 END = lsp.Position(10_000, 0)
 
@@ -47,7 +48,8 @@ def test_a_help_that_is_an_edit_is_offered_and_mends(served: Editor, tmp_path: P
     where = lsp.Range(START, END)
     params = lsp.CodeActionParams(lsp.TextDocumentIdentifier(uri), where, context)
     offered = served.ask(served.client.text_document_code_action_async(params))
-    assert [a.title.casefold() for a in offered] == [f.title.casefold() for _, f in fixes]
+    assert [a.title for a in offered] == ["Write `&&`"]
+    assert len(fixes) == 1
     for action, (problem, _) in zip(offered, fixes, strict=True):
         mended = edited(text, action.edit.changes[uri])
         assert problem.code not in [d.code for d in check_file("a", mended).diagnostics.items]
@@ -55,6 +57,47 @@ def test_a_help_that_is_an_edit_is_offered_and_mends(served: Editor, tmp_path: P
         lsp.TextDocumentIdentifier(uri), lsp.Range(START, START), context
     )
     assert list(served.ask(served.client.text_document_code_action_async(nowhere))) == []
+
+
+def test_a_fix_of_all_places_is_offered_at_each(served: Editor, tmp_path: Path) -> None:
+    text = "soter 1;\nconst WALL: float = 1.0;\nfun f(): float { return WALLS\n+ WALLS; }\n"
+    uri, found = served.checked(tmp_path / "a.soter", text)
+    for at in (lsp.Position(2, 26), lsp.Position(3, 4)):
+        context = lsp.CodeActionContext(diagnostics=found)
+        params = lsp.CodeActionParams(lsp.TextDocumentIdentifier(uri), lsp.Range(at, at), context)
+        (action,) = served.ask(served.client.text_document_code_action_async(params))
+        assert action.title == "Change to `WALL`"
+        assert edited(text, action.edit.changes[uri]) == text.replace("WALLS", "WALL")
+
+
+@pytest.mark.parametrize("path", WRONG, ids=lambda p: p.stem)
+def test_every_edit_of_a_help_arrives_as_it_is_meant(path: Path) -> None:
+    documents = Documents(lambda *_: None)
+    uri = uri_of(path)
+    documents.opened(uri, 1, path.read_bytes().decode("utf-8", "replace"))
+    document = documents.get(uri)
+    assert document is not None
+    documents.settle(document)
+    everything = lsp.Range(START, lsp.Position(100_000, 0))
+    offered = [a.edit for a in actions(document, documents, everything)]
+    checked = document.checked
+    assert checked is not None
+    assert checked.loaded is not None
+    main = checked.loaded.main.source
+    mine = [d for d in checked.diagnostics.items if d.primary and d.primary.span.source is main]
+    meant = [applied(f) for d in mine for f in d.fixes]
+    assert len(offered) == len(meant)
+    for edit, texts in zip(offered, meant, strict=True):
+        assert edit is not None
+        assert edit.changes is not None
+        for source, text in texts.items():
+            lines = documents.lines(source)
+            after = source.text
+            edits = edit.changes[uri_of(Path(source.name))]
+            for e in sorted(edits, key=lambda e: lines.offset(e.range.start))[::-1]:
+                start, end = lines.offset(e.range.start), lines.offset(e.range.end)
+                after = after[:start] + e.new_text + after[end:]
+            assert after == text
 
 
 def test_lenses_stand_over_modules_systems_and_tests(served: Editor, wall: Path) -> None:
