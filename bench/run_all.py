@@ -50,6 +50,12 @@ BENCHMARKS = (
         "and 6 misled; some of these were mended since.",
     ),
     Benchmark(
+        "Diagnostics after a keystroke",
+        ("bench/editor.py",),
+        "`soter lsp` over standard input and output, asked by pytest-lsp's client. The machine "
+        "did much else meanwhile; `processor` is what the server computes for a key.",
+    ),
+    Benchmark(
         "The drone's laps",
         ("bench/drone_laps.py",),
         "1,000 seeded laps per arm, wind and estimator errors drawn within their declared bounds. "

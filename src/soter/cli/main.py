@@ -48,6 +48,7 @@ COMMANDS = {
     "build": "write C99, or a package for a target",
     "explain": "what a diagnostic code means, and what to do",
     "fmt": "lay out source files",
+    "lsp": "serve an editor: the language server",
     "new": "make a small robot that runs",
 }
 

@@ -102,6 +102,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         return Outcome(exit_of(items), items, {"file": args.file})
     _say(report, args, console, runs)
     fields = _fields(report, runs)
+    if not (args.params or args.bindings):
+        _remember(report)
     if written:
         console.say("\nwritten " + " ".join(str(p) for p in written))
         fields["written"] = [str(p) for p in written]
@@ -209,6 +211,27 @@ def _of_the_certificate(report: VerifyReport) -> list[str]:
             said = " ".join(claimed) or "nothing"
             lines.append(f"{module.name}: claims only {said}: not a proof of safety")
     return lines
+
+
+def _remember(report: VerifyReport) -> None:
+    """Keep the verdicts for editors to show (`soter lsp`)."""
+    from pathlib import Path  # noqa: PLC0415 - only then
+
+    from soter.native.verdicts import remember  # noqa: PLC0415 - only then
+
+    kept: dict[str, dict[str, object]] = {}
+    for m in report.modules:
+        sets = m.problem.kind != "nodes"
+        kept[m.name] = {
+            "verdict": m.verdict,
+            "headline": m.headline,
+            "seconds": m.seconds,
+            "system": report.system,
+            "properties": {n: f.verdict for n, f in m.findings.items()},
+            "horizon_ns": m.problem.times.horizon_ns if sets else None,
+            "horizon_needed_ns": m.problem.times.h_star if sets else None,
+        }
+    remember(Path(report.path), report.program_sha256, kept)
 
 
 def _saved(report: VerifyReport) -> Runs:

@@ -20,13 +20,14 @@ from soter.program.flatten.elaborate import Elaborator, implicit_system
 from soter.program.flatten.parameters import has_param
 from soter.program.flatten.trials.tested import elaborate_test
 from soter.program.flatten.wellformed import check_declaration, check_periods
-from soter.program.load.loader import load
+from soter.program.load.loader import FROM_DISK, load
 from soter.program.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 from soter.program.summary import for_people
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from soter.program.load.loader import LoadedProgram, Reading
     from soter.program.model.system import System
     from soter.program.model.typed import Program, TestSymbol
     from soter.program.model.types import Value
@@ -47,6 +48,8 @@ class Checked:
     program: Program | None
     diagnostics: Diagnostics
     systems: dict[str, SystemSymbol] = field(default_factory=dict)
+    loaded: LoadedProgram | None = None
+    """The files it was made of."""
 
     @property
     def ok(self) -> bool:
@@ -72,6 +75,7 @@ def check_file(
     text: str | None = None,
     overrides: Mapping[str, Value] | None = None,
     tell: Callable[[str], None] | None = None,
+    reading: Reading = FROM_DISK,
 ) -> Checked:
     """Check the program in `path` (or in `text`, with `path` as its name).
 
@@ -82,7 +86,7 @@ def check_file(
     found = Diagnostics(tell)
     gc.disable()
     try:
-        return _check_file(path, text, overrides or {}, found)
+        return _check_file(path, text, overrides or {}, found, reading)
     finally:
         found.tell = _nobody
         if collecting:
@@ -94,9 +98,13 @@ def _nobody(_: str) -> None:
 
 
 def _check_file(
-    path: str, text: str | None, overrides: Mapping[str, Value], found: Diagnostics
+    path: str,
+    text: str | None,
+    overrides: Mapping[str, Value],
+    found: Diagnostics,
+    reading: Reading,
 ) -> Checked:
-    loaded = load(path, found, text)
+    loaded = load(path, found, text, reading)
     if loaded is None:
         return Checked(None, found)
     program = check(loaded, found)
@@ -124,7 +132,8 @@ def _check_file(
     for test in program.tests.values():
         elaborate_test(program, test, overrides, found)
     _check_the_rest(program, own, found)
-    return Checked(program, for_people(found, [f.source for f in loaded.files]), own)
+    ordered = for_people(found, [f.source for f in loaded.files])
+    return Checked(program, ordered, own, loaded)
 
 
 def _flatten(
