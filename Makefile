@@ -13,7 +13,7 @@ PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 CONSTRAINTS ?=
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
 
-.PHONY: help setup demo test test-long lint format fuzz playground docs bench clean
+.PHONY: help setup demo test test-long lint format fuzz playground docs bench vscode clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -68,6 +68,9 @@ docs: $(VENV)/.dev  ## build/site: the docs, strictly, with the playground in fr
 
 bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md
 	$(PY) bench/run_all.py
+
+vscode:  ## the extension for VS Code, editors/vscode/dist/soter.vsix (needs npm)
+	cd editors/vscode && npm ci --ignore-scripts --no-audit --no-fund && npm run --silent package
 
 clean:  ## remove everything that was made
 	rm -rf $(VENV) .soter build *.egg-info src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -31,6 +31,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("real-time.md", "Real time"),
             ("real-logs.md", "Somebody else's logs"),
             ("monitor.md", "The model monitor"),
+            ("editor.md", "In your editor"),
         ),
     ),
     (

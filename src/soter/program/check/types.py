@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace, the_other_way
 from soter.program.model.table import TABLE_MAX, VALUE_MAX
 from soter.program.model.types import (
     BOOL,
@@ -77,7 +78,7 @@ class TypeChecker:
                 "`duration` is for constants and parameters only",
                 expr.span,
                 notes=("a running program keeps times as `float` seconds",),
-                helps=("write `float`; `seconds(d)` converts",),
+                helps=(replace(expr.span, "float", "write `float`; `seconds(d)` converts"),),
             )
             return ERROR
         return t
@@ -150,7 +151,7 @@ class TypeChecker:
                 f"[{low}, {high}] is empty",
                 expr.interval.span,
                 "the lower bound is above the upper one",
-                helps=(f"write `[{high}, {low}]`",),
+                helps=(the_other_way(expr.interval.low.span, expr.interval.high.span),),
             )
             return ERROR
         return IntType(low, high)
