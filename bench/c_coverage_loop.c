@@ -52,6 +52,7 @@ static void firmware(const soter_program* p, uint64_t (*next)(void)) {
   unsigned char* const state = (unsigned char*)malloc(p->state_size);
   int64_t* const late = (int64_t*)malloc(p->components * sizeof *late);
   uint32_t outside[64];
+  soter_read_age ages[16];
   if (state == NULL || late == NULL) {
     abort();
   }
@@ -63,6 +64,13 @@ static void firmware(const soter_program* p, uint64_t (*next)(void)) {
   for (uint32_t i = 0; i < 64U; i++) {
     outside[i] = i;
   }
+  for (uint32_t i = 0; i < 16U; i++) {
+    ages[i].component = (uint32_t)(next() % p->components);
+    ages[i].topic = p->topics > 0U ? (uint32_t)(next() % p->topics) : 0U;
+    ages[i].most = (int64_t)(next() % 40000000U);
+  }
+  f.ages = ages;
+  f.age_count = p->topics > 0U ? 16U : 0U;
   f.late = late;
   f.outside = outside;
   f.outside_count = p->topics < 64U ? p->topics : 64U;

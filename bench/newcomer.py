@@ -32,6 +32,8 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 FILES = ("newcomer_cart.soter", "newcomer_lib.soter", "newcomer_tests.soter")
 LEAST = 104
+LATER = "NOT SEEN BEFORE"
+"""Slips that were written when the messages were done."""
 
 
 @dataclass
@@ -177,11 +179,14 @@ def told(asked: list[tuple[Slip, Answer]]) -> bool:
         ("wrong or silent", [s.name for s, a in asked if not (a.place and a.remedy)]),
     ):
         print(f"{title}: {', '.join(names) or 'none'}")
-    right = sum(a.place and a.remedy for _, a in asked)
-    misleading = sum(a.misleading for _, a in asked)
-    share = right / len(asked)
-    print(f"place and remedy right: {right} of {len(asked)} (target: {LEAST} of 108)")
-    return share >= LEAST / 108 and not misleading
+    before = [a for s, a in asked if s.habit != LATER]
+    right = sum(a.place and a.remedy for a in before)
+    misleading = sum(a.misleading for a in before)
+    print(
+        f"place and remedy right: {right} of {len(before)} (target: {LEAST} of 108), misleading: "
+        f"{misleading} (target: 0); without those not seen before"
+    )
+    return right / len(before) >= LEAST / 108 and not misleading
 
 
 if __name__ == "__main__":

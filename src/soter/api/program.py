@@ -312,7 +312,7 @@ class Program:
         report: str | Path | None = None,
         progress: Progress | None = None,
     ) -> VerifyReport:
-        """Prove P1c, P2a, P2b, P3, `ttf` and `safer` of every module, or of one.
+        """Prove P1c, P2a, P2b, P3, `ttf`, `safer` and `failsafe` of every module, or of one.
 
         `module`: full or declared name. `system`: where its plants stand; by default wherever a
         module is, the default system first. `cert`: a folder for a certificate; `report`: an HTML

@@ -35,8 +35,8 @@ EXAMPLES = """\
   soter verify cart.soter --synthesize             for modules with `sc synthesized period d;`
   soter verify cart.soter --json | jq '.modules[].verdict'
 
-exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided,
-            1 diagnostics, 2 usage
+exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided (also where
+            only a declared fail-safe law is), 1 diagnostics, 2 usage
 """
 EXITS = {"proved": FINE, "assumed": FINE, "refuted": VIOLATED, "undecided": UNDECIDED}
 TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "strong"}
@@ -47,7 +47,9 @@ REGIONS_SHOWN = 3
 
 def parser() -> Parser:
     """The command line."""
-    made = Parser("verify", "Prove P1c, P2a, P2b, P3, ttf and safer of every module.", EXAMPLES)
+    made = Parser(
+        "verify", "Prove P1c, P2a, P2b, P3, ttf, safer and the law of `failsafe`.", EXAMPLES
+    )
     add_file(made)
     made.add_argument("--module", metavar="M", help="only this module; by default all")
     made.add_argument("--system", metavar="S", help="the system its plants stand in")

@@ -264,13 +264,15 @@ class Body(Places):
             body = self._inner(s.body, used)
             return [c.For(self.local(s.variable), int_number(s.low), int_number(s.high), body)]
         assert isinstance(s, core.Publish)
-        has = c.Assign(self.has(s.output), c.Name("true"))
+        has: list[c.CStmt] = []
+        if s.output not in self.certain:
+            has.append(c.Assign(self.has(s.output), c.Name("true")))
         out, root = self.out(s.output), output_name(s.output)
         if s.limit is None:
             if self.types.is_large(s.value.type):
-                return [*self.into(out, root, s.value.type, s.value), has]
-            return [c.Assign(out, self.expr(s.value)), has]
-        return [*self._append(out, ListType(s.value.type, s.limit), s.value, root), has]
+                return [*self.into(out, root, s.value.type, s.value), *has]
+            return [c.Assign(out, self.expr(s.value)), *has]
+        return [*self._append(out, ListType(s.value.type, s.limit), s.value, root), *has]
 
     def _let(self, s: core.Let, used: set[str]) -> list[c.CStmt]:
         t, name = s.value.type, self.local(s.name)

@@ -13,12 +13,13 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
 from soter.codegen.storage.plan import Task, output_name
+from soter.lower import core
+from soter.lower.footprint import always_published
 
 if TYPE_CHECKING:
     from soter.codegen.body import Body, Branch
     from soter.codegen.c.types import TypeTable
     from soter.diagnostics.span import Span
-    from soter.lower import core
     from soter.program.model.system import Component, System
 
 S = c.Name("s")
@@ -79,6 +80,14 @@ class Frame:
             c.Declare("soter_fault *const ", "fault", c.Unary("&", c.Name("status"))),
         ]
 
+    def sticky(self, code: list[c.CStmt], failed: tuple[c.CStmt, ...] = ()) -> list[c.CStmt]:
+        """Code with its sticky fault: the step ends after it, with that; none where none can be."""
+        if not any(name in {"fault", "status"} for s in code for name in c.names_read(s)):
+            return code
+        ends = (*failed, c.Return(c.Name("status")))
+        check = c.IfStmt(c.Binary("!=", c.Name("status"), OK), ends)
+        return [*self.fault_pointer(), *code, check]
+
     def topic(self, index: int) -> c.CExpr:
         """The value of a topic in the state."""
         return c.Member(c.Arrow(S, "topics"), self.topic_field(index))
@@ -129,8 +138,26 @@ class Frame:
             if self.body.is_own(output_name(k)):
                 work, default = self.types.work(output.type), self.types.default(output.type)
                 found.append(c.Declare(work, f"out_{self.body.outputs[k]}", default))
-            found.append(c.Declare("bool", self.body.has(k).text, c.Name("false")))
+            if k not in self.body.certain:
+                found.append(c.Declare("bool", self.body.has(k).text, c.Name("false")))
         return found
+
+    def certain(self, component: Component, step: core.NodeStep | core.PlantStep) -> frozenset[int]:
+        """Outputs that a step always publishes: nobody asks whether it did."""
+        code = step.publish if isinstance(step, core.PlantStep) else step.body
+        silent = {
+            f.topic
+            for f in self.system.faults
+            if f.kind == "silent" and f.component == component.index
+        }
+        said = {k for k, o in enumerate(step.outputs) if o.topic not in silent}
+        return frozenset(always_published(code) & said)
+
+    def where_given(self, k: int, code: list[c.CStmt]) -> list[c.CStmt]:
+        """What is done with an output if the step published it."""
+        if k in self.body.certain:
+            return code
+        return [c.IfStmt(self.body.has(k), tuple(code))]
 
     def task(
         self,
@@ -158,7 +185,7 @@ class Frame:
                 self.body.out(k),
             )
             if checks:
-                found.append(c.IfStmt(self.body.has(k), tuple(checks)))
+                found += self.where_given(k, list(checks))
         return found
 
     def publish(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
@@ -172,7 +199,7 @@ class Frame:
             note = c.Assign(published, c.Binary("|", published, bit))
             if gated:
                 stores = [c.IfStmt(enabled("SOTER_ENABLED"), tuple(stores))]
-            found.append(c.IfStmt(self.body.has(k), (note, *stores)))
+            found += self.where_given(k, [note, *stores])
         return found
 
     def _store_output(self, k: int, output: core.Output) -> list[c.CStmt]:

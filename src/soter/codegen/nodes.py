@@ -34,7 +34,8 @@ if TYPE_CHECKING:
 
 def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> c.FunctionDef:
     """The step of a node."""
-    with frame.body.planned(_task(frame, component, step)):
+    certain = frozenset[int]() if component.extern else frame.certain(component, step)
+    with frame.body.planned(_task(frame, component, step), certain):
         body = tuple(_step(frame, component, step, name))
     assert component.node is not None
     doc = f"{component.role} {component.node.name}, {where(step.span)}"
@@ -62,8 +63,7 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
     if step.takeover:
         block = tuple(frame.body.block(step.takeover, step.body))
         takeover.append(c.IfStmt(enabled("SOTER_TAKEOVER"), block))
-    body: list[c.CStmt] = [frame.state_pointer(), *frame.fault_pointer()]
-    body += frame.load(step.locals, used)
+    body = frame.load(step.locals, used)
     nothing_lost = must_not_lose(frame, component)
     if foreign and c_source and step.locals:
         body += [*takeover, *_linked(frame, component, step, name), *nothing_lost]
@@ -75,17 +75,16 @@ def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) ->
         body += nothing_lost
         body += [*choosing(component, step.body), *takeover, *frame.body.block(step.body)]
     body += disturb(frame, component, step.outputs)
-    body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault")]
     body += frame.check_outputs(step.outputs)
-    failed = (*forgive(frame, component), c.Return(c.Name("status")))
-    body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), failed))
+    unused = [c.Unused(n) for n in ("s", "flags", "answer", "published")]
+    body = [frame.state_pointer(), *unused, *frame.sticky(body, tuple(forgive(frame, component)))]
     if foreign and c_source:
         body += [s for copy in step.locals for s in _keep(frame, copy)]
     else:
         body += frame.store(step.locals)
     body += [empty(frame, q) for q in queues_of(frame.system, component)]
     if component.held is None:
-        body += frame.publish(step.outputs, gated=True)
+        body += frame.publish(step.outputs, gated=component.role != "node")
     else:
         body += hold(frame, component, step.outputs)
     body.append(c.Return(OK))

@@ -30,7 +30,7 @@ def plant_step(
     """One release of a plant."""
     once = core.If(step.span, core.Const(BOOL, True), step.integrate, ())
     task = frame.task((*step.choose, once, *step.publish), step.states)
-    with frame.body.planned(None if step.extern else task):
+    with frame.body.planned(None if step.extern else task, frame.certain(component, step)):
         body = tuple(_step(frame, component, step, name))
     assert component.plant is not None
     doc = f"plant {component.plant.name}, {where(step.span)}"
@@ -39,15 +39,11 @@ def plant_step(
 
 def _step(frame: Frame, component: Component, step: core.PlantStep, name: str) -> list[c.CStmt]:
     first = c.Name("first")
-    body: list[c.CStmt] = [
-        frame.state_pointer(),
-        *frame.fault_pointer(),
-        c.Declare("bool", "first", enabled("SOTER_FIRST"), const=True),
-    ]
+    is_first = c.Declare("bool", "first", enabled("SOTER_FIRST"), const=True)
     code = (*step.choose, *step.integrate, *step.publish)
     used = frame.body.used(code)
     frame.body.choices = Choices(component.name, chance=step.extern)
-    body += frame.load(step.states, used)
+    body = frame.load(step.states, used)
     body += _disturbances(frame, component, step, used)
     body += frame.declare_outputs(step.outputs)
     body += choosing(component, code)
@@ -60,9 +56,9 @@ def _step(frame: Frame, component: Component, step: core.PlantStep, name: str) -
     body += frame.body.block(step.publish)
     body += _noise(frame, component, step)
     body += disturb(frame, component, step.outputs)
-    body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault", "first")]
     body += frame.check_outputs(step.outputs)
-    body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
+    unused = [c.Unused(n) for n in ("s", "flags", "answer", "published", "first")]
+    body = [frame.state_pointer(), is_first, *unused, *frame.sticky(body)]
     body += frame.store(step.states)
     body += frame.publish(step.outputs, gated=False)
     body.append(c.Return(OK))

@@ -143,6 +143,14 @@ class Builder(ExpressionBuilder):
     def _if(self, s: typed.If) -> None:
         (condition, body), *more = s.arms
         c = self.expr(condition)
+        if isinstance(c, core.Const):  # a parameter decides: the other branch is not there
+            if c.value:
+                self.block(body)
+            elif more:
+                self._if(typed.If(more[0][0].span, tuple(more), s.otherwise))
+            else:
+                self.block(s.otherwise)
+            return
         then, _ = self.capture(lambda: self.block(body))
         if more:
             rest = typed.If(more[0][0].span, tuple(more), s.otherwise)

@@ -247,6 +247,12 @@ IDIOMS: tuple[Idiom, ...] = (
         r"\g<word> \g<what>",
     ),
     _idiom(
+        r"\b(?P<word>safe|ttf|safer)\s*(?P<at>\(\s*\w*\s*\))\s*=\s*(?P<what>[^;\n]+)(?=;)",
+        "`{0}` is a condition, not a function",
+        r"\g<word> \g<what>",
+        places=(MODULE,),
+    ),
+    _idiom(
         r"\bnode\s+\w+\s*\{[^{}\n]*(?P<at>:=)[^{}\n]*\}",
         "topics are wired with `=`",
         rewired,
@@ -379,7 +385,7 @@ IDIOMS: tuple[Idiom, ...] = (
         "declare it beside the nodes: `fun name(x: float): float { return 2.0 * x; }`",
     ),
     _idiom(
-        r"(?<![\w.])(?P<at>(?P<a>\d+),(?P<b>\d+))(?=\s*[;)])",
+        r"(?<![\w.])(?P<at>(?P<a>\d+),(?P<b>\d+(?:ns|us|ms|s|min|h)?))(?=\s*[;)])",
         "the decimal sign is a point",
         r"\g<a>.\g<b>",
     ),

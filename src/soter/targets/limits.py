@@ -1,6 +1,6 @@
-"""How late a component may be in real time: what the proof of its module assumes.
+"""How late a component may be in real time, and how old what is read: what proofs assume.
 
-Purpose: `late` and `response` of `verify` blocks, a component each, for the driver to judge by; and
+Purpose: `late`, `response` and `dropout` of `verify` blocks, for drivers and loops to judge by; and
 how long after a fault of an AC in another process the first output of SC is there (`Takeover`).
 Non-goals: whether they can be kept on a machine (response-time analysis).
 """
@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.program.check.const import Calculator
 from soter.program.model.durations import show_ns
+from soter.targets.leases import on_the_way
 
 if TYPE_CHECKING:
     from soter.program.model import typed
@@ -104,6 +105,38 @@ def limits_of(system: System) -> tuple[list[int], list[int]]:
     for index, ns in declared[1].items():
         response[index] = ns
     return late, response
+
+
+@dataclass(frozen=True)
+class Age:
+    """How old a topic may be where a component reads it, ns: older no proof speaks of."""
+
+    component: int
+    topic: int
+    most_ns: int
+
+
+def ages_of(system: System, module: Module) -> tuple[Age, ...]:
+    """Of topics with a `max_age` that SC and the nodes between sensors and module read.
+
+    A sensor may be silent for `dropout` longer. What plants of the system drive is left out: it is
+    as old as they say.
+    """
+    dropout = module.symbol.verify.dropout
+    given = None
+    if dropout is not None:
+        given = Calculator(Diagnostics(), module.scope.params).value(dropout, "a time")
+    longer = given if isinstance(given, int) else 0
+    found = []
+    for x in (system.components[module.sc], *on_the_way(system, module)):
+        read = () if x.node is None else (x.scope.topics[s.topic] for s in x.node.subscribes)
+        topics = (system.topics[i] for i in read)
+        found += [
+            Age(x.index, t.index, t.max_age_ns + longer)
+            for t in topics
+            if t.max_age_ns is not None and not t.driver.startswith("plant")
+        ]
+    return tuple(found)
 
 
 def _of_module(system: System, module: Module, what: str) -> list[tuple[int, int]]:

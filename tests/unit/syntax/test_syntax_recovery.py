@@ -211,7 +211,7 @@ SLIPS = [
     ("return m.x", "f(a); return m.x", "S011"),
     ("return m.x", "m.x; return m.x", "S011"),
     ("return m.x", "break; return m.x", "S011"),
-    ("return m.x", "float y = 3.0; return m.x", "S011"),
+    ("return m.x", "float y = 3.0; return m.x", "S015"),
     ("return m.x", "retrun m.x", "S011"),
     ("return m.x", "else { } return m.x", "S011"),
     ("return m.x", "publish accel 3.0; return m.x", "S005"),

@@ -44,6 +44,8 @@ class Places:
         self.outputs: tuple[str, ...] = ()
         """Names of the outputs of the step that is being emitted."""
         self.plan = Plan()
+        self.certain: frozenset[int] = frozenset()
+        """Outputs of the step that is being emitted which it always publishes."""
         self._given = 0
 
     def expr(self, e: core.Expr) -> c.CExpr:
@@ -55,14 +57,16 @@ class Places:
         return local(name, self.types.prefix)
 
     @contextmanager
-    def planned(self, task: Task | None) -> Iterator[None]:
-        """Emit a body whose large values lie where a plan of it says."""
+    def planned(self, task: Task | None, certain: frozenset[int] = frozenset()) -> Iterator[None]:
+        """Emit a body whose large values lie where a plan of it says, and what it surely gives."""
         self.plan = Plan() if task is None else plan_of(task)
+        self.certain = certain
         self._given = 0
         try:
             yield
         finally:
             self.plan = Plan()
+            self.certain = frozenset()
 
     def used(self, root: object) -> set[str]:
         """Names of temporaries that are read somewhere below, but for values that nobody reads."""

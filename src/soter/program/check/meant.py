@@ -18,14 +18,17 @@ if TYPE_CHECKING:
     from soter.program.check.scope import FileScope
 
 MEMBERS_SHOWN = 3
+_SECOND_WORD = re.compile(r"[ \t]+(int|long|short|char|double)\b")
 OF_AN_OBJECT = ("self", "this")
 
 
 def a_type(name: str, span: Span) -> tuple[Help, ...]:
     """For a type of C, Python, Rust or ROS; nothing where it is none."""
     meant = foreign.type_meant(name)
+    second = _SECOND_WORD.match(span.source.text, span.end)
     if meant is not None:
-        return (replace(span, meant),)
+        whole = span if second is None else Span(span.source, span.start, second.end())
+        return (replace(whole, "float" if second and second[1] == "double" else meant),)
     advice = foreign.type_advice(name)
     return (advice,) if advice is not None else ()
 
@@ -94,7 +97,9 @@ def of_a_library(qualifier: tree.Name, name: tree.Name, wanted: str) -> tuple[He
 
 
 def without_object(name: tree.Name, field: tree.Name) -> tuple[Help, ...]:
-    """For `self.last`: the name alone."""
+    """For `self.last` and `math.pi`: the name alone, or what it is worth."""
+    if name.text in foreign.LIBRARIES:
+        return of_a_library(name, field, "name") or ()
     if name.text not in OF_AN_OBJECT:
         return ()
     span = Span(name.span.source, name.span.start, field.span.start)

@@ -246,7 +246,10 @@ class StmtChecker:
         if self.shared.resolve(entry, base.span) is None:
             return
         helps = ()
-        if entry.kind == "topic":
+        symbol = entry.symbol
+        if isinstance(symbol, typed.TopicSymbol) and symbol.input:
+            helps = ("an input topic is set by the environment alone: keep the value in a `var`",)
+        elif entry.kind == "topic":
             helps = (insert(base.span, "publish ", f"write `publish {name} = ...;`"),)
         self.diagnostics.error(
             "T009",

@@ -117,6 +117,7 @@ class Composition:
         if self.draft and self.partial:
             return  # a module that could not be read may own one of them
         second, first = found[1], found[0]
+        inner = topic.symbol.name.rpartition(".")[2]
         both_modules = first != second and all(who.startswith("module") for who, _ in found)
         by = f"by {first[0]} and {second[0]}" if first != second else f"twice by {first[0]}"
         others = [(span, who) for who, span in found[2:DRIVERS_SHOWN]]
@@ -133,7 +134,7 @@ class Composition:
             note="modules are composed only if their outputs are disjoint"
             if both_modules
             else "a topic has exactly one driver",
-            helps=("give one of them a topic of its own, or wire it: `{ topic = other }`",),
+            helps=(f"give one of them a topic of its own, or wire it: `{{ {inner} = other }}`",),
         )
 
     def _report(

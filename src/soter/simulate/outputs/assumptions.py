@@ -31,7 +31,7 @@ def unproved(system: System) -> list[str]:
     stacked = {i for m in free if m.over is not None for i in (m.index, m.over)}
     assumed = f"{' '.join(ASSUMED)} assumed, not checked"
     for which, why in (
-        ([m for m in free if m.index not in stacked], "(`soter verify` does)"),
+        ([m for m in free if m.index not in stacked], _who_checks(system)),
         ([m for m in free if m.index in stacked], "(modules above each other are not proved)"),
     ):
         if which:
@@ -47,6 +47,12 @@ def unproved(system: System) -> list[str]:
                 "from the plants and the grid of its `verify` block"
             )
     return found
+
+
+def _who_checks(system: System) -> str:
+    if system.proved is None:
+        return "(`soter verify` does)"
+    return f"(`soter build --cert` carries what was proved of {system.proved.name})"
 
 
 def forced(system: System) -> list[str]:

@@ -48,6 +48,7 @@ _SLIPS = {
     "AND": "&&",
     "OR": "||",
     "mod": "%",
+    "is": "==",
 }
 _OPERAND_WORDS = frozenset([NAME, INT, FLOAT, DURATION, "(", "true", "false", "!", "-"])
 
@@ -91,6 +92,7 @@ def no_expression(cursor: Cursor, kind: str) -> NoReturn:
         raise Panic
     elif kind == STRING:
         notes = ("strings stand only after `import`, `from`, `data` and in `assert`",)
+        helps = ("name the cases, `type Name = enum { A, B };`, and write one of them: `Name.A`",)
     elif kind in ("float", "int", "bool"):
         notes = (f"`{kind}` is a type",)
     elif kind in RESERVED:
