@@ -112,7 +112,7 @@ def _skip_choice(cursor: Cursor) -> None:
 
 
 def c_style_loop(cursor: Cursor) -> NoReturn:
-    """`for (i = 0; ...; ...) { ... }`: reported and left out as a whole."""
+    """`for (i = 0; ...; ...) { ... }`: reported and left out as a whole; raises Panic."""
     cursor.report(
         "S006",
         "expected the name of the loop variable after `for`, found `(`",
