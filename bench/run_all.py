@@ -493,6 +493,13 @@ BENCHMARKS = (
         "the trusted part killed, its actuators by the law; and SC's output against bare "
         "wake-ups. Three quarters of an hour.",
     ),
+    Benchmark(
+        "The playground, and what pages weigh",
+        ("bench/playground.py",),
+        "Seconds from opening the file in headless Chromium, by the clock, on a machine that "
+        "others use meanwhile: the load a core before each opening, and the same run in CPython, "
+        "say how much.",
+    ),
 )
 
 

@@ -36,6 +36,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {
     "check": "parse, types, well-formedness, composition, timing",
+    "show": "draw a system: nodes, topics, modules, plants",
     "run": "run a system in virtual time",
     "verify": "prove P2a, P2b, P3 per module",
     "recheck": "check certificates independently",
@@ -51,6 +52,8 @@ COMMANDS = {
     "lsp": "serve an editor: the language server",
     "new": "make a small robot that runs",
 }
+TOOL = frozenset({"show"})
+"""Commands about the tool itself and about pictures: they stand in `cli/tool/`."""
 
 
 class Command(Protocol):
@@ -119,13 +122,19 @@ def _run(name: str | None, arguments: list[str], console: Console) -> Outcome:
     rest = list(arguments)
     rest.remove(name)
     if name in COMMANDS:
-        command = cast("Command", import_module(f"soter.cli.{name}"))
+        command = command_of(name)
         return command.run(command.parser().parse_args(rest), console)
     from soter.diagnostics.near import closest  # noqa: PLC0415 - only then
 
     near = closest(name, list(COMMANDS))
     hint = f"; did you mean `{near[0]}`?" if near else ""
     raise UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")
+
+
+def command_of(name: str) -> Command:
+    """The file of a command."""
+    room = "soter.cli.tool" if name in TOOL else "soter.cli"
+    return cast("Command", import_module(f"{room}.{name}"))
 
 
 def _without_command(arguments: list[str], console: Console) -> Outcome:

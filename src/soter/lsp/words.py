@@ -90,6 +90,7 @@ WORDS: dict[str, str] = {
     " often.",
     "in": "The set that a value stays in, the values that are drawn from, or what a loop is over.",
     "max_age": "Older than this, a topic is stale: a DM that reads it gives SC control.",
+    "unit": 'What the numbers of a type count, for people: `float unit "m/s"`.',
     "node": "Code that runs every `period`: reads topics, publishes topics, keeps locals.",
     "period": "How often it runs: a length of time such as `10ms`.",
     "phase": "How long after the start a node runs first; less than its period.",

@@ -108,7 +108,19 @@ def test_130_an_interrupt(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None
 # ---------------------------------------------------------------- the top level
 
 
-COMMANDS = ("check", "run", "advise", "test", "replay", "build", "explain", "fmt", "new", "measure")
+COMMANDS = (
+    "check",
+    "show",
+    "run",
+    "advise",
+    "test",
+    "replay",
+    "build",
+    "explain",
+    "fmt",
+    "new",
+    "measure",
+)
 
 
 def test_the_help_lists_every_command_of_the_contract(soter: Soter) -> None:

@@ -178,6 +178,9 @@ class Expressions:
     def plain(self, shape: Shape) -> Shape:
         """The shape behind the names of types."""
         for _ in range(64):
+            if isinstance(shape.of, tree.UnitTypeExpr):
+                shape = Shape(shape.of.base, shape.file)
+                continue
             if not isinstance(shape.of, tree.NamedType):
                 break
             found = self.find(shape.of.ref, Place(shape.file))
