@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from soter.program.model.types import Value
 
     Progress = Callable[[float], None]
+    Tell = Callable[[str], None]
 
 ENGINES = ("native", "interp")
 

@@ -49,7 +49,12 @@ COMMANDS = {
     "explain": "what a diagnostic code means, and what to do",
     "fmt": "lay out source files",
     "new": "make a small robot that runs",
+    "completion": "what a shell completes: bash, zsh, fish",
+    "cache": "what compiled programs take on the disk",
+    "help": "this text, or that of a command",
 }
+TOOL = frozenset({"explain", "fmt", "completion", "cache"})
+"""Commands about the tool itself: they stand in `cli/tool/`."""
 
 
 class Command(Protocol):
@@ -117,18 +122,43 @@ def _run(name: str | None, arguments: list[str], console: Console) -> Outcome:
         return _without_command(arguments, console)
     rest = list(arguments)
     rest.remove(name)
+    if name == "help":
+        return _explained(rest, console)
     if name in COMMANDS:
-        command = cast("Command", import_module(f"soter.cli.{name}"))
+        command = command_of(name)
         return command.run(command.parser().parse_args(rest), console)
+    raise _unknown(name)
+
+
+def command_of(name: str) -> Command:
+    """The file of a command; `help` has none."""
+    room = "soter.cli.tool" if name in TOOL else "soter.cli"
+    return cast("Command", import_module(f"{room}.{name}"))
+
+
+def _explained(rest: list[str], console: Console) -> Outcome:
+    """`soter help [COMMAND]`: the same as `--help`."""
+    asked = [a for a in rest if a not in ("--json", "-h", "--help")]
+    wrong = next((a for a in asked if a.startswith("-")), "") or "".join(asked[1:2])
+    if wrong:
+        raise UsageError(f"`{wrong}` is too much", "soter help [COMMAND]")
+    if not asked or asked[0] == "help":
+        raise HelpWantedError(_help(console))
+    if asked[0] not in COMMANDS:
+        raise _unknown(asked[0])
+    raise HelpWantedError(command_of(asked[0]).parser().format_help().rstrip())
+
+
+def _unknown(name: str) -> UsageError:
     from soter.diagnostics.near import closest  # noqa: PLC0415 - only then
 
     near = closest(name, list(COMMANDS))
     hint = f"; did you mean `{near[0]}`?" if near else ""
-    raise UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")
+    return UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")
 
 
 def _without_command(arguments: list[str], console: Console) -> Outcome:
-    if "--version" in arguments:
+    if {"-V", "--version"} & set(arguments):
         console.say(f"soter {__version__}")
         return Outcome(fields={"version": __version__})
     if {"-h", "--help"} & set(arguments):
@@ -144,7 +174,7 @@ def _without_command(arguments: list[str], console: Console) -> Outcome:
 
 def _help(console: Console) -> str:
     def row(name: str, about: str) -> str:
-        return f"  {console.paint('bold', name)}{' ' * (10 - len(name))}{about}"
+        return f"  {console.paint('bold', name)}{' ' * (12 - len(name))}{about}"
 
     return "\n".join(
         [
@@ -154,7 +184,8 @@ def _help(console: Console) -> str:
             "",
             *(row(name, about) for name, about in COMMANDS.items()),
             "",
-            "soter COMMAND --help      options and examples",
+            "soter COMMAND --help      options and examples; `soter help COMMAND` is the same",
+            "soter -V                  the version",
             "soter explain CODE        what a diagnostic means",
             "",
             "exit codes: 0 fine, 1 diagnostics, 2 usage, 3 violated or refuted, 4 undecided,",
