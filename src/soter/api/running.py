@@ -12,6 +12,7 @@ from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.diagnostics.phase import phase
 from soter.lower.layout import state_layout
 from soter.semantics.externs import Stop
 from soter.simulate.externs.bindings import bind_again, callables, close, require_runnable
@@ -75,6 +76,7 @@ def simulate(
         layout = state_layout(bindings.system)
         writer.begin(bindings.system, layout, seed, engine, bindings.texts())
     try:
+        phase(f"running {bindings.system.name}", anew=True)
         with stoppable(stop, INTERRUPT if writer is None else ANY_END):
             run = go(
                 until_ns,

@@ -391,7 +391,7 @@ def _trace(test: TestResult, console: Console) -> list[str]:
 
     assert test.replayed is not None
     view = view_of(test.replayed, __version__)
-    lines = text(view, color=console.color_out, most=LINES_MAX)
+    lines = text(view, color=console.color_out, most=LINES_MAX, width=console.width)
     lines.append(view.remark if test.minimal else console.paint("yellow", view.remark))
     files = (("trace", test.trace), ("page", test.page))
     return lines + [f"{kind:<6} {path}" for kind, path in files if path is not None]

@@ -154,12 +154,12 @@ def _coverage(report: VerifyReport, console: Console) -> list[str]:
 def _together(report: VerifyReport, console: Console) -> list[str]:
     """The conjunction, and who keeps what a module takes for granted."""
     from soter.reach.together import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
-    from soter.report.summary import Styled, table  # noqa: PLC0415 - needs NumPy
+    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
 
     verdict = console.paint(PAINTS[report.together], report.together.upper())
     taken = rows_of(report)
     rows = [(t.module, t.what, Styled(t.why, "strong" if t.open else "plain")) for t in taken]
-    shown = table(("module", "takes for granted", "because"), rows, color=console.color_out)
+    shown = console.table(("module", "takes for granted", "because"), rows)
     says = [f"  {text}   (`safe` of {name})" for name, text in report.said.items()]
     says = ["", "in every run that keeps what is assumed, at all times", *says]
     says = says if report.together in HOLDING else []
@@ -239,14 +239,14 @@ def _headline(module: ModuleResult, console: Console) -> str:
 
 
 def _table(module: ModuleResult, console: Console) -> str:
-    from soter.report.summary import Styled, table  # noqa: PLC0415 - needs NumPy
+    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
 
     rows = [
         (name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), f.text)  # type: ignore[arg-type]
         for name, f in module.findings.items()
     ]
     headers = ("property", "verdict", "time", "how")
-    return table(headers, rows, color=console.color_out)
+    return console.table(headers, rows)
 
 
 def _details(module: ModuleResult, console: Console) -> list[str]:
