@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.span import Span
     from soter.lower.layout import StateLayout
+    from soter.program.model.proofs import Proof
     from soter.program.model.system import Component, System
     from soter.program.model.types import Type, Value
     from soter.simulate.externs.externs import Tally
@@ -99,6 +100,8 @@ class Run:
     """What answered each extern, in words."""
     computed: list[str] = field(default_factory=list)
     """A note on each module whose `ttf` and `safer` were computed."""
+    proofs: dict[str, Proof] = field(default_factory=dict)
+    """What `soter verify` proved of the modules of exactly this system, where that is known."""
     extern_tallies: dict[str, Tally] = field(default_factory=dict)
     """Steps of each extern that Python answered, and those in which it published nothing."""
     decided: list[tuple[int, int]] = field(default_factory=list)
