@@ -9,6 +9,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
+from soter.cli.ci.written import add_format
 from soter.cli.terminal.outcome import DIAGNOSTICS, FINE, Outcome, UsageError, exit_of
 from soter.cli.terminal.parser import Parser, add_settings
 from soter.cli.terminal.progress import LineOfProgress
@@ -48,6 +49,7 @@ def parser() -> Parser:
     made.add_argument(
         "--times", metavar="FILE", help="what `soter measure` wrote, for nodes without a `wcet`"
     )
+    add_format(made)
     return made
 
 

@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, cast
 
 from soter import __version__
+from soter.cli.ci.written import format_of, written
 from soter.cli.terminal.console import Console
 from soter.cli.terminal.outcome import (
     DIAGNOSTICS,
@@ -71,10 +72,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     options = arguments[: arguments.index("--")] if "--" in arguments else arguments
-    with Console(json="--json" in options, own_process=argv is None) as console:
-        name = next((a for a in options if not a.startswith("-")), None)
+    name = next((a for a in options if not a.startswith("-")), None)
+    wanted = format_of(name, options)
+    quiet = "--json" in options or wanted in ("sarif", "junit")
+    with Console(json=quiet, own_process=argv is None) as console:
         try:
-            code = _told(name, arguments, console)
+            code = _told(name, arguments, console, wanted)
             console.hand_over(code)
         except Elsewhere as done:
             console.from_child(done.text)
@@ -83,11 +86,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _after_output(code, console)
 
 
-def _told(name: str | None, arguments: list[str], console: Console) -> int:
+def _told(
+    name: str | None, arguments: list[str], console: Console, format_: str | None = None
+) -> int:
     """Do the command and say how it went; its exit code."""
+    if "--json" in arguments:
+        format_ = None  # refused, in a document
     outcome = _guarded(name, arguments, console)
     console.diagnostics(outcome.diagnostics)
-    if console.json:
+    if format_ is not None and name is not None and "help" not in outcome.fields:
+        text = written(format_, name, outcome)
+        if text:
+            console.document(text)
+    elif console.json:
         _print_document(outcome, name, console)
     return outcome.exit
 
@@ -124,6 +135,8 @@ def _run(name: str | None, arguments: list[str], console: Console) -> Outcome:
     rest.remove(name)
     if name == "help":
         return _explained(rest, console)
+    if "--json" in rest and format_of(name, rest) is not None:
+        raise UsageError("`--format` or `--json`, not both", f"soter {name} ... --format FORMAT")
     if name in COMMANDS:
         command = command_of(name)
         return command.run(command.parser().parse_args(rest), console)

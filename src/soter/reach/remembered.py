@@ -63,7 +63,7 @@ def remember(systems: Sequence[System], of: Sequence[ModuleResult]) -> None:
 def known(system: System) -> dict[str, Proof]:
     """Module -> what was proved of it in exactly this system.
 
-    Modules that nothing is known of are left out, and all where runs go beyond what proofs are about.
+    What nothing is known of is left out, and all of it where runs go beyond what proofs are about.
     """
     if system.faults or system.shuffled or system.test is not None or system.proved is not None:
         return {}
