@@ -44,6 +44,7 @@ COMMANDS = {
     "advise": "what the decision period and the levels cost",
     "campaign": "many seeded runs, and what they say",
     "test": "explore every schedule, find the shortest counterexample",
+    "assure": "a safety case whose leaves are checked as it is made",
     "replay": "run a trace again, step by step",
     "measure": "time the steps on this machine",
     "build": "write C99, or a package for a target",
