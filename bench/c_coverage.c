@@ -17,6 +17,8 @@
 #include <xmmintrin.h>
 #endif
 
+void covered_loop(const soter_program* p, uint64_t (*next)(void));
+
 #define ANSWER_BYTES 65536U
 #define TOPIC_BYTES 65536U
 #define REFUSED 6 /* so many wrong environments does `refused` try */
@@ -193,6 +195,7 @@ int main(int count, char** words) {
     soter_start(p, state, seed);
   }
   ends(state);
+  covered_loop(p, next);
   for (long i = 0; i < instants; i++) {
     if (next() % 100U < wild) {
       from_outside(p, state);

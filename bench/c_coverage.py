@@ -36,11 +36,12 @@ if TYPE_CHECKING:
     from soter.codegen.unit import Unit
 
 ROOT = Path(__file__).resolve().parents[1]
-HARNESS = ROOT / "bench" / "c_coverage.c"
+HARNESS = (ROOT / "bench" / "c_coverage.c", ROOT / "bench" / "c_coverage_loop.c")
 CLANG = os.environ.get("CLANG", "clang-19")
 COV = os.environ.get("LLVM_COV", "llvm-cov-19")
 PROFDATA = os.environ.get("LLVM_PROFDATA", "llvm-profdata-19")
-SOURCES = (*KERNEL, "soter_sha256.c", "soter_self_test.c")
+LOOP = ("soter_firmware.c", "soter_grant.c", "soter_lease.c")
+SOURCES = (*KERNEL, "soter_sha256.c", "soter_self_test.c", *LOOP)
 SHIPPED = (*SOURCES, "soter.h", "soter_faults.h")
 COVERAGE = ("-DNDEBUG", "-fprofile-instr-generate", "-fcoverage-mapping", "-fcoverage-mcdc")
 WATCHED = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all")
@@ -104,7 +105,7 @@ def compiled(unit: Unit, floats: list[int], folder: Path, flags: tuple[str, ...]
             f'-DCOVERED_HEADER="{unit.prefix}.h"',
             f"-DCOVERED_PROGRAM={unit.prefix}_program",
             f"-DCOVERED_FLOATS={{{', '.join(map(str, (len(floats), *floats)))}}}",
-            *map(str, (HARNESS, source, *(RUNTIME / s for s in SOURCES))),
+            *map(str, (*HARNESS, source, *(RUNTIME / s for s in SOURCES))),
             *("-o", str(program), "-lm"),
         ],
         check=True,

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 PIPE = subprocess.PIPE
 Done = subprocess.CompletedProcess[Any]
+Process = subprocess.Popen[Any]
 TIMEOUT_S = 600.0
 
 

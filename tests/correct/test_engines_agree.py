@@ -141,6 +141,17 @@ def test_engines_agree_on_every_byte(chunk: int) -> None:
             pytest.fail(report(number, *found), pytrace=False)
 
 
+@pytest.mark.parametrize("chunk", first_of_four(1))
+def test_engines_agree_where_every_struct_is_large(
+    chunk: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("soter.codegen.c.types.LARGE", 0)
+    batch = {n: make(n) for n in range(40_000 + chunk, 40_000 + 4 * BATCH, 4)}
+    found = complaint_of_any(list(batch.values()))
+    if found is not None:
+        pytest.fail(report(next(n for n, s in batch.items() if s is found[0]), *found))
+
+
 @pytest.mark.parametrize("chunk", first_of_four(2))
 def test_engines_agree_on_inputs_from_outside(chunk: int, tmp_path: Path) -> None:
     made = [make(number) for number in range(30_000 + chunk, 30_060, 4)]

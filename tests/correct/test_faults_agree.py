@@ -502,6 +502,40 @@ system S"""
 LATE_GO = "late M.Go by 3ms;"
 
 
+LOOKED = """soter 1;
+topic x: float in [-9.0, 9.0] max_age 20ms;
+topic u: float in [-1.0, 1.0];
+topic told: float in [0.0, 10.0];
+plant P period 5ms { reads u; drives x = p; state p: float; der p = u; }
+node Go period 10ms { publishes u; step { publish u = 1.0; } }
+node Back period 10ms { subscribes x; publishes u; step { publish u = x > 0.0 ? -1.0 : 0.0; } }
+node Watch period 5ms { publishes told; step { publish told = margin(M); } }
+node Plan period 10ms { publishes n; step { publish n = 1.0; } }
+topic n: float;
+rta M { ac Go; sc Back; period 20ms; safe x < 1.0; ttf x > 0.5; safer x < 0.2; }
+system S { p: P; node Plan; node Watch; module M; until 1s; FAULTS }
+"""
+
+
+def test_what_a_margin_is_counted_from_is_found_without_faults(tmp_path: Path) -> None:
+    """`held` of a node that overruns goes with the fault; what the DM saw stays."""
+    path = tmp_path / "p.soter"
+    both = []
+    for faults in ("faults { overrun Plan by 4ms at 30 per 1s; }", ""):
+        path.write_text(LOOKED.replace("FAULTS", faults))
+        both.append(system_of(check_file(str(path)), "S"))
+    faulty, plain = both
+    (module,) = faulty.modules
+    assert module.looked is not None
+    assert {"Plan.held", "M.margin"} <= {t.name for t in faulty.topics if t.held}
+    calm = faultless(faulty)
+    assert [t.index for t in calm.topics] == list(range(len(plain.topics)))
+    assert calm.modules[0].looked == plain.modules[0].looked
+    assert [t.name for t in calm.topics] == [t.name for t in plain.topics]
+    runs = [NativeProgram(x).run(SECOND, 4, hash_trace=True) for x in (calm, plain)]
+    assert runs[0].trace_sha256 == runs[1].trace_sha256
+
+
 def test_a_proof_holds_nothing_back_for_faults(tmp_path: Path) -> None:
     flat = counting(tmp_path, "", "overrun N by 4ms at 30 per 1s;")
     plain = counting(tmp_path, "", "")

@@ -21,6 +21,7 @@ from soter.lower.layout import state_layout
 from soter.native.compiler import MEANING, WARNINGS, find
 from soter.native.stack import SILENT
 from soter.program.meaning.arith import FaultKind
+from soter.semantics.configuration import NEVER
 from soter.semantics.interpreter import Interpreter
 from soter.semantics.rules import next_instant
 from soter.simulate.image import image
@@ -34,6 +35,7 @@ LIBRARY = 256
 LOOPS = examples("SOTER_FIRMWARE_LOOPS", quick=12, long=400)
 MS = 1_000_000
 RAN, BEHIND, LATE, TIME_BACKWARDS, UNHEARD, LATCHED, REFUSED = 1, 2, 4, 8, 16, 32, 64
+STALE = 256
 TAKEN, NOT_FINITE, NOT_IN_SET, OLDER, FROM_FUTURE, BACKWARDS, NOT_STARTED = 0, 1, 2, 4, 5, 6, 7
 STRICT = ("-Wall", "-Wextra", "-Wpedantic", "-Wshadow", "-Werror")
 
@@ -238,6 +240,8 @@ def test_two_bad_ticks_of_a_sensor_cost_control_at_most_and_latch_nothing(
     assert [found[k].mode for k in (19, 20, 59)] == [1, 1, 0], "stale after 20 ms, seen in 50 ms"
     assert {s.mode for s in found[60:]} == {1}, "the DM of 300 ms finds it fresh"
     assert not any(s.said & (LATCHED | LATE | BEHIND) for s in found)
+    old = [k for k, s in enumerate(found) if s.said & STALE]
+    assert old == list(range(24, 60, 2)), "SC's steps from 120 ms on, 25 ms after the last value"
     short = ["start 0", "goal 0 0 0", *ticks(0, 20)]
     for k in (20, 21):
         now = k * 5 * MS
@@ -246,6 +250,13 @@ def test_two_bad_ticks_of_a_sensor_cost_control_at_most_and_latch_nothing(
     two = steps(told(*short, *ticks(22, 40)))
     assert {s.mode for s in two} == {1}, "two ticks are younger than `max_age`"
     assert not any(s.said & LATCHED for s in two)
+
+
+@pytest.mark.parametrize(("measured", "stale"), [(0, 0), (-1, STALE)])
+def test_what_is_as_old_as_it_may_be_is_not_stale(told: Told, measured: int, stale: int) -> None:
+    lines = ["start 0", "goal 0 0 0", f"motion 0.0 0.0 {measured} 0"]
+    first, second, third = steps(told(*lines, "step 0", f"step {10 * MS}", f"step {20 * MS}"))
+    assert (first.said & STALE, second.said & STALE, third.said & STALE) == (0, 0, stale)
 
 
 # ---------------------------------------------------------------- a long time
@@ -277,6 +288,7 @@ class Model:
         self.c = self.interpreter.initial()
         self.record = self.interpreter.record()
         self.origin, self.now = origin, origin
+        self.stale = False
 
     def publish(self, topic: str, value: object, measured: int, now: int) -> int:
         if now < self.now:
@@ -297,7 +309,10 @@ class Model:
         if now < self.now:
             return None
         self.now = now
-        while next_instant(self.interpreter.machine, self.c) <= now - self.origin:
+        self.stale = False
+        while (at := next_instant(self.interpreter.machine, self.c)) <= now - self.origin:
+            stamp = self.c.stamps[self.names["motion"]]
+            self.stale |= at % (10 * MS) == 0 and stamp != NEVER and at - stamp > 20 * MS
             self.c = self.interpreter.instant(self.c, choose_input=lambda _: (), record=self.record)
         layout = state_layout(self.system)
         return image(self.system, layout, self.c, self.record, 1).hex()
@@ -324,6 +339,7 @@ def script(seed: int) -> list[tuple[str, tuple[float, ...], int, int]]:
 def test_a_loop_gives_the_states_of_the_reference_interpreter(told: Told, seed: int) -> None:
     lines: list[str] = []
     wanted: list[int | str | None] = []
+    old: list[bool] = []
     model = Model(0)
     for kind, values, measured, now in script(seed):
         if kind == "start":
@@ -333,6 +349,7 @@ def test_a_loop_gives_the_states_of_the_reference_interpreter(told: Told, seed: 
         elif kind == "step":
             lines.append(f"step {now}")
             wanted.append(model.step(now))
+            old.append(wanted[-1] is not None and model.stale)
         else:
             value = values if kind == "motion" else values[0]
             lines.append(f"{kind} {' '.join(map(repr, values))} {measured} {now}")
@@ -344,6 +361,7 @@ def test_a_loop_gives_the_states_of_the_reference_interpreter(told: Told, seed: 
             assert (None if got.said == TIME_BACKWARDS else got.state) == want, line
         else:
             assert got == want, line
+    assert [bool(got.said & STALE) for got in answers if isinstance(got, Step)] == old
 
 
 # ---------------------------------------------------------------- stack

@@ -115,6 +115,18 @@ def test_a_trusted_part_that_is_held_up_is_seen_and_its_module_goes_to_sc(cart: 
     assert found["violations"] == 0
 
 
+def test_who_wakes_early_begins_no_step_early_and_changes_nothing(
+    cart: Path, tmp_path: Path
+) -> None:
+    log = tmp_path / "log.csv"
+    found = report(cart, "--until", "0.5", "--early", "2000", "--log", str(log), *FORGIVING)
+    late = [int(x.split(",")[1]) for x in log.read_text().splitlines()[1:]]
+    assert len(late) == 101
+    assert min(late) >= 0
+    assert found["trace_sha256"] == end_of(CART, "0.5s")
+    assert min(late) < 20_000, "it looked at the clock until it was time: no wake-up in between"
+
+
 def test_every_late_step_is_a_miss_where_nothing_may_be_late(cart: Path) -> None:
     found = report(cart, "--until", "0.3", "--late", "0")
     trusted = found["nodes"]["SafeCart.dm"], found["nodes"]["SafeCart.Careful"]
@@ -347,7 +359,15 @@ def test_without_shared_memory_the_trusted_part_goes_on(cart_apart: Path, tmp_pa
 
 
 @pytest.mark.parametrize(
-    "options", [["--until", "-1"], ["--until"], ["--policy", "best"], ["--worker", "X=true"], ["x"]]
+    "options",
+    [
+        ["--until", "-1"],
+        ["--until"],
+        ["--policy", "best"],
+        ["--worker", "X=true"],
+        ["x"],
+        ["--early", "20000"],
+    ],
 )
 def test_a_wrong_option_is_refused(cart: Path, options: list[str]) -> None:
     done = processes.run([cart, *options], capture_output=True, text=True, check=False)

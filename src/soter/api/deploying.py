@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from soter.api.given import Progress
     from soter.native.stack import Stack
+    from soter.program.load.loader import LoadedFile
     from soter.program.model.system import System
     from soter.reach.deploy.inherited import Inherited
     from soter.recheck.report import ModuleReport, Report
@@ -106,9 +107,19 @@ def build(
     flat.certificate = inherits.certificate
     bindings = bound(flat)
     package = build_package(target, bindings.system, bindings.core, output, inherits.files)
-    package.notes += computed
+    package.notes += [*computed, *(_not_carried(bindings) if target == "c" else ())]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
+
+
+def _not_carried(bindings: Bindings) -> list[str]:
+    """Bindings to Python, which are dropped: a package is C."""
+    dropped = [
+        x.name
+        for x in bindings.externs
+        if x.bound is not None and not str(x.bound).startswith("c:")
+    ]
+    return [f"{n}: its binding to Python is left out, as the package is C" for n in dropped]
 
 
 def stack_bound(package: Package) -> Stack:
@@ -197,16 +208,39 @@ def _fits(folder: Path, report: Report, there: System) -> str:
 
 def _prefix(there: System) -> str:
     """What stands before the names of the file that declares the proved system: `cart.`."""
-    return there.name[: len(there.name) - len(there.name.rpartition(".")[2])]
+    return _prefix_of(there.name)
+
+
+def _prefix_of(name: str) -> str:
+    return name[: len(name) - len(name.rpartition(".")[2])]
 
 
 def _home(there: System, prefix: str) -> Path:
     """The file that declares it."""
+    return next(f.path for f in _files(there.program.path) if f.prefix == prefix).resolve()
+
+
+def _files(path: str) -> list[LoadedFile]:
     found = Diagnostics()
-    loaded = load(there.program.path, found)
+    loaded = load(path, found)
     if loaded is None:
         raise SoterError(found.items)
-    return next(f.path for f in loaded.files if f.prefix == prefix).resolve()
+    return loaded.files
+
+
+def _renamed(there: System, home: Path) -> dict[str, str]:
+    """Parameters of the files of the certificate: full name there -> full name here.
+
+    A file that is imported is called by the first name that anybody gives it, which is another one
+    where the proved system's own file is the main one.
+    """
+    here = {f.path.resolve(): f.prefix for f in _files(there.program.path)}
+    alone = {here[f.path.resolve()]: f.prefix for f in _files(str(home))}
+    return {
+        alone[_prefix_of(name)] + name.rpartition(".")[2]: name
+        for name in there.program.params
+        if _prefix_of(name) in alone
+    }
 
 
 def _confirmed(report: Report, there: System) -> dict[str, list[ModuleReport]]:
@@ -215,22 +249,29 @@ def _confirmed(report: Report, there: System) -> dict[str, list[ModuleReport]]:
 
     prefix = _prefix(there)
     short = there.name.removeprefix(prefix)
-    values = {
-        n: v
-        for n, v in parameters_of(there).items()
-        if not prefix or _declared(there, n).startswith(prefix)
-    }
+    names = _renamed(there, _home(there, prefix))
+    ours = set(names.values())
+    values = {n: v for n, v in parameters_of(there).items() if _declared(there, n) in ours}
     found: dict[str, list[ModuleReport]] = {}
     for m in report.modules:
         if m.system != short:
             continue
-        given = {prefix + n: v for n, v in m.parameters.items()}
+        given = {_here(n, names): v for n, v in m.parameters.items()}
         if given != values:
             differ = sorted(set(given.items()) ^ set(values.items()))
-            names = ", ".join(dict.fromkeys(f"`{n}`" for n, _ in differ))
-            raise _other(None, f"it is about other values of {names}")
+            listed = ", ".join(dict.fromkeys(f"`{n}`" for n, _ in differ))
+            raise _other(None, f"it is about other values of {listed}")
         found.setdefault(m.name.partition(" as ")[0], []).append(m)
     return found
+
+
+def _here(name: str, names: dict[str, str]) -> str:
+    """The same parameter, of an instance perhaps, as it is called here."""
+    declared = name
+    while declared not in names and "." in declared:
+        declared = declared.partition(".")[2]
+    instance = name[: len(name) - len(declared)]
+    return instance + names.get(declared, declared)
 
 
 def _declared(there: System, name: str) -> str:

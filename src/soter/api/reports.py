@@ -105,7 +105,7 @@ def check_report(
 
     warnings = (*checked.diagnostics.items, *warnings_of(program, bound))
     if times is not None:
-        with_times(flat, times)
+        with_times(flat, times, program.sha256)
     timings, untimely = timing_reports(list(flat.values()))
     return CheckReport(
         path, program.sha256, systems, warnings, step_reports(program), timings, untimely

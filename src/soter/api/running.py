@@ -129,7 +129,7 @@ def _engine(engine: str, preparations: Preparations, prepared: Prepared) -> Call
     return partial_(preparations.native(prepared).run, observed=True)
 
 
-def write_report(run: Run, path: str | Path, program: str) -> Path:
+def write_report(run: Run, path: str | Path, program: str, *, self_contained: bool = False) -> Path:
     """Write the HTML report of a traced run; `SoterError` D006, D007."""
     from soter.simulate.outputs.to_report import write_report as write  # noqa: PLC0415 - an extra
 
@@ -143,4 +143,5 @@ def write_report(run: Run, path: str | Path, program: str) -> Path:
         **{f"extern {name}": text for name, text in run.externs.items()},
         "soter": VERSION,
     }
-    return write(run, path, Path(program).name, facts)
+    name = Path(program).name
+    return write(run, path, name, facts, self_contained=self_contained)

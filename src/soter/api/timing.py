@@ -17,7 +17,7 @@ from soter.program.flatten.numbers import MAX_PERIOD_NS
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from soter.program.model.system import Component, System
+    from soter.program.model.system import Component, Module, System
     from soter.reach.time.switching import Switch
     from soter.timing.deployment import Timing
 
@@ -74,8 +74,8 @@ class TimingReport:
     switches: tuple[SwitchReport, ...]
 
 
-def times_in(path: str | Path) -> tuple[str, dict[str, int]]:
-    """The system of a file of times, and the `wcet_ns` of its components by name.
+def times_in(path: str | Path) -> tuple[str, str, dict[str, int]]:
+    """The program (its hash) and the system of a file of times, and `wcet_ns` by component.
 
     `SoterError` U011 where it is no such file; OSError where it cannot be read.
     """
@@ -87,7 +87,7 @@ def times_in(path: str | Path) -> tuple[str, dict[str, int]]:
             isinstance(n, str) and type(ns) is int and 0 < ns <= MAX_PERIOD_NS
             for n, ns in found.items()
         )
-        system = str(given["system"])
+        program, system = str(given["program_sha256"]), str(given["system"])
     except (ValueError, KeyError, TypeError):
         sound = False
     if not sound:
@@ -97,17 +97,30 @@ def times_in(path: str | Path) -> tuple[str, dict[str, int]]:
             notes=("`soter measure` writes one",),
         )
         raise SoterError((problem,))
-    return system, found
+    return program, system, found
 
 
-def with_times(systems: Mapping[str, System], path: str | Path) -> None:
-    """Gives components that say no `wcet` the one of a file; `SoterError` U011 as `times_in`."""
-    name, times = times_in(path)
-    if name not in systems:
+def with_times(systems: Mapping[str, System], path: str | Path, sha256: str) -> None:
+    """Gives components that say no `wcet` the one of a file; `SoterError` U011 as `times_in`.
+
+    Also where these are the times of something else: of another program than that of this hash, of
+    a system or of components that it does not have.
+    """
+    program, name, times = times_in(path)
+    components = systems[name].components if name in systems else ()
+    unknown = [n for n in times if n not in {c.name for c in components}]
+    note = ""
+    if program != sha256:
+        note = f"it has those of program {program[:12]}, and this one is {sha256[:12]}"
+    elif name not in systems:
         note = f"it has those of system `{name}`"
-        problem = Diagnostic("U011", f"`{path}` has no times of this program", notes=(note,))
-        raise SoterError((problem,))
-    for c in systems[name].components:
+    elif unknown:
+        note = f"it has those of `{unknown[0]}`, which is no part of system `{name}`"
+    if note:
+        what = f"`{path}` has no times of this program"
+        helps = ("measure what is there now: `soter measure`",)
+        raise SoterError((Diagnostic("U011", what, notes=(note,), helps=helps),))
+    for c in components:
         c.wcet_ns = times.get(c.name) if c.wcet_ns is None else c.wcet_ns
 
 
@@ -135,8 +148,8 @@ def _switches(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, .
     from soter.reach.time.switching import switch_of  # noqa: PLC0415 - see `soter.api`
 
     found = []
-    for module in system.modules:
-        switch = switch_of(system, module)
+    for at, module in _where_proved(system):
+        switch = switch_of(at, module)
         for d in switch.diagnostics:
             diagnostics.add(d)
         if switch.verdict == "fails":
@@ -151,6 +164,22 @@ def _switches(system: System, diagnostics: Diagnostics) -> tuple[SwitchReport, .
             )
         found.append(_switch(switch))
     return tuple(found)
+
+
+def _where_proved(system: System) -> list[tuple[System, Module]]:
+    """Each module where its plants are: of a deployed system, in the one that it deploys.
+
+    Both have the same thread (M025), here with the times that are known of the deployed one.
+    """
+    there = system.proved
+    if there is None:
+        return [(system, m) for m in system.modules]
+    known = {c.name: c for c in system.components}
+    for c in there.components:
+        if c.name in known:
+            c.wcet_ns, c.jitter_ns = known[c.name].wcet_ns, known[c.name].jitter_ns
+    modules = {m.name: m for m in there.modules}
+    return [(there, modules[m.name]) for m in system.modules if m.name in modules]
 
 
 def _switch(switch: Switch) -> SwitchReport:

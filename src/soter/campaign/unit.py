@@ -17,6 +17,7 @@ from soter.codegen import decisions
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.frame import S
+from soter.codegen.storage.places import MADE
 from soter.codegen.unit import UnitBuilder
 from soter.lower.core import Call, Fact, If, Loop
 from soter.lower.footprint import walk
@@ -124,7 +125,7 @@ class Rememberer(UnitBuilder):
         if f.name not in self.remembered:
             return [made]
         anew = f"{made.name}_anew"
-        return [replace(made, name=anew), *_remembering(made, anew)]
+        return [replace(made, name=anew), *_remembering(made, anew, self.types.work(f.result_type))]
 
     def property(self, p: Property, predicate: Predicate) -> c.FunctionDef:
         """Whether a property is violated; one that reads what nodes say is settled until then."""
@@ -231,26 +232,39 @@ def _operations(body: tuple[Stmt, ...], known: dict[str, int]) -> int:
     return found
 
 
-def _remembering(made: c.FunctionDef, anew: str) -> list[c.CTop]:
-    """The last call of a thread, and what came of it. Structs have no holes: bytes tell."""
+def _remembering(made: c.FunctionDef, anew: str, result: str) -> list[c.CTop]:
+    """The last call of a thread, and what came of it. Structs have no holes: bytes tell.
+
+    What is large goes in and out by address (decision 109).
+    """
     kept, last = f"{made.name}_kept", c.Name("last")
-    given = [(t, n) for t, n in made.parameters if t != "soter_fault *"]
-    faults = len(given) < len(made.parameters)
+    given = [
+        (t.removeprefix("const ").removesuffix(" *"), c.Unary("*", c.Name(n)))
+        if t.startswith("const ")
+        else (t, c.Name(n))
+        for t, n in made.parameters
+        if n not in {"fault", "made"}
+    ]
+    faults = any(n == "fault" for _, n in made.parameters)
+    large = any(n == "made" for _, n in made.parameters)
     members = [c.StructMember("bool", "known"), c.StructMember("soter_fault", "status")]
     members += [c.StructMember(t, f"given_{k}") for k, (t, _) in enumerate(given)]
-    members.append(c.StructMember(made.result, "result"))
+    members.append(c.StructMember(result, "result"))
     known: c.CExpr = c.Arrow(last, "known")
-    for k, (_, name) in enumerate(given):
+    for k, (_, value) in enumerate(given):
         there = c.Unary("&", c.Arrow(last, f"given_{k}"))
-        size = c.CallExpr("sizeof", (c.Name(name),))
-        same = c.CallExpr("memcmp", (there, c.Unary("&", c.Name(name)), size))
+        size = c.CallExpr("sizeof", (value,))
+        same = c.CallExpr("memcmp", (there, c.address(value), size))
         known = c.Binary("&&", known, c.Binary("==", same, c.Number("0")))
-    status = (c.Unary("&", c.Arrow(last, "status")),) if faults else ()
-    arguments = (*(c.Name(n) for _, n in given), *status)
+    answer = c.Arrow(last, "result")
+    arguments: list[c.CExpr] = [c.Name(n) for _, n in made.parameters if n not in {"fault", "made"}]
+    arguments += [c.Unary("&", answer)] if large else []
+    arguments += [c.Unary("&", c.Arrow(last, "status"))] if faults else []
+    call = c.CallExpr(anew, tuple(arguments))
     compute = (
-        *(c.Assign(c.Arrow(last, f"given_{k}"), c.Name(n)) for k, (_, n) in enumerate(given)),
+        *(c.Assign(c.Arrow(last, f"given_{k}"), value) for k, (_, value) in enumerate(given)),
         c.Assign(c.Arrow(last, "status"), c.Name("SOTER_OK")),
-        c.Assign(c.Arrow(last, "result"), c.CallExpr(anew, arguments)),
+        c.Do(call) if large else c.Assign(answer, call),
         c.Assign(c.Arrow(last, "known"), c.Name("true")),
     )
     raised = c.Do(c.CallExpr("soter_raise", (c.Name("fault"), c.Arrow(last, "status"))))
@@ -262,7 +276,7 @@ def _remembering(made: c.FunctionDef, anew: str) -> list[c.CTop]:
     ]
     if faults:
         body.append(c.IfStmt(failed, (raised,)))
-    body.append(c.Return(c.Arrow(last, "result")))
+    body.append(c.Assign(MADE, answer) if large else c.Return(answer))
     return [
         c.Include("string.h", system=True),
         c.Include("soter_batch.h"),

@@ -90,7 +90,8 @@ def _checked(file: str, args: argparse.Namespace, console: Console) -> Outcome:
 
 def _say(report: CheckReport, console: Console) -> None:
     modules = {m.name: m for s in report.systems for m in s.modules}
-    ok = console.paint("green", "ok")
+    wrong = exit_of(report.untimely)
+    ok = console.paint("red", "late") if wrong else console.paint("green", "ok")
     counted = f"{_count(len(report.systems), 'system')}, {_count(len(modules), 'module')}"
     proved = ""
     if modules:

@@ -37,6 +37,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {
     "check": "parse, types, well-formedness, composition, timing",
+    "show": "draw a system: nodes, topics, modules, plants",
     "run": "run a system in virtual time",
     "verify": "prove P2a, P2b, P3 per module",
     "recheck": "check certificates independently",
@@ -50,13 +51,14 @@ COMMANDS = {
     "build": "write C99, or a package for a target",
     "explain": "what a diagnostic code means, and what to do",
     "fmt": "lay out source files",
+    "lsp": "serve an editor: the language server",
     "new": "make a small robot that runs",
     "completion": "what a shell completes: bash, zsh, fish",
     "cache": "what compiled programs take on the disk",
     "help": "this text, or that of a command",
 }
-TOOL = frozenset({"explain", "fmt", "completion", "cache"})
-"""Commands about the tool itself: they stand in `cli/tool/`."""
+TOOL = frozenset({"explain", "fmt", "completion", "cache", "show"})
+"""Commands about the tool itself and about pictures: they stand in `cli/tool/`."""
 
 
 class Command(Protocol):

@@ -39,8 +39,8 @@ EXAMPLES = """\
   soter verify cart.soter --format sarif > cart.sarif     for CI: sarif, junit, github
   soter verify cart.soter --json | jq '.modules[].verdict'
 
-exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided,
-            1 diagnostics, 2 usage
+exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided (also where
+            only a declared fail-safe law is), 1 diagnostics, 2 usage
 """
 EXITS = {"proved": FINE, "assumed": FINE, "refuted": VIOLATED, "undecided": UNDECIDED}
 TONES = {"proved": "good", "assumed": "plain", "refuted": "bad", "undecided": "strong"}
@@ -51,7 +51,9 @@ REGIONS_SHOWN = 3
 
 def parser() -> Parser:
     """The command line."""
-    made = Parser("verify", "Prove P1c, P2a, P2b, P3, ttf and safer of every module.", EXAMPLES)
+    made = Parser(
+        "verify", "Prove P1c, P2a, P2b, P3, ttf, safer and the law of `failsafe`.", EXAMPLES
+    )
     add_file(made)
     made.add_argument("--module", metavar="M", help="only this module; by default all")
     made.add_argument("--system", metavar="S", help="the system its plants stand in")
@@ -105,6 +107,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         return Outcome(exit_of(items), items, {"file": args.file})
     _say(report, args, console, runs)
     fields = _fields(report, runs)
+    if not (args.params or args.bindings):
+        _remember(report)
     if written:
         console.say("\nwritten " + " ".join(str(p) for p in written))
         fields["written"] = [str(p) for p in written]
@@ -239,6 +243,27 @@ def _of_the_certificate(report: VerifyReport) -> list[str]:
             said = " ".join(claimed) or "nothing"
             lines.append(f"{module.name}: claims only {said}: not a proof of safety")
     return lines
+
+
+def _remember(report: VerifyReport) -> None:
+    """Keep the verdicts for editors to show (`soter lsp`)."""
+    from pathlib import Path  # noqa: PLC0415 - only then
+
+    from soter.native.verdicts import remember  # noqa: PLC0415 - only then
+
+    kept: dict[str, dict[str, object]] = {}
+    for m in report.modules:
+        sets = m.problem.kind != "nodes"
+        kept[m.name] = {
+            "verdict": m.verdict,
+            "headline": m.headline,
+            "seconds": m.seconds,
+            "system": report.system,
+            "properties": {n: f.verdict for n, f in m.findings.items()},
+            "horizon_ns": m.problem.times.horizon_ns if sets else None,
+            "horizon_needed_ns": m.problem.times.h_star if sets else None,
+        }
+    remember(Path(report.path), report.program_sha256, kept)
 
 
 def _saved(report: VerifyReport) -> Runs:

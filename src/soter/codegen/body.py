@@ -10,10 +10,11 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
-from soter.codegen.c.names import field_name, local
+from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT, int_number
+from soter.codegen.storage.places import MADE, Places
+from soter.codegen.storage.plan import RESULT, has_address, is_still_here, output_name
 from soter.lower import core
-from soter.lower.footprint import walk
 from soter.lower.layout import LENGTH, scalar, storage_range
 from soter.program.meaning.arith import FaultKind
 from soter.program.model.types import (
@@ -76,7 +77,7 @@ def stream_key(stream: str) -> c.CExpr:
     return c.Number(f"UINT64_C(0x{fnv(stream):016x})")
 
 
-class Body:
+class Body(Places):
     """Emits the bodies of one generated program."""
 
     def __init__(
@@ -85,26 +86,44 @@ class Body:
         functions: dict[str, tuple[str, bool]],
         cell: Callable[[core.Cell], c.CExpr],
     ) -> None:
-        self.types = types
+        super().__init__(types)
         self.functions = functions
         """Core function name -> C name, may fault."""
         self.cell = cell
-        self.outputs: tuple[str, ...] = ()
-        """Names of the outputs of the step that is being emitted."""
         self.choices: Choices | None = None
         """Set while a step is emitted that a driver may answer."""
+        self._leave: str | None = None
+        self._leaving: tuple[c.CStmt, ...] = ()
 
-    def out(self, output: int) -> c.Name:
+    def out(self, output: int) -> c.CExpr:
         """The value of an output, until the step commits."""
-        return c.Name(f"out_{self.outputs[output]}")
+        return self.place(output_name(output))
 
     def has(self, output: int) -> c.Name:
         """Whether the step published an output."""
         return c.Name(f"has_{self.outputs[output]}")
 
-    def local(self, name: str) -> str:
-        """The C name of a temporary."""
-        return local(name, self.types.prefix)
+    # ------------------------------------------------------------ functions
+
+    def function(self, f: core.Function, result: core.Expr) -> list[c.CStmt]:
+        """The body of a function."""
+        with self.planned(self.task(f, result)):
+            self._leave = f.leave
+            last = tuple(self._returned(f.result_type, result))
+            self._leaving = last if _leaves(last) else (*last, c.Return(None))
+            found = self.block(f.body, result)
+            if not _leaves(found):
+                found += last
+        self._leave, self._leaving = None, ()
+        return found
+
+    def _returned(self, t: Type, result: core.Expr) -> list[c.CStmt]:
+        if self.types.is_large(t):
+            return self.into(MADE, RESULT, t, result)
+        value = self.expr(result)
+        if self.types.work(t) in {"bool", "int64_t", "double"}:
+            return [c.Return(value)]
+        return [c.Return(self.types.to_store(t, value))]
 
     # ------------------------------------------------------------ expressions
 
@@ -113,7 +132,7 @@ class Body:
         if isinstance(e, core.Const):
             return self.types.named_constant(e.type, e.value, e.name)
         if isinstance(e, core.Var):
-            return c.Name(self.local(e.name))
+            return c.Name("false") if e.name == self._leave else self.place(e.name)
         if isinstance(e, core.Get):
             return self._read(e.type, self.cell(e.cell))
         if isinstance(e, core.Fact):
@@ -211,7 +230,7 @@ class Body:
 
         Temporaries that neither it nor `after` reads are marked, so that compilers stay silent.
         """
-        used = used_names((statements, after))
+        used = self.used((statements, after))
         found: list[c.CStmt] = []
         for s in statements:
             found += self.statement(s, used)
@@ -220,9 +239,7 @@ class Body:
     def statement(self, s: core.Stmt, used: set[str]) -> list[c.CStmt]:
         """One statement."""
         if isinstance(s, core.Let):
-            value = self.expr(s.value)
-            declared = self._declare(s.name, s.value.type, value, const=not s.mutable)
-            return self._marked(declared, s.name, used)
+            return self._let(s, used)
         if isinstance(s, core.Checked):
             return self._marked(self._checked(s), s.name, used)
         if isinstance(s, core.Choose):
@@ -231,19 +248,14 @@ class Body:
             kind = c.Name(FAULT_NAMES[s.kind])
             return [c.Do(c.CallExpr("soter_guard", (self.expr(s.condition), kind, FAULT)))]
         if isinstance(s, core.Call):
-            name, faults = self.functions[s.function]
-            arguments = tuple(self.expr(a) for a in s.arguments)
-            call = c.CallExpr(name, (*arguments, FAULT) if faults else arguments)
-            return self._marked(self._declare(s.name, s.type, call, const=True), s.name, used)
+            return self._call(s, used)
         if isinstance(s, core.Set):
-            target, t = self._target(s.name, s.type, s.path)
-            value = self.expr(s.value)
-            if value == target:  # a program may say `x = x`; compilers remark on it
-                return [c.Unused(self.local(s.name))]
-            return [c.Assign(target, self.types.to_store(t, value) if s.path else value)]
+            return self._set(s)
         if isinstance(s, core.Push):
             return self._push(s)
         if isinstance(s, core.If):
+            if self._leave is not None and is_still_here(s.condition, self._leave):
+                return list(self._inner(s.then, used))
             condition = self.expr(s.condition)
             then = (*self._branch(s, taken=True), *self._inner(s.then, used))
             otherwise = (*self._branch(s, taken=False), *self._inner(s.otherwise, used))
@@ -252,10 +264,72 @@ class Body:
             body = self._inner(s.body, used)
             return [c.For(self.local(s.variable), int_number(s.low), int_number(s.high), body)]
         assert isinstance(s, core.Publish)
-        has = c.Assign(self.has(s.output), c.Name("true"))
+        has: list[c.CStmt] = []
+        if s.output not in self.certain:
+            has.append(c.Assign(self.has(s.output), c.Name("true")))
+        out, root = self.out(s.output), output_name(s.output)
         if s.limit is None:
-            return [c.Assign(self.out(s.output), self.expr(s.value)), has]
-        return [*self._append(self.out(s.output), ListType(s.value.type, s.limit), s.value), has]
+            if self.types.is_large(s.value.type):
+                return [*self.into(out, root, s.value.type, s.value), *has]
+            return [c.Assign(out, self.expr(s.value)), *has]
+        return [*self._append(out, ListType(s.value.type, s.limit), s.value, root), *has]
+
+    def _let(self, s: core.Let, used: set[str]) -> list[c.CStmt]:
+        t, name = s.value.type, self.local(s.name)
+        if s.name == self._leave:
+            return []
+        if not self.types.is_large(t):
+            declared = self._declare(s.name, t, self.expr(s.value), const=not s.mutable)
+            return self._marked(declared, s.name, used)
+        if self.refers(s.name):
+            if id(s) in self.plan.idle:
+                return []
+            pointer = f"const {self.types.stored(t)} *const "
+            return [c.Declare(pointer, name, c.address(self.expr(s.value))), c.Unused(name)]
+        idle = id(s) in self.plan.idle
+        if not self.is_own(s.name):
+            return [] if idle else self.into(self.place(s.name), s.name, t, s.value)
+        if idle:
+            empty = c.Declare(self.types.stored(t), name, None)
+            needed = s.mutable or s.name in self.plan.shared
+            return [empty, c.Unused(name)] if needed else []
+        at_once = has_address(s.value) or not (
+            isinstance(s.value, core.Select)
+            or (isinstance(t, RecordType) and isinstance(s.value, core.Make))
+        )
+        if at_once:
+            const = not s.mutable and s.name not in self.plan.shared
+            declared = self._declare(s.name, t, self.expr(s.value), const=const)
+            return self._marked(declared, s.name, used)
+        declared = c.Declare(self.types.stored(t), name, None)
+        value = self.into(self.place(s.name), s.name, t, s.value)
+        return [declared, *value, c.Unused(name)]
+
+    def _call(self, s: core.Call, used: set[str]) -> list[c.CStmt]:
+        name, faults = self.functions[s.function]
+        found, arguments = self.arguments(s.arguments)
+        end = (FAULT,) if faults else ()
+        if not self.types.is_large(s.type):
+            call = c.CallExpr(name, (*arguments, *end))
+            made = self._declare(s.name, s.type, call, const=True)
+            return [*found, *self._marked(made, s.name, used)]
+        if self.is_own(s.name):
+            found.append(c.Declare(self.types.stored(s.type), self.local(s.name), None))
+        there = c.address(self.place(s.name))
+        return [*found, c.Do(c.CallExpr(name, (*arguments, there, *end)))]
+
+    def _set(self, s: core.Set) -> list[c.CStmt]:
+        if s.name == self._leave:
+            return list(self._leaving)
+        if id(s) in self.plan.idle:
+            return []
+        target, t = self._target(s.name, s.type, s.path)
+        if self.types.is_large(t):
+            return self.into(target, s.name, t, s.value)
+        value = self.expr(s.value)
+        if value == target:  # a program may say `x = x`; compilers remark on it
+            return [c.Unused(self.local(s.name))]
+        return [c.Assign(target, self.types.to_store(t, value) if s.path else value)]
 
     def _branch(self, s: core.If, *, taken: bool) -> list[c.CStmt]:
         """Note for coverage that one side of an `if` was taken, where that is wanted."""
@@ -323,7 +397,7 @@ class Body:
     def _target(
         self, name: str, t: Type, path: tuple[int | core.Expr, ...]
     ) -> tuple[c.CExpr, Type]:
-        target: c.CExpr = c.Name(self.local(name))
+        target = self.place(name)
         for step in path:
             if isinstance(step, int):
                 assert isinstance(t, RecordType)
@@ -339,16 +413,16 @@ class Body:
     def _push(self, s: core.Push) -> list[c.CStmt]:
         target, t = self._target(s.name, s.type, s.path)
         assert isinstance(t, ListType)
-        return self._append(target, t, s.value)
+        return self._append(target, t, s.value, s.name)
 
-    def _append(self, target: c.CExpr, t: ListType, e: core.Expr) -> list[c.CStmt]:
+    def _append(self, target: c.CExpr, t: ListType, e: core.Expr, root: str) -> list[c.CStmt]:
         """A value at the end of a list; a fault where that is full.
 
         That a length is not negative stands in the C as well: where a step compares it with a
         number below zero, a compiler would warn of an index that no execution has.
         """
         length = c.Member(target, "len")
-        value = self.types.to_store(t.element, self.expr(e))
+        end = c.IndexExpr(c.Member(target, "items"), length)
         some = c.Binary(">=", length, c.Number("0"))
         room = c.Binary("&&", some, c.Binary("<", length, c.Number(str(t.capacity))))
         return [
@@ -356,11 +430,21 @@ class Body:
             c.IfStmt(
                 room,
                 (
-                    c.Assign(c.IndexExpr(c.Member(target, "items"), length), value),
+                    *self.into(end, root, t.element, e),
                     c.Assign(length, c.Binary("+", length, c.Number("1"))),
                 ),
             ),
         ]
+
+
+def _leaves(block: list[c.CStmt] | tuple[c.CStmt, ...]) -> bool:
+    """Whether control never comes to the end of a block."""
+    if not block:
+        return False
+    last = block[-1]
+    if isinstance(last, c.IfStmt):
+        return _leaves(last.then) and _leaves(last.otherwise)
+    return isinstance(last, c.Return)
 
 
 def _is_foregone(op: str, value: core.Expr, other: core.Expr) -> bool:
@@ -380,8 +464,3 @@ def _is_foregone(op: str, value: core.Expr, other: core.Expr) -> bool:
     if op in {"==", "!="}:
         return not low <= other.value <= high
     return not low < other.value < high
-
-
-def used_names(root: object) -> set[str]:
-    """Names of temporaries that are read somewhere below."""
-    return {node.name for node in walk(root) if isinstance(node, core.Var)}

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number, int_number
 from soter.codegen.frame import CT, OK, S, where
+from soter.codegen.storage.plan import Task
 from soter.lower import core
 
 if TYPE_CHECKING:
@@ -99,33 +100,39 @@ def predicate(
     frame: Frame, p: core.Predicate, name: str, doc: str, *, unsafe: bool, negate: bool = False
 ) -> c.FunctionDef:
     """A predicate over the state; a fault inside gives `unsafe`."""
-    value = frame.body.expr(p.value)
-    if negate:
-        value = c.Unary("!", value)
     failed = c.Name("true" if unsafe else "false")
-    return _function(frame, p, name, doc, ("bool", value, failed))
+    return _function(frame, p, name, doc, ("bool", failed), negate=negate)
 
 
 def number(frame: Frame, p: core.Predicate, name: str, doc: str) -> c.FunctionDef:
     """A float over the state; a fault inside gives NaN."""
-    return _function(frame, p, name, doc, ("double", frame.body.expr(p.value), float_number(nan)))
+    return _function(frame, p, name, doc, ("double", float_number(nan)))
 
 
 def _function(
-    frame: Frame, p: core.Predicate, name: str, doc: str, what: tuple[str, c.CExpr, c.CExpr]
+    frame: Frame,
+    p: core.Predicate,
+    name: str,
+    doc: str,
+    what: tuple[str, c.CExpr],
+    *,
+    negate: bool = False,
 ) -> c.FunctionDef:
-    result, value, otherwise = what
+    result, otherwise = what
     body: list[c.CStmt] = [frame.state_pointer(const=True), c.Unused("s")]
     faults = p.body and any(
         isinstance(x, (core.Checked, core.Guard, core.Call, core.If, core.Loop)) for x in p.body
     )
     if faults:
         body += [*frame.fault_pointer(), c.Unused("fault")]
-    body += frame.body.block(p.body, p.value)
+    task = Task(code=p.body, is_large=frame.types.is_large, result=p.value)
+    with frame.body.planned(task):
+        body += frame.body.block(p.body, p.value)
+        value = frame.body.expr(p.value)
     if faults:
         failed = c.Binary("!=", c.Name("status"), OK)
         body.append(c.IfStmt(failed, (c.Return(otherwise),)))
-    body.append(c.Return(value))
+    body.append(c.Return(c.Unary("!", value) if negate else value))
     return c.FunctionDef(
         result, name, (("const void *", "state"),), tuple(body), f"{doc}, {where(p.span)}"
     )

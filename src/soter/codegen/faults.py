@@ -200,7 +200,8 @@ def disturb(frame: Frame, component: Component, outputs: tuple[core.Output, ...]
                 done.append(c.Assign(target, new))
                 if component.plant is not None and bound is not None and is_float:
                     done.append(c.Assign(target, _within(target, bound)))
-        found.append(c.IfStmt(c.Binary("&&", frame.body.has(k), there), tuple(done)))
+        given = there if k in frame.body.certain else c.Binary("&&", frame.body.has(k), there)
+        found.append(c.IfStmt(given, tuple(done)))
     return found
 
 

@@ -12,12 +12,14 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import Unique, field_name
+from soter.codegen.storage.plan import Task, output_name
+from soter.lower import core
+from soter.lower.footprint import always_published
 
 if TYPE_CHECKING:
     from soter.codegen.body import Body, Branch
     from soter.codegen.c.types import TypeTable
     from soter.diagnostics.span import Span
-    from soter.lower import core
     from soter.program.model.system import Component, System
 
 S = c.Name("s")
@@ -78,6 +80,14 @@ class Frame:
             c.Declare("soter_fault *const ", "fault", c.Unary("&", c.Name("status"))),
         ]
 
+    def sticky(self, code: list[c.CStmt], failed: tuple[c.CStmt, ...] = ()) -> list[c.CStmt]:
+        """Code with its sticky fault: the step ends after it, with that; none where none can be."""
+        if not any(name in {"fault", "status"} for s in code for name in c.names_read(s)):
+            return code
+        ends = (*failed, c.Return(c.Name("status")))
+        check = c.IfStmt(c.Binary("!=", c.Name("status"), OK), ends)
+        return [*self.fault_pointer(), *code, check]
+
     def topic(self, index: int) -> c.CExpr:
         """The value of a topic in the state."""
         return c.Member(c.Arrow(S, "topics"), self.topic_field(index))
@@ -97,39 +107,73 @@ class Frame:
         return self.member(cell.owner, cell.name)
 
     def load(self, copies: tuple[core.LocalCopy, ...], used: set[str]) -> list[c.CStmt]:
-        """Copy cells into temporaries."""
-        return [
-            c.Declare(
-                self.types.work(copy.type),
-                self.body.local(copy.name),
-                self.cell(copy.cell),
-                const=not copy.written,
-            )
-            for copy in copies
-            if copy.name in used or copy.written
-        ]
+        """Copy cells into temporaries; a large one that is only read is read where it is."""
+        found: list[c.CStmt] = []
+        for copy in copies:
+            if copy.name not in used and not copy.written:
+                continue
+            name, t, cell = self.body.local(copy.name), copy.type, self.cell(copy.cell)
+            if self.body.refers(copy.name):
+                pointer = f"const {self.types.stored(t)} *const "
+                found.append(c.Declare(pointer, name, c.address(cell)))
+            else:
+                found.append(c.Declare(self.types.work(t), name, cell, const=not copy.written))
+        return found
 
     def store(self, copies: tuple[core.LocalCopy, ...]) -> list[c.CStmt]:
         """Commit written temporaries."""
-        return [
-            c.Assign(
-                self.cell(x.cell), self.types.canonical(x.type, c.Name(self.body.local(x.name)))
-            )
-            for x in copies
-            if x.written
-        ]
+        found: list[c.CStmt] = []
+        for x in copies:
+            if x.written:
+                found += self.types.commit(self.cell(x.cell), x.type, self.body.place(x.name))
+        return found
 
     def declare_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
-        """`out_topic` and `has_topic` for every output."""
+        """`out_topic` and `has_topic` for every output; a large one may lie where a local does."""
         unique = Unique()
         topics = [self.system.topics[o.topic].name.rpartition(".")[2] for o in outputs]
         self.body.outputs = tuple(unique(name) for name in topics)
         found: list[c.CStmt] = []
         for k, output in enumerate(outputs):
-            work, default = self.types.work(output.type), self.types.default(output.type)
-            found.append(c.Declare(work, self.body.out(k).text, default))
-            found.append(c.Declare("bool", self.body.has(k).text, c.Name("false")))
+            if self.body.is_own(output_name(k)):
+                work, default = self.types.work(output.type), self.types.default(output.type)
+                found.append(c.Declare(work, f"out_{self.body.outputs[k]}", default))
+            if k not in self.body.certain:
+                found.append(c.Declare("bool", self.body.has(k).text, c.Name("false")))
         return found
+
+    def certain(self, component: Component, step: core.NodeStep | core.PlantStep) -> frozenset[int]:
+        """Outputs that a step always publishes: nobody asks whether it did."""
+        code = step.publish if isinstance(step, core.PlantStep) else step.body
+        silent = {
+            f.topic
+            for f in self.system.faults
+            if f.kind == "silent" and f.component == component.index
+        }
+        said = {k for k, o in enumerate(step.outputs) if o.topic not in silent}
+        return frozenset(always_published(code) & said)
+
+    def where_given(self, k: int, code: list[c.CStmt]) -> list[c.CStmt]:
+        """What is done with an output if the step published it."""
+        if k in self.body.certain:
+            return code
+        return [c.IfStmt(self.body.has(k), tuple(code))]
+
+    def task(
+        self,
+        code: tuple[core.Stmt, ...],
+        copies: tuple[core.LocalCopy, ...],
+        outputs: tuple[core.Output, ...] = (),
+    ) -> Task:
+        """What is to be planned of a step: its large locals, and outputs that nothing changes."""
+        large = self.types.is_large
+        return Task(
+            code=code,
+            is_large=large,
+            given=tuple(x.name for x in copies if large(x.type) and not x.written),
+            kept=tuple((x.name, x.type) for x in copies if large(x.type) and x.written),
+            outputs=tuple((k, o.type) for k, o in enumerate(outputs) if large(o.type)),
+        )
 
     def check_outputs(self, outputs: tuple[core.Output, ...]) -> list[c.CStmt]:
         """The gate's check of every publication."""
@@ -141,7 +185,7 @@ class Frame:
                 self.body.out(k),
             )
             if checks:
-                found.append(c.IfStmt(self.body.has(k), tuple(checks)))
+                found += self.where_given(k, list(checks))
         return found
 
     def publish(self, outputs: tuple[core.Output, ...], *, gated: bool) -> list[c.CStmt]:
@@ -155,7 +199,7 @@ class Frame:
             note = c.Assign(published, c.Binary("|", published, bit))
             if gated:
                 stores = [c.IfStmt(enabled("SOTER_ENABLED"), tuple(stores))]
-            found.append(c.IfStmt(self.body.has(k), (note, *stores)))
+            found += self.where_given(k, [note, *stores])
         return found
 
     def _store_output(self, k: int, output: core.Output) -> list[c.CStmt]:

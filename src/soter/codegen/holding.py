@@ -36,7 +36,7 @@ def hold(frame: Frame, component: Component, outputs: tuple[core.Output, ...]) -
             ),
         )
         stores = c.IfStmt(enabled("SOTER_ENABLED"), keep)
-        found.append(c.IfStmt(frame.body.has(k), (note, stores)))
+        found += frame.where_given(k, [note, stores])
     return found
 
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.codegen.body import Choices, used_names
+from soter.codegen.body import Choices
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import FAULT
@@ -19,31 +19,51 @@ from soter.codegen.frame import CT, OK, STEP_PARAMETERS, S, enabled, where
 from soter.codegen.holding import hold
 from soter.codegen.queues import empty, forgive, must_not_lose
 from soter.codegen.received import received
+from soter.lower import core
 from soter.program.model.system import queues_of
+from soter.program.model.types import BOOL
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.codegen.frame import Frame
-    from soter.lower import core
+    from soter.codegen.storage.plan import Task
     from soter.program.model.system import Component
     from soter.program.model.typed import NodeSymbol
 
 
 def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> c.FunctionDef:
     """The step of a node."""
+    certain = frozenset[int]() if component.extern else frame.certain(component, step)
+    with frame.body.planned(_task(frame, component, step), certain):
+        body = tuple(_step(frame, component, step, name))
     assert component.node is not None
+    doc = f"{component.role} {component.node.name}, {where(step.span)}"
+    return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, body, doc)
+
+
+def _task(frame: Frame, component: Component, step: core.NodeStep) -> Task | None:
+    """What is to be planned; what an extern or a fault writes keeps its own place."""
+    if component.extern:
+        return None
+    disturbed = any(f.component == component.index for f in frame.system.faults)
+    bursts = any(o.burst for o in step.outputs)
+    first = core.If(step.span, core.Const(BOOL, True), step.takeover, ())
+    code = (first, *step.body)
+    return frame.task(code, step.locals, () if disturbed or bursts else step.outputs)
+
+
+def _step(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
     c_source = frame.linked(component)
     foreign = component.extern
-    used = used_names((step.takeover, step.body))
+    used = frame.body.used((step.takeover, step.body))
     branches = None if foreign else frame.branches
     frame.body.choices = Choices(component.name, branches)
     takeover: list[c.CStmt] = []
     if step.takeover:
         block = tuple(frame.body.block(step.takeover, step.body))
         takeover.append(c.IfStmt(enabled("SOTER_TAKEOVER"), block))
-    body: list[c.CStmt] = [frame.state_pointer(), *frame.fault_pointer()]
-    body += frame.load(step.locals, used)
+    body = frame.load(step.locals, used)
     nothing_lost = must_not_lose(frame, component)
     if foreign and c_source and step.locals:
         body += [*takeover, *_linked(frame, component, step, name), *nothing_lost]
@@ -55,23 +75,21 @@ def node_step(frame: Frame, component: Component, step: core.NodeStep, name: str
         body += nothing_lost
         body += [*choosing(component, step.body), *takeover, *frame.body.block(step.body)]
     body += disturb(frame, component, step.outputs)
-    body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault")]
     body += frame.check_outputs(step.outputs)
-    failed = (*forgive(frame, component), c.Return(c.Name("status")))
-    body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), failed))
+    unused = [c.Unused(n) for n in ("s", "flags", "answer", "published")]
+    body = [frame.state_pointer(), *unused, *frame.sticky(body, tuple(forgive(frame, component)))]
     if foreign and c_source:
-        body += [_keep(frame, copy) for copy in step.locals]
+        body += [s for copy in step.locals for s in _keep(frame, copy)]
     else:
         body += frame.store(step.locals)
     body += [empty(frame, q) for q in queues_of(frame.system, component)]
     if component.held is None:
-        body += frame.publish(step.outputs, gated=True)
+        body += frame.publish(step.outputs, gated=component.role != "node")
     else:
         body += hold(frame, component, step.outputs)
     body.append(c.Return(OK))
     frame.body.choices = None
-    doc = f"{component.role} {component.node.name}, {where(step.span)}"
-    return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, tuple(body), doc)
+    return body
 
 
 def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:
@@ -116,10 +134,10 @@ def _linked(frame: Frame, component: Component, step: core.NodeStep, name: str) 
     return found + _given(frame, node, lambda field: c.Member(c.Name("got"), field))
 
 
-def _keep(frame: Frame, copy: core.LocalCopy) -> c.CStmt:
+def _keep(frame: Frame, copy: core.LocalCopy) -> list[c.CStmt]:
     """Commit a local that a linked C function may have changed."""
     new = c.Member(c.Name("kept"), field_name(copy.cell.name))
-    return c.Assign(frame.cell(copy.cell), frame.types.canonical(copy.type, new))
+    return frame.types.commit(frame.cell(copy.cell), copy.type, new)
 
 
 def _answered(frame: Frame, component: Component, step: core.NodeStep, name: str) -> list[c.CStmt]:

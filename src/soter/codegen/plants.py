@@ -9,17 +9,18 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.codegen.body import Choices, used_names
+from soter.codegen.body import Choices
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import field_name
 from soter.codegen.c.types import int_number
 from soter.codegen.draws import assemble, choosing, in_order, uniform
 from soter.codegen.faults import disturb, leaf_of, scaled
 from soter.codegen.frame import CT, OK, STEP_PARAMETERS, enabled, where
+from soter.lower import core
+from soter.program.model.types import BOOL
 
 if TYPE_CHECKING:
     from soter.codegen.frame import Frame
-    from soter.lower import core
     from soter.program.model.system import Component
 
 
@@ -27,17 +28,22 @@ def plant_step(
     frame: Frame, component: Component, step: core.PlantStep, name: str
 ) -> c.FunctionDef:
     """One release of a plant."""
+    once = core.If(step.span, core.Const(BOOL, True), step.integrate, ())
+    task = frame.task((*step.choose, once, *step.publish), step.states)
+    with frame.body.planned(None if step.extern else task, frame.certain(component, step)):
+        body = tuple(_step(frame, component, step, name))
     assert component.plant is not None
+    doc = f"plant {component.plant.name}, {where(step.span)}"
+    return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, body, doc)
+
+
+def _step(frame: Frame, component: Component, step: core.PlantStep, name: str) -> list[c.CStmt]:
     first = c.Name("first")
-    body: list[c.CStmt] = [
-        frame.state_pointer(),
-        *frame.fault_pointer(),
-        c.Declare("bool", "first", enabled("SOTER_FIRST"), const=True),
-    ]
+    is_first = c.Declare("bool", "first", enabled("SOTER_FIRST"), const=True)
     code = (*step.choose, *step.integrate, *step.publish)
-    used = used_names(code)
+    used = frame.body.used(code)
     frame.body.choices = Choices(component.name, chance=step.extern)
-    body += frame.load(step.states, used)
+    body = frame.load(step.states, used)
     body += _disturbances(frame, component, step, used)
     body += frame.declare_outputs(step.outputs)
     body += choosing(component, code)
@@ -50,15 +56,14 @@ def plant_step(
     body += frame.body.block(step.publish)
     body += _noise(frame, component, step)
     body += disturb(frame, component, step.outputs)
-    body += [c.Unused(n) for n in ("s", "flags", "answer", "published", "fault", "first")]
     body += frame.check_outputs(step.outputs)
-    body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(c.Name("status")),)))
+    unused = [c.Unused(n) for n in ("s", "flags", "answer", "published", "first")]
+    body = [frame.state_pointer(), is_first, *unused, *frame.sticky(body)]
     body += frame.store(step.states)
     body += frame.publish(step.outputs, gated=False)
     body.append(c.Return(OK))
     frame.body.choices = None
-    doc = f"plant {component.plant.name}, {where(step.span)}"
-    return c.FunctionDef("soter_fault", f"{name}_step", STEP_PARAMETERS, tuple(body), doc)
+    return body
 
 
 def _disturbances(

@@ -58,7 +58,7 @@ def _initial(frame: Frame, target: c.CExpr, t: Type, value: Value) -> list[c.CSt
     if value == default_value(t) and _is_zero(t, value):
         return []
     constant = frame.types.constant(t, value, "initial")
-    return [c.Assign(target, frame.types.canonical(t, constant))]
+    return frame.types.commit(target, t, constant)
 
 
 def _is_zero(t: Type, value: Value) -> bool:

@@ -12,7 +12,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING
 
 from soter.codegen import decisions, faults, holding, nodes, plants, queues, start
-from soter.codegen.body import Body, used_names
+from soter.codegen.body import Body
 from soter.codegen.c import tree as c
 from soter.codegen.c.names import FileNames, Unique, program_prefix
 from soter.codegen.c.printer import print_file
@@ -21,6 +21,7 @@ from soter.codegen.frame import Frame, where
 from soter.codegen.inputs import InputEmitter
 from soter.codegen.interface import answer_fields, interface, struct
 from soter.codegen.received import received
+from soter.codegen.storage.places import MADE
 from soter.codegen.tables import TableEmitter
 from soter.lower.layout import Struct, arrange, state_layout
 from soter.lower.steps import lower
@@ -227,59 +228,69 @@ class UnitBuilder:
 
     def _function(self, f: Function) -> c.FunctionDef:
         name, faults = self.functions[f.name]
-        parameters = [(self._parameter_type(p.type), self.body.local(p.name)) for p in f.parameters]
+        parameters = self.body.parameters(f.parameters)
+        result = self.types.work(f.result_type)
+        if self.types.is_large(f.result_type):
+            parameters.append((f"{result} *", "made"))
+            result = "void"
         if faults:
             parameters.append(("soter_fault *", "fault"))
-        result = self.types.work(f.result_type)
         doc = f"{f.source_name}, {where(f.span)}"
         if f.result is None:
             return self._extern_function(f, name, tuple(parameters), result, doc)
-        body = self.body.block(f.body, f.result)
-        used = used_names((f.body, f.result))
-        unused = [c.Unused(self.body.local(p.name)) for p in f.parameters if p.name not in used]
+        unused = [c.Unused(self.body.local(p.name)) for p in f.parameters]
         if faults:
             unused.append(c.Unused("fault"))
-        value = self.types.to_store(f.result_type, self.body.expr(f.result))
-        if self.types.work(f.result_type) in {"bool", "int64_t", "double"}:
-            value = self.body.expr(f.result)
-        return c.FunctionDef(
-            result, name, tuple(parameters), (*unused, *body, c.Return(value)), doc, inline=True
-        )
-
-    def _parameter_type(self, t: Type) -> str:
-        return self.types.work(t)
+        body = (*unused, *self.body.function(f, f.result))
+        return c.FunctionDef(result, name, tuple(parameters), body, doc, inline=True)
 
     def _extern_function(
         self, f: Function, name: str, parameters: tuple[tuple[str, str], ...], result: str, doc: str
     ) -> c.FunctionDef:
-        """A linked C function; where it is bound to something else, calling it is a fault."""
+        """A linked C function; where it is bound to something else, calling it is a fault.
+
+        It takes and gives values, however large (docs/language.md).
+        """
+        t = f.result_type
+        large = self.types.is_large(t)
+        gives = self._gives
         if f.source is not None and f.source.startswith("c:"):
             _, path, symbol = f.source.split(":")
             self.c_sources.append(path)
-            arguments = tuple(c.Name(n) for _, n in parameters[:-1])
+            arguments = tuple(
+                c.Unary("*", own) if self.types.is_large(p.type) else own
+                for p in f.parameters
+                for own in (c.Name(self.body.local(p.name)),)
+            )
             parameters = (*parameters[:-1], ("soter_fault *", "outer"))
-            got, status = c.Name("got"), c.Name("status")
+            got, status = (MADE if large else c.Name("got")), c.Name("status")
             failed = (
                 c.Do(c.CallExpr("soter_raise", (c.Name("outer"), status))),
-                c.Return(self.types.default(f.result_type)),
+                *gives(t, self.types.default(t)),
             )
             call = c.CallExpr(symbol, arguments)
+            taken = c.Assign(got, call) if large else c.Declare(self.types.work(t), "got", call)
+            ends = () if large else (c.Return(got),)
             body: tuple[c.CStmt, ...] = (
                 c.Declare("soter_fault", "status", c.Name("SOTER_OK")),
                 c.Declare("soter_fault *const ", "fault", c.Unary("&", status)),
                 c.Unused("fault"),
-                c.Declare(self.types.work(f.result_type), "got", call),
-                *received(f.result_type, got),
+                taken,
+                *received(t, got),
                 c.IfStmt(c.Binary("!=", status, c.Name("SOTER_OK")), failed),
-                c.Return(got),
+                *ends,
             )
         else:
             body = (
-                *(c.Unused(n) for _, n in parameters[:-1]),
+                *(c.Unused(self.body.local(p.name)) for p in f.parameters),
                 c.Do(c.CallExpr("soter_raise", (c.Name("fault"), c.Name("SOTER_EXTERN_FAULT")))),
-                c.Return(self.types.default(f.result_type)),
+                *gives(t, self.types.default(t)),
             )
         return c.FunctionDef(result, name, parameters, body, doc, inline=True)
+
+    def _gives(self, t: Type, value: c.CExpr) -> tuple[c.CStmt, ...]:
+        """What a function ends with that returns a value."""
+        return (c.Assign(MADE, value),) if self.types.is_large(t) else (c.Return(value),)
 
     def _given_topics(self) -> set[int]:
         """Topics that something gives a value while the system runs."""

@@ -46,7 +46,8 @@ class Builder(ExpressionBuilder):
         super().__init__(functions, system, scope, params)
         self.outputs: dict[typed.TopicSymbol, int] = {}
         self._result: tuple[str, Type] | None = None
-        self._done: str | None = None
+        self.leave: str | None = None
+        """The flag of having returned."""
 
     # ------------------------------------------------------------ statements
 
@@ -76,17 +77,17 @@ class Builder(ExpressionBuilder):
                 )
                 self._if(new)
                 return
-        if self._done is None:
-            self._done = self.fresh("done")
+        if self.leave is None:
+            self.leave = self.fresh("done")
             self._blocks[0].insert(
                 0,
-                core.Let(s.span, self._done, core.Const(BOOL, False), True),
+                core.Let(s.span, self.leave, core.Const(BOOL, False), True),
             )
         self.statement(s)
         if rest:
             inner, _ = self.capture(lambda: self.block(rest))
             if inner:
-                undone = core.Unary(BOOL, "not", core.Var(BOOL, self._done))
+                undone = core.Unary(BOOL, "not", core.Var(BOOL, self.leave))
                 self.emit(core.If(rest[0].span, undone, inner, ()))
 
     def statement(self, s: typed.Stmt) -> None:
@@ -111,8 +112,8 @@ class Builder(ExpressionBuilder):
             assert self._result is not None
             value = self.expr(s.value)
             self.emit(core.Set(s.span, self._result[0], self._result[1], (), value))
-            if self._done is not None:
-                self.emit(core.Set(s.span, self._done, BOOL, (), core.Const(BOOL, True)))
+            if self.leave is not None:
+                self.emit(core.Set(s.span, self.leave, BOOL, (), core.Const(BOOL, True)))
         elif isinstance(s, typed.Assert):
             self.emit(core.Guard(s.span, self.expr(s.condition), FaultKind.ASSERT))
         elif isinstance(s, typed.If):
@@ -142,6 +143,14 @@ class Builder(ExpressionBuilder):
     def _if(self, s: typed.If) -> None:
         (condition, body), *more = s.arms
         c = self.expr(condition)
+        if isinstance(c, core.Const):  # a parameter decides: the other branch is not there
+            if c.value:
+                self.block(body)
+            elif more:
+                self._if(typed.If(more[0][0].span, tuple(more), s.otherwise))
+            else:
+                self.block(s.otherwise)
+            return
         then, _ = self.capture(lambda: self.block(body))
         if more:
             rest = typed.If(more[0][0].span, tuple(more), s.otherwise)
@@ -152,11 +161,11 @@ class Builder(ExpressionBuilder):
 
     def _guarded_body(self, body: tuple[typed.Stmt, ...], span: Span) -> None:
         """A loop body that is skipped once the function has returned."""
-        if self._done is None or self._result is None or not any(may_return(x) for x in body):
+        if self.leave is None or self._result is None or not any(may_return(x) for x in body):
             self.block(body)
             return
         inner, _ = self.capture(lambda: self.block(body))
-        self.emit(core.If(span, core.Unary(BOOL, "not", core.Var(BOOL, self._done)), inner, ()))
+        self.emit(core.If(span, core.Unary(BOOL, "not", core.Var(BOOL, self.leave)), inner, ()))
 
     def _for_range(self, s: typed.ForRange) -> None:
         name = self.bind(s.variable)
@@ -207,8 +216,8 @@ class Builder(ExpressionBuilder):
         self.emit(core.Let(span, name, core.Const(result, default_value(result)), True))
         self._result = (name, result)
         if needs_flag(body):
-            self._done = self.fresh("done")
-            self.emit(core.Let(span, self._done, core.Const(BOOL, False), True))
+            self.leave = self.fresh("done")
+            self.emit(core.Let(span, self.leave, core.Const(BOOL, False), True))
         self.block(body)
         return self.finish(), core.Var(result, name)
 
@@ -287,6 +296,7 @@ class FunctionTable:
             span=fun.span,
             source=fun.source,
             can_fault=can_fault,
+            leave=builder.leave,
         )
         self._made[key] = function
         self.by_name[function.name] = function

@@ -273,7 +273,10 @@ class Parameter:
 
 @dataclass(eq=False, kw_only=True)
 class Function:
-    """A pure function; `result` is evaluated at its single exit. `source` binds an extern."""
+    """A pure function; `result` is evaluated at its single exit. `source` binds an extern.
+
+    `leave`: the flag of having returned, if there is one; once it is set nothing has an effect.
+    """
 
     name: str
     source_name: str
@@ -284,6 +287,7 @@ class Function:
     span: Span
     source: str | None = None
     can_fault: bool = False
+    leave: str | None = None
 
 
 @dataclass(eq=False)

@@ -245,6 +245,8 @@ class ExpressionBuilder:
 
     def _short_circuit(self, e: typed.Binary) -> core.Expr:
         left = self.expr(e.left)
+        if isinstance(left, core.Const):
+            return self.expr(e.right) if left.value == (e.op == "&&") else left
         block, right = self.capture(lambda: self.expr(e.right))
         assert right is not None
         if not block:
@@ -274,6 +276,8 @@ class ExpressionBuilder:
 
     def _conditional(self, e: typed.Conditional) -> core.Expr:
         condition = self.expr(e.condition)
+        if isinstance(condition, core.Const):
+            return self.expr(e.then if condition.value else e.otherwise)
         then_block, then = self.capture(lambda: self.expr(e.then))
         else_block, otherwise = self.capture(lambda: self.expr(e.otherwise))
         assert then is not None

@@ -63,3 +63,14 @@ def written_topics(system: System, topic: int) -> list[core.Cell]:
     """The cells that a publication changes: the topic and the queues behind it."""
     found = (topic, *system.topics[topic].queues)
     return [core.Cell("topic", i, system.topics[i].name) for i in found]
+
+
+def always_published(code: tuple[core.Stmt, ...]) -> set[int]:
+    """The outputs that every way through a step publishes."""
+    found: set[int] = set()
+    for s in code:
+        if isinstance(s, core.Publish):
+            found.add(s.output)
+        elif isinstance(s, core.If):
+            found |= always_published(s.then) & always_published(s.otherwise)
+    return found

@@ -136,17 +136,18 @@ def _is_whole(entry: Path, content: str, files: tuple[str, ...]) -> bool:
     Loading half a library kills the process; loading somebody else's runs it.
     """
     try:
-        ours = stat.S_ISDIR(entry.lstat().st_mode) and _is_ours(entry.lstat())
+        ours = stat.S_ISDIR(entry.lstat().st_mode) and is_ours(entry.lstat())
         for name in (*files, SEALS):
             status = (entry / name).lstat()
-            ours = ours and stat.S_ISREG(status.st_mode) and _is_ours(status)
+            ours = ours and stat.S_ISREG(status.st_mode) and is_ours(status)
         seals = (entry / SEALS).read_text(encoding="utf-8") if ours else ""
         return ours and seals == _seals(entry, content, files)
     except (OSError, UnicodeDecodeError):
         return False
 
 
-def _is_ours(status: os.stat_result) -> bool:
+def is_ours(status: os.stat_result) -> bool:
+    """Whether it belongs to this user (or root), and nobody else may write to it."""
     return status.st_uid in {os.geteuid(), 0} and not status.st_mode & OTHERS
 
 
@@ -155,7 +156,7 @@ def _refuse_a_folder_of_others(folder: Path) -> None:
         status = folder.stat()
     except OSError:
         return  # it is not there yet; making it says what is wrong
-    if not _is_ours(status):
+    if not is_ours(status):
         mine = status.st_uid in {os.geteuid(), 0}
         what = "others may write to it" if mine else "it belongs to another user"
         fix = (f"if nobody has: chmod go-w '{folder}'",) if mine else ()

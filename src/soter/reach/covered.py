@@ -106,8 +106,14 @@ def problem_key(problem: Problem) -> object:
         problem.recover_ns,
         tuple(problem.assumptions),
         problem.law_unread,
-        None if problem.law is None else problem_key(problem.law),
+        None if problem.law is None else _law(problem),
     )
+
+
+def _law(problem: Problem) -> object:
+    """The fail-safe law: with the problem itself it is all that its own problem is made of."""
+    law = problem.module.law
+    return tuple(sorted((problem.system.topics[i].name, repr(v)) for i, v in law.items()))
 
 
 def _flying_key(flat: System, module: Module) -> object:

@@ -16,7 +16,7 @@ from soter.program.model.durations import show_ns
 from soter.reach.claims import claims
 from soter.reach.claims.case import Case, Clock
 from soter.reach.claims.entered import not_entered
-from soter.reach.claims.lawful import NO_LAW
+from soter.reach.claims.lawful import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.reach.claims.levels import deploy, levels
 from soter.reach.claims.recovery import in_time, recover
 from soter.reach.claims.refine import refined
@@ -338,7 +338,7 @@ def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Findi
     why = next((x.why for x in lawful if x.why), problem.law_unread)
     if why or len(lawful) < len(done) or not all(c.proofs for c in done):
         finding.verdict, finding.text = UNDECIDED, why or NO_CORE
-        finding.hint = "a law under which the plant comes to rest; a finer grid"
+        finding.hint = NOT_FOR_LAWS if problem.law_unread else hint_of(why)
         return finding
     open_ = [n for n in RESTS_ON if not result.findings[n].holds]
     if open_:

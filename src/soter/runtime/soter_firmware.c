@@ -36,7 +36,7 @@ const char* soter_firmware_start(soter_firmware* f, const soter_program* p, void
   f->latest = 0;
   f->late_steps = 0;
   f->behind_steps = 0;
-  f->reserved = 0;
+  f->stale_steps = 0;
   return NULL;
 }
 
@@ -107,6 +107,21 @@ static bool too_late(const soter_firmware* f, const void* state, int64_t instant
   return late;
 }
 
+/* Whether something that is due now reads what is older than it may be. What was never published is
+ * another matter: SOTER_UNHEARD. */
+static bool too_old(const soter_firmware* f, void* state, int64_t instant) {
+  const soter_component* const c = soter_components_of(state);
+  const int64_t* const stamps = soter_stamps_of(f->program, state);
+  bool old = false;
+  for (uint32_t i = 0; i < f->age_count; i++) {
+    const soter_read_age* const a = &f->ages[i];
+    const int64_t stamp = stamps[a->topic];
+    const bool due = c[a->component].next == instant && stamp != SOTER_NEVER;
+    old = old || (due && instant - stamp > a->most);
+  }
+  return old;
+}
+
 static uint32_t run_instant(const soter_firmware* f, void* state) {
   uint32_t due = 0;
   uint32_t said = 0;
@@ -141,6 +156,7 @@ static uint32_t run_until(soter_firmware* f, void* state, int64_t time) {
     }
     said |= (said & SOTER_RAN) != 0U ? SOTER_BEHIND : SOTER_RAN;
     said |= too_late(f, state, next, behind) ? SOTER_LATE : 0U;
+    said |= too_old(f, state, next) ? SOTER_STALE : 0U;
     said |= run_instant(f, state);
     next = soter_next_instant(f->program, state);
   }
@@ -153,6 +169,7 @@ static void count(soter_firmware* f, uint32_t said) {
   }
   f->late_steps += (said & SOTER_LATE) != 0U ? 1U : 0U;
   f->behind_steps += (said & SOTER_BEHIND) != 0U ? 1U : 0U;
+  f->stale_steps += (said & SOTER_STALE) != 0U ? 1U : 0U;
 }
 
 uint32_t soter_firmware_step(soter_firmware* f, void* state, int64_t now) {

@@ -35,20 +35,29 @@ typedef enum {
 #define SOTER_LATCHED 32U       /* a component faulted and holds its fail-safe values */
 #define SOTER_REFUSED 64U       /* not started: nothing was run */
 #define SOTER_NO_ANSWER 128U    /* an extern that is not linked was due: its step is a fault */
+#define SOTER_STALE 256U /* SC, or a node before it, read what was older than a proof allows */
+
+/* How old a topic may be where a component reads it: its `max_age`, and the module's `dropout`. */
+typedef struct {
+  uint32_t component, topic;
+  int64_t most; /* ns */
+} soter_read_age;
 
 /* Times are those of your clock, in ns; it may start anywhere. */
 typedef struct {
   const soter_program* program; /* NULL before the start */
   const int64_t* late;          /* per component: how late it may run, -1 where nobody says */
   const uint32_t* outside;      /* the topics that somebody outside publishes */
+  const soter_read_age* ages;   /* how old what SCs read may be */
   uint32_t outside_count;
+  uint32_t age_count;
   uint32_t late_steps;   /* steps that were SOTER_LATE */
   uint32_t behind_steps; /* steps that were SOTER_BEHIND */
-  uint32_t reserved;
-  int64_t origin;   /* your clock at the program's time 0 */
-  int64_t now;      /* the time that was told last */
-  int64_t lateness; /* of the instant of the last step that was latest, ns */
-  int64_t latest;   /* of all instants */
+  uint32_t stale_steps;  /* steps that were SOTER_STALE */
+  int64_t origin;        /* your clock at the program's time 0 */
+  int64_t now;           /* the time that was told last */
+  int64_t lateness;      /* of the instant of the last step that was latest, ns */
+  int64_t latest;        /* of all instants */
 } soter_firmware;
 
 /* Everything as before the first instant, which is at `now`. NULL, or what is wrong, in words. */

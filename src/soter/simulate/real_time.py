@@ -72,6 +72,8 @@ def why_not(bindings: Bindings, engine: str) -> str:
 
 def build(system: System, core: CoreSystem) -> Built:
     """The package, from the cache or compiled now; SoterError X004, X008."""
+    if system.externals:
+        raise SoterError((_nobody_speaks(system),))
     compiler = find()
     package = posix_package(system, core, Path())
     flags = (*STRICT, "-O2")
@@ -88,6 +90,15 @@ def build(system: System, core: CoreSystem) -> Built:
 
     folder = kept(f"posix-{program[:32]}", digest((compiler.identity, *flags, *texts)), names, make)
     return Built(folder, program)
+
+
+def _nobody_speaks(system: System) -> Diagnostic:
+    return Diagnostic(
+        "X008",
+        f"system `{system.name}` has external topics, and nobody speaks on them here",
+        notes=("its plants are other programs",),
+        helps=("build it with `--target posix`, and start them beside it (docs/real-time.md)",),
+    )
 
 
 def run_real_time(

@@ -331,19 +331,11 @@ def _readme(
 | `{name}_lease.h`, `{name}_lease.c`, `soter_lease.*` | the actuators: what they obey, the law |
 | `{name}_grant.c`, `soter_grant.*` | the trusted side: who gives leases, and when nobody does |
 """
-    until = "" if system.until_ns else " --until SECONDS"
     return f"""\
 # {name}, system {system.name}
 
 Written by soter from `{PurePath(system.program.path).name}` (program {system.program.sha256[:12]}).
-
-    make
-    ./{command_name(name)}{until}
-
-runs the program in virtual time and prints verdict, modules and `trace_sha256`, which is that of
-`soter run` with the same seed. `--seed N`, `--until SECONDS`; exits 0 safe, 3 violated, 2 usage, 1
-where this machine does not compute as the program means (`soter_self_test` says it; your own `main`
-may call it too, with the program: both files are looked at).
+{_how_to_use(system, unit)}
 
 | file | what |
 |---|---|
@@ -355,6 +347,29 @@ may call it too, with the program: both files are looked at).
 | `soter_self_test.c` | finds at start what a compiler's or linker's flags have changed |
 | `{APP}.h`, `{APP}.c`, `{_main_name(unit)}` | this command |
 {leases}{filled}"""
+
+
+def _how_to_use(system: System, unit: Unit) -> str:
+    """What to do with a package: a command, or a library where the world is outside."""
+    until = "" if system.until_ns else " --until SECONDS"
+    command = f"""
+    make
+    ./{command_name(unit.prefix)}{until}
+
+runs the program in virtual time and prints verdict, modules and `trace_sha256`, which is that of
+`soter run` with the same seed. `--seed N`, `--until SECONDS`; exits 0 safe, 3 violated, 2 usage, 1
+where this machine does not compute as the program means (`soter_self_test` says it; your own `main`
+may call it too, with the program: both files are looked at)."""
+    if not system.externals:
+        return command
+    name = firmware_name(system, unit)
+    return f"""
+    make lib
+
+builds `lib{command_name(unit.prefix)}.a` for a loop of your own: `{name}_start`, then in every turn
+`{name}_publish_...`, `{name}_step`, `{name}_read_...` of `{name}_firmware.h` (docs/deploy.md of
+soter). The command below has nobody outside who publishes: it shows that the program runs, no more.
+{command}"""
 
 
 def notes(core: CoreSystem, stubs: dict[str, Component], plants: list[Component]) -> list[str]:

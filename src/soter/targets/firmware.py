@@ -29,6 +29,7 @@ from soter.program.model.types import (
     RecordType,
     leaves,
 )
+from soter.targets.limits import Age, ages_of
 from soter.targets.package import File
 
 if TYPE_CHECKING:
@@ -74,6 +75,13 @@ def firmware_name(system: System, unit: Unit) -> str:
     return name
 
 
+def topic_names(system: System) -> dict[int, str]:
+    """Topic -> what it is called outside, without the file that declares it; queues are none."""
+    unique = Unique()
+    topics = [t for t in system.topics if t.queue_of is None and not t.held]
+    return {t.index: unique(_without_file(t)) for t in topics}
+
+
 class _Firmware:
     """The files of one system."""
 
@@ -81,9 +89,8 @@ class _Firmware:
         self.system = system
         self.unit = unit
         self.name = firmware_name(system, unit)
-        unique = Unique()
-        self.topics = [t for t in system.topics if t.queue_of is None and not t.held]
-        self.short = {t.index: unique(_without_file(t)) for t in self.topics}
+        self.short = topic_names(system)
+        self.topics = [system.topics[i] for i in self.short]
         self.open = environment_topics(system)
         modules = Unique()
         self.modules = [modules(legal(m.name)) for m in system.modules]
@@ -154,6 +161,7 @@ class _Firmware:
         late = allowed_lateness(system)
         rows = [(None, c.Number(_number(late.get(x.index, -1)))) for x in system.components]
         outside = [(None, c.Number(f"{i}U")) for i in self.open]
+        ages = [_row(a) for m in system.modules for a in ages_of(system, m)]
         return print_file(
             c.CFile(
                 (
@@ -174,7 +182,14 @@ class _Firmware:
                         array=True,
                         comment="topics from outside",
                     ),
-                    self._start_as(self._starts(len(outside))),
+                    c.VariableDef(
+                        "soter_read_age",
+                        "ages",
+                        c.Initializer(tuple(ages) or ((None, _row(Age(0, 0, 0))[1]),)),
+                        array=True,
+                        comment="how old what SCs read may be",
+                    ),
+                    self._start_as(self._starts(len(outside), len(ages))),
                     self._step(True),
                     self._next(True),
                     *(self._publish(t, True) for t in self.topics if t.index in self.open),
@@ -241,7 +256,7 @@ class _Firmware:
             "const char *", f"{self.name}_start_as", parameters, body, doc, static=False
         )
 
-    def _starts(self, outside: int) -> tuple[c.CStmt, ...]:
+    def _starts(self, outside: int, ages: int) -> tuple[c.CStmt, ...]:
         differs = c.Binary(
             "!=",
             c.CallExpr("strcmp", (c.Name("layout"), c.Name(f"{self.name}_LAYOUT"))),
@@ -258,6 +273,8 @@ class _Firmware:
             c.Assign(c.Member(loop, "late"), c.Name("late")),
             c.Assign(c.Member(loop, "outside"), c.Name("outside")),
             c.Assign(c.Member(loop, "outside_count"), c.Number(f"{outside}U")),
+            c.Assign(c.Member(loop, "ages"), c.Name("ages")),
+            c.Assign(c.Member(loop, "age_count"), c.Number(f"{ages}U")),
             c.Return(c.CallExpr("soter_firmware_start", call)),
         )
 
@@ -392,13 +409,19 @@ class _Firmware:
             "c_name": self.short[t.index],
             "published": "outside" if t.index in self.open else t.driver or "nobody",
             "max_age_ns": t.max_age_ns,
-            "type": _described(t.type),
+            "type": described(t.type),
             "set": [None if b is None else [b.low, b.high] for b in t.bounds],
         }
         for e in self.system.externals:
             if e.topic == t.index:
                 found |= {"every_ns": e.every_ns, "delay_ns": e.delay_ns, "errors": e.errors}
         return found
+
+
+def _row(age: Age) -> tuple[None, c.CExpr]:
+    numbers = (("component", f"{age.component}U"), ("topic", f"{age.topic}U"))
+    most = ("most", c.Number(f"INT64_C({age.most_ns})"))
+    return None, c.Initializer((*((n, c.Number(v)) for n, v in numbers), most))
 
 
 def _by_value(t: Type) -> bool:
@@ -424,8 +447,8 @@ def _said_of(t: Topic) -> str:
     return f"{t.name}{f', in {inside}' if inside else ''}{age}"
 
 
-def _described(t: Type) -> dict[str, object]:
-    """A type and how it lies in memory."""
+def described(t: Type) -> dict[str, object]:
+    """A type and how it lies in memory, as `messages.json` has it."""
     s = scalar(t)
     if s is not None:
         found: dict[str, object] = {"kind": s.c_type, "size": s.size}
@@ -436,12 +459,12 @@ def _described(t: Type) -> dict[str, object]:
         return found
     if isinstance(t, RecordType):
         fields = [
-            {"name": m.name, "offset": m.offset, "type": _described(m.type)}
+            {"name": m.name, "offset": m.offset, "type": described(m.type)}
             for m in sorted(struct_of(t).members, key=lambda m: m.index)
         ]
         return {"kind": "record", "size": size_of(t), "fields": fields}
     assert isinstance(t, (ArrayType, ListType))
-    element = _described(t.element)
+    element = described(t.element)
     if isinstance(t, ArrayType):
         return {"kind": "array", "size": size_of(t), "length": t.size, "element": element}
     return {"kind": "list", "size": size_of(t), "capacity": t.capacity, "element": element}

@@ -80,7 +80,7 @@ def lease_times(system: System, module: Module) -> LeaseTimes:
         Budget(sc.name, sc.period_ns, sc.phase_ns, ns(verify.late_sc), ns(verify.response_sc)),
     ]
     outer = module.name.rpartition(".")[0]
-    for node in _on_the_way(system, module):
+    for node in on_the_way(system, module):
         name = node.name.removeprefix(f"{outer}.") if outer else node.name
         late, response = (of.get(name) for of in (verify.late_of, verify.response_of))
         takes = 0 if node.takes_ns is None else node.takes_ns[1]
@@ -98,7 +98,7 @@ def leased(system: System) -> list[Module]:
     return [m for m in system.modules if m.law and m.over is None and m.index not in below]
 
 
-def _on_the_way(system: System, module: Module) -> Iterator[Component]:
+def on_the_way(system: System, module: Module) -> Iterator[Component]:
     """Nodes, no controllers, behind what DM and SC read, in order of declaration."""
     sc = system.components[module.sc]
     assert sc.node is not None

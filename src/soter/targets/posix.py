@@ -1,8 +1,10 @@
 """Target `posix`: the program in real time, every extern node in a process of its own.
 
 Purpose: a folder that builds with gcc or clang on Linux and no Soter: the trusted part with the
-driver of `runtime/posix/`, and one small program for each extern node that is bound to C.
-Non-goals: what the driver does (docs/real-time.md), workers in Python (`workers/`).
+driver of `runtime/posix/`, one small program for each extern node that is bound to C, and where a
+module has a fail-safe law that of the actuators.
+Non-goals: what the driver does (docs/real-time.md), workers in Python (`workers/`), what meets the
+world (`outside.py`).
 """
 
 from __future__ import annotations
@@ -21,7 +23,9 @@ from soter.native.compiler import MEANING, STANDARD, WARNINGS
 from soter.targets import c99
 from soter.targets.firmware import RUNTIME_FILES
 from soter.targets.leases import FILES as LEASES
-from soter.targets.limits import limits_of
+from soter.targets.leases import lease_files
+from soter.targets.limits import limits_of, takeovers
+from soter.targets.outside import ACTUATOR, OUTSIDE, Outside
 from soter.targets.package import File, Package
 from soter.workers.layout import Exchange, exchange_of
 
@@ -34,15 +38,17 @@ POSIX = RUNTIME / "posix"
 CHANNEL = ("soter_channel.h", "soter_channel.c")
 DRIVER = (
     *("soter_posix.h", "soter_posix.c", "soter_posix_setup.c", "soter_posix_workers.c"),
-    *("soter_posix_log.c", "soter_posix_report.c", "soter_posix_main.c"),
+    *("soter_posix_world.c", "soter_posix_log.c", "soter_posix_report.c", "soter_posix_main.c"),
 )
 WORKER = "soter_worker.c"
 APP_HEADER, APP_SOURCE = "soter_posix_app.h", "soter_posix_app.c"
-ELSEWHERE = frozenset(("soter_virtual.c", *RUNTIME_FILES, *LEASES))
-"""Of the run-time what belongs to loops of one's own and to actuators: not here."""
+ELSEWHERE = frozenset(("soter_virtual.c", *RUNTIME_FILES))
+"""Of the run-time what belongs to loops of one's own: not here."""
 KERNEL = tuple(n for n in c99.KERNEL if n not in ELSEWHERE)
 RING_BYTES = 8 * 2**20
 SLOTS = (64, 4096)
+FOR_EVER = 2**61
+"""Until when a system in the world runs that does not say it: it is ended by a signal."""
 
 
 @dataclass(frozen=True)
@@ -74,16 +80,19 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     command = c99.command_name(unit.prefix)
     workers = [_worker(system, unit, x, command, x.index in outside) for x in nodes_of(system)]
     built = [w for w in workers if w.program]
+    world = Outside(system, unit)
     package.files = [
         File(f"{unit.prefix}.h", unit.header),
         File(f"{unit.prefix}.c", unit.source),
-        File(f"{c99.APP}.h", _app_header(system, unit, workers)),
+        File(f"{c99.APP}.h", _app_header(system, unit, workers, world)),
         File(f"{c99.APP}.c", c99.app_source(system, unit, plants)),
-        File(APP_SOURCE, _app_source(system, unit, workers)),
-        *(_own(n) for n in c99.run_time(system) if n not in ELSEWHERE),
-        *(_own(n, POSIX) for n in (*CHANNEL, *DRIVER)),
+        File(APP_SOURCE, _app_source(system, unit, workers, world)),
+        *(_own(n) for n in dict.fromkeys((*c99.run_time(system), *LEASES)) if n not in ELSEWHERE),
+        *(_own(n, POSIX) for n in (*CHANNEL, *OUTSIDE, *DRIVER)),
+        *(lease_files(system, unit.prefix) if world.granted else ()),
     ]
     trusted = [f.path for f in package.files if f.path.endswith(".c")]
+    package.files += world.channel_files()
     linked = [s for s in unit.c_sources if s != c99.STUBS]
     package.files += (files := c99.extern_files(linked))
     trusted += [f.path for f in files if f.path.endswith(".c")]
@@ -97,13 +106,17 @@ def posix_package(system: System, core: CoreSystem, folder: Path) -> Package:
     rules = []
     for number, w in enumerate(built, 1):
         rules.append(_worker_files(package, unit, w, number))
+    if actuators := world.actuator_files():
+        package.files += [*actuators, *(_own(n, POSIX) for n in ACTUATOR)]
+        rules.append((f"{command}_actuator", world.actuator_sources()))
     package.programs = {
         command: ["-pthread", "-I.", *sorted(trusted)],
-        **{name: [f"-I{PurePath(of[2]).parent}", "-I.", *of] for name, of in rules},
+        **{name: [*_folder(of), "-I.", *of] for name, of in rules},
     }
     package.files.append(File("Makefile", _makefile(command, trusted, rules)))
-    package.files.append(File("README.md", _readme(system, unit, command, workers)))
-    package.notes = c99.notes(core, stubs, plants)
+    package.files.append(File("README.md", _readme(system, unit, command, workers, world)))
+    package.notes = [*c99.notes(core, stubs, plants), *world.notes]
+    package.notes += [t.text for t in takeovers(system)]
     package.notes += [
         f"{w.component.name} is Python: `soter run --real-time`, or --worker {w.component.name}=..."
         for w in workers
@@ -119,13 +132,7 @@ def nodes_of(system: System) -> list[Component]:
 
 
 def _refuse(system: System) -> None:
-    problems = [
-        Diagnostic(
-            "X008",
-            f"system `{system.name}` has external topics: the posix target cannot be told them yet",
-            helps=("build it for a loop of your own: `--target c` (docs/deploy.md)",),
-        )
-    ][: len(system.externals[:1])]
+    problems = []
     for x in nodes_of(system):
         assert x.node is not None
         why = "keeps locals (`var`) in the state" if x.node.locals else ""
@@ -210,8 +217,9 @@ int soter_worker_step(const void* in, void* out) {{
 # ---------------------------------------------------------------- which program
 
 
-def _app_header(system: System, unit: Unit, workers: list[Worker]) -> str:
-    words = [(size + 7) // 8 for w in workers for size in w.exchange.sizes]
+def _app_header(system: System, unit: Unit, workers: list[Worker], world: Outside) -> str:
+    words = [world.words(), *((size + 7) // 8 for w in workers for size in w.exchange.sizes)]
+    until = FOR_EVER if system.externals else 0
     longest = max((x.period_ns + x.phase_ns for x in system.components), default=10**9)
     slots = min(max(RING_BYTES // max(unit.layout.size, 1), SLOTS[0]), SLOTS[1])
     return f"""\
@@ -223,26 +231,22 @@ def _app_header(system: System, unit: Unit, workers: list[Worker]) -> str:
 
 #define APP_STATE {unit.prefix}_state
 #define APP_PROGRAM (&{unit.prefix}_program)
-#define APP_UNTIL_NS INT64_C({system.until_ns or 0})
+#define APP_UNTIL_NS INT64_C({system.until_ns or until})
 #define APP_COMPONENTS {max(len(system.components), 1)}
 #define APP_MODULES {len(system.modules)}
 #define APP_EXTERNS {len(workers)}
-#define APP_WORDS {max([1, *words])} /* of the longest value that is exchanged */
+#define APP_WORDS {max(words)} /* of the longest value that is exchanged */
 #define APP_SLOTS {slots}U /* states between the trusted thread and the logger */
 #define APP_LONGEST_NS INT64_C({longest}) /* no gap between instants is longer */
-
+{world.defines()}
 /* answers the extern plant that is due */
 void soter_app_answer(APP_STATE* state, uint32_t component);
-/* before the steps of an instant: what came from outside, by soter_publish */
-void soter_app_inputs(APP_STATE* state);
-/* after them, and after an extern has answered: what goes out */
-void soter_app_outputs(const APP_STATE* state);
 
 #endif
 """
 
 
-def _app_source(system: System, unit: Unit, workers: list[Worker]) -> str:
+def _app_source(system: System, unit: Unit, workers: list[Worker], world: Outside) -> str:
     gathers = "\n".join(_gather(system, unit, w) for w in workers)
     rows = "\n".join(_row(w) for w in workers) or "    {0}, /* there is none */"
     late, response = limits_of(system)
@@ -250,7 +254,7 @@ def _app_source(system: System, unit: Unit, workers: list[Worker]) -> str:
 /* {APP_SOURCE}: the externs and the times of this program, generated by soter. */
 #include "soter_posix.h"
 
-#include <string.h>
+{world.include()}#include <string.h>
 
 {gathers}
 const soter_posix_extern soter_app_externs[] = {{
@@ -268,14 +272,7 @@ const int64_t soter_app_response_ns[] = {{
 {_numbers(system, response)}
 }};
 
-void soter_app_inputs(APP_STATE* state) {{
-  (void)state; /* all that it reads is made here */
-}}
-
-void soter_app_outputs(const APP_STATE* state) {{
-  (void)state; /* the plants are here */
-}}
-"""
+{world.tables()}"""
 
 
 def _numbers(system: System, values: list[int]) -> str:
@@ -301,6 +298,11 @@ static void gather_{w.component.index}(const void* state, void* in) {{
 {body}
 }}
 """
+
+
+def _folder(sources: list[str]) -> list[str]:
+    """The flag by which a worker finds its own header."""
+    return [f"-I{PurePath(s).parent}" for s in sources if s.startswith("worker_")][:1]
 
 
 def _row(w: Worker) -> str:
@@ -356,8 +358,9 @@ clean:
 """
 
 
-def _readme(system: System, unit: Unit, command: str, workers: list[Worker]) -> str:
-    until = "" if system.until_ns else " --until SECONDS"
+def _readme(system: System, unit: Unit, command: str, workers: list[Worker], world: Outside) -> str:
+    until = "" if system.until_ns or system.externals else " --until SECONDS"
+    until += " --channels FOLDER" if world.topics else ""
     name = unit.prefix
     rows = "\n".join(
         f"| `{w.component.name}` | {f'`{w.program}`' if w.program else '--worker NAME=COMMAND'} |"
@@ -365,6 +368,13 @@ def _readme(system: System, unit: Unit, command: str, workers: list[Worker]) -> 
     )
     table = f"\n| extern | its process |\n|---|---|\n{rows}\n" if workers else ""
     kernel = re.sub(r"\.c$", "", KERNEL[1])
+    actuators = ""
+    if world.granted:
+        actuators = f"""\
+| `soter_grant.*`, `{name}_grant.c` | who gives leases, and when nobody does any more |
+| `soter_lease.*`, `soter_actuator*`, `{name}_lease.*` | `{command}_actuator` |
+| `actuate.c` | yours: what moves the devices |
+"""
     return f"""\
 # {name}, system {system.name}, in real time
 
@@ -386,5 +396,6 @@ Where nobody was late its `trace_sha256` is that of `soter run` with the same se
 | `{name}.h`, `{name}.c` | the program: state, steps, decision modules, tables |
 | `soter.h`, `{kernel}.c` | the kernel |
 | `soter_posix*.c`, `soter_channel.c` | the real-time driver |
+| `soter_outside.*` | values from and to other programs (`{name}_channels.h`, where there are any) |
 | `soter_worker.c`, `worker_*/` | the processes of extern nodes |
-"""
+{actuators}"""

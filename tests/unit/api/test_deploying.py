@@ -127,6 +127,23 @@ def test_verdicts_and_seal_of_a_certificate_that_was_checked_again_are_carried(
     assert made.inherited == told
 
 
+def test_the_readme_of_a_deployed_package_says_what_works(here: Path) -> None:
+    """Its command has nobody outside who publishes; the library is what it is for."""
+    soter.load(here / "vehicle.soter").build("c", here / "out")
+    soter.load(here / "point.soter").build("c", here / "model")
+    told = (here / "out" / "README.md").read_text()
+    header = (here / "out" / "Vehicle_firmware.h").read_text()
+    first, _, command = told.partition("    make\n")
+    assert "    make lib\n" in first
+    assert "nobody outside" in first
+    assert "--until" in command
+    (library,) = re.findall(r"`(lib\S+\.a)`", first)
+    assert f"\n{library}: " in (here / "out" / "Makefile").read_text()
+    for name in re.findall(r"`(Vehicle_[a-z]+_?)[.]*`", first):
+        assert f"{name}" in header, name
+    assert "make lib" not in (here / "model" / "README.md").read_text()
+
+
 def test_the_tables_that_were_computed_with_the_plants_are_those_of_the_deployed_system(
     here: Path,
 ) -> None:
@@ -177,25 +194,16 @@ def refused_after(folder: Path) -> str:
     return caught.value.diagnostics[0].code
 
 
-def test_two_topics_are_not_read_at_one_instant(here: Path) -> None:
-    changed(here, "point.soter", "drives motion = x;", "drives motion = x; drives speed = v;")
-    changed(here, "point.soter", "  der x =", "  state v: float;\n  der v = 0.0;\n  der x =")
-    changed(
-        here,
-        "point.soter",
-        "topic push",
-        "topic speed: float in [-9.0, 9.0] max_age 20ms;\ntopic push",
-    )
-    changed(here, "point.soter", "subscribes motion;", "subscribes motion, speed;")
-    changed(here, "point.soter", "clamp(-motion,", "clamp(-motion - 0.0 * speed,")
-    changed(here, "point.soter", "/ 200;", "/ 200; grid speed in [-1.0, 1.0] / 4;")
-    more = (
-        "external topic point.speed every 10ms measured point.speed within 0.0;\n  external topic"
-    )
-    changed(here, "vehicle.soter", "external topic point.goal", f"{more} point.goal")
+def test_a_silence_is_not_used_up_by_what_is_always_so(here: Path) -> None:
+    changed(here, "point.soter", "late dm", "dropout 10ms; late dm")
+    changed(here, "vehicle.soter", "every 10ms", "every 15ms")
     code, text = refused(here)
     assert code == "D019"
-    assert "one instant" in text
+    assert "may be 21 ms old" in text
+    assert "silences" in text
+    changed(here, "vehicle.soter", "every 15ms", "every 14ms")
+    made = soter.load(here / "vehicle.soter").build("c", here / "out")
+    assert "at most 20 ms old of 20 ms, and silences 10 ms longer" in " ".join(made.inherits)
 
 
 def test_a_module_that_cannot_be_proved_inherits_nothing_and_is_built(here: Path) -> None:
@@ -221,6 +229,35 @@ def test_a_certificate_of_other_values_is_refused(here: Path, cert: Path) -> Non
     code, text = refused(here, cert=cert, params={"point.TOP": 8.0})
     assert code == "D020"
     assert "point.TOP" in text
+
+
+def test_a_library_that_both_import_has_the_same_values_under_another_name(
+    here: Path, tmp_path: Path
+) -> None:
+    """Who imports it first names it: `far` where the certificate is, `limits` here."""
+    (here / "limits.soter").write_text("soter 1;\nparam TOP: float = 9.0 in [5.0, 9.5];\n")
+    changed(
+        here,
+        "point.soter",
+        "param TOP: float = 9.0 in [5.0, 9.5];",
+        'import "limits.soter" as far;',
+    )
+    changed(here, "point.soter", "< TOP", "< far.TOP")
+    changed(
+        here, "vehicle.soter", 'import "point', 'import "limits.soter" as limits;\nimport "point'
+    )
+    soter.load(here / "point.soter").verify(cert=here / "cert")
+    made = soter.load(here / "vehicle.soter").build("c", tmp_path / "out", cert=here / "cert")
+    assert "checked again" in made.inherits[0]
+    code, text = refused_there(here, tmp_path / "other", {"limits.TOP": 8.0})
+    assert code == "D020"
+    assert "limits.TOP" in text
+
+
+def refused_there(folder: Path, out: Path, params: dict[str, object]) -> tuple[str, str]:
+    with pytest.raises(SoterError) as caught:
+        soter.load(folder / "vehicle.soter").build("c", out, cert=folder / "cert", params=params)
+    return caught.value.diagnostics[0].code, render_all(caught.value.diagnostics)
 
 
 def test_a_certificate_that_was_changed_is_refused(here: Path, cert: Path, tmp_path: Path) -> None:

@@ -151,6 +151,24 @@ def test_a_policy_that_ends_its_process_is_a_step_fault(
     assert why in done.stdout
 
 
+@pytest.mark.parametrize(
+    ("first", "why"),
+    [
+        ("import os\nos._exit(0)\n", "ended by itself, with exit status 0"),
+        ("import os\nos.kill(os.getpid(), 11)\n", "was ended by SIGSEGV"),
+    ],
+)
+def test_a_policy_that_ends_its_process_while_it_is_loaded_is_told(
+    folder: Path, first: str, why: str
+) -> None:
+    (folder / "policies.py").write_text(first + POLICIES)
+    done = run(folder, "forks")
+    assert done.returncode == 1
+    assert "X003" in done.stderr
+    assert "`Learned` cannot be loaded" in done.stderr
+    assert why in done.stderr
+
+
 def test_a_policy_is_started_again_and_again_but_not_for_ever(folder: Path) -> None:
     text = (folder / "robot.soter").read_text()
     text = text.replace(

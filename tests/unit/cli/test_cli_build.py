@@ -106,6 +106,17 @@ def test_externs_bound_to_c_are_copied_with_their_headers(
     assert facts(built.stdout)["trace_sha256"] == run["trace_sha256"]
 
 
+@pytest.mark.parametrize("target", ["c", "posix"])
+def test_a_binding_to_python_that_a_package_drops_is_told(
+    soter: Soter, robot: Path, here: Path, target: str
+) -> None:
+    assert robot.exists()
+    bind = ("--bind", "Learned=python:policies.py:good", "--target", target)
+    notes = soter("build", "robot.soter", "-o", "out", *bind, "--json").document["notes"]
+    assert any("Learned" in n and "Python" in n for n in notes)
+    assert (here / "out").exists()
+
+
 def test_other_externs_get_a_file_to_fill_in_that_is_kept(
     soter: Soter, robot: Path, here: Path
 ) -> None:

@@ -46,7 +46,7 @@ def test_bash_completes_commands(completed: Callable[..., set[str]]) -> None:
 
 
 def test_bash_completes_the_options_of_a_command(completed: Callable[..., set[str]]) -> None:
-    assert completed("run", "--se") == {"--seed", "--set"}
+    assert completed("run", "--se") == {"--seed", "--self-contained", "--set"}
     assert "--cert" in completed("verify", "cart.soter", "--")
     assert "--cert" not in completed("run", "cart.soter", "--")
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from generators.packages import EXAMPLES
 from generators.real_time import cart_with_extern
 
 if TYPE_CHECKING:
@@ -100,6 +101,17 @@ def test_people_are_told_how_late_it_was(soter: Soter) -> None:
         assert words in done.out
 
 
+@pytest.mark.usefixtures("here")
+def test_people_are_told_of_leases(soter: Soter) -> None:
+    stop = str(EXAMPLES / "wall" / "stop.soter")
+    done = soter("run", stop, "--system", "Track", "--real-time", "--until", "200ms")
+    (line,) = [x for x in done.out.splitlines() if "leases Guard" in x]
+    late = soter("run", stop, "--system", "Track", "--real-time", "--until", "200ms", "--json")
+    leases = late.document["real_time"]["leases"]["Guard"]
+    assert " given" in line
+    assert leases["given"] > 0 or leases["ended_ns"] is not None
+
+
 def test_what_is_not_bound_is_refused_before_it_runs(soter: Soter, apart: Path) -> None:
     text = (apart / "cart.soter").read_text()
     (apart / "cart.soter").write_text(text.replace(' from "python:fast.py:step"', ""))
@@ -127,3 +139,13 @@ def test_a_process_has_no_locals_in_the_state_and_takes_what_it_takes(
     (apart / "cart.soter").write_text(text)
     assert soter("check", "cart.soter").exit == 0
     assert soter(*RUN).codes == ["X008"]
+
+
+def test_a_system_in_the_world_is_built_and_not_run(soter: Soter, here: Path) -> None:
+    (here / "p.soter").write_text(
+        "soter 1;\ntopic x: float; topic y: float;\n"
+        "node N period 10ms { subscribes x; publishes y; step { publish y = x; } }\n"
+        "system S { external topic x; external topic y; node N; }\n"
+    )
+    done = soter("run", "p.soter", "--real-time", "--until", "1s", "--json")
+    assert done.codes == ["X008"]

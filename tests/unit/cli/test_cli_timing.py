@@ -66,6 +66,43 @@ def test_what_does_not_hold_is_an_error(soter: Soter, old: str, new: str, code: 
     assert soter("check", "timed.soter").exit == 1
 
 
+def test_where_the_proof_counts_with_other_times_nothing_is_said_to_hold(soter: Soter) -> None:
+    write(EXAMPLE.replace("late dm 1ms, sc 1ms;", ""))
+    done = soter("check", "timed.soter")
+    assert done.out.startswith("late  ")
+    assert "P1c undecided: the proof counts with other times (R033)" in done.out
+    assert "P1c holds" not in done.out
+    (timing,) = soter("check", "timed.soter", "--json").document["timings"]
+    assert timing["switches"][0]["verdict"] == "undecided"
+    write(EXAMPLE)
+    assert soter("check", "timed.soter").out.startswith("ok  ")
+
+
+WORLD = """soter 1;
+import "timed.soter" as t;
+system World deploys t.Track {
+  external topic t.motion every 5ms delayed 1ms measured t.motion.x within 0.0,
+      t.motion.v within 0.0;
+  external topic t.accel;
+  module t.SafeCart;
+  node t.Show;
+}
+"""
+
+
+def test_the_thread_of_a_deployed_system_is_judged_where_its_plants_are(soter: Soter) -> None:
+    """R002, that there is no plant, is no answer: in the world there is none."""
+    (there,) = soter("check", "timed.soter", "--json").document["timings"]
+    Path("world.soter").write_text(WORLD)
+    done = soter("check", "world.soter", "--json")
+    here = next(t for t in done.document["timings"] if t["system"] == "World")
+    assert here["switches"][0]["slack_ns"] == there["switches"][0]["slack_ns"]
+    assert here["switches"][0]["verdict"] == "holds"
+    shown = soter("check", "world.soter").out
+    assert "R002" not in shown
+    assert "`soter build --cert` carries" in shown
+
+
 def test_a_horizon_that_is_just_enough_is_enough(soter: Soter) -> None:
     write(EXAMPLE.replace("horizon 120ms", "horizon 71450us"))
     (timing,) = soter("check", "timed.soter", "--json").document["timings"]

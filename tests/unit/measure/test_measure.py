@@ -133,7 +133,19 @@ def test_a_file_of_times_is_what_check_takes(tmp_path: Path) -> None:
     assert report.elsewhere == ("Far",)
 
 
-@pytest.mark.parametrize("change", ["schema", "system", "steps", "negative", "text"])
+def test_times_of_a_program_that_was_changed_since_are_refused(tmp_path: Path) -> None:
+    """A comment is enough: nobody knows what else a change did."""
+    path = written(measure(program(tmp_path), samples=8), tmp_path / "times.json")
+    for file in tmp_path.glob("*.soter"):
+        file.write_text(file.read_text() + "// changed\n")
+        with pytest.raises(SoterError, match="U011") as caught:
+            soter.load(file).check(times=path)
+        assert "measure" in caught.value.diagnostics[0].helps[0]
+
+
+@pytest.mark.parametrize(
+    "change", ["schema", "system", "steps", "negative", "text", "program", "unsaid", "part"]
+)
 def test_another_file_is_refused(change: str, tmp_path: Path) -> None:
     found = program(tmp_path)
     told = document(measure(found, samples=8))
@@ -142,6 +154,9 @@ def test_another_file_is_refused(change: str, tmp_path: Path) -> None:
         "system": {**told, "system": "Other"},
         "steps": {k: v for k, v in told.items() if k != "steps"},
         "negative": {**told, "steps": [{"name": "Count", "wcet_ns": -1}]},
+        "program": {**told, "program_sha256": "0" * 64},
+        "unsaid": {k: v for k, v in told.items() if k != "program_sha256"},
+        "part": {**told, "steps": [*told["steps"], {"name": "Else", "wcet_ns": 1000}]},
     }
     path = tmp_path / "times.json"
     path.write_text("no JSON" if change == "text" else json.dumps(wrong[change]))

@@ -360,11 +360,12 @@ def test_a_claim_without_sets_and_sets_without_a_claim_are_rejected(
     assert "sets of its law" in recheck(folder).reason
 
 
-def test_a_law_is_not_confirmed_beside_a_p3_that_is_not_claimed(
-    proved: Path, tmp_path: Path
+@pytest.mark.parametrize("missing", ["P1c", "P3", "start"])
+def test_a_law_is_not_confirmed_beside_what_it_rests_on_and_is_not_claimed(
+    proved: Path, tmp_path: Path, missing: str
 ) -> None:
     folder, manifest = copied(proved, tmp_path)
-    manifest["modules"][0]["claims"]["P3"] = "undecided"  # type: ignore[index]
+    manifest["modules"][0]["claims"][missing] = "undecided"  # type: ignore[index]
     reseal(folder, manifest)
     assert "nothing says that the law begins" in recheck(folder).reason
 

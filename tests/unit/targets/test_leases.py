@@ -20,12 +20,23 @@ from soter.program.build import check_file, system_of
 from soter.reach.problem.extract import extract
 from soter.reach.time.schedule import Output, Releases, Schedule
 from soter.targets.leases import lease_times
+from soter.targets.limits import ages_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
     from pathlib import Path
 
 STOP = EXAMPLES / "wall" / "stop.soter"
+FILTERED = """soter 1;
+topic raw: float in [-1.0, 1.0] max_age 20ms;
+topic clean: float in [-1.0, 1.0] max_age 40ms;
+topic u: float in [-1.0, 1.0] = 0.0;
+node Filter period 10ms { subscribes raw; publishes clean; step { publish clean = raw; } }
+node F period 10ms { publishes u; step { publish u = 1.0; } }
+node S period 10ms { subscribes clean; publishes u; step { publish u = -clean; } }
+rta M { ac F; sc S; period 20ms; safe clean < 0.9; ttf clean > 0.5; safer clean < 0.4; }
+system Vehicle { external topic raw; external topic u; node Filter; module M; }
+"""
 FACTORS = (None, 0.5, 0.99, 1.0, 1.01, 2.0, 10.0, float("inf"))
 
 
@@ -255,6 +266,34 @@ def test_nodes_between_sensors_and_module_are_watched() -> None:
     watched = {b.name: b.latest for b in lease_times(flat, flat.modules[0]).budgets[2:]}
     assert {n.rpartition(".")[2] for n in watched} == {"Order", "Reserve"}
     assert set(watched.values()) == {2_000_000}
+
+
+@pytest.mark.parametrize("dropout", [0, 15])
+def test_sc_may_read_what_is_as_old_as_its_proof_says(tmp_path: Path, dropout: int) -> None:
+    text = (EXAMPLES / "wall" / "cart.soter").read_text()
+    assert "    acts within 1ms;" in text
+    more = f"    acts within 1ms;\n    dropout {dropout}ms;" if dropout else "    acts within 1ms;"
+    (tmp_path / "cart.soter").write_text(text.replace("    acts within 1ms;", more))
+    world = EXAMPLES / "wall" / "cart_firmware.soter"
+    (tmp_path / world.name).write_text(world.read_text())
+    flat = system_of(check_file(str(tmp_path / world.name)), None)
+    (age,) = ages_of(flat, flat.modules[0])
+    assert flat.topics[age.topic].name == "cart.motion"
+    assert flat.components[age.component].role == "sc"
+    assert age.most_ns == (20 + dropout) * 1_000_000
+    proved = system_of(check_file(str(tmp_path / "cart.soter")), "Protected")
+    assert ages_of(proved, proved.modules[0]) == (), "plants say when"
+
+
+def test_nodes_before_sc_may_not_read_what_is_too_old_either(tmp_path: Path) -> None:
+    (tmp_path / "p.soter").write_text(FILTERED)
+    flat = system_of(check_file(str(tmp_path / "p.soter")), None)
+    found = {
+        (flat.components[a.component].name, flat.topics[a.topic].name): a.most_ns
+        for a in ages_of(flat, flat.modules[0])
+    }
+    ms = 1_000_000
+    assert found == {("M.S", "clean"): 40 * ms, ("Filter", "raw"): 20 * ms}
 
 
 # ---------------------------------------------------------------- what is emitted

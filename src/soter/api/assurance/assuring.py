@@ -135,7 +135,9 @@ def _argument(
         if not report.accepted:
             refuted.append(f"the certificate is rejected: {report.reason}")
     for k, module in enumerate(flat.modules, 1):
-        _module(case, strategy, flat, module, k, report, seal, str(cert or ""))
+        _module(
+            case, strategy, flat, module, number=k, report=report, seal=seal, path=str(cert or "")
+        )
     if report is not None and report.accepted and report.program_sha256 == case.program_sha256:
         for k, said in enumerate(report.assumptions, 1):
             case.add(Node(f"A{k}", "assumption", said), beside=top)

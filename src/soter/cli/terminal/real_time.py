@@ -18,7 +18,13 @@ WIDTH = 34
 
 def timing_lines(timing: Timing) -> list[str]:
     """Lines for the summary, from the driver's report (docs/json.md)."""
-    return [*_head(timing), *_histograms(timing), *_workers(timing), *_takeovers(timing)]
+    return [
+        *_head(timing),
+        *_histograms(timing),
+        *_workers(timing),
+        *_takeovers(timing),
+        *_leases(timing),
+    ]
 
 
 def _head(timing: Timing) -> Iterator[str]:
@@ -69,3 +75,10 @@ def _takeovers(timing: Timing) -> Iterator[str]:
         found = [f"{n} by {cause}" for cause, n in module["takeovers"].items() if n]
         if found:
             yield f"  takeovers {name}: {', '.join(found)}"
+
+
+def _leases(timing: Timing) -> Iterator[str]:
+    for name, of in timing["leases"].items():
+        given = f"  leases {name}: {of['given']} given"
+        ended = of["ended_ns"]
+        yield given if ended is None else f"{given}, none from {ended / 1e9:g} s on: the law"

@@ -85,7 +85,7 @@ def program_prefix(stem: str) -> str:
 def local(text: str, prefix: str) -> str:
     """The C name of a temporary in the program `prefix`: different names stay different."""
     name = legal(text)
-    taken = ("v_", "soter_", "out_", "has_", "drawn_", "_", prefix + "_")
+    taken = ("v_", "soter_", "out_", "has_", "drawn_", "given_", "_", prefix + "_")
     if has_meaning(name) or name in OWN or name.startswith(taken):
         return "v_" + name
     return name

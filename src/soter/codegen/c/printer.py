@@ -83,6 +83,8 @@ def expr(e: c.CExpr) -> str:
     if isinstance(e, c.CallExpr):
         return f"{e.function}({', '.join(expr(a) for a in e.arguments)})"
     if isinstance(e, c.Member):
+        if isinstance(e.target, c.Unary) and e.target.op == "*":
+            return f"{wrap(e.target.operand, POSTFIX)}->{e.name}"
         return f"{wrap(e.target, POSTFIX)}.{e.name}"
     if isinstance(e, c.Arrow):
         return f"{wrap(e.target, POSTFIX)}->{e.name}"

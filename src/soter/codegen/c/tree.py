@@ -78,7 +78,7 @@ class CallExpr(CExpr):
 
 @dataclass(frozen=True)
 class Member(CExpr):
-    """target.name."""
+    """target.name; of what a pointer points to, pointer->name."""
 
     target: CExpr
     name: str
@@ -294,6 +294,15 @@ class TableDef(CTop):
     type: str
     name: str
     image: bytes
+
+
+def address(e: CExpr) -> CExpr:
+    """Where something lies that has an address; of one of two things, that one's."""
+    if isinstance(e, Unary) and e.op == "*":
+        return e.operand
+    if isinstance(e, Ternary):
+        return Ternary(e.condition, address(e.then), address(e.otherwise))
+    return Unary("&", e)
 
 
 def names_read(node: object) -> Iterator[str]:

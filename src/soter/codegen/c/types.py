@@ -32,6 +32,8 @@ if TYPE_CHECKING:
     from soter.program.model.types import Value
 
 FAULT = c.Name("fault")
+LARGE = 64
+"""Values of more bytes are passed by address, and what gives one is told where to put it."""
 
 
 class TypeTable:
@@ -100,6 +102,10 @@ class TypeTable:
         if layout.padding:
             found.append(c.StructMember("uint8_t", "pad_", layout.padding))
         return tuple(found)
+
+    def is_large(self, t: Type) -> bool:
+        """Whether values of a type are passed by address (decision 109)."""
+        return scalar(t) is None and size_of(t) > LARGE
 
     # ------------------------------------------------------------ values
 
@@ -171,15 +177,24 @@ class TypeTable:
 
     # ------------------------------------------------------------ canonical form
 
-    def canonical(self, t: Type, e: c.CExpr) -> c.CExpr:
-        """A value on its way into the state: NaN in one form, ints packed."""
+    def commit(self, target: c.CExpr, t: Type, e: c.CExpr) -> list[c.CStmt]:
+        """Assign a value to a place in the state: NaN in one form, ints packed."""
+        if scalar(t) is not None:
+            return [c.Assign(target, self._canonical_scalar(t, e))]
+        return [c.Assign(target, e), *self._made_canonical(t, target)]
+
+    def _canonical_scalar(self, t: Type, e: c.CExpr) -> c.CExpr:
         if isinstance(t, FloatType):
             return c.CallExpr("soter_canonical", (e,))
-        if scalar(t) is not None:
-            return self.to_store(t, e)
+        return self.to_store(t, e)
+
+    def _made_canonical(self, t: Type, e: c.CExpr) -> list[c.CStmt]:
+        """Statements that give every NaN of a stored value its one form."""
+        if isinstance(t, FloatType):
+            return [c.Assign(e, self._canonical_scalar(t, e))]
         if not any(isinstance(leaf, FloatType) for _, leaf in leaves(t)):
-            return e
-        return c.CallExpr(self._canonical_function(t), (e,))
+            return []
+        return [c.Do(c.CallExpr(self._canonical_function(t), (c.address(e),)))]
 
     def _canonical_function(self, t: Type) -> str:
         known = self._canonical.get(t)
@@ -188,30 +203,21 @@ class TypeTable:
         stored = self.stored(t)
         name = self.unique(f"{stored}_canonical")
         self._canonical[t] = name
-        v = c.Name("v")
+        v = c.Unary("*", c.Name("v"))
         body: list[c.CStmt] = []
         if isinstance(t, RecordType):
             for n, f in t.fields:
-                part = c.Member(v, field_name(n))
-                new = self.canonical(f, part)
-                if new != part and not isinstance(new, c.Cast):
-                    body.append(c.Assign(part, new))
+                body += self._made_canonical(f, c.Member(v, field_name(n)))
         else:
             assert isinstance(t, (ArrayType, ListType))
             array = c.Member(v, "at" if isinstance(t, ArrayType) else "items")
             size = t.size if isinstance(t, ArrayType) else t.capacity
-            element = c.IndexExpr(array, c.Name("k"))
-            body.append(
-                c.For(
-                    "k",
-                    c.Number("0"),
-                    c.Number(str(size)),
-                    (c.Assign(element, self.canonical(t.element, element)),),
-                )
-            )
-        body.append(c.Return(v))
+            inner = self._made_canonical(t.element, c.IndexExpr(array, c.Name("k")))
+            body.append(c.For("k", c.Number("0"), c.Number(str(size)), tuple(inner)))
         self.helpers.append(
-            c.FunctionDef(stored, name, ((stored, "v"),), tuple(body), "NaN in one form only")
+            c.FunctionDef(
+                "void", name, ((f"{stored} *", "v"),), tuple(body), "NaN in one form only"
+            )
         )
         return name
 
@@ -241,7 +247,7 @@ class TypeTable:
         if not self._needs_check(t, bounds):
             return []
         function = self._check_function(t, bounds)
-        return [c.Do(c.CallExpr(function, (c.Unary("&", e), FAULT)))]
+        return [c.Do(c.CallExpr(function, (c.address(e), FAULT)))]
 
     def _needs_check(self, t: Type, bounds: tuple[Bound | None, ...]) -> bool:
         kinds = [leaf for _, leaf in leaves(t)]

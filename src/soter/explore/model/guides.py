@@ -11,10 +11,11 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from soter.codegen.body import Body, used_names
+from soter.codegen.body import Body
 from soter.codegen.c import tree as c
 from soter.codegen.c.types import float_number
 from soter.codegen.frame import OK, where
+from soter.codegen.storage.plan import Task
 from soter.explore.model.margins import Margin, Margins
 from soter.lower import core
 
@@ -90,10 +91,12 @@ class Guides:
         made = self._margins.of(p)
         self._learn()
         name = self._types.unique(name)
-        value = self._body.expr(made.value)
         body: list[c.CStmt] = [self._frame.state_pointer(const=True), c.Unused("s")]
         body += [c.Unused(SCALE.text), *self._frame.fault_pointer(), c.Unused("fault")]
-        body += self._body.block(made.body, made.value)
+        task = Task(code=made.body, is_large=self._types.is_large, result=made.value)
+        with self._body.planned(task):
+            body += self._body.block(made.body, made.value)
+            value = self._body.expr(made.value)
         body.append(c.IfStmt(c.Binary("!=", c.Name("status"), OK), (c.Return(WORST),)))
         body.append(c.Return(c.Unary("-", value) if negate else value))
         parameters = (("const void *", "state"), ("double *", SCALE.text))
@@ -123,17 +126,14 @@ class Guides:
     def _function(self, f: core.Function) -> c.FunctionDef:
         assert f.result is not None
         name, faults = self._body.functions[f.name]
-        work, local = self._types.work, self._body.local
-        parameters = [(work(p.type), local(p.name)) for p in f.parameters]
-        parameters.append(("double *", SCALE.text))
-        used = used_names((f.body, f.result))
-        unused = [c.Unused(local(p.name)) for p in f.parameters if p.name not in used]
-        unused.append(c.Unused(SCALE.text))
+        parameters = [*self._body.parameters(f.parameters), ("double *", SCALE.text)]
+        unused = [c.Unused(n) for _, n in parameters]
         if faults:
             parameters.append(("soter_fault *", "fault"))
             unused.append(c.Unused("fault"))
-        body = self._body.block(f.body, f.result)
-        result = c.Return(self._body.expr(f.result))
+        with self._body.planned(self._body.task(f, f.result)):
+            body = self._body.block(f.body, f.result)
+            result = c.Return(self._body.expr(f.result))
         doc = f"how far {f.source_name} is from changing, {where(f.span)}"
         return c.FunctionDef(
             "double", name, tuple(parameters), (*unused, *body, result), doc, inline=True
@@ -167,9 +167,10 @@ class _Body(Body):
         """One statement; what gives a margin is told the scales."""
         if isinstance(s, core.Call) and s.function in self.scaled:
             name, faults = self.functions[s.function]
-            arguments = (*(self.expr(a) for a in s.arguments), SCALE)
-            call = c.CallExpr(name, (*arguments, c.Name("fault")) if faults else arguments)
-            return self._marked(self._declare(s.name, s.type, call, const=True), s.name, used)
+            before, given = self.arguments(s.arguments)
+            call = c.CallExpr(name, (*given, SCALE, c.Name("fault")) if faults else (*given, SCALE))
+            made = self._declare(s.name, s.type, call, const=True)
+            return [*before, *self._marked(made, s.name, used)]
         return super().statement(s, used)
 
 

@@ -11,7 +11,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.reach.claims.case import Case
-from soter.reach.claims.lawful import Lawful, inside, without_law
+from soter.reach.claims.lawful import (
+    NOTHING_INSIDE,
+    NOTHING_KEPT,
+    Lawful,
+    inside,
+    without_law,
+)
 from soter.reach.claims.products import law_stays_inside, product_holds
 from soter.reach.enclose.forms import Forms, library_of
 from soter.reach.grid.sets import UnboundedError
@@ -104,7 +110,7 @@ def _kept_by_law(case: Case, parts: Sequence[Part]) -> Lawful:
     try:
         law = open_case(problem, library, groups, case.parameter, None)
         if not (constraint(law) and core(law)):
-            return Lawful(parts, parts, "no set was found that the law keeps")
+            return Lawful(parts, parts, NOTHING_KEPT)
     except UnboundedError as error:
         return Lawful(parts, parts, str(error))
     return inside(law.sets, parts)
@@ -130,7 +136,7 @@ def core(case: Case) -> bool:
     whole = _cores(case)
     if whole or case.lawful is None or not case.lawful.narrows:
         return whole
-    case.lawful.give_up("SC keeps nothing inside what the law keeps")
+    case.lawful.give_up(NOTHING_INSIDE)
     for proof, part in zip(case.proofs, case.lawful.parts, strict=True):
         case.again(proof)
         proof.take(case, part)

@@ -23,6 +23,27 @@ if TYPE_CHECKING:
 NO_LAW = "no fail-safe law is declared: nothing is said of what acts once the trusted part stops"
 
 
+NOT_FOR_LAWS = (
+    "a law is looked at where plants flow (`der`), nobody else moves them, and no node stands "
+    "between the module and its actuators"
+)
+OTHER_CELLS = "a law is not looked at on a"
+NOTHING_KEPT = "no set was found that the law keeps"
+NOTHING_INSIDE = "SC keeps nothing inside what the law keeps"
+
+
+def hint_of(why: str) -> str:
+    """What would help where the law is looked at and not shown; `why`: of a `Lawful`."""
+    if why.startswith(OTHER_CELLS):
+        return "a `grid` for what the law moves"
+    if why == NOTHING_INSIDE:
+        return "an SC that stays where the law can take over; a finer grid"
+    return (
+        "a law under which the plant comes to rest, exactly, and stays (`x' = u`, 0.0): a constant "
+        "that brakes a speed reverses it in the end; a finer grid"
+    )
+
+
 @dataclass(eq=False)
 class Lawful:
     """`parts`: C_g inside K_fs, or C_g itself; `why`: why it is C_g itself, "" where it is not.
@@ -61,7 +82,7 @@ def inside(law: CaseSets, parts: Sequence[Part]) -> Lawful:
     for proof, part in zip(law.proofs, parts, strict=True):
         core = getattr(proof.found, "core", None)
         if not isinstance(part, CellsPart) or core is None or core.shape != part.cells.shape:
-            return Lawful(parts, parts, f"a law is not looked at on a {proof.group.representation}")
+            return Lawful(parts, parts, f"{OTHER_CELLS} {proof.group.representation}")
         found.append(CellsPart(part.engine, part.cells & (core > 0)))
         kept, of = kept + int((core > 0).sum()), of + int(part.cells.sum())
     return Lawful(found, parts, "", (kept, of), law)

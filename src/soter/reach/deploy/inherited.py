@@ -1,15 +1,13 @@
 """What a deployed system inherits of the one in which its modules were proved.
 
-Purpose: the tables that were computed there; whether ages, delays and errors of what comes from
-outside are covered by what the proof counts with, module by module; what is still assumed.
-Non-goals: that both are the same program (`flatten/deployment/deployed.py`),
-certificates (`api/deploying.py`).
+Purpose: the tables that were computed there; which proofs are carried, and what is still assumed,
+module by module.
+Non-goals: that both are the same program (`flatten/deployment/deployed.py`), what sensors have to
+give (`sensors.py`), certificates (`api/deploying.py`).
 
-What is compared, and why it suffices (docs/deploy.md, "What is inherited"): the theorem speaks of a
-read as of one state, at most so old, within E. A value that is measured at least every e and
-published at most l after it was measured is, at any time t, at most e + l old; its stamp is its
-measurement or earlier. The DM enforces `max_age` itself; at a start of SC, up to Lambda after its
-release, the stamp is at most e + l + Lambda old, which must not exceed `max_age` and the drop-out.
+A proof by induction asks nothing of what comes from outside: to it a topic that no node of the
+relation publishes is any value of its set, of any age, at every read; and whatever is published
+lies in that set, or is refused.
 """
 
 from __future__ import annotations
@@ -18,19 +16,18 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics, SoterError
-from soter.program.flatten.deployment.deployed import from_outside
+from soter.program.flatten.deployment.deployed import allowed_lateness, from_outside
 from soter.program.flatten.derived import at_once, faultless
 from soter.program.flatten.views import as_seen
-from soter.program.model.durations import show_ns
-from soter.program.model.types import FloatType, leaves
+from soter.reach.deploy.sensors import Sensors, covers
 from soter.reach.induction.problem import InductionProblem
 from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:
-    from soter.program.model.system import Component, External, Module, System, Topic
+    from soter.program.model.system import Module, System
     from soter.reach.problem.problem import Problem
 
-NO_ERROR = 0.0
+IN_TIME = "the loop runs every instant no later than `late` says (SOTER_LATE tells)"
 
 
 @dataclass(eq=False)
@@ -106,162 +103,44 @@ def _all_heard(here: System, there: System, diagnostics: Diagnostics) -> None:
 
 def _of_module(here: System, m: Module, there: System, diagnostics: Diagnostics) -> Inherited:
     found = Inherited(m.name)
+    proved = _module(there, m)
     try:
-        problems = [extract(*seen) for seen in as_seen(there, _module(there, m))]
+        problems = [extract(*seen) for seen in as_seen(there, proved)]
     except SoterError as error:
         found.why_not = f"nothing can be proved of it: {error.diagnostics[0].message}"
         return found
     for problem in problems:
-        found.why_not = found.why_not or _beyond(problem, _module(there, m))
+        found.why_not = found.why_not or _beyond(problem, proved)
     if found.why_not:
         return found
     for problem in problems:
         found.assumptions += [a for a in problem.assumptions if a not in found.assumptions]
-    _covers(_Sensors(here, there, m), problems[0], found, diagnostics)
+    (problem,) = problems
+    if isinstance(problem, InductionProblem):
+        found.covered, assumed = _of_nodes(here, problem)
+    else:
+        found.covered, assumed = covers(Sensors(here, there, problem), problem, diagnostics)
+    found.assumptions += [*assumed, IN_TIME]
     return found
+
+
+def _of_nodes(here: System, problem: InductionProblem) -> tuple[list[str], list[str]]:
+    """Of a proof by induction what comes from outside may be; what is assumed of the loop."""
+    said = [here.topics[e.topic].name for e in from_outside(here)]
+    free = [f"{n}: any value of its set, of any age" for n in said if n in problem.any_value]
+    judged = {here.components[i].name for i in allowed_lateness(here)}
+    nodes = [c.name for c in problem.system.components if c.role == "node"]
+    untold = ", ".join(n for n in nodes if n not in judged)
+    return free, [f"{untold}: in time, which SOTER_LATE does not tell"] if untold else []
 
 
 def _beyond(problem: Problem, module: Module) -> str:
     """Why a proof of this kind is not carried into the world."""
     if isinstance(problem, InductionProblem):
-        return "a proof by induction is not carried over yet"
-    if problem.kind != "flow":
-        return "it was proved of plants that move in steps, and the world does not"
+        return ""
     if module.symbol.verify.abstracts or problem.view:
-        return "a proof on verification plants (`abstracts`) is not carried over yet"
+        return (
+            "it was proved on verification plants (`abstracts`), and how old a state is behind the "
+            "nodes that show it is not carried over yet"
+        )
     return ""
-
-
-class _Sensors:
-    """What a module reads of the plants of the proved system."""
-
-    def __init__(self, here: System, there: System, m: Module) -> None:
-        self.here = here
-        self.there = there
-        self.said = {here.topics[e.topic].name: e for e in from_outside(here)}
-        proved = _module(there, m)
-        sc = there.components[proved.sc]
-        read = [sc.scope.topics[s.topic] for s in sc.node.subscribes] if sc.node else []
-        self.plants: dict[int, Component] = {}
-        for c in there.components:
-            for topic, _ in c.plant.drives if c.plant is not None else ():
-                self.plants[c.scope.topics[topic]] = c
-        wanted = [*read, *proved.inputs, *_of_axes(there, proved)]
-        self.topics = [there.topics[i] for i in dict.fromkeys(wanted) if i in self.plants]
-
-    def error_of(self, topic: Topic) -> list[float]:
-        """What the proof allows for, leaf by leaf."""
-        found = [NO_ERROR for _ in leaves(topic.type)]
-        for m in self.plants[topic.index].measured:
-            if m.topic == topic.index:
-                found[m.leaf] = m.bound
-        return found
-
-
-def _of_axes(there: System, m: Module) -> list[int]:
-    scope = {**there.components[m.sc].scope.topics, **m.scope.topics}
-    axes = [a.topic for g in m.symbol.verify.groups for a in g.axes if a.topic is not None]
-    return [scope[t] for t in axes if t in scope]
-
-
-def _covers(s: _Sensors, problem: Problem, found: Inherited, diagnostics: Diagnostics) -> None:
-    if len(s.topics) > 1:
-        names = ", ".join(f"`{t.name}`" for t in s.topics)
-        diagnostics.error(
-            "D019",
-            f"module `{found.module}` reads {names}, which come from outside one by one",
-            s.here.program.systems[s.here.name].span,
-            notes=("its proof is about reads that show the plant at one instant",),
-            helps=("publish them as one topic, a record",),
-        )
-        return
-    for topic in s.topics:
-        e = s.said[topic.name]
-        before = len(diagnostics.items)
-        _errors(s, topic, e, diagnostics)
-        _age(s, topic, e, problem, diagnostics)
-        if len(diagnostics.items) == before:
-            found.covered.append(_words(s, topic, e, problem))
-            found.assumptions += [
-                f"what moves starts where the plants of {s.there.name} do",
-                f"{topic.name} is published before the first step (SOTER_UNHEARD tells)",
-                "the loop runs every instant no later than `late` says (SOTER_LATE tells)",
-                *(
-                    f"{'.'.join((topic.name, *path))} is exactly what the plant would say"
-                    for path, t in leaves(topic.type)
-                    if not isinstance(t, FloatType)
-                ),
-            ]
-
-
-def _errors(s: _Sensors, topic: Topic, e: External, diagnostics: Diagnostics) -> None:
-    """The error of every float is said, and no wider than that of the plant."""
-    for k, ((path, t), allowed) in enumerate(
-        zip(leaves(topic.type), s.error_of(topic), strict=True)
-    ):
-        if not isinstance(t, FloatType):
-            continue
-        name = ".".join((topic.name, *path))
-        own = e.errors[k]
-        if own is not None and own <= allowed:
-            continue
-        told = f"within {own!r}" if own is not None else "nothing says how exact it is"
-        diagnostics.error(
-            "D019",
-            f"the error of `{name}` is not covered by the proof in `{s.there.name}`",
-            e.span,
-            told,
-            notes=(f"there its plant is `measured ... within {allowed!r}`",),
-            helps=(f"write `measured {name} within {allowed!r}` or less, if that is true",),
-        )
-
-
-def _age(
-    s: _Sensors, topic: Topic, e: External, problem: Problem, diagnostics: Diagnostics
-) -> None:
-    """It comes so often, and so soon, that SC never reads what is older than the proof allows."""
-    if e.every_ns is None:
-        diagnostics.error(
-            "D019",
-            f"nothing says how often `{topic.name}` comes",
-            e.span,
-            notes=("SC answers reads that are at most so old",),
-            helps=(f"write `external topic {topic.name} every d`",),
-        )
-        return
-    oldest, allowed = _oldest(e, problem), _allowed(topic, problem)
-    if oldest <= allowed:
-        return
-    starts = show_ns(problem.times.schedule.start_of_sc)
-    delay = show_ns(e.delay_ns or 0)
-    diagnostics.error(
-        "D019",
-        f"`{topic.name}` may be {show_ns(oldest)} old when SC reads it",
-        e.span,
-        notes=(
-            f"every {show_ns(e.every_ns)}, {delay} on its way, and SC starts up to {starts} late",
-            f"the proof in `{s.there.name}` is about {show_ns(allowed)} (`max_age`, and `dropout`)",
-        ),
-        helps=("let it come more often, or prove with a larger `max_age`",),
-    )
-
-
-def _oldest(e: External, problem: Problem) -> int:
-    assert e.every_ns is not None
-    return e.every_ns + (e.delay_ns or 0) + problem.times.schedule.start_of_sc
-
-
-def _allowed(topic: Topic, problem: Problem) -> int:
-    return (topic.max_age_ns or 0) + problem.times.schedule.dropout
-
-
-def _words(s: _Sensors, topic: Topic, e: External, problem: Problem) -> str:
-    exact = [
-        f"{'.'.join(path) or topic.name} within {own!r} of {allowed!r}"
-        for (path, t), own, allowed in zip(
-            leaves(topic.type), e.errors, s.error_of(topic), strict=True
-        )
-        if isinstance(t, FloatType)
-    ]
-    age = f"at most {show_ns(_oldest(e, problem))} old of {show_ns(_allowed(topic, problem))}"
-    return f"{topic.name}: {age}, {', '.join(exact)}"

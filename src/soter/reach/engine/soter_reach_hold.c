@@ -160,11 +160,20 @@ ALWAYS int read_commands(int n, int m, const soter_reach_group* g, soter_scratch
   return 1;
 }
 
+/* Axes whose rates have one sign, but for rounding. */
+static unsigned one_way(const soter_reach_group* g, const double* flo, const double* fhi) {
+  unsigned found = 0;
+  for (int i = 0; i < g->axes; i++) {
+    found |= flo[i] >= -g->dust[i] || fhi[i] <= g->dust[i] ? 1U << i : 0U;
+  }
+  return found;
+}
+
 /* A model and a step of its own, for flows that are not linear. A command that is held in place of
  * the law may change at any time: its radius is noise. The box is one over a little more time than
  * the step takes: soter_reach_make_step adds 8 EPS period. */
 static int local_step(const soter_reach_group* g, soter_scratch* s, const soter_reach_chain* x,
-                      acting* t, soter_reach_model* model, soter_reach_step* step) {
+                      acting* t, soter_reach_model* model, soter_reach_step* step, unsigned* may) {
   const double h = x->holds == 0 ? g->period - g->jitter : g->period;
   const double early = x->holds == 0 ? 0 : 2 * g->jitter;
   double flo[AXES], fhi[AXES];
@@ -173,6 +182,7 @@ static int local_step(const soter_reach_group* g, soter_scratch* s, const soter_
       !soter_reach_model_of(g, s, model)) {
     return 0;
   }
+  *may = one_way(g, flo, fhi);
   for (int a = 0; a < g->commands; a++) {
     const double radius = g->held_low != 0 ? t->u[a].r : 0;
     for (int i = 0; i < g->axes; i++) {
@@ -314,13 +324,28 @@ ALWAYS int lingering(int n, int m, const soter_reach_group* g, soter_scratch* s,
   return 1;
 }
 
-/* Puts back the axes of x that did not move at all on the way to y. Rates that are not 0 over more
- * than rounding are not looked at again: most holds end here. */
+/* Cuts axis i of the hold where it rises, or falls, from x. */
+ALWAYS void cut(int i, unsigned rises, unsigned falls, const soter_reach_chain* x,
+                soter_reach_chain* y, soter_hold* out) {
+  const double lo = rises >> i & 1U ? x->lo[i] : -HUGE_VAL;
+  const double hi = falls >> i & 1U ? x->hi[i] : HUGE_VAL;
+  y->lo[i] = soter_most(y->lo[i], lo);
+  out->image_lo[i] = soter_most(out->image_lo[i], lo);
+  out->tube_lo[i] = soter_most(out->tube_lo[i], lo);
+  y->hi[i] = soter_least(y->hi[i], hi);
+  out->image_hi[i] = soter_least(out->image_hi[i], hi);
+  out->tube_hi[i] = soter_least(out->tube_hi[i], hi);
+}
+
+/* Puts back the axes of x that did not move at all on the way to y, and the ends of those that went
+ * one way only. `may`: axes that may do so, in a flow that is not linear. Of a linear one just
+ * rates that are 0 but for rounding are looked at again: most holds end here. */
 ALWAYS void standing(int n, const soter_reach_group* g, soter_scratch* s,
                      const soter_reach_chain* x, const double* flo, const double* fhi,
-                     const double* ulo, const double* uhi, soter_reach_chain* y, soter_hold* out) {
+                     const double* ulo, const double* uhi, unsigned may, soter_reach_chain* y,
+                     soter_hold* out) {
   double lo[AXES], hi[AXES], rate[AXES];
-  unsigned may = 0, stands;
+  unsigned rises, falls;
   for (int i = 0; i < n; i++) {
     lo[i] = soter_least(out->tube_lo[i], out->image_lo[i]);
     hi[i] = soter_most(out->tube_hi[i], out->image_hi[i]);
@@ -330,9 +355,13 @@ ALWAYS void standing(int n, const soter_reach_group* g, soter_scratch* s,
   if (may == 0) {
     return;
   }
-  stands = may & soter_reach_stands(g, s, lo, hi, rate, ulo, uhi);
+  soter_reach_stands(g, s, lo, hi, rate, ulo, uhi, &rises, &falls);
   for (int i = 0; i < n; i++) {
-    if (stands >> i & 1U) {
+    if (!(may >> i & 1U) || !(g->is_local || (rises & falls) >> i & 1U)) {
+      continue;
+    }
+    cut(i, rises, falls, x, y, out);
+    if ((rises & falls) >> i & 1U) {
       y->m[i] = x->m[i];
       y->box[i] = x->box[i];
       memcpy(y->g[i], x->g[i], sizeof x->g[i]);
@@ -362,6 +391,7 @@ ALWAYS int moved(int n, int m, const soter_reach_group* g, const soter_reach_ste
 ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
                      soter_reach_chain* x, soter_hold* out) {
   double flo[AXES], fhi[AXES];
+  unsigned may = 0;
   acting t;
   motion to;
   soter_reach_model local;
@@ -370,7 +400,7 @@ ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
   const soter_reach_step* step = g->is_local ? &fresh : x->holds == 0 ? &g->first : &g->later;
   soter_reach_chain y;
   if (!read_commands(n, m, g, s, x, &t, to.from) ||
-      (g->is_local && !local_step(g, s, x, &t, &local, &fresh)) ||
+      (g->is_local && !local_step(g, s, x, &t, &local, &fresh, &may)) ||
       !moved(n, m, g, step, x, &t, &to, &y) ||
       !rates_around(n, m, model, &step->dev[0][0], x->lo, x->hi, t.lo, t.hi, flo, fhi)) {
     return 0;
@@ -381,7 +411,7 @@ ALWAYS int hold_flow(int n, int m, const soter_reach_group* g, soter_scratch* s,
   if (g->jitter > 0 && !lingering(n, m, g, s, model, t.u, &y, out)) {
     return 0;
   }
-  standing(n, g, s, x, flo, fhi, t.lo, t.hi, &y, out);
+  standing(n, g, s, x, flo, fhi, t.lo, t.hi, may, &y, out);
   copy_state(x, &y);
   x->holds++;
   if (g->delay > 0 || g->jitter > 0) {

@@ -103,9 +103,9 @@ int soter_reach_dev(const soter_reach_group* g, const soter_reach_model* m, doub
                     double dev[AXES][AXES]);
 int soter_reach_model_of(const soter_reach_group* g, soter_scratch* s, soter_reach_model* m);
 void soter_reach_keep(const soter_reach_group* g, double* lo, double* hi);
-unsigned soter_reach_stands(const soter_reach_group* g, soter_scratch* s, const double* lo,
-                            const double* hi, const double* rate, const double* ulo,
-                            const double* uhi);
+void soter_reach_stands(const soter_reach_group* g, soter_scratch* s, const double* lo,
+                        const double* hi, const double* rate, const double* ulo, const double* uhi,
+                        unsigned* rises, unsigned* falls);
 void soter_reach_inputs(const soter_reach_group* g, soter_scratch* s);
 void soter_reach_start(const soter_reach_group* g, const double* lo, const double* hi,
                        soter_reach_chain* x);

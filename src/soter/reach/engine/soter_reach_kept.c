@@ -1,4 +1,5 @@
-/* What does not move: ends of the grid that the plant keeps, and states that stand still.
+/* What does not move: ends of the grid that the plant keeps, and states that stand still, or go one
+ * way only.
  * Purpose: the two places where rounding outward would turn a closed cell into a larger one.
  * Non-goals: finding the ends that are kept (soter/reach/grid/borders.py).
  *
@@ -11,6 +12,9 @@
  * Standing. Let a box hold all states of a run over some time. If x_i' is exactly 0 for every state
  * of the box and every command that may act meanwhile, x_i does not change: what was in a closed
  * cell is in it. Enclosures say 0 exactly where a sum of zeros or a product with zero makes it so.
+ * One way: if x_i' >= 0 all over that box, x_i does not fall below where it was, and the lower end
+ * of the cell stays; if x_i' <= 0, the upper end. Both together is standing. Steps of the
+ * simulator's scheme add multiples, not negative, of rates in the box: these have that sign, too.
  */
 #include "soter_reach_in.h"
 
@@ -21,21 +25,23 @@ void soter_reach_keep(const soter_reach_group* g, double* lo, double* hi) {
   }
 }
 
-/* Bit i: x_i' is exactly 0 on the box under all commands in [ulo, uhi].
+/* Bit i of `rises`: x_i' >= 0 on the box under all commands in [ulo, uhi]; of `falls`: x_i' <= 0.
  *
- * The box is grown by what the stages of the simulator's scheme may leave it: there the rates are 0
- * as well (they enclose the values computed in binary64, too), so a step of the scheme adds 0. */
-unsigned soter_reach_stands(const soter_reach_group* g, soter_scratch* s, const double* lo,
-                            const double* hi, const double* rate, const double* ulo,
-                            const double* uhi) {
-  unsigned stands = 0;
+ * The box is grown by what the stages of the simulator's scheme may leave it: there the rates have
+ * that sign as well (they enclose the values computed in binary64, too), and so has a step of the
+ * scheme. */
+void soter_reach_stands(const soter_reach_group* g, soter_scratch* s, const double* lo,
+                        const double* hi, const double* rate, const double* ulo, const double* uhi,
+                        unsigned* rises, unsigned* falls) {
+  *rises = 0;
+  *falls = 0;
   for (int i = 0; i < g->axes; i++) {
     const int k = g->axis[i];
     const double more = soter_up(g->scheme * rate[i]);
     const double low = soter_down(lo[i] - more), high = soter_up(hi[i] + more);
     SOTER_CHECK(!(lo[i] > hi[i]) && !(rate[i] < 0)); /* `rate`: sizes */
     if (!(low >= g->low[k] && high <= g->high[k])) {
-      return 0;
+      return;
     }
     soter_range(&s->in[k], k, low, high);
   }
@@ -45,11 +51,11 @@ unsigned soter_reach_stands(const soter_reach_group* g, soter_scratch* s, const 
     soter_range(&s->in[k], k, ulo[a], uhi[a]);
   }
   if (g->rate(s->in, g->param, s->out)) {
-    return 0;
+    return;
   }
   for (int i = 0; i < g->axes; i++) {
     const soter_form* f = &s->out[g->axis[i]];
-    stands |= f->lo == 0 && f->hi == 0 ? 1U << i : 0U;
+    *rises |= f->lo >= 0 ? 1U << i : 0U;
+    *falls |= f->hi <= 0 ? 1U << i : 0U;
   }
-  return stands;
 }

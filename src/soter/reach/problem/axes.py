@@ -164,9 +164,20 @@ class Axes:
                 notes=(
                     "an axis names a state, or a leaf of a topic that equals one",
                     f"the states are {known}" if known else "there are no states",
+                    *self._otherwise(item),
                 ),
+                helps=("drive the state as it is, or write the axis over the state",),
             )
         return state
+
+    def _otherwise(self, item: typed.GridAxis) -> tuple[str, ...]:
+        """How the topic of an axis is driven, where that is by more than a state."""
+        for c in self.place.plants:
+            for topic, value in c.plant.drives if c.plant is not None else ():
+                if topic is item.topic:
+                    told = " ".join(value.span.text.split())
+                    return (f"plant `{c.name}` drives `{topic.name}` as `{told}`",)
+        return ()
 
     def _topic(self, symbol: typed.TopicSymbol) -> int | None:
         scopes = [

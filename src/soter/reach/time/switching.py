@@ -60,8 +60,9 @@ class Switch:
             return f"P1c {self.verdict}: {self.why}"
         what = "spare" if self.slack >= 0 else "missing"
         name, ns = self.largest or ("", 0)
+        why = f"{self.why}; " if self.why else ""
         return (
-            f"P1c {self.verdict}: H = {show_ns(self.horizon)}, needed {show_ns(self.needed)} "
+            f"P1c {self.verdict}: {why}H = {show_ns(self.horizon)}, needed {show_ns(self.needed)} "
             f"({show_ns(abs(self.slack))} {what}; largest: {name}, {show_ns(ns)})"
         )
 
@@ -126,9 +127,12 @@ def _seen(flat: System, module: Module) -> Switch:
     real = Times(_replaced(times.schedule, routes, found), horizon=times.horizon_ns)
     real = of_map(real) if kind == "map" else real
     needed = _needed(real.schedule, None if kind == "map" else found.handed_over)
+    verdict = HOLDS if needed <= times.horizon_ns else FAILS
+    other = verdict == HOLDS and any(d.code == "R033" for d in said)
     return Switch(
         module=module.name,
-        verdict=HOLDS if needed <= times.horizon_ns else FAILS,
+        verdict=UNKNOWN if other else verdict,
+        why="the proof counts with other times (R033)" if other else "",
         horizon=times.horizon_ns,
         needed=needed,
         largest=max(terms(real).items(), key=lambda item: item[1]),

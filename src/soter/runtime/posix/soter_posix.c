@@ -44,9 +44,14 @@ static bool stopped(const soter_posix* d) {
   return __atomic_load_n(&d->stop, __ATOMIC_ACQUIRE) != 0;
 }
 
+/* Wakes `early_ns` before, and looks at the clock until it is time: what a wake-up costs, up to
+ * that much, does not make us late. */
 static void sleep_until(const soter_posix* d, int64_t at_ns) {
-  const struct timespec t = {.tv_sec = (time_t)(at_ns / SECOND), .tv_nsec = (long)(at_ns % SECOND)};
+  const int64_t ns = at_ns - d->options.early_ns;
+  const struct timespec t = {.tv_sec = (time_t)(ns / SECOND), .tv_nsec = (long)(ns % SECOND)};
   while (clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL) == EINTR && !stopped(d)) {
+  }
+  while (d->options.early_ns > 0 && soter_posix_clock() < at_ns && !stopped(d)) {
   }
 }
 
@@ -139,7 +144,7 @@ static void step_extern(soter_posix* d, uint32_t component, const void* answer, 
   if (of_module && !latched && m[info->module].gate_fault != 0U) {
     d->cause[info->module] = cause;
   }
-  soter_app_outputs(&d->state);
+  soter_posix_tell(d);
 }
 
 static void answered(soter_posix* d, uint32_t k, const soter_channel_head* head) {
@@ -241,13 +246,16 @@ static void timed(soter_posix* d, uint32_t component) {
   const bool trusted = is_trusted(component);
   const int64_t limit = late_limit(d, component);
   soter_node_times* const times = &d->node[component];
-  const int64_t late_ns = soter_posix_clock() - due_ns;
+  const int64_t start_ns = soter_posix_clock();
+  const int64_t late_ns = start_ns - due_ns;
   soter_histogram_add(&times->late, late_ns);
   if (trusted && late_ns > limit) {
     soter_posix_missed(d, SOTER_MISS_RELEASE, component, late_ns);
   }
   fire(d, component);
-  const int64_t complete_ns = soter_posix_clock() - due_ns;
+  const int64_t end_ns = soter_posix_clock();
+  const int64_t complete_ns = end_ns - due_ns;
+  soter_posix_done(d, component, start_ns, end_ns);
   soter_histogram_add(&times->complete, complete_ns);
   if (APP_PROGRAM->component[component].role == SOTER_ROLE_SC) {
     soter_histogram_add(&d->output, complete_ns);
@@ -264,7 +272,7 @@ static void draw_inputs(soter_posix* d) {
       APP_PROGRAM->input[i].draw(&d->state, NULL);
     }
   }
-  soter_app_inputs(&d->state);
+  soter_posix_listen(d);
 }
 
 /* The trusted part; externs are asked when all of it is done. */
@@ -278,7 +286,7 @@ static void steps(soter_posix* d) {
   if (d->failsafe_now) {
     publish_failsafe(d);
   }
-  soter_app_outputs(&d->state);
+  soter_posix_tell(d);
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     const uint32_t i = soter_app_externs[k].component;
     if (c[i].pending != 0U && c[i].latched == 0U) {
@@ -383,6 +391,7 @@ void* soter_posix_run(void* driver) {
   (void)getrusage(RUSAGE_THREAD, &before);
   soter_instant_times times = {0};
   d->origin_ns = soter_posix_clock() + LEAD_NS;
+  soter_posix_begin(d);
   int64_t ct = soter_next_instant(APP_PROGRAM, &d->state);
   while (ct <= d->options.until_ns && !stopped(d)) {
     wait_for(d, ct);

@@ -2,7 +2,7 @@
  *
  * Purpose: what the files of the driver share. docs/real-time.md says what it does and what it
  * cannot.
- * Non-goals: other systems than Linux and its like; sensors and actuators (soter_app.h has hooks).
+ * Non-goals: other systems than Linux and its like; sensors and actuators (soter_outside.h).
  *
  * Times are whole nanoseconds. `ct` is time of the program, 0 at the start; `origin_ns + ct` is
  * when that is on CLOCK_MONOTONIC, which nobody can set.
@@ -12,6 +12,9 @@
 
 #include "soter_app.h"
 #include "soter_channel.h"
+#include "soter_grant.h"
+#include "soter_lease.h"
+#include "soter_outside.h"
 
 #include <pthread.h>
 #include <stdbool.h>
@@ -30,11 +33,53 @@ typedef struct {
   void (*gather)(const void* state, void* in);
 } soter_posix_extern;
 
+/* A topic that meets the world: a channel of its name in the folder of --channels. */
+typedef struct {
+  uint32_t topic;
+  const char* name;
+  uint64_t hash;      /* of its layout */
+  int64_t max_age_ns; /* -1: it has none */
+  bool inward;        /* somebody else publishes it */
+} soter_posix_topic;
+
+/* How old a topic may be where a component reads it: older no proof speaks of. */
+typedef struct {
+  uint32_t component;
+  uint32_t topic;
+  int64_t most_ns;
+  bool outside; /* it has to be there from the start: before, SC acts on its default */
+} soter_posix_age;
+
+/* What travels with a command of a module that has a fail-safe law; the command follows. */
+typedef struct {
+  int64_t stamp, expiry; /* CLOCK_MONOTONIC: of the release that gave the lease, and its end */
+} soter_posix_lease_head;
+
+/* A module with a fail-safe law: who gives its leases, and what is sent with them. */
+typedef struct {
+  uint32_t module;
+  const char* name;
+  const char* channel; /* no topic is called so */
+  uint64_t hash;
+  const soter_grant_info* grant;
+  const soter_lease_info* lease;
+  const uint32_t* component; /* of each node of `grant` */
+  const soter_posix_age* age;
+  uint32_t ages;
+  size_t size; /* of a message: a head, then the command */
+  void (*gather)(const void* state, void* command);
+  void (*apply)(void* state, const void* command); /* where plants are here: NULL elsewhere */
+} soter_posix_lease;
+
 /* soter_app.h declares, soter_app.c defines:
  *   APP_STATE, APP_PROGRAM, APP_UNTIL_NS, APP_COMPONENTS, APP_MODULES, APP_EXTERNS, APP_WORDS,
- *   APP_SLOTS, APP_LONGEST_NS, soter_app_answer, soter_app_inputs, soter_app_outputs, and: */
+ *   APP_SLOTS, APP_LONGEST_NS, APP_OUTSIDE, APP_LEASES, APP_BUDGETS, soter_app_answer, and: */
 extern const soter_posix_extern soter_app_externs[];
 extern const uint32_t soter_app_extern_count; /* APP_EXTERNS */
+extern const soter_posix_topic soter_app_outside[];
+extern const uint32_t soter_app_outside_count; /* APP_OUTSIDE */
+extern const soter_posix_lease soter_app_leases[];
+extern const uint32_t soter_app_lease_count;  /* APP_LEASES */
 extern const int64_t soter_app_late_ns[];     /* of each component */
 extern const int64_t soter_app_response_ns[]; /* of each component */
 
@@ -64,6 +109,32 @@ typedef struct {
   soter_histogram took;
   uint64_t in_a_row; /* unanswered until now */
 } soter_worker_times;
+
+/* Of a topic that meets the world. */
+typedef struct {
+  soter_outside channel;
+  uint64_t told;    /* values that went out */
+  uint64_t taken;   /* values that came in */
+  uint64_t refused; /* not finite, not in the topic's set, no value of its type */
+  uint64_t older;   /* measured before the value that the topic has */
+  uint64_t future;  /* measured later than now */
+  uint64_t bad;     /* what was no whole value of this layout */
+  int64_t stamp;    /* of the value that went out last */
+} soter_outside_times;
+
+/* Of the leases of a module. */
+typedef struct {
+  soter_outside channel;
+  soter_grant grant;
+  int64_t done[APP_BUDGETS];
+  soter_lease lease; /* what plants that are here obey */
+  uint64_t given;    /* messages with a lease */
+  uint64_t stale;    /* releases that read what was too old: not done */
+  int64_t ended_ns;  /* ct from which on no lease is given; -1: they are */
+  uint64_t law;      /* instants in which plants obeyed the law */
+  uint64_t message[APP_WORDS];
+  uint64_t command[APP_WORDS];
+} soter_lease_times;
 
 typedef enum {
   SOTER_CAUSE_TTF = 0,
@@ -146,18 +217,20 @@ typedef struct {
   int64_t until_ns;
   uint64_t seed;
   soter_policy policy;
-  int core;        /* -1: choose, -2: do not pin */
-  int64_t late_ns; /* -1: as the program says */
+  int core;         /* -1: choose, -2: do not pin */
+  int64_t late_ns;  /* -1: as the program says */
+  int64_t early_ns; /* to wake before an instant, and spin until it */
   bool json, quiet, live;
   const char* log;
-  const char* states;  /* the state after every instant, one after the other */
-  uint32_t restarts;   /* of each worker */
-  int64_t patience_ns; /* without an answer, until a worker is ended */
-  int64_t again_ns;    /* before a worker that ended is started again */
-  int64_t bare_ns;     /* for wake-ups with nothing to do, before the start */
-  int64_t wait_ns;     /* for workers to be ready, at the start */
-  uint64_t memory;     /* bytes a worker may map; 0: any */
-  int64_t user;        /* uid of workers; -1: as this process */
+  const char* channels; /* the folder of what meets the world; NULL: nothing does */
+  const char* states;   /* the state after every instant, one after the other */
+  uint32_t restarts;    /* of each worker */
+  int64_t patience_ns;  /* without an answer, until a worker is ended */
+  int64_t again_ns;     /* before a worker that ended is started again */
+  int64_t bare_ns;      /* for wake-ups with nothing to do, before the start */
+  int64_t wait_ns;      /* for workers to be ready, at the start */
+  uint64_t memory;      /* bytes a worker may map; 0: any */
+  int64_t user;         /* uid of workers; -1: as this process */
 } soter_options;
 
 typedef struct {
@@ -191,6 +264,8 @@ typedef struct {
   uint64_t minor_faults, major_faults;
   int64_t heartbeat_ns; /* CLOCK_MONOTONIC as the last instant ended */
   uint64_t value[APP_WORDS];
+  soter_outside_times outside[APP_OUTSIDE > 0 ? APP_OUTSIDE : 1];
+  soter_lease_times lease[APP_LEASES > 0 ? APP_LEASES : 1];
   /* others */
   soter_worker workers[APP_EXTERNS > 0 ? APP_EXTERNS : 1];
   soter_workers_status* status;
@@ -219,6 +294,15 @@ void soter_posix_workers(soter_posix* d, const char* self);
 bool soter_posix_ready(soter_posix* d, uint32_t worker);
 void soter_posix_await(soter_posix* d);
 void soter_posix_release(soter_posix* d); /* at the end: no process is left */
+
+/* soter_posix_world.c: what meets the world: topics from outside, commands with their leases. */
+bool soter_posix_open(soter_posix* d);   /* before the start: channels; false: one cannot be had */
+void soter_posix_hear(soter_posix* d);   /* waits, bounded, until sensors speak */
+void soter_posix_begin(soter_posix* d);  /* the calendar's origin is known */
+void soter_posix_listen(soter_posix* d); /* an instant has begun: what came is published */
+/* a component that was released has run, from `start` to `end`, CLOCK_MONOTONIC */
+void soter_posix_done(soter_posix* d, uint32_t component, int64_t start_ns, int64_t end_ns);
+void soter_posix_tell(soter_posix* d); /* what goes out, as it is now */
 
 /* soter_posix.c: the trusted thread. */
 void* soter_posix_run(void* driver);

@@ -23,14 +23,16 @@
 #define EXIT_STOPPED 130
 #define SECOND 1e9
 #define S_MAX 4.0e9
+#define EARLY_MOST_NS 10000000
 
 static const char* const USAGE =
     "usage: %s [--until SECONDS] [--seed N] [--policy auto|fifo|deadline|other] [--core N|none]\n"
-    "  [--late MICROSECONDS] [--log FILE] [--states FILE] [--json] [--quiet [--live]] [--worker "
+    "  [--late MICROSECONDS] [--early MICROSECONDS] [--log FILE] [--states FILE] [--json] [--quiet "
+    "[--live]] [--worker "
     "NAME=COMMAND]\n"
     "  [--bare SECONDS] [--restarts N] [--again SECONDS] [--patience SECONDS] [--wait SECONDS] "
     "[--worker-memory MIB]\n"
-    "  [--worker-user UID]\n";
+    "  [--worker-user UID] [--channels FOLDER]\n";
 
 /* ------------------------------------------------------------------ options */
 
@@ -154,12 +156,19 @@ static bool option(soter_posix* d, const char* name, const char* value) {
   if (strcmp(name, "--late") == 0) {
     return duration(value, 1e3, &o->late_ns);
   }
+  if (strcmp(name, "--early") == 0) {
+    return duration(value, 1e3, &o->early_ns) && o->early_ns <= EARLY_MOST_NS;
+  }
   if (strcmp(name, "--log") == 0) {
     o->log = value;
     return true;
   }
   if (strcmp(name, "--states") == 0) {
     o->states = value;
+    return true;
+  }
+  if (strcmp(name, "--channels") == 0) {
+    o->channels = value;
     return true;
   }
   return option_of_workers(d, name, value);
@@ -274,7 +283,11 @@ int main(int count, char** words) {
   (void)sigaddset(&ending, SIGTERM);
   (void)sigaddset(&ending, SIGHUP);
   (void)sigprocmask(SIG_BLOCK, &ending, NULL);
+  if (!soter_posix_open(d)) {
+    return EXIT_FAILURE;
+  }
   soter_posix_workers(d, words[0]);
   soter_posix_await(d);
+  soter_posix_hear(d);
   return go(d, &ending);
 }

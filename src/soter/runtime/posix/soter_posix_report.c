@@ -121,6 +121,28 @@ static void print_takeovers(const soter_posix* d, uint32_t module, FILE* out) {
   }
 }
 
+static void print_world(const soter_posix* d, FILE* out) {
+  for (uint32_t k = 0; k < soter_app_outside_count; k++) {
+    const soter_outside_times* const o = &d->outside[k];
+    (void)fprintf(out,
+                  soter_app_outside[k].inward
+                      ? "topic %s: %" PRIu64 " values taken, %" PRIu64 " refused, %" PRIu64
+                        " older than what was there, %" PRIu64 " from the future, %" PRIu64
+                        " not whole\n"
+                      : "topic %s: %" PRIu64 " values told\n",
+                  soter_app_outside[k].name, soter_app_outside[k].inward ? o->taken : o->told,
+                  o->refused, o->older, o->future, o->bad);
+  }
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    const soter_lease_times* const t = &d->lease[k];
+    (void)fprintf(out, "leases %s: %" PRIu64 " given", soter_app_leases[k].name, t->given);
+    if (t->ended_ns >= 0) {
+      (void)fprintf(out, ", none from %.6f s on: the law", (double)t->ended_ns / 1e9);
+    }
+    (void)fprintf(out, "\n");
+  }
+}
+
 void soter_posix_report(const soter_posix* d, FILE* out) {
   (void)fprintf(out, "real time: policy %s, memory %s, ", d->policy,
                 d->locked ? "locked" : "not locked");
@@ -138,6 +160,7 @@ void soter_posix_report(const soter_posix* d, FILE* out) {
   for (uint32_t i = 0; i < APP_PROGRAM->modules; i++) {
     print_takeovers(d, i, out);
   }
+  print_world(d, out);
 }
 
 /* ------------------------------------------------------------------ JSON */
@@ -221,6 +244,37 @@ static void json_module(const soter_posix* d, uint32_t i, FILE* out) {
   (void)fprintf(out, "}}");
 }
 
+static void json_world(const soter_posix* d, FILE* out) {
+  (void)fprintf(out, ",\n \"topics\": {");
+  for (uint32_t k = 0; k < soter_app_outside_count; k++) {
+    const soter_outside_times* const o = &d->outside[k];
+    (void)fprintf(out, "%s\n  ", k > 0U ? "," : "");
+    json_text(soter_app_outside[k].name, out);
+    (void)fprintf(out,
+                  ": {\"inward\": %s, \"told\": %" PRIu64 ", \"taken\": %" PRIu64
+                  ", \"refused\": %" PRIu64 ", \"older\": %" PRIu64 ", \"future\": %" PRIu64
+                  ", \"bad\": %" PRIu64 "}",
+                  soter_app_outside[k].inward ? "true" : "false", o->told, o->taken, o->refused,
+                  o->older, o->future, o->bad);
+  }
+  (void)fprintf(out, "},\n \"leases\": {");
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    const soter_lease_times* const t = &d->lease[k];
+    (void)fprintf(out, "%s\n  ", k > 0U ? "," : "");
+    json_text(soter_app_leases[k].name, out);
+    (void)fprintf(out,
+                  ": {\"given\": %" PRIu64 ", \"stale\": %" PRIu64 ", \"law\": %" PRIu64
+                  ", \"ended_ns\": ",
+                  t->given, t->stale, t->law);
+    if (t->ended_ns < 0) {
+      (void)fprintf(out, "null}");
+    } else {
+      (void)fprintf(out, "%" PRId64 "}", t->ended_ns);
+    }
+  }
+  (void)fprintf(out, "}");
+}
+
 static void json_head(const soter_posix* d, FILE* out) {
   const soter_header* const h = &d->state.header;
   (void)fprintf(out,
@@ -236,10 +290,11 @@ static void json_head(const soter_posix* d, FILE* out) {
                 ",\n \"policy\": \"%s\", \"locked\": %s, \"core\": %d, \"instants\": %" PRIu64
                 ", \"late_instants\": %" PRIu64 ", \"misses\": %" PRIu64 ", \"calendars\": %" PRIu64
                 ", \"page_faults\": %" PRIu64 ", \"major_page_faults\": %" PRIu64
-                ", \"dropped\": %" PRIu64 ", \"log_lines_lost\": %" PRIu64 ", \"stopped\": %s",
+                ", \"dropped\": %" PRIu64 ", \"log_lines_lost\": %" PRIu64
+                ", \"stopped\": %s, \"origin_ns\": %" PRId64,
                 d->policy, d->locked ? "true" : "false", d->pinned ? d->core : -1, d->instants,
                 d->late_instants, d->missed, d->calendars, d->minor_faults, d->major_faults,
-                d->ring.dropped, d->lines_lost, d->stop != 0 ? "true" : "false");
+                d->ring.dropped, d->lines_lost, d->stop != 0 ? "true" : "false", d->origin_ns);
 }
 
 void soter_posix_json(const soter_posix* d, FILE* out) {
@@ -266,5 +321,7 @@ void soter_posix_json(const soter_posix* d, FILE* out) {
     (void)fprintf(out, "%s\n  ", i > 0U ? "," : "");
     json_module(d, i, out);
   }
-  (void)fprintf(out, "}}\n");
+  (void)fprintf(out, "}");
+  json_world(d, out);
+  (void)fprintf(out, "}\n");
 }

@@ -40,7 +40,7 @@ def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[
     for which, why in (
         (
             [m for m in free if m.index not in stacked and m.name not in proofs],
-            "(`soter verify` does)",
+            _who_checks(system),
         ),
         (
             [m for m in free if m.index in stacked and m.name not in proofs],
@@ -75,6 +75,12 @@ def _proved(name: str, proof: Proof) -> str:
     parts += [f"{' '.join(missing)} {verdict}" for verdict, missing in open_ if missing]
     safe = ": not a proof of safety" if proof.open else ""
     return f"{name}: {', '.join(parts)}{safe}"
+
+
+def _who_checks(system: System) -> str:
+    if system.proved is None:
+        return "(`soter verify` does)"
+    return f"(`soter build --cert` carries what was proved of {system.proved.name})"
 
 
 def forced(system: System) -> list[str]:

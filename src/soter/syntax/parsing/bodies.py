@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from soter.diagnostics.fix import replace
+from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
 from soter.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
@@ -19,7 +21,7 @@ from soter.syntax.tokens import EOF, NAME, STRING, string_value, visible
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.fix import Fix
     from soter.syntax.tokens import Tokens
 
 _Parts = TypeVar("_Parts")
@@ -134,10 +136,17 @@ class BodyParser(StatementParser):
         sign = self.kinds[word + 1]
         if sign in (":", "="):
             self.i = word + 1
-            self.report("S005", f"no `{sign}` after `{self.texts[word]}`", helps=("leave it out",))
+            self.report(
+                "S005", f"no `{sign}` after `{self.texts[word]}`", helps=(self._without(word + 1),)
+            )
             self.quiet = -1
             # The item steps over one token, which is now the sign in place of its word.
             self.texts[word + 1], self.kinds[word + 1] = self.texts[word], self.kinds[word]
+
+    def _without(self, index: int) -> Fix:
+        """Leave one token out, with the blanks around it."""
+        start, end = self.ends[index - 1], self.starts[index + 1]
+        return replace(Span(self.source, start, end), " ", "leave it out")
 
     def _unknown_item(
         self,
@@ -152,7 +161,8 @@ class BodyParser(StatementParser):
             return
         near = self.close_word(word, items) if word.isidentifier() else None
         if near is not None:
-            self.report("S010", message, helps=(f"did you mean `{near}`?",))
+            helps = (replace(self.token_span(self.i), near, f"did you mean `{near}`?"),)
+            self.report("S010", message, helps=helps)
             self.quiet = -1
             items[near](self, parts)
             return

@@ -7,6 +7,10 @@ Non-goals: statements and declarations (`statements.py`, `parser.py`), types and
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import made
+from soter.diagnostics.fix import Edit, Fix, replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import Cursor, Panic
@@ -21,6 +25,12 @@ from soter.syntax.parsing.operators import (
     slip,
 )
 from soter.syntax.tokens import ERROR, FLOAT, INT, NAME, UNIT_NS, visible
+
+if TYPE_CHECKING:
+    from soter.diagnostics.fix import Help
+
+_SHOWN_MAX = 100
+"""So many characters of an edit are shown."""
 
 _CONVERSIONS = frozenset(["int", "float"])
 """Types that are also called as functions: `float(n)`, `int(x)`."""
@@ -74,14 +84,19 @@ class ExpressionParser(Cursor):
             i = self.i
             number = result.span.text
             unit = self.texts[i] if self.kinds[i] == NAME else ""
+            helps: tuple[Help, ...]
+            whole = Span(self.source, result.span.start, self.ends[i])
             if unit in UNIT_NS:
-                help_ = f"write `{number}{unit}`, without a space"
+                title = f"write `{number}{unit}`, without a space"
+                helps = (replace(whole, f"{number}{unit}", title),)
                 self.i += 1
             elif unit.lower() == "hz":
-                help_ = f"write the time between two steps: `{_period_of(result)}`"
+                period = _period_of(result)
+                title = f"write the time between two steps: `{period}`"
+                helps = (replace(whole, period, title),)
                 self.i += 1
             else:
-                help_ = f"write `{number}ms` or `{number}s`"
+                helps = (replace(result.span, f"{number}ms"), replace(result.span, f"{number}s"))
             self.quiet = -1
             self.report(
                 "S019",
@@ -89,7 +104,7 @@ class ExpressionParser(Cursor):
                 self.span_from(result.span.start),
                 "a number without a unit",
                 notes=("units are ns, us, ms, s, min and h, written right behind the number",),
-                helps=(help_,),
+                helps=helps,
             )
             self.quiet = -1
             return tree.ErrorExpr(result.span)
@@ -107,9 +122,11 @@ class ExpressionParser(Cursor):
             last = self.problems[-1]
             here = last.primary is not None and last.primary.span.start == self.ends[i - 1]
             if here and last.code == "S004" and self.kinds[i - 1] in (INT, FLOAT):
-                text = f"write `{self.texts[i - 1]}{self.texts[i]}`, without a space"
-                self.problems[-1] = type(last)(
-                    last.code, last.message, last.primary, last.secondary, last.notes, (text,)
+                time = f"{self.texts[i - 1]}{self.texts[i]}"
+                whole = self.token_span(i - 1).to(self.token_span(i))
+                help_ = replace(whole, time, f"write `{time}`, without a space")
+                self.problems[-1] = made(
+                    last.code, last.message, last.primary, last.secondary, last.notes, (help_,)
                 )
 
     # ------------------------------------------------------------ operators
@@ -184,18 +201,28 @@ class ExpressionParser(Cursor):
     def _chained(self, left: tree.Expr, first: int) -> tree.Expr:
         """`a < b < c`: reported once for the whole chain."""
         second = self.i
+        also = ((self.token_span(first), "the first one"),)
+        texts = [left.span.text]
+        middle = self.source.text[self.ends[first] : self.ends[second - 1]].strip()
+        while PRECEDENCE.get(self.kinds[self.i]) == COMPARISON:
+            op = self.kinds[self.i]
+            self.i += 1
+            right = self.expression(COMPARISON + 1).span.text
+            texts.append(f"{middle} {op} {right}")
+            middle = right
+        joined = " && ".join(texts)
+        whole = self.span_from(left.span.start)
+        after, self.i = self.i, second
         self.quiet = -1
         self.report(
             "S017",
             "comparisons do not chain",
             self.token_span(second),
             "a second comparison",
-            also=((self.token_span(first), "the first one"),),
-            helps=("write `a < b && b < c`",),
+            also=also,
+            helps=(replace(whole, joined, None if len(joined) < _SHOWN_MAX else "compare twice"),),
         )
-        while PRECEDENCE.get(self.kinds[self.i]) == COMPARISON:
-            self.i += 1
-            self.expression(COMPARISON + 1)
+        self.i = after
         return tree.ErrorExpr(self.span_from(left.span.start))
 
     # ------------------------------------------------------------ operands
@@ -252,7 +279,11 @@ class ExpressionParser(Cursor):
 
     def _skip_not(self) -> int:
         """Report `not`, step over it and over signs behind it, up to a name."""
-        self.report("S015", "`not` is not an operator of Soter", helps=("write `!`",))
+        token = self.token_span(self.i)
+        blank = Span(self.source, token.start, self.starts[self.i + 1])
+        self.report(
+            "S015", "`not` is not an operator of Soter", helps=(replace(blank, "!", "write `!`"),)
+        )
         while self.kinds[self.i] in ("!", "-") or self.is_word("not"):
             self.i += 1
         if self.kinds[self.i] != NAME:
@@ -263,6 +294,14 @@ class ExpressionParser(Cursor):
         opener = self.i
         self.i += 1
         result = self.expression(ANY)
+        if self.kinds[self.i] == ",":
+            raise self.failure(
+                "S005",
+                "expected `)` after the expression, found `,`",
+                self.span_from(self.starts[opener]),
+                "there are no tuples",
+                helps=("write a record, `{ x: a, y: b }`, or an array, `[a, b]`",),
+            )
         self.close(")", "the expression", opener)
         return result
 
@@ -275,7 +314,13 @@ class ExpressionParser(Cursor):
             raise self.failure(
                 "S005",
                 "expected `]` after the index, found `,`",
-                helps=("write one pair of brackets per dimension: `a[i][j]`",),
+                helps=(
+                    replace(
+                        self.token_span(self.i),
+                        "][",
+                        "write one pair of brackets per dimension: `a[i][j]`",
+                    ),
+                ),
             )
         self.close("]", "the index", opener)
         return tree.IndexExpr(Span(self.source, start, self.ends[self.i - 1]), target, index)
@@ -360,18 +405,25 @@ class ExpressionParser(Cursor):
                 raise self.failure(
                     "S007", "expected a field, found `}`", notes=("a record has fields",)
                 )
+            if self.kinds[self.i] == "{" and not entries:
+                raise self.failure(
+                    "S007",
+                    "expected `field: value` in a record, found `{`",
+                    self.token_span(opener),
+                    helps=(self._in_brackets(opener),),
+                )
             if self.kinds[self.i + 1] in (",", "}") and not entries:
                 raise self.failure(
                     "S007",
                     f"expected `field: value` in a record, found {self.found()}",
-                    helps=("arrays and lists are written `[a, b]`",),
+                    helps=(self._in_brackets(opener),),
                 )
             field = self.name("the name of a field")
             if self.kinds[self.i] == "=":
                 self.report(
                     "S005",
                     f"expected `:` after the field `{field.text}`, found `=`",
-                    helps=(f"write `{field.text}: ...`",),
+                    helps=(replace(self.token_span(self.i), ":", f"write `{field.text}: ...`"),),
                 )
                 self.i += 1
             else:
@@ -380,6 +432,16 @@ class ExpressionParser(Cursor):
             if not self.comma("}", "the field", opener):
                 break
         return tree.RecordExpr(self.span_from(start), tuple(entries))
+
+    def _in_brackets(self, opener: int) -> Help:
+        """`[a, b]` for the braces opened at a token."""
+        level = 0
+        for i in range(opener, len(self.kinds)):
+            level += (self.kinds[i] == "{") - (self.kinds[i] == "}")
+            if level == 0 and self.kinds[i] == "}":
+                edits = (Edit(self.token_span(opener), "["), Edit(self.token_span(i), "]"))
+                return Fix("arrays and lists are written `[a, b]`", edits)
+        return "arrays and lists are written `[a, b]`"
 
     def _choose(self) -> tree.Expr:
         """`[fair] choose` and what is chosen from."""
@@ -434,7 +496,9 @@ class ExpressionParser(Cursor):
             self.report(
                 "S005",
                 "expected `,` between the ends of the interval, found `..`",
-                helps=("an interval is written `[low, high]`",),
+                helps=(
+                    replace(self.token_span(self.i), ",", "an interval is written `[low, high]`"),
+                ),
             )
             self.i += 1
         else:

@@ -9,6 +9,7 @@ Non-goals: expressions (`expressions.py`); whether a place may be assigned (`pro
 
 from __future__ import annotations
 
+from soter.diagnostics.fix import replace
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
 from soter.syntax.parsing.expressions import ExpressionParser
@@ -170,7 +171,9 @@ class StatementParser(ExpressionParser):
         start = self.starts[self.i]
         self.i += 1
         if self.is_word("mut"):
-            self.report("S015", "`mut` is no word of Soter", helps=("write `var` for `let mut`",))
+            both = self.token_span(self.i - 1).to(self.token_span(self.i))
+            helps = (replace(both, "var", "write `var` for `let mut`"),)
+            self.report("S015", "`mut` is no word of Soter", helps=helps)
             self.i += 1
         name = self.name("a name after `let`")
         type_ = type_expression(self, "a type after `:`") if self.accept(":") else None
@@ -272,7 +275,8 @@ class StatementParser(ExpressionParser):
             near = self.close_word(word, STATEMENT_WORDS)
             if near in _STATEMENTS and near != "while":
                 message = f"expected a statement, found `{visible(word)}`"
-                self.report("S011", message, helps=(f"did you mean `{near}`?",))
+                helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
+                self.report("S011", message, helps=helps)
                 self.quiet = -1
                 return _STATEMENTS[near](self)
         if following == NAME and self.kinds[i + 2] in ("=", ";"):
@@ -386,11 +390,13 @@ class StatementParser(ExpressionParser):
         i = self.i
         if self.kinds[i] == "else" and self.kinds[i + 1] == "if":
             span = self.token_span(i).to(self.token_span(i + 1))
-            self.report("S015", "`else if` is one word in Soter", span, helps=("write `elseif`",))
+            helps = (replace(span, "elseif"),)
+            self.report("S015", "`else if` is one word in Soter", span, helps=helps)
             self.i = i + 2
             return True
         if self.kinds[i] == NAME and self.texts[i] in _ELSEIF:
-            self.report("S015", f"`{self.texts[i]}` is no word of Soter", helps=("write `elseif`",))
+            helps = (replace(self.token_span(i), "elseif"),)
+            self.report("S015", f"`{self.texts[i]}` is no word of Soter", helps=helps)
             self.i = i + 1
             return True
         return False

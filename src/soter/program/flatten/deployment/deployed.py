@@ -26,10 +26,16 @@ DIFFERENCES_SHOWN = 8
 
 
 def check_external(system: System, read: set[int], diagnostics: Diagnostics) -> None:
-    """M024 for an external topic that no part of the system publishes or reads."""
+    """M024 for an external topic that no part of the system publishes or reads.
+
+    Also for one that a part publishes and of which is said how it comes from outside.
+    """
     for e in system.externals:
         topic = system.topics[e.topic]
-        if e.topic in read or topic.driver not in {"", "input"}:
+        if topic.driver not in {"", "input"}:
+            _goes_out(system, e, diagnostics)
+            continue
+        if e.topic in read:
             continue
         diagnostics.error(
             "M024",
@@ -39,6 +45,32 @@ def check_external(system: System, read: set[int], diagnostics: Diagnostics) -> 
             notes=("an external topic is where a system meets the world",),
             helps=("leave it out, or add the node or module that it belongs to",),
         )
+
+
+def _goes_out(system: System, e: External, diagnostics: Diagnostics) -> None:
+    """M024 where something is said of the coming of what does not come."""
+    said = [
+        word
+        for word, given in (
+            ("every", e.every_ns is not None),
+            ("delayed", e.delay_ns is not None),
+            ("measured", any(x is not None for x in e.errors)),
+        )
+        if given
+    ]
+    if not said:
+        return
+    topic = system.topics[e.topic]
+    words = ", ".join(f"`{w}`" for w in said)
+    diagnostics.error(
+        "M024",
+        f"`{topic.name}` does not come from outside: {topic.driver} publishes it",
+        e.span,
+        f"{words} said here",
+        also=((topic.symbol.span, "the topic"),),
+        notes=("`every`, `delayed` and `measured` are about what somebody outside publishes",),
+        helps=(f"write `external topic {topic.symbol.name};`",),
+    )
 
 
 def from_outside(system: System) -> tuple[External, ...]:

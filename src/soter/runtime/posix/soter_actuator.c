@@ -1,0 +1,308 @@
+/* soter_actuator.c: the process of the actuators.
+ *
+ * Purpose: take the commands that the trusted part sends with their leases, obey each no longer
+ * than its lease says, by a clock of our own, and then hold the fail-safe law until somebody arms
+ * us anew (SIGUSR1). What is applied goes to `soter_actuate` and, for whoever looks, into the
+ * channels of the module's topics. At the end, and on the terminal, what happened.
+ * Non-goals: the program; devices (actuate.c is yours).
+ */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
+#endif
+
+#include "soter_actuator.h"
+#include "soter_actuator_app.h"
+#include "soter_outside.h"
+
+#include <errno.h>
+#include <inttypes.h>
+#include <sched.h>
+#include <signal.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <time.h>
+
+#define EXIT_USAGE 2
+#define SECOND INT64_C(1000000000)
+#define PERIOD_NS INT64_C(500000)
+#define PRIORITY 81
+#define HEAD_BYTES ((size_t)16)
+
+static const char* const USAGE =
+    "usage: %s --channels FOLDER [--period MICROSECONDS] [--until SECONDS] [--json] [--quiet]\n"
+    "SIGUSR1 arms the leases anew; SIGTERM ends it, with a report.\n";
+
+typedef struct {
+  soter_outside in;
+  soter_outside out[ACTUATOR_TOPICS];
+  soter_lease lease;
+  uint64_t message[ACTUATOR_WORDS];
+  uint64_t command[ACTUATOR_WORDS]; /* of the lease */
+  uint64_t held[ACTUATOR_WORDS];
+  uint64_t taken, refused, bad;
+  uint64_t ends;        /* leases that ended */
+  uint64_t older;       /* commands that were applied after the end of their lease */
+  int64_t law_after_ns; /* from the end of a lease until the law was applied, at most */
+  int64_t gap_ns;       /* between two turns while a lease held, at most */
+  int64_t turned_ns;
+  uint8_t said; /* the state that was told last */
+} module_times;
+
+static struct {
+  const char* channels;
+  int64_t period_ns, until_ns;
+  bool json, quiet, fifo, locked;
+  uint64_t turns, armed;
+  module_times module[ACTUATOR_MODULES];
+} us;
+
+static volatile sig_atomic_t ending, arming;
+
+static void on_signal(int number) {
+  if (number == SIGUSR1) {
+    arming = 1;
+  } else {
+    ending = 1;
+  }
+}
+
+static int64_t clock_ns(void) {
+  struct timespec t;
+  (void)clock_gettime(CLOCK_MONOTONIC, &t);
+  return (int64_t)t.tv_sec * SECOND + t.tv_nsec;
+}
+
+/* ------------------------------------------------------------------ a turn */
+
+static void say(uint32_t k, int64_t now) {
+  static const char* const words[4] = {"", "armed: the law is held until a command comes",
+                                       "commands are obeyed",
+                                       "the lease has ended: the law is held"};
+  module_times* const m = &us.module[k];
+  if (m->said == m->lease.state) {
+    return;
+  }
+  m->said = m->lease.state;
+  if (us.quiet) {
+    return;
+  }
+  (void)fprintf(stderr, "%.6f %s: %s", (double)now / 1e9, soter_actuator_modules[k].name,
+                words[m->lease.state]);
+  if (m->lease.state == SOTER_LEASE_ENDED) {
+    (void)fprintf(stderr, ", %.1f us after it", (double)(now - m->lease.until) / 1e3);
+  }
+  (void)fputc('\n', stderr);
+}
+
+static void take(uint32_t k) {
+  module_times* const m = &us.module[k];
+  int64_t written = 0;
+  if (!soter_outside_read(&m->in, &written, m->message, &m->bad)) {
+    return;
+  }
+  int64_t lease[2];
+  (void)memcpy(lease, m->message, sizeof lease);
+  const uint8_t* const command = (const uint8_t*)m->message + HEAD_BYTES;
+  if (soter_lease_take(&m->lease, clock_ns(), command, lease[0], lease[1])) {
+    m->taken++;
+  } else {
+    m->refused++;
+  }
+}
+
+static void apply(uint32_t k, bool obeys, int64_t now) {
+  const soter_actuator_module* const info = &soter_actuator_modules[k];
+  module_times* const m = &us.module[k];
+  soter_actuate(k, m->held, obeys);
+  for (uint32_t i = 0; i < info->topics; i++) {
+    const uint8_t* const held = (const uint8_t*)m->held;
+    soter_outside_write(&m->out[i], now, held + info->topic[i].offset);
+  }
+}
+
+static int64_t most(int64_t a, int64_t b) {
+  return a > b ? a : b;
+}
+
+static void turn(uint32_t k) {
+  module_times* const m = &us.module[k];
+  const bool held = m->lease.state == SOTER_LEASE_HOLDS;
+  take(k);
+  const int64_t now = clock_ns();
+  const bool obeys = soter_lease_read(&m->lease, now, m->held);
+  apply(k, obeys, now);
+  const int64_t after = clock_ns();
+  m->older += obeys && after > m->lease.until ? 1U : 0U;
+  if (held) {
+    m->gap_ns = most(m->gap_ns, after - m->turned_ns);
+  }
+  if (held && !obeys) {
+    m->ends++;
+    m->law_after_ns = most(m->law_after_ns, after - m->lease.until);
+  }
+  m->turned_ns = after;
+  say(k, after);
+}
+
+static void arm(void) {
+  arming = 0;
+  us.armed++;
+  for (uint32_t k = 0; k < soter_actuator_count; k++) {
+    soter_lease_arm(&us.module[k].lease);
+  }
+}
+
+static void turns(void) {
+  int64_t next = clock_ns();
+  const int64_t last = us.until_ns > 0 ? next + us.until_ns : INT64_MAX;
+  while (ending == 0 && clock_ns() < last) {
+    if (arming != 0) {
+      arm();
+    }
+    const int64_t now = clock_ns();
+    if (next <= now) {
+      next = next + us.period_ns > now ? next + us.period_ns : now + us.period_ns;
+    }
+    int64_t wake = next;
+    for (uint32_t k = 0; k < soter_actuator_count; k++) {
+      turn(k);
+      const soter_lease* const lease = &us.module[k].lease;
+      if (lease->state == SOTER_LEASE_HOLDS && lease->until < wake) {
+        wake = lease->until + 1; /* the first instant at which it has ended */
+      }
+    }
+    us.turns++;
+    const struct timespec t = {.tv_sec = (time_t)(wake / SECOND), .tv_nsec = (long)(wake % SECOND)};
+    (void)clock_nanosleep(CLOCK_MONOTONIC, TIMER_ABSTIME, &t, NULL);
+  }
+}
+
+/* ------------------------------------------------------------------ the report */
+
+static void report(FILE* out) {
+  (void)fprintf(out,
+                "{\"turns\": %" PRIu64 ", \"armed\": %" PRIu64
+                ", \"policy\": \"%s\", \"locked\": %s, \"modules\": {",
+                us.turns, us.armed, us.fifo ? "fifo" : "ordinary", us.locked ? "true" : "false");
+  for (uint32_t k = 0; k < soter_actuator_count; k++) {
+    const module_times* const m = &us.module[k];
+    static const char* const states[4] = {"", "armed", "holds", "ended"};
+    (void)fprintf(out,
+                  "%s\n \"%s\": {\"state\": \"%s\", \"taken\": %" PRIu64 ", \"refused\": %" PRIu64
+                  ", \"bad\": %" PRIu64 ", \"ends\": %" PRIu64 ", \"older\": %" PRIu64
+                  ", \"law_after_ns\": %" PRId64 ", \"gap_ns\": %" PRId64 "}",
+                  k > 0U ? "," : "", soter_actuator_modules[k].name, states[m->lease.state],
+                  m->taken, m->refused, m->bad, m->ends, m->older, m->law_after_ns, m->gap_ns);
+  }
+  (void)fprintf(out, "}}\n");
+}
+
+static void report_words(FILE* out) {
+  for (uint32_t k = 0; k < soter_actuator_count; k++) {
+    const module_times* const m = &us.module[k];
+    (void)fprintf(out,
+                  "%s: %" PRIu64 " commands taken, %" PRIu64 " refused, %" PRIu64
+                  " leases ended; the law applied %.1f us after the end at most; %" PRIu64
+                  " commands older than their lease applied\n",
+                  soter_actuator_modules[k].name, m->taken, m->refused, m->ends,
+                  (double)m->law_after_ns / 1e3, m->older);
+  }
+}
+
+/* ------------------------------------------------------------------ the start */
+
+static bool number(const char* text, double unit, int64_t* ns) {
+  char* end = NULL;
+  const double given = strtod(text, &end);
+  *ns = given >= 0.0 && given <= 4e9 ? (int64_t)(given * unit + 0.5) : -1;
+  return end != text && *end == '\0' && *ns > 0;
+}
+
+static bool option(const char* name, const char* value) {
+  if (strcmp(name, "--channels") == 0) {
+    us.channels = value;
+    return true;
+  }
+  if (strcmp(name, "--period") == 0) {
+    return number(value, 1e3, &us.period_ns);
+  }
+  return strcmp(name, "--until") == 0 && number(value, 1e9, &us.until_ns);
+}
+
+static bool parse(int count, char** words) {
+  us.period_ns = PERIOD_NS;
+  for (int i = 1; i < count; i++) {
+    if (strcmp(words[i], "--json") == 0) {
+      us.json = true;
+    } else if (strcmp(words[i], "--quiet") == 0) {
+      us.quiet = true;
+    } else if (i + 1 < count && option(words[i], words[i + 1])) {
+      i++;
+    } else {
+      return false;
+    }
+  }
+  return us.channels != NULL;
+}
+
+static bool open_channel(soter_outside* channel, const char* name, uint64_t hash, size_t size,
+                         bool writes) {
+  const char* const wrong = soter_outside_open(channel, us.channels, name, hash, size, writes);
+  if (wrong != NULL) {
+    (void)fprintf(stderr, "not run: the channel `%s` in `%s`: %s\n", name, us.channels, wrong);
+  }
+  return wrong == NULL;
+}
+
+static bool open_all(void) {
+  bool fine = true;
+  for (uint32_t k = 0; k < soter_actuator_count; k++) {
+    const soter_actuator_module* const info = &soter_actuator_modules[k];
+    module_times* const m = &us.module[k];
+    fine = fine && open_channel(&m->in, info->channel, info->hash, info->size, false);
+    for (uint32_t i = 0; i < info->topics; i++) {
+      const soter_actuator_topic* const t = &info->topic[i];
+      fine = fine && open_channel(&m->out[i], t->name, t->hash, t->size, true);
+    }
+    soter_lease_init(&m->lease, info->lease, m->command);
+  }
+  return fine;
+}
+
+static void be_on_time(void) {
+  const struct sched_param priority = {.sched_priority = PRIORITY};
+  us.locked = mlockall(MCL_CURRENT | MCL_FUTURE) == 0;
+  us.fifo = sched_setscheduler(0, SCHED_FIFO, &priority) == 0;
+  if (!us.fifo && !us.quiet) {
+    (void)fprintf(stderr,
+                  "soter: SCHED_FIFO is not permitted (%s): the law comes late where the machine "
+                  "is busy\n",
+                  strerror(errno));
+  }
+}
+
+int main(int count, char** words) {
+  if (!parse(count, words)) {
+    (void)fprintf(stderr, USAGE, words[0]);
+    return EXIT_USAGE;
+  }
+  if (!open_all()) {
+    return EXIT_FAILURE;
+  }
+  be_on_time();
+  struct sigaction act;
+  (void)memset(&act, 0, sizeof act);
+  act.sa_handler = on_signal;
+  (void)sigaction(SIGTERM, &act, NULL);
+  (void)sigaction(SIGINT, &act, NULL);
+  (void)sigaction(SIGUSR1, &act, NULL);
+  turns();
+  if (us.json) {
+    report(stdout);
+  } else {
+    report_words(stdout);
+  }
+  return fflush(stdout) == 0 ? EXIT_SUCCESS : EXIT_FAILURE;
+}

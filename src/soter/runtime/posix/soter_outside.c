@@ -1,0 +1,118 @@
+/* soter_outside.c: see soter_outside.h.
+ *
+ * Purpose: files that are mapped, and two places in each.
+ * Non-goals: more than one writer.
+ */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
+#endif
+
+#include "soter_outside.h"
+
+#include <errno.h>
+#include <fcntl.h>
+#include <stdio.h>
+#include <string.h>
+#include <sys/mman.h>
+#include <sys/stat.h>
+#include <unistd.h>
+
+#define LINE ((size_t)64)
+#define PATH_MOST 4096
+
+/* A place begins at a line of the cache. */
+static size_t place_bytes(size_t size) {
+  return (soter_channel_bytes(size) + LINE - 1U) / LINE * LINE;
+}
+
+static void* mapped(int file, size_t bytes) {
+  const int shared = file < 0 ? MAP_PRIVATE | MAP_ANONYMOUS : MAP_SHARED;
+  void* const at = mmap(NULL, bytes, PROT_READ | PROT_WRITE, shared | MAP_POPULATE, file, 0);
+  return at == MAP_FAILED ? NULL : at;
+}
+
+static const char* map_file(soter_outside* c, int file) {
+  const size_t bytes = 2U * place_bytes(c->size);
+  struct stat found;
+  if (fstat(file, &found) != 0 || !S_ISREG(found.st_mode)) {
+    return "it is no file";
+  }
+  if (found.st_size == 0 && ftruncate(file, (off_t)bytes) != 0) {
+    return strerror(errno);
+  }
+  if (found.st_size != 0 && (size_t)found.st_size != bytes) {
+    return "it is of another layout: built for another program, or of an older one; remove it";
+  }
+  uint8_t* const at = mapped(file, bytes);
+  c->room = mapped(-1, 8U * SOTER_CHANNEL_WORDS(c->size) + 8U);
+  if (at == NULL || c->room == NULL) {
+    return strerror(errno);
+  }
+  c->place[0] = at;
+  c->place[1] = at + place_bytes(c->size);
+  return NULL;
+}
+
+/* The number of the value of a place; 0: none. `c->room` has it then. */
+static uint64_t look(soter_outside* c, int place, soter_channel_head* head, uint64_t* bad) {
+  const soter_channel_state found =
+      soter_channel_read(c->place[place], c->hash, c->size, 0U, head, c->room);
+  if (found == SOTER_CHANNEL_OTHER) {
+    return head->number;
+  }
+  if (bad != NULL && found != SOTER_CHANNEL_EMPTY) {
+    (*bad)++;
+  }
+  return 0U;
+}
+
+const char* soter_outside_open(soter_outside* channel, const char* folder, const char* name,
+                               uint64_t hash, size_t size, bool writes) {
+  char path[PATH_MOST];
+  *channel = (soter_outside){.size = size, .hash = hash};
+  const int length = snprintf(path, sizeof path, "%s/%s", folder, name);
+  if (length < 0 || length >= PATH_MOST) {
+    return "its path is too long";
+  }
+  const int file = open(path, O_RDWR | O_CREAT | O_NOFOLLOW | O_CLOEXEC, 0660);
+  if (file < 0) {
+    return strerror(errno);
+  }
+  const char* const wrong = map_file(channel, file);
+  (void)close(file);
+  if (wrong != NULL) {
+    channel->place[0] = NULL;
+  } else if (writes) { /* it goes on with the next number */
+    soter_channel_head head;
+    const uint64_t first = look(channel, 0, &head, NULL);
+    const uint64_t second = look(channel, 1, &head, NULL);
+    channel->number = first > second ? first : second;
+  }
+  return wrong;
+}
+
+void soter_outside_write(soter_outside* channel, int64_t time_ns, const void* value) {
+  channel->number++;
+  const soter_channel_head head = {
+      .hash = channel->hash, .number = channel->number, .time_ns = (uint64_t)time_ns};
+  const size_t words = SOTER_CHANNEL_WORDS(channel->size);
+  channel->room[words > 0U ? words - 1U : 0U] = 0U; /* zeros behind the value */
+  (void)memcpy(channel->room, value, channel->size);
+  soter_channel_write(channel->place[channel->number % 2U], &head, channel->size, channel->room);
+}
+
+bool soter_outside_read(soter_outside* channel, int64_t* time_ns, void* value, uint64_t* bad) {
+  uint64_t newest = channel->number;
+  for (int place = 0; place < 2; place++) {
+    soter_channel_head head;
+    const uint64_t number = look(channel, place, &head, bad);
+    if (number > newest) {
+      newest = number;
+      *time_ns = (int64_t)head.time_ns;
+      (void)memcpy(value, channel->room, channel->size);
+    }
+  }
+  const bool fresh = newest > channel->number;
+  channel->number = newest;
+  return fresh;
+}

@@ -1,0 +1,221 @@
+/* soter_posix_world.c: what meets the world.
+ *
+ * Purpose: values from outside, checked, stamped and published before the steps of an instant;
+ * what goes out after them; and of a module with a fail-safe law its commands with their leases,
+ * for the process of the actuators. Plants that are here obey leases, too.
+ * Non-goals: the actuators (soter_actuator.c); waiting on the trusted path; where no folder of
+ * channels is given everything but the leases of plants that are here is nothing.
+ */
+#ifndef _GNU_SOURCE
+#define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
+#endif
+
+#include "soter_posix.h"
+
+#include <string.h>
+#include <time.h>
+
+#define NAP_NS 2000000L
+#define SC 1U /* of the nodes of a grant */
+
+/* ------------------------------------------------------------------ before the start */
+
+static bool opened(soter_posix* d, soter_outside* channel, const char* name, uint64_t hash,
+                   size_t size, bool writes) {
+  const char* const wrong =
+      soter_outside_open(channel, d->options.channels, name, hash, size, writes);
+  if (wrong != NULL) {
+    (void)fprintf(stderr, "not run: the channel `%s` in `%s`: %s\n", name, d->options.channels,
+                  wrong);
+  }
+  return wrong == NULL;
+}
+
+bool soter_posix_open(soter_posix* d) {
+  bool fine = true;
+  if (d->options.channels == NULL) {
+    if (APP_OUTSIDE > 0) {
+      (void)fprintf(stderr, "not run: `%s` comes from outside: --channels FOLDER\n",
+                    soter_app_outside[0].name);
+    }
+    return APP_OUTSIDE == 0;
+  }
+  for (uint32_t k = 0; k < soter_app_outside_count; k++) {
+    const soter_posix_topic* const t = &soter_app_outside[k];
+    fine = fine && opened(d, &d->outside[k].channel, t->name, t->hash,
+                          APP_PROGRAM->topic[t->topic].size, !t->inward);
+  }
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    const soter_posix_lease* const l = &soter_app_leases[k];
+    fine = fine && opened(d, &d->lease[k].channel, l->channel, l->hash, l->size, true);
+  }
+  return fine;
+}
+
+/* Whether somebody speaks: there is a value, and none too old where the topic says what that is. */
+static bool heard(soter_posix* d, uint32_t k) {
+  const soter_posix_topic* const t = &soter_app_outside[k];
+  soter_outside* const channel = &d->outside[k].channel;
+  int64_t time_ns = 0;
+  const bool found = soter_outside_read(channel, &time_ns, d->value, NULL);
+  channel->number = 0; /* the first instant reads it again */
+  return found && (t->max_age_ns < 0 || soter_posix_clock() - time_ns <= t->max_age_ns);
+}
+
+void soter_posix_hear(soter_posix* d) {
+  const struct timespec nap = {0, NAP_NS};
+  const int64_t end_ns = soter_posix_clock() + d->options.wait_ns;
+  for (uint32_t k = 0; k < soter_app_outside_count; k++) {
+    if (!soter_app_outside[k].inward) {
+      continue;
+    }
+    bool found = heard(d, k);
+    while (!found && soter_posix_clock() < end_ns) {
+      (void)nanosleep(&nap, NULL);
+      found = heard(d, k);
+    }
+    if (!found) {
+      soter_posix_note(d,
+                       "nobody speaks on `%s`: until somebody does its default is read, which no "
+                       "proof is about",
+                       soter_app_outside[k].name);
+    }
+  }
+}
+
+void soter_posix_begin(soter_posix* d) {
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    soter_lease_times* const t = &d->lease[k];
+    soter_grant_begin(&t->grant, soter_app_leases[k].grant, t->done, d->origin_ns);
+    soter_lease_init(&t->lease, soter_app_leases[k].lease, t->command);
+    t->ended_ns = -1;
+  }
+}
+
+/* ------------------------------------------------------------------ in */
+
+static void publish(soter_posix* d, uint32_t k, int64_t time_ns) {
+  soter_outside_times* const o = &d->outside[k];
+  const uint32_t topic = soter_app_outside[k].topic;
+  const int64_t ct = soter_header_of(&d->state)->ct;
+  int64_t stamp = time_ns - d->origin_ns;
+  if (time_ns > soter_posix_clock()) {
+    o->future++;
+    return;
+  }
+  stamp = stamp > ct ? ct : stamp; /* measured since: it counts as measured at the instant */
+  if (stamp < soter_stamps_of(APP_PROGRAM, &d->state)[topic]) {
+    o->older++;
+  } else if (soter_publish(APP_PROGRAM, &d->state, topic, d->value, stamp) == SOTER_OK) {
+    o->taken++;
+  } else {
+    o->refused++;
+  }
+}
+
+/* Plants that are here are actuators: what they read is the law once the lease has ended. */
+static void obey(soter_posix* d) {
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    soter_lease_times* const t = &d->lease[k];
+    if (soter_app_leases[k].apply == NULL) {
+      continue;
+    }
+    (void)soter_lease_read(&t->lease, soter_posix_clock(), d->value);
+    if (t->lease.state == SOTER_LEASE_ENDED) {
+      soter_app_leases[k].apply(&d->state, d->value);
+      t->law++;
+    }
+  }
+}
+
+void soter_posix_listen(soter_posix* d) {
+  for (uint32_t k = 0; k < soter_app_outside_count; k++) {
+    soter_outside_times* const o = &d->outside[k];
+    int64_t time_ns = 0;
+    if (soter_app_outside[k].inward &&
+        soter_outside_read(&o->channel, &time_ns, d->value, &o->bad)) {
+      publish(d, k, time_ns);
+    }
+  }
+  obey(d);
+}
+
+/* ------------------------------------------------------------------ out */
+
+/* A command with the lease that is in force, if there is one; nothing is sent without. */
+static void give(soter_posix* d, uint32_t k) {
+  const soter_posix_lease* const l = &soter_app_leases[k];
+  soter_lease_times* const t = &d->lease[k];
+  soter_posix_lease_head head;
+  const int64_t now = soter_posix_clock();
+  if (!soter_grant_lease(&t->grant, now, &head.stamp, &head.expiry)) {
+    if (t->grant.broken && t->ended_ns < 0) {
+      t->ended_ns = soter_header_of(&d->state)->ct;
+    }
+    return;
+  }
+  uint8_t* const message = (uint8_t*)t->message;
+  (void)memcpy(message, &head, sizeof head);
+  l->gather(&d->state, message + sizeof head);
+  (void)soter_lease_take(&t->lease, now, message + sizeof head, head.stamp, head.expiry);
+  if (t->channel.place[0] != NULL) {
+    soter_outside_write(&t->channel, now, message);
+  }
+  t->given++;
+}
+
+/* Whether what a component read its proof is not about. */
+static bool stale(soter_posix* d, const soter_posix_lease* l, uint32_t component) {
+  const int64_t* const stamps = soter_stamps_of(APP_PROGRAM, &d->state);
+  const int64_t ct = soter_header_of(&d->state)->ct;
+  bool found = false;
+  for (uint32_t i = 0; i < l->ages; i++) {
+    const soter_posix_age* const a = &l->age[i];
+    const int64_t stamp = stamps[a->topic];
+    const bool old = stamp == SOTER_NEVER ? a->outside : ct - stamp > a->most_ns;
+    found = found || (a->component == component && old);
+  }
+  return found;
+}
+
+void soter_posix_done(soter_posix* d, uint32_t component, int64_t start_ns, int64_t end_ns) {
+  if (soter_components_of(&d->state)[component].latched != 0U) {
+    return; /* a step that failed is not done */
+  }
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    const soter_posix_lease* const l = &soter_app_leases[k];
+    soter_lease_times* const t = &d->lease[k];
+    for (uint32_t n = 0; n < l->grant->nodes; n++) {
+      if (l->component[n] != component) {
+        continue;
+      }
+      if (stale(d, l, component)) {
+        t->stale++; /* not done: a sensor that is late is a part that is late */
+      } else if (n != SC) {
+        (void)soter_grant_done(&t->grant, n, start_ns, end_ns);
+      } else {
+        (void)soter_grant_done(&t->grant, n, start_ns, soter_posix_clock());
+        give(d, k);
+      }
+    }
+  }
+}
+
+void soter_posix_tell(soter_posix* d) {
+  const int64_t ct = soter_header_of(&d->state)->ct;
+  for (uint32_t k = 0; k < soter_app_outside_count; k++) {
+    const soter_posix_topic* const t = &soter_app_outside[k];
+    soter_outside_times* const o = &d->outside[k];
+    const int64_t stamp = soter_stamps_of(APP_PROGRAM, &d->state)[t->topic];
+    if (!t->inward && stamp != SOTER_NEVER && (o->told == 0U || stamp != o->stamp || stamp == ct)) {
+      const uint8_t* const state = (const uint8_t*)&d->state;
+      soter_outside_write(&o->channel, d->origin_ns + stamp,
+                          state + APP_PROGRAM->topic[t->topic].offset);
+      o->told++;
+      o->stamp = stamp;
+    }
+  }
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    give(d, k); /* AC's command comes with the lease that is in force */
+  }
+}

@@ -1,0 +1,156 @@
+"""Channels in files: whole values, whoever is killed when; who starts anew goes on."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import struct
+import sys
+import time
+from typing import TYPE_CHECKING
+
+import pytest
+
+import processes
+from generators.outside import Number, library
+from soter.native.build import RUNTIME
+
+if TYPE_CHECKING:
+    import ctypes
+    from pathlib import Path
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the driver is for Linux")
+
+POSIX = RUNTIME / "posix"
+KILLS = 40
+WRITER = """\
+#include "soter_outside.h"
+int main(int count, char** words) {
+  soter_outside channel;
+  if (count < 2 || soter_outside_open(&channel, words[1], "many", 7, 400, true) != NULL) return 1;
+  for (uint64_t n = channel.number + 1;; n++) {
+    uint64_t value[50];
+    for (uint64_t i = 0; i < 50; i++) value[i] = n * 1000 + i;
+    soter_outside_write(&channel, (int64_t)n, value);
+  }
+}
+"""
+READER = """\
+#include "soter_outside.h"
+#include <stdio.h>
+#include <stdlib.h>
+/* Looks so often, and prints how many values were new, and how many were wrong or went back. */
+int main(int count, char** words) {
+  soter_outside channel;
+  if (count < 3 || soter_outside_open(&channel, words[1], "many", 7, 400, false) != NULL) return 1;
+  long fresh = 0, wrong = 0;
+  int64_t last = 0;
+  for (long k = atol(words[2]); k > 0; k--) {
+    uint64_t value[50];
+    int64_t n = 0;
+    if (!soter_outside_read(&channel, &n, value, NULL)) continue;
+    fresh++;
+    wrong += n <= last;
+    for (uint64_t i = 0; i < 50; i++) wrong += value[i] != (uint64_t)n * 1000 + i;
+    last = n;
+  }
+  printf("%ld %ld\\n", fresh, wrong);
+  return 0;
+}
+"""
+
+
+@pytest.fixture(scope="module")
+def code(tmp_path_factory: pytest.TempPathFactory) -> ctypes.CDLL:
+    return library(tmp_path_factory.mktemp("library"))
+
+
+def program(folder: Path, name: str, text: str) -> Path:
+    (folder / f"{name}.c").write_text(text)
+    sources = [folder / f"{name}.c", POSIX / "soter_outside.c", POSIX / "soter_channel.c"]
+    flags = ["-std=c99", "-O2", "-fsanitize=address,undefined", f"-I{POSIX}"]
+    processes.run(["cc", *flags, "-o", folder / name, *sources], check=True)
+    return folder / name
+
+
+def test_a_writer_that_is_killed_leaves_whole_values_and_the_next_goes_on(tmp_path: Path) -> None:
+    """Two places: at no time there is nothing to be read, and nothing is older than before."""
+    writer, reader = program(tmp_path, "w", WRITER), program(tmp_path, "r", READER)
+    chance = random.Random(3)  # noqa: S311 - no secret
+    channels = tmp_path / "channels"
+    channels.mkdir()
+    total = 0
+    for kill in range(KILLS):
+        with processes.started([writer, channels]) as process:
+            path = channels / "many"
+            while not path.exists() or path.read_bytes()[:8] == bytes(8):
+                time.sleep(0.001)
+            if kill % 10 == 0:
+                beside = processes.run([reader, channels, "20000"], capture_output=True, text=True)
+                fresh, wrong = (int(x) for x in beside.stdout.split())
+                assert wrong == 0
+                total += fresh
+            time.sleep(chance.uniform(0.0, 0.01))
+            os.kill(process.pid, signal.SIGKILL)
+        after = processes.run([reader, channels, "3"], capture_output=True, text=True)
+        assert after.stdout.split() == ["1", "0"], "one whole value is there"
+    assert total >= KILLS // 10, "beside one that writes all the time"
+
+
+def test_a_place_in_the_making_hides_nothing(code: ctypes.CDLL, tmp_path: Path) -> None:
+    writer = Number(code, tmp_path, "x", 7, writes=True)
+    writer.write(1.0)
+    writer.write(2.0)
+    data = bytearray((tmp_path / "x").read_bytes())
+    half = len(data) // 2
+    newest = max((0, half), key=lambda at: struct.unpack_from("<Q", data, at + 24)[0])
+    (sequence,) = struct.unpack_from("<Q", data, newest)
+    struct.pack_into("<Q", data, newest, sequence | 1)
+    (tmp_path / "x").write_bytes(data)
+    assert Number(code, tmp_path, "x", 7, writes=False).read() == 1.0
+
+
+def test_what_was_scribbled_is_not_read(code: ctypes.CDLL, tmp_path: Path) -> None:
+    writer = Number(code, tmp_path, "x", 7, writes=True)
+    for value in (1.0, 2.0):
+        writer.write(value)
+    data = bytearray((tmp_path / "x").read_bytes())
+    whole = bytes(data)
+    read = []
+    for at in range(len(data)):
+        data = bytearray(whole)
+        data[at] ^= 0x10
+        (tmp_path / "x").write_bytes(data)
+        read.append(Number(code, tmp_path, "x", 7, writes=False).read())
+    assert set(read) == {1.0, 2.0}, "the other place, or a byte that belongs to neither"
+    assert read.count(1.0) >= 60, "every byte of the newest value counts"
+
+
+def test_a_reader_takes_every_value_once(code: ctypes.CDLL, tmp_path: Path) -> None:
+    reader = Number(code, tmp_path, "x", 7, writes=False)
+    assert reader.read() != reader.read(), "nobody wrote"
+    Number(code, tmp_path, "x", 7, writes=True).write(1.0)
+    assert reader.read() == 1.0
+    again = Number(code, tmp_path, "x", 7, writes=True)
+    again.write(2.0)
+    assert reader.read() == 2.0
+    assert reader.fresh is True
+    reader.read()
+    assert reader.fresh is False
+
+
+@pytest.mark.parametrize("what", ["size", "link", "folder", "long"])
+def test_what_is_no_channel_is_refused_in_words(
+    code: ctypes.CDLL, tmp_path: Path, what: str
+) -> None:
+    name = "x" * 5000 if what == "long" else "x"
+    if what == "size":
+        (tmp_path / "x").write_bytes(b"!" * 100)
+    elif what == "link":
+        (tmp_path / "x").symlink_to("y")
+    elif what == "folder":
+        (tmp_path / "x").mkdir()
+    assert Number(code, tmp_path, name, 7, writes=False).wrong
+    if what == "size":
+        assert (tmp_path / "x").read_bytes() == b"!" * 100
