@@ -113,6 +113,17 @@ class Run:
         time_s = self.reached_s if self.interrupted else self.duration_s
         return f"<soter.Run {self.system.name} seed {self.seed}: {time_s:g} s{stopped}, {count}>"
 
+    def _repr_html_(self) -> str:
+        from soter.report.notebook import shown  # noqa: PLC0415 - in notebooks only
+
+        rows = [
+            (n, f"{m.ac_share:.1%}", m.switches_to_ac, m.switches_to_sc, m.gate_faults)
+            for n, m in self.modules.items()
+        ]
+        heads = ("module", "AC share", "SC to AC", "AC to SC", "gate faults")
+        broken = [f"{v.what} at {v.time_s} s" for v in self.violation_list]
+        return shown(repr(self)[1:-1], heads, rows, [*broken, *self.notes])
+
     @property
     def notes(self) -> list[str]:
         """What a person should know about this run, in words."""
