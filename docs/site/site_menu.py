@@ -32,6 +32,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("real-logs.md", "Somebody else's logs"),
             ("monitor.md", "The model monitor"),
             ("editor.md", "In your editor"),
+            ("assure.md", "A safety case"),
         ),
     ),
     (
@@ -57,6 +58,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
             ("language.md", "The language"),
             ("semantics.md", "Semantics"),
             ("prelude.md", "The prelude"),
+            ("commands.md", "The command line"),
             ("json.md", "JSON documents"),
             ("benchmarks.md", "Benchmarks"),
         ),

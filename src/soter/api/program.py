@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from soter.api.campaigning import Campaign
-    from soter.api.given import Progress
+    from soter.api.given import Progress, Tell
     from soter.explore.results import ExploreReport, Looked
     from soter.monitor.logs.result import LogJudgement
     from soter.monitor.membership import Judgement
@@ -42,21 +42,21 @@ if TYPE_CHECKING:
     Params = Mapping[str, object] | None
 
 
-def load(path: str | Path, progress: Callable[[str], None] | None = None) -> Program:
+def load(path: str | Path, progress: Tell | None = None, text: str | None = None) -> Program:
     """Read and check the program in a file; `progress` is told what may take seconds, in words.
 
     Never fails: a program with mistakes has them in `.diagnostics`, and whatever needs a sound
-    program then raises `SoterError`.
+    program then raises `SoterError`. `text`: in place of the file; imports are read beside it.
     """
-    return Program(str(path), progress)
+    return Program(str(path), progress, text)
 
 
 class Program:
     """A program: text, everything known about it, and the externs bound to it."""
 
-    def __init__(self, path: str, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(self, path: str, progress: Tell | None = None, text: str | None = None) -> None:
         self.path = path
-        self._checked: Checked = check_file(path, tell=progress)
+        self._checked: Checked = check_file(path, text, tell=progress)
         self._bound: dict[str, object] = {}
         self._prepared = Preparations()
         self._flat: list[System] | None = None

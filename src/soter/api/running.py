@@ -12,7 +12,9 @@ from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.diagnostics.phase import phase
 from soter.lower.layout import state_layout
+from soter.reach.remembered import known
 from soter.semantics.externs import Stop
 from soter.simulate.externs.bindings import bind_again, callables, close, require_runnable
 from soter.simulate.interrupt import (
@@ -75,6 +77,7 @@ def simulate(
         layout = state_layout(bindings.system)
         writer.begin(bindings.system, layout, seed, engine, bindings.texts())
     try:
+        phase(f"running {bindings.system.name}", anew=True)
         with stoppable(stop, INTERRUPT if writer is None else ANY_END):
             run = go(
                 until_ns,
@@ -98,6 +101,7 @@ def simulate(
     run.externs = bindings.texts()
     run.paced = paced
     run.computed = list(prepared.computed)
+    run.proofs = known(prepared.system) if prepared.arm is None else {}
     if writer is not None:
         writer.end(run, stopped_by(stop) if run.interrupted else "")
     if run.interrupted and not partial:

@@ -72,8 +72,8 @@ class StmtChecker:
         return variable
 
     def _hides(self, name: tree.Name, node: typed.NodeSymbol, context: Context) -> None:
-        """W017 for a local called like a topic that the node reads or publishes."""
-        topics = [*(s.topic for s in node.subscribes), *node.publishes]
+        """W017 for a local called like a topic that the node subscribes to."""
+        topics = [s.topic for s in node.subscribes]
         entry = context.scope.entries.get(name.text)
         hidden = next((t for t in topics if entry is not None and t is entry.symbol), None)
         if hidden is not None:

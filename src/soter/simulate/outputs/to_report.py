@@ -95,7 +95,7 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}",
         charts=(chart,),
-        assumptions=(*run.notes, *of_run(run.system)),
+        assumptions=(*run.notes, *of_run(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=_picture(run.system),
     )
