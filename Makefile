@@ -6,14 +6,14 @@ PY := $(BIN)/python
 # where the machine has no C compiler, one comes as a Python package
 ZIG := $(shell command -v cc >/dev/null 2>&1 || command -v gcc >/dev/null 2>&1 || command -v clang >/dev/null 2>&1 || echo ,zig)
 JOBS ?= $(shell nproc 2>/dev/null || echo 2)
-LINTED := src tests bench examples
+LINTED := src tests bench examples docs/site
 # a file of tests stays on one worker, which proves and compiles once what they share; the long ones first
 PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 # a file of versions for pip to keep to: make setup CONSTRAINTS=requirements.lock
 CONSTRAINTS ?=
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
 
-.PHONY: help setup demo test test-long lint format fuzz bench clean
+.PHONY: help setup demo test test-long lint format fuzz playground docs bench vscode clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
@@ -60,8 +60,17 @@ format: $(VENV)/.dev  ## put Python and C into the one format
 	$(BIN)/clang-format -i $(shell find src/soter -name templates -prune -o -name "*.[ch]" -print)
 	$(BIN)/soter fmt examples/*/*.soter src/soter/prelude/*.soter
 
+playground: $(VENV)/.run  ## build/playground/index.html: Soter in a browser, offline; needs npm
+	$(PY) -m soter.playground -o build/playground --examples examples/wall
+
+docs: $(VENV)/.dev  ## build/site: the docs, strictly, with the playground in front where npm is there
+	$(PY) docs/site/build_site.py -o build/site $(if $(shell command -v npm),,--no-playground)
+
 bench: $(VENV)/.dev  ## every figure of docs/benchmarks.md
 	$(PY) bench/run_all.py
+
+vscode:  ## the extension for VS Code, editors/vscode/dist/soter.vsix (needs npm)
+	cd editors/vscode && npm ci --ignore-scripts --no-audit --no-fund && npm run --silent package
 
 clean:  ## remove everything that was made
 	rm -rf $(VENV) .soter build *.egg-info src/*.egg-info .mypy_cache .ruff_cache .pytest_cache .hypothesis

@@ -40,6 +40,22 @@ class Benchmark:
 
 BENCHMARKS = (
     Benchmark(
+        "Slips of newcomers",
+        ("bench/newcomer.py",),
+        "147 wrong programs, each an edit of a right one, as people write them who come from C, "
+        "C++, Python, Rust, ROS or control; the place and the remedy were written down before "
+        "the answer was seen. Then messages were mended until all were right: before, 52 of "
+        "them had place and remedy right, and 39 misled. The 36 slips `not seen before` were "
+        "written when that was done: when they were first asked, 29 had place and remedy right "
+        "and 6 misled; some of these were mended since.",
+    ),
+    Benchmark(
+        "Diagnostics after a keystroke",
+        ("bench/editor.py",),
+        "`soter lsp` over standard input and output, asked by pytest-lsp's client. The machine "
+        "did much else meanwhile; `processor` is what the server computes for a key.",
+    ),
+    Benchmark(
         "The drone's laps",
         ("bench/drone_laps.py",),
         "1,000 seeded laps per arm, wind and estimator errors drawn within their declared bounds. "
@@ -476,6 +492,13 @@ BENCHMARKS = (
         "an AC in a process of its own that fails in ten ways, or is killed at random instants; "
         "the trusted part killed, its actuators by the law; and SC's output against bare "
         "wake-ups. Three quarters of an hour.",
+    ),
+    Benchmark(
+        "The playground, and what pages weigh",
+        ("bench/playground.py",),
+        "Seconds from opening the file in headless Chromium, by the clock, on a machine that "
+        "others use meanwhile: the load a core before each opening, and the same run in CPython, "
+        "say how much.",
     ),
 )
 

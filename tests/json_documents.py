@@ -31,7 +31,8 @@ def problems_of(document: dict[str, Any]) -> list[str]:
     """What is wrong with a document, whichever command it is of; nothing undocumented is in it."""
     found = list(_check(SCHEMAS["common"], document, ""))
     known = set(SCHEMAS["common"]["properties"]) | {"file"}
-    schema = SCHEMAS.get(document.get("command") or "")
+    name = document.get("command") or ""
+    schema = SCHEMAS.get("check_several" if name == "check" and "files" in document else name)
     if schema is not None:
         known |= set(schema["properties"])
         done = document["exit"] in (0, 3, 4, 130) and "help" not in document

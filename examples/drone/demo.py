@@ -30,8 +30,9 @@ PAPER_VIOLATIONS = {"AdvancedOnly": "collides", "Protected": "0", "SafeOnly": "0
 PAPER_SHARE = {"AdvancedOnly": "", "Protected": "> 96 %", "SafeOnly": ""}
 ASSUMPTIONS = (
     (
-        "φ_safe, ttf and φ_safer of this module are closed forms with margins; P2a, P2b and P3 are "
-        "tested here, not proved (soter verify, to come)"
+        "φ_safe, ttf and φ_safer of this module are closed forms with margins; that P1c, P2a, P2b "
+        "and P3 hold of them is not tested here: `soter verify` of motion_primitive.soter proves "
+        "it, under the assumptions that it prints"
     ),
     (
         "wind within ±0.3 m/s² on every axis, redrawn every 0.5 s; position known within ±0.05 m, "
@@ -163,8 +164,9 @@ def main() -> None:
     hits = sum(x.collided for x in laps["Protected"])
     alone = sum(x.collided for x in laps["AdvancedOnly"])
     headline = (
-        f"Protected: {hits or 'no'} collisions in {arguments.laps} laps, "
-        f"{figures['Protected']['lap time (clean laps)']} a lap. The autopilot alone: {alone}."
+        f"Protected: {hits or 'none'} of {arguments.laps} laps with a collision, "
+        f"{figures['Protected']['lap time (clean laps)']} a lap. "
+        f"The autopilot alone: {alone} of {arguments.laps} laps."
     )
     page = ReportPage(
         "An RTA-protected drone in the authors' city",

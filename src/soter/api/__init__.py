@@ -16,6 +16,7 @@ from soter.api.replaying import ReplayReport, replay
 from soter.api.reports import CheckReport, ModuleReport, StepReport, SystemReport
 from soter.api.timing import SwitchReport, ThreadRow, TimingReport
 from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.uncaught import install
 
 __all__ = [
     "ENGINES",
@@ -36,6 +37,9 @@ __all__ = [
     "replay",
     "require_writers",
 ]
+
+
+install()
 
 
 def __getattr__(name: str) -> object:

@@ -10,6 +10,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.phase import phase
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
     from soter.program.model.types import Value
 
     Progress = Callable[[float], None]
+    Tell = Callable[[str], None]
 
 ENGINES = ("native", "interp")
 
@@ -120,4 +122,5 @@ def complete(system: System, progress: Progress | None = None) -> list[str]:
         return []
     from soter.reach.deploy.complete import complete as compute  # noqa: PLC0415 - needs NumPy
 
+    phase("computing ttf and safer", anew=True)
     return compute(system, progress)

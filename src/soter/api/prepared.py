@@ -44,6 +44,8 @@ class Prepared:
     linked: str = ""
     """A hash of the C files of externs that `native` was compiled with."""
     native: NativeProgram | None = None
+    arm: str | None = None
+    """By whose rules it runs, where these are not the program's own."""
 
 
 class Preparations:
@@ -103,7 +105,7 @@ class Preparations:
             lateness = measured_lateness(Path(folder or "."), flat.program.sha256, flat.name)
         system = arm_of(flat, name, lateness).system
         bindings = replace(prepared.bindings, system=system)
-        return Prepared(system, prepared.computed, bindings)
+        return Prepared(system, prepared.computed, bindings, arm=name)
 
     def native(self, prepared: Prepared) -> NativeProgram:
         """The compiled system; compiled again where the C of an extern is another."""

@@ -15,6 +15,7 @@ from soter.api.files import format_text, read_text, require_writers, run_log, wr
 from soter.api.given import chosen_modules, complete, end_of, mistake, require_engine, values_of
 from soter.api.prepared import Preparations
 from soter.api.reports import CheckReport, check_report
+from soter.api.showing import Diagram, diagram_of
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.program.build import Checked, check_file, system_of
 from soter.version import VERSION
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from soter.api.campaigning import Campaign
-    from soter.api.given import Progress
+    from soter.api.given import Progress, Tell
     from soter.explore.results import ExploreReport, Looked
     from soter.monitor.logs.result import LogJudgement
     from soter.monitor.membership import Judgement
@@ -38,22 +39,24 @@ if TYPE_CHECKING:
     from soter.simulate.result import Run
     from soter.targets.package import Package
 
+    Params = Mapping[str, object] | None
 
-def load(path: str | Path, progress: Callable[[str], None] | None = None) -> Program:
+
+def load(path: str | Path, progress: Tell | None = None, text: str | None = None) -> Program:
     """Read and check the program in a file; `progress` is told what may take seconds, in words.
 
     Never fails: a program with mistakes has them in `.diagnostics`, and whatever needs a sound
-    program then raises `SoterError`.
+    program then raises `SoterError`. `text`: in place of the file; imports are read beside it.
     """
-    return Program(str(path), progress)
+    return Program(str(path), progress, text)
 
 
 class Program:
     """A program: text, everything known about it, and the externs bound to it."""
 
-    def __init__(self, path: str, progress: Callable[[str], None] | None = None) -> None:
+    def __init__(self, path: str, progress: Tell | None = None, text: str | None = None) -> None:
         self.path = path
-        self._checked: Checked = check_file(path, tell=progress)
+        self._checked: Checked = check_file(path, text, tell=progress)
         self._bound: dict[str, object] = {}
         self._prepared = Preparations()
         self._flat: list[System] | None = None
@@ -93,9 +96,7 @@ class Program:
         """Hash of every source and data file; None where nothing could be read."""
         return self._checked.program.sha256 if self._checked.program is not None else None
 
-    def check(
-        self, params: Mapping[str, object] | None = None, *, times: str | Path | None = None
-    ) -> CheckReport:
+    def check(self, params: Params = None, *, times: str | Path | None = None) -> CheckReport:
         """What is known of a sound program, else SoterError; `times`: of `soter measure`."""
         self._require_sound()
         values = self._values(params)
@@ -221,11 +222,11 @@ class Program:
 
         return write_log(run, path, VERSION)
 
-    def write_report(self, run: Run, path: str | Path) -> Path:
-        """Write the HTML report of a traced run; `SoterError` D006, D007."""
+    def write_report(self, run: Run, path: str | Path, *, self_contained: bool = False) -> Path:
+        """Write the HTML report of a traced run, its script beside it or in it; D006, D007."""
         from soter.api.running import write_report  # noqa: PLC0415 - see the docstring
 
-        return write_report(run, path, self.path)
+        return write_report(run, path, self.path, self_contained=self_contained)
 
     # ------------------------------------------------------------ building and proving
 
@@ -476,16 +477,17 @@ class Program:
         """A system with every number known and every instance named: what runs, fresh each time."""
         return self._completed(system, params)[0]
 
+    def diagram(self, system: str | None = None, params: Params = None) -> Diagram:
+        """The picture of a system: nodes, topics, modules and plants; `svg`, `write(path)`."""
+        return diagram_of(system_of(self._checked, system, self._values(params)))
+
     @property
     def bound(self) -> Mapping[str, object]:
         """What `bind` was given, by name."""
         return dict(self._bound)
 
     def _completed(
-        self,
-        name: str | None,
-        params: Mapping[str, object] | None,
-        progress: Progress | None = None,
+        self, name: str | None, params: Params, progress: Progress | None = None
     ) -> tuple[System, list[str]]:
         """A fresh flat system whose modules all have `ttf` and `safer`; a note on each computed."""
         self._require_sound()

@@ -82,6 +82,13 @@ class CheckReport:
     untimely: tuple[Diagnostic, ...] = ()
     """What does not hold of them, as errors: deadlines, the times of a proof, P1c."""
 
+    def _repr_html_(self) -> str:
+        from soter.report.notebook import shown  # noqa: PLC0415 - in notebooks only
+
+        rows = [(s.name, m.name, m.ac, m.sc) for s in self.systems for m in s.modules]
+        said = [f"{d.code}: {d.message}" for d in (*self.warnings, *self.untimely)]
+        return shown(f"{self.path}: sound", ("system", "module", "AC", "SC"), rows, said)
+
 
 def check_report(
     path: str,

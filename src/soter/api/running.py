@@ -12,7 +12,9 @@ from functools import partial as partial_
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from soter.diagnostics.phase import phase
 from soter.lower.layout import state_layout
+from soter.reach.remembered import known
 from soter.semantics.externs import Stop
 from soter.simulate.externs.bindings import bind_again, callables, close, require_runnable
 from soter.simulate.interrupt import (
@@ -75,6 +77,7 @@ def simulate(
         layout = state_layout(bindings.system)
         writer.begin(bindings.system, layout, seed, engine, bindings.texts())
     try:
+        phase(f"running {bindings.system.name}", anew=True)
         with stoppable(stop, INTERRUPT if writer is None else ANY_END):
             run = go(
                 until_ns,
@@ -98,6 +101,7 @@ def simulate(
     run.externs = bindings.texts()
     run.paced = paced
     run.computed = list(prepared.computed)
+    run.proofs = known(prepared.system) if prepared.arm is None else {}
     if writer is not None:
         writer.end(run, stopped_by(stop) if run.interrupted else "")
     if run.interrupted and not partial:
@@ -125,7 +129,7 @@ def _engine(engine: str, preparations: Preparations, prepared: Prepared) -> Call
     return partial_(preparations.native(prepared).run, observed=True)
 
 
-def write_report(run: Run, path: str | Path, program: str) -> Path:
+def write_report(run: Run, path: str | Path, program: str, *, self_contained: bool = False) -> Path:
     """Write the HTML report of a traced run; `SoterError` D006, D007."""
     from soter.simulate.outputs.to_report import write_report as write  # noqa: PLC0415 - an extra
 
@@ -139,4 +143,5 @@ def write_report(run: Run, path: str | Path, program: str) -> Path:
         **{f"extern {name}": text for name, text in run.externs.items()},
         "soter": VERSION,
     }
-    return write(run, path, Path(program).name, facts)
+    name = Path(program).name
+    return write(run, path, name, facts, self_contained=self_contained)

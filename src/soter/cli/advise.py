@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from soter.cli.terminal.console import Console
     from soter.reach.advise import Advice, Row
+    from soter.report.summary import Entry, Tone
 
 EXAMPLES = """\
   soter advise cart.soter
@@ -33,6 +34,8 @@ Nothing is changed: every row is the program's problem with another period of th
 exit codes: 0 always when there was something to compute, 1 diagnostics, 2 usage
 """
 LARGEST = 100.0
+LONGEST = "YES, the longest"
+"""How the row is marked that one would take."""
 
 
 def parser() -> Parser:
@@ -104,13 +107,21 @@ def _numbers(text: str, option: str, least: float) -> list[float]:
 
 
 def _say(advice: Advice, console: Console) -> None:
-    from soter.report.summary import table  # noqa: PLC0415 - only here
+    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
 
-    head, rows = advice.table()
+    head, found = advice.table()
+    mark, best = head.index("verifies"), advice.best_ns
+    rows: list[list[Entry]] = []
+    for row, cells in zip(advice.rows, found, strict=True):
+        verifies = row.verifies(advice.levels)
+        said = LONGEST if verifies and row.delta_ns == best else cells[mark]
+        tone: Tone = "good" if verifies else "muted"
+        rows.append([Styled(said if k == mark else t, tone) for k, t in enumerate(cells)])
     console.say()
     console.say(console.paint("bold", advice.module))
     console.say()
-    console.say(table(head, rows))
+    console.say(console.table(head, rows))
+    console.say(console.paint("muted", "* as the program says"))
     console.say()
     console.say(advice.summary)
 

@@ -116,7 +116,6 @@ def _names(text: str) -> tuple[str, ...]:
 
 def _say(found: Campaign, console: Console) -> None:
     from soter.campaign import tables  # noqa: PLC0415 - only here
-    from soter.report.summary import table  # noqa: PLC0415 - only here
 
     r = found.result
     console.say(
@@ -147,7 +146,7 @@ def _say(found: Campaign, console: Console) -> None:
     ):
         if rows:
             console.say()
-            console.say(table(heads, rows))
+            console.say(console.table(heads, rows))
     if len(r.modules) > 1:
         console.say(f"\nall modules in AC at once: {r.ac_share:.2%} of the time")
     if found.lateness:

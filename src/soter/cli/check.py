@@ -9,10 +9,13 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
-from soter.cli.terminal.outcome import Outcome, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings
+from soter.cli.ci.written import add_format
+from soter.cli.terminal.outcome import DIAGNOSTICS, FINE, Outcome, UsageError, exit_of
+from soter.cli.terminal.parser import Parser, add_settings
 from soter.cli.terminal.progress import LineOfProgress
+from soter.cli.terminal.standard_input import STDIN, standard_input
 from soter.cli.terminal.timing import say_timing, timing_fields
+from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     import argparse
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
 
 EXAMPLES = """\
   soter check drone.soter
+  soter check *.soter                      several: each is a program of its own
+  soter check - < drone.soter              standard input; imports from the current folder
   soter check drone.soter --set GAIN=3     with another value of a parameter
   soter check drone.soter --json | jq .modules
   soter check timed.soter                  where nodes say `wcet`: the thread, and P1c
@@ -39,22 +44,43 @@ def parser() -> Parser:
         "Parse a program, check types, well-formedness (P1a, P1b) and composition.",
         EXAMPLES,
     )
-    add_file(made)
+    made.add_argument("files", metavar="FILE", nargs="+", help="a program; - for standard input")
     add_settings(made)
     made.add_argument(
         "--times", metavar="FILE", help="what `soter measure` wrote, for nodes without a `wcet`"
     )
+    add_format(made)
     return made
 
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
-    """Check."""
+    """Check every file; mistakes in one do not keep the others from it. UsageError for two `-`."""
+    if args.files.count("-") > 1:
+        raise UsageError("standard input can be read once", parser().format_usage())
+    if len(args.files) == 1:
+        return _checked(args.files[0], args, console)
+    found = []
+    for name in args.files:
+        try:
+            found.append(_checked(name, args, console))
+        except SoterError as error:
+            items = error.diagnostics
+            found.append(Outcome(exit_of(items) or DIAGNOSTICS, items, {"file": name}))
+    together = tuple(dict.fromkeys(d for outcome in found for d in outcome.diagnostics))
+    files = [{"exit": o.exit, "ok": o.exit == FINE, **o.fields} for o in found]
+    codes = {o.exit for o in found}
+    return Outcome(DIAGNOSTICS if DIAGNOSTICS in codes else max(codes), together, {"files": files})
+
+
+def _checked(file: str, args: argparse.Namespace, console: Console) -> Outcome:
+    """Check one file."""
+    text = standard_input() if file == "-" else None
     with LineOfProgress(console) as line:
-        program = load(args.file, line)
+        program = load(file, line) if text is None else load(STDIN, line, text)
     for name, target in args.bindings:
         program.bind(name, target)
     if not program.ok:
-        fields = {"file": args.file, "program_sha256": program.sha256}
+        fields: dict[str, object] = {"file": program.path, "program_sha256": program.sha256}
         return Outcome(exit_of(program.diagnostics), program.diagnostics, fields)
     report = program.check(dict(args.params), times=args.times)
     _say(report, console)

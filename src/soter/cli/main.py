@@ -13,6 +13,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Protocol, cast
 
 from soter import __version__
+from soter.cli.ci.written import format_of, written
 from soter.cli.terminal.console import Console
 from soter.cli.terminal.outcome import (
     DIAGNOSTICS,
@@ -36,6 +37,7 @@ if TYPE_CHECKING:
 
 COMMANDS = {
     "check": "parse, types, well-formedness, composition, timing",
+    "show": "draw a system: nodes, topics, modules, plants",
     "run": "run a system in virtual time",
     "verify": "prove P2a, P2b, P3 per module",
     "recheck": "check certificates independently",
@@ -43,13 +45,20 @@ COMMANDS = {
     "advise": "what the decision period and the levels cost",
     "campaign": "many seeded runs, and what they say",
     "test": "explore every schedule, find the shortest counterexample",
+    "assure": "a safety case whose leaves are checked as it is made",
     "replay": "run a trace again, step by step",
     "measure": "time the steps on this machine",
     "build": "write C99, or a package for a target",
     "explain": "what a diagnostic code means, and what to do",
     "fmt": "lay out source files",
+    "lsp": "serve an editor: the language server",
     "new": "make a small robot that runs",
+    "completion": "what a shell completes: bash, zsh, fish",
+    "cache": "what compiled programs take on the disk",
+    "help": "this text, or that of a command",
 }
+TOOL = frozenset({"explain", "fmt", "completion", "cache", "show"})
+"""Commands about the tool itself and about pictures: they stand in `cli/tool/`."""
 
 
 class Command(Protocol):
@@ -66,10 +75,12 @@ def main(argv: Sequence[str] | None = None) -> int:
     """Run one command line and return its exit code."""
     arguments = list(sys.argv[1:] if argv is None else argv)
     options = arguments[: arguments.index("--")] if "--" in arguments else arguments
-    with Console(json="--json" in options, own_process=argv is None) as console:
-        name = next((a for a in options if not a.startswith("-")), None)
+    name = next((a for a in options if not a.startswith("-")), None)
+    wanted = format_of(name, options)
+    quiet = "--json" in options or wanted in ("sarif", "junit")
+    with Console(json=quiet, own_process=argv is None) as console:
         try:
-            code = _told(name, arguments, console)
+            code = _told(name, arguments, console, wanted)
             console.hand_over(code)
         except Elsewhere as done:
             console.from_child(done.text)
@@ -78,11 +89,19 @@ def main(argv: Sequence[str] | None = None) -> int:
         return _after_output(code, console)
 
 
-def _told(name: str | None, arguments: list[str], console: Console) -> int:
+def _told(
+    name: str | None, arguments: list[str], console: Console, format_: str | None = None
+) -> int:
     """Do the command and say how it went; its exit code."""
+    if "--json" in arguments:
+        format_ = None  # refused, in a document
     outcome = _guarded(name, arguments, console)
     console.diagnostics(outcome.diagnostics)
-    if console.json:
+    if format_ is not None and name is not None and "help" not in outcome.fields:
+        text = written(format_, name, outcome)
+        if text:
+            console.document(text)
+    elif console.json:
         _print_document(outcome, name, console)
     return outcome.exit
 
@@ -117,18 +136,45 @@ def _run(name: str | None, arguments: list[str], console: Console) -> Outcome:
         return _without_command(arguments, console)
     rest = list(arguments)
     rest.remove(name)
+    if name == "help":
+        return _explained(rest, console)
+    if "--json" in rest and format_of(name, rest) is not None:
+        raise UsageError("`--format` or `--json`, not both", f"soter {name} ... --format FORMAT")
     if name in COMMANDS:
-        command = cast("Command", import_module(f"soter.cli.{name}"))
+        command = command_of(name)
         return command.run(command.parser().parse_args(rest), console)
+    raise _unknown(name)
+
+
+def command_of(name: str) -> Command:
+    """The file of a command; `help` has none."""
+    room = "soter.cli.tool" if name in TOOL else "soter.cli"
+    return cast("Command", import_module(f"{room}.{name}"))
+
+
+def _explained(rest: list[str], console: Console) -> Outcome:
+    """`soter help [COMMAND]`: the same as `--help`."""
+    asked = [a for a in rest if a not in ("--json", "-h", "--help")]
+    wrong = next((a for a in asked if a.startswith("-")), "") or "".join(asked[1:2])
+    if wrong:
+        raise UsageError(f"`{wrong}` is too much", "soter help [COMMAND]")
+    if not asked or asked[0] == "help":
+        raise HelpWantedError(_help(console))
+    if asked[0] not in COMMANDS:
+        raise _unknown(asked[0])
+    raise HelpWantedError(command_of(asked[0]).parser().format_help().rstrip())
+
+
+def _unknown(name: str) -> UsageError:
     from soter.diagnostics.near import closest  # noqa: PLC0415 - only then
 
     near = closest(name, list(COMMANDS))
     hint = f"; did you mean `{near[0]}`?" if near else ""
-    raise UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")
+    return UsageError(f"there is no command `{name}`{hint}", "soter COMMAND ...; soter --help")
 
 
 def _without_command(arguments: list[str], console: Console) -> Outcome:
-    if "--version" in arguments:
+    if {"-V", "--version"} & set(arguments):
         console.say(f"soter {__version__}")
         return Outcome(fields={"version": __version__})
     if {"-h", "--help"} & set(arguments):
@@ -144,7 +190,7 @@ def _without_command(arguments: list[str], console: Console) -> Outcome:
 
 def _help(console: Console) -> str:
     def row(name: str, about: str) -> str:
-        return f"  {console.paint('bold', name)}{' ' * (10 - len(name))}{about}"
+        return f"  {console.paint('bold', name)}{' ' * (12 - len(name))}{about}"
 
     return "\n".join(
         [
@@ -154,7 +200,8 @@ def _help(console: Console) -> str:
             "",
             *(row(name, about) for name, about in COMMANDS.items()),
             "",
-            "soter COMMAND --help      options and examples",
+            "soter COMMAND --help      options and examples; `soter help COMMAND` is the same",
+            "soter -V                  the version",
             "soter explain CODE        what a diagnostic means",
             "",
             "exit codes: 0 fine, 1 diagnostics, 2 usage, 3 violated or refuted, 4 undecided,",

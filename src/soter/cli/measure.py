@@ -105,7 +105,6 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
 
 def _say(found: Measured, path: Path, console: Console) -> None:
     from soter.api.measuring import NO_BOUND  # noqa: PLC0415 - as above
-    from soter.report.summary import table  # noqa: PLC0415 - only here
 
     if not found.steps:
         console.say(f"nothing of `{found.system}` runs in the trusted thread as Soter code")
@@ -115,7 +114,7 @@ def _say(found: Measured, path: Path, console: Console) -> None:
         [s.name, *(show_ns(ns) for _, ns in s.percentiles), show_ns(s.longest_ns), f"{s.samples}"]
         for s in found.steps
     ]
-    console.say(table(("step", *shares, "longest", "steps"), rows, color=console.color_out))
+    console.say(console.table(("step", *shares, "longest", "steps"), rows))
     console.say()
     for s in found.steps:
         where = f"rta {s.declared}" if s.role == "dm" else f"node {s.declared}"

@@ -146,7 +146,7 @@ def _foreign(args: argparse.Namespace, console: Console) -> Outcome:
         items = (*warnings, *error.diagnostics)
         return Outcome(exit_of(items), items, {"file": args.file})
     items = (*warnings, *(undecided(m) for m in judged.modules if not m.decided))
-    for text in lines(judged):
+    for text in lines(judged, console):
         console.say(text)
     outside = any(m.outside for m in judged.modules)
     fields = {"file": args.file, "emitted": None, "modules": {}, "log": as_json(judged)}
@@ -186,7 +186,6 @@ def _misused(args: argparse.Namespace) -> Diagnostic | None:
 
 
 def _say(judged: list[Judgement], args: argparse.Namespace, console: Console) -> None:
-    from soter.report.summary import table  # noqa: PLC0415 - not for --help
 
     rows = [
         (
@@ -201,7 +200,7 @@ def _say(judged: list[Judgement], args: argparse.Namespace, console: Console) ->
     ]
     console.say(f"{args.log or args.file}  judged on {judged[0].source if judged else 'nothing'}\n")
     head = ("module", "steps", "alarms", "first alarm", "most of the disturbance used", "by")
-    console.say(table(head, rows))
+    console.say(console.table(head, rows))
     if any(j.alarms for j in judged):
         console.say(
             "\nan alarm: no disturbance within its declared bounds explains the step. The model is "

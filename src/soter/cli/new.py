@@ -108,6 +108,7 @@ def _commands(folder: Path, name: str) -> list[tuple[str, str]]:
         (f"cd {folder}", ""),
         (f"soter check {program}", ""),
         (f"soter verify {program}", "proves that it does, under what it prints"),
+        (f"soter test {program}", "tries every schedule of its `test` block"),
         (f"soter run {program} --report", "the policy, guarded: stays on the rail"),
         (f"soter run {program} --system Unguarded", "the policy alone: leaves it, exit 3"),
         (f"soter run {program} --bind Learned=c:policy.c:policy_step", "the same policy in C"),

@@ -102,7 +102,7 @@ def _steps(found: ReplayReport, console: Console) -> list[str]:
         from soter.report.visible import visible  # noqa: PLC0415 - the same
 
         view = found.view()
-        lines = text(view, color=console.color_out)
+        lines = text(view, color=console.color_out, width=console.width)
         return [*lines, visible(view.remark)] if view.remark else lines
     if found.counterexample is None:
         return []

@@ -32,6 +32,7 @@ EXAMPLES = """\
   soter run cart.soter
   soter run cart.soter --system Unprotected --until 10s --seed 7
   soter run cart.soter --log --report          into .soter/; open the report in a browser
+  soter run cart.soter --report a.html --self-contained       one file, to send
   soter run cart.soter --log out.mcap          for Foxglove, PlotJuggler, the mcap tools
   soter run cart.soter --set GAIN=3 --bind Learned=python:policy.py:step
   soter run cart.soter --flight 48123 --report what `soter campaign` flew under that number
@@ -67,6 +68,11 @@ def parser() -> Parser:
     made.add_argument("--log", nargs="?", const=OWN_PLACE, metavar="PATH", help="write an MCAP log")
     made.add_argument(
         "--report", nargs="?", const=OWN_PLACE, metavar="PATH", help="write an HTML report"
+    )
+    made.add_argument(
+        "--self-contained",
+        action="store_true",
+        help="the report in one file; by default its drawing script lies beside it",
     )
     made.add_argument(
         "-o",
@@ -251,7 +257,8 @@ def _files(
     if args.report is not None:
         path = _path(args, result.system, "report", ".html")
         try:
-            program.write_report(result, Path(args.home, path))
+            place = Path(args.home, path)
+            program.write_report(result, place, self_contained=args.self_contained)
             written["report"] = path
         except SoterError as error:
             problems += error.diagnostics

@@ -10,6 +10,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from soter.api import load
+from soter.cli.ci.tests import of_tests
+from soter.cli.ci.written import add_format
 from soter.cli.terminal.amounts import rounded, size
 from soter.cli.terminal.junit import problems_as_junit, report_as_junit
 from soter.cli.terminal.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
@@ -24,6 +26,7 @@ from soter.cli.terminal.parser import (
 )
 from soter.cli.terminal.progress import LineOfProgress
 from soter.diagnostics.diagnostic import SoterError
+from soter.explore.junit import document
 from soter.explore.methods import EXHAUSTIVE, FALSIFY, REDUCTIONS, SAMPLING, STORAGES, STRATEGIES
 from soter.program.model.durations import show_ns
 
@@ -44,7 +47,7 @@ EXAMPLES = """\
   soter test two.soter --checkpoint save/             written every 60 s, and when it ends,
   soter test two.soter --resume save/ --memory 8G     and gone on from, with more if wanted
   soter test late_sc.soter --json | jq '.tests[].verdict'
-  soter test late_sc.soter --junit results.xml        for CI
+  soter test late_sc.soter --junit results.xml        for CI; --format junit prints it
   soter replay .soter/late_sc-Late.trace.json         a trace again
 
 exit codes: 0 exhausted and clean, 3 violated, 4 a bound was reached, 1 diagnostics, 2 usage,
@@ -107,6 +110,7 @@ def parser() -> Parser:
     made.add_argument("--html", action="store_true", help="write a page for every trace")
     made.add_argument("--junit", metavar="FILE", help="write the verdicts as JUnit XML, for CI")
     _add_checkpoints(made)
+    add_format(made)
     return made
 
 
@@ -198,7 +202,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     if args.junit is not None:
         report_as_junit(report, args.junit, console)
     code = INTERRUPTED if report.interrupted else EXITS[report.verdict]
-    return Outcome(code, warnings, _fields(report))
+    junit = document(report) if args.format == "junit" else ""
+    return Outcome(code, warnings, _fields(report), of_tests(report), junit)
 
 
 def progress_text(looked: object) -> str:
@@ -391,7 +396,7 @@ def _trace(test: TestResult, console: Console) -> list[str]:
 
     assert test.replayed is not None
     view = view_of(test.replayed, __version__)
-    lines = text(view, color=console.color_out, most=LINES_MAX)
+    lines = text(view, color=console.color_out, most=LINES_MAX, width=console.width)
     lines.append(view.remark if test.minimal else console.paint("yellow", view.remark))
     files = (("trace", test.trace), ("page", test.page))
     return lines + [f"{kind:<6} {path}" for kind, path in files if path is not None]

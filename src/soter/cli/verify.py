@@ -10,6 +10,8 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from soter.api import load
+from soter.cli.ci.found import Found
+from soter.cli.ci.written import add_format
 from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings
 from soter.cli.terminal.progress import LineOfProgress, Progress
@@ -17,9 +19,10 @@ from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
     import argparse
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping
     from pathlib import Path
 
+    from soter.cli.ci.found import Kind
     from soter.cli.terminal.console import Console
     from soter.reach.claims.results import Finding, LeavingRun, ModuleResult, VerifyReport
     from soter.reach.together import Taken
@@ -33,6 +36,7 @@ EXAMPLES = """\
   soter verify cart.soter --cert proof/            then: soter recheck proof/
   soter verify cart.soter --report proof.html      a page to file
   soter verify cart.soter --synthesize             for modules with `sc synthesized period d;`
+  soter verify cart.soter --format sarif > cart.sarif     for CI: sarif, junit, github
   soter verify cart.soter --json | jq '.modules[].verdict'
 
 exit codes: 0 proved (under the assumptions that are printed), 3 refuted, 4 undecided (also where
@@ -69,6 +73,7 @@ def parser() -> Parser:
         action="store_true",
         help="do not look for a counterexample to what cannot be proved",
     )
+    add_format(made)
     return made
 
 
@@ -102,11 +107,40 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         return Outcome(exit_of(items), items, {"file": args.file})
     _say(report, args, console, runs)
     fields = _fields(report, runs)
+    if not (args.params or args.bindings):
+        _remember(report)
     if written:
         console.say("\nwritten " + " ".join(str(p) for p in written))
         fields["written"] = [str(p) for p in written]
     fields.update({k: getattr(args, k) for k in ("cert", "report") if getattr(args, k)})
-    return Outcome(EXITS[report.verdict], warnings, fields)
+    found = tuple(_found(report)) if args.format else ()
+    return Outcome(EXITS[report.verdict], warnings, fields, found)
+
+
+KINDS: dict[str, Kind] = {
+    "proved": "pass",
+    "assumed": "pass",
+    "refuted": "fail",
+    "undecided": "open",
+}
+
+
+def _found(report: VerifyReport) -> Iterator[Found]:
+    """Every verdict, at the module that it is of."""
+    for module in report.modules:
+        span = module.problem.module.symbol.span
+        for name, f in module.findings.items():
+            hint = (f"help: {f.hint}",) if f.hint else ()
+            where = tuple(f"where: {r}" for r in f.regions[:REGIONS_SHOWN])
+            yield Found(
+                KINDS[f.verdict],
+                name,
+                f"{module.name}: {name}",
+                f"{module.name}: {name} {f.verdict}: {f.text}".removesuffix(": "),
+                span,
+                (*where, *hint),
+                f.seconds,
+            )
 
 
 # ---------------------------------------------------------------- for people
@@ -156,12 +190,12 @@ def _coverage(report: VerifyReport, console: Console) -> list[str]:
 def _together(report: VerifyReport, console: Console) -> list[str]:
     """The conjunction, and who keeps what a module takes for granted."""
     from soter.reach.together import rows_of  # noqa: PLC0415 - needs nothing heavy, but a room below
-    from soter.report.summary import Styled, table  # noqa: PLC0415 - needs NumPy
+    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
 
     verdict = console.paint(PAINTS[report.together], report.together.upper())
     taken = rows_of(report)
     rows = [(t.module, t.what, Styled(t.why, "strong" if t.open else "plain")) for t in taken]
-    shown = table(("module", "takes for granted", "because"), rows, color=console.color_out)
+    shown = console.table(("module", "takes for granted", "because"), rows)
     says = [f"  {text}   (`safe` of {name})" for name, text in report.said.items()]
     says = ["", "in every run that keeps what is assumed, at all times", *says]
     says = says if report.together in HOLDING else []
@@ -211,6 +245,27 @@ def _of_the_certificate(report: VerifyReport) -> list[str]:
     return lines
 
 
+def _remember(report: VerifyReport) -> None:
+    """Keep the verdicts for editors to show (`soter lsp`)."""
+    from pathlib import Path  # noqa: PLC0415 - only then
+
+    from soter.native.verdicts import remember  # noqa: PLC0415 - only then
+
+    kept: dict[str, dict[str, object]] = {}
+    for m in report.modules:
+        sets = m.problem.kind != "nodes"
+        kept[m.name] = {
+            "verdict": m.verdict,
+            "headline": m.headline,
+            "seconds": m.seconds,
+            "system": report.system,
+            "properties": {n: f.verdict for n, f in m.findings.items()},
+            "horizon_ns": m.problem.times.horizon_ns if sets else None,
+            "horizon_needed_ns": m.problem.times.h_star if sets else None,
+        }
+    remember(Path(report.path), report.program_sha256, kept)
+
+
 def _saved(report: VerifyReport) -> Runs:
     """The runs that refute, written to `.soter/`: module and property -> file."""
     if report.verdict != "refuted":
@@ -241,14 +296,14 @@ def _headline(module: ModuleResult, console: Console) -> str:
 
 
 def _table(module: ModuleResult, console: Console) -> str:
-    from soter.report.summary import Styled, table  # noqa: PLC0415 - needs NumPy
+    from soter.report.summary import Styled  # noqa: PLC0415 - needs NumPy
 
     rows = [
         (name, Styled(f.verdict, TONES[f.verdict]), seconds(f.seconds), f.text)  # type: ignore[arg-type]
         for name, f in module.findings.items()
     ]
     headers = ("property", "verdict", "time", "how")
-    return table(headers, rows, color=console.color_out)
+    return console.table(headers, rows)
 
 
 def _details(module: ModuleResult, console: Console) -> list[str]:

@@ -11,11 +11,13 @@ from enum import Enum
 from itertools import islice
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.near import did_you_mean
+from soter.diagnostics.fix import fixes, replace, texts
+from soter.diagnostics.near import likely
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
+    from soter.diagnostics.fix import Fix, Help
     from soter.diagnostics.span import Span
 
 
@@ -45,7 +47,8 @@ class Diagnostic:
     """One problem: `message` is lower case, names in backticks, no full stop.
 
     `primary` is where the problem stands, None for problems of no file (a missing file, a
-    command-line value). `note` lines explain; only `help` lines suggest.
+    command-line value). `note` lines explain; only `help` lines suggest. Those of them that are
+    edits are in `fixes`, too: the title of a fix is its help line.
     """
 
     code: str
@@ -55,6 +58,21 @@ class Diagnostic:
     notes: tuple[str, ...] = ()
     helps: tuple[str, ...] = ()
     severity: Severity = Severity.ERROR
+    fixes: tuple[Fix, ...] = ()
+
+
+def made(
+    code: str,
+    message: str,
+    primary: Label | None,
+    secondary: tuple[Label, ...] = (),
+    notes: tuple[str, ...] = (),
+    helps: tuple[Help, ...] = (),
+    severity: Severity = Severity.ERROR,
+) -> Diagnostic:
+    """A diagnostic whose helps may be edits."""
+    fields = (code, message, primary, secondary, notes, texts(helps), severity, fixes(helps))
+    return Diagnostic(*fields)
 
 
 class Diagnostics:
@@ -92,13 +110,22 @@ class Diagnostics:
         self._seen.add(key)
         self._items.append(diagnostic)
 
-    def did_you_mean(self, name: str, candidates: Iterable[str]) -> tuple[str, ...]:
-        """A help line naming the closest candidate, if any is close and it will be read."""
+    def did_you_mean(
+        self, name: str, candidates: Iterable[str], span: Span | None = None
+    ) -> tuple[Help, ...]:
+        """A help line naming the closest candidate, if any is close and it will be read.
+
+        With the `span` of the name it is an edit.
+        """
         if self._names_left <= 0 or len(self._items) > KEPT_MAX:
             return ()
         known = list(islice(candidates, self._names_left + 1))
         self._names_left -= len(known)
-        return did_you_mean(name, known) if self._names_left >= 0 else ()
+        near = likely(name, known) if self._names_left >= 0 else None
+        if near is None:
+            return ()
+        title = f"did you mean `{near}`?"
+        return (title,) if span is None else (replace(span, near, title),)
 
     def error(
         self,
@@ -109,7 +136,7 @@ class Diagnostics:
         *,
         also: tuple[tuple[Span, str], ...] = (),
         notes: tuple[str, ...] = (),
-        helps: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
     ) -> None:
         """Report an error; `also` adds labelled secondary spans."""
         self._report(
@@ -125,7 +152,7 @@ class Diagnostics:
         *,
         also: tuple[tuple[Span, str], ...] = (),
         notes: tuple[str, ...] = (),
-        helps: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
     ) -> None:
         """Report a warning; `also` adds labelled secondary spans."""
         self._report(
@@ -142,11 +169,11 @@ class Diagnostics:
         *,
         also: tuple[tuple[Span, str], ...],
         notes: tuple[str, ...],
-        helps: tuple[str, ...],
+        helps: tuple[Help, ...],
     ) -> None:
         primary = Label(span, label) if span is not None else None
         secondary = tuple(Label(s, t) for s, t in also)
-        self.add(Diagnostic(code, message, primary, secondary, notes, helps, severity))
+        self.add(made(code, message, primary, secondary, notes, helps, severity))
 
     @property
     def items(self) -> tuple[Diagnostic, ...]:

@@ -36,10 +36,10 @@ def closest(name: str, candidates: Iterable[str], cutoff: float = 0.6, count: in
     return get_close_matches(name, fit, count, cutoff)
 
 
-def did_you_mean(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
-    """A help line naming the closest candidate, if any is close; differing case is."""
+def likely(name: str, candidates: Iterable[str]) -> str | None:
+    """The closest candidate, if any is close; one that differs in letter case is."""
     if len(name) > NAME_MAX:
-        return ()
+        return None
     most = 1 + len(name) // 3
     near = [
         c
@@ -48,4 +48,10 @@ def did_you_mean(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
     ]
     folded = next((c for c in near if c.casefold() == name.casefold()), None)
     close = [folded] if folded else closest(name, near, 0.7)
-    return (f"did you mean `{close[0]}`?",) if close else ()
+    return close[0] if close else None
+
+
+def did_you_mean(name: str, candidates: Iterable[str]) -> tuple[str, ...]:
+    """A help line naming the closest candidate, if any is close."""
+    near = likely(name, candidates)
+    return (f"did you mean `{near}`?",) if near else ()

@@ -101,6 +101,10 @@ def to_json(diagnostic: Diagnostic) -> dict[str, object]:
         **_place(primary.span if primary else None),
         "notes": list(diagnostic.notes),
         "helps": list(diagnostic.helps),
+        "fixes": [
+            {"title": fix.title, "edits": [{**_place(e.span), "text": e.text} for e in fix.edits]}
+            for fix in diagnostic.fixes
+        ],
         "labels": [
             {**_place(label.span), "text": label.text, "primary": label is primary}
             for label in labels

@@ -385,6 +385,16 @@ class ExploreReport:
         """Whether somebody stopped it; later tests are then missing."""
         return any(t.interrupted for t in self.tests) or bool(self.not_started)
 
+    def _repr_html_(self) -> str:
+        from soter.report.notebook import shown  # noqa: PLC0415 - in notebooks only
+
+        rows = [
+            (t.name, t.verdict, "" if t.broken is None else t.broken.text, f"{t.states:,}")
+            for t in self.tests
+        ]
+        heads = ("test", "verdict", "violated", "states")
+        return shown(f"{self.path}: {self.verdict}", heads, rows, self.not_started)
+
     def unsettled(self, test: TestResult) -> str:
         """That tests here ask for contracts which `test` rests on, and are not clean; "": none."""
         asked = {name for names in test.contracts.values() for name in names}

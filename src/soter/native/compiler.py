@@ -17,6 +17,7 @@ from functools import lru_cache
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.phase import phase
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -113,6 +114,7 @@ def compile_with(
     telling: tuple[str, ...] = (),
 ) -> None:
     """Run a compiler in `work`; SoterError X004 with its words, those of `telling` if any are."""
+    phase("compiling")
     done = subprocess.run(
         command, capture_output=True, text=True, check=False, timeout=TIMEOUT_S, cwd=work
     )

@@ -25,11 +25,13 @@ if TYPE_CHECKING:
 
 LIMIT = "SOTER_CACHE_MB"
 LIMIT_MB = 2048
-"""What the cache may hold where $SOTER_CACHE_MB does not say it, MB."""
+"""What the cache may hold where neither $SOTER_CACHE_MB nor its file `limit` says it, MB."""
+LIMIT_FILE = "limit"
 YOUNG_S = 600.0
 """What was used as lately is never removed: another process may be about to load it."""
 SEALS = "seals"
 MAKING = ".soter-making-"
+MB = 1_000_000
 OTHERS = stat.S_IWGRP | stat.S_IWOTH
 
 _ours: set[Path] = set()
@@ -84,7 +86,7 @@ def keep(name: str, content: str, files: tuple[str, ...], make: Callable[[Path],
     """
     folder = cache_dir()
     entry = _entry(folder, name, content)
-    limit = _limit()
+    most, _ = limit()
     try:
         folder.mkdir(parents=True, exist_ok=True, mode=0o700)
         _refuse_a_folder_of_others(folder)
@@ -95,7 +97,7 @@ def keep(name: str, content: str, files: tuple[str, ...], make: Callable[[Path],
             _seal(made, content, files)
             _move(made, entry, Path(work) / "old", content, files)
         _ours.add(entry)
-        _make_room(folder, limit)
+        _make_room(folder, most)
     except OSError as error:
         message = f"cannot write to the cache folder `{folder}`: {error.strerror or error}"
         raise _unusable(message) from error
@@ -134,17 +136,18 @@ def _is_whole(entry: Path, content: str, files: tuple[str, ...]) -> bool:
     Loading half a library kills the process; loading somebody else's runs it.
     """
     try:
-        ours = stat.S_ISDIR(entry.lstat().st_mode) and _is_ours(entry.lstat())
+        ours = stat.S_ISDIR(entry.lstat().st_mode) and is_ours(entry.lstat())
         for name in (*files, SEALS):
             status = (entry / name).lstat()
-            ours = ours and stat.S_ISREG(status.st_mode) and _is_ours(status)
+            ours = ours and stat.S_ISREG(status.st_mode) and is_ours(status)
         seals = (entry / SEALS).read_text(encoding="utf-8") if ours else ""
         return ours and seals == _seals(entry, content, files)
     except (OSError, UnicodeDecodeError):
         return False
 
 
-def _is_ours(status: os.stat_result) -> bool:
+def is_ours(status: os.stat_result) -> bool:
+    """Whether it belongs to this user (or root), and nobody else may write to it."""
     return status.st_uid in {os.geteuid(), 0} and not status.st_mode & OTHERS
 
 
@@ -153,7 +156,7 @@ def _refuse_a_folder_of_others(folder: Path) -> None:
         status = folder.stat()
     except OSError:
         return  # it is not there yet; making it says what is wrong
-    if not _is_ours(status):
+    if not is_ours(status):
         mine = status.st_uid in {os.geteuid(), 0}
         what = "others may write to it" if mine else "it belongs to another user"
         fix = (f"if nobody has: chmod go-w '{folder}'",) if mine else ()
@@ -183,23 +186,75 @@ def _move(made: Path, entry: Path, old: Path, content: str, files: tuple[str, ..
 # ---------------------------------------------------------------- room
 
 
-def _limit() -> int:
-    """Bytes that the cache may hold; SoterError X006 where the environment says nonsense."""
-    text = os.environ.get(LIMIT, "").strip()
+def limit() -> tuple[int, str]:
+    """Bytes that the cache may hold, and who says so; SoterError X006 where that is nonsense."""
+    text, where = os.environ.get(LIMIT, "").strip(), LIMIT
+    if not text:
+        file = cache_dir() / LIMIT_FILE
+        where = str(file)
+        with contextlib.suppress(OSError, UnicodeDecodeError):
+            text = file.read_text(encoding="ascii").strip()
     if text and not (text.isascii() and text.isdigit()):
         help_ = f"give a number of megabytes, or unset it for {LIMIT_MB}"
-        message = f"{LIMIT} is `{text}`"
+        if where != LIMIT:
+            help_ = "set it again: soter cache limit 2048"
+        message = f"{where} is `{text[:40]}`"
         raise SoterError((Diagnostic("X006", message, helps=(help_,)),))
-    return (int(text) if text else LIMIT_MB) * 1_000_000
+    return (int(text) if text else LIMIT_MB) * MB, where if text else "by default"
 
 
-def _make_room(folder: Path, limit: int) -> None:
-    """Remove the least recently used entries above the limit; none of this process's."""
-    entries = sorted(_used(folder))
-    size = sum(n for _, n, _ in entries)
+def set_limit(megabytes: int) -> None:
+    """Write down what the cache may hold, and keep to it now; SoterError X006."""
+    folder = cache_dir()
+    try:
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        _refuse_a_folder_of_others(folder)
+        with tempfile.TemporaryDirectory(dir=folder, prefix=MAKING) as work:
+            made = Path(work) / LIMIT_FILE
+            made.write_text(f"{megabytes}\n", encoding="ascii")
+            made.replace(folder / LIMIT_FILE)
+    except OSError as error:
+        message = f"cannot write to the cache folder `{folder}`: {error.strerror or error}"
+        raise _unusable(message) from error
+    _make_room(folder, limit()[0])
+
+
+def entries() -> list[tuple[float, int, Path]]:
+    """When each entry was used last (s since 1970), its bytes, its folder; the oldest first.
+
+    SoterError X006 where the folder cannot be read.
+    """
+    try:
+        return sorted(_used(cache_dir()))
+    except FileNotFoundError:
+        return []
+    except OSError as error:
+        message = f"cannot read the cache folder `{cache_dir()}`: {error.strerror or error}"
+        raise _unusable(message) from error
+
+
+def clear() -> tuple[int, int]:
+    """Remove every entry; how many and their bytes. SoterError X006 where one stays."""
+    _refuse_a_folder_of_others(cache_dir())
+    found = entries()
+    for _, _, entry in found:
+        try:
+            shutil.rmtree(entry)
+        except FileNotFoundError:
+            continue
+        except OSError as error:
+            message = f"cannot remove `{entry}`: {error.strerror or error}"
+            raise _unusable(message) from error
+    return len(found), sum(size for _, size, _ in found)
+
+
+def _make_room(folder: Path, most: int) -> None:
+    """Remove the least recently used entries above `most` bytes; none of this process's."""
+    used = sorted(_used(folder))
+    size = sum(n for _, n, _ in used)
     now = time.time()
-    for at, n, entry in entries:
-        if size <= limit or now - at < YOUNG_S:
+    for at, n, entry in used:
+        if size <= most or now - at < YOUNG_S:
             return
         if entry not in _ours:
             size -= n

@@ -15,17 +15,19 @@ from soter.diagnostics.diagnostic import Diagnostics, Severity, SoterError
 from soter.program.check.checker import check
 from soter.program.flatten.deployment.deployed import check_deployed
 from soter.program.flatten.derived import at_once, faultless
+from soter.program.flatten.doubts.doubts import doubt
 from soter.program.flatten.elaborate import Elaborator, implicit_system
 from soter.program.flatten.parameters import has_param
 from soter.program.flatten.trials.tested import elaborate_test
 from soter.program.flatten.wellformed import check_declaration, check_periods
-from soter.program.load.loader import load
+from soter.program.load.loader import FROM_DISK, load
 from soter.program.model.typed import InstanceSymbol, ModuleSymbol, SystemSymbol
 from soter.program.summary import for_people
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
+    from soter.program.load.loader import LoadedProgram, Reading
     from soter.program.model.system import System
     from soter.program.model.typed import Program, TestSymbol
     from soter.program.model.types import Value
@@ -46,6 +48,8 @@ class Checked:
     program: Program | None
     diagnostics: Diagnostics
     systems: dict[str, SystemSymbol] = field(default_factory=dict)
+    loaded: LoadedProgram | None = None
+    """The files it was made of."""
 
     @property
     def ok(self) -> bool:
@@ -71,6 +75,7 @@ def check_file(
     text: str | None = None,
     overrides: Mapping[str, Value] | None = None,
     tell: Callable[[str], None] | None = None,
+    reading: Reading = FROM_DISK,
 ) -> Checked:
     """Check the program in `path` (or in `text`, with `path` as its name).
 
@@ -81,7 +86,7 @@ def check_file(
     found = Diagnostics(tell)
     gc.disable()
     try:
-        return _check_file(path, text, overrides or {}, found)
+        return _check_file(path, text, overrides or {}, found, reading)
     finally:
         found.tell = _nobody
         if collecting:
@@ -93,9 +98,13 @@ def _nobody(_: str) -> None:
 
 
 def _check_file(
-    path: str, text: str | None, overrides: Mapping[str, Value], found: Diagnostics
+    path: str,
+    text: str | None,
+    overrides: Mapping[str, Value],
+    found: Diagnostics,
+    reading: Reading,
 ) -> Checked:
-    loaded = load(path, found, text)
+    loaded = load(path, found, text, reading)
     if loaded is None:
         return Checked(None, found)
     program = check(loaded, found)
@@ -123,7 +132,8 @@ def _check_file(
     for test in program.tests.values():
         elaborate_test(program, test, overrides, found)
     _check_the_rest(program, own, found)
-    return Checked(program, for_people(found, [f.source for f in loaded.files]), own)
+    ordered = for_people(found, [f.source for f in loaded.files])
+    return Checked(program, ordered, own, loaded)
 
 
 def _flatten(
@@ -140,6 +150,8 @@ def _flatten(
     if flat is not None:
         check_periods(flat, diagnostics, elaborator.unknown)
         sound = all(d.severity is not Severity.ERROR for d in diagnostics.items[before:])
+        if sound and not program.damaged and not diagnostics.has_errors:
+            doubt(flat, diagnostics)
         if symbol.deploys is not None and sound:
             flat.proved = _proved(program, symbol, overrides)
             check_deployed(flat, symbol, diagnostics)

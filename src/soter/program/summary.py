@@ -10,14 +10,16 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, Label, Severity
+from soter.diagnostics.fix import Fix
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.diagnostics.source import Source
 
-HUSHED = {"W001", "W004"}
-"""Warnings about absence: beside errors they are left out, as an error may be what hides it."""
+HUSHED = {"W001", "W004", "W012", "W013", "W014", "W015", "W016", "W017", "W018"}
+"""Warnings of what is not there, or hardly meant: beside errors they are left out, as an error may
+be what makes it look so."""
 MERGED = {"N001", "N004", "N006", "M009", "M010"}
 """A name that is missing is one mistake, in however many places it is missed."""
 ONCE = {"M003", "M004", "M005", "M013"}
@@ -75,4 +77,12 @@ def _one(group: list[Diagnostic]) -> Diagnostic:
     notes = first.notes
     if len(places) > PLACES_MAX:
         notes = (*notes, f"and in {len(places) - PLACES_MAX} more places")
-    return replace(first, secondary=(*first.secondary, *places[:PLACES_MAX]), notes=notes)
+    fixes = tuple(_together(fix, group) for fix in first.fixes)
+    secondary = (*first.secondary, *places[:PLACES_MAX])
+    return replace(first, secondary=secondary, notes=notes, fixes=fixes)
+
+
+def _together(fix: Fix, group: list[Diagnostic]) -> Fix:
+    """The edits of all who offer the same, each once."""
+    edits = [e for d in group for f in d.fixes if f.title == fix.title for e in f.edits]
+    return Fix(fix.title, tuple(dict.fromkeys(edits)))

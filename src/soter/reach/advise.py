@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.phase import phase
 from soter.program.model import typed
 from soter.program.model.durations import show_ns
 from soter.program.model.walk import nodes
@@ -110,14 +111,14 @@ class Advice:
         """(head, rows) for people."""
         tried = sorted({m for r in self.rows for m in r.levels})
         head = ["period", "SC", "H*", "K", "S_0"]
-        head += [f"S_{m - 2} (m = {m})" for m in tried]
+        head += [f"S_{m - 2} (m\u00a0=\u00a0{m})" for m in tried]
         head += ["P1c", "P2b", "verifies", "why not"]
         rows = []
         for r in self.rows:
             mark = " *" if r.delta_ns == self.delta_ns else ""
             times = [show_ns(r.delta_ns) + mark, show_ns(r.sc_ns), show_ns(r.h_star_ns)]
             shares = [r.core, r.allowed, *(r.levels.get(m, 0.0) for m in tried)]
-            back = ", ".join(f"m = {m}" for m in tried if r.returns.get(m)) or "no"
+            back = ", ".join(f"m\u00a0=\u00a0{m}" for m in tried if r.returns.get(m)) or "no"
             verifies = r.verifies(self.levels)
             cells = [*times, *(f"{s:.1%}" for s in shares), "yes" if r.in_time else "no", back]
             rows.append([*cells, "yes" if verifies else "no", "" if verifies else r.why])
@@ -164,6 +165,7 @@ def advise(
     opened: dict[int, list[Case]] = {}
     for i, delta in enumerate(every):
         if progress is not None:
+            phase(f"{problem.name}: a period of {show_ns(delta)}")
             progress(i / len(every))
         changed = at_period(problem, delta)
         times = changed.times

@@ -16,6 +16,7 @@ from soter.program.flatten.views import as_seen
 from soter.reach.claims.results import VerifyReport
 from soter.reach.covered import coverage_of
 from soter.reach.problem.extract import extract
+from soter.reach.remembered import remember
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -70,6 +71,7 @@ def verify(
         # a run of a view, or of a plant that others move as they like, is none of the vehicle
         attack = refute and not problem.view and not problem.influences
         results.append(verify_module(problem, refute=attack, progress=share, search=search))
+    remember([flat for flat, _ in chosen], results)
     names = list(dict.fromkeys(flat.name for flat, _ in chosen))
     found = VerifyReport(
         checked.program.path,

@@ -11,6 +11,7 @@ from __future__ import annotations
 import time
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.phase import phase
 from soter.program.model.durations import show_ns
 from soter.reach.claims import claims
 from soter.reach.claims.case import Case, Clock
@@ -65,6 +66,8 @@ HOW = {
     "DM": "the compiled DM on all facts and on every class of input",
 }
 """What is no matter of groups."""
+CASES, ATTACKED = 0.6, 0.9
+"""Shares of a module's time, roughly, after which the cases are done, and the compiled DM."""
 RESTS_ON = ("P1c", "P2a", "P3", "start")
 """Where the law begins the state is in K by these."""
 CLAIMS = ("P2a", "ttf", "safer", "start", "P2b")
@@ -88,7 +91,7 @@ def verify_module(
     began = time.perf_counter()
     library, prelude = library_of(problem)
     _assume(problem, prelude)
-    done = _all_cases(problem, library, progress)
+    done = _all_cases(problem, library, _upto(progress, CASES))
     result = ModuleResult(problem, {}, [c.sets for c in done])
     _static(problem, result)
     for claim in CLAIMS:
@@ -102,11 +105,13 @@ def verify_module(
     result.findings["failsafe"] = _failsafe(problem, result, done)
     if result.findings["failsafe"].verdict == PROVED:
         result.laws = [c.lawful.law for c in done if c.lawful and c.lawful.law]
+    _reached(progress, CASES, f"{problem.name}: the compiled DM")
     result.findings["DM"] = _decision_module(result)
     result.findings = {p: result.findings[p] for p in PROPERTIES}
     result.recover_s = _recover_s(done, result)
     result.shares = _shares(done)
     result.vacuity, result.at_the_start = vacuity(done), at_the_start(done)
+    _reached(progress, ATTACKED, f"{problem.name}: looking for a counterexample" * refute)
     if refute and problem.modes is None:  # in a run somebody has to decide what the others do
         _refute(problem, result)
     if refute if explain is None else explain:
@@ -116,6 +121,19 @@ def verify_module(
 
 
 # ---------------------------------------------------------------- all cases
+
+
+def _upto(progress: Progress | None, share: float) -> Progress | None:
+    """The first part of a progress."""
+    return None if progress is None else lambda done: progress(share * done)
+
+
+def _reached(progress: Progress | None, share: float, name: str) -> None:
+    """What begins once `share` of a module is done."""
+    if name:
+        phase(name)
+    if progress is not None:
+        progress(share)
 
 
 def _all_cases(problem: Problem, library: ReachLibrary, progress: Progress | None) -> list[Case]:

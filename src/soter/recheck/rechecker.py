@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.diagnostics.diagnostic import SoterError
+from soter.diagnostics.phase import phase
 from soter.program.build import system_to_prove
 from soter.program.meaning.arith import StepFault
 from soter.recheck.assumptions import assumptions_of, kept_of
@@ -125,6 +126,7 @@ def _check(
     covered: list[Facts | InductionFacts] = []
     for k, entry in enumerate(modules):
         share = partial(_share, progress, k, len(modules))
+        phase(f"checking module {k + 1} of {len(modules)}")
         facts: Facts | InductionFacts
         if isinstance(entry, dict) and "induction" in entry:
             facts, found = _by_induction(checked, overrides, entry)

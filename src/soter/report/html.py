@@ -1,13 +1,15 @@
-"""Write the report: one HTML file that needs nothing else.
+"""Write the report: an HTML file that needs no network, and beside it one script for all of them.
 
-Purpose: put page, figures, style, script and drawing library into one file that opens from a
-disk, an e-mail or an archive, ten years from now and without a network; its content security
-policy forbids it any.
+Purpose: page, figures, style and script in one file that opens from a disk or an archive, ten years
+from now and without a network; its content security policy forbids it any. The drawing library,
+twenty times as heavy as a page, lies beside the reports of a folder once, under the name of its
+hash; where a report is to travel alone, it is put into the page (`self_contained`).
 Non-goals: other formats; people print it or save the figures from it.
 """
 
 from __future__ import annotations
 
+import hashlib
 import json
 from html import escape
 from importlib import resources
@@ -27,15 +29,33 @@ POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
 )
 
+BESIDE = POLICY.replace("script-src", "script-src 'self' file:")
+"""Of a page whose drawing library lies beside it."""
 
-def write_html(page: ReportPage, path: str | os.PathLike[str]) -> Path:
-    """Write `page` to `path` and return it.
 
-    The same page gives the same bytes. Raises `ReportUnavailableError` where the extra
-    `report` is not installed and `ReportError` where the file cannot be written; a file that
-    stood at `path` before is then untouched.
+def write_html(
+    page: ReportPage, path: str | os.PathLike[str], *, self_contained: bool = False
+) -> Path:
+    """Write `page` to `path` and return it; the drawing library goes beside it, if not into it.
+
+    The same page gives the same bytes. What is no regular file takes all. Raises
+    `ReportUnavailableError` where the extra `report` is not installed and `ReportError` where the
+    file cannot be written; a file that stood at `path` before is then untouched.
     """
-    return write_text(html_document(page, _drawing_library()), path)
+    library, target = _drawing_library(), Path(path)
+    if self_contained or (target.exists() and not target.is_file()):
+        return write_text(html_document(page, library), path)
+    name = script_name(library)
+    written = write_text(html_document(page, beside=name), path)
+    script = target.resolve().with_name(name)
+    if not script.is_file() or script.stat().st_size != len(library.encode()):
+        write_text(library, script)
+    return written
+
+
+def script_name(library: str) -> str:
+    """The name of a drawing library beside reports: another version is another file."""
+    return f"soter-plotly-{hashlib.sha256(library.encode()).hexdigest()[:12]}.js"
 
 
 def write_document(title: str, main: str, path: str | os.PathLike[str]) -> Path:
@@ -63,26 +83,29 @@ def write_text(text: str, path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def html_document(page: ReportPage, drawing_library: str) -> str:
-    """Return the whole file as text; `drawing_library` is the JavaScript of plotly."""
+def html_document(page: ReportPage, drawing_library: str = "", beside: str = "") -> str:
+    """Return the whole file as text.
+
+    `drawing_library` is the JavaScript of plotly, `beside` the name of a file that has it.
+    """
     main, figures = body(page)
     drawings = _script_safe(json.dumps([figure.to_json() for figure in figures], allow_nan=False))
     scripts = f"""<noscript><p>JavaScript draws the figures; it is switched off.</p></noscript>
 <script type="application/json" id="figures">{drawings}</script>
-<script>{drawing_library}</script>
+{f'<script src="{escape(beside)}"></script>' if beside else f"<script>{drawing_library}</script>"}
 <script>
 {_asset("report.js")}</script>
 """
-    return _document(page.title, main, scripts)
+    return _document(page.title, main, scripts, policy=BESIDE if beside else POLICY)
 
 
-def _document(title: str, main: str, scripts: str, style: str = "") -> str:
+def _document(title: str, main: str, scripts: str, style: str = "", policy: str = POLICY) -> str:
     return f"""<!DOCTYPE html>
 <html lang="en">
 <head>
 <meta charset="utf-8">
 <meta name="viewport" content="width=device-width, initial-scale=1">
-<meta http-equiv="Content-Security-Policy" content="{POLICY}">
+<meta http-equiv="Content-Security-Policy" content="{policy}">
 <meta name="color-scheme" content="light dark">
 <meta name="generator" content="soter">
 <title>{escape(title)}</title>

@@ -41,27 +41,89 @@ class Styled:
 Entry = str | int | float | Styled
 
 
-def table(headers: Sequence[str], rows: Iterable[Sequence[Entry]], *, color: bool = False) -> str:
+def table(
+    headers: Sequence[str],
+    rows: Iterable[Sequence[Entry]],
+    *,
+    color: bool = False,
+    width: int | None = None,
+) -> str:
     """Return an aligned table as lines of text, without a line break at the end.
 
     `headers`: one title a column; `rows`: as many entries each. Columns of numbers, with or
     without a unit, are flush right, others flush left. Floats are written with four
-    significant digits; whoever wants others passes a text. Raises `ValueError` for a row of
-    another length.
+    significant digits; whoever wants others passes a text. `width`: columns of the terminal; a
+    wider table has its widest columns broken between words, as far as there are words (a
+    no-break space is none). Raises `ValueError` for a row of another length.
     """
     cells = [[_styled(entry) for entry in row] for row in rows]
     for row in cells:
         if len(row) != len(headers):
             raise ValueError(f"a row of {len(headers)} entries expected, found {len(row)}")
+    head = [Styled(header, "strong") for header in headers]
     columns = [[row[index].text for row in cells] for index in range(len(headers))]
-    widths = [
-        max([display_width(header), *(display_width(text) for text in column)])
-        for header, column in zip(headers, columns, strict=True)
-    ]
     right = [_is_numeric(column) for column in columns]
-    head = _line([Styled(header, "strong") for header in headers], widths, right, color=color)
+    widths = _widths(headers, columns, right, width)
     rule = _paint("  ".join("─" * width for width in widths), "muted", color=color)
-    return "\n".join([head, rule, *(_line(row, widths, right, color=color) for row in cells)])
+    lines = [_line(line, widths, right, color=color) for line in _broken(head, widths)]
+    lines.append(rule)
+    for row in cells:
+        lines += [_line(line, widths, right, color=color) for line in _broken(row, widths)]
+    return "\n".join(lines)
+
+
+def _widths(
+    headers: Sequence[str], columns: list[list[str]], right: list[bool], most: int | None
+) -> list[int]:
+    """Return the width of every column: the widest give way until all fit, or nothing can."""
+    every = [[header, *column] for header, column in zip(headers, columns, strict=True)]
+    widths = [max(display_width(text) for text in texts) for texts in every]
+    if most is None:
+        return widths
+    least = [
+        max(
+            max((display_width(w) for t in texts for w in _words(t)), default=0),
+            max((display_width(t) for t in texts[1:]), default=0) if numeric else 0,
+        )
+        for texts, numeric in zip(every, right, strict=True)
+    ]
+    while sum(widths) + 2 * (len(widths) - 1) > most:
+        free = [k for k, width in enumerate(widths) if width > least[k]]
+        if not free:
+            break
+        widths[max(free, key=lambda k: widths[k])] -= 1
+    return widths
+
+
+def _words(text: str) -> list[str]:
+    """Return what a text can be broken into."""
+    return [word for word in text.split(" ") if word]
+
+
+def _broken(row: Sequence[Styled], widths: Sequence[int]) -> list[list[Styled]]:
+    """Return the lines of a row."""
+    parts = [_wrapped(cell.text, width) for cell, width in zip(row, widths, strict=True)]
+    return [
+        [
+            Styled(lines[k].replace("\u00a0", " ") if k < len(lines) else "", cell.tone)
+            for cell, lines in zip(row, parts, strict=True)
+        ]
+        for k in range(max(map(len, parts), default=0))
+    ]
+
+
+def _wrapped(text: str, width: int) -> list[str]:
+    """Return the lines of a text, none wider than `width` but for a word that is."""
+    if display_width(text) <= width:
+        return [text]
+    lines = [""]
+    for word in _words(text):
+        longer = f"{lines[-1]} {word}" if lines[-1] else word
+        if lines[-1] and display_width(longer) > width:
+            lines.append(word)
+        else:
+            lines[-1] = longer
+    return lines
 
 
 def display_width(text: str) -> int:

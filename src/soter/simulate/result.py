@@ -25,6 +25,7 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.span import Span
     from soter.lower.layout import StateLayout
+    from soter.program.model.proofs import Proof
     from soter.program.model.system import Component, System
     from soter.program.model.types import Type, Value
     from soter.simulate.externs.externs import Tally
@@ -99,6 +100,8 @@ class Run:
     """What answered each extern, in words."""
     computed: list[str] = field(default_factory=list)
     """A note on each module whose `ttf` and `safer` were computed."""
+    proofs: dict[str, Proof] = field(default_factory=dict)
+    """What `soter verify` proved of the modules of exactly this system, where that is known."""
     extern_tallies: dict[str, Tally] = field(default_factory=dict)
     """Steps of each extern that Python answered, and those in which it published nothing."""
     decided: list[tuple[int, int]] = field(default_factory=list)
@@ -109,6 +112,17 @@ class Run:
         stopped = f" of {self.duration_s:g} s, interrupted" if self.interrupted else ""
         time_s = self.reached_s if self.interrupted else self.duration_s
         return f"<soter.Run {self.system.name} seed {self.seed}: {time_s:g} s{stopped}, {count}>"
+
+    def _repr_html_(self) -> str:
+        from soter.report.notebook import shown  # noqa: PLC0415 - in notebooks only
+
+        rows = [
+            (n, f"{m.ac_share:.1%}", m.switches_to_ac, m.switches_to_sc, m.gate_faults)
+            for n, m in self.modules.items()
+        ]
+        heads = ("module", "AC share", "SC to AC", "AC to SC", "gate faults")
+        broken = [f"{v.what} at {v.time_s} s" for v in self.violation_list]
+        return shown(repr(self)[1:-1], heads, rows, [*broken, *self.notes])
 
     @property
     def notes(self) -> list[str]:

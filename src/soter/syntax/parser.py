@@ -15,6 +15,7 @@ from pathlib import PurePosixPath
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Label
+from soter.diagnostics.fix import insert, replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.bodies import BODY_WORDS
@@ -30,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.source import Source
 
 #: The language edition this compiler reads.
@@ -100,14 +102,15 @@ class Parser(NodeParser):
     def file(self) -> tree.File:
         """`program` of the grammar."""
         self.edition: int | None = None
+        self.broken.update(self.tokens.lost)
         imports: list[tree.ImportDecl] = []
         declarations: list[tree.Decl] = []
         reached = 0
         try:
-            self._edition_line()
+            self._recovered(self._edition_line)
             while self.kinds[self.i] != EOF:
                 reached = self.starts[self.i]
-                declaration = self._top_level()
+                declaration = self._recovered(self._top_level)
                 if isinstance(declaration, tree.ImportDecl):
                     if declarations:
                         self._late_import(declaration, declarations[0])
@@ -132,7 +135,13 @@ class Parser(NodeParser):
                 "S001",
                 f"a file begins with {first}{found}",
                 notes=("the first line names the edition of the language",),
-                helps=(f"put {first} before everything else",),
+                helps=(
+                    insert(
+                        Span(self.source, 0, 0),
+                        f"soter {EDITION};\n",
+                        f"put {first} before everything else",
+                    ),
+                ),
             )
             self.quiet = -1
             return
@@ -156,6 +165,19 @@ class Parser(NodeParser):
             if self.kinds[1] not in (";", EOF) and not self.new_line():
                 self.i = 2
         self.semicolon("the edition")
+
+    def _recovered(self, read: Callable[[], tree.Decl | None]) -> tree.Decl | None:
+        """What stands here at the top level, or None past a phrase of another language."""
+        self.items, self.blocks = frozenset(), 0
+        before = self.i
+        try:
+            return read()
+        except Panic:
+            self.broken.update(t for t in self.texts[before : self.i] if t.isidentifier())
+            if self.i == before:
+                self.advance()
+            self.skip_to_declaration()
+            return None
 
     def _top_level(self) -> tree.Decl | None:
         """One declaration, or one step past what is none."""
@@ -211,12 +233,13 @@ class Parser(NodeParser):
         i = self.i
         word = self.texts[i]
         message = f"expected a declaration, found {self.found()}"
-        helps: tuple[str, ...] = ()
+        helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ()
         if kind == NAME and self.kinds[i + 1] in (NAME, "fun", "node", "plant", "topic", STRING):
             near = _SYNONYMS.get(word) or self.close_word(word, _DECLARATIONS)
             if near is not None and word not in _FOREIGN_DECLARATION:
-                self.report("S009", message, helps=(f"did you mean `{near}`?",))
+                helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
+                self.report("S009", message, helps=helps)
                 self.quiet = -1
                 return self._declaration(_DECLARATIONS[near])
         if word in _FOREIGN_DECLARATION:

@@ -14,10 +14,15 @@ import re
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, Label
+from soter.diagnostics.diagnostic import Label, made
+from soter.diagnostics.fix import Fix, replace
 from soter.diagnostics.span import Span
+from soter.syntax.foreign import in_si, period_of
+from soter.syntax.idioms import find
 
 if TYPE_CHECKING:
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.source import Source
 
 NAME = "NAME"
@@ -151,6 +156,7 @@ class Tokens:
     bad: set[int] = field(default_factory=set)
     problems: list[Diagnostic] = field(default_factory=list)
     truncated: bool = False
+    lost: set[str] = field(default_factory=set)
 
     def add(self, kind: str, text: str, start: int, end: int) -> None:
         """Append one token."""
@@ -168,12 +174,18 @@ class Tokens:
         label: str = "",
         *,
         notes: tuple[str, ...] = (),
-        helps: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
     ) -> None:
         """Keep a lexical error and silence the parser at the token that comes next."""
         primary = Label(Span(self.source, start, end), label)
-        self.problems.append(Diagnostic(code, message, primary, (), notes, helps))
+        self.problems.append(made(code, message, primary, (), notes, helps))
         self.bad.add(len(self.kinds))
+
+    def forget(self, start: int, end: int) -> None:
+        """Drop the lexical errors of a stretch of text that something better is said about."""
+        self.problems = [
+            d for d in self.problems if d.primary is None or not start <= d.primary.span.start < end
+        ]
 
 
 def lex(source: Source) -> Tokens:
@@ -289,16 +301,22 @@ def _wide_word(tokens: Tokens, token: str, start: int, end: int) -> None:
 
 def _malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
     code, message, label = "L004", f"malformed number `{visible(token)}`", ""
-    helps: tuple[str, ...] = ()
+    helps: tuple[Help, ...] = ()
+    span = Span(tokens.source, start, end)
     number = re.match(r"([0-9][0-9_]*(?:\.[0-9_]+)?(?:[eE][+-]?[0-9]+)?)(.*)", token, re.DOTALL)
     if re.fullmatch(r"\.[0-9]+(?:[eE][+-]?[0-9]+)?(?:ns|us|ms|s|min|h)?", token):
-        label, helps = "a digit must stand before the point", (f"write `0{token}`",)
+        label, helps = "a digit must stand before the point", (replace(span, f"0{token}"),)
     elif match := re.fullmatch(r"([0-9]+)\.((?:[eE][+-]?[0-9]+)?(?:ns|us|ms|s|min|h)?)", token):
-        label, helps = "a digit must stand after the point", (f"write `{match[1]}.0{match[2]}`",)
+        label, helps = (
+            "a digit must stand after the point",
+            (replace(span, f"{match[1]}.0{match[2]}"),),
+        )
     elif re.match(r"0[xXbBoO]", token):
-        label, helps = "numbers are decimal", _decimal_help(token)
+        label, helps = "numbers are decimal", _decimal_help(token, span)
     elif number and re.fullmatch(r"[^\W\d_]+", number[2]) and "__" not in number[1]:
-        code, message, label, helps = _unknown_unit(number[1], number[2])
+        code, message, label, helps = _unknown_unit(tokens, number[1], number[2], span)
+    elif suffixed := re.fullmatch(r"([0-9][0-9_.]*?)_?([fiu](?:8|16|32|64|size)|[uUlL]+)", token):
+        label, helps = "numbers have no suffix", (replace(span, suffixed[1]),)
     elif "_" in token:
         label = "`_` may only stand between two digits"
     elif token.count(".") > 1:
@@ -309,24 +327,43 @@ def _malformed_number(tokens: Tokens, token: str, start: int, end: int) -> None:
     tokens.add(ERROR, token, start, end)
 
 
-def _decimal_help(token: str) -> tuple[str, ...]:
+def _decimal_help(token: str, span: Span) -> tuple[Help, ...]:
     try:
-        return (f"write `{int(token[:40], 0)}`",)
+        return (replace(span, f"{int(token[:40], 0)}"),)
     except ValueError:
         return ()
 
 
-def _unknown_unit(number: str, unit: str) -> tuple[str, str, str, tuple[str, ...]]:
+_TIME_FOLLOWS = frozenset(
+    ["period", "phase", "every", "until", "max_age", "horizon", "skew", "quantum", "hold", "by",
+     "for", "delayed", "per", "wcet", "jitter", "takes"]
+)  # fmt: skip
+
+
+def _unknown_unit(
+    tokens: Tokens, number: str, unit: str, span: Span
+) -> tuple[str, str, str, tuple[Help, ...]]:
+    """L006: a unit of time spelt otherwise, a suffix, or a unit of something else."""
     message = f"`{visible(unit)}` is not a unit of time"
     label = "units are ns, us, ms, s, min and h"
     if unit.lower() == "hz":
-        return "L006", message, label, ("a period is a time: 100 Hz is `10ms`",)
+        period = period_of(number)
+        if period is None:
+            return "L006", message, label, ("a period is a time: 100 Hz is `10ms`",)
+        return "L006", message, label, (replace(span, period, f"a period is a time: `{period}`"),)
     if unit in ("f", "F", "d", "L", "l", "u", "U"):
-        return "L006", message, label, ("numbers have no suffix: leave it out",)
-    if unit in _UNIT_MEANT:
-        return "L006", message, label, (f"write `{visible(number)}{_UNIT_MEANT[unit]}`",)
-    helps = ("quantities other than time carry no unit: use SI and say so in a comment",)
-    return "L006", message, label, helps
+        plain = f"{number}.0" if unit in "fFd" and number.isdigit() else number
+        title = f"numbers have no suffix: write `{plain}`"
+        return "L006", message, label, (replace(span, plain, title),)
+    bare = in_si(number, unit)
+    before = tokens.texts[-1] if tokens.texts else ""
+    timely = before in _TIME_FOLLOWS or bare is None
+    if unit in _UNIT_MEANT and timely:
+        return "L006", message, label, (replace(span, f"{number}{_UNIT_MEANT[unit]}"),)
+    si = "quantities other than time carry no unit: use SI"
+    if bare is None:
+        return "L006", message, label, (f"{si} and say so in a comment",)
+    return "L006", message, label, (replace(span, bare, f"{si}, `{bare}`"),)
 
 
 def _open_string(tokens: Tokens, token: str, start: int, end: int) -> None:
@@ -361,25 +398,72 @@ def _open_comment(tokens: Tokens, token: str, start: int, end: int) -> None:
     tokens.truncated = True
 
 
+_DEFINE = re.compile(r"#\s*define\s+(\w+)\s+\(?(-?[\w.+-]+?)\)?\s*(?://.*)?")
+_INCLUDE = re.compile(r"#\s*include\s*[<\"]([\w./-]+)[>\"]\s*(?://.*)?")
+_STRINGS_FOLLOW = frozenset(["import", "from", "data", ","])
+
+
 def _foreign(tokens: Tokens, token: str, start: int, end: int) -> None:
+    span = Span(tokens.source, start, end)
     if token[0] == "#":
-        helps = ("a comment begins with `//`",)
-        tokens.report("L001", "`#` does not begin a comment", start, start + 1, helps=helps)
+        _preprocessed(tokens, token.rstrip(), Span(tokens.source, start, start + 1))
         return
-    helps = (f'write `"{visible(token[1:-1])}"`',)
-    tokens.report("L001", "strings are written with double quotes", start, end, helps=helps)
+    helps: tuple[Help, ...] = (replace(span, f'"{visible(token[1:-1], 200)}"'),)
+    message = "strings are written with double quotes"
+    if not (tokens.texts and tokens.texts[-1] in _STRINGS_FOLLOW):
+        message = "there are no characters and no texts at run time"
+        helps = ("name the cases, `type Name = enum { A, B };`, or write a number",)
+    tokens.report("L001", message, start, end, helps=helps)
     tokens.add(STRING, token, start, end)
+    tokens.bad.add(len(tokens.kinds))
+
+
+def _preprocessed(tokens: Tokens, token: str, hash_: Span) -> None:
+    """A comment of Python or the shell, or a line for the preprocessor of C."""
+    whole = Span(tokens.source, hash_.start, hash_.start + len(token))
+    define, include = _DEFINE.fullmatch(token), _INCLUDE.fullmatch(token)
+    message, span = "there is no preprocessor", whole
+    fix: Fix = replace(hash_, "//", "a comment begins with `//`")
+    if define is not None:
+        name, value = define[1], define[2]
+        of = "int" if value.lstrip("-").isdigit() else "float"
+        fix = replace(whole, f"const {name}: {of} = {value};")
+        tokens.lost.add(name)
+    elif include is not None:
+        stem = include[1].rpartition("/")[2].partition(".")[0]
+        path = include[1] if include[1].endswith(".soter") else f"{stem}.soter"
+        name = _called(stem, tokens.source.text)
+        fix = replace(whole, f'import "{path}" as {name};')
+        tokens.lost.add(name)
+    else:
+        message, span = "`#` does not begin a comment", hash_
+    helps: tuple[Help, ...] = (fix,)
+    if include is not None and not include[1].endswith(".soter"):
+        helps = ("the prelude needs no import: `sin`, `clamp`, `Vec3` are there",)
+    tokens.report("L001", message, span.start, span.end, helps=helps)
+
+
+def _called(stem: str, text: str) -> str:
+    """The name that a file goes by in the text that imports it; its own where that is not seen."""
+    names = [stem, *reversed(stem.split("_"))]
+    return next((n for n in names if n and re.search(rf"\b{n}\.(?!soter\b)[A-Za-z]", text)), stem)
 
 
 def _lookalike(tokens: Tokens, token: str, start: int, end: int) -> None:
     meant = _LOOKALIKE[token]
     what = "" if token.isascii() else f" ({_code_point(token)[1:-1]})"
     message = f"`{token}`{what} is not an operator of Soter"
-    tokens.report("L001", message, start, end, helps=(f"write `{meant}`",))
+    span = Span(tokens.source, start, end)
+    tokens.report("L001", message, start, end, helps=(replace(span, meant),))
     tokens.add(meant, meant, start, end)
 
 
 def _garbage(tokens: Tokens, token: str, start: int, end: int) -> None:
+    phrase = find(tokens.source, start, "", start)
+    if phrase is not None:
+        where = phrase.span
+        tokens.report("S015", phrase.message, where.start, where.end, helps=(phrase.help,))
+        return
     if len(token) == 1:
         name = _INVISIBLE.get(token, f"`{visible(token)}`")
         message = f"unexpected {name}" if token in _INVISIBLE else f"unexpected character {name}"

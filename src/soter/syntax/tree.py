@@ -248,6 +248,15 @@ class ListTypeExpr(TypeExpr):
 
 
 @dataclass(frozen=True, slots=True)
+class UnitTypeExpr(TypeExpr):
+    """`T unit "m/s"`: what the numbers of T count, for people."""
+
+    base: TypeExpr
+    unit: str
+    unit_span: Span
+
+
+@dataclass(frozen=True, slots=True)
 class EnumTypeExpr(TypeExpr):
     """`enum { A, B }`; only on the right of a `type` declaration."""
 

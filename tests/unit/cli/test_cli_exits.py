@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from typing import TYPE_CHECKING
 
 import pytest
 
 import soter as package
+from processes import run
+from soter.cli import main
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -41,7 +44,12 @@ def test_1_a_program_with_mistakes(soter: Soter, here: Path) -> None:
     "arguments",
     [
         ("check",),
-        ("check", "cart.soter", "another"),
+        ("run", "cart.soter", "another"),
+        ("check", "-", "-"),
+        ("help", "chekc"),
+        ("help", "check", "more"),
+        ("completion", "tcsh"),
+        ("cache", "limit", "much"),
         ("check", "cart.soter", "--wrong"),
         ("run", "cart.soter", "--seed", "x"),
         ("run", "cart.soter", "--system", "Nobody"),
@@ -108,12 +116,17 @@ def test_130_an_interrupt(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None
 # ---------------------------------------------------------------- the top level
 
 
-COMMANDS = ("check", "run", "advise", "test", "replay", "build", "explain", "fmt", "new", "measure")
+COMMANDS = tuple(name for name in main.COMMANDS if name != "help")
+CONTRACT = {
+    *("check", "run", "verify", "recheck", "test", "replay", "campaign", "build", "explain"),
+    *("new", "fmt", "advise", "measure", "monitor"),
+}
 
 
 def test_the_help_lists_every_command_of_the_contract(soter: Soter) -> None:
     done = soter("--help")
     assert done.exit == 0
+    assert set(COMMANDS) >= CONTRACT
     for name in COMMANDS:
         assert f"\n  {name} " in done.out
     assert max(map(len, done.out.splitlines())) <= 80
@@ -135,6 +148,23 @@ def test_a_mistyped_command_is_guessed(soter: Soter) -> None:
 def test_the_version(soter: Soter) -> None:
     assert soter("--version").out == f"soter {package.__version__}\n"
     assert soter("--version", "--json").document["version"] == package.__version__
+
+
+def test_v_is_the_version(soter: Soter) -> None:
+    assert soter("-V").out == soter("--version").out
+    assert soter("-V", "--json").document["version"] == package.__version__
+
+
+def test_help_is_a_word_too(soter: Soter) -> None:
+    assert soter("help").out == soter("--help").out
+    assert soter("help", "check").out == soter("check", "--help").out
+    assert soter("help", "check", "--json").document["help"].startswith("usage: soter check")
+    assert soter("help", "--json").document["exit"] == 0
+
+
+def test_the_package_is_a_command(here: Path) -> None:
+    done = run((sys.executable, "-m", "soter", "-V"), cwd=here, capture_output=True, text=True)
+    assert (done.returncode, done.stdout) == (0, f"soter {package.__version__}\n")
 
 
 def test_json_may_stand_before_the_command(soter: Soter) -> None:

@@ -19,7 +19,7 @@ def test_what_it_says(soter: Soter, golden: Golden) -> None:
     golden("cli/new.txt", soter("new", "rover").out)
 
 
-def test_what_it_makes_is_laid_out_and_sound(soter: Soter) -> None:
+def test_what_it_makes_is_laid_out_and_sound(soter: Soter, here: Path) -> None:
     found = soter("new", "my-rover", "--json").document
     assert found["files"] == [
         ".gitignore",
@@ -35,6 +35,17 @@ def test_what_it_makes_is_laid_out_and_sound(soter: Soter) -> None:
     assert checked.err == ""
     assert soter("verify", "my-rover/my-rover.soter").exit == 0
     assert soter("run", "my-rover/my-rover.soter").exit == 0
+    tested = soter("test", "my-rover/my-rover.soter", "--json")
+    assert (tested.exit, tested.document["tests"][0]["coverage"]["switches"]["unreached"]) == (
+        0,
+        [],
+    )
+    path = here / "my-rover" / "my-rover.soter"
+    late = path.read_text().replace("Spare(motion, 0.25) < 0.1", "Spare(motion, 0.05) < -0.4")
+    (here / "late.soter").write_text(late.replace("policy.py", "my-rover/policy.py"))
+    assert soter("test", "late.soter", "--json").exit == 3, (
+        "the test finds a guard that is too late"
+    )
     assert soter("run", "my-rover/my-rover.soter", "--system", "Unguarded").exit == 3
     bound = soter(
         "run", "my-rover/my-rover.soter", "--bind", "Learned=c:my-rover/policy.c:policy_step"

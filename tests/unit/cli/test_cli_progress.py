@@ -3,13 +3,20 @@
 from __future__ import annotations
 
 import io
+import re
+from typing import TYPE_CHECKING
 
 import pytest
 
+from soter.api import load
 from soter.cli.terminal.console import Console, colorful
 from soter.cli.terminal.progress import CLEAR, LineOfProgress, Progress
 from soter.cli.test import progress_text
+from soter.diagnostics.phase import phase, told_to
 from soter.explore.results import Looked
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 class Terminal(io.StringIO):
@@ -52,6 +59,51 @@ def test_a_line_after_two_seconds(clock: list[float]) -> None:
         show(0.51)
         assert terminal.getvalue() == shown, "ten times a second is enough"
     assert terminal.getvalue() == shown + CLEAR
+
+
+def test_the_bar_names_its_phase_and_never_runs_backwards(clock: list[float]) -> None:
+    terminal = Terminal()
+    with Progress(console(terminal)) as show:
+        assert show is not None
+        clock[0] = 10.0
+        phase("Cart: P2b")
+        show(0.5)
+        assert terminal.getvalue().endswith("Cart: P2b")
+        shares = []
+        for n, share in enumerate((0.2, 0.6, 0.1)):
+            clock[0] = 11.0 + n
+            show(share)
+            shares.append(re.findall(r"([0-9]+)%", terminal.getvalue())[-1])
+        assert shares == ["50", "60", "60"]
+        clock[0] = 20.0
+        phase("running S", anew=True)
+        assert terminal.getvalue().endswith("   0%  running S")
+    before = terminal.getvalue()
+    phase("nobody looks")
+    assert terminal.getvalue() == before
+
+
+def test_a_long_line_is_cut_as_only_one_line_can_be_taken_back(
+    clock: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "60")
+    terminal = Terminal()
+    with LineOfProgress(console(terminal)) as show, Progress(console(terminal)) as bar:
+        assert show is not None
+        assert bar is not None
+        clock[0] = 3.0
+        show("x" * 200)
+        phase("y" * 200)
+        lines = terminal.getvalue().split(CLEAR)[1:]
+    assert [len(line) for line in lines] == [59, 59]
+
+
+def test_a_run_tells_what_it_does(here: Path) -> None:
+    assert here.exists()
+    found: list[str] = []
+    with told_to(lambda name, _: found.append(name)):
+        load("cart.soter").simulate(until=1.0)
+    assert found[-1] == "running Protected"
 
 
 def test_colour_follows_the_conventions(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -38,7 +38,10 @@ def steady(text: str) -> str:
     return re.sub(r"\b[0-9a-f]{12}\b", "HASH", text)
 
 
-def test_what_it_says_of_a_proved_module(soter: Soter, here: Path, golden: Golden) -> None:
+def test_what_it_says_of_a_proved_module(
+    soter: Soter, here: Path, golden: Golden, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("COLUMNS", "200")
     done = soter("verify", write(here))
     assert done.exit == 0
     assert "PROVED under 10 assumptions" in done.out

@@ -211,6 +211,7 @@ def test_json_has_the_promised_fields() -> None:
         "end_column": 23,
         "notes": ["a switch could come too late: P1a needs period(SC) <= \u0394"],
         "helps": ["set the node's period to 100ms or less, or raise \u0394 to 150ms"],
+        "fixes": [],
         "labels": [
             {
                 "file": "drone.soter",

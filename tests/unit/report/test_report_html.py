@@ -15,7 +15,7 @@ import pytest
 
 import processes
 from soter.report.errors import ReportError, ReportUnavailableError
-from soter.report.html import POLICY, html_document, write_html
+from soter.report.html import BESIDE, POLICY, html_document, write_html
 from soter.report.run.record import Decision, ReportPage, Violation
 from soter.report.run.wording import headline, prose, value_text
 
@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 ROOT = Path(__file__).parents[3]
 SIZE_MAX_BYTES = 8_000_000
+PAGE_MAX_BYTES = 300_000
+"""Beside a script that is shared."""
 
 
 class Outline(HTMLParser):
@@ -57,10 +59,34 @@ def figures_in(document: str) -> list[dict[str, Any]]:
 
 def test_one_file_holds_everything(city_page: ReportPage, tmp_path: Path) -> None:
     pytest.importorskip("plotly", reason="the extra `report` is not installed")
-    path = write_html(city_page, tmp_path / "deep" / "city.html")
+    path = write_html(city_page, tmp_path / "deep" / "city.html", self_contained=True)
     assert list(path.parent.iterdir()) == [path]
     assert path.stat().st_size < SIZE_MAX_BYTES
     assert "Plotly" in path.read_text(encoding="utf-8")
+
+
+def test_pages_of_a_folder_share_one_script(
+    city_page: ReportPage, cart_page: ReportPage, tmp_path: Path
+) -> None:
+    pytest.importorskip("plotly", reason="the extra `report` is not installed")
+    first, second = (
+        write_html(page, tmp_path / name)
+        for page, name in ((city_page, "city.html"), (cart_page, "cart.html"))
+    )
+    (script,) = set(tmp_path.iterdir()) - {first, second}
+    for path in (first, second):
+        outline = Outline(path.read_text(encoding="utf-8"))
+        assert outline.attributes("src") == [script.name]
+        policy = [a["content"] for tag, a in outline.tags if "http-equiv" in a]
+        assert policy == [BESIDE]
+    assert "http" not in BESIDE
+    assert second.stat().st_size < PAGE_MAX_BYTES
+    before = script.stat().st_mtime_ns
+    write_html(cart_page, second)
+    assert script.stat().st_mtime_ns == before  # it was there
+    script.write_text("half of it")
+    write_html(cart_page, second)
+    assert script.stat().st_size > SIZE_MAX_BYTES / 10
 
 
 @pytest.mark.parametrize("name", ["city_page", "cart_page"])
@@ -197,16 +223,17 @@ def test_the_assets_are_packaged() -> None:
     assert "report/assets/*" in (ROOT / "pyproject.toml").read_text(encoding="utf-8")
 
 
+@pytest.mark.parametrize("alone", [False, True])
 @pytest.mark.parametrize("name", ["city_page", "cart_page"])
 def test_a_browser_draws_every_figure(
-    name: str, request: pytest.FixtureRequest, tmp_path: Path
+    name: str, alone: bool, request: pytest.FixtureRequest, tmp_path: Path
 ) -> None:
     pytest.importorskip("plotly", reason="the extra `report` is not installed")
     browser = shutil.which("chromium") or shutil.which("chromium-browser")
     if browser is None:
         pytest.skip("no chromium on this machine")
     page: ReportPage = request.getfixturevalue(name)
-    path = write_html(page, tmp_path / "report.html")
+    path = write_html(page, tmp_path / "report.html", self_contained=alone)
     flags = "--headless --no-sandbox --disable-gpu --enable-unsafe-swiftshader --disable-quic "
     flags += "--no-first-run --disable-background-networking --disable-component-update "
     flags += "--disable-sync --enable-logging=stderr --virtual-time-budget=10000 --dump-dom"

@@ -21,3 +21,11 @@ def size(count: int) -> str:
         if count >= 0.9995 * factor:
             return f"{count / factor:.{3 if count < 999.5 * factor else 4}g} {unit}"
     return f"{count} bytes"
+
+
+def decimal(count: int) -> str:
+    """A size on a disk, in units of 1000: `481 MB`."""
+    for unit, factor in (("GB", 10**9), ("MB", 10**6), ("kB", 10**3)):
+        if count >= 0.9995 * factor:
+            return f"{count / factor:.3g} {unit}"
+    return f"{count} bytes"

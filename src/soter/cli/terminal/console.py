@@ -10,16 +10,21 @@ from __future__ import annotations
 
 import io
 import os
+import shutil
 import sys
 from contextlib import ExitStack, suppress
 from typing import IO, TYPE_CHECKING
 
+from soter.cli.terminal.plain import PLAIN_ERRORS, draws_no_boxes, plainly
+
 if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
     from contextlib import AbstractContextManager
     from types import TracebackType
 
     from soter.cli.terminal.verdict import Verdict
     from soter.diagnostics.diagnostic import Diagnostic
+    from soter.report.summary import Entry
 
 STYLES = {"bold": "1", "muted": "2", "red": "1;31", "green": "1;32", "yellow": "1;33", "blue": "34"}
 
@@ -35,6 +40,8 @@ class Console:
         self._during = ExitStack()
         self.out: IO[str] | None = sys.stdout
         self.err: IO[str] | None = sys.stderr
+        self._shown_on = self.out
+        self._plain_out = self._plain_err = False
         self.output_error: OSError | None = None
         """Why standard output took no more; a closed pipe is no error."""
         self._saved: IO[str] | None = None
@@ -43,10 +50,11 @@ class Console:
     def __enter__(self) -> Console:  # noqa: PYI034 - typing.Self came with Python 3.11
         for stream in (self.out, self.err):
             with suppress(AttributeError, ValueError, OSError):
-                stream.reconfigure(errors="replace")  # type: ignore[union-attr]
+                stream.reconfigure(errors=PLAIN_ERRORS)  # type: ignore[union-attr]
         self.color_out = colorful(self.out)
         self.color_err = colorful(self.err)
-        self.ascii_only = (
+        self._plain_out, self._plain_err = plain_terminal(self.out), plain_terminal(self.err)
+        self.ascii_only = self._plain_out or (
             not (getattr(self.out, "encoding", None) or "ascii").lower().startswith("utf")
         )
         if self.json:
@@ -83,6 +91,7 @@ class Console:
         """Keep from now on what would be printed: the parent prints it (`apart.py`)."""
         self._verdict = verdict
         self.out = io.StringIO()
+        self._plain_out = False  # the parent sees to it
 
     def hand_over(self, exit_code: int) -> None:
         """Give the parent of this process what is printed, and end; nothing without a parent."""
@@ -110,7 +119,7 @@ class Console:
         """Something beside the result."""
         if self.err is not None:
             with suppress(OSError, ValueError):
-                self.err.write(text + "\n")
+                self.err.write((plainly(text) if self._plain_err else text) + "\n")
                 self.err.flush()
 
     def diagnostics(self, items: tuple[Diagnostic, ...]) -> None:
@@ -125,6 +134,19 @@ class Console:
         known = STYLES.get(style)
         return f"\x1b[{known}m{text}\x1b[0m" if known and self.color_out and text else text
 
+    @property
+    def width(self) -> int | None:
+        """Columns of the terminal, or of $COLUMNS; None where nobody's columns are known."""
+        if not os.environ.get("COLUMNS", "").isdigit() and not is_terminal(self._shown_on):
+            return None
+        return max(shutil.get_terminal_size((80, 24)).columns, 20)
+
+    def table(self, headers: Sequence[str], rows: Iterable[Sequence[Entry]]) -> str:
+        """A table, in colour and no wider than the terminal where it can be."""
+        from soter.report.summary import table  # noqa: PLC0415 - needs NumPy
+
+        return table(headers, rows, color=self.color_out, width=self.width)
+
     def flush(self) -> None:
         """Hand over what is buffered; the outcome stands in `output_error`."""
         if self.out is not None and self.output_error is None:
@@ -137,7 +159,7 @@ class Console:
         if self.out is None or self.output_error is not None:
             return
         try:
-            self.out.write(text)
+            self.out.write(plainly(text) if self._plain_out else text)
         except (OSError, ValueError) as error:
             self._lost(error)
 
@@ -160,7 +182,7 @@ class Console:
                 self.out.flush()
                 kept = os.dup(1)
                 os.dup2(_descriptor(self.err) or _null(), 1)
-                self.out = os.fdopen(kept, "w", encoding="utf-8", errors="replace")
+                self.out = os.fdopen(kept, "w", encoding="utf-8", errors=PLAIN_ERRORS)
                 self._guarded_fd = True
                 return
         sys.stdout = self.err if self.err is not None else sys.stdout
@@ -187,6 +209,11 @@ def colorful(stream: IO[str] | None) -> bool:
     if os.environ.get("FORCE_COLOR"):
         return True
     return is_terminal(stream) and os.environ.get("TERM") != "dumb"
+
+
+def plain_terminal(stream: IO[str] | None) -> bool:
+    """Whether a person looks at the stream by a terminal that draws no boxes."""
+    return is_terminal(stream) and draws_no_boxes(os.environ.get("TERM", ""))
 
 
 def is_terminal(stream: IO[str] | None) -> bool:

@@ -15,6 +15,7 @@ from soter.diagnostics.diagnostic import Diagnostic, Severity
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
+    from soter.cli.terminal.console import Console
     from soter.monitor.logs.result import LogJudgement, ModuleOfLog, Nearest
 
 WIDTH = 100
@@ -32,10 +33,8 @@ def undecided(m: ModuleOfLog) -> Diagnostic:
 # ---------------------------------------------------------------- for people
 
 
-def lines(j: LogJudgement) -> Iterator[str]:
+def lines(j: LogJudgement, console: Console) -> Iterator[str]:
     """The judgement as text."""
-    from soter.report.summary import table  # noqa: PLC0415 - not for --help
-
     samples = ", ".join(f"{name} ({n:,})" if n else name for name, n in j.samples.items())
     yield f"{j.log}  judged on reads from {j.from_s:.3f} s to {j.to_s:.3f} s: {samples}\n"
     head = ("module", "AC", "first switch", "switches", "least to ttf", "least to bounds of safe")
@@ -51,7 +50,7 @@ def lines(j: LogJudgement) -> Iterator[str]:
         for m in j.modules
         if m.decided
     ]
-    yield table(head, rows)
+    yield console.table(head, rows)
     for m in j.modules:
         yield from _of_module(m)
     yield from _of_log(j)

@@ -14,6 +14,7 @@ from soter.diagnostics.diagnostic import Severity
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from soter.cli.ci.found import Found
     from soter.diagnostics.diagnostic import Diagnostic
 
 SCHEMA = 1
@@ -36,6 +37,17 @@ class Outcome:
     exit: int = FINE
     diagnostics: tuple[Diagnostic, ...] = ()
     fields: dict[str, object] = field(default_factory=dict)
+    found: tuple[Found, ...] = ()
+    """Verdicts, for `--format`; diagnostics are added to them."""
+    junit: str = ""
+    """The XML of `--format junit`, where the command has its own."""
+
+    @property
+    def files(self) -> list[str]:
+        """The programs that it is about."""
+        several = self.fields.get("files")
+        entries = several if isinstance(several, list) else [self.fields]
+        return [str(e["file"]) for e in entries if isinstance(e, dict) and "file" in e]
 
     def document(self, command: str | None) -> dict[str, object]:
         """The JSON document."""

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.cli.terminal.real_time import timing_lines
-from soter.report.summary import Entry, Styled, display_width, mode_timeline, table
+from soter.report.summary import Entry, Styled, display_width, mode_timeline
 from soter.semantics.chance.faults import begins
 from soter.simulate.outputs.assumptions import of_run
 from soter.simulate.outputs.figures import component_faults
@@ -39,7 +39,7 @@ def summary(run: Run, path: str, console: Console, *, why: bool = False) -> str:
         [_headline(run, path, console), *_params(run, console), *_verdict(run, console)],
         list(_violations(run, console)),
         list(_faults(run, console)),
-        _on_purpose(run),
+        _on_purpose(run, console),
         timing_lines(run.timing) if run.timing else [],
         [f"{console.paint('yellow', 'note')}  {text}" for text in run.notes],
         _modules(run, console),
@@ -119,7 +119,7 @@ def _faults(run: Run, console: Console) -> Iterator[str]:
             yield console.paint("muted", f"    {said}")
 
 
-def _on_purpose(run: Run) -> list[str]:
+def _on_purpose(run: Run, console: Console) -> list[str]:
     """What the `faults` of the system did in this run."""
     rows: dict[tuple[str, int], tuple[str, ...]] = {}
     until_ns = round(run.reached_s * 1e9)
@@ -136,7 +136,7 @@ def _on_purpose(run: Run) -> list[str]:
     if not rows:
         return []
     heads = ("went wrong on purpose", "times", "first at", "proofs")
-    return [table(heads, list(rows.values()))]
+    return [console.table(heads, list(rows.values()))]
 
 
 def _modules(run: Run, console: Console) -> list[str]:
@@ -149,7 +149,7 @@ def _modules(run: Run, console: Console) -> list[str]:
         rows.append([name, share, m.switches_to_ac, m.switches_to_sc, faults])
     arrow = "->" if console.ascii_only else "→"
     headers = ("module", "AC share", f"SC{arrow}AC", f"AC{arrow}SC", "gate faults")
-    return [table(headers, rows, color=console.color_out)]
+    return [console.table(headers, rows)]
 
 
 def _decisions(run: Run, console: Console) -> Iterator[str]:
@@ -194,7 +194,7 @@ def _modes(run: Run, module: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _grounds(run: Run, console: Console) -> Iterator[str]:
-    lines = of_run(run.system)
+    lines = of_run(run.system, run.proofs)
     if lines:
         yield "rests on"
         for line in lines:

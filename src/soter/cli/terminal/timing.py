@@ -10,7 +10,6 @@ from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from soter.program.model.durations import show_ns
-from soter.report.summary import table
 
 if TYPE_CHECKING:
     from soter.api.timing import ThreadRow, TimingReport
@@ -22,7 +21,7 @@ HEAD = ("thread", "every", "wcet", "jitter", "starts by", "ends by", "slack")
 def say_timing(report: TimingReport, console: Console) -> None:
     """The thread as a table, then what it comes to, and P1c of every module."""
     console.say("")
-    console.say(table(HEAD, [_row(r) for r in report.rows], color=console.color_out))
+    console.say(console.table(HEAD, [_row(r) for r in report.rows]))
     share = 100 * report.busy_ns / report.hyperperiod_ns
     bound = "" if report.exact else ", bounds only"
     lines = [f"the thread of `{report.system}` {_WORDS[report.verdict]}: {share:.1f}% busy{bound}"]

@@ -10,12 +10,14 @@ from abc import ABC, abstractmethod
 from itertools import chain
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import append, replace
 from soter.program.model import typed
 from soter.program.model.types import (
     ERROR,
     FLOAT,
     INT,
     ArrayType,
+    BoolType,
     DurationType,
     ErrorType,
     FloatType,
@@ -27,6 +29,7 @@ from soter.program.model.types import (
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.program.check.context import Context
     from soter.program.check.shared import Because, Shared
@@ -110,9 +113,19 @@ class ExprBase(ABC):
         self.names = shared.names
 
     def unknown(
-        self, name: tree.Name, context: Context, more: Iterable[str] = (), *, dotted: bool = False
+        self,
+        name: tree.Name,
+        context: Context,
+        more: Iterable[str] = (),
+        *,
+        dotted: bool = False,
+        helps: tuple[Help, ...] = (),
+        otherwise: tuple[Help, ...] = (),
     ) -> None:
-        """N001, unless what the name stands for may have been lost."""
+        """N001, unless what the name stands for may have been lost.
+
+        `helps` and `otherwise` as `Names.unknown` has them.
+        """
         if context.broken:
             self.names.losses += 1
             return
@@ -123,13 +136,39 @@ class ExprBase(ABC):
                 f"`{name.text}` is an array of instances",
                 name.span,
                 "which of them is not said",
-                helps=(f"write `{elements[0]}`",),
+                helps=(replace(name.span, elements[0]),),
+            )
+            return
+        gone = context.gone.get(name.text)
+        if gone is not None and not helps:
+            self.names.unknown(
+                context.scope,
+                name.text,
+                name.span,
+                where=context.where,
+                helps=(f"declare it before the block: `var {name.text}: {gone.type};`",),
+                also=((gone.span, "declared here, for the block it stands in"),),
             )
             return
         known = chain(context.local_names(), more, context.instances or ())
         self.names.unknown(
-            context.scope, name.text, name.span, known, where=context.where, dotted=dotted
+            context.scope,
+            name.text,
+            name.span,
+            known,
+            where=context.where,
+            dotted=dotted,
+            helps=helps,
+            otherwise=otherwise,
         )
+
+    def value_of_type(self, name: tree.Name, context: Context) -> tuple[Help, ...]:
+        """The local or topic that a type was taken for: `motion` for `Motion`."""
+        values = [n for n, e in context.scope.entries.items() if e.kind != "type"]
+        for other in chain(context.local_names(), values):
+            if other != name.text and other.casefold() == name.text.casefold():
+                return (replace(name.span, other, f"did you mean `{other}`?"),)
+        return ()
 
     @abstractmethod
     def dispatch(self, expr: tree.Expr, context: Context, expected: Type | None) -> typed.Expr:
@@ -175,7 +214,7 @@ class ExprBase(ABC):
             f"this is `{expr.type}`",
             also=(because,) if because else (),
             notes=(why,) if why else (),
-            helps=_conversion(expected, expr.type),
+            helps=_conversion(expected, expr),
         )
         return error_expr(expr.span)
 
@@ -194,15 +233,27 @@ class ExprBase(ABC):
         return error_expr(expr.span)
 
 
-def _conversion(expected: Type, found: Type) -> tuple[str, ...]:
+def _conversion(expected: Type, expr: typed.Expr) -> tuple[Help, ...]:
+    """What makes a value of one type one of another, most of it as an edit."""
+    found, span = expr.type, expr.span
+    text = span.text
     if isinstance(expected, FloatType) and isinstance(found, IntType):
-        return ("convert it: `float(...)`",)
+        return (replace(span, f"float({text})", "convert it: `float(...)`"),)
     if isinstance(expected, IntType) and isinstance(found, FloatType):
-        return ("convert it: `int(...)` cuts off what is behind the point",)
+        title = "convert it: `int(...)` cuts off what is behind the point"
+        return (replace(span, f"int({text})", title),)
+    if isinstance(expected, BoolType) and isinstance(found, IntType):
+        if isinstance(expr, typed.Literal) and expr.value in (0, 1):
+            return (replace(span, "true" if expr.value else "false"),)
+        if isinstance(expr, typed.Literal):
+            return ()
+        if isinstance(expr, typed.Binary):
+            return (replace(span, f"({text}) != 0", "compare it: `... != 0`"),)
+        return (append(span, " != 0", f"write `{text} != 0`"),)
     if isinstance(expected, DurationType):
         return ("write a time with its unit, such as `10ms`",)
     if isinstance(expected, FloatType) and isinstance(found, DurationType):
-        return ("convert it: `seconds(...)`",)
+        return (replace(span, f"seconds({text})", "convert it: `seconds(...)`"),)
     if isinstance(expected, (ArrayType, ListType)) and expected.element == found:
-        return ("put it into brackets: `[...]`",)
+        return (replace(span, f"[{text}]", "put it into brackets: `[...]`"),)
     return ()

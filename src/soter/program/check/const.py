@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 from soter.program.check.base import error_expr
 from soter.program.check.context import Context
-from soter.program.load.data import DataError, read_data
+from soter.program.load.data import DataError
 from soter.program.load.files import ReadError, near_names
 from soter.program.meaning.arith import FaultKind, StepFault
 from soter.program.meaning.statements import BudgetExceeded, Evaluator
@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
     from soter.program.check.scope import FileScope
     from soter.program.check.shared import Because, Shared
+    from soter.program.load.loader import Reading
     from soter.program.model.types import Type, Value
     from soter.syntax import tree
 
@@ -109,12 +110,13 @@ class Calculator:
 class ConstantChecker:
     """Constant expressions of one program."""
 
-    def __init__(self, shared: Shared, digest: hashlib._Hash) -> None:
+    def __init__(self, shared: Shared, digest: hashlib._Hash, reading: Reading) -> None:
         self.shared = shared
         self.diagnostics = shared.diagnostics
         budgets = (CONSTANT_BUDGET, PROGRAM_BUDGET)
         self.calculator = Calculator(shared.diagnostics, None, budgets)
         self._digest = digest
+        self._reading = reading
 
     def constant(
         self,
@@ -201,7 +203,7 @@ class ConstantChecker:
         assert decl.data is not None
         path = scope.loaded.path.parent / decl.data
         try:
-            value, raw = read_data(path, t, self.diagnostics.tell)
+            value, raw = self._reading.data(path, t, self.diagnostics.tell)
         except ReadError as error:
             if error.missing:
                 self.diagnostics.error(

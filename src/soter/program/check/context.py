@@ -69,6 +69,8 @@ class Context:
     private: dict[str, Variable] = field(default_factory=dict)
     """Locals of a node that its contract cannot speak about."""
     locals: list[dict[str, Variable]] = field(default_factory=list)
+    gone: dict[str, Variable] = field(default_factory=dict)
+    """Locals of blocks that have ended."""
     topics_read: dict[TopicSymbol, None] = field(default_factory=dict)
     """Topics read so far, in order of first use."""
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import the_other_way
 from soter.program.check.base import a_type, is_error, sound
 from soter.program.check.bindings import check_binding, located
 from soter.program.check.context import Context
@@ -192,7 +193,11 @@ class DeclChecker:
             return True
         shown = f"[{show(low.value, low.type)}, {show(high.value, high.type)}]"
         self.diagnostics.error(
-            "V001", f"{shown} is empty", at.span, "the lower bound is above the upper one"
+            "V001",
+            f"{shown} is empty",
+            at.span,
+            "the lower bound is above the upper one",
+            helps=(the_other_way(at.low.span, at.high.span),),
         )
         return False
 
@@ -309,7 +314,7 @@ class DeclChecker:
                     f"`{t}` has no field `{name.text}`",
                     name.span,
                     notes=(f"its fields are {', '.join(f'`{n}`' for n in fields)}",),
-                    helps=self.diagnostics.did_you_mean(name.text, fields),
+                    helps=self.diagnostics.did_you_mean(name.text, fields, name.span),
                 )
             elif name.text in seen:
                 self.diagnostics.error(
@@ -380,7 +385,7 @@ class DeclChecker:
                     notes=(f"its fields are {', '.join(f'`{n}`' for n in fields)}",)
                     if fields
                     else (),
-                    helps=self.diagnostics.did_you_mean(part.text, fields),
+                    helps=self.diagnostics.did_you_mean(part.text, fields, part.span),
                 )
                 return None
             t = t.fields[fields.index(part.text)][1]

@@ -11,10 +11,14 @@ from dataclasses import dataclass, field
 from itertools import chain
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
+from soter.program.check import meant
+
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.program.load.loader import LoadedFile
     from soter.syntax import tree
@@ -179,7 +183,7 @@ class Names:
         `wanted` is the kind of declaration that would do.
         """
         if ref.qualifier is not None:
-            return self.find_in_import(scope, ref.qualifier, ref.name)
+            return self.find_in_import(scope, ref.qualifier, ref.name, wanted)
         name = ref.name.text
         entry = self.find(scope, name)
         if entry is None and (id(scope), name) in self._missing:
@@ -190,11 +194,12 @@ class Names:
         return entry
 
     def find_in_import(
-        self, scope: FileScope, qualifier: tree.Name, name: tree.Name
+        self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str = "name"
     ) -> Entry | None:
         """The entry `qualifier.name`; reports what is wrong."""
         if qualifier.text not in scope.imports:
-            self._no_import(scope, qualifier)
+            if not self._library(scope, qualifier, name, wanted):
+                self._no_import(scope, qualifier)
             return None
         scope.used_imports.add(qualifier.text)
         child = scope.imports[qualifier.text]
@@ -208,13 +213,29 @@ class Names:
                 f"`{qualifier.text}` declares no `{name.text}`",
                 name.span,
                 f"not in `{child.loaded.source.name}`",
-                helps=self.diagnostics.did_you_mean(name.text, child.entries),
+                helps=self.diagnostics.did_you_mean(name.text, child.entries, name.span),
             )
             return None
         entry.used = True
         return entry
 
     # ------------------------------------------------------------ what to say
+
+    def _library(
+        self, scope: FileScope, qualifier: tree.Name, name: tree.Name, wanted: str
+    ) -> bool:
+        """N006 for `math.sin` and the like, which the prelude has; False for anything else."""
+        helps = meant.of_a_library(qualifier, name, wanted)
+        if helps is None or qualifier.text in scope.entries or qualifier.text in scope.broken:
+            return False
+        self.diagnostics.error(
+            "N006",
+            f"there is no `{qualifier.text}.{name.text}`",
+            qualifier.span.to(name.span),
+            notes=("the functions and types of the prelude need no import",),
+            helps=helps,
+        )
+        return True
 
     def _no_import(self, scope: FileScope, qualifier: tree.Name) -> None:
         name = qualifier.text
@@ -232,7 +253,7 @@ class Names:
             )
             return
         self._missing.add((id(scope), name))
-        near = self.diagnostics.did_you_mean(name, scope.imports)
+        near = self.diagnostics.did_you_mean(name, scope.imports, qualifier.span)
         self.diagnostics.error(
             "N006",
             f"there is no import called `{name}`",
@@ -251,8 +272,13 @@ class Names:
         where: str = "",
         *,
         dotted: bool = False,
+        helps: tuple[Help, ...] = (),
+        otherwise: tuple[Help, ...] = (),
+        also: tuple[tuple[Span, str], ...] = (),
     ) -> None:
         """N001 for a name that means nothing here; `more` are local names that would.
+
+        `helps` come before all guesses, `otherwise` where nothing is close.
 
         A declaration that is missing is missed once, and so is what stands before a dot: it may
         be an import.
@@ -263,26 +289,34 @@ class Names:
             return
         if dotted:
             self._missing.add((id(scope), name))
-        helps = self.diagnostics.did_you_mean(name, chain(more, scope.entries))
+        if not helps and kind == "type":
+            helps = meant.a_type(name, span)
+        elif not helps and kind == "name":
+            helps = meant.a_value((e.decl for e in scope.entries.values()), name, span)
         if not helps:
-            helps = self._elsewhere(scope, name)
+            helps = self.diagnostics.did_you_mean(name, chain(more, scope.entries), span)
+        if not helps:
+            helps = self._elsewhere(scope, name, span)
         if not helps:
             public = (n for n in chain(self.prelude, BUILTIN_FUNCTIONS) if not n.startswith("_"))
-            helps = self.diagnostics.did_you_mean(name, public)
+            helps = self.diagnostics.did_you_mean(name, public, span)
         if not helps and name in scope.imports:
             helps = (f"it is an imported file: write `{name}.` and the name it declares",)
+        if not helps:
+            helps = otherwise
         if not helps and kind in EXAMPLES:
             helps = (f"declare it: `{EXAMPLES[kind].format(name)}`",)
         self.diagnostics.error(
-            "N001", f"unknown {kind} `{name}`", span, "not declared", helps=helps
+            "N001", f"unknown {kind} `{name}`", span, "not declared", also=also, helps=helps
         )
 
-    def _elsewhere(self, scope: FileScope, name: str) -> tuple[str, ...]:
+    def _elsewhere(self, scope: FileScope, name: str, span: Span) -> tuple[Help, ...]:
         """A help line for a name that an imported file declares."""
         for qualifier, child in scope.imports.items():
             if child is not None and name in child.entries:
                 scope.used_imports.add(qualifier)
-                return (f"did you mean `{qualifier}.{name}`?",)
+                near = f"{qualifier}.{name}"
+                return (replace(span, near, f"did you mean `{near}`?"),)
         return ()
 
     def first_miss(self, scope: FileScope, name: str, where: str) -> bool:

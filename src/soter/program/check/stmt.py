@@ -8,6 +8,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import insert, replace
+from soter.diagnostics.span import Span
+from soter.program.check import meant
 from soter.program.check.base import error_expr, is_error, plain
 from soter.program.check.context import SPECIALS
 from soter.program.check.scope import BUILTIN_FUNCTIONS
@@ -27,7 +30,7 @@ from soter.syntax import tree
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.fix import Help
     from soter.program.check.context import Context
     from soter.program.check.expressions.expr import ExprChecker
     from soter.program.check.shared import Shared
@@ -50,6 +53,7 @@ class StmtChecker:
         context.locals.append({})
         statements = [self.statement(s, context) for s in block.statements]
         frame = context.locals.pop()
+        context.gone.update(frame)
         if not context.scope.loaded.library:
             self.shared.unused.variables(list(frame.values()))
         return tuple(s for s in statements if s is not None)
@@ -63,7 +67,24 @@ class StmtChecker:
             first.used = True
         variable = typed.Variable(name.text, t, kind, name.span)
         frame[name.text] = variable
+        if kind in ("let", "var") and context.node is not None:
+            self._hides(name, context.node, context)
         return variable
+
+    def _hides(self, name: tree.Name, node: typed.NodeSymbol, context: Context) -> None:
+        """W017 for a local called like a topic that the node subscribes to."""
+        topics = [s.topic for s in node.subscribes]
+        entry = context.scope.entries.get(name.text)
+        hidden = next((t for t in topics if entry is not None and t is entry.symbol), None)
+        if hidden is not None:
+            self.diagnostics.warning(
+                "W017",
+                f"`{name.text}` hides the topic of the same name",
+                name.span,
+                "a local of the step",
+                also=((hidden.span, "the topic"),),
+                helps=(f"give it another name, such as `{name.text}_now`",),
+            )
 
     def statement(self, s: tree.Stmt, context: Context) -> typed.Stmt | None:
         """One statement, or None when it was too broken to keep."""
@@ -138,7 +159,7 @@ class StmtChecker:
             return None
         variable = context.find_local(base.name.text)
         if variable is None:
-            self._not_a_variable(base, context)
+            self._not_a_variable(base, steps, context)
             return None
         if variable.kind not in ASSIGNABLE:
             self._not_assignable(variable, base)
@@ -181,14 +202,14 @@ class StmtChecker:
     def _select_field(self, step: tree.FieldExpr, t: Type) -> tuple[int, Type] | None:
         name = step.field.text
         notes: tuple[str, ...] = ()
-        helps: tuple[str, ...] = ()
+        helps: tuple[Help, ...] = ()
         if isinstance(t, RecordType):
             index = t.index(name)
             if index is not None:
                 return index, t.fields[index][1]
             fields = [n for n, _ in t.fields]
             notes = (f"its fields are {', '.join(f'`{n}`' for n in fields)}",)
-            helps = self.diagnostics.did_you_mean(name, fields)
+            helps = self.diagnostics.did_you_mean(name, fields, step.field.span)
         elif isinstance(t, (ListType, ArrayType)) and name == "len":
             notes = ("the length follows from the elements",)
             helps = ("`push list, value;` adds one",) if isinstance(t, ListType) else ()
@@ -201,7 +222,12 @@ class StmtChecker:
         )
         return None
 
-    def _not_a_variable(self, base: tree.NameExpr, context: Context) -> None:
+    def _not_a_variable(
+        self,
+        base: tree.NameExpr,
+        steps: list[tree.FieldExpr | tree.IndexExpr],
+        context: Context,
+    ) -> None:
         name = base.name.text
         entry = self.shared.names.find(context.scope, name)
         if entry is None and name in (*BUILTIN_FUNCTIONS, *SPECIALS):
@@ -211,11 +237,20 @@ class StmtChecker:
             )
             return
         if entry is None:
-            self.expressions.unknown(base.name, context)
+            helps: tuple[Help, ...] = ()
+            otherwise = () if steps else meant.a_declaration(base.name)
+            if steps and isinstance(steps[-1], tree.FieldExpr):
+                helps = meant.without_object(base.name, steps[-1].field)
+            self.expressions.unknown(base.name, context, helps=helps, otherwise=otherwise)
             return
         if self.shared.resolve(entry, base.span) is None:
             return
-        helps = (f"write `publish {name} = ...;`",) if entry.kind == "topic" else ()
+        helps = ()
+        symbol = entry.symbol
+        if isinstance(symbol, typed.TopicSymbol) and symbol.input:
+            helps = ("an input topic is set by the environment alone: keep the value in a `var`",)
+        elif entry.kind == "topic":
+            helps = (insert(base.span, "publish ", f"write `publish {name} = ...;`"),)
         self.diagnostics.error(
             "T009",
             f"`{name}` is a {entry.kind}: it cannot be assigned",
@@ -230,10 +265,13 @@ class StmtChecker:
             "parameter": "is an argument",
             "loop": "is the variable of a loop",
         }.get(variable.kind, "cannot be assigned here")
-        helps = {
-            "let": ("declare it with `var`",),
-            "parameter": (f"copy it first: `var {variable.name}_now = {variable.name};`",),
-        }.get(variable.kind, ())
+        word = variable.span.source.text[: variable.span.start].rstrip()
+        let = Span(variable.span.source, len(word) - len("let"), len(word))
+        helps: tuple[Help, ...] = ()
+        if variable.kind == "let":
+            helps = (replace(let, "var", "declare it with `var`"),)
+        elif variable.kind == "parameter":
+            helps = (f"copy it first: `var {variable.name}_now = {variable.name};`",)
         self.diagnostics.error(
             "T009",
             f"`{variable.name}` {what}: it never changes",
@@ -289,7 +327,7 @@ class StmtChecker:
                 f"{context.where} does not declare that it publishes `{topic.name}`",
                 s.topic.span,
                 also=((context.node.span, "the node"),),
-                helps=(f"add `{topic.name}` to `publishes`",),
+                helps=(meant.listed_too("publishes", s.topic.text, context.node.span),),
             )
             return None
         self.shared.published.setdefault(context.node, set()).add(topic)
@@ -336,7 +374,14 @@ class StmtChecker:
         return typed.ForRange(s.span, variable, low, high, body)
 
     def _for_each(self, s: tree.ForEachStmt, context: Context) -> typed.Stmt | None:
-        sequence = self.expressions.container(s.sequence, context)
+        counted = meant.a_range(s.sequence)
+        if counted and isinstance(s.sequence, tree.CallExpr):
+            self.diagnostics.error(
+                "T002", "a loop counts over a range", s.sequence.span, helps=counted
+            )
+            sequence = error_expr(s.sequence.span)
+        else:
+            sequence = self.expressions.container(s.sequence, context)
         t = sequence.type
         element: Type = ERROR
         if isinstance(t, (ArrayType, ListType)):

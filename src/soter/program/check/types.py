@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace, the_other_way
 from soter.program.model.table import TABLE_MAX, VALUE_MAX
 from soter.program.model.types import (
     BOOL,
@@ -19,11 +20,14 @@ from soter.program.model.types import (
     ArrayType,
     DurationType,
     ErrorType,
+    FloatType,
     IntType,
     ListType,
     RecordType,
     Type,
     leaf_count,
+    leaves,
+    with_unit,
 )
 from soter.syntax import tree
 
@@ -33,6 +37,8 @@ if TYPE_CHECKING:
     from soter.program.check.scope import FileScope
     from soter.program.check.shared import Shared
 
+UNIT_MAX = 16
+"""Characters of a unit."""
 BUILTIN_TYPES: dict[str, Type] = {
     "bool": BOOL,
     "int": INT,
@@ -72,7 +78,7 @@ class TypeChecker:
                 "`duration` is for constants and parameters only",
                 expr.span,
                 notes=("a running program keeps times as `float` seconds",),
-                helps=("write `float`; `seconds(d)` converts",),
+                helps=(replace(expr.span, "float", "write `float`; `seconds(d)` converts"),),
             )
             return ERROR
         return t
@@ -88,8 +94,26 @@ class TypeChecker:
             return self._bounded(self._record(expr, scope), expr, VALUE_MAX)
         if isinstance(expr, (tree.ArrayTypeExpr, tree.ListTypeExpr)):
             return self._bounded(self._array(expr, scope, most), expr, most)
+        if isinstance(expr, tree.UnitTypeExpr):
+            return self._with_unit(expr, scope, most)
         self.shared.names.losses += 1  # what could not be parsed
         return ERROR
+
+    def _with_unit(self, expr: tree.UnitTypeExpr, scope: FileScope, most: int) -> Type:
+        """T030 where there is no number that could have it, or where it is no short text."""
+        t = self._dispatch(expr.base, scope, most)
+        numbers = any(isinstance(leaf, (FloatType, IntType)) for _, leaf in leaves(t))
+        problem = ""
+        if not isinstance(t, ErrorType) and not numbers:
+            problem = f"`{t}` has no number that a unit could belong to"
+        elif not (1 <= len(expr.unit) <= UNIT_MAX and expr.unit.isprintable()):
+            problem = f"a unit is 1 to {UNIT_MAX} characters that can be seen"
+        if problem:
+            self.diagnostics.error(
+                "T030", problem, expr.unit_span, helps=('a unit is written `float unit "m/s"`',)
+            )
+            return ERROR
+        return with_unit(t, expr.unit)
 
     def _bounded(self, t: Type, expr: tree.TypeExpr, most: int) -> Type:
         """T011 for a type of too many scalars: a value is copied as a whole, a table compiled."""
@@ -127,7 +151,7 @@ class TypeChecker:
                 f"[{low}, {high}] is empty",
                 expr.interval.span,
                 "the lower bound is above the upper one",
-                helps=(f"write `[{high}, {low}]`",),
+                helps=(the_other_way(expr.interval.low.span, expr.interval.high.span),),
             )
             return ERROR
         return IntType(low, high)

@@ -8,8 +8,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import insert, remove
+
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.program.check.scope import FileScope
     from soter.program.model.typed import Variable
@@ -22,9 +25,9 @@ class Unused:
 
     def __init__(self, diagnostics: Diagnostics) -> None:
         self.diagnostics = diagnostics
-        self._waiting: list[tuple[str, str, Span, str, str]] = []
+        self._waiting: list[tuple[str, str, Span, str, Help]] = []
 
-    def add(self, code: str, message: str, span: Span, label: str = "", help_: str = "") -> None:
+    def add(self, code: str, message: str, span: Span, label: str = "", help_: Help = "") -> None:
         """One more, for the end."""
         self._waiting.append((code, message, span, label, help_))
 
@@ -32,9 +35,8 @@ class Unused:
         """W001 for locals that are never read; a leading `_` says that this is meant."""
         for v in variables:
             if not v.used and not v.name.startswith("_"):
-                self.add(
-                    "W001", f"`{v.name}` is never used", v.span, "declared here", _meant(v.name)
-                )
+                meant = _meant(v.name) if v.kind == "var" else _renamed(v.name, v.span)
+                self.add("W001", f"`{v.name}` is never used", v.span, "declared here", meant)
 
     def declarations(self, main: FileScope) -> None:
         """W001 for what the main file declares or imports and nobody mentions.
@@ -48,16 +50,23 @@ class Unused:
             name = entry.decl.name
             if entry.kind not in ROOTS and not entry.used and not name.text.startswith("_"):
                 message = f"{entry.kind} `{name.text}` is never used"
-                self.add("W001", message, name.span, "declared here", _meant(name.text))
+                meant = _renamed(name.text, name.span)
+                self.add("W001", message, name.span, "declared here", meant)
         for imported in main.loaded.file.imports:
             name = imported.name
             if main.imports.get(name.text) is not None and name.text not in main.used_imports:
-                self.add("W001", f"import `{name.text}` is never used", name.span, "", "remove it")
+                whole = remove(imported.span, "remove it")
+                self.add("W001", f"import `{name.text}` is never used", name.span, "", whole)
 
     def report(self) -> None:
         """Say them; `explore/engine/engine.py` leaves them out where there are errors."""
         for code, message, span, label, help_ in self._waiting:
             self.diagnostics.warning(code, message, span, label, helps=(help_,) if help_ else ())
+
+
+def _renamed(name: str, span: Span) -> Help:
+    """For what nothing mentions: its own place is the only one."""
+    return insert(span, "_", _meant(name))
 
 
 def _meant(name: str) -> str:

@@ -11,12 +11,14 @@ import math
 from typing import TYPE_CHECKING
 
 from soter.program.flatten.deployment.deployed import check_external
+from soter.program.flatten.drivers import as_input, would_drive
 from soter.program.model.durations import show_ns
 from soter.program.model.system import modules_above
 from soter.program.model.walk import topic_reads
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.program.model.system import Component, Module, System, Topic
     from soter.program.model.typed import NodeSymbol, SystemSymbol, TopicSymbol
@@ -115,6 +117,7 @@ class Composition:
         if self.draft and self.partial:
             return  # a module that could not be read may own one of them
         second, first = found[1], found[0]
+        inner = topic.symbol.name.rpartition(".")[2]
         both_modules = first != second and all(who.startswith("module") for who, _ in found)
         by = f"by {first[0]} and {second[0]}" if first != second else f"twice by {first[0]}"
         others = [(span, who) for who, span in found[2:DRIVERS_SHOWN]]
@@ -131,7 +134,7 @@ class Composition:
             note="modules are composed only if their outputs are disjoint"
             if both_modules
             else "a topic has exactly one driver",
-            helps=("give one of them a topic of its own, or wire it: `{ topic = other }`",),
+            helps=(f"give one of them a topic of its own, or wire it: `{{ {inner} = other }}`",),
         )
 
     def _report(
@@ -143,7 +146,7 @@ class Composition:
         *,
         also: tuple[tuple[Span, str], ...],
         note: str,
-        helps: tuple[str, ...],
+        helps: tuple[Help, ...],
     ) -> None:
         """An error; in a draft with a word about files that others import.
 
@@ -240,23 +243,37 @@ class Composition:
             return
         if self.partial:
             return
+        if self._differs_in_a_module(index):
+            return
         also: tuple[tuple[Span, str], ...] = ((topic.symbol.span, "declared here"),)
-        publisher = "add the node or plant that publishes it"
+        publisher: tuple[Help, ...] = ("add the node or plant that publishes it",)
+        place, label = span, "read here"
         if not self.draft:
             also = (*also, (self.symbol.span, "in this system"))
-            publisher += f" to system `{self.symbol.name}`"
+            publisher = (f"add the node or plant that publishes it to system `{self.symbol.name}`",)
+            missing = would_drive(self.system.program, self.symbol, topic)
+            if missing:
+                place, label = self.symbol.span, f"nothing in it drives `{topic.name}`"
+                also = ((span, "read here"), (topic.symbol.span, "declared here"))
+                publisher = missing
         self._report(
             "M005",
             f"{reader} reads `{topic.name}`, which nobody drives",
-            span,
-            "read here",
+            place,
+            label,
             also=also,
             note="",
-            helps=(
-                f"if the environment sets it, declare `input topic {topic.symbol.name}`",
-                publisher,
-            ),
+            helps=(*as_input(self.system.program, topic), *publisher),
         )
+
+    def _differs_in_a_module(self, index: int) -> bool:
+        """Whether only one controller of a module publishes it, which is said of the module."""
+        for m in self.system.modules:
+            differ = {*m.symbol.ac.publishes} ^ {*m.symbol.sc.publishes}
+            scopes = [self.system.components[c].scope.topics for c in (m.ac, m.sc)]
+            if any(topics.get(t) == index for t in differ for topics in scopes):
+                return True
+        return False
 
     # ------------------------------------------------------------ nodes of modules
 

@@ -10,6 +10,7 @@ import math
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import the_other_way
 from soter.program.check.const import Calculator
 from soter.program.check.parts.node import UNKNOWN
 from soter.program.flatten.parameters import Parameters
@@ -160,7 +161,11 @@ class Numbers:
             return None
         if a > b:
             self.diagnostics.error(
-                "V001", f"{shown} is empty", span, "the lower bound is above the upper one"
+                "V001",
+                f"{shown} is empty",
+                span,
+                "the lower bound is above the upper one",
+                helps=(the_other_way(low.span, high.span),),
             )
             return None
         return a, b

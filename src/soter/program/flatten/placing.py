@@ -223,7 +223,7 @@ class Placing(Numbers):
             f"this system has no {what} `{path}` to replace",
             span,
             notes=(f"its {there} are {listed(known)}",) if known else (),
-            helps=self.diagnostics.did_you_mean(path, known),
+            helps=self.diagnostics.did_you_mean(path, known, span),
         )
 
     def _controllers(

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import the_other_way
 from soter.program.model.durations import write_ns
 from soter.program.model.system import Topic
 from soter.program.model.types import BOOL, INT, RecordType, default_value
@@ -42,6 +43,7 @@ def may_take(
             f"[{write_ns(low)}, {write_ns(high)}] is empty",
             span,
             "the lower bound is above the upper one",
+            helps=(the_other_way(node.takes[0].span, node.takes[1].span),),
         )
         return
     for message, note, help_ in _reasons(node, role):

@@ -15,16 +15,45 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostics
 from soter.diagnostics.source import Source
+from soter.program.load.data import read_data
 from soter.program.load.files import ReadError, near_names, read_bytes
 from soter.syntax.parser import parse
 
 if TYPE_CHECKING:
+    from collections.abc import Callable
+
     from soter.diagnostics.span import Span
+    from soter.program.model.types import Type, Value
     from soter.syntax import tree
 
 MAX_FILE_BYTES = 4 * 1024 * 1024
 MAX_NAMES_IN_CYCLE = 8
 PRELUDE_DIR = Path(__file__).resolve().parents[2] / "prelude"
+
+
+class Reading:
+    """How the files of a program are read: from the disk, each time anew.
+
+    An editor's (`lsp/overlay.py`) knows texts that are not saved, and remembers what it parsed.
+    """
+
+    def text(
+        self, path: Path, shown: str, diagnostics: Diagnostics, span: Span | None = None
+    ) -> str | None:
+        """The text of a source file; None, with a diagnostic, where it cannot be had."""
+        return read_text(path, shown, diagnostics, span)
+
+    def parsed(self, shown: str, text: str, diagnostics: Diagnostics) -> tuple[Source, tree.File]:
+        """The tree of a text, and the source that its spans are of."""
+        source = Source(shown, text)
+        return source, parse(source, diagnostics)
+
+    def data(self, path: Path, t: Type, tell: Callable[[str], None]) -> tuple[Value, bytes]:
+        """`read_data`: the value in a data file and the file's bytes; raises the same."""
+        return read_data(path, t, tell)
+
+
+FROM_DISK = Reading()
 
 
 @dataclass(eq=False)
@@ -50,6 +79,8 @@ class LoadedProgram:
     files: list[LoadedFile]
     prelude: list[LoadedFile]
     digest: hashlib._Hash
+    reading: Reading = FROM_DISK
+    """How it was read, and data files are."""
 
 
 def read_text(
@@ -77,18 +108,20 @@ def read_text(
         return None
 
 
-def load(path: str, diagnostics: Diagnostics, text: str | None = None) -> LoadedProgram | None:
+def load(
+    path: str, diagnostics: Diagnostics, text: str | None = None, reading: Reading = FROM_DISK
+) -> LoadedProgram | None:
     """Load `path` (or `text` in its place) and all it imports; None when nothing was read."""
     main_path = Path(path)
     if text is None:
-        text = read_text(main_path, path, diagnostics)
+        text = reading.text(main_path, path, diagnostics)
         if text is None:
             return None
-    loader = _Loader(diagnostics)
+    loader = _Loader(diagnostics, reading)
     prelude = [loader.prelude(p) for p in _prelude_paths()]
     main = loader.file(main_path, path, text, prefix="", library=False)
     loader.follow_imports(main)
-    return LoadedProgram(main, loader.files, prelude, loader.digest)
+    return LoadedProgram(main, loader.files, prelude, loader.digest, reading)
 
 
 @cache
@@ -111,8 +144,9 @@ def _prelude_file(path: Path) -> LoadedFile:
 class _Loader:
     """Loads each file once, however often it is imported."""
 
-    def __init__(self, diagnostics: Diagnostics) -> None:
+    def __init__(self, diagnostics: Diagnostics, reading: Reading) -> None:
         self.diagnostics = diagnostics
+        self.reading = reading
         self.digest = hashlib.sha256(b"soter 1\0")
         self.files: list[LoadedFile] = []
         self._by_path: dict[Path, LoadedFile] = {}
@@ -125,8 +159,8 @@ class _Loader:
 
     def file(self, path: Path, shown: str, text: str, *, prefix: str, library: bool) -> LoadedFile:
         self._hash(prefix, text)
-        source = Source(shown, text)
-        loaded = LoadedFile(path, source, parse(source, self.diagnostics), prefix, library)
+        source, parsed = self.reading.parsed(shown, text, self.diagnostics)
+        loaded = LoadedFile(path, source, parsed, prefix, library)
         self.files.append(loaded)
         self._by_path[_resolved(path)] = loaded
         return loaded
@@ -178,7 +212,7 @@ class _Loader:
         if known is not None:
             return known, False
         shown = str(path)
-        text = read_text(path, shown, self.diagnostics, imported.path_span)
+        text = self.reading.text(path, shown, self.diagnostics, imported.path_span)
         if text is None:
             return None, False
         prefix = self._prefix(imported.name.text)

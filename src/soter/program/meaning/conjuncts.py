@@ -24,7 +24,7 @@ def conjuncts(predicate: typed.Expr) -> list[typed.Expr]:
 
 def disjuncts(predicate: typed.Expr) -> list[typed.Expr]:
     """Expressions whose disjunction is the predicate: `a || b`, and `!e` by the parts of e."""
-    inner = _returned(predicate) if isinstance(predicate, typed.Call) else None
+    inner = returned(predicate) if isinstance(predicate, typed.Call) else None
     if inner is not None and len(found := disjuncts(inner)) > 1:
         return found
     if isinstance(predicate, typed.Binary) and predicate.op == "||":
@@ -38,13 +38,13 @@ def _parts(e: typed.Expr) -> list[typed.Expr]:
     if isinstance(e, typed.Binary) and e.op == "&&":
         return [*_parts(e.left), *_parts(e.right)]
     if isinstance(e, typed.Call):
-        inner = _returned(e)
+        inner = returned(e)
         if inner is not None and len(found := _parts(inner)) > 1:
             return found
     return [e]
 
 
-def _returned(call: typed.Call) -> typed.Expr | None:
+def returned(call: typed.Call) -> typed.Expr | None:
     """What a call stands for, where the function is nothing but one `return`."""
     body = call.fun.body
     if body is None or len(body) != 1 or not isinstance(body[0], typed.Return):

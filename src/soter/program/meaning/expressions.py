@@ -99,14 +99,14 @@ class ExpressionEvaluator(ABC):
     def function(self, fun: t.FunSymbol) -> Callable[[Environment, Sequence[Value]], Value]:
         """`(environment, arguments) -> value` of a function with a body."""
 
-    def value(self, expr: t.Expr) -> Value:
-        """The value of a closed expression; raises `StepFault` or `BudgetExceeded`.
+    def value(self, expr: t.Expr, env: Environment | None = None) -> Value:
+        """The value of a closed expression, or at `env`; raises `StepFault` or `BudgetExceeded`.
 
         Calls that nest deeper than Python's stack exceed any budget.
         """
         self._left, self._reserve = 0, self._budget or 0
         try:
-            return self.expression(expr)(Environment())
+            return self.expression(expr)(env or Environment())
         except RecursionError:
             raise BudgetExceeded from None
 

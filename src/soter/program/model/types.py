@@ -10,7 +10,7 @@ list -> tuple of at most `capacity` elements.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -38,10 +38,14 @@ class BoolType(Type):
 
 @dataclass(frozen=True, slots=True)
 class IntType(Type):
-    """`int`, or `int in [low, high]`, which is stored packed; arithmetic is on 64 bits."""
+    """`int`, or `int in [low, high]`, which is stored packed; arithmetic is on 64 bits.
+
+    `unit`: what it counts, for people; types that differ in it only are the same.
+    """
 
     low: int = INT_MIN
     high: int = INT_MAX
+    unit: str = field(default="", compare=False, repr=False)
 
     def __str__(self) -> str:
         return "int" if self.is_full else f"int in [{self.low}, {self.high}]"
@@ -54,7 +58,9 @@ class IntType(Type):
 
 @dataclass(frozen=True, slots=True)
 class FloatType(Type):
-    """`float`: binary64."""
+    """`float`: binary64. `unit` as of `IntType`."""
+
+    unit: str = field(default="", compare=False, repr=False)
 
     def __str__(self) -> str:
         return "float"
@@ -164,6 +170,17 @@ def default_value(t: Type) -> Value:
         return ()
     msg = f"no default for {t}"
     raise AssertionError(msg)
+
+
+def with_unit(t: Type, unit: str) -> Type:
+    """The same type, in which every number without a unit has this one."""
+    if isinstance(t, (FloatType, IntType)):
+        return t if t.unit else replace(t, unit=unit)
+    if isinstance(t, RecordType):
+        return replace(t, fields=tuple((n, with_unit(f, unit)) for n, f in t.fields))
+    if isinstance(t, (ArrayType, ListType)):
+        return replace(t, element=with_unit(t.element, unit))
+    return t
 
 
 def is_vector(t: Type) -> bool:

@@ -20,6 +20,8 @@ _SKIPPED = {"type", "span", "fun", "param", "topic", "module", "variable"}
 def children(node: object) -> list[object]:
     """Direct typed sub-nodes of an expression, statement or place, in written order."""
     found: list[object] = []
+    if isinstance(node, typed.Literal):
+        return found  # its value may be large, and is no code
     for name in getattr(node, "__dataclass_fields__", {}):
         if name in _SKIPPED:
             continue

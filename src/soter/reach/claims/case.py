@@ -17,6 +17,7 @@ from abc import ABC, abstractmethod
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.phase import phase
 from soter.reach.claims.results import CaseSets, GroupResult
 
 if TYPE_CHECKING:
@@ -300,6 +301,7 @@ class Clock:
         self.began = 0.0
 
     def __enter__(self) -> None:
+        phase(f"{self.case.problem.name}: {self.claim}")
         self.began = time.perf_counter()
 
     def __exit__(self, *_: object) -> None:

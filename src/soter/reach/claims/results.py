@@ -339,6 +339,18 @@ class VerifyReport:
         promised = (g.by for g in self.coverage.guarantees if g.how == "guaranteed")
         return self.verdict if proved.issuperset(promised) or self.verdict != PROVED else ASSUMED
 
+    def _repr_html_(self) -> str:
+        from soter.report.notebook import shown  # noqa: PLC0415 - in notebooks only
+
+        rows = [
+            (m.name, name, f.verdict, f.text)
+            for m in self.modules
+            for name, f in m.findings.items()
+        ]
+        count = sum(len(m.problem.assumptions) for m in self.modules)
+        head = f"{self.path} {self.system}: {self.verdict} under {count} assumptions"
+        return shown(head, ("module", "property", "verdict", "how"), rows)
+
     @property
     def said(self) -> dict[str, str]:
         """What each module keeps: its `safe`, as it is written, by the module's name."""

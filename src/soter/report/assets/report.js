@@ -64,6 +64,9 @@
     const style = window.getComputedStyle(document.documentElement);
     const data = figure.data.map((trace) => {
       const { group, ...rest } = themed(trace, style);
+      if (rest.x && rest.x.of !== undefined) {
+        rest.x = figure.data[rest.x.of].x; // written once for all traces of a figure
+      }
       return { ...rest, visible: isShown(trace) };
     });
     const layout = themed(figure.layout, style);
@@ -120,11 +123,44 @@
     drawAll();
   });
 
+  // The diagram: whoever is in control of a module at the time of the slider is lit up.
+  const moment = document.getElementById("moment");
+  if (moment) {
+    const modules = JSON.parse(moment.dataset.modes);
+    const shown = moment.parentElement.querySelector("output");
+    const boxes = (name) =>
+      [...document.querySelectorAll("[data-component]")].filter((e) =>
+        e.dataset.component.split(" ").includes(name)
+      );
+    const light = () => {
+      const t = Number(moment.value);
+      shown.textContent = t.toFixed(2) + " s";
+      for (const { ac, sc, changes } of modules) {
+        const last = changes.findLastIndex(([since]) => since <= t);
+        const inControl = last < 0 ? 0 : changes[last][1];
+        boxes(ac).forEach((e) => e.classList.toggle("on", inControl === 1));
+        boxes(sc).forEach((e) => e.classList.toggle("on", inControl === 0));
+      }
+    };
+    moment.addEventListener("input", light);
+    light();
+  }
+
   let pending = 0;
   window.addEventListener("resize", () => {
     window.clearTimeout(pending);
     pending = window.setTimeout(drawAll, 120);
   });
   dark.addEventListener("change", drawAll);
+  if (typeof Plotly === "undefined") {
+    for (const place of document.querySelectorAll(".plot")) {
+      place.textContent =
+        "Not drawn: the file soter-plotly-….js has to lie beside this page. " +
+        "A page that needs none: soter run … --report --self-contained";
+      place.className = "note";
+      place.style.height = "auto";
+    }
+    return;
+  }
   drawAll();
 })();

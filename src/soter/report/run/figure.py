@@ -27,6 +27,8 @@ if TYPE_CHECKING:
 Json = dict[str, object]
 
 AC_COLOUR, SC_COLOUR = "@ac", "@sc"
+SHARED_MIN = 50
+"""Longer lists of x are written once."""
 TUBE_GROUP = "tubes"
 PLAN_GROUP, REFUSED_GROUP = "plans", "refused"
 
@@ -41,14 +43,33 @@ class Figure:
     layout: Json
 
     def to_json(self) -> Json:
-        """Return what the page's script hands to the drawing library."""
-        return {"key": self.key, "data": list(self.data), "layout": self.layout}
+        """Return what the page's script hands to the drawing library.
+
+        Where traces have the same x, the later ones say whose.
+        """
+        first: dict[tuple[object, ...], int] = {}
+        data: list[Json] = []
+        for i, trace in enumerate(self.data):
+            x = trace.get("x")
+            same = (
+                first.setdefault(tuple(x), i) if isinstance(x, list) and len(x) > SHARED_MIN else i
+            )
+            data.append(trace if same == i else {**trace, "x": {"of": same}})
+        return {"key": self.key, "data": data, "layout": self.layout}
 
 
 def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
     """Return (N,) values for JSON, rounded; what is not finite becomes null, a gap in a line."""
     rounded = np.round(values.astype(np.float64), digits) + 0.0
     return [value if np.isfinite(value) else None for value in rounded.tolist()]
+
+
+def digits_of(values: NDArray[np.float64]) -> int:
+    """How many digits behind the point a drawing of (N,) values needs: a 10,000th of its span."""
+    finite = values[np.isfinite(values)]
+    span = float(np.ptp(finite)) if finite.size else 0.0
+    span = span or (float(np.abs(finite).max()) if finite.size else 0.0)
+    return 5 if span <= 0.0 else int(np.clip(4 - np.floor(np.log10(span)), 0, 12))
 
 
 def arm_group(name: str) -> str:

@@ -21,6 +21,7 @@ from soter.report.run.figure import (
     change_text,
     predicates_text,
 )
+from soter.report.run.program import program_section
 from soter.report.run.record import Flight
 from soter.report.run.thumbnail import flight_thumbnail, mode_bar
 from soter.report.run.timeline import chart_timeline, flight_timeline
@@ -60,6 +61,7 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
         _city(page, drawn),
         _timelines(page, drawn),
         _charts(page, drawn),
+        program_section(page.picture, page.charts),
         _violations([*page.flights, *page.charts]),
         _decisions([*page.flights, *page.charts]),
         _assumptions(page.assumptions),

@@ -219,13 +219,24 @@ class Comparison:
                 )
 
 
+@dataclass(frozen=True)
+class Picture:
+    """A drawing of the program: `svg`, and of each module (name, component AC, component SC).
+
+    Elements of the SVG with a component's name in `data-component` are lit up by who is in control.
+    """
+
+    svg: str
+    modules: tuple[tuple[str, str, str], ...] = ()
+
+
 @dataclass(frozen=True, eq=False)
 class ReportPage:
     """Everything one report shows.
 
     `headline` is the result in a sentence; where empty it is composed from the summaries.
     `assumptions`: what the result rests on, one text each. `provenance`: program hash, seed,
-    tool versions, command line ..., shown in this order.
+    tool versions, command line ..., shown in this order. `picture`: with modes of the first chart.
     """
 
     title: str
@@ -237,6 +248,7 @@ class ReportPage:
     charts: tuple[Chart, ...] = ()
     assumptions: tuple[str, ...] = ()
     provenance: Mapping[str, str] = field(default_factory=dict)
+    picture: Picture | None = None
 
     def __post_init__(self) -> None:
         if self.flights and self.scene is None:

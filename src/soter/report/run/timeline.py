@@ -20,6 +20,7 @@ from soter.report.run.figure import (
     axis,
     crowded,
     decision_hover,
+    digits_of,
     giveback_dot,
     layout,
     line,
@@ -29,6 +30,7 @@ from soter.report.run.figure import (
     violation_hover,
 )
 from soter.report.run.trajectory import (
+    POINTS_MAX,
     by_controller,
     flight_indices,
     givebacks,
@@ -49,6 +51,8 @@ if TYPE_CHECKING:
 
 BAND_PX, PANEL_PX, GAP_PX, MARGIN_PX = 16, 132, 30, 62
 MARGIN_TOP_PX = 20
+NUMBERS_MAX, POINTS_MIN = 20_000, 500
+"""Numbers of all signals of a chart together, and points of one at least: pages stay light."""
 LABEL_SHARE = 0.2
 """Part of a panel's height that the label of a level needs above it."""
 MINUS = "\N{MINUS SIGN}"
@@ -154,10 +158,9 @@ def chart_timeline(chart: Chart, key: str, *, end_s: float) -> Figure:
         data += _panel(stack, row, chart, series, chosen)
         stack.add_axis(row, nticks=5, **_range(series))
         notes.append(_panel_name(stack, row, title))
-        for each in series:
-            for threshold in each.thresholds:
-                shapes.append(_level(stack, row, threshold.value))
-                notes.append(_level_name(stack, row, threshold.label, threshold.value))
+        for value, label in _levels(series).items():
+            shapes.append(_level(stack, row, value))
+            notes.append(_level_name(stack, row, label, value))
     return Figure(
         key,
         f"{chart.title}: mode and signals over time",
@@ -208,7 +211,8 @@ def _chart_indices(chart: Chart) -> NDArray[np.intp]:
     for series in chart.series:
         extremes = (lowest(series.values), lowest(-series.values))
         keep += [index for index in extremes if index is not None]
-    return thin(len(chart.time_s), keep)
+    points_max = min(POINTS_MAX, max(NUMBERS_MAX // max(len(chart.series), 1), POINTS_MIN))
+    return thin(len(chart.time_s), keep, points_max=points_max)
 
 
 def _panel(
@@ -227,7 +231,7 @@ def _panel(
                 "type": "scatter",
                 "mode": "lines",
                 "x": numbers(chart.time_s[chosen], 4),
-                "y": numbers(each.values[chosen], 5),
+                "y": numbers(each.values[chosen], digits_of(each.values)),
                 "yaxis": stack.name(row),
                 "line": line(colour, 1.8 if dash == "solid" else 1.3, dash),
                 "hovertemplate": f"{escape(each.name)} = %{{y:.4g}}{escape(unit)}"
@@ -308,6 +312,16 @@ def _rectangle(
         "line": {"width": 0},
         "layer": "below",
     }
+
+
+def _levels(series: Sequence[Series]) -> dict[float, str]:
+    """The levels of a panel, each once, with everybody's label for it."""
+    found: dict[float, list[str]] = {}
+    for each in series:
+        for threshold in each.thresholds:
+            labels = found.setdefault(threshold.value, [])
+            labels += [s for s in threshold.label.split(", ") if s not in labels]
+    return {value: ", ".join(labels) for value, labels in found.items()}
 
 
 def _level(stack: _Stack, row: int, value: float) -> Json:

@@ -32,11 +32,17 @@ CELL_MAX = 64
 
 
 def text(
-    view: SequenceView, *, color: bool = False, cell_max: int = CELL_MAX, most: int = 0
+    view: SequenceView,
+    *,
+    color: bool = False,
+    cell_max: int = CELL_MAX,
+    most: int = 0,
+    width: int | None = None,
 ) -> list[str]:
     """Return the lines to print: a table with a row a step, then why the property fails.
 
-    Of more than `most` steps (0: any number) the first and the last ones.
+    Of more than `most` steps (0: any number) the first and the last ones. `width`: columns of the
+    terminal, where they are known.
     """
     made = rows(view, cell_max=cell_max)
     left_out = len(made) - most if 0 < most < len(made) else 0
@@ -44,7 +50,7 @@ def text(
         first = most // 4
         gap = Styled(f"... {left_out:,} steps left out", "muted")
         made[first : first + left_out] = [[_NOTHING, _NOTHING, _NOTHING, gap, _NOTHING, _NOTHING]]
-    lines = table(HEADERS, made, color=color).splitlines()
+    lines = table(HEADERS, made, color=color, width=width).splitlines()
     matter = matter_text(view).replace(" matter:", f" matter ({MATTERS}):")
     said = [line for line in (explanation(view), matter) if line]
     return [*lines, "", *said] if said else lines

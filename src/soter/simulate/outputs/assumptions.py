@@ -12,6 +12,9 @@ from typing import TYPE_CHECKING
 from soter.program.flatten.elaborate import show_ns
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.program.model.proofs import Proof
     from soter.program.model.system import Component, Module, System
 
 PROVED = ("P1a", "P1b")
@@ -24,15 +27,25 @@ def verdicts(module: Module) -> dict[str, str]:
     return {**dict.fromkeys(PROVED, "proved"), **dict.fromkeys(ASSUMED, "assumed")}
 
 
-def unproved(system: System) -> list[str]:
-    """What is taken for granted about code: modules that may switch, externs that are trusted."""
+def unproved(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
+    """What is taken for granted about code: modules that may switch, externs that are trusted.
+
+    `proofs`: by module, where exactly this system was verified.
+    """
+    proofs = proofs or {}
     free = [m for m in system.modules if m.forced is None]
-    found = []
+    found = [_proved(m.name, proofs[m.name]) for m in free if m.name in proofs]
     stacked = {i for m in free if m.over is not None for i in (m.index, m.over)}
     assumed = f"{' '.join(ASSUMED)} assumed, not checked"
     for which, why in (
-        ([m for m in free if m.index not in stacked], _who_checks(system)),
-        ([m for m in free if m.index in stacked], "(modules above each other are not proved)"),
+        (
+            [m for m in free if m.index not in stacked and m.name not in proofs],
+            _who_checks(system),
+        ),
+        (
+            [m for m in free if m.index in stacked and m.name not in proofs],
+            "(modules above each other are not proved)",
+        ),
     ):
         if which:
             found.append(f"{', '.join(m.name for m in which)}: {assumed} {why}")
@@ -47,6 +60,21 @@ def unproved(system: System) -> list[str]:
                 "from the plants and the grid of its `verify` block"
             )
     return found
+
+
+def _proved(name: str, proof: Proof) -> str:
+    """What is known of a module, and what is still taken for granted."""
+    count = len(proof.assumptions)
+    parts = []
+    if shown := proof.of("proved", *ASSUMED):
+        under = f"under {count} assumption{'' if count == 1 else 's'}"
+        parts.append(f"{' '.join(shown)} proved {under} (by `soter verify`, of exactly this)")
+    if taken := proof.of("assumed", *ASSUMED):
+        parts.append(f"{' '.join(taken)} assumed")
+    open_ = [(verdict, proof.of(verdict)) for verdict in ("undecided", "refuted")]
+    parts += [f"{' '.join(missing)} {verdict}" for verdict, missing in open_ if missing]
+    safe = ": not a proof of safety" if proof.open else ""
+    return f"{name}: {', '.join(parts)}{safe}"
 
 
 def _who_checks(system: System) -> str:
@@ -113,9 +141,9 @@ def of_faults(system: System) -> list[str]:
     return found
 
 
-def of_run(system: System) -> list[str]:
-    """Everything a run of this system rests on."""
-    taken = [*unproved(system), *forced(system), *of_steps(system), *of_environment(system)]
+def of_run(system: System, proofs: Mapping[str, Proof] | None = None) -> list[str]:
+    """Everything a run of this system rests on; `proofs` as of `unproved`."""
+    taken = [*unproved(system, proofs), *forced(system), *of_steps(system), *of_environment(system)]
     return [*taken, *of_faults(system)]
 
 

@@ -53,6 +53,10 @@ def run_figures(run: Run) -> dict[str, object]:
             }
             for name, m in run.modules.items()
         },
+        "proofs": {
+            name: {"properties": p.verdicts, "assumptions": list(p.assumptions)}
+            for name, p in run.proofs.items()
+        },
         "mode_changes": [
             {
                 "time_s": d.time_ns / 1e9,

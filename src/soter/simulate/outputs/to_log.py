@@ -258,7 +258,8 @@ def _schema(t: Type) -> JsonSchema:
     if isinstance(t, EnumType):
         return enum_schema(t.members)
     scalars: dict[type, JsonSchema] = {FloatType: NUMBER, IntType: INTEGER, BoolType: BOOLEAN}
-    return scalars[type(t)]
+    unit = t.unit if isinstance(t, (FloatType, IntType)) else ""
+    return {**scalars[type(t)], "unit": unit} if unit else scalars[type(t)]
 
 
 def _told(system: System) -> list[Topic]:

@@ -7,20 +7,25 @@ Non-goals: geometry. An example that moves through a scene fills the records its
 
 from __future__ import annotations
 
+from dataclasses import replace
 from importlib.util import find_spec
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagram.picture import picture
 from soter.lower.layout import group_field
-from soter.program.model.types import BoolType, FloatType, IntType, RecordType
+from soter.program.meaning.limits import limits
+from soter.program.model import typed
+from soter.program.model.types import BoolType, FloatType, IntType, RecordType, leaves
 from soter.report.errors import ReportError
 from soter.report.html import write_html
 from soter.report.run.record import (
     Chart,
     Decision,
     ModeBand,
+    Picture,
     ReportPage,
     Series,
     Threshold,
@@ -35,6 +40,7 @@ if TYPE_CHECKING:
 
     import numpy.typing as npt
 
+    from soter.program.model.system import System
     from soter.program.model.types import Type
     from soter.simulate.result import Run
 
@@ -61,12 +67,23 @@ def require_report_package() -> None:
         )
 
 
-def write_report(run: Run, path: str | Path, title: str, provenance: Mapping[str, str]) -> Path:
-    """Write the report of a traced run; SoterError D006 where it cannot be written."""
+def write_report(
+    run: Run,
+    path: str | Path,
+    title: str,
+    provenance: Mapping[str, str],
+    *,
+    self_contained: bool = False,
+) -> Path:
+    """Write the report of a traced run; SoterError D006 where it cannot be written.
+
+    With `self_contained` it needs no script beside it.
+    """
     run.require_trace()
     require_report_package()
     try:
-        return write_html(report_page(run, title, provenance), path)
+        page = report_page(run, title, provenance)
+        return write_html(page, path, self_contained=self_contained)
     except ReportError as error:
         raise SoterError((Diagnostic("D006", str(error)),)) from error
 
@@ -78,9 +95,18 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}",
         charts=(chart,),
-        assumptions=(*run.notes, *of_run(run.system)),
+        assumptions=(*run.notes, *of_run(run.system, run.proofs)),
         provenance=dict(provenance),
+        picture=_picture(run.system),
     )
+
+
+def _picture(system: System) -> Picture:
+    """The diagram of a system, with the controllers of its modules."""
+    named = [
+        (m.name, system.components[m.ac].name, system.components[m.sc].name) for m in system.modules
+    ]
+    return Picture(picture(system), tuple(named))
 
 
 def run_chart(run: Run) -> Chart:
@@ -131,13 +157,18 @@ def _margins(run: Run, thin: int) -> Iterator[Series]:
 
 def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
     """Plants' true states first: they are what the properties speak of."""
+    demanded = _demanded(run.system)
+    measured = _measured(run.system)
+    compared = frozenset(measured.values())
     for group in run.layout.groups:
         x = run.system.components[group.owner] if group.owner >= 0 else None
         if x is None or x.plant is None:
             continue
         states = trace[group_field(group)]
         for v in x.plant.states:
-            yield from _signals(f"{x.name}.{v.name}", v.type, states[v.name], ())
+            for each in _signals(f"{x.name}.{v.name}", v.type, states[v.name], ()):
+                own = replace(each, panel=each.name) if each.name in compared else each
+                yield _limited(own, demanded)
     for topic in run.system.topics:
         if topic.held:
             continue
@@ -146,7 +177,55 @@ def _series(run: Run, trace: npt.NDArray[np.void]) -> Iterator[Series]:
         marks: tuple[Threshold, ...] = ()
         if isinstance(topic.type, (FloatType, IntType)) and levels is not None:
             marks = (Threshold("least", levels.low), Threshold("greatest", levels.high))
-        yield from _signals(topic.name, topic.type, trace["topics"][topic.name], marks)
+        for each in _signals(topic.name, topic.type, trace["topics"][topic.name], marks):
+            truth = measured.get(each.name)
+            yield _limited(each if truth is None else replace(each, panel=truth), demanded)
+
+
+def _demanded(system: System) -> dict[str, list[Threshold]]:
+    """Signal -> its limits; where several demand the same level it is drawn once."""
+    found: dict[str, list[Threshold]] = {}
+    for limit in limits(system):
+        levels = found.setdefault(limit.signal, [])
+        same = [i for i, t in enumerate(levels) if t.value == limit.value]
+        for i in same:
+            if limit.by not in levels[i].label.split(", "):
+                levels[i] = Threshold(f"{levels[i].label}, {limit.by}", limit.value)
+        if not same:
+            levels.append(Threshold(limit.by, limit.value))
+    return found
+
+
+def _limited(series: Series, demanded: Mapping[str, list[Threshold]]) -> Series:
+    """With the limits of a signal that are in sight beside its declared set."""
+    marks = _in_sight(series.values, tuple(demanded.get(series.name, ())))
+    return replace(series, thresholds=(*series.thresholds, *marks)) if marks else series
+
+
+def _measured(system: System) -> dict[str, str]:
+    """Signal of a topic -> the true state that it is, or is a measurement of."""
+    found: dict[str, str] = {}
+    for x in system.components:
+        if x.plant is None:
+            continue
+        own = {v: f"{x.name}.{v.name}" for v in x.plant.states}
+        for topic, value in x.plant.drives:
+            name = system.topics[x.scope.topics[topic]].name
+            found |= dict(_states_in(name, value, own))
+    return found
+
+
+def _states_in(
+    name: str, e: typed.Expr, own: Mapping[typed.Variable, str]
+) -> Iterator[tuple[str, str]]:
+    """Signals of what a plant drives that are states of its, leaf by leaf."""
+    if isinstance(e, typed.VarRead) and e.variable in own:
+        for path, _ in leaves(e.type):
+            yield ".".join((name, *path)), ".".join((own[e.variable], *path))
+    elif isinstance(e, typed.Aggregate) and isinstance(e.type, RecordType):
+        order = e.order or range(len(e.elements))
+        for i, part in zip(order, e.elements, strict=True):
+            yield from _states_in(f"{name}.{e.type.fields[i][0]}", part, own)
 
 
 def _in_sight(
@@ -166,10 +245,11 @@ def _signals(
 ) -> Iterator[Series]:
     """The numbers and bools (0, 1) of a value; coordinates share a panel."""
     if isinstance(t, (FloatType, IntType, BoolType)):
+        unit = "" if isinstance(t, BoolType) else t.unit
         numbers = np.ascontiguousarray(values, dtype=np.float64)
-        yield Series(name, "", numbers, panel=name, thresholds=_in_sight(numbers, marks))
+        yield Series(name, unit, numbers, panel=name, thresholds=_in_sight(numbers, marks))
     elif isinstance(t, RecordType):
         together = {n for n, _ in t.fields} <= AXES
         for n, f in t.fields:
             for series in _signals(f"{name}.{n}", f, values[n], ()):
-                yield Series(series.name, "", series.values, name if together else series.panel)
+                yield replace(series, panel=name) if together else series

@@ -10,8 +10,11 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, TypeVar
 
+from soter.diagnostics.fix import replace
+from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
+from soter.syntax.parsing.nesting import unclosed
 from soter.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
 from soter.syntax.parsing.types import type_expression
 from soter.syntax.tokens import EOF, NAME, STRING, string_value, visible
@@ -19,7 +22,7 @@ from soter.syntax.tokens import EOF, NAME, STRING, string_value, visible
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from soter.diagnostics.span import Span
+    from soter.diagnostics.fix import Fix
     from soter.syntax.tokens import Tokens
 
 _Parts = TypeVar("_Parts")
@@ -108,7 +111,7 @@ class BodyParser(StatementParser):
                     self.misplaced_declaration()
                     continue
                 self.damaged = True
-                self.unclosed(opener, what)
+                unclosed(self, opener, what)
                 return
             if kind == ";":
                 self.stray_semicolon()
@@ -134,10 +137,17 @@ class BodyParser(StatementParser):
         sign = self.kinds[word + 1]
         if sign in (":", "="):
             self.i = word + 1
-            self.report("S005", f"no `{sign}` after `{self.texts[word]}`", helps=("leave it out",))
+            self.report(
+                "S005", f"no `{sign}` after `{self.texts[word]}`", helps=(self._without(word + 1),)
+            )
             self.quiet = -1
             # The item steps over one token, which is now the sign in place of its word.
             self.texts[word + 1], self.kinds[word + 1] = self.texts[word], self.kinds[word]
+
+    def _without(self, index: int) -> Fix:
+        """Leave one token out, with the blanks around it."""
+        start, end = self.ends[index - 1], self.starts[index + 1]
+        return replace(Span(self.source, start, end), " ", "leave it out")
 
     def _unknown_item(
         self,
@@ -152,7 +162,8 @@ class BodyParser(StatementParser):
             return
         near = self.close_word(word, items) if word.isidentifier() else None
         if near is not None:
-            self.report("S010", message, helps=(f"did you mean `{near}`?",))
+            helps = (replace(self.token_span(self.i), near, f"did you mean `{near}`?"),)
+            self.report("S010", message, helps=helps)
             self.quiet = -1
             items[near](self, parts)
             return

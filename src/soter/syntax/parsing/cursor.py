@@ -10,15 +10,19 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostic, Label
+from soter.diagnostics.diagnostic import Label, made
+from soter.diagnostics.fix import append, replace
 from soter.diagnostics.near import closest
 from soter.diagnostics.span import Span
+from soter.syntax.idioms import find, place_of
 from soter.syntax.tokens import DURATION, EOF, ERROR, FLOAT, INT, NAME, RESERVED, STRING, visible
 from soter.syntax.tree import Name, Path, Ref
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
 
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.diagnostics.fix import Help
     from soter.syntax.tokens import Tokens
 
 #: So many errors of one file are shown.
@@ -136,10 +140,11 @@ class Cursor:
         *,
         also: tuple[tuple[Span, str], ...] = (),
         notes: tuple[str, ...] = (),
-        helps: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
     ) -> None:
         """Report an error at the cursor (the token's span unless given), once per token.
 
+        Panic where the text there is a phrase of another language, which is told in its place;
         TooManyErrorsError beyond `ERRORS_MAX`.
         """
         i = self.i
@@ -155,8 +160,24 @@ class Cursor:
             raise TooManyErrorsError
         if span is None:
             span = self.token_span(i)
+        self._another_language(span)
         labels = tuple(Label(s, t) for s, t in also)
-        self.problems.append(Diagnostic(code, message, Label(span, label), labels, notes, helps))
+        self.problems.append(made(code, message, Label(span, label), labels, notes, helps))
+
+    def _another_language(self, span: Span) -> None:
+        """Panic behind a phrase of another language, if one covers `span`, once it is told."""
+        before = self.ends[self.i - 1] if self.i else 0
+        phrase = find(self.source, span.start, place_of(self.items, self.blocks), before)
+        if phrase is None:
+            return
+        label = Label(phrase.span)
+        self.problems.append(made("S015", phrase.message, label, helps=(phrase.help,)))
+        self.tokens.forget(phrase.span.start, phrase.end)
+        while self.starts[self.i] < phrase.end and self.kinds[self.i] != EOF:
+            self.i += 1
+        self.damaged = True
+        self.quiet = self.i
+        raise Panic
 
     def failure(
         self,
@@ -167,7 +188,7 @@ class Cursor:
         *,
         also: tuple[tuple[Span, str], ...] = (),
         notes: tuple[str, ...] = (),
-        helps: tuple[str, ...] = (),
+        helps: tuple[Help, ...] = (),
     ) -> Panic:
         """Report as `report` does; the caller raises what it gets."""
         self.report(code, message, span, label, also=also, notes=notes, helps=helps)
@@ -256,7 +277,7 @@ class Cursor:
             return
         message = f"expected `{word}` {where}, found {self.found()}"
         if self.kinds[self.i] == NAME and self.close_word(self.texts[self.i], [word]):
-            self.report("S005", message, helps=(f"write `{word}`",))
+            self.report("S005", message, helps=(replace(self.token_span(self.i), word),))
             self.i += 1
             return
         raise self.failure("S005", message)
@@ -269,7 +290,9 @@ class Cursor:
             return
         if kind in (":=", "==", "<-"):
             self.report(
-                "S015", f"expected `=` {where}, found `{kind}`", helps=("assignment is `=`",)
+                "S015",
+                f"expected `=` {where}, found `{kind}`",
+                helps=(replace(self.token_span(self.i), "=", "assignment is `=`"),),
             )
             self.i += 1
             return
@@ -285,9 +308,11 @@ class Cursor:
             self.damaged = True
             self.skip_statement()
 
-    def missing_semicolon(self, after: str, helps: tuple[str, ...] = ()) -> None:
+    def missing_semicolon(self, after: str, helps: tuple[Help, ...] = ()) -> None:
         """Report that `;` is missing behind the previous token."""
         message = f"expected `;` after {after}, found {self.found()}"
+        if not helps and self.new_line() and self.fresh_start():
+            helps = (append(self.after_previous(), ";", "put `;` here"),)
         self.report("S004", message, self.after_previous(), "`;` is missing here", helps=helps)
 
     def fresh_start(self) -> bool:
@@ -374,7 +399,8 @@ class Cursor:
             return False
         message = f"expected `,` or `{close}` after {after}, found {self.found()}"
         if kind == ";" and close == "}" and self.kinds[self.i + 1] in (NAME, "}"):
-            self.report("S005", message, helps=("fields are separated by `,`",))
+            comma = replace(self.token_span(self.i), ",", "fields are separated by `,`")
+            self.report("S005", message, helps=(comma,))
             self.i += 1
             return not self.accept("}")
         also = ((self.token_span(opener), "opened here"),)
@@ -455,34 +481,6 @@ class Cursor:
             self.i += 1
         self.quiet = self.i
 
-    # ------------------------------------------------------------ braces
-
-    def unclosed(self, opener: int, what: str) -> None:
-        """Report that the block opened at token `opener` has no end before the cursor."""
-        begins = "it" if what == "this block" else f"the body of {what}"
-        also = [(self.token_span(opener), f"{begins} begins here")]
-        suspect = self._suspect(opener)
-        if suspect is not None:
-            opening, closing = suspect
-            also.append((self.token_span(opening), "this `{` may be the one without an end"))
-            also.append((self.token_span(closing), "this `}` is indented less"))
-        message = f"expected `}}` to close {what}, found {self.found()}"
-        self.report("S012", message, also=tuple(also))
-
-    def _suspect(self, opener: int) -> tuple[int, int] | None:
-        """The first pair of braces inside `opener` whose indentation does not match."""
-        stack: list[int] = []
-        for index in range(opener, min(self.i, opener + 20_000)):
-            kind = self.kinds[index]
-            if kind == "{":
-                stack.append(index)
-            elif kind == "}" and stack:
-                opening = stack.pop()
-                indent = self.line_indent(index)
-                if self._first_on_line(index) and indent < self.line_indent(opening):
-                    return (opening, index) if opening != opener else None
-        return None
-
     def nested_declaration(self) -> bool:
         """Whether the declaration at the cursor is indented as if it belonged to this one."""
         return not self.inner and self.line_indent(self.i) > self.indent
@@ -492,5 +490,6 @@ class Cursor:
         line = self.source.line(self.source.line_of(self.starts[index]))
         return len(line) - len(line.lstrip())
 
-    def _first_on_line(self, index: int) -> bool:
+    def first_on_line(self, index: int) -> bool:
+        """Whether a token is the first of its line."""
         return self.line_indent(index) == self.source.column_of(self.starts[index]) - 1

@@ -7,10 +7,13 @@ Non-goals: statements and declarations (`statements.py`, `parser.py`), types and
 
 from __future__ import annotations
 
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import Cursor, Panic
-from soter.syntax.parsing.literals import NUMBERS, number
+from soter.syntax.parsing.literals import NUMBERS, explain_unit, in_brackets, number, period_of
 from soter.syntax.parsing.nesting import LEVELS_MAX, height, report_nesting, too_deep
 from soter.syntax.parsing.operators import (
     ANY,
@@ -20,7 +23,13 @@ from soter.syntax.parsing.operators import (
     report_slip,
     slip,
 )
-from soter.syntax.tokens import ERROR, FLOAT, INT, NAME, UNIT_NS, visible
+from soter.syntax.tokens import ERROR, NAME, UNIT_NS, visible
+
+if TYPE_CHECKING:
+    from soter.diagnostics.fix import Help
+
+_SHOWN_MAX = 100
+"""So many characters of an edit are shown."""
 
 _CONVERSIONS = frozenset(["int", "float"])
 """Types that are also called as functions: `float(n)`, `int(x)`."""
@@ -62,7 +71,7 @@ class ExpressionParser(Cursor):
         if self.fresh_start():
             return result
         start = self.i
-        self._explain_unit(start)
+        explain_unit(self, start)
         self.skip_expression(start)
         self.accept(";")
         return tree.ErrorExpr(result.span)
@@ -74,14 +83,19 @@ class ExpressionParser(Cursor):
             i = self.i
             number = result.span.text
             unit = self.texts[i] if self.kinds[i] == NAME else ""
+            helps: tuple[Help, ...]
+            whole = Span(self.source, result.span.start, self.ends[i])
             if unit in UNIT_NS:
-                help_ = f"write `{number}{unit}`, without a space"
+                title = f"write `{number}{unit}`, without a space"
+                helps = (replace(whole, f"{number}{unit}", title),)
                 self.i += 1
             elif unit.lower() == "hz":
-                help_ = f"write the time between two steps: `{_period_of(result)}`"
+                period = period_of(result)
+                title = f"write the time between two steps: `{period}`"
+                helps = (replace(whole, period, title),)
                 self.i += 1
             else:
-                help_ = f"write `{number}ms` or `{number}s`"
+                helps = (replace(result.span, f"{number}ms"), replace(result.span, f"{number}s"))
             self.quiet = -1
             self.report(
                 "S019",
@@ -89,7 +103,7 @@ class ExpressionParser(Cursor):
                 self.span_from(result.span.start),
                 "a number without a unit",
                 notes=("units are ns, us, ms, s, min and h, written right behind the number",),
-                helps=(help_,),
+                helps=helps,
             )
             self.quiet = -1
             return tree.ErrorExpr(result.span)
@@ -100,17 +114,6 @@ class ExpressionParser(Cursor):
         result = self.time(what)
         self.semicolon(what)
         return result
-
-    def _explain_unit(self, i: int) -> None:
-        """`10 ms`: extend the error just reported by a help."""
-        if self.kinds[i] == NAME and self.texts[i] in UNIT_NS and i and self.problems:
-            last = self.problems[-1]
-            here = last.primary is not None and last.primary.span.start == self.ends[i - 1]
-            if here and last.code == "S004" and self.kinds[i - 1] in (INT, FLOAT):
-                text = f"write `{self.texts[i - 1]}{self.texts[i]}`, without a space"
-                self.problems[-1] = type(last)(
-                    last.code, last.message, last.primary, last.secondary, last.notes, (text,)
-                )
 
     # ------------------------------------------------------------ operators
 
@@ -184,18 +187,28 @@ class ExpressionParser(Cursor):
     def _chained(self, left: tree.Expr, first: int) -> tree.Expr:
         """`a < b < c`: reported once for the whole chain."""
         second = self.i
+        also = ((self.token_span(first), "the first one"),)
+        texts = [left.span.text]
+        middle = self.source.text[self.ends[first] : self.ends[second - 1]].strip()
+        while PRECEDENCE.get(self.kinds[self.i]) == COMPARISON:
+            op = self.kinds[self.i]
+            self.i += 1
+            right = self.expression(COMPARISON + 1).span.text
+            texts.append(f"{middle} {op} {right}")
+            middle = right
+        joined = " && ".join(texts)
+        whole = self.span_from(left.span.start)
+        after, self.i = self.i, second
         self.quiet = -1
         self.report(
             "S017",
             "comparisons do not chain",
             self.token_span(second),
             "a second comparison",
-            also=((self.token_span(first), "the first one"),),
-            helps=("write `a < b && b < c`",),
+            also=also,
+            helps=(replace(whole, joined, None if len(joined) < _SHOWN_MAX else "compare twice"),),
         )
-        while PRECEDENCE.get(self.kinds[self.i]) == COMPARISON:
-            self.i += 1
-            self.expression(COMPARISON + 1)
+        self.i = after
         return tree.ErrorExpr(self.span_from(left.span.start))
 
     # ------------------------------------------------------------ operands
@@ -252,7 +265,11 @@ class ExpressionParser(Cursor):
 
     def _skip_not(self) -> int:
         """Report `not`, step over it and over signs behind it, up to a name."""
-        self.report("S015", "`not` is not an operator of Soter", helps=("write `!`",))
+        token = self.token_span(self.i)
+        blank = Span(self.source, token.start, self.starts[self.i + 1])
+        self.report(
+            "S015", "`not` is not an operator of Soter", helps=(replace(blank, "!", "write `!`"),)
+        )
         while self.kinds[self.i] in ("!", "-") or self.is_word("not"):
             self.i += 1
         if self.kinds[self.i] != NAME:
@@ -263,6 +280,14 @@ class ExpressionParser(Cursor):
         opener = self.i
         self.i += 1
         result = self.expression(ANY)
+        if self.kinds[self.i] == ",":
+            raise self.failure(
+                "S005",
+                "expected `)` after the expression, found `,`",
+                self.span_from(self.starts[opener]),
+                "there are no tuples",
+                helps=("write a record, `{ x: a, y: b }`, or an array, `[a, b]`",),
+            )
         self.close(")", "the expression", opener)
         return result
 
@@ -275,7 +300,13 @@ class ExpressionParser(Cursor):
             raise self.failure(
                 "S005",
                 "expected `]` after the index, found `,`",
-                helps=("write one pair of brackets per dimension: `a[i][j]`",),
+                helps=(
+                    replace(
+                        self.token_span(self.i),
+                        "][",
+                        "write one pair of brackets per dimension: `a[i][j]`",
+                    ),
+                ),
             )
         self.close("]", "the index", opener)
         return tree.IndexExpr(Span(self.source, start, self.ends[self.i - 1]), target, index)
@@ -360,18 +391,25 @@ class ExpressionParser(Cursor):
                 raise self.failure(
                     "S007", "expected a field, found `}`", notes=("a record has fields",)
                 )
+            if self.kinds[self.i] == "{" and not entries:
+                raise self.failure(
+                    "S007",
+                    "expected `field: value` in a record, found `{`",
+                    self.token_span(opener),
+                    helps=(in_brackets(self, opener),),
+                )
             if self.kinds[self.i + 1] in (",", "}") and not entries:
                 raise self.failure(
                     "S007",
                     f"expected `field: value` in a record, found {self.found()}",
-                    helps=("arrays and lists are written `[a, b]`",),
+                    helps=(in_brackets(self, opener),),
                 )
             field = self.name("the name of a field")
             if self.kinds[self.i] == "=":
                 self.report(
                     "S005",
                     f"expected `:` after the field `{field.text}`, found `=`",
-                    helps=(f"write `{field.text}: ...`",),
+                    helps=(replace(self.token_span(self.i), ":", f"write `{field.text}: ...`"),),
                 )
                 self.i += 1
             else:
@@ -434,7 +472,9 @@ class ExpressionParser(Cursor):
             self.report(
                 "S005",
                 "expected `,` between the ends of the interval, found `..`",
-                helps=("an interval is written `[low, high]`",),
+                helps=(
+                    replace(self.token_span(self.i), ",", "an interval is written `[low, high]`"),
+                ),
             )
             self.i += 1
         else:
@@ -451,11 +491,3 @@ class ExpressionParser(Cursor):
         else:
             self.expect("]", "after the interval", opener=opener)
         return tree.Interval(low, high, self.span_from(self.starts[opener]))
-
-
-def _period_of(rate: tree.IntLit | tree.FloatLit) -> str:
-    """The period of a rate in Hz, as it would be written."""
-    if not 1e-3 < rate.value < 1e9:
-        return "10ms"
-    period_ms = 1e3 / rate.value
-    return f"{period_ms:g}ms" if period_ms >= 1.0 else f"{round(period_ms * 1e6)}ns"

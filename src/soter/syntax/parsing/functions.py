@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import Panic
 from soter.syntax.parsing.types import type_expression
@@ -79,7 +80,7 @@ def _result_type(parser: BodyParser, name: tree.Name) -> tree.TypeExpr:
         parser.report(
             "S015",
             f"expected `:` before the result type, found {parser.found()}",
-            helps=("the result type stands behind `:`",),
+            helps=(replace(parser.token_span(parser.i), ":", "the result type stands behind `:`"),),
         )
         parser.i += 1
         return type_expression(parser, "the result type")

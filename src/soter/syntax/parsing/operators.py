@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
 from soter.syntax.parsing.cursor import Panic
 from soter.syntax.tokens import DURATION, EOF, FLOAT, INT, NAME, RESERVED, STRING
 
@@ -47,6 +48,7 @@ _SLIPS = {
     "AND": "&&",
     "OR": "||",
     "mod": "%",
+    "is": "==",
 }
 _OPERAND_WORDS = frozenset([NAME, INT, FLOAT, DURATION, "(", "true", "false", "!", "-"])
 
@@ -68,10 +70,11 @@ def report_slip(cursor: Cursor, meant: str) -> None:
         cursor.report(
             "S016",
             "`=` assigns, it does not compare",
-            helps=("comparison for equality is `==`",),
+            helps=(replace(cursor.token_span(cursor.i), "==", "comparison for equality is `==`"),),
         )
     else:
-        cursor.report("S015", f"`{text}` is not an operator of Soter", helps=(f"write `{meant}`",))
+        helps = (replace(cursor.token_span(cursor.i), meant),)
+        cursor.report("S015", f"`{text}` is not an operator of Soter", helps=helps)
 
 
 def no_expression(cursor: Cursor, kind: str) -> NoReturn:
@@ -89,6 +92,7 @@ def no_expression(cursor: Cursor, kind: str) -> NoReturn:
         raise Panic
     elif kind == STRING:
         notes = ("strings stand only after `import`, `from`, `data` and in `assert`",)
+        helps = ("name the cases, `type Name = enum { A, B };`, and write one of them: `Name.A`",)
     elif kind in ("float", "int", "bool"):
         notes = (f"`{kind}` is a type",)
     elif kind in RESERVED:
@@ -105,3 +109,15 @@ def _skip_choice(cursor: Cursor) -> None:
             cursor.i += 1
         if cursor.kinds[cursor.i] == "{":
             cursor.skip_braces()
+
+
+def c_style_loop(cursor: Cursor) -> NoReturn:
+    """`for (i = 0; ...; ...) { ... }`: reported and left out as a whole; raises Panic."""
+    cursor.report(
+        "S006",
+        "expected the name of the loop variable after `for`, found `(`",
+        helps=("write `for i in 0..10 { ... }`: 0, 1, ... 9",),
+    )
+    while cursor.kinds[cursor.i] not in ("{", "}", EOF) and not cursor.at_declaration():
+        cursor.i += 1
+    raise Panic

@@ -9,9 +9,12 @@ Non-goals: expressions (`expressions.py`); whether a place may be assigned (`pro
 
 from __future__ import annotations
 
+from soter.diagnostics.fix import replace
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
 from soter.syntax.parsing.expressions import ExpressionParser
+from soter.syntax.parsing.nesting import unclosed
+from soter.syntax.parsing.operators import c_style_loop
 from soter.syntax.parsing.types import type_expression
 from soter.syntax.tokens import (
     DURATION,
@@ -89,10 +92,10 @@ class StatementParser(ExpressionParser):
                 if kind != EOF and self.nested_declaration():
                     self.misplaced_declaration()
                     continue
-                self.unclosed(opener, "this block")
+                unclosed(self, opener, "this block")
                 break
             if kind in ITEM_WORDS and kind in self.items and kinds[self.i + 1] in (NAME, "{"):
-                self.unclosed(opener, "this block")  # the body around goes on here
+                unclosed(self, opener, "this block")  # the body around goes on here
                 break
             self._recovering(statements, kind)
         self.blocks -= 1
@@ -170,7 +173,9 @@ class StatementParser(ExpressionParser):
         start = self.starts[self.i]
         self.i += 1
         if self.is_word("mut"):
-            self.report("S015", "`mut` is no word of Soter", helps=("write `var` for `let mut`",))
+            both = self.token_span(self.i - 1).to(self.token_span(self.i))
+            helps = (replace(both, "var", "write `var` for `let mut`"),)
+            self.report("S015", "`mut` is no word of Soter", helps=helps)
             self.i += 1
         name = self.name("a name after `let`")
         type_ = type_expression(self, "a type after `:`") if self.accept(":") else None
@@ -272,7 +277,8 @@ class StatementParser(ExpressionParser):
             near = self.close_word(word, STATEMENT_WORDS)
             if near in _STATEMENTS and near != "while":
                 message = f"expected a statement, found `{visible(word)}`"
-                self.report("S011", message, helps=(f"did you mean `{near}`?",))
+                helps = (replace(self.token_span(i), near, f"did you mean `{near}`?"),)
+                self.report("S011", message, helps=helps)
                 self.quiet = -1
                 return _STATEMENTS[near](self)
         if following == NAME and self.kinds[i + 2] in ("=", ";"):
@@ -386,11 +392,13 @@ class StatementParser(ExpressionParser):
         i = self.i
         if self.kinds[i] == "else" and self.kinds[i + 1] == "if":
             span = self.token_span(i).to(self.token_span(i + 1))
-            self.report("S015", "`else if` is one word in Soter", span, helps=("write `elseif`",))
+            helps = (replace(span, "elseif"),)
+            self.report("S015", "`else if` is one word in Soter", span, helps=helps)
             self.i = i + 2
             return True
         if self.kinds[i] == NAME and self.texts[i] in _ELSEIF:
-            self.report("S015", f"`{self.texts[i]}` is no word of Soter", helps=("write `elseif`",))
+            helps = (replace(self.token_span(i), "elseif"),)
+            self.report("S015", f"`{self.texts[i]}` is no word of Soter", helps=helps)
             self.i = i + 1
             return True
         return False
@@ -408,7 +416,7 @@ class StatementParser(ExpressionParser):
         """`for name in low`, at `for`."""
         self.i += 1
         if self.kinds[self.i] == "(":
-            self._c_style_loop()
+            c_style_loop(self)
         name = self.name("the name of the loop variable after `for`")
         if self.kinds[self.i] in ("=", ":", ":="):
             self.report(
@@ -420,17 +428,6 @@ class StatementParser(ExpressionParser):
         else:
             self.expect_word("in", "after the loop variable")
         return name, self.head("the range")
-
-    def _c_style_loop(self) -> None:
-        """`for (i = 0; ...; ...) { ... }`: reported and left out as a whole."""
-        self.report(
-            "S006",
-            "expected the name of the loop variable after `for`, found `(`",
-            helps=("write `for i in 0..10 { ... }`: 0, 1, ... 9",),
-        )
-        while self.kinds[self.i] not in ("{", "}", EOF) and not self.at_declaration():
-            self.i += 1
-        raise Panic
 
     def _while(self) -> tree.Stmt:
         start = self.starts[self.i]

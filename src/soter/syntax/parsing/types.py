@@ -12,7 +12,7 @@ from soter.syntax import tree
 from soter.syntax.parsing.cursor import Panic
 from soter.syntax.parsing.nesting import LEVELS_MAX, too_deep
 from soter.syntax.parsing.operators import ANY
-from soter.syntax.tokens import EOF, NAME, visible
+from soter.syntax.tokens import EOF, NAME, STRING, string_value, visible
 
 if TYPE_CHECKING:
     from soter.syntax.parsing.expressions import ExpressionParser
@@ -72,6 +72,10 @@ def _type(parser: ExpressionParser, what: str) -> tree.TypeExpr:
             result = tree.ListTypeExpr(span, result, size)
         else:
             result = tree.ArrayTypeExpr(span, result, size)
+    if parser.is_word("unit") and parser.kinds[parser.i + 1] == STRING:
+        parser.i += 2
+        where, unit = parser.token_span(parser.i - 1), string_value(parser.texts[parser.i - 1])
+        result = tree.UnitTypeExpr(parser.span_from(start), result, unit, where)
     parser.depth -= 1
     return result
 

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
+from soter.program.check import meant
 from soter.program.check.base import a_type, error_expr, float_literal, is_error, unify_literals
 from soter.program.check.expressions.field import FieldChecker, find_instance, flat_names
 from soter.program.check.scope import BUILTIN_FUNCTIONS
@@ -27,6 +29,7 @@ from soter.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from soter.diagnostics.fix import Help
     from soter.program.check.context import Context
     from soter.program.model.types import Type
 
@@ -94,7 +97,13 @@ class CallChecker(FieldChecker):
     def _no_function(
         self, what: str, name: str, expr: tree.CallExpr, context: Context
     ) -> typed.Expr:
-        self.diagnostics.error("T004", f"`{name}` is {what}, not a function", expr.callee.span)
+        helps: tuple[Help, ...] = ()
+        last = name.rpartition(".")[2]
+        if isinstance(expr.callee, tree.FieldExpr) and last in ("size", "length", "len", "count"):
+            length = f"{expr.callee.target.span.text}.len"
+            helps = (replace(expr.span, length, f"its length is `{length}`"),)
+        message = f"`{name}` is {what}, not a function"
+        self.diagnostics.error("T004", message, expr.callee.span, helps=helps)
         return self._failed(expr, context)
 
     def _call_fun(self, fun: typed.FunSymbol, expr: tree.CallExpr, context: Context) -> typed.Expr:
@@ -133,7 +142,8 @@ class CallChecker(FieldChecker):
             return self._mode_or_age(name, expr, context)
         if name not in TAKES:
             assert isinstance(expr.callee, tree.NameExpr)
-            self.unknown(expr.callee.name, context, BUILTIN_FUNCTIONS)
+            helps = meant.a_function(expr, name, expr.callee.span)
+            self.unknown(expr.callee.name, context, BUILTIN_FUNCTIONS, helps=helps)
             return self._failed(expr, context)
         arity = ARITY.get(name, 1)
         if not self._counted(name, expr, arity):

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any, ClassVar
 
+from soter.program.check import meant
 from soter.program.check.base import (
     error_expr,
     float_literal,
@@ -42,6 +43,7 @@ from soter.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Callable
 
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.program.check.context import Context
     from soter.program.check.scope import Entry
@@ -218,7 +220,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         if isinstance(symbol, typed.TopicSymbol):
             return self.topic_read(symbol, span, context)
         name = entry.decl.name.text
-        helps: tuple[str, ...] = ()
+        helps: tuple[Help, ...] = ()
         if isinstance(symbol, typed.FunSymbol):
             helps = (f"call it: `{name}(...)`",)
         elif isinstance(symbol, typed.ModuleSymbol):
@@ -226,6 +228,8 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
         elif isinstance(symbol, typed.PlantSymbol) and context.instances is not None:
             mine = [i for i, s in context.instances.items() if s.what is symbol]
             helps = (f"its state is `{mine[0]}.truth`",) if mine else ()
+        elif entry.kind == "type":
+            helps = self.value_of_type(entry.decl.name, context)
         self.diagnostics.error(
             "N003",
             f"`{name}` is a {entry.kind}, not a value",
@@ -266,11 +270,13 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
             return
         if context.node is not None and topic in context.node.publishes:
             message = f"{context.where} publishes `{topic.name}` and cannot read it back"
-            helps = ("keep the value in a local `var`",)
+            helps: tuple[Help, ...] = ("keep the value in a local `var`",)
         else:
             verb = "read" if context.inputs == "reads" else "subscribe to"
             message = f"{context.where} does not {verb} `{topic.name}`"
             helps = (f"add `{topic.name}` to `{context.inputs}`",)
+            if isinstance(context.owner, (typed.NodeSymbol, typed.PlantSymbol)):
+                helps = (meant.listed_too(context.inputs, span.text, context.owner.span),)
         self.diagnostics.error("M010", message, span, helps=helps)
 
     # ------------------------------------------------------------ records and lists
@@ -299,7 +305,7 @@ class ExprChecker(CallChecker, OperatorChecker, ChooseChecker):
                     f"`{target}` has no field `{name.text}`",
                     name.span,
                     notes=(f"its fields are {listed(list(wanted))}",),
-                    helps=self.diagnostics.did_you_mean(name.text, wanted),
+                    helps=self.diagnostics.did_you_mean(name.text, wanted, name.span),
                 )
                 failed = True
             values[name.text] = checked

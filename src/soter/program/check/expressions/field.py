@@ -9,6 +9,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import insert, replace
+from soter.program.check import meant
 from soter.program.check.base import ExprBase, error_expr, is_error
 from soter.program.check.context import SPECIALS
 from soter.program.check.scope import BUILTIN_FUNCTIONS
@@ -25,6 +27,7 @@ from soter.program.model.types import (
 from soter.syntax import tree
 
 if TYPE_CHECKING:
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.program.check.context import Context
     from soter.program.check.scope import Entry
@@ -75,7 +78,8 @@ class FieldChecker(ExprBase):
             if context.instances is not None and names[0].text in context.instances:
                 return self._below_instance(expr.span, names, context)
             if self._is_unknown(names[0].text, context):
-                self.unknown(names[0], context, dotted=True)
+                helps = meant.without_object(names[0], names[1])
+                self.unknown(names[0], context, dotted=not helps, helps=helps)
                 return error_expr(expr.span)
             found = self._constant_length(expr, names, context)
             found = found or self._below_name(expr, names, context)
@@ -134,7 +138,9 @@ class FieldChecker(ExprBase):
         entry = scope.entries.get(first) or self.names.prelude.get(first)
         if entry is not None and entry.kind == "type":
             entry.used = True
-            return self._member(self.shared.resolve(entry, names[0].span), names[1], expr.span)
+            helps = self.value_of_type(names[0], context)
+            t = self.shared.resolve(entry, names[0].span)
+            return self._member(t, names[1], expr.span, helps)
         return (
             self._member(MODE, names[1], expr.span) if entry is None and first == "Mode" else None
         )
@@ -142,7 +148,7 @@ class FieldChecker(ExprBase):
     def _select(self, target: typed.Expr, name: tree.Name, span: Span) -> typed.Expr:
         """A field of a value, or the length of a list."""
         t = target.type
-        helps: tuple[str, ...] = ()
+        helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ()
         if isinstance(t, RecordType):
             index = t.index(name.text)
@@ -150,20 +156,22 @@ class FieldChecker(ExprBase):
                 return typed.Field(t.fields[index][1], span, target, index)
             fields = [n for n, _ in t.fields]
             notes = (f"its fields are {listed(fields)}",)
-            helps = self.diagnostics.did_you_mean(name.text, fields)
+            helps = self.diagnostics.did_you_mean(name.text, fields, name.span)
         elif isinstance(t, (ListType, ArrayType)):
             if name.text == "len":
                 if isinstance(t, ArrayType):
                     return typed.Literal(INT, span, t.size)
                 return typed.Length(INT, span, target)
             if name.text in {"length", "size", "count"}:
-                helps = ("its length is `.len`",)
+                helps = (replace(name.span, "len", "its length is `.len`"),)
         self.diagnostics.error(
             "N004", f"`{t}` has no field `{name.text}`", name.span, notes=notes, helps=helps
         )
         return error_expr(span)
 
-    def _member(self, t: object, name: tree.Name, span: Span) -> typed.Expr:
+    def _member(
+        self, t: object, name: tree.Name, span: Span, helps: tuple[Help, ...] = ()
+    ) -> typed.Expr:
         if t is None or isinstance(t, ErrorType):
             return error_expr(span)
         if not isinstance(t, EnumType):
@@ -172,6 +180,7 @@ class FieldChecker(ExprBase):
                 f"`{t}` is a type, not a value",
                 span,
                 notes=("only the members of an enum are written `Type.member`",),
+                helps=helps,
             )
         elif name.text in t.members:
             return typed.Literal(t, span, t.members.index(name.text), f"{t.name}.{name.text}")
@@ -181,7 +190,7 @@ class FieldChecker(ExprBase):
                 f"`{t}` has no member `{name.text}`",
                 name.span,
                 notes=(f"its members are {listed(t.members)}",),
-                helps=self.diagnostics.did_you_mean(name.text, t.members),
+                helps=self.diagnostics.did_you_mean(name.text, t.members, name.span),
             )
         return error_expr(span)
 
@@ -223,18 +232,18 @@ class FieldChecker(ExprBase):
         return error_expr(span)
 
     def _not_below(self, what: object, path: str, name: tree.Name) -> None:
-        helps: tuple[str, ...] = ()
+        helps: tuple[Help, ...] = ()
         if isinstance(what, typed.PlantSymbol):
             states = [n for n, _ in what.truth.fields]
             helps = (
-                f"write `{path}.truth.{name.text}`"
+                insert(name.span, "truth.", f"write `{path}.truth.{name.text}`")
                 if name.text in states
                 else f"the plant's state is `{path}.truth`",
             )
         elif isinstance(what, typed.SystemSymbol):
             topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(what)]
             helps = self.diagnostics.did_you_mean(
-                name.text, [*topics, *(i.name for i in what.instances)]
+                name.text, [*topics, *(i.name for i in what.instances)], name.span
             )
         elif isinstance(what, typed.ModuleSymbol):
             helps = (f"the module's mode is `mode({path})`",)

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import replace
+from soter.diagnostics.span import Span
 from soter.program.check.base import ExprBase, error_expr, float_literal, is_error, unify_literals
 from soter.program.model import typed
 from soter.program.model.types import (
@@ -29,6 +31,7 @@ from soter.program.model.types import (
 from soter.syntax import tree
 
 if TYPE_CHECKING:
+    from soter.diagnostics.fix import Help
     from soter.program.check.context import Context
     from soter.program.model.types import Type
 
@@ -62,7 +65,12 @@ class OperatorChecker(ExprBase):
             return typed.Unary(INT, expr.span, "-", operand)
         if isinstance(t, FloatType) or is_vector(t):
             return typed.Unary(t, expr.span, "-", operand)
-        helps = ("for the opposite of a bool write `!`",) if isinstance(t, BoolType) else ()
+        helps: tuple[Help, ...] = ()
+        sign = Span(expr.span.source, expr.span.start, expr.operand.span.start)
+        if isinstance(t, BoolType):
+            helps = (replace(sign, "!", "for the opposite of a bool write `!`"),)
+        elif isinstance(t, DurationType):
+            helps = (replace(sign, "", f"no time is below 0: write `{expr.operand.span.text}`"),)
         self.diagnostics.error(
             "T002",
             f"`-` does not apply to `{t}`",
@@ -116,7 +124,7 @@ class OperatorChecker(ExprBase):
             f"`{expr.op}` does not apply to `{lt}` and `{rt}`",
             expr.span,
             also=((expr.left.span, f"`{lt}`"), (expr.right.span, f"`{rt}`")),
-            helps=_operator_help(expr.op, lt, rt),
+            helps=_operator_help(expr, lt, rt),
         )
 
     def conditional(
@@ -175,17 +183,26 @@ def _arithmetic(expr: tree.BinaryExpr, left: typed.Expr, right: typed.Expr) -> t
     return None
 
 
-def _operator_help(op: str, lt: Type, rt: Type) -> tuple[str, ...]:
+def _operator_help(expr: tree.BinaryExpr, lt: Type, rt: Type) -> tuple[Help, ...]:
+    op, left, right = expr.op, expr.left.span, expr.right.span
     kinds = {type(lt), type(rt)}
     if kinds == {IntType, FloatType}:
-        return ("convert the int: `float(...)`",)
+        of = left if isinstance(lt, IntType) else right
+        return (replace(of, f"float({of.text})", "convert the int: `float(...)`"),)
     if is_vector(lt) and is_vector(rt):
         if op == "*" and lt == rt:
-            return ("for the scalar product write `dot(a, b)`",)
+            dot = f"dot({left.text}, {right.text})"
+            return (replace(expr.span, dot, "for the scalar product write `dot(a, b)`"),)
         if op in {"+", "-"}:
             return ("both sides must be vectors of one type",)
     if op == "%" and kinds == {FloatType}:
-        return ("for floats write `x - floor(x / y) * y`",)
+        x, y = left.text, right.text
+        rest = f"({x}) - floor(({x}) / ({y})) * ({y})"
+        return (replace(expr.span, rest, "for floats write `x - floor(x / y) * y`"),)
+    if op not in "*/%" and kinds == {DurationType, FloatType}:
+        of = left if isinstance(lt, DurationType) else right
+        title = "`seconds(d)` is a time as a `float`"
+        return (replace(of, f"seconds({of.text})", title),)
     if DurationType in kinds and kinds <= {DurationType, FloatType, IntType}:
         return ("`seconds(d)` is a time as a `float`",)
     if op in COMPARISONS and kinds <= {RecordType, ArrayType, ListType}:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import out_of_list
 from soter.program.check.base import is_error, sound
 from soter.program.check.bindings import check_binding, located
 from soter.program.check.context import Context
@@ -373,6 +374,10 @@ class NodeChecker:
         for s in node.subscribes:
             if s.topic not in context.topics_read:
                 self.shared.unused.add(
-                    "W001", f"`{name}` never reads `{s.topic.name}`", s.span, "", "leave it out"
+                    "W001",
+                    f"`{name}` never reads `{s.topic.name}`",
+                    s.span,
+                    "",
+                    out_of_list(s.span, "leave it out"),
                 )
         self.shared.unused.variables(list(node.locals))

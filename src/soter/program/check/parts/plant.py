@@ -9,6 +9,7 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.fix import out_of_list
 from soter.program.check.base import a_type, error_expr, is_error, plain, sound
 from soter.program.check.bindings import check_binding, located
 from soter.program.check.context import Context
@@ -377,10 +378,26 @@ class PlantChecker:
         unused = self.shared.unused
         unused.variables([d.variable for d in plant.disturbances])
         unused.variables([v for v, _ in plant.lets])
+        if unmoved(plant):
+            return  # what it reads is for the rules that are not there yet
         for topic, span in zip(plant.reads, plant.read_spans, strict=True):
             if topic not in context.topics_read:
                 message = f"plant `{decl.name.text}` never reads `{topic.name}`"
-                unused.add("W001", message, span, "", "leave it out")
+                unused.add("W001", message, span, "", out_of_list(span, "leave it out"))
+
+
+def unmoved(plant: typed.PlantSymbol) -> list[typed.Variable]:
+    """States that nothing moves, unless they are unknown constants of a set or begin with `_`."""
+    if plant.extern:
+        return []
+    return [
+        state
+        for state, drawn in zip(plant.states, plant.initial_range, strict=True)
+        if state not in plant.der
+        and state not in plant.next
+        and drawn is None
+        and not state.name.startswith("_")
+    ]
 
 
 def _begins(path: tuple[str, ...], prefix: tuple[str, ...]) -> bool:

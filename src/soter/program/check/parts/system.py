@@ -65,6 +65,14 @@ class SystemChecker:
             if first is not None:
                 self._instance_twice(name, item, first)
                 continue
+            if name.text in scope.imports:
+                self.diagnostics.warning(
+                    "W017",
+                    f"the instance `{name.text}` hides the import of the same name",
+                    name.span,
+                    notes=(f"`{name.text}.` names what is inside the instance here",),
+                    helps=(f"give it another name, such as `{name.text}_2`",),
+                )
             symbol = typed.InstanceSymbol(name.text, what, {}, {}, name.span)
             instances[name.text] = symbol
             placed.append((symbol, item, values))
@@ -262,7 +270,7 @@ class SystemChecker:
                     f"`{path}` is not a module of system `{name}`",
                     force.module.span,
                     notes=("only modules have a mode that can be forced",) if whole else (),
-                    helps=self.diagnostics.did_you_mean(path, modules),
+                    helps=self.diagnostics.did_you_mean(path, modules, force.module.span),
                 )
         system.forces = tuple(forces.values())
 

@@ -128,7 +128,7 @@ class TestChecker(SystemChecker):
             f"`{text}` is not a module of system `{test.system.name}`",
             argument.span,
             notes=(note,),
-            helps=self.diagnostics.did_you_mean(text, modules),
+            helps=self.diagnostics.did_you_mean(text, modules, argument.span),
         )
         return None
 

@@ -231,7 +231,7 @@ class VerifyChecker:
                         notes=(f"there are {', '.join(f'`{n}`' for n in fields)}",)
                         if fields
                         else (),
-                        helps=self.diagnostics.did_you_mean(part.text, fields),
+                        helps=self.diagnostics.did_you_mean(part.text, fields, part.span),
                     )
                 return None
             t = t.fields[fields.index(part.text)][1]
@@ -381,7 +381,7 @@ class VerifyChecker:
                 instance.span,
                 "abstracted here",
                 also=((system.span, f"has module `{module.name}`"),),
-                helps=self.diagnostics.did_you_mean(instance.text, instances),
+                helps=self.diagnostics.did_you_mean(instance.text, instances, instance.span),
             )
         return found
 

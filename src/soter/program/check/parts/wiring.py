@@ -16,6 +16,7 @@ from soter.syntax import tree
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
+    from soter.diagnostics.fix import Help
     from soter.program.check.scope import FileScope
     from soter.program.check.shared import Shared
 
@@ -55,13 +56,13 @@ class Wires:
 
     def _no_topic(self, path: tree.Path, what: object, depth: int) -> None:
         """N004 for a path that leads to no topic."""
-        helps: tuple[str, ...] = ()
+        helps: tuple[Help, ...] = ()
         notes: tuple[str, ...] = ("right of `=` stands a topic, or a topic of another instance",)
         prefix = ".".join(n.text for n in path.parts[:depth])
         rest = path.parts[depth] if depth < len(path.parts) else path.parts[-1]
         if isinstance(what, typed.SystemSymbol):
             topics = [t.name.rsplit(".", 1)[-1] for t in self.shared.topics_of(what)]
-            helps = self.shared.diagnostics.did_you_mean(rest.text, topics)
+            helps = self.shared.diagnostics.did_you_mean(rest.text, topics, rest.span)
         elif what is not None:
             notes = (*notes, "only a system has topics of its own: others use those beside them")
         message = (
@@ -144,7 +145,7 @@ class Settings:
             "M013",
             f"there is no instance `{name.text}` whose parameter could be set",
             item.param.span,
-            helps=self.shared.diagnostics.did_you_mean(name.text, inside),
+            helps=self.shared.diagnostics.did_you_mean(name.text, inside, name.span),
         )
 
     def _param(self, ref: tree.Ref, scope: FileScope) -> typed.ParamSymbol | None:

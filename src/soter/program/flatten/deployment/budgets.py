@@ -66,5 +66,5 @@ def inlined(
                 f"`{path}` is not a node of system `{part.system.name}`",
                 span,
                 notes=("`inline` names the nodes that run in the thread of the trusted part",),
-                helps=diagnostics.did_you_mean(path, near),
+                helps=diagnostics.did_you_mean(path, near, span),
             )

@@ -42,7 +42,7 @@ def nobody(
     known = [c.name for c in system.components if plants or c.role != "plant"]
     head, _, last = path.rpartition(".")
     inside = [n for n in known if n.startswith(f"{head}.") and n.endswith(f".{last}")]
-    helps = diagnostics.did_you_mean(path, known)
+    helps = diagnostics.did_you_mean(path, known, span)
     if len(inside) == 1:
         helps = (f"of a module's controller the name has the module's in it: `{inside[0]}`",)
     if any(m.name == path for m in system.modules):

@@ -8,14 +8,15 @@ from __future__ import annotations
 
 import difflib
 import os
+import shlex
 import stat
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.api import format_text, read_text
 from soter.cli.terminal.outcome import DIAGNOSTICS, Outcome, exit_of
 from soter.cli.terminal.parser import Parser
+from soter.cli.terminal.standard_input import STDIN, standard_input
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.report.whole_file import reason, whole_file
 
@@ -30,7 +31,6 @@ EXAMPLES = """\
   soter fmt --diff drone.soter   show what would change
   soter fmt - < drone.soter      standard input to standard output
 """
-STDIN_BYTES_MAX = 4 * 1024 * 1024
 
 
 def parser() -> Parser:
@@ -49,8 +49,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     texts: dict[str, str] = {}
     for name in args.files:
         try:
-            before = _stdin() if name == "-" else read_text(name)
-            after = format_text("<stdin>" if name == "-" else name, before)
+            before = standard_input() if name == "-" else read_text(name)
+            after = format_text(STDIN if name == "-" else name, before)
             texts[name] = after
             if before != after:
                 changed.append(name)
@@ -100,6 +100,7 @@ def _replace(path: Path, text: str) -> None:
     """Write a file whole or not at all, keeping its permissions."""
     try:
         mode = stat.S_IMODE(path.stat().st_mode)
+        _require_leave(path, mode)
         with whole_file(path) as stream:
             os.chmod(stream.fileno(), mode)  # noqa: PTH101 - a descriptor has no path
             stream.write(text.encode("utf-8", "surrogatepass"))
@@ -108,13 +109,11 @@ def _replace(path: Path, text: str) -> None:
         raise SoterError((Diagnostic("D006", message),)) from error
 
 
-def _stdin() -> str:
-    stream = sys.stdin
-    if stream is None:
-        return ""
-    data = stream.buffer.read(STDIN_BYTES_MAX + 1) if hasattr(stream, "buffer") else stream.read()
-    try:
-        return data if isinstance(data, str) else data.decode("utf-8-sig")
-    except UnicodeDecodeError as error:
-        message = f"standard input is not UTF-8: byte {error.start} is wrong"
-        raise SoterError((Diagnostic("D005", message),)) from error
+def _require_leave(path: Path, mode: int) -> None:
+    """D006 for a file that says it is not to be written, which a rename would not ask."""
+    if mode & 0o222 and os.access(path, os.W_OK):
+        return
+    again = shlex.quote(str(path))
+    helps = (f"chmod u+w {again} && soter fmt {again}", f"only look: soter fmt --diff {again}")
+    what = f"cannot write `{path}`: it is read-only"
+    raise SoterError((Diagnostic("D006", what, helps=helps),))

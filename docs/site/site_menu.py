@@ -1,0 +1,67 @@
+"""What stands where on the site, after Diátaxis.
+
+Purpose: the four kinds of pages, in the order in which people want them.
+Non-goals: their content. Every page of `docs/` stands here once: the build is strict about it.
+"""
+
+from __future__ import annotations
+
+README = "README.md"
+NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
+    (
+        "Tutorials",
+        "learn by doing",
+        (
+            (README, "Five minutes"),
+            ("prove-your-module.md", "Prove your module"),
+            ("find-the-bug.md", "Find the bug"),
+        ),
+    ),
+    (
+        "How to",
+        "get something done",
+        (
+            ("compose-proved-modules.md", "Compose proved modules"),
+            ("externs.md", "Code that is not Soter"),
+            ("python.md", "From Python"),
+            ("gym.md", "Learning with Gymnasium"),
+            ("campaigns.md", "Fly for a hundred hours"),
+            ("timing.md", "Execution times"),
+            ("deploy.md", "In your firmware"),
+            ("real-time.md", "Real time"),
+            ("real-logs.md", "Somebody else's logs"),
+            ("monitor.md", "The model monitor"),
+            ("editor.md", "In your editor"),
+            ("assure.md", "A safety case"),
+        ),
+    ),
+    (
+        "Explanation",
+        "understand",
+        (
+            ("proof.md", "What is proved"),
+            ("verification.md", "How it is proved"),
+            ("testing.md", "What is explored"),
+            ("gallery.md", "Four protocols"),
+            ("drone.md", "The drone"),
+            ("surveillance.md", "The surveillance drone"),
+            ("mountain_car.md", "The mountain car"),
+            ("results.md", "Results"),
+            ("architecture.md", "The house"),
+            ("decisions.md", "Decisions"),
+        ),
+    ),
+    (
+        "Reference",
+        "look it up",
+        (
+            ("language.md", "The language"),
+            ("semantics.md", "Semantics"),
+            ("prelude.md", "The prelude"),
+            ("commands.md", "The command line"),
+            ("json.md", "JSON documents"),
+            ("benchmarks.md", "Benchmarks"),
+        ),
+    ),
+)
+"""Kind, what for, and its pages with their names in the menu."""

@@ -1,0 +1,133 @@
+"""Markdown as HTML: headings with anchors, code in colour, links that are checked.
+
+Purpose: `Renderer`: one page at a time; what its links point to is asked of the site.
+Non-goals: the frame around a page, which pages there are (`build_site.py`).
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from html import escape
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from markdown_it import MarkdownIt
+from pygments import highlight
+from pygments.formatters.html import HtmlFormatter
+from pygments.lexer import RegexLexer, words
+from pygments.lexers import get_lexer_by_name
+from pygments.token import Comment, Keyword, Name, Number, Operator, String, Text
+from pygments.util import ClassNotFound
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from pygments.lexer import Lexer
+
+    Resolve = Callable[[str], str]
+
+DECLARED = (
+    "soter", "import", "as", "type", "enum", "const", "param", "fun", "extern", "topic", "node",
+    "plant", "system", "test", "rta", "input", "external",
+)  # fmt: skip
+SAID = (
+    "period", "phase", "subscribes", "publishes", "publish", "step", "var", "let", "if", "elseif",
+    "else", "for", "in", "return", "assert", "state", "der", "next", "while", "choose", "ac", "sc",
+    "safe", "safer", "ttf", "verify", "module", "until", "always", "never", "reads", "drives",
+    "disturbance", "measured", "within", "max_age", "unit", "default", "deploys", "grid", "late",
+)  # fmt: skip
+
+
+class SoterLexer(RegexLexer):  # type: ignore[misc]
+    """Soter for colouring: what looks like a word of the language."""
+
+    name = "Soter"
+    aliases: ClassVar[list[str]] = ["soter"]
+    tokens: ClassVar[dict[str, list[Any]]] = {
+        "root": [
+            (r"//.*?$", Comment.Single),
+            (r"/\*(.|\n)*?\*/", Comment.Multiline),
+            (r'"[^"\n]*"', String),
+            (r"\d[\d_]*(\.\d+)?([eE][-+]?\d+)?(ns|us|ms|s|min|h)?\b", Number),
+            (words(("bool", "int", "float", "duration"), suffix=r"\b"), Keyword.Type),
+            (words(("true", "false"), suffix=r"\b"), Keyword.Constant),
+            (words(DECLARED, suffix=r"\b"), Keyword.Declaration),
+            (words(SAID, suffix=r"\b"), Keyword),
+            (r"[A-Z][A-Z0-9_]+\b", Name.Constant),
+            (r"[A-Za-z_]\w*", Name),
+            (r"[-+*/%<>=!&|?:]+", Operator),
+            (r"[^\S\n]+|\n|.", Text),
+        ]
+    }
+
+
+@dataclass
+class Rendered:
+    """A page: its HTML, its first heading, anchors by heading and level, links to elsewhere."""
+
+    html: str
+    title: str
+    headings: list[tuple[int, str, str]] = field(default_factory=list)
+    """Level, anchor, text."""
+
+    @property
+    def anchors(self) -> set[str]:
+        """What a link may point to."""
+        return {anchor for _, anchor, _ in self.headings}
+
+
+def slug(text: str, taken: set[str]) -> str:
+    """The anchor of a heading, as the forges make it."""
+    plain = re.sub(r"[^\w\- ]", "", re.sub(r"[`*_]", "", text).strip().lower()).replace(" ", "-")
+    found, count = plain, 0
+    while found in taken:
+        count += 1
+        found = f"{plain}-{count}"
+    taken.add(found)
+    return found
+
+
+def render(text: str, resolve: Resolve) -> Rendered:
+    """A page; `resolve` gives the address for each link and picture as it is written."""
+    parser = MarkdownIt("commonmark", {"highlight": _coloured}).enable("table")
+    tokens = parser.parse(text)
+    done = Rendered("", "")
+    taken: set[str] = set()
+    for i, token in enumerate(tokens):
+        if token.type == "heading_open":
+            inline = tokens[i + 1]
+            plain = "".join(c.content for c in inline.children or ())
+            anchor = slug(plain, taken)
+            token.attrSet("id", anchor)
+            done.headings.append((int(token.tag[1]), anchor, plain))
+            done.title = done.title or plain
+        _links(token.children or (), resolve)
+    done.html = parser.renderer.render(tokens, parser.options, {})
+    return done
+
+
+def _links(tokens: Sequence[Any], resolve: Resolve) -> None:
+    for token in tokens:
+        name = {"link_open": "href", "image": "src"}.get(token.type)
+        if name is not None:
+            token.attrSet(name, resolve(str(token.attrGet(name))))
+
+
+def _coloured(code: str, language: str, _: str) -> str:
+    """Code in colour; what no lexer knows stays as it is."""
+    name = language.split(",", maxsplit=1)[0].split(" ", maxsplit=1)[0]
+    return coloured(code, name) if name else ""
+
+
+def coloured(code: str, name: str) -> str:
+    """Code of a language as HTML, in a `pre`."""
+    lexer: Lexer
+    if name == "soter":
+        lexer = SoterLexer()
+    else:
+        try:
+            lexer = get_lexer_by_name(name)
+        except ClassNotFound:
+            return f"<pre><code>{escape(code)}</code></pre>"
+    inside = highlight(code, lexer, HtmlFormatter(nowrap=True, classprefix="t-"))
+    return f"<pre><code>{inside}</code></pre>"

@@ -1,0 +1,1 @@
+"""Safety cases: what supports a claim, checked while the case is made."""

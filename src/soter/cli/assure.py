@@ -1,0 +1,126 @@
+"""`soter assure FILE`: a safety case whose leaves were checked while it was made.
+
+Purpose: goals, what supports them and what does not, for people; one page, JSON, StrictDoc.
+Non-goals: making proofs, tests and campaigns; the case itself (`api/assurance/`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.api import load
+from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
+from soter.cli.terminal.parser import Parser, add_file, add_settings, whole
+from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.api.assurance.assuring import Assurance
+    from soter.cli.terminal.console import Console
+
+EXAMPLES = """\
+  soter verify cart.soter --cert proof/
+  soter assure cart.soter --cert proof/ -o case/         open case/index.html
+  soter assure cart.soter --cert proof/ --tests -o case/       explores every test again
+  soter test cart.soter --json > tests.json
+  soter assure cart.soter --cert proof/ --test-report tests.json -o case/
+  soter assure cart.soter --cert proof/ --campaign flights/ --flights 100 -o case/
+
+A goal is supported only where its leaf was checked just now: the certificate by the independent
+re-checker, tests by exploring them again (--tests), flights by flying them again (--flights).
+Everything else is told with its hash, and the goal stays undeveloped (docs/assure.md).
+
+exit codes: 0 the top goal is supported, 3 a certificate is rejected, a test or a flight violated,
+            4 the top goal is undeveloped, 1 diagnostics, 2 usage
+"""
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("assure", "Make a safety case: GSN, ASTM F3269, with hashes.", EXAMPLES)
+    add_file(made)
+    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
+    made.add_argument("--cert", metavar="DIR", help="certificate of it; checked again")
+    made.add_argument("--tests", action="store_true", help="explore every test of the file again")
+    made.add_argument("--test-report", metavar="FILE", help="what `soter test --json` printed")
+    made.add_argument("--campaign", metavar="DIR", help="the folder of a campaign")
+    made.add_argument(
+        "--flights", metavar="N", type=whole, default=20, help="so many are flown again (20)"
+    )
+    add_settings(made)
+    made.add_argument("-o", dest="output", metavar="DIR", required=True, help="folder to write")
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Assure."""
+    from soter.api.assurance.assuring import assure  # noqa: PLC0415 - needs NumPy
+
+    with LineOfProgress(console) as line:
+        program = load(args.file, line)
+    for name, target in args.bindings:
+        program.bind(name, target)
+    try:
+        with Progress(console) as progress:
+            found = assure(
+                program,
+                args.output,
+                cert=args.cert,
+                system=args.system,
+                params=dict(args.params),
+                tests=args.tests,
+                test_report=args.test_report,
+                campaign=args.campaign,
+                flights=args.flights,
+                progress=progress,
+            )
+    except SoterError as error:
+        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    _say(found, console)
+    code = VIOLATED if found.refuted else FINE if found.case.supported else UNDECIDED
+    return Outcome(code, program.diagnostics, {"file": args.file, **_fields(found)})
+
+
+def _say(found: Assurance, console: Console) -> None:
+    from soter.report.summary import Entry, Styled  # noqa: PLC0415 - needs NumPy
+
+    case = found.case
+    word = console.paint("green", "SUPPORTED")
+    if not case.supported:
+        word = console.paint("yellow", "UNDEVELOPED")
+    console.say(
+        console.paint("muted", f"{case.program}  {case.system}  {case.program_sha256[:12]}")
+    )
+    console.say(f"{word}  {case.nodes[0].text}\n")
+    rows: list[list[Entry]] = []
+    for goal in case.goals:
+        status = case.status(goal)
+        rows.append(
+            [goal.id, Styled(status, "good" if status == "supported" else "bad"), goal.text]
+        )
+    console.say(console.table(("goal", "status", "what"), rows))
+    missing = dict.fromkeys(n.why for n in case.nodes if n.why)
+    if missing:
+        console.say("\nmissing")
+    for why in missing:
+        console.say(f"  {why}")
+    for text in found.refuted:
+        console.say(f"\n{console.paint('red', 'REFUTED')}  {text}")
+    assumptions = sum(n.kind == "assumption" for n in case.nodes)
+    console.say(f"\nrests on {assumptions} assumptions, which the page lists")
+    console.say("\n".join(f"written  {path}" for path in found.files))
+
+
+def _fields(found: Assurance) -> dict[str, object]:
+    case = found.case
+    return {
+        "program_sha256": case.program_sha256,
+        "system": case.system,
+        "params": case.params,
+        "supported": case.supported,
+        "goals": {g.id: case.status(g) for g in case.goals},
+        "refuted": list(found.refuted),
+        "files": [str(path) for path in found.files],
+    }

@@ -1,0 +1,1 @@
+"""What continuous integration reads: SARIF, JUnit's XML, commands of GitHub's workflows."""

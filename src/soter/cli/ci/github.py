@@ -1,0 +1,45 @@
+"""Workflow commands of GitHub Actions: annotations beside the lines of a change.
+
+Purpose: a line `::error file=...,line=...::message` for everything that is wrong or open.
+Non-goals: other commands; what is fine.
+Source: GitHub's documentation, "Workflow commands for GitHub Actions".
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.cli.ci.found import place
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.cli.ci.found import Found
+
+WORDS = {"fail": "error", "open": "error", "warning": "warning"}
+
+
+def github(found: Sequence[Found]) -> str:
+    """The commands, a line each; nothing where all is well."""
+    return "\n".join(_command(f) for f in found if f.kind != "pass")
+
+
+def _command(found: Found) -> str:
+    properties = {"title": f"soter: {found.rule}"}
+    at = place(found.span)
+    if at is not None:
+        name, line, column, end_line, end_column = at
+        properties |= {"file": name, "line": str(line), "endLine": str(end_line)}
+        if line == end_line:  # else GitHub refuses columns
+            properties |= {"col": str(column), "endColumn": str(end_column)}
+    told = ",".join(f"{key}={_property(value)}" for key, value in properties.items())
+    text = "\n".join((found.text, *found.details))
+    return f"::{WORDS[found.kind]} {told}::{_data(text)}"
+
+
+def _data(text: str) -> str:
+    return text.replace("%", "%25").replace("\r", "%0D").replace("\n", "%0A")
+
+
+def _property(text: str) -> str:
+    return _data(text).replace(":", "%3A").replace(",", "%2C")

@@ -1,0 +1,59 @@
+"""`soter lsp`: the language server, which an editor starts.
+
+Purpose: serve one editor over standard input and output, or over TCP.
+Non-goals: what it answers (`soter.lsp`).
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.cli.terminal.outcome import Outcome, UsageError
+from soter.cli.terminal.parser import Parser, whole
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.cli.terminal.console import Console
+
+EXAMPLES = """\
+  soter lsp                    over standard input and output: editors start it so (docs/editor.md)
+  soter lsp --tcp 7658         waits for one client at port 7658 of this machine
+"""
+PORT_MAX = 65_535
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("lsp", "Serve an editor: the language server of Soter.", EXAMPLES)
+    made.add_argument("--stdio", action="store_true", help="over standard input and output")
+    made.add_argument("--tcp", metavar="PORT", type=whole, help="over a port of this machine")
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Serve until the client leaves; UsageError, and SoterError D007 without pygls."""
+    if args.tcp is not None and not 0 < args.tcp <= PORT_MAX:
+        raise UsageError(f"{args.tcp} is no port: 1 to {PORT_MAX} are", "soter lsp --tcp PORT")
+    if args.tcp is not None and args.stdio:
+        raise UsageError("`--tcp` or `--stdio`, not both", "soter lsp [--tcp PORT]")
+    if args.json and args.tcp is None:
+        raise UsageError("standard output is the editor's: no `--json`", "soter lsp [--tcp PORT]")
+    try:
+        from soter.lsp.server import serve  # noqa: PLC0415 - an extra
+    except ModuleNotFoundError as error:
+        if (error.name or "").split(".")[0] not in {"pygls", "lsprotocol"}:
+            raise
+        problem = Diagnostic(
+            "D007",
+            "the language server speaks with pygls, which is not installed",
+            helps=("install it: pip install 'soter[lsp]'",),
+        )
+        raise SoterError((problem,)) from error
+    if args.tcp is not None:
+        console.note(f"waiting for a client at port {args.tcp}")
+    from soter.native.verdicts import last  # noqa: PLC0415 - only then
+
+    serve(last, None if args.tcp is None else ("127.0.0.1", args.tcp))
+    return Outcome()

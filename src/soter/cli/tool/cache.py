@@ -1,0 +1,96 @@
+"""`soter cache`: what compiled programs and computed sets take on the disk.
+
+Purpose: show it, clear it, say how large it may grow.
+Non-goals: what is kept, and for how long (`native/kept.py`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import re
+import time
+from typing import TYPE_CHECKING
+
+from soter.cli.terminal.amounts import decimal
+from soter.cli.terminal.outcome import Outcome, UsageError
+from soter.cli.terminal.parser import Parser
+from soter.native.kept import LIMIT, YOUNG_S, cache_dir, clear, entries, limit, set_limit
+
+if TYPE_CHECKING:
+    from soter.cli.terminal.console import Console
+
+EXAMPLES = f"""\
+  soter cache                  where it is, what it holds, how much it may hold
+  soter cache clear            remove everything: it is made again when it is needed
+  soter cache limit 500MB      and no more from now on; the least recently used go first
+  SOTER_CACHE=/tmp/c soter run cart.soter      another folder, for one command
+
+Nothing is lost with an entry but the time to make it. What was used less than
+{YOUNG_S / 60:.0f} minutes ago stays, above the limit, too: a command may be about to load it.
+The environment variable {LIMIT} goes before `soter cache limit`.
+"""
+GB = 1000
+SIZE = re.compile(r"([0-9]{1,9})\s*([MG])?B?", re.IGNORECASE)
+ACTIONS = ("show", "clear", "limit")
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("cache", "What compiled programs take on the disk.", EXAMPLES)
+    made.add_argument(
+        "action",
+        metavar="ACTION",
+        nargs="?",
+        default="show",
+        choices=ACTIONS,
+        help="by default show",
+    )
+    made.add_argument("size", metavar="SIZE", nargs="?", type=_megabytes, help="such as 500MB, 2GB")
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Show, clear, or set the limit; UsageError for a size where none is meant."""
+    if (args.size is None) != (args.action != "limit"):
+        wants = "takes a SIZE, such as 500MB" if args.size is None else "takes no SIZE"
+        raise UsageError(f"`soter cache {args.action}` {wants}", parser().format_usage())
+    removed: tuple[int, int] | None = None
+    if args.action == "clear":
+        removed = clear()
+    if args.size is not None:
+        set_limit(args.size)
+    found, (most, said_by) = entries(), limit()
+    held = sum(size for _, size, _ in found)
+    if removed is not None:
+        noun = "entry" if removed[0] == 1 else "entries"
+        console.say(f"removed  {removed[0]} {noun}, {decimal(removed[1])}")
+    console.say(f"folder   {cache_dir()}")
+    console.say(f"holds    {decimal(held)} in {len(found)} entr{'y' if len(found) == 1 else 'ies'}")
+    console.say(f"limit    {decimal(most)} ({said_by})")
+    if found:
+        console.say(f"oldest   used {_ago(time.time() - found[0][0])} ago")
+    fields: dict[str, object] = {
+        "folder": str(cache_dir()),
+        "entries": len(found),
+        "bytes": held,
+        "limit_bytes": most,
+        "limit_from": said_by,
+        "removed": None if removed is None else {"entries": removed[0], "bytes": removed[1]},
+    }
+    return Outcome(fields=fields)
+
+
+def _megabytes(text: str) -> int:
+    """A size in MB; ArgumentTypeError for any other text."""
+    found = SIZE.fullmatch(text.strip())
+    if found is None:
+        raise argparse.ArgumentTypeError(f"`{text}` is no size: write 500MB or 2GB")
+    return int(found[1]) * (GB if (found[2] or "").upper() == "G" else 1)
+
+
+def _ago(seconds: float) -> str:
+    for unit, length in (("day", 86_400.0), ("hour", 3_600.0), ("minute", 60.0)):
+        count = int(seconds // length)
+        if count:
+            return f"{count} {unit}{'s' if count > 1 else ''}"
+    return "less than a minute"

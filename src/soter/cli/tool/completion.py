@@ -1,0 +1,219 @@
+"""`soter completion SHELL`: what bash, zsh and fish complete, read off the parsers.
+
+Purpose: a script for a shell: commands, their options, the words that an option takes, files.
+Non-goals: names inside of a program (systems, tests): a shell would check it at every key.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.cli.terminal.outcome import Outcome
+from soter.cli.terminal.parser import Parser
+
+if TYPE_CHECKING:
+    import argparse
+    from collections.abc import Iterator
+
+    from soter.cli.terminal.console import Console
+
+EXAMPLES = """\
+  eval "$(soter completion bash)"          in ~/.bashrc
+  soter completion zsh > "${fpath[1]}/_soter"
+  soter completion fish > ~/.config/fish/completions/soter.fish
+"""
+FILES = re.compile(r"FILE|DIR|PATH|LOG|TRACE")
+"""What an option or a place on the command line is called that takes a path."""
+
+
+@dataclass(frozen=True)
+class Option:
+    """`names`: as they are written; `values`: the words it takes, none where it takes any."""
+
+    names: tuple[str, ...]
+    about: str
+    takes: bool
+    values: tuple[str, ...]
+    path: bool
+
+
+@dataclass(frozen=True)
+class Words:
+    """What one command takes: options, words in the first place, paths there."""
+
+    name: str
+    about: str
+    options: tuple[Option, ...]
+    first: tuple[str, ...]
+    path: bool
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("completion", "Print what a shell needs to complete command lines.", EXAMPLES)
+    made.add_argument("shell", metavar="SHELL", choices=tuple(SHELLS), help="bash, zsh or fish")
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Print it."""
+    from soter.cli.main import COMMANDS, command_of  # noqa: PLC0415 - it imports this file by name
+
+    words = [
+        words_of(name, about, command_of(name).parser() if name != "help" else None, COMMANDS)
+        for name, about in COMMANDS.items()
+    ]
+    text = "\n".join(SHELLS[args.shell](words))
+    console.say(text)
+    return Outcome(fields={"shell": args.shell, "script": text})
+
+
+def words_of(
+    name: str, about: str, made: argparse.ArgumentParser | None, commands: dict[str, str]
+) -> Words:
+    """What a command takes, read off its parser; `help`, which has none, takes `commands`."""
+    if made is None:
+        return Words(name, about, (), tuple(commands), path=False)
+    options: list[Option] = []
+    first: list[str] = []
+    path = False
+    for action in made._actions:  # noqa: SLF001 - argparse has no other way to ask
+        values = tuple(str(c) for c in action.choices or ())
+        is_path = bool(FILES.fullmatch(str(action.metavar or "")))
+        if action.option_strings:
+            text = (action.help or "").replace("%%", "%")
+            takes = action.nargs != 0
+            options.append(Option(tuple(action.option_strings), text, takes, values, is_path))
+        else:
+            first += values
+            path = path or is_path
+    return Words(name, about, tuple(options), tuple(first), path)
+
+
+# ---------------------------------------------------------------- bash
+
+
+def bash(commands: list[Words]) -> Iterator[str]:
+    """A script for bash 4 and later."""
+    yield "# bash completion of soter; made by `soter completion bash`"
+    yield "_soter() {"
+    yield '  local cur=${COMP_WORDS[COMP_CWORD]} prev="" command="" word words="" files=""'
+    yield "  (( COMP_CWORD > 0 )) && prev=${COMP_WORDS[COMP_CWORD-1]}"
+    yield '  for word in "${COMP_WORDS[@]:1:COMP_CWORD-1}"; do'
+    yield "    [[ $word != -* ]] && { command=$word; break; }"
+    yield "  done"
+    yield "  COMPREPLY=()"
+    yield '  case "$command:$prev" in'
+    for c in commands:
+        for option in c.options:
+            if option.takes:
+                at = "|".join(f"{c.name}:{n}" for n in option.names)
+                yield f"    {at}) {_bash_reply(option.values, path=option.path)}; return ;;"
+    yield "  esac"
+    yield '  case "$command" in'
+    names = " ".join(c.name for c in commands)
+    yield f'    "") words="{names} --help --version -V --json" ;;'
+    for c in commands:
+        options = " ".join(n for o in c.options for n in o.names)
+        first = " ".join(c.first)
+        files = "; files=1" if c.path else ""
+        yield f'    {c.name}) if [[ $cur == -* ]]; then words="{options}";'
+        yield f'      else words="{first}"{files}; fi ;;'
+    yield "  esac"
+    yield '  COMPREPLY=($(compgen -W "$words" -- "$cur"))'
+    yield '  [[ -n $files ]] && COMPREPLY+=($(compgen -f -- "$cur"))'
+    yield "}"
+    yield "complete -o filenames -F _soter soter"
+
+
+def _bash_reply(values: tuple[str, ...], *, path: bool) -> str:
+    if values:
+        return f'COMPREPLY=($(compgen -W "{" ".join(values)}" -- "$cur"))'
+    return 'COMPREPLY=($(compgen -f -- "$cur"))' if path else ":"
+
+
+# ---------------------------------------------------------------- zsh
+
+
+def zsh(commands: list[Words]) -> Iterator[str]:
+    """A completion function for zsh, to be put into a folder of `fpath`."""
+    yield "#compdef soter"
+    yield "# zsh completion of soter; made by `soter completion zsh`"
+    yield "_soter() {"
+    yield "  local -a commands"
+    yield "  commands=("
+    for c in commands:
+        yield f"    {_quoted(f'{c.name}:{_plain(c.about)}')}"
+    yield "  )"
+    yield "  if (( CURRENT == 2 )); then _describe command commands; return; fi"
+    yield "  local command=$words[2]"
+    yield "  shift words; (( CURRENT-- ))"
+    yield '  case "$command" in'
+    for c in commands:
+        rows = [r for o in c.options for r in _zsh_option(o)]
+        if c.first:
+            rows.append(_quoted(f"*:word:({' '.join(c.first)})"))
+        elif c.path:
+            rows.append(_quoted("*:file:_files"))
+        if rows:
+            yield f"    {c.name}) _arguments \\"
+            yield from (f"      {row} \\" for row in rows[:-1])
+            yield f"      {rows[-1]} ;;"
+    yield "  esac"
+    yield "}"
+    yield 'if [ "$funcstack[1]" = "_soter" ]; then _soter "$@"; else compdef _soter soter; fi'
+
+
+def _zsh_option(option: Option) -> Iterator[str]:
+    about = _plain(option.about)
+    for name in option.names:
+        takes = ""
+        if option.takes:
+            how = f"({' '.join(option.values)})" if option.values else "_files" * option.path
+            takes = f":value:{how or ' '}"
+        yield _quoted(f"{name}[{about}]{takes}")
+
+
+def _plain(text: str) -> str:
+    """What may stand in a description: none of the marks that zsh reads."""
+    return re.sub(r"[\[\]:\\]", " ", text)
+
+
+def _quoted(text: str) -> str:
+    return "'" + text.replace("'", "'\\''") + "'"
+
+
+# ---------------------------------------------------------------- fish
+
+
+def fish(commands: list[Words]) -> Iterator[str]:
+    """Commands for fish."""
+    yield "# fish completion of soter; made by `soter completion fish`"
+    yield "complete -c soter -f"
+    yield "complete -c soter -n __fish_use_subcommand -s V -l version -d 'the version'"
+    for c in commands:
+        yield f"complete -c soter -n __fish_use_subcommand -a {c.name} -d {_fish(c.about)}"
+    for c in commands:
+        seen = f"complete -c soter -n '__fish_seen_subcommand_from {c.name}'"
+        if c.first:
+            yield f"{seen} -a {_fish(' '.join(c.first))}"
+        if c.path:
+            yield f"{seen} -F"
+        for option in c.options:
+            names = " ".join(
+                f"-l {n[2:]}" if n.startswith("--") else f"-s {n[1:]}" for n in option.names
+            )
+            takes = ""
+            if option.takes:
+                takes = f" -r -a {_fish(' '.join(option.values))}" if option.values else " -r"
+                takes += " -F" if option.path else ""
+            yield f"{seen} {names}{takes} -d {_fish(option.about)}"
+
+
+def _fish(text: str) -> str:
+    return "'" + text.replace("\\", "\\\\").replace("'", "\\'") + "'"
+
+
+SHELLS = {"bash": bash, "zsh": zsh, "fish": fish}

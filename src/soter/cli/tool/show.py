@@ -1,0 +1,69 @@
+"""`soter show FILE`: the diagram of a system.
+
+Purpose: nodes, topics, modules and plants with their periods as an SVG, in a file or on standard
+output.
+Non-goals: what happens in it (`soter run --report`).
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from soter.api import load
+from soter.cli.terminal.outcome import FINE, Outcome, exit_of
+from soter.cli.terminal.parser import Parser, add_file, add_settings
+from soter.cli.terminal.progress import LineOfProgress
+from soter.diagnostics.diagnostic import SoterError
+
+if TYPE_CHECKING:
+    import argparse
+
+    from soter.cli.terminal.console import Console
+
+EXAMPLES = """\
+  soter show cart.soter                    into .soter/: open it in a browser
+  soter show cart.soter -o cart.svg
+  soter show drone.soter --system Protected --set d.PERIOD=20ms
+  soter show cart.soter -o - > cart.svg    on standard output
+"""
+STANDARD_OUTPUT = "-"
+
+
+def parser() -> Parser:
+    """The command line."""
+    made = Parser("show", "Draw a system: nodes, topics, modules and plants.", EXAMPLES)
+    add_file(made)
+    made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
+    add_settings(made)
+    made.add_argument(
+        "-o",
+        "--output",
+        metavar="FILE",
+        help="the SVG; by default .soter/PROGRAM-SYSTEM.svg; - is standard output",
+    )
+    return made
+
+
+def run(args: argparse.Namespace, console: Console) -> Outcome:
+    """Show."""
+    with LineOfProgress(console) as line:
+        program = load(args.file, line)
+    try:
+        shown = program.diagram(args.system, dict(args.params))
+        path = args.output or str(Path(".soter") / f"{Path(args.file).stem}-{shown.system}.svg")
+        if path == STANDARD_OUTPUT:
+            console.say(shown.svg.rstrip())
+        else:
+            shown.write(path)
+            console.say(f"diagram  {path}")
+    except SoterError as error:
+        return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
+    fields = {
+        "file": args.file,
+        "program_sha256": program.sha256,
+        "system": shown.system,
+        "diagram": None if path == STANDARD_OUTPUT else path,
+        "svg": shown.svg if path == STANDARD_OUTPUT else None,
+    }
+    return Outcome(FINE, program.diagnostics, fields)

@@ -1,0 +1,61 @@
+"""What a diagram shows, as plain data: boxes, frames around them, and who writes to whom.
+
+Purpose: `Cell`, `Frame`, `Arrow`, `Graph`; whoever draws knows nothing of programs.
+Non-goals: places (`layered.py`), lines and colours (`drawing.py`).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Cell:
+    """A box with text: `lines` are titles, `caption` stands below them in small letters.
+
+    `kind`: plant, node, ac, sc, dm, topic or input. `key` is what arrows name; `names` are the full
+    names of what is shown here, one but for topics that share a box.
+    """
+
+    key: str
+    kind: str
+    lines: tuple[str, ...]
+    caption: str = ""
+    names: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Frame:
+    """A module: a frame with a title around its controllers and its DM."""
+
+    key: str
+    title: str
+    inside: tuple[Part, ...]
+
+
+Part = Cell | Frame
+
+
+@dataclass(frozen=True)
+class Arrow:
+    """From one key to another."""
+
+    source: str
+    target: str
+
+
+@dataclass(frozen=True)
+class Graph:
+    """Everything that is drawn. `first`: keys of what stands at the top where it can."""
+
+    title: str
+    parts: tuple[Part, ...]
+    arrows: tuple[Arrow, ...]
+    first: frozenset[str] = frozenset()
+
+
+def cells(part: Part) -> tuple[Cell, ...]:
+    """The boxes of a part, from left to right."""
+    if isinstance(part, Cell):
+        return (part,)
+    return tuple(cell for inner in part.inside for cell in cells(inner))

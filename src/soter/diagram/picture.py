@@ -1,0 +1,20 @@
+"""The diagram of a system, in one call.
+
+Purpose: `picture`: what `soter show`, reports, the docs and editors show.
+Non-goals: which system, and where the SVG goes.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from soter.diagram.drawing import draw
+from soter.diagram.of_system import graph_of
+
+if TYPE_CHECKING:
+    from soter.program.model.system import System
+
+
+def picture(system: System) -> str:
+    """The SVG of a flat system: a whole file, in light and dark; the same system, the same text."""
+    return draw(graph_of(system))

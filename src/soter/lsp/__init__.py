@@ -1,0 +1,1 @@
+"""The language server: what Soter knows of a program, where it is written."""

@@ -1,0 +1,1 @@
+"""Names of programs: what they mean, wherever they are written, finished or not."""

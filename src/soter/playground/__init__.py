@@ -1,0 +1,1 @@
+"""Soter in a browser: a page that checks, lays out, explains and runs, without a network."""

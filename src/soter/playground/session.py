@@ -1,0 +1,226 @@
+"""What the page asks of Soter, as JSON texts in and out.
+
+Purpose: `check`, `layout`, `explain` of a program, and `Session`, a run of the reference
+interpreter that goes on piece by piece, so that the page can draw it meanwhile. Needs neither NumPy
+nor cffi nor a compiler: it runs in Pyodide as it does here.
+Non-goals: proofs, compiled code, externs in Python or C; the page says so.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import time
+from typing import TYPE_CHECKING
+
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
+from soter.diagnostics.explain import explain as page_of
+from soter.diagnostics.explain import named, suggestions
+from soter.diagnostics.render import render_all, to_json
+from soter.diagnostics.source import Source
+from soter.diagram.picture import picture
+from soter.playground.signals import signals_of
+from soter.program.build import check_file, system_of
+from soter.program.meaning.limits import limits
+from soter.program.model.durations import show_ns
+from soter.semantics.externs import UnboundExternError
+from soter.semantics.interpreter import Interpreter
+from soter.semantics.record import AC
+from soter.semantics.rules import next_instant
+from soter.syntax.printer import format_source
+
+if TYPE_CHECKING:
+    from soter.program.build import Checked
+    from soter.program.model.system import System
+
+UNTIL_NS = 10 * 10**9
+"""Of systems that say no `until`."""
+SAMPLES_MAX = 1500
+"""Points of a run that the page draws; every change of mode is one besides."""
+CLOCK_EVERY = 16
+"""Instants between two looks at the clock."""
+
+
+def check(path: str, text: str) -> str:
+    """Whether a program is well-formed, diagnostics, its systems and the default one's picture."""
+    checked = check_file(path, text)
+    found: dict[str, object] = {
+        "ok": checked.ok,
+        "text": render_all(checked.diagnostics.items),
+        "diagnostics": [to_json(d) for d in checked.diagnostics.items],
+        "systems": list(checked.systems) if checked.ok else [],
+    }
+    if checked.ok:
+        found |= _shown(checked)
+    return json.dumps(found)
+
+
+def _shown(checked: Checked) -> dict[str, object]:
+    """The picture of the system that runs when none is named, else of the first."""
+    symbol = checked.default_system()
+    name = symbol.name if symbol is not None else next(iter(checked.systems), None)
+    if name is None:
+        return {"default": None, "svg": ""}
+    return {"default": name, "svg": picture(system_of(checked, name))}
+
+
+def layout(path: str, text: str) -> str:
+    """The text well laid out; as it was, with diagnostics, where it does not parse."""
+    found = Diagnostics()
+    done = format_source(Source(path, text), found)
+    told = render_all(found.items)
+    return json.dumps(
+        {"ok": done is not None, "program": text if done is None else done, "text": told}
+    )
+
+
+def explain(code: str) -> str:
+    """The page of a diagnostic code."""
+    page = page_of(code)
+    near = suggestions(code)
+    if page is None:
+        page = f"There is no code `{code[:40]}`." + (
+            f" Did you mean {', '.join(near)}?" if near else ""
+        )
+    return json.dumps({"code": named(code), "page": page})
+
+
+class Session:
+    """A run of one system, from its start; `about` and `advance` give JSON.
+
+    Raises `SoterError` where the program cannot be run: it has errors, or externs that nobody
+    answers here.
+    """
+
+    def __init__(self, path: str, text: str, system: str = "", seed: int = 1) -> None:
+        checked = check_file(path, text)
+        self.system: System = system_of(checked, system or None)
+        try:
+            self.interpreter = Interpreter(self.system, seed)
+        except UnboundExternError as error:
+            raise unanswered(error) from error
+        self.until_ns = self.system.until_ns or UNTIL_NS
+        self.signals = signals_of(self.system)
+        self.limits = limits(self.system)
+        self._configuration = self.interpreter.initial()
+        self._record = self.interpreter.record()
+        self._modes = [m.mode for m in self._record.modules]
+        self._step_ns = max(self.until_ns // SAMPLES_MAX, 1)
+        self._sampled_ns = -self._step_ns
+        self._told = [False] * len(self._record.properties)
+
+    def about(self) -> str:
+        """What is going to be drawn."""
+        computed = [
+            m.name for m in self.system.modules if m.symbol.ttf is None or m.symbol.safer is None
+        ]
+        notes = [
+            f"{name} leaves `ttf` or `safer` to be computed, which needs a compiler: AC never gets "
+            "control here"
+            for name in computed
+        ]
+        return json.dumps(
+            {
+                "system": self.system.name,
+                "until_s": self.until_ns / 1e9,
+                "until": show_ns(self.until_ns),
+                "signals": [
+                    {
+                        **s.about(),
+                        "limits": sorted({x.value for x in self.limits if x.signal == s.name}),
+                    }
+                    for s in self.signals
+                ],
+                "modules": [
+                    {
+                        "name": m.name,
+                        "ac": self.system.components[m.ac].name,
+                        "sc": self.system.components[m.sc].name,
+                    }
+                    for m in self.system.modules
+                ],
+                "notes": notes,
+            }
+        )
+
+    def advance(self, budget_s: float) -> str:
+        """Go on for about this long by the clock: samples, changes of mode, violations."""
+        deadline = time.perf_counter() + budget_s
+        rows: list[list[object]] = []
+        events: list[dict[str, object]] = []
+        machine, done, count = self.interpreter.machine, False, 0
+        while True:
+            if next_instant(machine, self._configuration) > self.until_ns:
+                done = True
+                if self._sampled_ns != self._configuration.ct:
+                    rows.append(self._row())
+                break
+            self._configuration = self.interpreter.instant(self._configuration, record=self._record)
+            changed = self._changes(events)
+            now = self._configuration.ct
+            if changed or now >= self._sampled_ns + self._step_ns:
+                self._sampled_ns = now
+                rows.append(self._row())
+            count += 1
+            if count % CLOCK_EVERY == 0 and time.perf_counter() >= deadline:
+                break
+        return json.dumps(
+            {
+                "done": done,
+                "time_s": max(self._configuration.ct, 0) / 1e9,
+                "rows": rows,
+                "events": events,
+                "violations": self._record.violations,
+            }
+        )
+
+    def _row(self) -> list[object]:
+        """Time, modes, signals."""
+        c = self._configuration
+        values = [s.of(c) for s in self.signals]
+        told = [v if math.isfinite(v) else None for v in values]
+        return [c.ct / 1e9, [int(m == AC) for m in self._modes], told]
+
+    def _changes(self, events: list[dict[str, object]]) -> bool:
+        """Note changes of mode and new violations; whether a mode changed."""
+        now = [m.mode for m in self._record.modules]
+        time_s = self._configuration.ct / 1e9
+        changed = now != self._modes
+        if changed:
+            for index, (before, after) in enumerate(zip(self._modes, now, strict=True)):
+                if before != after:
+                    module = self._record.modules[index]
+                    why = [w for w in ("ttf", "stale", "gate_fault") if getattr(module, w)]
+                    events.append(
+                        {
+                            "time_s": time_s,
+                            "what": f"{self.system.modules[index].name}: "
+                            + ("SC → AC" if after == AC else "AC → SC"),
+                            "why": "safer" if after == AC else " and ".join(why),
+                            "bad": False,
+                        }
+                    )
+            self._modes = now
+        for i, p in enumerate(self._record.properties):
+            if p.count and not self._told[i]:
+                self._told[i] = True
+                what = self.system.properties[i].text
+                events.append({"time_s": time_s, "what": what, "why": "violated", "bad": True})
+        return changed
+
+
+def start(path: str, text: str, system: str = "", seed: int = 1) -> Session | str:
+    """A session, or what stands in its way, as people read it."""
+    try:
+        return Session(path, text, system, seed)
+    except SoterError as error:
+        return render_all(error.diagnostics)
+
+
+def unanswered(error: UnboundExternError) -> SoterError:
+    """Externs are somebody else's code: there is none of it in the page."""
+    from soter.diagnostics.diagnostic import Diagnostic  # noqa: PLC0415 - only then
+
+    message = f"{error}"
+    note = "externs in Python and C run on your machine: `pip install`, then `soter run`"
+    return SoterError((Diagnostic("X001", message, notes=(note,)),))

@@ -1,0 +1,1 @@
+"""A safety case: goals, what supports them, what they rest on; a page, JSON, StrictDoc."""

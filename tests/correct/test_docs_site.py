@@ -1,0 +1,147 @@
+"""The site of the docs: it builds, every link leads somewhere, and it says where one does not."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import sys
+from contextlib import suppress
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+import browser
+import processes
+from soter.cli.main import COMMANDS, command_of
+from soter.cli.terminal.parser import HelpWantedError
+
+ROOT = Path(__file__).resolve().parents[2]
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+TERMINALS = ("", "sh", "console", "text")
+
+
+@pytest.fixture
+def site(monkeypatch: pytest.MonkeyPatch) -> Any:
+    pytest.importorskip("markdown_it", reason="the extra `docs` is not installed")
+    monkeypatch.syspath_prepend(str(ROOT / "docs" / "site"))
+    return import_module("build_site")
+
+
+@pytest.fixture
+def copied(tmp_path: Path, site: Any) -> Any:
+    """A tiny repository with every page of the menu, and nothing in them."""
+    for _, _, pages in site.NAV:
+        for name, _ in pages:
+            path = tmp_path / (name if name == "README.md" else f"docs/{name}")
+            path.parent.mkdir(exist_ok=True)
+            path.write_text("# A page\n")
+    return site.Site(tmp_path, tmp_path / "out")
+
+
+def test_the_site_builds_and_every_link_of_what_it_wrote_leads_somewhere(tmp_path: Path) -> None:
+    pytest.importorskip("markdown_it", reason="the extra `docs` is not installed")
+    line = [sys.executable, str(ROOT / "docs/site/build_site.py"), "-o", str(tmp_path)]
+    done = processes.run([*line, "--no-playground"], capture_output=True, text=True, timeout=300)
+    assert done.returncode == 0, done.stderr
+    written = sorted(tmp_path.rglob("*.html"))
+    names = {p.name for p in written}
+    assert {"language.html", "start.html", "codes.html", "index.html", "proof.html"} <= names
+    broken = []
+    for page in written:
+        for link in re.findall(r'(?:href|src)="([^"]+)"', page.read_text(encoding="utf-8")):
+            path, _, anchor = link.partition("#")
+            if re.match(r"[a-z]+:", link):
+                continue
+            target = (page.parent / path) if path else page
+            text = target.read_text(encoding="utf-8") if target.suffix == ".html" else ""
+            if not target.exists() or (anchor and f'id="{anchor}"' not in text):
+                broken.append(f"{page.name}: {link}")
+    assert broken == []
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("[x](none.md)", "python.md: `none.md` leads nowhere"),
+        ("[x](../../outside)", "python.md: `../../outside` leads nowhere"),
+        ("[x](proof.md#none)", "python.md: `proof.md#none`: there is no such heading"),
+        ("[x](#none)", "python.md: `#none`: there is no such heading"),
+        ("![x](img/none.svg)", "python.md: `img/none.svg` leads nowhere"),
+        ("[x](proof.md#a-page) [y](#a-page)", ""),
+    ],
+)
+def test_a_link_that_leads_nowhere_is_named(copied: Any, text: str, problem: str) -> None:
+    (copied.root / "docs" / "python.md").write_text(f"# A page\n\n{text}\n")
+    copied._collect()
+    for page in copied.pages.values():
+        copied._render(page)
+    for page in copied.pages.values():
+        copied._check_anchors(page)
+    assert copied.problems == ([problem] if problem else [])
+
+
+def test_a_page_that_is_not_in_the_menu_is_named(copied: Any) -> None:
+    (copied.root / "docs" / "forgotten.md").write_text("# Forgotten\n")
+    copied.build()
+    assert copied.problems == ["site_menu.py: forgotten.md is not in the menu"]
+    assert not copied.output.exists()
+
+
+def commands_of(text: str) -> list[str]:
+    """Command lines of `soter` in blocks for a terminal, remarks behind them left out."""
+    lines: list[str] = []
+    inside: str | None = None
+    for line in re.sub(r"\s*\\\n\s*", " ", text).splitlines():
+        if line.startswith("```"):
+            inside = None if inside is not None else line[3:]
+        elif (
+            inside in TERMINALS
+            and re.match(r"(\$ )?soter [a-z]+(\s|$)", line)
+            and "..." not in line
+        ):
+            lines.append(line.removeprefix("$ "))
+    return [re.split(r"\s{2,}|\s#|[|>;&]", line)[0].strip() for line in lines]
+
+
+@pytest.mark.parametrize("path", PAGES, ids=lambda p: p.name)
+def test_every_command_line_of_a_page_is_one(path: Path) -> None:
+    wrong = []
+    for line in commands_of(path.read_text(encoding="utf-8")):
+        _, name, *rest = shlex.split(line)
+        if name not in COMMANDS:
+            wrong.append(f"{line}: no command")
+            continue
+        try:
+            with suppress(HelpWantedError):
+                command_of(name).parser().parse_args(rest)
+        except Exception as error:  # noqa: BLE001 - whatever is wrong with it
+            wrong.append(f"{line}: {error}")
+    assert wrong == []
+
+
+def test_command_lines_are_found() -> None:
+    page = "```sh\nsoter run a.soter   # runs\n$ soter check b.soter | jq\n```\n"
+    page += "```soter\nsoter fmt\n```\nsoter explain\n```\nsoter run \\\n b.soter\n```\n"
+    assert commands_of(page) == ["soter run a.soter", "soter check b.soter", "soter run b.soter"]
+    total = sum(len(commands_of(p.read_text(encoding="utf-8"))) for p in PAGES)
+    assert total > 50
+
+
+def test_the_search_of_a_page_finds_headings(tmp_path: Path, site: Any) -> None:
+    if browser.chromium() is None:
+        pytest.skip("no chromium on this machine")
+    made = site.Site(ROOT, tmp_path)
+    made.build()
+    assert made.problems == []
+    with browser.page() as page:
+        page.open((tmp_path / "start.html").as_uri())
+        page.wait("document.readyState === 'complete' && typeof PAGES !== 'undefined'")
+        page.value("document.getElementById('find').value = 'rta modules'")
+        page.value("document.getElementById('find').dispatchEvent(new Event('input'))")
+        assert "language.html#7-rta-modules" in page.value(
+            "document.querySelector('#found a').href"
+        )
+        assert {r.split(":")[0] for r in page.requests} == {"file"}
+        assert page.errors == []

@@ -1,0 +1,153 @@
+"""Every help that is an edit is applied to its program, which then is rid of the error.
+
+What the others say in code is read: it must be Soter, with `...` for what the user knows.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import pytest
+
+from generators.found import files_in
+from soter.diagnostics.diagnostic import Diagnostics, Severity
+from soter.diagnostics.fix import applied
+from soter.diagnostics.source import Source
+from soter.program.build import Checked, check_file
+from soter.syntax.parser import parse
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from soter.diagnostics.diagnostic import Diagnostic
+    from soter.diagnostics.fix import Fix
+
+FOLDER = Path(__file__).parent
+PROGRAMS = [p.name for p in files_in(FOLDER, "*.soter")]
+
+#: What an error hid, and its fix shows: the next step is the user's.
+SHOWN_BY_A_FIX = {
+    "N001_instance_that_cannot_be_made.soter": {"M013", "T002"},
+    "T014_duration_argument.soter": {"T002"},
+}
+
+
+@pytest.fixture(autouse=True)
+def _in_this_folder() -> Iterator[None]:
+    before = Path.cwd()
+    os.chdir(FOLDER)
+    yield
+    os.chdir(before)
+
+
+def after(name: str, fix: Fix) -> Checked | None:
+    """The program checked with a fix; None where the fix is of another file."""
+    texts = {source.name: text for source, text in applied(fix).items()}
+    return check_file(name, texts[name]) if set(texts) == {name} else None
+
+
+def same(one: Diagnostic, other: Diagnostic) -> bool:
+    return (one.code, one.message) == (other.code, other.message)
+
+
+@pytest.mark.parametrize("name", PROGRAMS)
+def test_a_help_that_is_an_edit_removes_the_error_and_brings_no_other(name: str) -> None:
+    found = check_file(name).diagnostics.items
+    for d in found:
+        for fix in d.fixes:
+            assert fix.title in d.helps
+            assert fix.edits
+            mended = after(name, fix)
+            if mended is None:
+                continue
+            left = mended.diagnostics.items
+            assert not any(same(d, x) for x in left), (fix, [x.message for x in left])
+            told = {(x.code, x.message) for x in found}
+            errors = [x for x in left if x.severity is Severity.ERROR]
+            new = [x for x in errors if (x.code, x.message) not in told]
+            assert {x.code for x in new} <= SHOWN_BY_A_FIX.get(name, set()), (fix, new)
+
+
+# ---------------------------------------------------------------- code in the other helps
+
+#: Where a piece of code of a help may stand.
+PLACES = (
+    "{}",
+    "const A: float = {};",
+    "const A: {} = b;",
+    "topic t: float {};",
+    "fun f(): float {{ {} }}",
+    "fun f(): float {{ let {}; }}",
+    "node N period 10ms {{ {} step {{ }} }}",
+    "node N period 10ms {{ publishes {}; step {{ }} }}",
+    "node N period 10ms {{ step {{ {} }} }}",
+    "node N period 10ms {{ step {{ let a = {}; }} }}",
+    "plant P period 10ms {{ {} }}",
+    "rta M {{ {} }}",
+    "rta M {{ verify {{ {} }} }}",
+    "system S {{ {} }}",
+    "system S {{ a: B {}; }}",
+    "system S {{ {}; }}",
+    "system S {{ input t {} every 1s; }}",
+    "node N period 10ms {{ step {{ {} {{ }} }} }}",
+    "{}: float;",
+    "test T {{ {} }}",
+    "import {} as a;",
+    "extern node N period 1ms from {} {{ }}",
+)
+#: What the dots of a help stand for.
+FILLINGS = (
+    ("{ ... }", "{ }"),
+    ("{ ... }", "{ step { } }"),
+    ("...", "b"),
+    ("...", "b: a"),
+    ("= ...", "= b"),
+    ("...", "1"),
+)
+WORD = re.compile(r"[.\w]+|[-+*/%<>=!&|]+|[\w./-]+\.(soter|json|csv|npy)|\[<=[\w.]+\]|in \{ \}")
+
+
+def is_soter(code: str) -> bool:
+    """Whether it can stand somewhere in a program, with something in place of its dots."""
+    if WORD.fullmatch(code):
+        return True
+    written = {code}
+    for dots, filling in FILLINGS:
+        written |= {w.replace(dots, filling) for w in list(written)}
+    return any(_parses(place.format(w)) for place in PLACES for w in sorted(written))
+
+
+def _parses(text: str) -> bool:
+    found = Diagnostics()
+    parse(Source("help.soter", f"soter 1;\n{text}\n"), found)
+    return not found.has_errors
+
+
+def helps() -> list[tuple[str, str]]:
+    os.chdir(FOLDER)
+    found: dict[str, str] = {}
+    for name in PROGRAMS:
+        for d in check_file(name).diagnostics.items:
+            titles = {f.title for f in d.fixes}
+            found |= {h: name for h in d.helps if h not in titles and "`" in h}
+    return sorted(found.items())
+
+
+def test_code_in_a_help_is_soter() -> None:
+    wrong = [
+        (help_, code, name)
+        for help_, name in helps()
+        for code in re.findall(r"`([^`]+)`", help_)
+        if not is_soter(code)
+    ]
+    assert not wrong
+
+
+def test_code_that_is_none_is_noticed() -> None:
+    assert is_soter("state x: float;")
+    assert is_soter("for i in 0..10 { ... }")
+    assert not is_soter("for (i = 0; i < 9; i++) { ... }")
+    assert not is_soter("state float x;")

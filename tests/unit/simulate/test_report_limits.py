@@ -1,0 +1,97 @@
+"""What a report draws beside a signal: limits, the truth with its estimate, units."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+import soter
+from soter.program.build import check_file, system_of
+from soter.program.meaning.limits import limits
+from soter.simulate.outputs.to_report import report_page
+
+CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
+PROGRAM = """soter 1;
+type Motion = {{ x: float, v: float }};
+const WALL: float = 10.0;
+param HALF: float = 0.5;
+input topic m: Motion;
+input topic n: Motion;
+topic u: float in [-1.0, 1.0];
+fun Inside(m: Motion): bool {{ return abs(m.x) < WALL; }}
+fun Both(m: Motion): bool {{ return Inside(m) && m.v >= -2.0; }}
+fun Long(m: Motion): bool {{ let far = m.x; return far < 1.0; }}
+node A period 10ms {{ subscribes m; publishes u; step {{ publish u = 0.0; }} }}
+node B period 10ms {{ subscribes m; publishes u; step {{ publish u = 0.5; }} }}
+rta M {{ ac A; sc B; period 20ms; safe {safe}; ttf m.x > 1.0; safer m.x < 0.0; }}
+"""
+
+
+@pytest.mark.parametrize(
+    ("safe", "expected"),
+    [
+        ("Inside(m)", {("m.x", -10.0), ("m.x", 10.0)}),
+        ("Both(m)", {("m.x", -10.0), ("m.x", 10.0), ("m.v", -2.0)}),
+        ("m.x < WALL - HALF", {("m.x", 9.5)}),
+        ("3.0 >= m.x", {("m.x", 3.0)}),
+        ("-m.x < 4.0", {("m.x", -4.0)}),
+        ("2.0 * m.x + 1.0 <= 5.0", {("m.x", 2.0)}),
+        ("WALL - m.x > 1.0", {("m.x", 9.0)}),
+        ("WALL - abs(m.x) > 1.0", {("m.x", -9.0), ("m.x", 9.0)}),
+        ("abs(2.0 * m.x) < 6.0", {("m.x", -3.0), ("m.x", 3.0)}),
+        ("abs(m.x) > 1.0", set()),  # no bound: what lies between is what is forbidden
+        ("abs(m.x - 1.0) < 2.0", set()),
+        ("m.x < 1.0 || m.v < 1.0", set()),
+        ("m.x + m.v < 1.0", set()),
+        ("m.x < n.x", set()),
+        ("Long(m)", set()),
+        ("m.x * 0.0 < 1.0", set()),
+        ("true", set()),
+    ],
+)
+def test_bounds_of_one_signal_are_read_off_safe(
+    tmp_path: Path, safe: str, expected: set[tuple[str, float]]
+) -> None:
+    path = tmp_path / "p.soter"
+    path.write_text(PROGRAM.format(safe=safe))
+    checked = check_file(str(path))
+    assert checked.ok, checked.diagnostics.items
+    found = limits(system_of(checked, None))
+    assert {(x.signal, x.value) for x in found} == expected
+    assert {x.by for x in found} <= {"safe of M"}
+
+
+def test_a_report_shows_truth_and_estimate_with_unit_and_limits_in_one_panel() -> None:
+    run = soter.load(CART).simulate(until="5s")
+    (chart,) = report_page(run, "cart", {}).charts
+    panels: dict[str, list[str]] = {}
+    for series in chart.series:
+        panels.setdefault(series.panel, []).append(series.name)
+    assert panels == {
+        "c.x": ["c.x", "motion.x"],
+        "c.v": ["c.v", "motion.v"],
+        "accel": ["accel"],
+        "goal": ["goal"],
+    }
+    of = {s.name: s for s in chart.series}
+    assert {n: s.unit for n, s in of.items()} == {
+        "c.x": "m", "motion.x": "m", "c.v": "m/s", "motion.v": "m/s", "accel": "m/s^2", "goal": "m",
+    }  # fmt: skip
+    assert {t.value: t.label for t in of["c.x"].thresholds} == {-10.0: "always", 10.0: "always"}
+    assert {t.label for t in of["motion.x"].thresholds} == {"safe of SafeCart"}
+
+
+def test_a_unit_is_no_part_of_a_type(tmp_path: Path) -> None:
+    path = tmp_path / "p.soter"
+    path.write_text(
+        'soter 1;\ntype A = { x: float unit "m" };\ntype B = { x: float unit "s" } ;\n'
+        "const a: A = { x: 1.0 };\nconst b: B = a;\n"
+        'input topic t: A[2] unit "km";\ninput topic v: int[3] unit "1";\n'
+    )
+    checked = check_file(str(path))
+    assert checked.ok, checked.diagnostics.items
+    assert checked.program is not None
+    t, v = (checked.program.topics[n].type for n in ("t", "v"))
+    assert t.element.fields[0][1].unit == "m"  # type: ignore[attr-defined]
+    assert v.element.unit == "1"  # type: ignore[attr-defined]
