@@ -13,7 +13,6 @@ import json
 import os
 import select
 import shutil
-import subprocess
 import tempfile
 import time
 from contextlib import contextmanager
@@ -155,8 +154,8 @@ def page() -> Iterator[Page]:
             with processes.started(
                 ["bash", "-c", line],
                 pass_fds=(to_read, from_write),
-                stdout=subprocess.DEVNULL,
-                stderr=subprocess.DEVNULL,
+                stdout=processes.DEVNULL,
+                stderr=processes.DEVNULL,
             ) as started:
                 yield Page(from_read, to_write, started.pid)
         finally:

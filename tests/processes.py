@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 PIPE = subprocess.PIPE
+DEVNULL = subprocess.DEVNULL
 Done = subprocess.CompletedProcess[Any]
 Process = subprocess.Popen[Any]
 TIMEOUT_S = 600.0

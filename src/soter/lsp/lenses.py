@@ -88,7 +88,8 @@ def _verdict(view: str, said: dict[str, Any]) -> str:
     parts = [verdict]
     if said["horizon_ns"] is not None and said["horizon_needed_ns"] is not None:
         spare = said["horizon_ns"] - said["horizon_needed_ns"]
-        parts.append(f"H is {show_ns(abs(spare))} {'above' if spare >= 0 else 'below'} H*")
+        side = "above" if spare > 0 else "below"
+        parts.append(f"H is {show_ns(abs(spare))} {side} H*" if spare else "H is H*")
     stamp = time.strftime("%Y-%m-%d %H:%M", time.localtime(said["when_s"]))
     parts.append(f"{stamp}, in {said['seconds']:.1f} s")
     return " · ".join(parts)

@@ -150,8 +150,12 @@ def test_a_verdict_is_shown_of_this_text_only(wall: Path, monkeypatch: pytest.Mo
     assert program is not None
     verdicts.remember(path, program.sha256, {"SafeCart": said("undecided")})
     assert titles(path)[0].startswith("undecided: P2a · ")
-    views = {"SafeCart as east": said("proved"), "SafeCart as west": said("refuted")}
+    views = {
+        "SafeCart as east": said("proved", horizon_needed_ns=30_000_000),
+        "SafeCart as west": said("refuted"),
+    }
     verdicts.remember(path, program.sha256, views)
+    assert titles(path)[1].startswith("proved as east · H is H* · ")
     shown = [t.split(" · ")[0] for t in titles(path)]
     assert shown[:3] == ["undecided: P2a", "proved as east", "REFUTED as west: P2a"]
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import io
 import json
-import subprocess
 import sys
 import zipfile
 from pathlib import Path
@@ -135,7 +134,7 @@ def test_the_cart_of_the_page_is_the_example() -> None:
 def test_pyodide_that_is_not_there_is_named(tmp_path: Path) -> None:
     line = [sys.executable, "-m", "soter.playground", "-o", str(tmp_path), "--pyodide"]
     for given in (tmp_path, tmp_path / "none.tgz"):
-        done = processes.run([*line, str(given)], stderr=subprocess.PIPE, text=True, timeout=60)
+        done = processes.run([*line, str(given)], stderr=processes.PIPE, text=True, timeout=60)
         assert done.returncode == 1
         assert "error[D006]" in done.stderr
     assert list(tmp_path.iterdir()) == []

@@ -14,8 +14,9 @@ from soter.diagnostics.span import Span
 from soter.syntax import foreign, tree
 
 if TYPE_CHECKING:
+    from collections.abc import Iterable
+
     from soter.diagnostics.fix import Help
-    from soter.program.check.scope import FileScope
 
 MEMBERS_SHOWN = 3
 _SECOND_WORD = re.compile(r"[ \t]+(int|long|short|char|double)\b")
@@ -33,7 +34,7 @@ def a_type(name: str, span: Span) -> tuple[Help, ...]:
     return (advice,) if advice is not None else ()
 
 
-def a_value(scope: FileScope, name: str, span: Span) -> tuple[Help, ...]:
+def a_value(declared: Iterable[tree.Decl], name: str, span: Span) -> tuple[Help, ...]:
     """For `True`, `AC`, `M_PI`, `None`, a member without its enum."""
     meant = foreign.value_meant(name)
     if meant is not None:
@@ -43,11 +44,11 @@ def a_value(scope: FileScope, name: str, span: Span) -> tuple[Help, ...]:
             "there is no null: every value is one of its type, 0 or `false` where none is said",
         )
     owners = [
-        f"{entry.decl.name.text}.{name}"
-        for entry in scope.entries.values()
-        if isinstance(entry.decl, tree.TypeDecl)
-        and isinstance(entry.decl.type, tree.EnumTypeExpr)
-        and any(m.text == name for m in entry.decl.type.members)
+        f"{decl.name.text}.{name}"
+        for decl in declared
+        if isinstance(decl, tree.TypeDecl)
+        and isinstance(decl.type, tree.EnumTypeExpr)
+        and any(m.text == name for m in decl.type.members)
     ]
     return tuple(replace(span, owner) for owner in owners[:MEMBERS_SHOWN])
 

@@ -292,7 +292,7 @@ class Names:
         if not helps and kind == "type":
             helps = meant.a_type(name, span)
         elif not helps and kind == "name":
-            helps = meant.a_value(scope, name, span)
+            helps = meant.a_value((e.decl for e in scope.entries.values()), name, span)
         if not helps:
             helps = self.diagnostics.did_you_mean(name, chain(more, scope.entries), span)
         if not helps:

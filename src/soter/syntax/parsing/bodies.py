@@ -14,6 +14,7 @@ from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
+from soter.syntax.parsing.nesting import unclosed
 from soter.syntax.parsing.statements import PLACE_FOLLOWS, StatementParser
 from soter.syntax.parsing.types import type_expression
 from soter.syntax.tokens import EOF, NAME, STRING, string_value, visible
@@ -110,7 +111,7 @@ class BodyParser(StatementParser):
                     self.misplaced_declaration()
                     continue
                 self.damaged = True
-                self.unclosed(opener, what)
+                unclosed(self, opener, what)
                 return
             if kind == ";":
                 self.stray_semicolon()

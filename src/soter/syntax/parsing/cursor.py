@@ -481,34 +481,6 @@ class Cursor:
             self.i += 1
         self.quiet = self.i
 
-    # ------------------------------------------------------------ braces
-
-    def unclosed(self, opener: int, what: str) -> None:
-        """Report that the block opened at token `opener` has no end before the cursor."""
-        begins = "it" if what == "this block" else f"the body of {what}"
-        also = [(self.token_span(opener), f"{begins} begins here")]
-        suspect = self._suspect(opener)
-        if suspect is not None:
-            opening, closing = suspect
-            also.append((self.token_span(opening), "this `{` may be the one without an end"))
-            also.append((self.token_span(closing), "this `}` is indented less"))
-        message = f"expected `}}` to close {what}, found {self.found()}"
-        self.report("S012", message, also=tuple(also))
-
-    def _suspect(self, opener: int) -> tuple[int, int] | None:
-        """The first pair of braces inside `opener` whose indentation does not match."""
-        stack: list[int] = []
-        for index in range(opener, min(self.i, opener + 20_000)):
-            kind = self.kinds[index]
-            if kind == "{":
-                stack.append(index)
-            elif kind == "}" and stack:
-                opening = stack.pop()
-                indent = self.line_indent(index)
-                if self._first_on_line(index) and indent < self.line_indent(opening):
-                    return (opening, index) if opening != opener else None
-        return None
-
     def nested_declaration(self) -> bool:
         """Whether the declaration at the cursor is indented as if it belonged to this one."""
         return not self.inner and self.line_indent(self.i) > self.indent
@@ -518,5 +490,6 @@ class Cursor:
         line = self.source.line(self.source.line_of(self.starts[index]))
         return len(line) - len(line.lstrip())
 
-    def _first_on_line(self, index: int) -> bool:
+    def first_on_line(self, index: int) -> bool:
+        """Whether a token is the first of its line."""
         return self.line_indent(index) == self.source.column_of(self.starts[index]) - 1

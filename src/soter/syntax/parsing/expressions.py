@@ -9,12 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import made
-from soter.diagnostics.fix import Edit, Fix, replace
+from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import Cursor, Panic
-from soter.syntax.parsing.literals import NUMBERS, number
+from soter.syntax.parsing.literals import NUMBERS, explain_unit, in_brackets, number, period_of
 from soter.syntax.parsing.nesting import LEVELS_MAX, height, report_nesting, too_deep
 from soter.syntax.parsing.operators import (
     ANY,
@@ -24,7 +23,7 @@ from soter.syntax.parsing.operators import (
     report_slip,
     slip,
 )
-from soter.syntax.tokens import ERROR, FLOAT, INT, NAME, UNIT_NS, visible
+from soter.syntax.tokens import ERROR, NAME, UNIT_NS, visible
 
 if TYPE_CHECKING:
     from soter.diagnostics.fix import Help
@@ -72,7 +71,7 @@ class ExpressionParser(Cursor):
         if self.fresh_start():
             return result
         start = self.i
-        self._explain_unit(start)
+        explain_unit(self, start)
         self.skip_expression(start)
         self.accept(";")
         return tree.ErrorExpr(result.span)
@@ -91,7 +90,7 @@ class ExpressionParser(Cursor):
                 helps = (replace(whole, f"{number}{unit}", title),)
                 self.i += 1
             elif unit.lower() == "hz":
-                period = _period_of(result)
+                period = period_of(result)
                 title = f"write the time between two steps: `{period}`"
                 helps = (replace(whole, period, title),)
                 self.i += 1
@@ -115,19 +114,6 @@ class ExpressionParser(Cursor):
         result = self.time(what)
         self.semicolon(what)
         return result
-
-    def _explain_unit(self, i: int) -> None:
-        """`10 ms`: extend the error just reported by a help."""
-        if self.kinds[i] == NAME and self.texts[i] in UNIT_NS and i and self.problems:
-            last = self.problems[-1]
-            here = last.primary is not None and last.primary.span.start == self.ends[i - 1]
-            if here and last.code == "S004" and self.kinds[i - 1] in (INT, FLOAT):
-                time = f"{self.texts[i - 1]}{self.texts[i]}"
-                whole = self.token_span(i - 1).to(self.token_span(i))
-                help_ = replace(whole, time, f"write `{time}`, without a space")
-                self.problems[-1] = made(
-                    last.code, last.message, last.primary, last.secondary, last.notes, (help_,)
-                )
 
     # ------------------------------------------------------------ operators
 
@@ -410,13 +396,13 @@ class ExpressionParser(Cursor):
                     "S007",
                     "expected `field: value` in a record, found `{`",
                     self.token_span(opener),
-                    helps=(self._in_brackets(opener),),
+                    helps=(in_brackets(self, opener),),
                 )
             if self.kinds[self.i + 1] in (",", "}") and not entries:
                 raise self.failure(
                     "S007",
                     f"expected `field: value` in a record, found {self.found()}",
-                    helps=(self._in_brackets(opener),),
+                    helps=(in_brackets(self, opener),),
                 )
             field = self.name("the name of a field")
             if self.kinds[self.i] == "=":
@@ -432,16 +418,6 @@ class ExpressionParser(Cursor):
             if not self.comma("}", "the field", opener):
                 break
         return tree.RecordExpr(self.span_from(start), tuple(entries))
-
-    def _in_brackets(self, opener: int) -> Help:
-        """`[a, b]` for the braces opened at a token."""
-        level = 0
-        for i in range(opener, len(self.kinds)):
-            level += (self.kinds[i] == "{") - (self.kinds[i] == "}")
-            if level == 0 and self.kinds[i] == "}":
-                edits = (Edit(self.token_span(opener), "["), Edit(self.token_span(i), "]"))
-                return Fix("arrays and lists are written `[a, b]`", edits)
-        return "arrays and lists are written `[a, b]`"
 
     def _choose(self) -> tree.Expr:
         """`[fair] choose` and what is chosen from."""
@@ -515,11 +491,3 @@ class ExpressionParser(Cursor):
         else:
             self.expect("]", "after the interval", opener=opener)
         return tree.Interval(low, high, self.span_from(self.starts[opener]))
-
-
-def _period_of(rate: tree.IntLit | tree.FloatLit) -> str:
-    """The period of a rate in Hz, as it would be written."""
-    if not 1e-3 < rate.value < 1e9:
-        return "10ms"
-    period_ms = 1e3 / rate.value
-    return f"{period_ms:g}ms" if period_ms >= 1.0 else f"{round(period_ms * 1e6)}ns"

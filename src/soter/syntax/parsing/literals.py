@@ -1,6 +1,7 @@
 """Numbers and durations: a token to a literal.
 
-Purpose: what a FLOAT, INT or DURATION token is worth, exactly, or that it is too large.
+Purpose: what a FLOAT, INT or DURATION token is worth, exactly, or that it is too large; units that
+stand apart, rates in Hz.
 Non-goals: how digits are grouped into tokens (`tokens.py`).
 """
 
@@ -10,10 +11,13 @@ import math
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.diagnostic import made
+from soter.diagnostics.fix import Edit, Fix, replace
 from soter.syntax import tree
-from soter.syntax.tokens import DURATION, FLOAT, INT, UNIT_NS
+from soter.syntax.tokens import DURATION, FLOAT, INT, NAME, UNIT_NS
 
 if TYPE_CHECKING:
+    from soter.diagnostics.fix import Help
     from soter.diagnostics.span import Span
     from soter.syntax.parsing.cursor import Cursor
 
@@ -56,3 +60,36 @@ def _too_large(cursor: Cursor, span: Span, what: str) -> tree.Expr:
     cursor.report("L005", f"this number is too large for {what}", span)
     cursor.i += 1
     return tree.ErrorExpr(span)
+
+
+def explain_unit(cursor: Cursor, i: int) -> None:
+    """`10 ms`: extend the error just reported by a help."""
+    if cursor.kinds[i] == NAME and cursor.texts[i] in UNIT_NS and i and cursor.problems:
+        last = cursor.problems[-1]
+        here = last.primary is not None and last.primary.span.start == cursor.ends[i - 1]
+        if here and last.code == "S004" and cursor.kinds[i - 1] in (INT, FLOAT):
+            time = f"{cursor.texts[i - 1]}{cursor.texts[i]}"
+            whole = cursor.token_span(i - 1).to(cursor.token_span(i))
+            help_ = replace(whole, time, f"write `{time}`, without a space")
+            cursor.problems[-1] = made(
+                last.code, last.message, last.primary, last.secondary, last.notes, (help_,)
+            )
+
+
+def period_of(rate: tree.IntLit | tree.FloatLit) -> str:
+    """The period of a rate in Hz, as it would be written."""
+    if not 1e-3 < rate.value < 1e9:
+        return "10ms"
+    period_ms = 1e3 / rate.value
+    return f"{period_ms:g}ms" if period_ms >= 1.0 else f"{round(period_ms * 1e6)}ns"
+
+
+def in_brackets(cursor: Cursor, opener: int) -> Help:
+    """`[a, b]` for the braces opened at a token."""
+    level = 0
+    for i in range(opener, len(cursor.kinds)):
+        level += (cursor.kinds[i] == "{") - (cursor.kinds[i] == "}")
+        if level == 0 and cursor.kinds[i] == "}":
+            edits = (Edit(cursor.token_span(opener), "["), Edit(cursor.token_span(i), "]"))
+            return Fix("arrays and lists are written `[a, b]`", edits)
+    return "arrays and lists are written `[a, b]`"

@@ -1,7 +1,7 @@
 """How deep expressions and types may nest.
 
 Purpose: the bound that keeps this parser, and any recursive pass after it, within the stack on
-hostile input; its two messages, and the height of a tree.
+hostile input; its two messages, and the height of a tree. Blocks that have no end.
 Non-goals: nested blocks of statements (`statements.py`).
 """
 
@@ -72,3 +72,31 @@ def children(expr: tree.Expr) -> list[tree.Expr]:
                 elif isinstance(part, tuple):
                     found.extend(p for p in part if isinstance(p, tree.Expr))
     return found
+
+
+def unclosed(cursor: Cursor, opener: int, what: str) -> None:
+    """Report that the block opened at token `opener` has no end before the cursor."""
+    begins = "it" if what == "this block" else f"the body of {what}"
+    also = [(cursor.token_span(opener), f"{begins} begins here")]
+    suspect = _suspect(cursor, opener)
+    if suspect is not None:
+        opening, closing = suspect
+        also.append((cursor.token_span(opening), "this `{` may be the one without an end"))
+        also.append((cursor.token_span(closing), "this `}` is indented less"))
+    message = f"expected `}}` to close {what}, found {cursor.found()}"
+    cursor.report("S012", message, also=tuple(also))
+
+
+def _suspect(cursor: Cursor, opener: int) -> tuple[int, int] | None:
+    """The first pair of braces inside `opener` whose indentation does not match."""
+    stack: list[int] = []
+    for index in range(opener, min(cursor.i, opener + 20_000)):
+        kind = cursor.kinds[index]
+        if kind == "{":
+            stack.append(index)
+        elif kind == "}" and stack:
+            opening = stack.pop()
+            indent = cursor.line_indent(index)
+            if cursor.first_on_line(index) and indent < cursor.line_indent(opening):
+                return (opening, index) if opening != opener else None
+    return None

@@ -109,3 +109,15 @@ def _skip_choice(cursor: Cursor) -> None:
             cursor.i += 1
         if cursor.kinds[cursor.i] == "{":
             cursor.skip_braces()
+
+
+def c_style_loop(cursor: Cursor) -> NoReturn:
+    """`for (i = 0; ...; ...) { ... }`: reported and left out as a whole; raises Panic."""
+    cursor.report(
+        "S006",
+        "expected the name of the loop variable after `for`, found `(`",
+        helps=("write `for i in 0..10 { ... }`: 0, 1, ... 9",),
+    )
+    while cursor.kinds[cursor.i] not in ("{", "}", EOF) and not cursor.at_declaration():
+        cursor.i += 1
+    raise Panic

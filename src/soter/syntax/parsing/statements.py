@@ -13,6 +13,8 @@ from soter.diagnostics.fix import replace
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import ITEM_WORDS, STATEMENT_WORDS, Panic
 from soter.syntax.parsing.expressions import ExpressionParser
+from soter.syntax.parsing.nesting import unclosed
+from soter.syntax.parsing.operators import c_style_loop
 from soter.syntax.parsing.types import type_expression
 from soter.syntax.tokens import (
     DURATION,
@@ -90,10 +92,10 @@ class StatementParser(ExpressionParser):
                 if kind != EOF and self.nested_declaration():
                     self.misplaced_declaration()
                     continue
-                self.unclosed(opener, "this block")
+                unclosed(self, opener, "this block")
                 break
             if kind in ITEM_WORDS and kind in self.items and kinds[self.i + 1] in (NAME, "{"):
-                self.unclosed(opener, "this block")  # the body around goes on here
+                unclosed(self, opener, "this block")  # the body around goes on here
                 break
             self._recovering(statements, kind)
         self.blocks -= 1
@@ -414,7 +416,7 @@ class StatementParser(ExpressionParser):
         """`for name in low`, at `for`."""
         self.i += 1
         if self.kinds[self.i] == "(":
-            self._c_style_loop()
+            c_style_loop(self)
         name = self.name("the name of the loop variable after `for`")
         if self.kinds[self.i] in ("=", ":", ":="):
             self.report(
@@ -426,17 +428,6 @@ class StatementParser(ExpressionParser):
         else:
             self.expect_word("in", "after the loop variable")
         return name, self.head("the range")
-
-    def _c_style_loop(self) -> None:
-        """`for (i = 0; ...; ...) { ... }`: reported and left out as a whole."""
-        self.report(
-            "S006",
-            "expected the name of the loop variable after `for`, found `(`",
-            helps=("write `for i in 0..10 { ... }`: 0, 1, ... 9",),
-        )
-        while self.kinds[self.i] not in ("{", "}", EOF) and not self.at_declaration():
-            self.i += 1
-        raise Panic
 
     def _while(self) -> tree.Stmt:
         start = self.starts[self.i]
