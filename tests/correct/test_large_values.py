@@ -102,6 +102,35 @@ system S { external topic asked; node N; }
     ]
 
 
+def test_a_part_that_is_given_to_itself_where_it_will_be_published_is_no_name_of_its_own(
+    tmp_path: Path,
+) -> None:
+    path = tmp_path / "p.soter"
+    path.write_text(
+        """soter 1;
+type Plan = { at: float[16], n: int in [0, 99] };
+topic told: Plan;
+node N period 10ms {
+  publishes told;
+  var k: int in [0, 99];
+  step {
+    k = (k + 1) % 100;
+    var plan: Plan = { at: [], n: k };
+    plan.at[3] = float(k);
+    plan.at[1] = plan.at[1];
+    plan.n = plan.n;
+    publish told = plan;
+  }
+}
+system S default { node N; }
+""".replace("at: [],", f"at: [{', '.join(['0.5'] * 16)}],")
+    )
+    flat = system_of(check_file(str(path)), "S")
+    assert "p_Plan plan" not in generate(flat).source, "it lies where it is published"
+    native = NativeProgram(flat, "-O0").run(UNTIL_NS, 5, hash_trace=True)
+    assert native.trace_sha256 == run_interpreted(flat, UNTIL_NS, 5).trace_sha256
+
+
 def test_the_trusted_drone_needs_at_most_8_kib_of_stack(tmp_path: Path) -> None:
     example = Path(__file__).parents[2] / "examples" / "drone" / "surveillance.soter"
     bound = stack_bound(load(example).build("c", tmp_path / "out"))

@@ -328,7 +328,7 @@ class Body(Places):
             return self.into(target, s.name, t, s.value)
         value = self.expr(s.value)
         if value == target:  # a program may say `x = x`; compilers remark on it
-            return [c.Unused(self.local(s.name))]
+            return [c.Unused(self.local(s.name))] if self.is_own(s.name) else []
         return [c.Assign(target, self.types.to_store(t, value) if s.path else value)]
 
     def _branch(self, s: core.If, *, taken: bool) -> list[c.CStmt]:

@@ -98,8 +98,9 @@ def find() -> Compiler:
                 "X005",
                 f"there is no C compiler: {what} was not found",
                 helps=(
+                    *(("take the system's: unset SOTER_CC",) if chosen else ()),
                     "install one as a Python package: pip install 'soter[zig]'",
-                    "or run in the interpreter: --engine interp",
+                    "or run without one: soter run FILE --engine interp",
                 ),
             ),
         )

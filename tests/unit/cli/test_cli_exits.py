@@ -10,6 +10,7 @@ import pytest
 import soter as package
 from processes import run
 from soter.cli import main
+from soter.native import compiler
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -102,6 +103,24 @@ def test_70_where_no_crash_file_can_be_written(
     done = soter("check", "cart.soter")
     assert done.exit == 70
     assert "ZeroDivisionError in test_cli_exits.py" in done.err
+
+
+def test_without_a_compiler_the_ways_out_are_named(
+    soter: Soter, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv("SOTER_CC", "nowhere-cc")
+    compiler.find.cache_clear()
+    try:
+        done = soter("run", "cart.soter", "--until", "1s")
+        assert (done.exit, soter("run", "cart.soter", "--until", "1s", "--json").codes) == (
+            1,
+            ["X005"],
+        )
+        for way in ("unset SOTER_CC", "pip install 'soter[zig]'", "soter run FILE --engine interp"):
+            assert way in done.err
+        assert soter("run", "cart.soter", "--until", "1s", "--engine", "interp").exit == 0
+    finally:
+        compiler.find.cache_clear()
 
 
 def test_130_an_interrupt(soter: Soter, monkeypatch: pytest.MonkeyPatch) -> None:

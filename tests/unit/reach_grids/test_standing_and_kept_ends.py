@@ -61,6 +61,22 @@ TANK = (
     + END.format()
 )
 
+# in: x, y, u, w;  x' = w (1 + 4 y^2), y' = u; u = 0.3
+PUSHED = (
+    SIGNATURE.format(name="law", type="soter_form")
+    + "  soter_form_range(&out[0], 0.3, 0.3);\n"
+    + END.format()
+    + SIGNATURE.format(name="derivative", type="soter_form")
+    + """  soter_form a, b;
+  soter_form_square(&a, &in[1]);
+  soter_form_scale(&b, &a, 4.0, 4.0);
+  soter_form_shift(&a, &b, 1.0, 1.0);
+  soter_form_mul(&out[0], &a, &in[3]);
+  out[1] = in[2];
+"""
+    + END.format()
+)
+
 
 def table(
     edge: float = 10.0,
@@ -305,3 +321,38 @@ def test_the_scheme_is_covered_only_where_the_end_is_kept_with_its_error() -> No
     assert kept(inward) == kept(neutral) == (1, 1)
     assert inward.covers_scheme
     assert not neutral.covers_scheme
+
+
+# ---------------------------------------------------------------- one way
+
+
+@pytest.mark.parametrize("times", [(0, 0), (15, 4)])
+@pytest.mark.parametrize("little", [1e-2, 1e-5, 1e-9])
+@pytest.mark.parametrize("up", [True, False])
+def test_an_end_stays_where_no_push_goes_there_and_moves_with_the_least_one(
+    times: tuple[int, int], little: float, *, up: bool
+) -> None:
+    """Of a flow that is not linear; the runs that are pushed all the time say how far it moves."""
+    seconds, longest = 3 * 0.02 - times[1] * 1e-3, (3 * 0.02 + times[1] * 1e-3) * (1 + 4 * 0.2**2)
+    low, high = np.array([-0.1, -0.2]), np.array([0.05, -0.15])
+    for wind in ((0.0, 0.3), (0.0, little), (-little, 0.3), (little, 0.3)):
+        least, most = wind if up else (-wind[1], -wind[0])
+        inputs = GridInputs(
+            states=((-1.0, 1.0), (-1.0, 1.0)),
+            controls=((-1.0, 1.0),),
+            disturbances=((least, most),),
+            period_ns=20 * MS,
+            delay_ns=times[0] * MS,
+            jitter_ns=times[1] * MS,
+        )
+        axes = [(k, np.linspace(-1, 1, 41)) for k in (0, 1)]
+        engine = GridGroup(linear(_source(PUSHED, 4, {})), inputs, axes)
+        assert engine.c.is_local
+        images, tubes = engine.enclosures(low, high, 3)
+        assert len(images) == 3
+        for found in (images, tubes):
+            lows, highs = found[:, 0, 0], found[:, 0, 1]
+            assert (lows >= low[0]).all() == (least >= 0.0)
+            assert (highs <= high[0]).all() == (most <= 0.0)
+            assert lows[-1] <= low[0] + least * (seconds if least < 0.0 else longest)
+            assert highs[-1] >= high[0] + most * (seconds if most > 0.0 else longest)

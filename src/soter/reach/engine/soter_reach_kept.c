@@ -13,8 +13,9 @@
  * of the box and every command that may act meanwhile, x_i does not change: what was in a closed
  * cell is in it. Enclosures say 0 exactly where a sum of zeros or a product with zero makes it so.
  * One way: if x_i' >= 0 all over that box, x_i does not fall below where it was, and the lower end
- * of the cell stays; if x_i' <= 0, the upper end. Both together is standing. Steps of the
- * simulator's scheme add multiples, not negative, of rates in the box: these have that sign, too.
+ * of the cell stays; if x_i' <= 0, the upper end. Both together is standing. Of a linear flow only
+ * standing counts, and the box is grown by what the stages of the simulator's scheme may leave it:
+ * its steps add multiples of rates in that box. Of others the scheme is assumed (g->scheme is 0).
  */
 #include "soter_reach_in.h"
 
@@ -27,9 +28,9 @@ void soter_reach_keep(const soter_reach_group* g, double* lo, double* hi) {
 
 /* Bit i of `rises`: x_i' >= 0 on the box under all commands in [ulo, uhi]; of `falls`: x_i' <= 0.
  *
- * The box is grown by what the stages of the simulator's scheme may leave it: there the rates have
- * that sign as well (they enclose the values computed in binary64, too), and so has a step of the
- * scheme. */
+ * The box is grown by what the stages of the simulator's scheme may leave it, where that is
+ * covered: there the rates have that sign as well (they enclose the values computed in binary64,
+ * too), and so has a step of the scheme. */
 void soter_reach_stands(const soter_reach_group* g, soter_scratch* s, const double* lo,
                         const double* hi, const double* rate, const double* ulo, const double* uhi,
                         unsigned* rises, unsigned* falls) {
