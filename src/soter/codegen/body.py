@@ -325,11 +325,15 @@ class Body(Places):
             return []
         target, t = self._target(s.name, s.type, s.path)
         if self.types.is_large(t):
-            return self.into(target, s.name, t, s.value)
+            return self.into(target, s.name, t, s.value) or self._not_set(s.name)
         value = self.expr(s.value)
-        if value == target:  # a program may say `x = x`; compilers remark on it
-            return [c.Unused(self.local(s.name))] if self.is_own(s.name) else []
+        if value == target:
+            return self._not_set(s.name)
         return [c.Assign(target, self.types.to_store(t, value) if s.path else value)]
+
+    def _not_set(self, name: str) -> list[c.CStmt]:
+        """`x = x`: nothing is done, and compilers should not remark on it."""
+        return [c.Unused(self.local(name))] if self.is_own(name) else []
 
     def _branch(self, s: core.If, *, taken: bool) -> list[c.CStmt]:
         """Note for coverage that one side of an `if` was taken, where that is wanted."""
