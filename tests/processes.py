@@ -26,7 +26,11 @@ TIMEOUT_S = 600.0
 
 @contextmanager
 def started(command: Sequence[str | Path], **options: Any) -> Iterator[subprocess.Popen[Any]]:
-    """`subprocess.Popen`; its group is gone when the block is left."""
+    """`subprocess.Popen`; its group is gone when the block is left.
+
+    The environment is Python's: readline, which pytest loads, puts COLUMNS into that of C.
+    """
+    options.setdefault("env", dict(os.environ))
     process = subprocess.Popen(command, start_new_session=True, **options)
     try:
         yield process
