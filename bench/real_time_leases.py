@@ -52,7 +52,10 @@ class Actuators:
             ready = select.select([self.process.stderr], [], [], max(left, 0.0))[0]
             if not ready:
                 return False
-            found = SAID.match(self.process.stderr.readline())
+            line = self.process.stderr.readline()
+            if not line:
+                raise RuntimeError("the actuators have ended")
+            found = SAID.match(line)
             if found:
                 self.at, self.state = float(found[1]), found[2]
         return True
@@ -77,6 +80,7 @@ def batch(folder: Path, channels: Path, number: int, kills: int) -> dict[str, An
         actuator = start(folder / "Vehicle" / f"{name}_actuator", stderr=subprocess.PIPE, bufsize=1)
         world = start(folder / "World" / name, "--quiet", "--late", "1000000")
         told = Actuators(actuator)
+        told.wait("armed", PATIENCE_S)  # before it says so a signal would end it
         while lawful < kills and spent < 4 * kills:
             trusted = start(folder / "Vehicle" / name, "--quiet", "--bare", "0")
             actuator.send_signal(signal.SIGUSR1)
