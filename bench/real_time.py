@@ -40,8 +40,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 LATE_US = 200
-ANEW_NS = 1_000_000_000
-"""So far behind the driver begins its calendar anew (GIVE_UP_NS of soter_posix.c)."""
+ANEW_NS = 500_000_000
+"""The driver begins its calendar anew where it is a second behind (GIVE_UP_NS of its C)."""
 TURN_S = 10.0
 POLICIES = ("fifo", "deadline", "other")
 FEWER, RATIO = 100.0, 1.2
@@ -56,8 +56,9 @@ def independent(log: Path) -> tuple[int, int, int]:
     """Instants, those late by the other clock, and those of them that the driver did not count."""
     lines = log_of(log)
     late, unseen = 0, 0
-    for first in range(0, len(lines), 1000):
-        for part in calendars(lines[first : first + 1000]):
+    for calendar in calendars(lines):
+        for first in range(0, len(calendar), 1000):
+            part = calendar[first : first + 1000]
             zero = min(x.raw - x.ct for x in part)
             for x in part:
                 if x.raw - x.ct - zero > LATE_US * 1000:
@@ -66,20 +67,19 @@ def independent(log: Path) -> tuple[int, int, int]:
     return len(lines), late, unseen
 
 
-def calendars(window: list[Line]) -> Iterator[list[Line]]:
-    """Parts with one calendar: a second behind it begins anew, and that instant is late by both.
+def calendars(lines: list[Line]) -> Iterator[list[Line]]:
+    """What has one calendar: a second behind it begins anew, which is a miss of its own.
 
-    Such an instant is the last of its part, and its own time the first of what comes after it.
+    Where that is, the driver's own lateness says: it is counted from another time zero then.
     """
-    part: list[Line] = []
-    for x in window:
-        anew = part and x.raw - x.ct - min(y.raw - y.ct for y in part) > ANEW_NS
-        part.append(x)
-        if anew:
-            yield part
-            part = [Line(x.ct, x.raw, 1, x.modes)]  # seen, or told as not seen, in the part before
-    if part:
-        yield part
+    first, origin = 0, 0
+    for k, x in enumerate(lines):
+        own = x.raw - x.ct - x.behind
+        if k > 0 and own - origin > ANEW_NS:
+            yield lines[first:k]
+            first = k
+        origin = own
+    yield lines[first:]
 
 
 def turn(

@@ -26,12 +26,16 @@ SPIN = "while True: pass"
 
 
 class Line(NamedTuple):
-    """An instant of a driver's log, times in ns; `misses` of it, bit 0 of `modes`: AC."""
+    """An instant of a driver's log, times in ns; `misses` of it, bit 0 of `modes`: AC.
+
+    `behind`: how late it woke by the driver's own clock and calendar.
+    """
 
     ct: int
     raw: int
     misses: int
     modes: int
+    behind: int
 
 
 def said(right: bool) -> str:
@@ -64,7 +68,13 @@ def log_of(path: Path) -> list[Line]:
     """The lines of a driver's log."""
     with path.open() as stream:
         return [
-            Line(int(r["ct_ns"]), int(r["raw_ns"]), int(r["misses"]), int(r["modes"]))
+            Line(
+                int(r["ct_ns"]),
+                int(r["raw_ns"]),
+                int(r["misses"]),
+                int(r["modes"]),
+                int(r["wake_late_ns"]),
+            )
             for r in csv.DictReader(stream)
         ]
 
