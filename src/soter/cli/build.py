@@ -40,7 +40,9 @@ def parser() -> Parser:
     made.add_argument("-o", "--output", metavar="DIR", required=True, help="folder to write")
     made.add_argument("--system", metavar="S", help="by default the only one, or the `default`")
     made.add_argument(
-        "--cert", metavar="DIR", help="certificate of the system that is deployed; checked again"
+        "--cert",
+        metavar="DIR",
+        help="of a system that `deploys` another: the certificate of that one; checked again",
     )
     add_settings(made)
     return made

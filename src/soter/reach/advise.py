@@ -103,7 +103,10 @@ class Advice:
         """One sentence."""
         best = self.best_ns
         if best is None:
-            return "no period that was tried verifies"
+            return (
+                "no period that was tried verifies on the grid as it is declared; `soter verify` "
+                "refines it where that may help"
+            )
         more = ", the longest that was tried" if best == self.rows[-1].delta_ns else ""
         return f"the largest period that verifies is {show_ns(best)}{more}"
 

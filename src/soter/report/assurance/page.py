@@ -47,7 +47,7 @@ def body(case: Case) -> str:
     """The main part of the page."""
     goals = case.goals
     done = sum(case.status(g) == SUPPORTED for g in goals)
-    word = "Supported" if case.supported else "Not supported"
+    word = "Supported" if case.supported else "Not supported yet"
     said = (
         "Everything below the top goal was checked while this page was made."
         if case.supported
@@ -69,7 +69,7 @@ def body(case: Case) -> str:
         [
             STYLE,
             f"<h1>{escape(case.title)}</h1>",
-            f"<p><strong>{word}</strong>: {done} of {len(goals)} goals. {said}</p>",
+            f"<p><strong>{word}</strong>: {done} of {len(goals)} goals are supported. {said}</p>",
             f"<dl>{rows}</dl>",
             "<h2>The argument</h2>",
             f'<div class="case"><ul>{trees}</ul></div>',
