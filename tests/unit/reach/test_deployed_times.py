@@ -219,7 +219,7 @@ def test_of_a_module_with_views_it_is_said_once_where_its_times_stand() -> None:
     assert "SC may take 480 us from its start" in problem.notes[0]
     assert problem.primary is not None
     assert problem.primary.span.text.startswith("verify {")
-    assert [s.verdict for s in timing.switches] == ["holds"]
+    assert [s.verdict for s in timing.switches] == ["undecided"]  # the proof counts with others
 
 
 PLANS = """soter 1;
