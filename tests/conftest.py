@@ -11,8 +11,10 @@ if TYPE_CHECKING:
 pytest_plugins = ("golden", "examples_changed", "long_tests")
 
 # `make test` hands its own settings to every `make` below it: a test's `make` starts afresh.
-for name in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL"):
+# readline, which pytest loads, leaves the size of a terminal to the workers.
+for name in ("MAKEFLAGS", "MFLAGS", "MAKELEVEL", "COLUMNS", "LINES"):
     os.environ.pop(name, None)
+    os.unsetenv(name)
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
