@@ -78,8 +78,10 @@ static double since(const struct timespec *a) {{
     struct timespec a;
     soter_fault fault = SOTER_OK;
     (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &a);
-    const {p}_boxes_Corridor c = asked ? {p}_cover_CoverFor_fn(plan, e[0], e[1], &fault)
-                                       : {p}_cover_Cover_fn(plan, &fault);
+    {p}_boxes_Corridor c;
+    memset(&c, 0, sizeof c);
+    if (asked) {p}_cover_CoverFor_fn(&plan, e[0], e[1], &c, &fault);
+    else {p}_cover_Cover_fn(&plan, &c, &fault);
     nanoseconds[i] = since(&a);
     memcpy(boxes + i * 9 * {blocks}, c.blocks.items, sizeof c.blocks.items);
     counts[i] = c.blocks.len;
@@ -93,7 +95,9 @@ static double since(const struct timespec *a) {{
     struct timespec a;
     soter_fault fault = SOTER_OK;
     (void)clock_gettime(CLOCK_THREAD_CPUTIME_ID, &a);
-    const {p}_Vec3_list_{points} plan = {p}_roadmap_Route_fn(e[0], e[1], &fault);
+    {p}_Vec3_list_{points} plan;
+    memset(&plan, 0, sizeof plan);
+    {p}_roadmap_Route_fn(e[0], e[1], &plan, &fault);
     nanoseconds[i] = since(&a);
     memcpy(points + i * 3 * {points}, plan.items, sizeof plan.items);
     lengths[i] = fault == SOTER_OK ? plan.len : -1;

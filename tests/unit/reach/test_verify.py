@@ -106,8 +106,10 @@ WRONG = {
     "the horizon is too short": (("acts within 1ms;", "acts within 1ms; horizon 70ms;"), "P1c"),
     "the grid is smaller than what ttf admits": (("motion.v in [-8.0, 8.0]",
         "motion.v in [-5.0, 5.0]"), "ttf"),
-    "the start is at the wall": (("state x: float = 0.0", "state x: float = 9.96"), "start"),
-    "the start is too fast": (("state v: float = 0.0", "state v: float in [7.0, 7.9]"), "start"),
+    "the start is at the wall": (('unit "m" = 0.0', 'unit "m" = 9.96'), "start"),
+    "the start is too fast": (
+        ('v: float unit "m/s" = 0.0', 'v: float unit "m/s" in [7.0, 7.9]'), "start",
+    ),
     "SC only brakes and never returns": (
         ("-2.0 * motion.x - 3.0 * motion.v", "-1.0 * motion.v"), "P2b",
     ),
