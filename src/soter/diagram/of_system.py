@@ -7,29 +7,38 @@ Non-goals: drawing. What only properties read (the truth of a plant) is no arrow
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.diagram.graph import Arrow, Cell, Frame, Graph, cells
+from soter.diagram.values import Row, rows_of
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from soter.diagram.graph import Part
-    from soter.program.model.system import Component, Module, System
+    from soter.program.model.system import Component, Module, System, Topic
 
 ROLES = {"ac": "AC", "sc": "SC", "dm": "DM"}
 TOGETHER_MAX = 9
 """So many names stand in one box of topics."""
 
 
-def graph_of(system: System) -> Graph:
-    """The graph of a system: every component once, every topic of the program once."""
+def graph_of(system: System, *, live: bool = False) -> Graph:
+    """The graph of a system: every component once, every topic of the program once.
+
+    `live`: with room for what topics, plants and decision modules hold at a moment.
+    """
     frames = _frames(system)
     framed = {cell.key for frame in frames for cell in cells(frame)}
     alone = [_component(c) for c in system.components if _key(c) not in framed]
     writers, readers = _writers(system), _readers(system)
     topics, boxes = _topics(system, writers, readers)
+    if live:
+        rows = live_rows(system)
+        frames = [_with_rows(frame, rows) for frame in frames]
+        alone, topics = [_roomy(c, rows) for c in alone], [_roomy(c, rows) for c in topics]
     arrows: dict[Arrow, None] = {}
     for topic, box in boxes.items():
         for key in writers[topic]:
@@ -38,6 +47,40 @@ def graph_of(system: System) -> Graph:
             arrows[Arrow(box, key)] = None
     plants = frozenset(_key(c) for c in system.components if c.plant is not None)
     return Graph(f"System {system.name}", (*alone, *frames, *topics), tuple(arrows), plants)
+
+
+# ---------------------------------------------------------------- values
+
+
+def live_rows(system: System) -> dict[str, tuple[Row, ...]]:
+    """Full name of a topic, plant or decision module -> the rows that its box has room for."""
+    found = {system.topics[i].name: _of_topic(system.topics[i]) for i in _shown(system)}
+    for c in system.components:
+        if c.plant is not None:
+            found[c.name] = rows_of(c.name, c.plant.truth)
+    for m in system.modules:
+        found[system.components[m.dm].name] = (Row(saw_key(m.name), "", words=("ttf safer",)),)
+    return found
+
+
+def saw_key(module: str) -> str:
+    """The key of the row that says what a decision module saw."""
+    return f"saw:{module}"
+
+
+def _of_topic(topic: Topic) -> tuple[Row, ...]:
+    return rows_of(topic.name, topic.type)
+
+
+def _roomy(cell: Cell, rows: Mapping[str, tuple[Row, ...]]) -> Cell:
+    return replace(cell, values=tuple(rows.get(name, ()) for name in cell.names))
+
+
+def _with_rows(frame: Frame, rows: Mapping[str, tuple[Row, ...]]) -> Frame:
+    inside = tuple(
+        _with_rows(p, rows) if isinstance(p, Frame) else _roomy(p, rows) for p in frame.inside
+    )
+    return replace(frame, inside=inside)
 
 
 # ---------------------------------------------------------------- components

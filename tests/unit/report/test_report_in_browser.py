@@ -51,7 +51,7 @@ def test_a_run_fits_a_phone_and_its_diagram_follows_the_slider(
     assert page.value(LIT) == ["SafeCart.Fast"]
     page.value(MOVE % 2)
     assert page.value(LIT) == ["SafeCart.Careful"]
-    assert page.value("document.querySelector('.moment output').textContent") == "2.00 s"
+    assert page.value("document.querySelector('.player output').textContent") == "2.000 s"
     assert {r.split(":")[0] for r in page.requests} <= {"file", "data", "blob"}
     assert page.errors == []
 

@@ -18,7 +18,7 @@ import numpy as np
 from soter.report.run.wording import prose
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -56,6 +56,16 @@ class Figure:
             )
             data.append(trace if same == i else {**trace, "x": {"of": same}})
         return {"key": self.key, "data": data, "layout": self.layout}
+
+
+def signals_drawn(figures: Sequence[Figure]) -> dict[str, tuple[int, int]]:
+    """Signal -> (figure, trace) of the first time line that draws it: its trace has the name."""
+    found: dict[str, tuple[int, int]] = {}
+    for i, figure in enumerate(figures):
+        for k, trace in enumerate(figure.data):
+            if "name" in trace:
+                found.setdefault(str(trace["name"]), (i, k))
+    return found
 
 
 def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:

@@ -230,6 +230,7 @@ def _panel(
             {
                 "type": "scatter",
                 "mode": "lines",
+                "name": each.name,
                 "x": numbers(chart.time_s[chosen], 4),
                 "y": numbers(each.values[chosen], digits_of(each.values)),
                 "yaxis": stack.name(row),
