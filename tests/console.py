@@ -92,11 +92,10 @@ def printed(command: str, folder: Path, environment: dict[str, str]) -> str:
     """What a command prints, on both streams, with its exit code where that is not 0."""
     plain = re.split(r"\s{2,}# ", command)[0]
     done = processes.run(
-        ["bash", "-c", plain],
+        ["bash", "-c", f"exec 2>&1; {plain}"],
         cwd=folder,
         env=environment,
         stdout=processes.PIPE,
-        stderr=processes.subprocess.STDOUT,
         text=True,
     )
     text = str(done.stdout).strip("\n")

@@ -79,7 +79,7 @@ def _keep(found: Recorded, topics: dict[str, Any], states: dict[str, Any]) -> No
 
 
 def metadata(path: Path) -> dict[str, str]:
-    """What a log says of its run; empty where it is no log of `soter run`."""
+    """What a log says of its run, empty where it is none of `soter run`; SoterError D006."""
     from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
     from mcap.reader import make_reader  # noqa: PLC0415
 

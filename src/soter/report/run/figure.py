@@ -68,12 +68,6 @@ def signals_drawn(figures: Sequence[Figure]) -> dict[str, tuple[int, int]]:
     return found
 
 
-def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
-    """Return (N,) values for JSON, rounded; what is not finite becomes null, a gap in a line."""
-    rounded = np.round(values.astype(np.float64), digits) + 0.0
-    return [value if np.isfinite(value) else None for value in rounded.tolist()]
-
-
 def digits_of(values: NDArray[np.float64]) -> int:
     """How many digits behind the point a drawing of (N,) values needs: a 10,000th of its span."""
     finite = values[np.isfinite(values)]

@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.report.run.figure import numbers
-from soter.report.run.packed import packed
+from soter.report.run.packed import numbers, packed
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

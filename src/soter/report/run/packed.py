@@ -1,19 +1,31 @@
 """Long lists of rounded numbers, as few letters of JSON as they need.
 
-Purpose: `packed`: a list as differences of whole numbers, `{"e": digits, "d": [...]}`; the page
-(`assets/packed.js`) adds them up and divides by 10^e, which gives the same doubles.
-Non-goals: rounding (`figure.numbers`); compression that a browser might not know.
+Purpose: `numbers` rounds; `packed`: a list as differences of whole numbers, `{"e": digits, "d": [...]}`;
+the page (`assets/packed.js`) adds them up and divides by 10^e, which gives the same doubles.
+Non-goals: compression that a browser might not know.
 """
 
 from __future__ import annotations
 
 import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
 
 LONG = 50
 """Shorter lists stay as they are."""
 DIGITS_MAX = 12
 EXACT_MAX = 2**53
 """Up to here a double holds every whole number, so one division gives the nearest double."""
+
+
+def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
+    """Return (N,) values for JSON, rounded; what is not finite becomes null, a gap in a line."""
+    rounded = np.round(values.astype(np.float64), digits) + 0.0
+    return [value if np.isfinite(value) else None for value in rounded.tolist()]
 
 
 def packed(value: object) -> object:

@@ -24,11 +24,11 @@ from soter.report.run.figure import (
     giveback_dot,
     layout,
     line,
-    numbers,
     takeover_dot,
     violation_cross,
     violation_hover,
 )
+from soter.report.run.packed import numbers
 from soter.report.run.trajectory import (
     POINTS_MAX,
     by_controller,
