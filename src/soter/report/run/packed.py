@@ -1,7 +1,7 @@
 """Long lists of rounded numbers, as few letters of JSON as they need.
 
-Purpose: `numbers` rounds; `packed`: a list as differences of whole numbers, `{"e": digits, "d": [...]}`;
-the page (`assets/packed.js`) adds them up and divides by 10^e, which gives the same doubles.
+Purpose: `numbers` rounds; `packed`: a list as differences of whole numbers, `{"e": digits,
+"d": [...]}`; the page (`assets/packed.js`) adds them up and divides by 10^e: the same doubles.
 Non-goals: compression that a browser might not know.
 """
 
