@@ -37,7 +37,8 @@ CHANGING = tuple(
         (rf"(PROVED .*  ){NUMBER} (ms|s|min)$", r"\1#"),
         (r"(\d transitions, depth \d+), .*", r"\1, #"),
         (rf"\b{NUMBER} s, {NUMBER} x real time", "#"),
-        (rf"^(ACCEPTED .*){NUMBER} s$", r"\1#"),
+        (rf"^(ACCEPTED .*  ){NUMBER} s$", r"\1#"),
+        (r"─+", "─"),
         (rf"\b{NUMBER} (ns|us|MB|KB)\b", "#"),
         (r"\bwcet \d+us", "wcet #"),
         (r"\b\d+\.\d+ ms\b", "#"),
@@ -56,6 +57,10 @@ class Session:
     end: int
     long: bool
     said: tuple[tuple[str, str], ...]
+
+
+WRAPPED = re.compile(r"\n {16,}(?=\S)")
+"""Where a cell of a table goes on in the next line, which depends on the width of the others."""
 
 
 def sessions(page: str) -> list[Session]:
@@ -122,7 +127,7 @@ def _steady(text: str) -> str:
     lines = text.splitlines()
     for pattern, put in CHANGING:
         lines = [pattern.sub(put, line) for line in lines]
-    return "\n".join(lines)
+    return WRAPPED.sub(" ", "\n".join(lines))
 
 
 def shown(output: str) -> str:

@@ -96,5 +96,7 @@ def test_a_page_is_renewed_only_where_it_no_longer_fits() -> None:
     assert differs(f"9 ms (1,200 {TIMES} real time)", f"5.1 ms (80 {TIMES} real time)") == ""
     assert differs("P2a  proved  559 ms  SC keeps C", "P2a  proved  22.1 s  SC keeps C") == ""
     assert differs("P2a  proved  559 ms  SC keeps C", "P2a  assumed  559 ms  SC keeps C")
+    assert differs("P1c  proved  0 ms  a b", f"P1c  proved  1.5 s  a\n{' ' * 24}b") == ""
+    assert differs("ACCEPTED  p  3.5 s", "ACCEPTED  p  21.3 s") == ""
     assert differs("violated at 2.635 s", "violated at 2.63 s")
     assert len(shown("\n".join("x" * 40)).splitlines()) < 20

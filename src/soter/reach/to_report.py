@@ -20,7 +20,7 @@ from soter.reach.claims.results import NO_CORE
 from soter.reach.problem.problem import NODES
 from soter.reach.together import rows_of
 from soter.reach.undecided.leaving_figures import leaving_figures
-from soter.report.proof.page import write_proof
+from soter.report.proof.page import proof_document, write_proof
 from soter.report.proof.record import (
     ModuleProof,
     ProofPage,
@@ -73,6 +73,11 @@ SHARES = {
 def write_report(found: VerifyReport, path: Path) -> Path:
     """Write the page."""
     return write_proof(page(found), path)
+
+
+def page_text(found: VerifyReport) -> str:
+    """The page as one HTML text."""
+    return proof_document(page(found))
 
 
 def page(found: VerifyReport) -> ProofPage:

@@ -9,6 +9,8 @@ Non-goals: other formats; people print it or save the figures from it.
 
 from __future__ import annotations
 
+import base64
+import gzip
 import hashlib
 import json
 from html import escape
@@ -67,6 +69,24 @@ def write_replay(title: str, note: str, picture: Picture, path: str | os.PathLik
 def script_name(library: str) -> str:
     """The name of a drawing library beside reports: another version is another file."""
     return f"soter-plotly-{hashlib.sha256(library.encode()).hexdigest()[:12]}.js"
+
+
+def inline_document(page: ReportPage) -> str:
+    """Return a page that is one text and light: its drawing library is compressed in it.
+
+    The page unpacks it, which browsers since 2023 can. Raises `ReportUnavailableError` where the
+    extra `report` is not installed.
+    """
+    library = gzip.compress(_drawing_library().encode(), mtime=0)
+    text = html_document(page)
+    first = text.index("<script>")
+    after = text[first:].replace("<script>", '<script type="text/plain" class="later">')
+    compressed = base64.b64encode(library).decode("ascii")
+    last = f"<script>\n{_asset('inline.js')}</script>\n</body>"
+    return (
+        f'{text[:first]}<script type="text/plain" id="library">{compressed}</script>\n'
+        + after.replace("</body>", last)
+    )
 
 
 def write_document(title: str, main: str, path: str | os.PathLike[str]) -> Path:

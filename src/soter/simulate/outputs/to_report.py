@@ -20,7 +20,7 @@ from soter.program.meaning.limits import limits
 from soter.program.model import typed
 from soter.program.model.types import BoolType, FloatType, IntType, RecordType, leaves
 from soter.report.errors import ReportError
-from soter.report.html import write_html
+from soter.report.html import inline_document, write_html
 from soter.report.run.record import (
     Chart,
     Decision,
@@ -87,6 +87,13 @@ def write_report(
         return write_html(page, path, self_contained=self_contained)
     except ReportError as error:
         raise SoterError((Diagnostic("D006", str(error)),)) from error
+
+
+def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:
+    """The report of a traced run as one HTML text; "" where reports cannot be drawn here."""
+    if find_spec("plotly") is None:
+        return ""
+    return inline_document(report_page(run, title, provenance))
 
 
 def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPage:
