@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
     from soter.diagram.graph import Part
-    from soter.program.model.system import Component, Module, System, Topic
+    from soter.program.model.system import Component, Module, System
 
 ROLES = {"ac": "AC", "sc": "SC", "dm": "DM"}
 TOGETHER_MAX = 9
@@ -53,13 +53,16 @@ def graph_of(system: System, *, live: bool = False) -> Graph:
 
 
 def live_rows(system: System) -> dict[str, tuple[Row, ...]]:
-    """Full name of a topic, plant or decision module -> the rows that its box has room for."""
-    found = {system.topics[i].name: _of_topic(system.topics[i]) for i in _shown(system)}
+    """The rows that a box has room for, by `t:TOPIC` or `c:COMPONENT`, by full names."""
+    shown = (system.topics[i] for i in _shown(system))
+    found = {f"t:{topic.name}": rows_of(topic.name, topic.type) for topic in shown}
     for c in system.components:
         if c.plant is not None:
-            found[c.name] = rows_of(c.name, c.plant.truth)
+            found[_key(c)] = tuple(
+                replace(row, key=f"truth:{row.key}") for row in rows_of(c.name, c.plant.truth)
+            )
     for m in system.modules:
-        found[system.components[m.dm].name] = (Row(saw_key(m.name), "", words=("ttf safer",)),)
+        found[_key(system.components[m.dm])] = (Row(saw_key(m.name), "", words=("ttf safer",)),)
     return found
 
 
@@ -68,12 +71,9 @@ def saw_key(module: str) -> str:
     return f"saw:{module}"
 
 
-def _of_topic(topic: Topic) -> tuple[Row, ...]:
-    return rows_of(topic.name, topic.type)
-
-
 def _roomy(cell: Cell, rows: Mapping[str, tuple[Row, ...]]) -> Cell:
-    return replace(cell, values=tuple(rows.get(name, ()) for name in cell.names))
+    first = "t" if cell.kind in ("topic", "input") else "c"
+    return replace(cell, values=tuple(rows.get(f"{first}:{name}", ()) for name in cell.names))
 
 
 def _with_rows(frame: Frame, rows: Mapping[str, tuple[Row, ...]]) -> Frame:

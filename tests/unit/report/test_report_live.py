@@ -80,7 +80,7 @@ def test_boxes_hold_what_the_trace_holds_at_that_moment(
         page.value(MOVE % (int(times[row]) / 1e9))
         accel, x = trace["topics"]["accel"][row], trace["c"]["x"][row]
         assert page.value(SHOWN % "accel") == [written(accel, "m/s^2")]
-        (shown,) = page.value(SHOWN % "c.x")
+        (shown,) = page.value(SHOWN % "truth:c.x")
         assert float(shown.split()[1]) == pytest.approx(x, abs=0.6e-3 if which == 2 else 0.02)
         m = trace["modules"][row, 0]
         holder = "SafeCart.Fast" if m["mode"] else "SafeCart.Careful"
@@ -135,6 +135,14 @@ def test_a_page_with_a_replay_stays_light(program: Path, until: str, tmp_path: P
     assert live is not None
     assert json.loads(live.group(1))["values"]
     assert path.stat().st_size <= PAGE_KB * 1000
+
+
+def test_a_topic_that_is_called_like_a_state_keeps_its_own_numbers() -> None:
+    time_s = np.array([0.0, 1.0])
+    truth = Values("truth:car.x", "x", ("car.x",), time_s, (np.array([1.0, 2.0]),))
+    topic = Values("car.x", "", ("car.x",), time_s, (np.array([3.0, 4.0]),))
+    rows: Any = live_json(Live(1.0, (truth, topic), (), ()), {"car.x": (0, 0)})["values"]
+    assert [row["v"][0] for row in rows] == [[1.0, 2.0], [3.0, 4.0]]
 
 
 def test_packed_lists_are_the_same_doubles() -> None:

@@ -7,6 +7,7 @@ Non-goals: the diagram, the player (`assets/replay.js`), reading runs and logs.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -93,7 +94,8 @@ def live_json(live: Live, drawn: Mapping[str, tuple[int, int]] | None = None) ->
     `drawn`: signals whose numbers stand on the page already: (figure, trace). They are taken from
     there; rows that change oftener than the page has room for stand on a grid of times.
     """
-    drawn = drawn or {}
+    told = Counter(name for v in live.values for name in v.names)
+    drawn = {n: at for n, at in (drawn or {}).items() if told[n] < 2}  # else whose is it?
     own = [v for v in live.values if any(n not in drawn for n in v.names)]
     many = sum(len(v.values) + 1 for v in own)
     points = max((BESIDE_MAX if drawn else ALONE_MAX) // max(many, 1), POINTS_MIN)

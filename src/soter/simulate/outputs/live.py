@@ -50,11 +50,11 @@ def live_of_run(run: Run, trace: npt.NDArray[Any]) -> Live:
     """Of the states `trace`, (n,), of a run: all of them, or thinned."""
     system = run.system
     time_s = trace["header"]["ct"] / 1e9
-    held = {t.name: Held(t.type, time_s, trace["topics"][t.name]) for t in system.topics}
+    held = {f"t:{t.name}": Held(t.type, time_s, trace["topics"][t.name]) for t in system.topics}
     for group in run.layout.groups:
         x = system.components[group.owner] if group.owner >= 0 else None
         if x is not None and x.plant is not None:
-            held[x.name] = Held(x.plant.truth, time_s, trace[group_field(group)])
+            held[f"c:{x.name}"] = Held(x.plant.truth, time_s, trace[group_field(group)])
     latched = {
         x.name: int(trace["header"]["ct"][int(np.argmax(column))])
         for x in system.components
@@ -70,7 +70,7 @@ def live_of_run(run: Run, trace: npt.NDArray[Any]) -> Live:
 
 
 def values_of(system: System, held: Mapping[str, Held]) -> tuple[Values, ...]:
-    """The rows of everything that is held, by full name."""
+    """The rows of everything that is held, by `t:TOPIC` and `c:PLANT`."""
     return tuple(
         Values(
             row.key,

@@ -82,9 +82,12 @@ def _live(path: Path, system: System, seed: int) -> Live:
     if not any(read.values for read in known.values()):
         raise unreadable(path, f"it holds no topic of `{system.name}`")
     held = {
-        name.removesuffix(".truth"): Held(r.t, np.array(r.times_s), r.values)
-        for name, r in known.items()
-        if r.values
+        at: Held(known[name].t, np.array(known[name].times_s), known[name].values)
+        for at, name in (
+            *((f"t:{t.name}", t.name) for t in system.topics),
+            *((f"c:{x.name}", f"{x.name}.truth") for x in plants),
+        )
+        if known[name].values
     }
     control = tuple(
         control_of(system, m, modes[m.name] or [(0.0, False)], saw[m.name]) for m in system.modules
