@@ -23,5 +23,5 @@ def test_a_document_is_xml_whatever_stands_in_it(text: str) -> None:
     if text in XML:
         assert told == [text] * 4
     else:
-        assert all("\ufffd" in t for t in told)
+        assert all("\ufffd" in (t or "") for t in told)
     assert one.get("time") == "0.500"

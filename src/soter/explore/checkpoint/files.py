@@ -20,6 +20,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 from soter.native.own_files import soter_sha256
 from soter.program.model.durations import show_ns
 from soter.version import VERSION
@@ -124,7 +125,7 @@ def read(path: Path) -> Saved:
     try:
         return _read(path)
     except OSError as error:
-        raise no_checkpoint(path, (error.strerror or str(error)).lower()) from error
+        raise no_checkpoint(path, reason(error)) from error
     except DamagedError as error:
         raise no_checkpoint(path, str(error)) from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
