@@ -56,13 +56,10 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Assure."""
-    from soter.api.assurance.assuring import assure  # noqa: PLC0415 - needs NumPy
-
     program = loaded(args, console)
     try:
         with Progress(console) as progress:
-            found = assure(
-                program,
+            found = program.assure(
                 args.output,
                 cert=args.cert,
                 system=args.system,
