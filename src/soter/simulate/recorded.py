@@ -10,6 +10,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 from soter.lower.layout import decode_from
 from soter.program.model.types import RecordType
 from soter.program.model.values import ValueShapeError, from_json
@@ -89,7 +90,7 @@ def metadata(path: Path) -> dict[str, str]:
                 if record.name == METADATA_NAME:
                     return dict(record.metadata)
     except OSError as error:
-        raise unreadable(path, error.strerror or str(error)) from error
+        raise unreadable(path, reason(error)) from error
     except (McapError, ValueError) as error:
         raise unreadable(path, str(error) or "it is no MCAP file") from error
     return {}
@@ -105,7 +106,7 @@ def messages(path: Path) -> Any:  # noqa: ANN401 - an iterator over what mcap gi
             for _, channel, message in make_reader(file).iter_messages():
                 yield message.log_time, channel.topic, json.loads(message.data)
     except OSError as error:
-        raise unreadable(path, error.strerror or str(error)) from error
+        raise unreadable(path, reason(error)) from error
     except (McapError, ValueError) as error:
         raise unreadable(path, str(error) or "it is no MCAP file") from error
 
