@@ -7,6 +7,7 @@ Non-goals: modes and decisions; logs that `soter run --log` did not write.
 from __future__ import annotations
 
 import json
+import struct
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -91,8 +92,8 @@ def metadata(path: Path) -> dict[str, str]:
                     return dict(record.metadata)
     except OSError as error:
         raise unreadable(path, reason(error)) from error
-    except (McapError, ValueError) as error:
-        raise unreadable(path, str(error) or "it is no MCAP file") from error
+    except (McapError, ValueError, struct.error) as error:
+        raise unreadable(path, _told(error)) from error
     return {}
 
 
@@ -107,8 +108,14 @@ def messages(path: Path) -> Any:  # noqa: ANN401 - an iterator over what mcap gi
                 yield message.log_time, channel.topic, json.loads(message.data)
     except OSError as error:
         raise unreadable(path, reason(error)) from error
-    except (McapError, ValueError) as error:
-        raise unreadable(path, str(error) or "it is no MCAP file") from error
+    except (McapError, ValueError, struct.error) as error:
+        raise unreadable(path, _told(error)) from error
+
+
+def _told(error: Exception) -> str:
+    """In words; the package unpacks a file of a few bytes without looking how many there are."""
+    said = "" if isinstance(error, struct.error) else str(error)
+    return said or "it is no MCAP file"
 
 
 def unreadable(path: Path, why: str) -> SoterError:
