@@ -27,9 +27,10 @@ if TYPE_CHECKING:
 FLAGS = (
     "--headless --no-sandbox --disable-gpu --disable-quic --no-first-run --hide-scrollbars "
     "--disable-background-networking --disable-component-update --disable-sync "
-    "--disable-default-apps --disable-extensions --host-resolver-rules='MAP * ~NOTFOUND' "
-    "--remote-debugging-pipe"
+    "--disable-default-apps --disable-extensions --remote-debugging-pipe"
 )
+NOWHERE, HERE = "MAP * ~NOTFOUND", "MAP * ~NOTFOUND, EXCLUDE 127.0.0.1"
+"""Which names are resolved: none; or none but this machine, for pages that a test serves."""
 
 
 def chromium() -> str | None:
@@ -142,14 +143,16 @@ class Page:
 
 
 @contextmanager
-def page() -> Iterator[Page]:
-    """A page of a browser that ends with the block."""
+def page(*, served: bool = False) -> Iterator[Page]:
+    """A page of a browser that ends with the block; `served`: it may ask this machine."""
     browser = chromium()
     assert browser is not None
     to_read, to_write = os.pipe()
     from_read, from_write = os.pipe()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        line = f"exec {browser} {FLAGS} --user-data-dir={profile} 3<&{to_read} 4>&{from_write}"
+        rules = f"--host-resolver-rules='{HERE if served else NOWHERE}'"
+        profiled = f"{rules} --user-data-dir={profile}"
+        line = f"exec {browser} {FLAGS} {profiled} 3<&{to_read} 4>&{from_write}"
         try:
             with processes.started(
                 ["bash", "-c", line],

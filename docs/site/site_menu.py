@@ -13,6 +13,7 @@ NAV: tuple[tuple[str, str, tuple[tuple[str, str], ...]], ...] = (
         "learn by doing",
         (
             (README, "Five minutes"),
+            ("first-hour.md", "The first hour"),
             ("prove-your-module.md", "Prove your module"),
             ("find-the-bug.md", "Find the bug"),
         ),

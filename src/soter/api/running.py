@@ -100,6 +100,7 @@ def simulate(
         close(bound)
     run.externs = bindings.texts()
     run.paced = paced
+    run.page = _page
     run.computed = list(prepared.computed)
     run.proofs = known(prepared.system) if prepared.arm is None else {}
     if writer is not None:
@@ -129,11 +130,19 @@ def _engine(engine: str, preparations: Preparations, prepared: Prepared) -> Call
     return partial_(preparations.native(prepared).run, observed=True)
 
 
-def write_report(run: Run, path: str | Path, program: str, *, self_contained: bool = False) -> Path:
-    """Write the HTML report of a traced run; `SoterError` D006, D007."""
-    from soter.simulate.outputs.to_report import write_report as write  # noqa: PLC0415 - an extra
+def _page(run: Run) -> str:
+    """The report of a run as one HTML text; "" without a whole trace or the extra `report`."""
+    from soter.simulate.outputs.to_report import inline_report  # noqa: PLC0415 - an extra
 
-    facts = {
+    if run.trace is None or run.recorded is not None:
+        return ""
+    program = run.system.program.path
+    return inline_report(run, Path(program).name, _facts(run, program))
+
+
+def _facts(run: Run, program: str) -> dict[str, str]:
+    """What was run, as reports tell it."""
+    return {
         "program": program,
         "program sha256": run.system.program.sha256,
         "seed": str(run.seed),
@@ -143,5 +152,11 @@ def write_report(run: Run, path: str | Path, program: str, *, self_contained: bo
         **{f"extern {name}": text for name, text in run.externs.items()},
         "soter": VERSION,
     }
+
+
+def write_report(run: Run, path: str | Path, program: str, *, self_contained: bool = False) -> Path:
+    """Write the HTML report of a traced run; `SoterError` D006, D007."""
+    from soter.simulate.outputs.to_report import write_report as write  # noqa: PLC0415 - an extra
+
     name = Path(program).name
-    return write(run, path, name, facts, self_contained=self_contained)
+    return write(run, path, name, _facts(run, program), self_contained=self_contained)

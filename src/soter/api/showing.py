@@ -1,12 +1,12 @@
 """Pictures of a program.
 
-Purpose: `Diagram`, what `Program.diagram` gives and `soter show` writes.
+Purpose: `Diagram`, what `Program.diagram` gives and `soter show` writes; a log, replayed on it.
 Non-goals: drawing (`diagram/`).
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -22,6 +22,8 @@ class Diagram:
 
     system: str
     svg: str
+    flat: System | None = field(default=None, repr=False, compare=False)
+    """What is drawn; None where somebody made the picture by hand."""
 
     def _repr_svg_(self) -> str:
         """What a notebook shows."""
@@ -42,12 +44,22 @@ class Diagram:
         problem = f"cannot write `{path}`: it holds something else, which would be lost"
         raise SoterError((Diagnostic("D006", problem),))
 
+    def write_replay(self, log: str | Path, path: str | Path) -> Path:
+        """Write a page that replays a log of `soter run --log` on the diagram.
+
+        `SoterError` D006 where the log is of something else, or the page cannot be written; D007.
+        """
+        from soter.simulate.outputs.live_log import write_log_page  # noqa: PLC0415 - see `soter.api`
+
+        assert self.flat is not None
+        return write_log_page(log, self.flat, path)
+
 
 def diagram_of(system: System) -> Diagram:
     """The diagram of a flat system."""
     from soter.diagram.picture import picture  # noqa: PLC0415 - see `soter.api`
 
-    return Diagram(system.name, picture(system))
+    return Diagram(system.name, picture(system), system)
 
 
 def _picture(path: Path) -> bool:

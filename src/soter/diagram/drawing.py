@@ -24,7 +24,10 @@ FRAME_PAD, TITLE_PX, INSIDE_GAP = 10.0, 20.0, 10.0
 BETWEEN_PX = 44.0
 """From layer to layer."""
 MARGIN_PX = 14.0
-LEGEND_PX = 40.0
+LEGEND_WIDTH_PX = 400.0
+"""At least; a phone is about as wide."""
+MONO_PX = 6.7
+"""A letter of a value."""
 NARROW, WIDE = set("iljtfrI.,:;'|()[] "), set("mwMW@")
 LEGEND = (
     ("plant", "plant"),
@@ -35,17 +38,19 @@ LEGEND = (
     ("topic", "topic"),
     ("input", "input from outside"),
 )
+UPWARDS = ("up", "leads upwards")
+"""Only where there is one."""
 STYLE = """
 .sd { --ink: #1a1f24; --muted: #5b646d; --paper: #fcfcfa; --panel: #ffffff;
   --rule: #9aa3ab; --line: #6d767e;
   --ac: #b85c00; --sc: #0a6ebd; --plant: #e6e2d6; --topic: #eceff1;
-  --frame: #f3f6f8; --back: #8a5a9e;
+  --frame: #f3f6f8; --back: #8a5a9e; --flash: #ffe08a;
   font-family: system-ui, -apple-system, "Segoe UI", Roboto, "Noto Sans", Arial, sans-serif; }
 @media (prefers-color-scheme: dark) {
   .sd { --ink: #eceef0; --muted: #a3acb4; --paper: #14171a; --panel: #1f2429;
     --rule: #5d666e; --line: #8a939b;
     --ac: #f28e2b; --sc: #5aaeee; --plant: #3a372e; --topic: #2a3036;
-    --frame: #1a1f24; --back: #b98acb; } }
+    --frame: #1a1f24; --back: #b98acb; --flash: #6b5400; } }
 .sd text { font-size: 13px; fill: var(--ink); text-anchor: middle; }
 .sd .caption { font-size: 11px; fill: var(--muted); }
 .sd .frame-title { font-weight: 600; text-anchor: start; }
@@ -62,6 +67,8 @@ STYLE = """
 .sd .wire.up { stroke: var(--back); }
 .sd .head { fill: var(--line); stroke: none; }
 .sd .head.up { fill: var(--back); }
+.sd .step > rect, .sd .step > path { stroke: var(--ink); stroke-width: 4; stroke-dasharray: none; }
+.sd .step:not(.on) > rect, .sd .step > path { fill: var(--flash); }
 .sd .on > rect { fill: var(--ac); } .sd .sc.on > rect { fill: var(--sc); }
 .sd .on > text { fill: var(--paper); }
 .sd text.value { font-size: 11px; font-family: ui-monospace, "DejaVu Sans Mono", monospace; }
@@ -80,8 +87,10 @@ def draw(graph: Graph) -> str:
     first = frozenset(at[key][0] for key in graph.first)
     layout = lay_out(sizes, links, first)
     tops = _tops(layout)
-    legend = _legend(max(_width(layout), 620.0))
-    width = max(_width(layout), 620.0) + 2 * MARGIN_PX
+    upwards = any(piece.up for piece in layout.pieces)
+    inner = max(_width(layout), LEGEND_WIDTH_PX)
+    legend = _legend(inner, upwards=upwards)
+    width = inner + 2 * MARGIN_PX
     height = tops[-1] + legend[1] + MARGIN_PX
     inside = [
         f'<rect class="back" width="{width:.0f}" height="{height:.0f}"/>',
@@ -117,9 +126,11 @@ def _size(part: Part) -> tuple[float, float]:
         wide = sum(w for w, _ in inner) + INSIDE_GAP * (len(inner) - 1) + 2 * FRAME_PAD
         high = max(h for _, h in inner) + TITLE_PX + 2 * FRAME_PAD
         return max(wide, text_width(part.title) + 2 * FRAME_PAD), high
+    rows = [row for rows in part.values for row in rows]
     widest = max(*(text_width(line) for line in part.lines), text_width(part.caption, 11.0))
+    widest = max([widest, *(MONO_PX * row.letters for row in rows)])
     high = LINE_PX * len(part.lines) + (CAPTION_PX if part.caption else 0.0) + 2 * PAD_Y
-    return max(widest + 2 * PAD_X, 46.0), high
+    return max(widest + 2 * PAD_X, 46.0), high + CAPTION_PX * len(rows)
 
 
 def _anchors(part: Part, left: float = 0.0) -> dict[str, float]:
@@ -186,20 +197,26 @@ def _cell(cell: Cell, place: tuple[float, float, float, float]) -> str:
     x, y, width, _ = place
     what = "topics" if cell.kind in {"topic", "input"} else "component"
     names = escape(" ".join(cell.names), quote=True)
-    middle, base = x + width / 2, y + PAD_Y + 12.5
-    texts = [
-        f'<text x="{middle:.1f}" y="{base + LINE_PX * i:.1f}">{escape(line)}</text>'
-        for i, line in enumerate(cell.lines)
-    ]
-    if cell.caption:
-        below = base + LINE_PX * (len(cell.lines) - 1) + CAPTION_PX + 1
-        texts.append(
-            f'<text class="caption" x="{middle:.1f}" y="{below:.1f}">{escape(cell.caption)}</text>'
-        )
+    middle, base, texts = x + width / 2, y + PAD_Y + 12.5, []
+    for i, line in enumerate(cell.lines):
+        texts.append(f'<text x="{middle:.1f}" y="{base:.1f}">{escape(line)}</text>')
+        last = i + 1 == len(cell.lines)
+        if cell.caption and last:
+            base += CAPTION_PX + 1
+            texts.append(_small("caption", middle, base, cell.caption))
+        for row in cell.values[i] if cell.values else ():
+            base += CAPTION_PX
+            named = f'data-value="{escape(row.key, quote=True)}"' if row.paths or row.words else ""
+            texts.append(_small("value", middle, base, "" if named else row.label, named))
+        base += LINE_PX
     return (
         f'<g class="{cell.kind}" data-{what}="{names}">{_shape(cell.kind, place)}'
         f"{''.join(texts)}</g>"
     )
+
+
+def _small(kind: str, x: float, y: float, text: str, named: str = "") -> str:
+    return f'<text class="{kind}" {named} x="{x:.1f}" y="{y:.1f}">{escape(text)}</text>'
 
 
 def _shape(kind: str, place: tuple[float, float, float, float]) -> str:
@@ -219,20 +236,28 @@ def _shape(kind: str, place: tuple[float, float, float, float]) -> str:
     )
 
 
-def _legend(width: float) -> tuple[str, float]:
-    """What the shapes mean, in rows of this width; and how high that is."""
+def _legend(width: float, *, upwards: bool) -> tuple[str, float]:
+    """What shapes and colours mean, in rows of this width; and how high that is."""
     parts, x, y = [], 0.0, 18.0
-    for kind, text in LEGEND:
+    for kind, text in (*LEGEND, *((UPWARDS,) if upwards else ())):
         wide = 34 + text_width(text, 11.0) + 16
         if x and x + wide > width:
             x, y = 0.0, y + 22
-        shape = _shape(kind, (x + 1, y - 8, 24, 14))
+        shape = _upward(x + 13, y) if kind == "up" else _shape(kind, (x + 1, y - 8, 24, 14))
         parts.append(
             f'<g class="{kind}">{shape}<text class="caption" style="text-anchor:start" '
             f'x="{x + 32:.1f}" y="{y + 3:.1f}">{escape(text)}</text></g>'
         )
         x += wide
     return "".join(parts), y + 20
+
+
+def _upward(x: float, y: float) -> str:
+    """An arrow as those that lead upwards are drawn."""
+    return (
+        f'<path class="wire up" d="M{x:.1f} {y + 8:.1f}V{y - 2:.1f}"/>'
+        f'<path class="head up" d="M{x:.1f} {y - 9:.1f}L{x - 4:.1f} {y - 1.5:.1f}H{x + 4:.1f}Z"/>'
+    )
 
 
 # ---------------------------------------------------------------- arrows

@@ -7,6 +7,10 @@ Non-goals: places (`layered.py`), lines and colours (`drawing.py`).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from soter.diagram.values import Row
 
 
 @dataclass(frozen=True)
@@ -14,7 +18,8 @@ class Cell:
     """A box with text: `lines` are titles, `caption` stands below them in small letters.
 
     `kind`: plant, node, ac, sc, dm, topic or input. `key` is what arrows name; `names` are the full
-    names of what is shown here, one but for topics that share a box.
+    names of what is shown here, one but for topics that share a box. `values`: of each title the
+    rows below it that a page fills in while a run is replayed; empty where nothing is replayed.
     """
 
     key: str
@@ -22,6 +27,7 @@ class Cell:
     lines: tuple[str, ...]
     caption: str = ""
     names: tuple[str, ...] = ()
+    values: tuple[tuple[Row, ...], ...] = ()
 
 
 @dataclass(frozen=True)

@@ -7,13 +7,15 @@ Non-goals: drawing. What only properties read (the truth of a plant) is no arrow
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from soter.diagram.graph import Arrow, Cell, Frame, Graph, cells
+from soter.diagram.values import Row, rows_of
 from soter.program.model.durations import show_ns
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Mapping
 
     from soter.diagram.graph import Part
     from soter.program.model.system import Component, Module, System
@@ -23,13 +25,20 @@ TOGETHER_MAX = 9
 """So many names stand in one box of topics."""
 
 
-def graph_of(system: System) -> Graph:
-    """The graph of a system: every component once, every topic of the program once."""
+def graph_of(system: System, *, live: bool = False) -> Graph:
+    """The graph of a system: every component once, every topic of the program once.
+
+    `live`: with room for what topics, plants and decision modules hold at a moment.
+    """
     frames = _frames(system)
     framed = {cell.key for frame in frames for cell in cells(frame)}
     alone = [_component(c) for c in system.components if _key(c) not in framed]
     writers, readers = _writers(system), _readers(system)
     topics, boxes = _topics(system, writers, readers)
+    if live:
+        rows = live_rows(system)
+        frames = [_with_rows(frame, rows) for frame in frames]
+        alone, topics = [_roomy(c, rows) for c in alone], [_roomy(c, rows) for c in topics]
     arrows: dict[Arrow, None] = {}
     for topic, box in boxes.items():
         for key in writers[topic]:
@@ -38,6 +47,40 @@ def graph_of(system: System) -> Graph:
             arrows[Arrow(box, key)] = None
     plants = frozenset(_key(c) for c in system.components if c.plant is not None)
     return Graph(f"System {system.name}", (*alone, *frames, *topics), tuple(arrows), plants)
+
+
+# ---------------------------------------------------------------- values
+
+
+def live_rows(system: System) -> dict[str, tuple[Row, ...]]:
+    """The rows that a box has room for, by `t:TOPIC` or `c:COMPONENT`, by full names."""
+    shown = (system.topics[i] for i in _shown(system))
+    found = {f"t:{topic.name}": rows_of(topic.name, topic.type) for topic in shown}
+    for c in system.components:
+        if c.plant is not None:
+            found[_key(c)] = tuple(
+                replace(row, key=f"truth:{row.key}") for row in rows_of(c.name, c.plant.truth)
+            )
+    for m in system.modules:
+        found[_key(system.components[m.dm])] = (Row(saw_key(m.name), "", words=("ttf safer",)),)
+    return found
+
+
+def saw_key(module: str) -> str:
+    """The key of the row that says what a decision module saw."""
+    return f"saw:{module}"
+
+
+def _roomy(cell: Cell, rows: Mapping[str, tuple[Row, ...]]) -> Cell:
+    first = "t" if cell.kind in ("topic", "input") else "c"
+    return replace(cell, values=tuple(rows.get(f"{first}:{name}", ()) for name in cell.names))
+
+
+def _with_rows(frame: Frame, rows: Mapping[str, tuple[Row, ...]]) -> Frame:
+    inside = tuple(
+        _with_rows(p, rows) if isinstance(p, Frame) else _roomy(p, rows) for p in frame.inside
+    )
+    return replace(frame, inside=inside)
 
 
 # ---------------------------------------------------------------- components

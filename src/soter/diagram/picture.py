@@ -15,6 +15,9 @@ if TYPE_CHECKING:
     from soter.program.model.system import System
 
 
-def picture(system: System) -> str:
-    """The SVG of a flat system: a whole file, in light and dark; the same system, the same text."""
-    return draw(graph_of(system))
+def picture(system: System, *, live: bool = False) -> str:
+    """The SVG of a flat system: a whole file, in light and dark; the same system, the same text.
+
+    `live`: with empty rows, told by `data-value`, for what there is at a moment.
+    """
+    return draw(graph_of(system, live=live))

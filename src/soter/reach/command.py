@@ -90,7 +90,14 @@ def verify(
         from soter.reach.to_report import write_report  # noqa: PLC0415 - only then
 
         write_report(found, report)
+    found.page = _page
     return found
+
+
+def _page(found: VerifyReport) -> str:
+    from soter.reach.to_report import page_text  # noqa: PLC0415 - only then
+
+    return page_text(found)
 
 
 def refuse_forced(chosen: list[tuple[System, Module]]) -> None:

@@ -22,7 +22,7 @@ from soter.reach.problem.problem import NODES
 from soter.reach.together import rows_of
 from soter.reach.undecided.leaving_figures import leaving_figures
 from soter.report.errors import ReportError
-from soter.report.proof.page import write_proof
+from soter.report.proof.page import proof_document, write_proof
 from soter.report.proof.record import (
     ModuleProof,
     ProofPage,
@@ -79,6 +79,11 @@ def write_report(found: VerifyReport, path: Path) -> Path:
         return write_proof(made, path)
     except ReportError as error:
         raise SoterError((Diagnostic("D006", str(error)),)) from error
+
+
+def page_text(found: VerifyReport) -> str:
+    """The page as one HTML text."""
+    return proof_document(page(found))
 
 
 def page(found: VerifyReport) -> ProofPage:

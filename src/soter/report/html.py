@@ -9,6 +9,8 @@ Non-goals: other formats; people print it or save the figures from it.
 
 from __future__ import annotations
 
+import base64
+import gzip
 import hashlib
 import json
 from html import escape
@@ -18,13 +20,16 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.refused import reason
 from soter.report.errors import ReportError, ReportUnavailableError
+from soter.report.run.packed import packed
 from soter.report.run.page import body
+from soter.report.run.program import program_section
 from soter.report.whole_file import whole_file
 
 if TYPE_CHECKING:
     import os
 
-    from soter.report.run.record import ReportPage
+    from soter.report.run.figure import Json
+    from soter.report.run.record import Picture, ReportPage
 
 POLICY = (
     "default-src 'none'; script-src 'unsafe-inline'; style-src 'unsafe-inline'; img-src data: blob:"
@@ -54,9 +59,35 @@ def write_html(
     return written
 
 
+def write_replay(title: str, note: str, picture: Picture, path: str | os.PathLike[str]) -> Path:
+    """Write a page with nothing but a program on which something is replayed; as `write_html`."""
+    main = f'<header class="top"><h1>{escape(title)}</h1><p class="subtitle">{escape(note)}</p>'
+    main += f"</header>{program_section(picture)}"
+    script = f"<script>\n{_asset('packed.js')}</script>\n{_replayed(main)}"
+    return write_text(_document(title, main, script), path)
+
+
 def script_name(library: str) -> str:
     """The name of a drawing library beside reports: another version is another file."""
     return f"soter-plotly-{hashlib.sha256(library.encode()).hexdigest()[:12]}.js"
+
+
+def inline_document(page: ReportPage) -> str:
+    """Return a page that is one text and light: its drawing library is compressed in it.
+
+    The page unpacks it, which browsers since 2023 can. Raises `ReportUnavailableError` where the
+    extra `report` is not installed.
+    """
+    library = gzip.compress(_drawing_library().encode(), mtime=0)
+    text = html_document(page)
+    first = text.index("<script>")
+    after = text[first:].replace("<script>", '<script type="text/plain" class="later">')
+    compressed = base64.b64encode(library).decode("ascii")
+    last = f"<script>\n{_asset('inline.js')}</script>\n</body>"
+    return (
+        f'{text[:first]}<script type="text/plain" id="library">{compressed}</script>\n'
+        + after.replace("</body>", last)
+    )
 
 
 def write_document(title: str, main: str, path: str | os.PathLike[str]) -> Path:
@@ -90,14 +121,31 @@ def html_document(page: ReportPage, drawing_library: str = "", beside: str = "")
     `drawing_library` is the JavaScript of plotly, `beside` the name of a file that has it.
     """
     main, figures = body(page)
-    drawings = _script_safe(json.dumps([figure.to_json() for figure in figures], allow_nan=False))
+    drawings = _script_safe(
+        json.dumps([_light(f.to_json()) for f in figures], allow_nan=False, separators=(",", ":"))
+    )
     scripts = f"""<noscript><p>JavaScript draws the figures; it is switched off.</p></noscript>
 <script type="application/json" id="figures">{drawings}</script>
 {f'<script src="{escape(beside)}"></script>' if beside else f"<script>{drawing_library}</script>"}
 <script>
-{_asset("report.js")}</script>
-"""
+{_asset("packed.js")}{_asset("report.js")}</script>
+{_replayed(main)}"""
     return _document(page.title, main, scripts, policy=BESIDE if beside else POLICY)
+
+
+def _light(figure: Json) -> Json:
+    """A figure whose long lists of x and y are packed."""
+    traces = figure["data"]
+    assert isinstance(traces, list)
+    data = [{k: packed(v) if k in ("x", "y") else v for k, v in trace.items()} for trace in traces]
+    return {**figure, "data": data}
+
+
+def _replayed(main: str) -> str:
+    """The script of the player, where the page has one."""
+    if 'class="player"' not in main:
+        return ""
+    return f"<script>\n{_asset('replay.js')}</script>\n"
 
 
 def _document(title: str, main: str, scripts: str, style: str = "", policy: str = POLICY) -> str:

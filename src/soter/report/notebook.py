@@ -1,7 +1,8 @@
-"""Results as a notebook shows them: a line that says how it went, and a table.
+"""Results as a notebook shows them: a line that says how it went, a table, and the report.
 
-Purpose: the HTML of `_repr_html_`, without scripts and in the notebook's own style.
-Non-goals: reports with drawings (`run/`, `proof/`).
+Purpose: the HTML of `_repr_html_`, without scripts and in the notebook's own style; below it the
+whole report in a frame of its own (`srcdoc`), which a notebook that trusts nobody leaves out.
+Non-goals: what the report says (`run/`, `proof/`).
 """
 
 from __future__ import annotations
@@ -25,3 +26,11 @@ def shown(
     items = "".join(f"<li>{escape(note)}</li>" for note in notes)
     below = f"<ul>{items}</ul>" if items else ""
     return f"<div><b>{escape(head)}</b>{table if lines else ''}{below}</div>"
+
+
+def framed(document: str, height_px: int = 720) -> str:
+    """Return an HTML document in a frame: its scripts reach neither notebook nor network."""
+    return (
+        f'<iframe srcdoc="{escape(document, quote=True)}" sandbox="allow-scripts" title="report" '
+        f'loading="lazy" style="width:100%;height:{height_px}px;border:1px solid #8888"></iframe>'
+    )

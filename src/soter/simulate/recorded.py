@@ -7,6 +7,7 @@ Non-goals: modes and decisions; logs that `soter run --log` did not write.
 from __future__ import annotations
 
 import json
+import struct
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -14,6 +15,7 @@ from soter.diagnostics.refused import reason
 from soter.lower.layout import decode_from
 from soter.program.model.types import RecordType
 from soter.program.model.values import ValueShapeError, from_json
+from soter.report.mcap_log import METADATA_NAME
 from soter.report.recorded import Recorded
 from soter.simulate.outputs.figures import truth_value
 from soter.simulate.outputs.to_log import require_log_package
@@ -49,7 +51,7 @@ def read_log(path: Path, system: System) -> Recorded:
     found = Recorded([], [], [])
     topics: dict[str, Any] = {t.name: t.default for t in system.topics}
     states: dict[str, Any] = {}
-    for time_ns, channel, message in _messages(path):
+    for time_ns, channel, message in messages(path):
         t = types.get(channel)
         if t is None:
             continue
@@ -57,7 +59,7 @@ def read_log(path: Path, system: System) -> Recorded:
         try:
             value = from_json(t, given, channel)
         except ValueShapeError as error:
-            raise _unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
+            raise unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
         if not found.times_ns or time_ns > found.times_ns[-1]:
             _keep(found, topics, states)
             found.times_ns.append(time_ns)
@@ -66,7 +68,7 @@ def read_log(path: Path, system: System) -> Recorded:
         else:
             topics[channel] = value
     if not found.times_ns or len(states) < len(truths):
-        raise _unreadable(path, f"it holds no true states of `{system.name}`")
+        raise unreadable(path, f"it holds no true states of `{system.name}`")
     _keep(found, topics, states)
     return found
 
@@ -78,7 +80,25 @@ def _keep(found: Recorded, topics: dict[str, Any], states: dict[str, Any]) -> No
         found.truths.append(dict(states))
 
 
-def _messages(path: Path) -> Any:  # noqa: ANN401 - an iterator over what mcap gives
+def metadata(path: Path) -> dict[str, str]:
+    """What a log says of its run, empty where it is none of `soter run`; SoterError D006."""
+    from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
+    from mcap.reader import make_reader  # noqa: PLC0415
+
+    try:
+        with path.open("rb") as file:
+            for record in make_reader(file).iter_metadata():
+                if record.name == METADATA_NAME:
+                    return dict(record.metadata)
+    except OSError as error:
+        raise unreadable(path, reason(error)) from error
+    except (McapError, ValueError, struct.error) as error:
+        raise unreadable(path, _told(error)) from error
+    return {}
+
+
+def messages(path: Path) -> Any:  # noqa: ANN401 - an iterator over what mcap gives
+    """Time (ns), channel and message of all that is in a log, in order; SoterError D006."""
     from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
     from mcap.reader import make_reader  # noqa: PLC0415
 
@@ -87,11 +107,18 @@ def _messages(path: Path) -> Any:  # noqa: ANN401 - an iterator over what mcap g
             for _, channel, message in make_reader(file).iter_messages():
                 yield message.log_time, channel.topic, json.loads(message.data)
     except OSError as error:
-        raise _unreadable(path, reason(error)) from error
-    except (McapError, ValueError) as error:
-        raise _unreadable(path, str(error) or "it is no MCAP file") from error
+        raise unreadable(path, reason(error)) from error
+    except (McapError, ValueError, struct.error) as error:
+        raise unreadable(path, _told(error)) from error
 
 
-def _unreadable(path: Path, why: str) -> SoterError:
+def _told(error: Exception) -> str:
+    """In words; the package unpacks a file of a few bytes without looking how many there are."""
+    said = "" if isinstance(error, struct.error) else str(error)
+    return said or "it is no MCAP file"
+
+
+def unreadable(path: Path, why: str) -> SoterError:
+    """Of a log that cannot be read as one of `soter run --log`."""
     helps = ("a log of somebody else, or a CSV, needs `--map FILE`: docs/real-logs.md",)
     return SoterError((Diagnostic("D006", f"cannot read the log `{path}`: {why}", helps=helps),))

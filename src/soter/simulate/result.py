@@ -19,7 +19,7 @@ from soter.simulate.decisions import Decided, changes, margins
 from soter.simulate.settings import did_you_mean, usage_error
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Callable, Iterator
 
     import numpy.typing as npt
 
@@ -106,6 +106,8 @@ class Run:
     """Steps of each extern that Python answered, and those in which it published nothing."""
     decided: list[tuple[int, int]] = field(default_factory=list)
     """By module: DM steps, and those in which ttf and safer held both (hashed or traced runs)."""
+    page: Callable[[Run], str] | None = field(default=None, repr=False, compare=False)
+    """Gives the report as one HTML text, "" where it cannot be made; for notebooks."""
 
     def __repr__(self) -> str:
         count = f"{self.violations} violation{'' if self.violations == 1 else 's'}"
@@ -114,7 +116,7 @@ class Run:
         return f"<soter.Run {self.system.name} seed {self.seed}: {time_s:g} s{stopped}, {count}>"
 
     def _repr_html_(self) -> str:
-        from soter.report.notebook import shown  # noqa: PLC0415 - in notebooks only
+        from soter.report.notebook import framed, shown  # noqa: PLC0415 - in notebooks only
 
         rows = [
             (n, f"{m.ac_share:.1%}", m.switches_to_ac, m.switches_to_sc, m.gate_faults)
@@ -122,7 +124,9 @@ class Run:
         ]
         heads = ("module", "AC share", "SC to AC", "AC to SC", "gate faults")
         broken = [f"{v.what} at {v.time_s} s" for v in self.violation_list]
-        return shown(repr(self)[1:-1], heads, rows, [*broken, *self.notes])
+        told = shown(repr(self)[1:-1], heads, rows, [*broken, *self.notes])
+        page = self.page(self) if self.page is not None else ""
+        return told + framed(page) if page else told
 
     @property
     def notes(self) -> list[str]:

@@ -3,15 +3,20 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
+from html import unescape
 from pathlib import Path
 
 import pytest
 
+import browser
 import soter
 from processes import run
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
+FRAME_MB = 2.5
+"""Of a report in a notebook, drawing library included."""
 
 
 def ended(folder: Path, text: str, **more: str) -> str:
@@ -71,3 +76,76 @@ def test_results_show_themselves_in_a_notebook() -> None:
     assert "<li>" not in quiet
     assert "<li>" in broken
     assert "&lt;" not in quiet.split("<table>")[0]
+
+
+TANK = """\
+soter 1;
+topic level: float max_age 100ms;
+topic pump: float in [-0.1, 0.1] = 0.0;
+plant Tank period 50ms {
+  reads pump;
+  drives level = h;
+  state h: float = 1.0;
+  der h = pump;
+}
+node Any period 100ms { subscribes level; publishes pump; step { publish pump = 0.1; } }
+node Hold period 100ms {
+  subscribes level;
+  publishes pump;
+  step { publish pump = clamp(0.5 * (1.0 - level), -0.1, 0.1); }
+}
+rta SafeTank {
+  ac Any;
+  sc Hold;
+  period 100ms;
+  safe level > 0.2 && level < 1.8;
+  ttf level < 0.25 || level > 1.75;
+  safer level > 0.4 && level < 1.6;
+  verify { grid level in [0.2, 1.8] / 320; }
+}
+system Plant { t: Tank; module SafeTank; until 60s; always t.truth.h < 1.8; }
+"""
+FRAME = re.compile(r'<iframe srcdoc="(.*?)" sandbox="allow-scripts"', re.DOTALL)
+
+
+def in_frame(html: str) -> str:
+    """What a frame in a notebook shows, if there is just one."""
+    (found,) = FRAME.findall(html)
+    return unescape(found)
+
+
+def test_a_notebook_shows_the_report_of_a_proof_inline(tmp_path: Path) -> None:
+    (tmp_path / "tank.soter").write_text(TANK)
+    found = soter.load(tmp_path / "tank.soter").verify()
+    page = tmp_path / "page.html"
+    soter.load(tmp_path / "tank.soter").verify(report=page)
+    numbers = re.compile(r"[\d.]+")  # among them times by the clock
+    assert numbers.sub("", in_frame(found._repr_html_())) == numbers.sub("", page.read_text())
+
+
+def test_a_run_without_a_whole_trace_is_a_table_only() -> None:
+    program = soter.load(CART)
+    for trace in (False, ["motion"]):
+        html = program.simulate(until=1.0, trace=trace)._repr_html_()
+        assert "<td>SafeCart</td>" in html
+        assert "<iframe" not in html
+
+
+def test_a_notebook_shows_the_report_of_a_run_inline_and_it_draws(tmp_path: Path) -> None:
+    pytest.importorskip("plotly", reason="the extra `report` is not installed")
+    html = soter.load(CART).simulate(until=10.0)._repr_html_()
+    assert len(html) < FRAME_MB * 1e6
+    if browser.chromium() is None:
+        pytest.skip("no chromium on this machine")
+    shown = "document.querySelectorAll('#figure-chart-0 .main-svg').length > 0"
+    (tmp_path / "frame.html").write_text(in_frame(html), encoding="utf-8")
+    (tmp_path / "notebook.html").write_text(f"<!DOCTYPE html><body>{html}", encoding="utf-8")
+    with browser.page() as page:
+        page.open((tmp_path / "frame.html").as_uri())
+        page.wait(shown)
+        page.wait("document.querySelectorAll('.program .on').length > 0")
+        page.open((tmp_path / "notebook.html").as_uri())
+        page.wait("document.querySelector('iframe') !== null")
+        page.wait("document.readyState === 'complete'")
+        assert page.errors == []
+        assert {r.split(":")[0] for r in page.requests} <= {"file", "data", "blob", "about"}

@@ -13,7 +13,8 @@ import pytest
 
 from soter.report.run.city_map import city_map, dash_of
 from soter.report.run.city_solid import city_solid
-from soter.report.run.figure import TUBE_GROUP, arm_group, decision_hover, numbers
+from soter.report.run.figure import TUBE_GROUP, arm_group, decision_hover
+from soter.report.run.packed import numbers
 from soter.report.run.page import body
 from soter.report.run.record import Decision, ModeBand, Scene, Threshold, Violation
 from soter.report.run.timeline import chart_timeline, flight_timeline

@@ -51,9 +51,41 @@ def test_a_run_fits_a_phone_and_its_diagram_follows_the_slider(
     assert page.value(LIT) == ["SafeCart.Fast"]
     page.value(MOVE % 2)
     assert page.value(LIT) == ["SafeCart.Careful"]
-    assert page.value("document.querySelector('.moment output').textContent") == "2.00 s"
+    assert page.value("document.querySelector('.player output').textContent") == "2.000 s"
     assert {r.split(":")[0] for r in page.requests} <= {"file", "data", "blob"}
     assert page.errors == []
+
+
+COVERED = """(() => {
+  const boxes = [...document.querySelectorAll('.annotation-text, .xtick text, .ytick text')]
+    .map((e) => [e.textContent, e.getBoundingClientRect()]).filter(([, b]) => b.width > 0);
+  const wide = document.documentElement.clientWidth;
+  const found = boxes.filter(([, b]) => b.left < 0 || b.right > wide + 1).map(([t]) => [t, 'cut']);
+  boxes.forEach(([t, p], i) => boxes.slice(i + 1).forEach(([u, q]) => {
+    const beside = p.left >= q.right - 2 || q.left >= p.right - 2;
+    if (!beside && p.top < q.bottom - 3 && q.top < p.bottom - 3) found.push([t, u]);
+  }));
+  return [boxes.length, found];
+})()"""
+CUT = (
+    "[...document.querySelectorAll('.events td')]"
+    ".filter((e) => e.getBoundingClientRect().right > document.documentElement.clientWidth + 1)"
+    ".length"
+)
+
+
+@pytest.mark.parametrize("wide", [PHONE_PX, 500])
+def test_no_label_is_cut_or_covered_on_a_phone_and_decisions_are_read_whole(
+    report: Path, page: browser.Page, wide: int
+) -> None:
+    page.size(wide, 900)
+    page.open(report.as_uri())
+    page.wait(READY)
+    count, found = page.value(COVERED)
+    assert count > 10
+    assert found == []
+    assert page.value("document.querySelectorAll('.events td').length") > 10
+    assert page.value(CUT) == 0
 
 
 def test_a_page_that_was_moved_alone_says_what_it_lacks(

@@ -1,8 +1,8 @@
-"""`soter show FILE`: the diagram of a system.
+"""`soter show FILE`: the diagram of a system, and a log replayed on it.
 
 Purpose: nodes, topics, modules and plants with their periods as an SVG, in a file or on standard
-output.
-Non-goals: what happens in it (`soter run --report`).
+output; with `--log` a page on which the log moves.
+Non-goals: time lines (`soter run --report`).
 """
 
 from __future__ import annotations
@@ -26,6 +26,7 @@ EXAMPLES = """\
   soter show cart.soter -o cart.svg
   soter show drone.soter --system Protected --set d.PERIOD=20ms
   soter show cart.soter -o - > cart.svg    on standard output
+  soter show cart.soter --log cart.mcap -o cart.html    replay a log of `soter run --log`
 """
 STANDARD_OUTPUT = "-"
 
@@ -42,6 +43,9 @@ def parser() -> Parser:
         metavar="FILE",
         help="the SVG; by default .soter/PROGRAM-SYSTEM.svg; - is standard output",
     )
+    made.add_argument(
+        "--log", metavar="LOG", help="a page that replays it, in a file, instead of an SVG"
+    )
     return made
 
 
@@ -51,8 +55,14 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         program = load(args.file, line)
     try:
         shown = program.diagram(args.system, dict(args.params))
-        path = args.output or str(Path(".soter") / f"{Path(args.file).stem}-{shown.system}.svg")
-        if path == STANDARD_OUTPUT:
+        ending = "svg" if args.log is None else "html"
+        default = str(Path(".soter") / f"{Path(args.file).stem}-{shown.system}.{ending}")
+        path = args.output or default
+        if args.log is not None:
+            path = default if path == STANDARD_OUTPUT else path  # a page is a file
+            shown.write_replay(args.log, path)
+            console.say(f"page  {path}")
+        elif path == STANDARD_OUTPUT:
             console.say(shown.svg.rstrip())
         else:
             shown.write(path)
@@ -63,7 +73,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
         "file": args.file,
         "program_sha256": program.sha256,
         "system": shown.system,
-        "diagram": None if path == STANDARD_OUTPUT else path,
+        "diagram": None if path == STANDARD_OUTPUT or args.log is not None else path,
         "svg": shown.svg if path == STANDARD_OUTPUT else None,
+        "page": None if args.log is None else path,
     }
     return Outcome(FINE, program.diagnostics, fields)

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING
 from soter.reach.coverage import Coverage
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     import numpy as np
     from numpy.typing import NDArray
@@ -318,6 +318,8 @@ class VerifyReport:
     """The command line that verifies the same again."""
     coverage: Coverage = field(default_factory=Coverage)
     """What it is about beside these modules, and what it is not."""
+    page: Callable[[VerifyReport], str] | None = field(default=None, repr=False, compare=False)
+    """Gives the page of `--report` as one HTML text; for notebooks."""
 
     @property
     def verdict(self) -> str:
@@ -340,7 +342,7 @@ class VerifyReport:
         return self.verdict if proved.issuperset(promised) or self.verdict != PROVED else ASSUMED
 
     def _repr_html_(self) -> str:
-        from soter.report.notebook import shown  # noqa: PLC0415 - in notebooks only
+        from soter.report.notebook import framed, shown  # noqa: PLC0415 - in notebooks only
 
         rows = [
             (m.name, name, f.verdict, f.text)
@@ -349,7 +351,8 @@ class VerifyReport:
         ]
         count = sum(len(m.problem.assumptions) for m in self.modules)
         head = f"{self.path} {self.system}: {self.verdict} under {count} assumptions"
-        return shown(head, ("module", "property", "verdict", "how"), rows)
+        told = shown(head, ("module", "property", "verdict", "how"), rows)
+        return told if self.page is None else told + framed(self.page(self))
 
     @property
     def said(self) -> dict[str, str]:

@@ -4,7 +4,7 @@
 "use strict";
 
 (() => {
-  const figures = JSON.parse(document.getElementById("figures").textContent);
+  const figures = soterFigures();
   const buttons = [...document.querySelectorAll("button[data-group]")];
   const narrow = window.matchMedia("(max-width: 640px)");
   const coarse = window.matchMedia("(pointer: coarse)");
@@ -64,9 +64,6 @@
     const style = window.getComputedStyle(document.documentElement);
     const data = figure.data.map((trace) => {
       const { group, ...rest } = themed(trace, style);
-      if (rest.x && rest.x.of !== undefined) {
-        rest.x = figure.data[rest.x.of].x; // written once for all traces of a figure
-      }
       return { ...rest, visible: isShown(trace) };
     });
     const layout = themed(figure.layout, style);
@@ -122,29 +119,6 @@
     document.documentElement.classList.remove("on-paper");
     drawAll();
   });
-
-  // The diagram: whoever is in control of a module at the time of the slider is lit up.
-  const moment = document.getElementById("moment");
-  if (moment) {
-    const modules = JSON.parse(moment.dataset.modes);
-    const shown = moment.parentElement.querySelector("output");
-    const boxes = (name) =>
-      [...document.querySelectorAll("[data-component]")].filter((e) =>
-        e.dataset.component.split(" ").includes(name)
-      );
-    const light = () => {
-      const t = Number(moment.value);
-      shown.textContent = t.toFixed(2) + " s";
-      for (const { ac, sc, changes } of modules) {
-        const last = changes.findLastIndex(([since]) => since <= t);
-        const inControl = last < 0 ? 0 : changes[last][1];
-        boxes(ac).forEach((e) => e.classList.toggle("on", inControl === 1));
-        boxes(sc).forEach((e) => e.classList.toggle("on", inControl === 0));
-      }
-    };
-    moment.addEventListener("input", light);
-    light();
-  }
 
   let pending = 0;
   window.addEventListener("resize", () => {

@@ -1,7 +1,8 @@
-"""The page of a safety case: verdict first, then every goal with what supports it.
+"""The page of a safety case: verdict first, then the argument as a picture, then every goal.
 
-Purpose: one HTML file without scripts, in the order in which a reviewer asks.
-Non-goals: deciding what is supported (`case.py`).
+Purpose: one HTML file without scripts, to be handed to an assessor, in the order in which one asks:
+is it supported, by which argument, resting on what, on which evidence, and what is not covered.
+Non-goals: deciding what is supported (`case.py`), the picture (`picture.py`).
 """
 
 from __future__ import annotations
@@ -10,32 +11,53 @@ from html import escape
 from typing import TYPE_CHECKING
 
 from soter.report.assurance.case import SUPPORTED
+from soter.report.assurance.picture import pictures
 from soter.report.html import write_document
+from soter.report.run.wording import prose
 
 if TYPE_CHECKING:
     import os
+    from collections.abc import Iterable, Sequence
     from pathlib import Path
 
     from soter.report.assurance.case import Case, Node
 
 STYLE = """<style>
-.case ul { list-style: none; padding-left: 1.1rem; border-left: 2px solid var(--rule); }
-.case li { margin: 0.55rem 0; }
-.case .node { padding: 0.45rem 0.7rem; background: var(--panel); border: 1px solid var(--rule); }
-.case .goal { border-left: 4px solid var(--muted); }
-.case .strategy { font-style: italic; }
-.case .solution { border-radius: 1.2rem; }
-.case .supported { border-color: var(--good); }
-.case .supported > .status { color: var(--good); }
-.case .undeveloped > .status { color: var(--bad); }
-.case .id { font-family: var(--mono); color: var(--muted); margin-right: 0.5rem; }
-.case .status { font-weight: 600; white-space: nowrap; float: right; margin-left: 0.8rem; }
-.case .why, .case .hash { color: var(--muted); font-size: 0.9em; overflow-wrap: anywhere; }
-.case .hash { font-family: var(--mono); }
-.case dd { overflow-wrap: anywhere; }
+.gsn { display: block; max-width: none; margin-top: 14px; }
+.gsn text { font: 12px var(--font); fill: var(--ink); text-anchor: middle; }
+.gsn .id { font-weight: 600; }
+.gsn .legend { text-anchor: start; fill: var(--muted); }
+.gsn path, .gsn circle, .gsn rect { fill: var(--panel); stroke: var(--muted); stroke-width: 1.4; }
+.gsn .supported > path, .gsn .supported > circle { stroke: var(--good); stroke-width: 2; }
+.gsn .undeveloped > path, .gsn .undeveloped > circle { stroke: var(--bad); stroke-width: 2; }
+.gsn .wire { fill: none; }
+.gsn .head { fill: var(--muted); stroke-width: 1; }
+.gsn .head.hollow { fill: var(--paper); }
+.badge { display: inline-block; padding: 3px 14px; border-radius: 16px;
+  font: 600 16px/1.6 var(--font); color: var(--paper); background: var(--bad); }
+.badge.good { background: var(--good); }
+.state { white-space: nowrap; font-weight: 600; color: var(--bad); }
+.state.good { color: var(--good); }
+.case td { overflow-wrap: anywhere; }
+.case:not(.wide) td:first-child { white-space: nowrap; }
+.case td:first-child { font: 13px/1.6 var(--mono); }
+.case .hash { font: 13px/1.6 var(--mono); }
+.case .why { display: block; color: var(--muted); font-size: 14px; }
+.case tr:target { background: var(--sc-shade); }
+.case a { color: var(--sc); }
+@media (max-width: 640px) {
+  .case thead { display: none; }
+  .case tr, .case td { display: block; border: 0; padding: 1px 0; }
+  .case tr { padding: 9px 0; border-bottom: 1px solid var(--grid); }
+}
 </style>"""
-SIGNS = {SUPPORTED: "\N{CHECK MARK} supported"}
-OPEN = "\N{WHITE DIAMOND} undeveloped"
+WORDS = (
+    ("complex function", "the advanced controller, AC"),
+    ("recovery function", "the safe controller, SC"),
+    ("RTA switch", "the decision module, DM"),
+    ("safety monitor", "the predicates ttf and safer of the DM"),
+)
+"""Of ASTM F3269-21, and here."""
 
 
 def write_case(case: Case, path: str | os.PathLike[str]) -> Path:
@@ -45,67 +67,152 @@ def write_case(case: Case, path: str | os.PathLike[str]) -> Path:
 
 def body(case: Case) -> str:
     """The main part of the page."""
+    return "\n".join(
+        [
+            STYLE,
+            _header(case),
+            _facts(case),
+            _argument(case),
+            _open(case),
+            _goals(case),
+            _evidence(case),
+            _listed(case, "assumption", "Rests on", "Assumed, not checked: each has to be true."),
+            _listed(case, "context", "Context, and what is not covered", ""),
+            _words(),
+        ]
+    )
+
+
+def _header(case: Case) -> str:
     goals = case.goals
     done = sum(case.status(g) == SUPPORTED for g in goals)
-    word = "Supported" if case.supported else "Not supported yet"
+    word, kind = ("Supported", " good") if case.supported else ("Not supported yet", "")
     said = (
         "Everything below the top goal was checked while this page was made."
         if case.supported
         else "A branch without a leaf that was checked while this page was made is undeveloped, "
         "and so is everything above it."
     )
-    facts = [
-        ("program", case.program),
-        ("sha256", case.program_sha256),
-        ("system", case.system),
-        ("parameters", ", ".join(f"{n} = {v}" for n, v in case.params.items()) or "none"),
-    ]
-    rows = "".join(f"<dt>{escape(k)}</dt><dd>{escape(v)}</dd>" for k, v in facts)
-    open_ = [g for g in goals if case.status(g) != SUPPORTED]
-    todo = "".join(f"<li>{_label(g)} {escape(g.text)}</li>" for g in open_)
-    below = {i for n in case.nodes for i in n.supported_by}
-    trees = "".join(_tree(case, g) for g in goals if g.id not in below)
-    return "\n".join(
-        [
-            STYLE,
-            f"<h1>{escape(case.title)}</h1>",
-            f"<p><strong>{word}</strong>: {done} of {len(goals)} goals are supported. {said}</p>",
-            f"<dl>{rows}</dl>",
-            "<h2>The argument</h2>",
-            f'<div class="case"><ul>{trees}</ul></div>',
-            f"<h2>Undeveloped goals</h2><ul>{todo}</ul>" if open_ else "",
-            "<h2>Rests on</h2>",
-            _listed(case, "assumption"),
-            "<h2>Context, and what is not covered</h2>",
-            _listed(case, "context"),
-        ]
+    return (
+        f'<header class="top"><p class="kicker">{escape(case.title)}</p>'
+        f'<h1>{prose(goals[0].text)}</h1><p class="subtitle">'
+        f'<span class="badge{kind}">{word}</span> '
+        f"{done} of {len(goals)} goals are supported. {said}</p></header>"
     )
 
 
-def _tree(case: Case, n: Node) -> str:
-    status = case.status(n)
-    sign = SIGNS.get(status, OPEN)
-    parts = [
-        f'<div class="node {n.kind} {status}"><span class="status">{sign}</span>',
-        f"{_label(n)}{escape(n.text)}",
+def _facts(case: Case) -> str:
+    facts = [
+        ("program", case.program),
+        ("SHA-256", case.program_sha256),
+        ("system", case.system),
+        ("parameters", ", ".join(f"{n} = {v}" for n, v in case.params.items()) or "none"),
+        ("notation", "GSN Community Standard, version 3"),
+        ("terms", "ASTM F3269-21; the last table says what they are called in the program"),
     ]
-    if n.why:
-        parts.append(f'<div class="why">{escape(n.why)}</div>')
-    if n.sha256:
-        parts.append(f'<div class="hash">{escape(n.path)} sha256 {n.sha256}</div>')
-    if n.in_context_of:
-        links = ", ".join(f'<a href="#{i}">{i}</a>' for i in n.in_context_of)
-        parts.append(f'<div class="why">in the context of {links}</div>')
-    parts.append("</div>")
-    below = "".join(_tree(case, case.node(i)) for i in n.supported_by)
-    return f"<li>{''.join(parts)}{f'<ul>{below}</ul>' if below else ''}</li>"
+    rows = "".join(f"<div><dt>{escape(k)}</dt><dd>{escape(v)}</dd></div>" for k, v in facts)
+    return f'<section class="provenance"><h2>What this is about</h2><dl>{rows}</dl></section>'
+
+
+def _argument(case: Case) -> str:
+    drawn = "".join(
+        (f"<h3>{escape(title)}</h3>" if title else "") + f'<div class="scroll">{svg}</div>'
+        for title, svg in pictures(case)
+    )
+    return f"<section><h2>The argument</h2>{drawn}</section>"
+
+
+def _open(case: Case) -> str:
+    """What is left to do, with the reason that the leaf below gives."""
+    open_ = [g for g in case.goals if case.status(g) != SUPPORTED]
+    if not open_:
+        return ""
+    items = "".join(
+        f"<li><b>{_link(g)}</b> {prose(g.text)}"
+        + "".join(f'<span class="why">{prose(w)}</span>' for w in _whys(case, g))
+        + "</li>"
+        for g in open_
+    )
+    return f'<section class="grounds case"><h2>Undeveloped goals</h2><ul>{items}</ul></section>'
+
+
+def _whys(case: Case, goal: Node) -> list[str]:
+    """Of a goal and the solutions right below it."""
+    near = [goal, *(case.node(i) for i in goal.supported_by)]
+    return [n.why for n in near if n.why and n.kind in ("goal", "solution")]
+
+
+def _goals(case: Case) -> str:
+    rows = []
+    for n in case.nodes:
+        if n.kind not in ("goal", "strategy"):
+            continue
+        below = [case.node(i) for i in n.supported_by]
+        on = ", ".join(_link(b) for b in below) or "nothing yet"
+        why = "" if not n.why else f'<span class="why">{prose(n.why)}</span>'
+        rows.append((n.id, _label(n), f"{prose(n.text)}{why}", _state(case, n), on))
+    table = _table(("id", "goal", "state", "supported by"), rows)
+    return f"<section><h2>Goals</h2>{table}</section>"
+
+
+def _evidence(case: Case) -> str:
+    """Each piece of evidence once, with everything that it supports."""
+    found: dict[tuple[str, str, str, str, bool], list[Node]] = {}
+    for n in case.nodes:
+        if n.kind == "solution":
+            found.setdefault((n.text, n.why, n.path, n.sha256, n.checked), []).append(n)
+    rows = []
+    for nodes in found.values():
+        n = nodes[0]
+        ids = "".join(f'<span id="{escape(m.id, quote=True)}"></span>' for m in nodes)
+        goals = [g for g in case.nodes if any(m.id in g.supported_by for m in nodes)]
+        hash_ = (
+            f'<br><span class="hash">{escape(n.path)} SHA-256 {n.sha256}</span>' if n.sha256 else ""
+        )
+        why = "" if not n.why else f'<span class="why">{prose(n.why)}</span>'
+        names = ", ".join(_label(m) for m in nodes)
+        supports = ", ".join(_link(g) for g in goals)
+        rows.append(("", names, f"{ids}{prose(n.text)}{hash_}{why}", _state(case, n), supports))
+    if not rows:
+        return ""
+    table = _table(("ids", "what", "state", "supports"), rows, " wide")
+    return f"<section><h2>Evidence</h2>{table}</section>"
+
+
+def _listed(case: Case, kind: str, title: str, lead: str) -> str:
+    found = [n for n in case.nodes if n.kind == kind]
+    rows = [(n.id, _label(n), prose(n.text)) for n in found]
+    note = f'<p class="note lead">{lead}</p>' if lead and found else ""
+    table = _table(("id", "what"), rows) if found else "<p>nothing</p>"
+    return f'<section id="{kind}s"><h2>{title}</h2>{note}{table}</section>'
+
+
+def _words() -> str:
+    rows = [("", escape(theirs), escape(ours)) for theirs, ours in WORDS]
+    return f"<section><h2>Terms</h2>{_table(('ASTM F3269-21', 'in the program'), rows)}</section>"
+
+
+def _table(heads: Sequence[str], rows: Iterable[Sequence[str]], kind: str = "") -> str:
+    """Of each row the first entry is its anchor; the others are HTML."""
+    head = "".join(f'<th scope="col">{escape(h)}</th>' for h in heads)
+    lines = "".join(
+        (f'<tr id="{escape(anchor, quote=True)}">' if anchor else "<tr>")
+        + "".join(f"<td>{cell}</td>" for cell in cells)
+        + "</tr>"
+        for anchor, *cells in rows
+    )
+    return f'<table class="case{kind}"><thead><tr>{head}</tr></thead><tbody>{lines}</tbody></table>'
+
+
+def _state(case: Case, n: Node) -> str:
+    if case.status(n) == SUPPORTED:
+        return '<span class="state good">\N{CHECK MARK} supported</span>'
+    return '<span class="state">\N{WHITE DIAMOND} undeveloped</span>'
 
 
 def _label(n: Node) -> str:
-    return f'<span class="id">{escape(n.id)}</span>'
+    return escape(n.id)
 
 
-def _listed(case: Case, kind: str) -> str:
-    found = [n for n in case.nodes if n.kind == kind]
-    items = "".join(f'<li id="{n.id}">{_label(n)}{escape(n.text)}</li>' for n in found)
-    return f'<div class="case"><ul>{items}</ul></div>' if items else "<p>nothing</p>"
+def _link(n: Node) -> str:
+    return f'<a href="#{escape(n.id, quote=True)}">{escape(n.id)}</a>'

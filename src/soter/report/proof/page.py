@@ -10,7 +10,7 @@ from __future__ import annotations
 from html import escape
 from typing import TYPE_CHECKING
 
-from soter.report.html import write_document
+from soter.report.html import document, write_document
 from soter.report.proof.regions import region_svg
 from soter.report.run.wording import prose
 
@@ -37,6 +37,11 @@ REGIONS = (
 def write_proof(page: ProofPage, path: str | os.PathLike[str]) -> Path:
     """Write the page to `path`; it needs no script and no network. Raises `ReportError`."""
     return write_document(page.title, proof_body(page), path)
+
+
+def proof_document(page: ProofPage) -> str:
+    """The page as one text."""
+    return document(page.title, proof_body(page))
 
 
 def proof_body(page: ProofPage) -> str:

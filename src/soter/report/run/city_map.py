@@ -24,13 +24,13 @@ from soter.report.run.figure import (
     giveback_dot,
     layout,
     line,
-    numbers,
     takeover_dot,
     violation_cross,
     violation_hover,
     way_group,
 )
 from soter.report.run.geometry import box_outline, height_levels, join, tube_outline, window
+from soter.report.run.packed import numbers
 from soter.report.run.trajectory import by_controller, flight_indices, givebacks, place, takeovers
 
 if TYPE_CHECKING:

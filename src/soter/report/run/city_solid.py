@@ -21,7 +21,6 @@ from soter.report.run.figure import (
     arm_group,
     decision_hover,
     layout,
-    numbers,
     violation_hover,
     way_group,
 )
@@ -35,6 +34,7 @@ from soter.report.run.geometry import (
     tube_rings,
     window,
 )
+from soter.report.run.packed import numbers
 from soter.report.run.trajectory import by_controller, flight_indices, givebacks, place, takeovers
 
 if TYPE_CHECKING:

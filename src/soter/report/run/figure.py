@@ -18,7 +18,7 @@ import numpy as np
 from soter.report.run.wording import prose
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -58,10 +58,14 @@ class Figure:
         return {"key": self.key, "data": data, "layout": self.layout}
 
 
-def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:
-    """Return (N,) values for JSON, rounded; what is not finite becomes null, a gap in a line."""
-    rounded = np.round(values.astype(np.float64), digits) + 0.0
-    return [value if np.isfinite(value) else None for value in rounded.tolist()]
+def signals_drawn(figures: Sequence[Figure]) -> dict[str, tuple[int, int]]:
+    """Signal -> (figure, trace) of the first time line that draws it: its trace has the name."""
+    found: dict[str, tuple[int, int]] = {}
+    for i, figure in enumerate(figures):
+        for k, trace in enumerate(figure.data):
+            if "name" in trace:
+                found.setdefault(str(trace["name"]), (i, k))
+    return found
 
 
 def digits_of(values: NDArray[np.float64]) -> int:

@@ -20,6 +20,7 @@ from soter.report.run.figure import (
     arm_group,
     change_text,
     predicates_text,
+    signals_drawn,
 )
 from soter.report.run.program import program_section
 from soter.report.run.record import Flight
@@ -61,7 +62,7 @@ def body(page: ReportPage) -> tuple[str, list[Figure]]:
         _city(page, drawn),
         _timelines(page, drawn),
         _charts(page, drawn),
-        program_section(page.picture, page.charts),
+        program_section(page.picture, signals_drawn(drawn)),
         _violations([*page.flights, *page.charts]),
         _decisions([*page.flights, *page.charts]),
         _assumptions(page.assumptions),

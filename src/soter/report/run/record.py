@@ -17,6 +17,8 @@ import numpy as np
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
+    from soter.report.run.live import Live
+
 Vec3 = tuple[float, float, float]
 Summary = Mapping[str, "float | int | str"]
 Controller = Literal["SC", "AC"]
@@ -221,13 +223,14 @@ class Comparison:
 
 @dataclass(frozen=True)
 class Picture:
-    """A drawing of the program: `svg`, and of each module (name, component AC, component SC).
+    """A drawing of the program, and what is replayed on it.
 
-    Elements of the SVG with a component's name in `data-component` are lit up by who is in control.
+    Elements of the SVG with a component's name in `data-component` are lit up, those with the key
+    of a row in `data-value` filled.
     """
 
     svg: str
-    modules: tuple[tuple[str, str, str], ...] = ()
+    live: Live | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -236,7 +239,7 @@ class ReportPage:
 
     `headline` is the result in a sentence; where empty it is composed from the summaries.
     `assumptions`: what the result rests on, one text each. `provenance`: program hash, seed,
-    tool versions, command line ..., shown in this order. `picture`: with modes of the first chart.
+    tool versions, command line ..., shown in this order. `picture`: the program.
     """
 
     title: str

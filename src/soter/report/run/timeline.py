@@ -24,11 +24,11 @@ from soter.report.run.figure import (
     giveback_dot,
     layout,
     line,
-    numbers,
     takeover_dot,
     violation_cross,
     violation_hover,
 )
+from soter.report.run.packed import numbers
 from soter.report.run.trajectory import (
     POINTS_MAX,
     by_controller,
@@ -230,6 +230,7 @@ def _panel(
             {
                 "type": "scatter",
                 "mode": "lines",
+                "name": each.name,
                 "x": numbers(chart.time_s[chosen], 4),
                 "y": numbers(each.values[chosen], digits_of(each.values)),
                 "yaxis": stack.name(row),

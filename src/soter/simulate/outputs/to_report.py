@@ -14,13 +14,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.diagram.picture import picture
+from soter.diagram.picture import picture as draw
 from soter.lower.layout import group_field
 from soter.program.meaning.limits import limits
 from soter.program.model import typed
 from soter.program.model.types import BoolType, FloatType, IntType, RecordType, leaves
 from soter.report.errors import ReportError
-from soter.report.html import write_html
+from soter.report.html import inline_document, write_html
 from soter.report.run.record import (
     Chart,
     Decision,
@@ -33,6 +33,7 @@ from soter.report.run.record import (
 )
 from soter.simulate import decisions
 from soter.simulate.outputs.assumptions import of_run
+from soter.simulate.outputs.live import live_of_run
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -88,32 +89,37 @@ def write_report(
         raise SoterError((Diagnostic("D006", str(error)),)) from error
 
 
+def inline_report(run: Run, title: str, provenance: Mapping[str, str]) -> str:
+    """The report of a traced run as one HTML text; "" where reports cannot be drawn here."""
+    if find_spec("plotly") is None:
+        return ""
+    return inline_document(report_page(run, title, provenance))
+
+
 def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPage:
     """The page of one run."""
     chart = run_chart(run)
+    picture = Picture(draw(run.system, live=True), live_of_run(run, _thinned(run)))
     return ReportPage(
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}",
         charts=(chart,),
         assumptions=(*run.notes, *of_run(run.system, run.proofs)),
         provenance=dict(provenance),
-        picture=_picture(run.system),
+        picture=picture,
     )
 
 
-def _picture(system: System) -> Picture:
-    """The diagram of a system, with the controllers of its modules."""
-    named = [
-        (m.name, system.components[m.ac].name, system.components[m.sc].name) for m in system.modules
-    ]
-    return Picture(picture(system), tuple(named))
+def _thinned(run: Run) -> npt.NDArray[np.void]:
+    """The trace, of long runs every n-th state."""
+    whole = run.require_trace()
+    return whole[:: max(1, len(whole) // SAMPLES_MAX)]
 
 
 def run_chart(run: Run) -> Chart:
     """All signals of a run, thinned to what can be seen."""
-    whole = run.require_trace()
-    thin = max(1, len(whole) // SAMPLES_MAX)
-    trace = whole[::thin]
+    trace = _thinned(run)
+    thin = max(1, len(run.require_trace()) // SAMPLES_MAX)
     time_s = trace["header"]["ct"] / 1e9
     bands = tuple(
         ModeBand(m.name, trace["modules"]["mode"][:, m.index] == 1) for m in run.system.modules

@@ -1,0 +1,104 @@
+"""The page of a safety case: a picture in which all of the argument stands, tables that fit."""
+
+from __future__ import annotations
+
+import re
+from itertools import combinations
+from typing import TYPE_CHECKING
+from xml.etree import ElementTree as ET
+
+import pytest
+
+import browser
+from soter.report.assurance.case import Case, Node
+from soter.report.assurance.page import body, write_case
+from soter.report.assurance.picture import BOX, pictures
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+SVG = "{http://www.w3.org/2000/svg}"
+PARTS = ("P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start")
+PHONE_PX = 420
+
+
+def case_of(modules: int) -> Case:
+    """So many modules; of the second one goal has no evidence, of the third none was checked."""
+    case = Case("Safety case of S", "s.soter", "ab" * 32, "S", {})
+    top = case.add(Node("G1", "goal", "System S keeps `Clear(m)` in every run"))
+    way = case.add(Node("S1", "strategy", "argument over every RTA module"), under=top)
+    for k in range(1, modules + 1):
+        module = case.add(Node(f"G1.{k}", "goal", f"RTA module M{k} keeps `X`"), under=way)
+        for name in PARTS:
+            goal = case.add(Node(f"G1.{k}.{name}", "goal", f"{name}: is to be shown"), under=module)
+            if (k, name) == (2, "P1c"):
+                continue
+            leaf = Node(f"Sn.{k}.{name}", "solution", "certificate, checked", path="proof")
+            leaf.checked, leaf.sha256 = k != 3, "cd" * 32
+            leaf.why = "" if leaf.checked else "the certificate is of `another` program"
+            case.add(leaf, under=goal)
+    case.add(Node("A1", "assumption", "the wind is <weak>"), beside=top)
+    case.add(Node("C1", "context", "not covered: `always`"), beside=top)
+    return case
+
+
+def drawn(svg: str) -> ET.Element:
+    return ET.fromstring(svg)  # noqa: S314 - of what was just drawn
+
+
+@pytest.mark.parametrize("modules", [1, 3])
+def test_every_goal_is_drawn_with_its_state_and_an_arrow_to_what_supports_it(modules: int) -> None:
+    case = case_of(modules)
+    found = [drawn(svg) for _, svg in pictures(case)]
+    assert len(found) == (1 if modules == 1 else 1 + modules)
+    states: dict[str | None, str | None] = {}
+    for svg in found:
+        for link in svg.iter(f"{SVG}a"):
+            group = link.find(f"{SVG}g")
+            assert group is not None
+            states.setdefault(link.get("href"), group.get("class"))
+        wires = [p for p in svg.iter(f"{SVG}path") if p.get("class") == "wire"]
+        assert wires
+    for n in case.goals:
+        assert states[f"#{n.id}"] == f"goal {case.status(n)}", n.id
+    kinds = [p.get("class") for svg in found for p in svg.iter(f"{SVG}path")]
+    assert kinds.count("diamond") - len(found) == (0 if modules == 1 else 1)  # one in a legend each
+
+
+@pytest.mark.parametrize("modules", [1, 2, 3, 12])
+def test_no_box_covers_another(modules: int) -> None:
+    for _, svg in pictures(case_of(modules)):
+        boxes = []
+        for group in drawn(svg).iter(f"{SVG}g"):
+            path = group.find(f"{SVG}path")
+            if (group.get("class") or "").startswith("goal ") and path is not None:
+                x, y, right, _, low = map(float, re.findall(r"-?[\d.]+", path.get("d") or "")[:5])
+                assert right - x == pytest.approx(BOX, abs=0.2)
+                boxes.append((x, y, right, low))
+        assert boxes
+        for a, b in combinations(boxes, 2):
+            assert a[2] < b[0] or b[2] < a[0] or a[3] < b[1] or b[3] < a[1], (a, b)
+
+
+def test_texts_are_set_and_every_link_leads_somewhere() -> None:
+    page = body(case_of(3))
+    assert "<code>Clear(m)</code>" in page
+    assert "`" not in re.sub(r"<title>.*?</title>|aria-label=\"[^\"]*\"", "", page)
+    assert "&lt;weak&gt;" in page
+    anchors = set(re.findall(r'id="([^"]+)"', page))
+    links = set(re.findall(r'href="#([^"]+)"', page))
+    assert links
+    assert links <= anchors
+    assert "the certificate is of <code>another</code> program" in page
+
+
+def test_it_fits_a_phone(tmp_path: Path) -> None:
+    if browser.chromium() is None:
+        pytest.skip("no chromium on this machine")
+    path = write_case(case_of(3), tmp_path / "index.html")
+    with browser.page() as page:
+        page.size(PHONE_PX, 900)
+        page.open(path.as_uri())
+        page.wait("document.readyState === 'complete' && document.querySelector('.gsn') !== null")
+        assert page.value("document.documentElement.scrollWidth") <= PHONE_PX
+        assert page.errors == []
