@@ -9,15 +9,28 @@ from __future__ import annotations
 import csv
 import json
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping
     from pathlib import Path
 
-    from soter.api.program import Program
+    from soter.explore.results import ExploreReport
     from soter.program.model.system import System
+
+
+class AssuredProgram(Protocol):
+    """What a case needs of `soter.api.Program`, which imports this room."""
+
+    path: str
+
+    def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
+        """A system, fresh each time."""
+
+    def explore(self, *, params: Mapping[str, object] | None, output: None) -> ExploreReport:
+        """Every test, explored now."""
 
 
 @dataclass(frozen=True)
@@ -30,7 +43,7 @@ class Again:
     violated: str = ""
 
 
-def again(program: Program, flat: System, params: Any, folder: Path, most: int) -> Again:  # noqa: ANN401
+def again(program: AssuredProgram, flat: System, params: Any, folder: Path, most: int) -> Again:  # noqa: ANN401
     """Fly up to `most` flights again, evenly over the campaign; SoterError D006."""
     from soter.campaign.fleet import Fleet  # noqa: PLC0415 - compiles
 

@@ -23,8 +23,8 @@ from soter.report.errors import ReportError
 from soter.version import VERSION
 
 if TYPE_CHECKING:
+    from soter.api.assurance.again import AssuredProgram
     from soter.api.given import Progress
-    from soter.api.program import Program
     from soter.program.model.system import Module, System
     from soter.recheck.report import ModuleReport, Report
 
@@ -53,7 +53,7 @@ class Assurance:
 
 
 def assure(
-    program: Program,
+    program: AssuredProgram,
     output: str | Path,
     *,
     cert: str | Path | None = None,
@@ -212,7 +212,7 @@ def _of_certificate(
 
 def _tests(
     case: Case,
-    program: Program,
+    program: AssuredProgram,
     flat: System,
     params: Any,  # noqa: ANN401 - as given
     file: str | Path | None,
@@ -289,7 +289,7 @@ def _test_report(file: str | Path | None) -> dict[str, dict[str, Any]]:
 
 def _campaign(
     case: Case,
-    program: Program,
+    program: AssuredProgram,
     flat: System,
     params: Any,  # noqa: ANN401 - as given
     folder: Path,
