@@ -473,8 +473,8 @@ def _refute(problem: Problem, result: ModuleResult) -> None:
 
 
 def _diagnose(done: list[Case], result: ModuleResult) -> None:
-    """Where something stays undecided: why, as far as a few seconds can tell."""
-    if any(f.verdict == UNDECIDED for f in result.findings.values()):
-        from soter.reach.undecided.diagnose import diagnose  # noqa: PLC0415 - only then
+    """Where something stays undecided, or SC for ever: why, as far as a few seconds can tell."""
+    from soter.reach.undecided.diagnose import diagnose, open_in  # noqa: PLC0415 - only here
 
+    if open_in(result):
         diagnose(done, result)
