@@ -385,6 +385,11 @@ IDIOMS: tuple[Idiom, ...] = (
         "declare it beside the nodes: `fun name(x: float): float { return 2.0 * x; }`",
     ),
     _idiom(
+        r"(?P<at>\b(?P<set>in\s*\[[^\]\n]*\])\s*(?P<unit>unit\s*\"[^\"\n]*\"))",
+        "the unit is part of the type, and stands before the set",
+        r"\g<unit> \g<set>",
+    ),
+    _idiom(
         r"(?<![\w.])(?P<at>(?P<a>\d+),(?P<b>\d+(?:ns|us|ms|s|min|h)?))(?=\s*[;)])",
         "the decimal sign is a point",
         r"\g<a>.\g<b>",

@@ -13,10 +13,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.reach.claims.results import REFUTED, UNDECIDED, Cause
+from soter.reach.claims.results import UNDECIDED, Cause
 from soter.reach.grid.claims import GridProof
 from soter.reach.undecided.experiments import COARSE, Budget, Change, Kept, against, kept
 from soter.reach.undecided.faces import faces
+from soter.reach.undecided.margins import OPEN, ORDER, margins
 from soter.reach.undecided.model_runs import FALSE, TRUE, Model, Search, soonest
 from soter.reach.undecided.pull import no_pull
 
@@ -61,8 +62,6 @@ HELPS = 2
 
 def diagnose(done: Sequence[Case], result: ModuleResult) -> None:
     """Enter causes and margins for what is undecided."""
-    from soter.reach.undecided.margins import margins  # noqa: PLC0415 - only then
-
     budget = Budget(BUDGET_S)
     finding = result.findings["P2a"]
     case = next((c for c in done if c.failed("P2a")), None)
@@ -77,9 +76,9 @@ def diagnose(done: Sequence[Case], result: ModuleResult) -> None:
 
 
 def open_in(result: ModuleResult) -> bool:
-    """Whether there is anything to measure: undecided, or SC that never gives control back."""
-    way_back = result.findings["P2b"].verdict == REFUTED
-    return way_back or any(f.verdict == UNDECIDED for f in result.findings.values())
+    """Whether there is anything to measure."""
+    refuted = any(result.findings[claim].verdict in OPEN for claim in ORDER)
+    return refuted or any(f.verdict == UNDECIDED for f in result.findings.values())
 
 
 def _named(done: Sequence[Case], case: Case, finding: Finding) -> None:

@@ -129,6 +129,41 @@ def returns(case: Case, grid: GridProof, change: Change, budget: Budget) -> Kept
     return Kept(share(core & back, engine.edges) / share(core, engine.edges), engine.shape)
 
 
+def failing(
+    case: Case,
+    grid: GridProof,
+    predicate: str,
+    change: Change,
+    zone: tuple[int, float, float],
+    budget: Budget,
+) -> tuple[int, tuple[int, ...]] | None:
+    """Cells between two values of an axis on which `ttf` or `safer` fails, and the grid's shape.
+
+    `zone`: (axis of the group, low, high). None where time or cells do not suffice, or another
+    group has a part in it.
+    """
+    engine = _engine(case, grid.engine, change, budget)
+    if engine is None or len(case.problem.groups) > 1 or not budget.goes_on():
+        budget.leave_out()
+        return None
+    try:
+        core = engine.core(allowed_on(case, engine)).cells
+        free = engine.safe_for(case.problem.in_horizon(case.problem.times.horizon_ns), core)
+    except CancelledError:
+        budget.leave_out()
+        return None
+    except UnboundedError:
+        return None
+    lets = engine.may_fail("ttf") if predicate == "ttf" else engine.may_hold("safer")
+    wrong = lets & engine.may_hold("safe") & ~free
+    axis, low, high = zone
+    edges = engine.edges[axis]
+    inside = (edges[:-1] < high) & (edges[1:] > low)
+    shape = [1] * wrong.ndim
+    shape[axis] = -1
+    return int((wrong & inside.reshape(shape)).sum()), engine.shape
+
+
 def definitely(case: Case, engine: GridGroup, predicate: str) -> NDArray[np.bool_]:
     """Cells of another grid on which a predicate holds, the other groups where it does."""
     if len(case.problem.groups) == 1:

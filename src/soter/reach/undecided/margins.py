@@ -1,11 +1,11 @@
 """By how much `ttf`, `safer` or the start fail, and what would help.
 
 Purpose: numbers beside the cells: for which H an inclusion would hold, how much sooner a predicate
-would have to hold, when SC would have to act. Those of predicates are measured on the declared
+would have to hold. Those of predicates are measured on the declared
 grid: on finer ones, which were tried, they would be less, but a program that is changed by so much
 is proved on the first.
-Non-goals: verdicts; an empty K (`diagnose.py`); P2b (`way_back.py`); polytopes, whose claims say
-more themselves.
+Non-goals: verdicts; an empty K (`diagnose.py`); P2b (`way_back.py`); how far off a start is
+(`starts.py`); polytopes, whose claims say more themselves.
 """
 
 from __future__ import annotations
@@ -16,12 +16,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.program.model.durations import show_ns
-from soter.reach.claims.boxes import holding
 from soter.reach.claims.results import REFUTED, UNDECIDED, Cause
 from soter.reach.grid.claims import GridProof
 from soter.reach.grid.sets import CancelledError, UnboundedError
 from soter.reach.problem.estimates import errors_of
-from soter.reach.undecided.model_runs import StepFaultError
+from soter.reach.undecided.ends import grid_ends
+from soter.reach.undecided.model_runs import Model, StepFaultError
+from soter.reach.undecided.starts import start_margins
 from soter.reach.undecided.way_back import way_back
 
 if TYPE_CHECKING:
@@ -40,6 +41,9 @@ if TYPE_CHECKING:
 HALVINGS = 7
 SLACK = 1e-6
 """Of an axis: numbers that people write down are rounded outward by so much."""
+COMPUTED = "or neither `ttf` nor `safer`: left out, both are computed"
+OPEN = (UNDECIDED, REFUTED)
+"""A run says that something fails, and not by how much, or why SC does not come back."""
 ORDER = ("ttf", "safer", "start", "P2b")
 
 
@@ -48,8 +52,7 @@ def margins(done: Sequence[Case], result: ModuleResult, budget: Budget) -> None:
     for claim in ORDER:
         finding = result.findings[claim]
         found = _failure(done, claim)
-        open_ = finding.verdict == UNDECIDED or (claim == "P2b" and finding.verdict == REFUTED)
-        if not open_ or found is None:
+        if finding.verdict not in OPEN or found is None:
             continue
         case, failure, grid = found
         try:
@@ -92,9 +95,10 @@ def _of_claim(case: Case, failure: Failure, grid: GridProof, budget: Budget) -> 
         if case.problem.computed:
             yield from _levels(case, engine, part)
         else:
+            yield from grid_ends(case, Model(case), failure, grid, budget)
             yield from _inclusion(case, failure.claim, engine, part)
     elif failure.claim == "start":
-        yield from _start(case, engine, part)
+        yield from start_margins(case, engine, part)
     elif failure.stuck or (part.home is not None and not part.home.any()):
         yield from way_back(case, failure, grid, budget)
 
@@ -178,7 +182,9 @@ def _sooner(
     name = names[best[1]]
     what = "hold" if claim == "ttf" else "end"
     text = f"`{claim}` would have to {what} {best[2]:.4g} sooner along {name}"
-    yield Cause("sooner", text, "", (("margin", best[2]), ("axis", float(best[1]))))
+    how = "holds" if claim == "ttf" else "ends"
+    hint = f"a `{claim}` that {how} {best[2]:.4g} sooner along {name}; {COMPUTED}"
+    yield Cause("sooner", text, hint, (("margin", best[2]), ("axis", float(best[1]))))
 
 
 def _where_it_must(case: Case, claim: str, engine: GridGroup, wrong: Bools, free: Bools) -> Cause:
@@ -200,7 +206,9 @@ def _where_it_must(case: Case, claim: str, engine: GridGroup, wrong: Bools, free
             said.append(f"in [{low:.7g}, {high:.7g}]")
     what = "hold" if claim == "ttf" else "be false"
     text = f"`{claim}` would have to {what} on estimates of {name} {' and '.join(said[:4])}"
-    return Cause("border", text, "", tuple(numbers))
+    how = "holds" if claim == "ttf" else "is false"
+    hint = f"a `{claim}` that {how} {' and '.join(said[:4])}; {COMPUTED}"
+    return Cause("border", text, hint, tuple(numbers))
 
 
 def _least_shrinking(lets: Bools, free: Bools, axis: int) -> int | None:
@@ -238,59 +246,6 @@ def _levels(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
     needed = show_ns(case.problem.times.horizon_ns)
     text = f"for an H of {show_ns(most)} S_0 would not be empty; H is {needed}"
     yield Cause("horizon", text, "", (("holds_for_s", most / 1e9),))
-
-
-# ---------------------------------------------------------------- the start
-
-
-def _start(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
-    names = _names(case, engine)
-    ends = [case.problem.initial[s] for s in engine.axes]
-    box = [holding(e, i.low, i.high) for e, i in zip(engine.edges, ends, strict=True)]
-    outside = [
-        f"{n} = {i.low:.6g}" + (f" to {i.high:.6g}" if i.high > i.low else "")
-        for n, i, b in zip(names, ends, box, strict=True)
-        if b is None
-    ]
-    if outside:
-        yield Cause("start_outside", f"outside lies {', '.join(outside)}", "", ())
-        return
-    at = tuple(b for b in box if b is not None)
-    core = part.core > 0
-    if not core[at].all():
-        yield from _nearest(case, engine, core)
-        return
-    h0 = case.problem.times.start
-    step = case.problem.plant_period_ns if case.problem.kind == "map" else 1
-    good, bad = 0, -(-case.problem.in_horizon(h0) // step)
-    for _ in range(HALVINGS):
-        middle = (good + bad) // 2
-        if engine.safe_for(middle * step, core)[at].all():
-            good = middle
-        else:
-            bad = middle
-    text = (
-        f"the start lies in K, and SC would be in time if it acted within {show_ns(good * step)}; "
-        f"it acts within {show_ns(h0)}"
-    )
-    yield Cause("start_late", text, "", (("in_time_s", good * step / 1e9), ("acts_s", h0 / 1e9)))
-
-
-def _nearest(case: Case, engine: GridGroup, core: Bools) -> Iterator[Cause]:
-    """The start is not in K: where K is, in widths of the grid."""
-    cells = np.argwhere(core)
-    if not len(cells):
-        return
-    ends = [case.problem.initial[s] for s in engine.axes]
-    x = np.array([i.low / 2 + i.high / 2 for i in ends])
-    low = np.stack([e[cells[:, k]] for k, e in enumerate(engine.edges)], axis=1)
-    high = np.stack([e[cells[:, k] + 1] for k, e in enumerate(engine.edges)], axis=1)
-    nearest = np.clip(x, low, high)
-    width = np.array([e[-1] - e[0] for e in engine.edges])
-    best = nearest[int(np.argmin(np.abs((nearest - x) / width).max(axis=1)))]
-    where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(_names(case, engine), best, strict=True))
-    text = f"the start is not in K: SC was not shown to keep C from it; K is nearest at {where}"
-    yield Cause("start_not_in_core", text, "", ())
 
 
 def _names(case: Case, engine: GridGroup) -> list[str]:

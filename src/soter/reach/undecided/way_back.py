@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.reach.claims.boxes import holding
 from soter.reach.claims.results import Cause
 from soter.reach.grid.claims import GridProof
 from soter.reach.problem.estimates import errors_of
@@ -53,8 +54,11 @@ def way_back(case: Case, failure: Failure, grid: GridProof, budget: Budget) -> I
     if case.problem.computed:
         return
     model, part = Model(case), grid.found
-    start = _start(case, grid, failure.cells) if failure.stuck else _declared(case)
-    whose = "one of them" if failure.stuck else DECLARED
+    start, whose = _declared(case), DECLARED
+    if failure.stuck and failure.cells is not None:
+        start, whose = _inside(case, grid, failure.cells), "one of them"
+    elif not _in_core(grid, start):
+        start, whose = _inside(case, grid, part.core > 0), "inside K"
     if part.target is not None and not part.target.any():
         text = "there is no cell all of whose estimates satisfy `safer`"
         yield Cause("no_target", text, _wide_enough(case, grid))
@@ -78,12 +82,18 @@ def _declared(case: Case) -> Floats:
     return np.array([i.low / 2 + i.high / 2 for i in case.problem.initial])
 
 
-def _start(case: Case, grid: GridProof, stuck: Bools | None) -> Floats:
-    """The middle of one of the cells from which no way back was found, inside the grid."""
+def _in_core(grid: GridProof, x: Floats) -> bool:
+    pairs = zip(grid.engine.axes, grid.engine.edges, strict=True)
+    at = [holding(edges, float(x[state]), float(x[state])) for state, edges in pairs]
+    inside = tuple(b for b in at if b is not None)
+    return len(inside) == len(at) and bool((grid.found.core[inside] > 0).all())
+
+
+def _inside(case: Case, grid: GridProof, of: Bools) -> Floats:
+    """The middle of the cell of a set that is nearest to the grid's middle; the start elsewhere."""
     x = _declared(case)
-    assert stuck is not None
-    cells = np.argwhere(stuck)
-    middle = np.array(stuck.shape) / 2
+    cells = np.argwhere(of)
+    middle = np.array(of.shape) / 2
     at = cells[int(np.argmin((np.abs(cells - middle) / middle).max(axis=1)))]
     for state, edges, i in zip(grid.engine.axes, grid.engine.edges, at, strict=True):
         x[state] = (edges[i] + edges[i + 1]) / 2
