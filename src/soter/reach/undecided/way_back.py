@@ -52,6 +52,11 @@ SIZES = ((1, "half"), (2, "a quarter of"), (3, "an eighth of"))
 def way_back(case: Case, failure: Failure, grid: GridProof, budget: Budget) -> Iterator[Cause]:
     """Why there is no set inside `safer` that SC keeps, or no way there."""
     if case.problem.computed:
+        many = case.problem.levels
+        text = f"`safer` is computed: S_{many - 2} of {many} levels, on the grid as it is declared"
+        fewer = "`levels 2;`, " if many > 2 else ""
+        hint = f"more cells, {fewer}or `ttf` and `safer` of your own: then the grid is refined"
+        yield Cause("computed", text, f"{hint} where they fail")
         return
     model, part = Model(case), grid.found
     start, whose = _declared(case), DECLARED
