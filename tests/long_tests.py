@@ -1,19 +1,22 @@
 """What `make test` leaves to `make test-long`.
 
-Purpose: tests marked `long` run with `pytest --long`, with an `-m` that speaks of them, or where
-one is named (`FILE::TEST`); what is left out is told when a run begins and when it ends.
-`examples` is how many programs a random test draws: more in a long run. `some`: of a long table
-the first lines. Enclosures that a test
-compiles in its own process are optimised as shipped in a long run, else compiled quickly.
+Purpose: tests marked `long`, and lines of tables beyond those of `quick_lines.py`, run with
+`pytest --long`, with an `-m` that speaks of them, or where one is named (`FILE::TEST`); what is
+left out is told when a run begins and when it ends. `examples` is how many programs a random test
+draws: more in a long run. `some`: of a long table the first lines. Enclosures that a test compiles
+in its own process are optimised as shipped in a long run, else compiled quickly.
 Non-goals: which tests are long; the marker stands beside them.
 """
 
 from __future__ import annotations
 
 import os
+from collections import Counter
 from typing import TYPE_CHECKING, Any
 
 import pytest
+
+from quick_lines import QUICK
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -74,9 +77,17 @@ def pytest_report_header(config: pytest.Config) -> str:
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if _wanted(config):
         return
-    long = [item for item in items if item.get_closest_marker("long")]
+    lines: Counter[str] = Counter()
+    long: list[pytest.Item] = []
+    quick: list[pytest.Item] = []
+    for item in items:
+        name, _, _ = item.nodeid.partition("[")
+        file, _, test = name.removeprefix("tests/").partition("::test_")
+        lines[name] += 1
+        left_out = lines[name] > QUICK.get(file, {}).get(test, lines[name])
+        (long if left_out or item.get_closest_marker("long") else quick).append(item)
     if long:
-        items[:] = [item for item in items if not item.get_closest_marker("long")]
+        items[:] = quick
         config.hook.pytest_deselected(items=long)
         _left_out.add(len(long))
 

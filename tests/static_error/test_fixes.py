@@ -20,8 +20,6 @@ from soter.program.build import Checked, check_file
 from soter.syntax.parser import parse
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from soter.diagnostics.diagnostic import Diagnostic
     from soter.diagnostics.fix import Fix
 
@@ -33,14 +31,6 @@ SHOWN_BY_A_FIX = {
     "N001_instance_that_cannot_be_made.soter": {"M013", "T002"},
     "T014_duration_argument.soter": {"T002"},
 }
-
-
-@pytest.fixture(autouse=True)
-def _in_this_folder() -> Iterator[None]:
-    before = Path.cwd()
-    os.chdir(FOLDER)
-    yield
-    os.chdir(before)
 
 
 def after(name: str, fix: Fix) -> Checked | None:

@@ -6,7 +6,6 @@ reported: an error that brings others along is a mistake of ours. The rendered t
 
 from __future__ import annotations
 
-import os
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -18,18 +17,10 @@ from soter.diagnostics.render import render_all
 from soter.program.build import Checked, check_file
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
 FOLDER = Path(__file__).parent
 PROGRAMS = [p.name for p in files_in(FOLDER, "*.soter")]
-
-
-@pytest.fixture(autouse=True)
-def _in_this_folder() -> Iterator[None]:
-    before = Path.cwd()
-    os.chdir(FOLDER)
-    yield
-    os.chdir(before)
 
 
 def expected(name: str) -> list[str]:

@@ -12,6 +12,7 @@ import pytest
 import processes
 from generators.found import files_below
 from long_tests import COMMAND, examples
+from quick_lines import QUICK
 
 TESTS = Path(__file__).resolve().parents[1]
 ROOT = TESTS.parent
@@ -53,6 +54,24 @@ def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ra
     left_out = arguments[0] == "test_two.py" and not {"--long", "-m"} & {*arguments}
     assert ("long tests left out: 1, and" in done.stdout) == left_out
     assert COMMAND in done.stdout or "--long" in arguments
+
+
+def test_a_table_has_as_many_lines_as_it_is_said_in_a_quick_run() -> None:
+    (test, count), *_ = QUICK["correct/test_corner_programs.py"].items()
+    file = "tests/correct/test_corner_programs.py"
+    found = []
+    for more in ((), ("--long",)):
+        command = [sys.executable, "-m", "pytest", "--collect-only", "-q", file, *more]
+        done = processes.run(command, cwd=ROOT, capture_output=True, text=True)
+        found.append(done.stdout.count(f"::test_{test}["))
+    assert 0 < found[0] <= count < found[1]
+
+
+def test_every_table_that_is_cut_is_there() -> None:
+    for file, tables in QUICK.items():
+        text = (TESTS / file).read_text(encoding="utf-8")
+        for name in tables:
+            assert f"\ndef test_{name}(" in text, f"{file}: {name}"
 
 
 def test_the_environment_decides_how_many_examples(monkeypatch: pytest.MonkeyPatch) -> None:

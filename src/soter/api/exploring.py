@@ -45,11 +45,12 @@ def explore(
     checkpoint: str | Path | None,
     checkpoint_every: float | None,
     resume: str | Path | None,
+    partial: bool,
     **how: Any,  # noqa: ANN401 - as `options_of` says
 ) -> ExploreReport:
     """Explore every test of a sound program, or one, as `Program.explore` says.
 
-    Whoever interrupts it gets what was covered until then.
+    Whoever interrupts it gets what was covered until then; KeyboardInterrupt unless `partial`.
     """
     options = options_of(**how)
     wanted = asked(checkpoint, checkpoint_every, resume, options)
@@ -73,7 +74,10 @@ def explore(
             if result.interrupted or listener.wanted:
                 break
     not_started = tuple([t.name for t in tests[len(results) :]])
-    return ExploreReport(path, program.sha256, tuple(results), not_started)
+    report = ExploreReport(path, program.sha256, tuple(results), not_started)
+    if report.interrupted and not partial:
+        raise KeyboardInterrupt
+    return report
 
 
 @contextmanager

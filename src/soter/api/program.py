@@ -23,6 +23,7 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
+    from soter.api.assurance.assuring import Assurance
     from soter.api.campaigning import Campaign
     from soter.api.given import Progress, Tell
     from soter.explore.results import ExploreReport, Looked
@@ -59,8 +60,7 @@ class Program:
         self._checked: Checked = check_file(path, text, tell=progress)
         self._bound: dict[str, object] = {}
         self._prepared = Preparations()
-        self._flat: list[System] | None = None
-        """Every system with parameters at their defaults: what `bind` looks for names in."""
+        self._flat: list[System] = []  # what `bind` looks for names in
 
     def __repr__(self) -> str:
         return f"<soter.Program {self.path}: {', '.join(self.systems) or 'no systems'}>"
@@ -133,8 +133,7 @@ class Program:
 
         check_target(name, target)
         if self.ok:
-            if self._flat is None:
-                self._flat = [system_of(self._checked, s) for s in self.systems]
+            self._flat = self._flat or [system_of(self._checked, s) for s in self.systems]
             require_named(self._flat, name)
         self._bound[name] = target
         return self
@@ -142,8 +141,8 @@ class Program:
     def unbind(self, name: str) -> Program:
         """Undo `bind(name, ...)`: the program's own `from` counts again; SoterError U005."""
         if name not in self._bound:
-            known = ", ".join(f"`{n}`" for n in self._bound) or "nothing"
-            raise mistake("U005", f"nothing was bound as `{name}`", f"bound is {known}")
+            known = "bound is " + (", ".join(f"`{n}`" for n in self._bound) or "nothing")
+            raise mistake("U005", f"nothing was bound as `{name}`", known)
         del self._bound[name]
         return self
 
@@ -270,8 +269,7 @@ class Program:
         """
         from soter.api.monitoring import judged  # noqa: PLC0415 - needs NumPy
 
-        self._require_sound()
-        flat, _ = self._completed(system, params, None)
+        flat = self.flat(system, params)
         run = None if log is not None else self.simulate(system, until, seed, params=params)
         return judged(flat, log, run, module, estimates=estimates)
 
@@ -280,6 +278,12 @@ class Program:
         from soter.api.monitoring import log_judged  # noqa: PLC0415 - needs NumPy
 
         return log_judged(self.flat, log, mapping, **how)
+
+    def assure(self, output: str | Path, **how: Any) -> Assurance:  # noqa: ANN401
+        """Write a safety case: see `soter.api.assurance.assuring.assure`."""
+        from soter.api.assurance.assuring import assure  # noqa: PLC0415 - see the docstring
+
+        return assure(self, output, **how)
 
     def emit_monitor(
         self,
@@ -292,13 +296,11 @@ class Program:
     ) -> Path:
         """Write the model monitor of a module as a trusted Soter node; gives back the path.
 
-        `alarm`: a bool topic of the program that it is to publish; by default one of its own.
-        SoterError D006 where it cannot be written.
+        `alarm`: a bool topic of the program to publish; by default one of its own. SoterError D006.
         """
         from soter.monitor.command import write_monitor  # noqa: PLC0415 - needs NumPy
 
-        self._require_sound()
-        flat, _ = self._completed(system, params, None)
+        flat = self.flat(system, params)
         return write_monitor(flat, chosen_modules(flat, module)[0], self.path, Path(path), alarm)
 
     def verify(
@@ -363,8 +365,8 @@ class Program:
         self._require_sound()
         own = Path(self.path)
         target = own.with_name(f"{own.stem}_sc.soter") if output is None else Path(output)
-        values = self._values(params)
-        return tuple(synthesize(self._checked, target, module=module, system=system, params=values))
+        how: Any = {"module": module, "system": system, "params": self._values(params)}
+        return tuple(synthesize(self._checked, target, **how))
 
     def advise(
         self,
@@ -379,9 +381,8 @@ class Program:
     ) -> tuple[Advice, ...]:
         """What the period of every decision module and the number of its levels cost.
 
-        `factors`: multiples of the declared period to try; `levels`: values of m; `report`: an HTML
-        file with the figure. `SoterError` R... where a problem is not determined, D006, D007 for
-        the report.
+        `factors`: multiples of the declared period; `levels`: values of m; `report`: an HTML file
+        with the figure. `SoterError` R... where a problem is not determined; D006, D007 for it.
         """
         from soter.reach.advise import advise_all  # noqa: PLC0415 - needs NumPy and a compiler
         from soter.reach.command import modules_of, problems_of  # noqa: PLC0415 - the same
@@ -435,7 +436,7 @@ class Program:
         from soter.api.exploring import explore  # noqa: PLC0415 - needs NumPy and a compiler
 
         self._require_sound()
-        report = explore(
+        return explore(
             self._checked,
             self.path,
             strategy=strategy,
@@ -459,10 +460,8 @@ class Program:
             checkpoint_every=checkpoint_every,
             resume=resume,
             progress=progress,
+            partial=partial,
         )
-        if report.interrupted and not partial:
-            raise KeyboardInterrupt
-        return report
 
     def _require_sound(self) -> TypedProgram:
         if not self._checked.ok:

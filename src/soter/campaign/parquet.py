@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.campaign.store import FLIGHTS
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -37,6 +38,6 @@ def write_parquet(folder: Path) -> Path:
         parquet.write_table(csv.read_csv(folder / FLIGHTS), beside)
         beside.replace(target)
     except OSError as error:
-        what = f"`{target}`: {error.strerror or error}"
+        what = f"`{target}`: {reason(error)}"
         raise SoterError((Diagnostic("D006", what),)) from error
     return target

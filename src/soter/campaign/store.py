@@ -20,6 +20,7 @@ from zlib import crc32
 
 from soter.campaign.flight import Flight, Look
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
@@ -72,7 +73,7 @@ class Store:
             folder.mkdir(parents=True, exist_ok=True)
             self._open()
         except OSError as error:
-            raise _trouble(folder, str(error.strerror or error)) from error
+            raise _trouble(folder, reason(error)) from error
 
     def _open(self) -> None:
         said = self.folder / ABOUT
@@ -191,7 +192,7 @@ class Store:
                 file.flush()
                 os.fsync(file.fileno())
         except OSError as error:
-            what = f"{error.strerror or error}; {len(self.flights)} flights are kept"
+            what = f"{reason(error)}; {len(self.flights)} flights are kept"
             raise _trouble(self.folder, what) from error
         self.flights += flights
 

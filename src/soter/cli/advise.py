@@ -9,10 +9,10 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.api import load
+from soter.cli.terminal.loaded import loaded
 from soter.cli.terminal.outcome import FINE, Outcome, UsageError, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings
-from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.cli.terminal.progress import Progress
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -60,10 +60,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Advise."""
     levels = [int(x) for x in _numbers(args.levels, "--levels", 2.0)]
     factors = _numbers(args.factors, "--factors", 1e-3)
-    with LineOfProgress(console) as line:
-        program = load(args.file, line)
-    for name, target in args.bindings:
-        program.bind(name, target)
+    program = loaded(args, console)
     page = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-advise.html")
     try:
         with Progress(console) as progress:

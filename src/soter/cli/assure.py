@@ -8,10 +8,10 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.api import load
+from soter.cli.terminal.loaded import loaded
 from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, whole
-from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.cli.terminal.progress import Progress
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -56,16 +56,10 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Assure."""
-    from soter.api.assurance.assuring import assure  # noqa: PLC0415 - needs NumPy
-
-    with LineOfProgress(console) as line:
-        program = load(args.file, line)
-    for name, target in args.bindings:
-        program.bind(name, target)
+    program = loaded(args, console)
     try:
         with Progress(console) as progress:
-            found = assure(
-                program,
+            found = program.assure(
                 args.output,
                 cert=args.cert,
                 system=args.system,

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.api import load
 from soter.api.deploying import stack_bound
+from soter.cli.terminal.loaded import loaded
 from soter.cli.terminal.outcome import Outcome
 from soter.cli.terminal.parser import Parser, add_file, add_settings
-from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.cli.terminal.progress import Progress
 from soter.native.stack import OPTIMISE
 from soter.targets.build import TARGETS
 
@@ -50,10 +50,7 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Build."""
-    with LineOfProgress(console) as line:
-        program = load(args.file, line)
-    for name, target in args.bindings:
-        program.bind(name, target)
+    program = loaded(args, console)
     with Progress(console) as progress:
         package = program.build(
             args.target,

@@ -8,11 +8,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.api import load
 from soter.campaign.words import interval
+from soter.cli.terminal.loaded import loaded
 from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, at_least_one, seed
-from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.cli.terminal.progress import Progress
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -81,10 +81,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     )
     from soter.campaign.parquet import require_parquet  # noqa: PLC0415 - the same
 
-    with LineOfProgress(console) as line:
-        program = load(args.file, progress=line)
-    for name, target in args.bindings:
-        program.bind(name, target)
+    program = loaded(args, console)
     try:
         if args.parquet:
             require_parquet()

@@ -28,6 +28,7 @@ from soter.cli.terminal.outcome import (
 from soter.cli.terminal.parser import HelpWantedError
 from soter.cli.terminal.verdict import Elsewhere
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 
 if TYPE_CHECKING:
     import argparse
@@ -223,15 +224,15 @@ def _after_output(exit_code: int, console: Console) -> int:
     error = console.output_error
     if error is None or isinstance(error, BrokenPipeError):
         return exit_code
-    reason = (error.strerror or str(error)).lower()
-    console.note(f"soter: cannot write to standard output: {reason}")
+    why = reason(error)
+    console.note(f"soter: cannot write to standard output: {why}")
     return exit_code if exit_code != FINE else DIAGNOSTICS
 
 
 def _os_problem(error: OSError) -> Diagnostic:
-    reason = (error.strerror or str(error)).lower()
+    why = reason(error)
     where = f" `{error.filename}`" if error.filename else ""
-    return Diagnostic("D006", f"the system refused{where}: {reason}")
+    return Diagnostic("D006", f"the system refused{where}: {why}")
 
 
 if __name__ == "__main__":

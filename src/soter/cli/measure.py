@@ -10,10 +10,10 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from soter.api import load
+from soter.cli.terminal.loaded import loaded
 from soter.cli.terminal.outcome import FINE, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, at_least_one, seed
-from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.cli.terminal.progress import Progress
 from soter.diagnostics.diagnostic import SoterError
 from soter.program.model.durations import show_ns
 
@@ -77,10 +77,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Measure."""
     from soter.api.measuring import document, measure, written  # noqa: PLC0415 - needs NumPy
 
-    with LineOfProgress(console) as line:
-        program = load(args.file, line)
-    for name, target in args.bindings:
-        program.bind(name, target)
+    program = loaded(args, console)
     path = Path(args.output or Path(".soter") / f"{Path(args.file).stem}-times.json")
     try:
         with Progress(console) as progress:

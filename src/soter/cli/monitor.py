@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 
 from soter.api import load
 from soter.cli.terminal.apart import apart
+from soter.cli.terminal.loaded import loaded
 from soter.cli.terminal.log_judgement import as_json, lines, undecided
 from soter.cli.terminal.outcome import FINE, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings, seed
@@ -123,10 +124,7 @@ def _foreign(args: argparse.Namespace, console: Console) -> Outcome:
     problem = _misused(args)
     if problem is not None:
         return Outcome(exit_of((problem,)), (problem,), {"file": args.file})
-    with LineOfProgress(console) as line:
-        program = load(args.file, line)
-    for name, target in args.bindings:
-        program.bind(name, target)
+    program = loaded(args, console)
     warnings = program.diagnostics if program.ok else ()
     where = dict(pair.split("=", 1) for pair in args.where)
     try:

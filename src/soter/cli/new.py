@@ -17,6 +17,7 @@ from soter.cli.terminal.outcome import Outcome
 from soter.cli.terminal.parser import Parser
 from soter.codegen.c.names import program_prefix
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 from soter.diagnostics.render import safe
 
 if TYPE_CHECKING:
@@ -97,8 +98,11 @@ def _make(folder: Path, texts: dict[str, str]) -> None:
         for name, text in texts.items():
             (hidden / name).write_text(text, encoding="utf-8", newline="\n")
         hidden.rename(folder)
-    except BaseException:
+    except BaseException as error:
         shutil.rmtree(hidden, ignore_errors=True)
+        if isinstance(error, OSError):
+            why = f"cannot make the folder `{folder}`: {reason(error)}"
+            raise SoterError((Diagnostic("D006", why),)) from error
         raise
 
 

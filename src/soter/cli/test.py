@@ -9,11 +9,11 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.api import load
+from soter.cli.ci.junit_file import problems_as_junit, report_as_junit
 from soter.cli.ci.tests import of_tests
 from soter.cli.ci.written import add_format
 from soter.cli.terminal.amounts import rounded, size
-from soter.cli.terminal.junit import problems_as_junit, report_as_junit
+from soter.cli.terminal.loaded import loaded
 from soter.cli.terminal.outcome import FINE, INTERRUPTED, UNDECIDED, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import (
     Parser,
@@ -163,10 +163,7 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     console.listen()
     warnings: tuple[Diagnostic, ...] = ()
     try:
-        with LineOfProgress(console) as line:
-            program = load(args.file, line)
-        for name, target in args.bindings:
-            program.bind(name, target)
+        program = loaded(args, console)
         warnings = program.diagnostics if program.ok else ()
         with LineOfProgress(console) as line:
             report = program.explore(

@@ -12,9 +12,10 @@ from typing import TYPE_CHECKING
 from soter.api import load
 from soter.cli.ci.found import Found
 from soter.cli.ci.written import add_format
+from soter.cli.terminal.loaded import loaded
 from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_of
 from soter.cli.terminal.parser import Parser, add_file, add_settings
-from soter.cli.terminal.progress import LineOfProgress, Progress
+from soter.cli.terminal.progress import Progress
 from soter.diagnostics.diagnostic import SoterError
 
 if TYPE_CHECKING:
@@ -79,10 +80,7 @@ def parser() -> Parser:
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
     """Verify."""
-    with LineOfProgress(console) as line:
-        program = load(args.file, line)
-    for name, target in args.bindings:
-        program.bind(name, target)
+    program = loaded(args, console)
     warnings = program.diagnostics if program.ok else ()
     written: tuple[Path, ...] = ()
     try:

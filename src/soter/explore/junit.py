@@ -14,6 +14,8 @@ from xml.etree import ElementTree as ET
 from soter.diagnostics.diagnostic import Severity
 from soter.explore.results import BOUND, VIOLATED
 from soter.report.html import write_text
+from soter.report.junit_xml import case, clean, said
+from soter.report.junit_xml import document as text_of
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -37,9 +39,9 @@ def document(report: ExploreReport) -> str:
     for test in report.tests:
         _case(suite, report, test)
     for name in report.not_started:
-        case = ET.SubElement(suite, "testcase", {"classname": report.path, "name": name})
-        ET.SubElement(case, "skipped", {"message": "not started: one before was interrupted"})
-    return _text(suites)
+        one = case(suite, report.path, name)
+        said(one, "skipped", "", message="not started: one before was interrupted")
+    return text_of(suites)
 
 
 def document_of_problems(file: str, problems: Iterable[Diagnostic]) -> str:
@@ -49,26 +51,19 @@ def document_of_problems(file: str, problems: Iterable[Diagnostic]) -> str:
     figures = {"tests": count, "failures": 0, "errors": count, "skipped": 0}
     suites, suite = _suite(file, figures, 0.0)
     for d in errors:
-        named = {"classname": file, "name": d.code, "file": file, "time": "0.000"}
-        case = ET.SubElement(suite, "testcase", named)
-        error = ET.SubElement(case, "error", {"type": d.code, "message": d.message})
         where = "" if d.primary is None else d.primary.span.source.name
         if d.primary is not None:
             where += f":{d.primary.span.line}:{d.primary.span.column}"
-        error.text = "\n".join(filter(None, (where, *d.notes, *d.helps)))
-    return _text(suites)
+        text = "\n".join(filter(None, (where, *d.notes, *d.helps)))
+        said(case(suite, file, d.code), "error", text, type=d.code, message=d.message)
+    return text_of(suites)
 
 
 def _suite(file: str, figures: dict[str, int], seconds: float) -> tuple[ET.Element, ET.Element]:
     """The root and its one suite."""
     counted = {k: str(v) for k, v in figures.items()} | {"time": f"{seconds:.3f}"}
     suites = ET.Element("testsuites", {"name": "soter test", **counted})
-    return suites, ET.SubElement(suites, "testsuite", {"name": file, **counted})
-
-
-def _text(suites: ET.Element) -> str:
-    ET.indent(suites)
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{ET.tostring(suites, encoding="unicode")}\n'
+    return suites, ET.SubElement(suites, "testsuite", {"name": clean(file), **counted})
 
 
 def write_problems(file: str, problems: Iterable[Diagnostic], path: str | Path) -> Path:
@@ -82,21 +77,14 @@ def write(report: ExploreReport, path: str | Path) -> Path:
 
 
 def _case(suite: ET.Element, report: ExploreReport, test: TestResult) -> None:
-    named = {
-        "classname": report.path,
-        "name": test.name,
-        "file": report.path,
-        "time": f"{test.seconds + test.minimise_s:.3f}",
-    }
-    case = ET.SubElement(suite, "testcase", named)
+    one = case(suite, report.path, test.name, test.seconds + test.minimise_s)
     if test.verdict == VIOLATED:
         what = test.broken.text if test.broken is not None else ""
-        failure = ET.SubElement(case, "failure", {"type": VIOLATED, "message": what})
-        failure.text = "" if test.trace is None else f"soter replay {test.trace}"
+        trace = "" if test.trace is None else f"soter replay {test.trace}"
+        said(one, "failure", trace, type=VIOLATED, message=what)
     elif test.verdict == BOUND:
         assert test.bound is not None
-        told = {"type": test.bound, "message": "; ".join(filter(None, (test.why, test.covered)))}
-        ET.SubElement(case, "error", told).text = "; ".join(
-            f"{name} {part.reached}/{part.total}" for name, part in test.coverage.parts()
-        )
-    ET.SubElement(case, "system-out").text = "\n".join(("rests on", *test.assumptions))
+        parts = "; ".join(f"{name} {p.reached}/{p.total}" for name, p in test.coverage.parts())
+        why = "; ".join(filter(None, (test.why, test.covered)))
+        said(one, "error", parts, type=test.bound, message=why)
+    said(one, "system-out", "\n".join(("rests on", *test.assumptions)))

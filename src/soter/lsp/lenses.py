@@ -79,7 +79,7 @@ def _said(name: str, records: list[dict[str, Any]], sha256: str) -> Iterator[str
 
 
 def _verdict(view: str, said: dict[str, Any]) -> str:
-    verdict = SHOWN.get(said["verdict"], said["verdict"]) + view
+    verdict = SHOWN.get(said["verdict"], said["verdict"]) + view + f" in {said['system']}"
     if said["headline"] != said["verdict"]:
         verdict += f", but {said['headline']}"
     if said["verdict"] not in ("proved", "assumed"):

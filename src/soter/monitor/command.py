@@ -10,10 +10,10 @@ import os
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 from soter.monitor.membership import topic_names
 from soter.monitor.node import monitor_source
 from soter.reach.problem.extract import extract_sets
-from soter.report.whole_file import reason
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -10,6 +10,7 @@ import re
 from pathlib import Path
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
 FILES_MAX = 1000
@@ -36,6 +37,6 @@ def _read(path: Path) -> str:
     try:
         return path.read_text(encoding="utf-8", errors="surrogateescape")
     except OSError as error:
-        why = (error.strerror or str(error)).lower()
+        why = reason(error)
         message = f"cannot read the extern's C file `{path}`: {why}"
         raise SoterError((Diagnostic("X003", message),)) from error

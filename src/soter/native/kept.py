@@ -19,6 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -99,7 +100,7 @@ def keep(name: str, content: str, files: tuple[str, ...], make: Callable[[Path],
         _ours.add(entry)
         _make_room(folder, most)
     except OSError as error:
-        message = f"cannot write to the cache folder `{folder}`: {error.strerror or error}"
+        message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
         raise _unusable(message) from error
     return entry
 
@@ -214,7 +215,7 @@ def set_limit(megabytes: int) -> None:
             made.write_text(f"{megabytes}\n", encoding="ascii")
             made.replace(folder / LIMIT_FILE)
     except OSError as error:
-        message = f"cannot write to the cache folder `{folder}`: {error.strerror or error}"
+        message = f"cannot write to the cache folder `{folder}`: {reason(error)}"
         raise _unusable(message) from error
     _make_room(folder, limit()[0])
 
@@ -229,7 +230,7 @@ def entries() -> list[tuple[float, int, Path]]:
     except FileNotFoundError:
         return []
     except OSError as error:
-        message = f"cannot read the cache folder `{cache_dir()}`: {error.strerror or error}"
+        message = f"cannot read the cache folder `{cache_dir()}`: {reason(error)}"
         raise _unusable(message) from error
 
 
@@ -243,7 +244,7 @@ def clear() -> tuple[int, int]:
         except FileNotFoundError:
             continue
         except OSError as error:
-            message = f"cannot remove `{entry}`: {error.strerror or error}"
+            message = f"cannot remove `{entry}`: {reason(error)}"
             raise _unusable(message) from error
     return len(found), sum(size for _, size, _ in found)
 

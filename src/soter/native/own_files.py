@@ -7,6 +7,8 @@ Non-goals: files of users.
 
 from __future__ import annotations
 
+import hashlib
+from functools import cache
 from pathlib import Path
 
 SOTER = Path(__file__).resolve().parents[1]
@@ -19,3 +21,13 @@ def files_below(folder: Path, *patterns: str) -> list[Path]:
         what = ", ".join(patterns)
         raise FileNotFoundError(f"soter is not whole: no {what} below {folder.name}/")
     return found
+
+
+@cache
+def soter_sha256() -> str:
+    """A hash of every file that Soter is made of, the prelude too."""
+    told = hashlib.sha256()
+    for path in files_below(SOTER, "*.py", "*.c", "*.h", "*.soter"):
+        told.update(path.relative_to(SOTER).as_posix().encode())
+        told.update(hashlib.sha256(path.read_bytes()).digest())
+    return told.hexdigest()

@@ -12,12 +12,11 @@ import json
 import os
 import tempfile
 import time
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.native.kept import cache_dir, digest, is_ours
-from soter.native.own_files import SOTER, files_below
+from soter.native.own_files import soter_sha256
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -30,7 +29,7 @@ BYTES_MAX = 1024 * 1024
 def remember(path: Path, program_sha256: str, modules: Mapping[str, Mapping[str, Any]]) -> None:
     """Keep what was said of modules of the program in `path`; what cannot be written is forgotten.
 
-    `modules`: plain data by module: `verdict`, `headline`, `seconds`, `horizon_ns`,
+    `modules`: plain data by module: `verdict`, `headline`, `system`, `seconds`, `horizon_ns`,
     `horizon_needed_ns` (None where there is none) and `properties` (verdicts by name).
     """
     file = _file(path)
@@ -40,7 +39,7 @@ def remember(path: Path, program_sha256: str, modules: Mapping[str, Mapping[str,
     before = {} if same is None else same["modules"]
     record = {"program_sha256": program_sha256, "modules": {**before, **now}}
     rest = [r for r in known if r is not same]
-    text = json.dumps({"soter": _soter(), "records": [record, *rest][:KEPT_TEXTS]})
+    text = json.dumps({"soter": soter_sha256(), "records": [record, *rest][:KEPT_TEXTS]})
     with contextlib.suppress(OSError):
         file.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
         handle, made = tempfile.mkstemp(dir=file.parent)
@@ -61,7 +60,7 @@ def last(path: Path) -> list[dict[str, Any]]:
         if status.st_size > BYTES_MAX or not is_ours(status):
             return []  # somebody else could have written it
         document = json.loads(file.read_text(encoding="utf-8"))
-        records = document["records"] if document["soter"] == _soter() else []
+        records = document["records"] if document["soter"] == soter_sha256() else []
         return [r for r in records if isinstance(r["program_sha256"], str) and r["modules"]]
     except (OSError, ValueError, KeyError, TypeError):
         return []
@@ -70,9 +69,3 @@ def last(path: Path) -> list[dict[str, Any]]:
 def _file(path: Path) -> Path:
     """Beside the cache's entries, which are folders: nobody who makes room there removes it."""
     return cache_dir() / "verdicts" / f"{digest([str(path.resolve())])[:32]}.json"
-
-
-@cache
-def _soter() -> str:
-    """A hash of everything that a verdict may depend on."""
-    return digest(p.read_text(encoding="utf-8") for p in files_below(SOTER, "*.py", "*.c", "*.h"))

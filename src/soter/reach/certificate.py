@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
+from soter.diagnostics.refused import reason
 from soter.program.load.loader import load
 from soter.reach.claims.results import PROVED, UNCLAIMED
 from soter.reach.induction.entry import induction_entry
@@ -217,8 +218,8 @@ def _replace(folder: Path, files: dict[str, bytes]) -> None:
             target.parent.mkdir(parents=True, exist_ok=True)
             target.write_bytes(data)
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        problem = Diagnostic("D006", f"cannot write the certificate `{folder}`: {reason}")
+        why = reason(error)
+        problem = Diagnostic("D006", f"cannot write the certificate `{folder}`: {why}")
         raise SoterError((problem,)) from None
 
 

@@ -8,14 +8,12 @@ Non-goals: proofs of others (`soter.recheck`); the verdicts of a program that wa
 
 from __future__ import annotations
 
-import hashlib
 import json
-from functools import cache
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import SoterError
 from soter.native.kept import cache_dir, digest, found, keep
-from soter.native.own_files import SOTER, files_below
+from soter.native.own_files import soter_sha256
 from soter.program.model.proofs import Proof
 
 if TYPE_CHECKING:
@@ -107,14 +105,4 @@ def _name(system: System, module: str) -> str:
 
 
 def _content(system: System, module: str) -> str:
-    return digest((*_parts(system, module), _soter()))
-
-
-@cache
-def _soter() -> str:
-    """A hash of every file that Soter is made of."""
-    told = hashlib.sha256()
-    for path in files_below(SOTER, "*.py", "*.c", "*.h", "*.soter"):
-        told.update(path.relative_to(SOTER).as_posix().encode())
-        told.update(hashlib.sha256(path.read_bytes()).digest())
-    return told.hexdigest()
+    return digest((*_parts(system, module), soter_sha256()))

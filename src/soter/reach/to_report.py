@@ -14,12 +14,14 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.native.compiler import find
 from soter.program.model.durations import show_ns
 from soter.reach.claims.results import NO_CORE
 from soter.reach.problem.problem import NODES
 from soter.reach.together import rows_of
 from soter.reach.undecided.leaving_figures import leaving_figures
+from soter.report.errors import ReportError
 from soter.report.proof.page import write_proof
 from soter.report.proof.record import (
     ModuleProof,
@@ -71,8 +73,12 @@ SHARES = {
 
 
 def write_report(found: VerifyReport, path: Path) -> Path:
-    """Write the page."""
-    return write_proof(page(found), path)
+    """Write the page; SoterError D006 where it cannot be written."""
+    made = page(found)
+    try:
+        return write_proof(made, path)
+    except ReportError as error:
+        raise SoterError((Diagnostic("D006", str(error)),)) from error
 
 
 def page(found: VerifyReport) -> ProofPage:

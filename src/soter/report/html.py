@@ -16,9 +16,10 @@ from importlib import resources
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from soter.diagnostics.refused import reason
 from soter.report.errors import ReportError, ReportUnavailableError
 from soter.report.run.page import body
-from soter.report.whole_file import reason, whole_file
+from soter.report.whole_file import whole_file
 
 if TYPE_CHECKING:
     import os

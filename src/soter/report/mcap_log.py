@@ -19,15 +19,16 @@ import json
 import math
 import struct
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
+from soter.diagnostics.refused import reason
 from soter.report.errors import LogError, LogUnavailableError
-from soter.report.whole_file import reason, whole_file
+from soter.report.whole_file import whole_file
 
 if TYPE_CHECKING:
     import os
@@ -225,7 +226,8 @@ class McapLog:
         try:
             yield
         except BaseException as error:
-            self._file.__exit__(type(error), error, error.__traceback__)
+            with suppress(OSError):  # what could not be written cannot be on closing either
+                self._file.__exit__(type(error), error, error.__traceback__)
             if isinstance(error, OSError):
                 told = f"cannot write the log {self.path}: {reason(error)}"
                 raise LogError(told) from error

@@ -79,9 +79,3 @@ def _runs(process: int) -> bool:
     except OSError:
         pass
     return True
-
-
-def reason(error: OSError) -> str:
-    """Say why the system refused, in lower case, without the number and the path."""
-    text = error.strerror or str(error)
-    return text[:1].lower() + text[1:]

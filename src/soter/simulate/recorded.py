@@ -10,6 +10,7 @@ import json
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 from soter.lower.layout import decode_from
 from soter.program.model.types import RecordType
 from soter.program.model.values import ValueShapeError, from_json
@@ -86,7 +87,7 @@ def _messages(path: Path) -> Any:  # noqa: ANN401 - an iterator over what mcap g
             for _, channel, message in make_reader(file).iter_messages():
                 yield message.log_time, channel.topic, json.loads(message.data)
     except OSError as error:
-        raise _unreadable(path, error.strerror or str(error)) from error
+        raise _unreadable(path, reason(error)) from error
     except (McapError, ValueError) as error:
         raise _unreadable(path, str(error) or "it is no MCAP file") from error
 

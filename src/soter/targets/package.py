@@ -12,7 +12,8 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.report.whole_file import reason, whole_file
+from soter.diagnostics.refused import reason
+from soter.report.whole_file import whole_file
 
 if TYPE_CHECKING:
     from pathlib import Path

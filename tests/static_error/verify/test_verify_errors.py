@@ -6,7 +6,6 @@ codes have a wrong program too, and one that is mended.
 
 from __future__ import annotations
 
-import os
 import re
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,21 +22,13 @@ from soter.reach.command import refuse_forced
 from soter.reach.problem.extract import extract
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
+    from collections.abc import Callable
 
     from soter.diagnostics.diagnostic import Diagnostic
 
 FOLDER = Path(__file__).parent
 PROGRAMS = [p.name for p in files_in(FOLDER, "*.soter")]
 CODES = [code for code in all_codes() if code[0] == "R"]
-
-
-@pytest.fixture(autouse=True)
-def _in_this_folder() -> Iterator[None]:
-    before = Path.cwd()
-    os.chdir(FOLDER)
-    yield
-    os.chdir(before)
 
 
 def problems(name: str, text: str | None = None) -> tuple[Diagnostic, ...]:

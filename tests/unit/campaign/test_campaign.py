@@ -203,7 +203,7 @@ def test_a_disk_that_fills_keeps_what_was_flown(
 
     folder = tmp_path / "c"
     monkeypatch.setattr(os, "fsync", sync)
-    with pytest.raises(SoterError, match=r"No space left.*; 64 flights are kept"):
+    with pytest.raises(SoterError, match=r"no space left.*; 64 flights are kept"):
         load(CART).campaign("Protected", flights=200, until="1s", output=folder, workers=1)
     monkeypatch.undo()
     again = load(CART).campaign("Protected", flights=200, until="1s", output=folder)

@@ -118,7 +118,7 @@ def test_a_proof_of_another_soter_does_not_count(
     soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     assert cart.exists()
-    monkeypatch.setattr(remembered, "_soter", lambda: "0" * 64)
+    monkeypatch.setattr(remembered, "soter_sha256", lambda: "0" * 64)
     assert ASSUMED in said(soter)
 
 

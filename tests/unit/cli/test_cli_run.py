@@ -117,6 +117,8 @@ def test_a_path_that_cannot_be_written(soter: Soter, option: str, path: str) -> 
     done = soter("run", "cart.soter", "--until", "1s", option, path, "--json")
     assert done.exit == 1
     assert done.codes == ["D006"]
+    said = done.document["diagnostics"][0]["message"]
+    assert path.lstrip("/") in said, "which file it was"
 
 
 def test_log_and_report_need_two_paths(soter: Soter) -> None:

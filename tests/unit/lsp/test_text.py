@@ -130,6 +130,7 @@ def titles(path: Path) -> list[str]:
 
 def said(verdict: str, **more: object) -> dict[str, object]:
     plain: dict[str, object] = {"verdict": verdict, "headline": verdict, "seconds": 1.25}
+    plain["system"] = "Flight"
     times = {"horizon_ns": 30_000_000, "horizon_needed_ns": 23_000_000}
     return {**plain, **times, "properties": {"P2a": verdict, "P2b": "proved"}, **more}
 
@@ -142,22 +143,26 @@ def test_a_verdict_is_shown_of_this_text_only(wall: Path, monkeypatch: pytest.Mo
     assert titles(path)[:2] == ["no proof yet", "prove"]
     verdicts.remember(path, program.sha256, {"SafeCart": said("proved")})
     verdict, when, _ = titles(path)[0].partition(" · 2")
-    assert verdict == "proved · H is 7 ms above H*"
+    assert verdict == "proved in Flight · H is 7 ms above H*"
     assert when
     path.write_text(path.read_text(encoding="utf-8").replace("60s", "61s").replace("30s", "31s"))
     assert titles(path)[0] == "changed since it was proved"
     program = check_file(str(path)).program
     assert program is not None
     verdicts.remember(path, program.sha256, {"SafeCart": said("undecided")})
-    assert titles(path)[0].startswith("undecided: P2a · ")
+    assert titles(path)[0].startswith("undecided in Flight: P2a · ")
     views = {
         "SafeCart as east": said("proved", horizon_needed_ns=30_000_000),
         "SafeCart as west": said("refuted"),
     }
     verdicts.remember(path, program.sha256, views)
-    assert titles(path)[1].startswith("proved as east · H is H* · ")
+    assert titles(path)[1].startswith("proved as east in Flight · H is H* · ")
     shown = [t.split(" · ")[0] for t in titles(path)]
-    assert shown[:3] == ["undecided: P2a", "proved as east", "REFUTED as west: P2a"]
+    assert shown[:3] == [
+        "undecided in Flight: P2a",
+        "proved as east in Flight",
+        "REFUTED as west in Flight: P2a",
+    ]
 
 
 def test_verdicts_of_others_are_not_believed(wall: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -6,7 +6,8 @@ from pathlib import Path
 import pytest
 
 import soter
-from soter.native.own_files import SOTER, files_below
+from soter.native import own_files
+from soter.native.own_files import SOTER, files_below, soter_sha256
 from soter.program import build
 from soter.reach.deploy import complete
 
@@ -28,3 +29,27 @@ def test_kept_sets_depend_on_every_file_of_the_engine_however_deep() -> None:
     assert len(engine) > 10
     assert set(engine) <= found
     assert set((SOTER / "reach").rglob("*.py")) <= found
+
+
+def test_whatever_soter_is_made_of_changes_its_hash(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def hashed() -> str:
+        soter_sha256.cache_clear()
+        return soter_sha256()
+
+    whole = hashed()
+    kinds = {p.suffix for p in SOTER.rglob("*") if p.suffix in {".py", ".c", ".h", ".soter"}}
+    assert len(kinds) == 4
+    monkeypatch.setattr(own_files, "SOTER", tmp_path)
+    told = {whole}
+    for name in ("a.py", "b.c", "deeper/c.h", "deeper/prelude.soter"):
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_text("x")
+        told.add(hashed())
+        (tmp_path / name).write_text("y")
+        told.add(hashed())
+    (tmp_path / "a.py").rename(tmp_path / "d.py")
+    told.add(hashed())
+    assert len(told) == 10, "each of these is another Soter"
+    soter_sha256.cache_clear()

@@ -18,7 +18,7 @@ from soter.program.check import const
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-SECONDS_MAX = 2.0
+SECONDS_MAX = 8.0  # what is quadratic takes minutes
 
 PLANT = """
 topic pos: float;

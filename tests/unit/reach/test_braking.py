@@ -92,8 +92,8 @@ def test_a_full_brake_needs_no_throttle_to_be_released() -> None:
     assert kept_by_the_law(text((LAW, "failsafe command = { drive: A, brake: 1.0 };")))
 
 
-def test_an_axis_that_goes_one_way_loses_no_cell_at_the_border() -> None:
-    """K = C: in the last cell before the wall, too, and while it rolls as fast as it may."""
+def test_with_its_safe_controller_every_cell_that_is_allowed_is_kept() -> None:
+    """K = C. That an axis may go one way is needed for the law alone: the tests around show it."""
     (group,) = verified(text()).cases[0].groups
     assert ((group.core > 0) == group.allowed).all()
 

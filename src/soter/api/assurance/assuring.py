@@ -17,9 +17,9 @@ from typing import TYPE_CHECKING, Any
 from soter.api.rechecking import recheck
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.phase import phase
+from soter.diagnostics.refused import reason
 from soter.report.assurance.case import Case, Node
 from soter.report.errors import ReportError
-from soter.report.whole_file import reason
 from soter.version import VERSION
 
 if TYPE_CHECKING:

@@ -7,19 +7,16 @@ Non-goals: attributes that only some readers know.
 
 from __future__ import annotations
 
-import re
 from typing import TYPE_CHECKING
 from xml.etree import ElementTree as ET
 
 from soter.cli.ci.found import place
+from soter.report.junit_xml import case, clean, document, said
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from soter.cli.ci.found import Found
-
-NO_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that no XML 1.0 may have, not even escaped."""
 
 
 def junit(command: str, files: Sequence[str], found: Sequence[Found]) -> str:
@@ -33,17 +30,16 @@ def junit(command: str, files: Sequence[str], found: Sequence[Found]) -> str:
     root = ET.Element("testsuites", {"name": f"soter {command}", **_counts(found, by_file)})
     for name, mine in by_file.items():
         one = {name: mine}
-        suite = ET.SubElement(root, "testsuite", {"name": name, **_counts(mine, one)})
+        suite = ET.SubElement(root, "testsuite", {"name": clean(name), **_counts(mine, one)})
         cases = [f for f in mine if f.kind != "warning"]
         for f in cases:
             _case(suite, name, f)
         if not cases:
-            ET.SubElement(suite, "testcase", _named(command, name, 0.0))
+            case(suite, name, command)
         warnings = [_text(f) for f in mine if f.kind == "warning"]
         if warnings:
-            ET.SubElement(suite, "system-out").text = _clean("\n\n".join(warnings))
-    ET.indent(root)
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{ET.tostring(root, encoding="unicode")}'
+            said(suite, "system-out", "\n\n".join(warnings))
+    return document(root)
 
 
 def _counts(found: Sequence[Found], files: dict[str, list[Found]]) -> dict[str, str]:
@@ -58,25 +54,16 @@ def _counts(found: Sequence[Found], files: dict[str, list[Found]]) -> dict[str, 
     }
 
 
-def _named(name: str, file: str, seconds: float) -> dict[str, str]:
-    return {"classname": file, "name": name, "file": file, "time": f"{seconds:.3f}"}
-
-
 def _case(suite: ET.Element, file: str, f: Found) -> None:
-    case = ET.SubElement(suite, "testcase", _named(_clean(f.name), file, f.seconds))
+    one = case(suite, file, f.name, f.seconds)
     if f.kind == "pass":
-        ET.SubElement(case, "system-out").text = _clean(f.text)
+        said(one, "system-out", f.text)
         return
     kind = "failure" if f.kind == "fail" else "error"
-    told = {"type": f.rule, "message": _clean(f.text)}
-    ET.SubElement(case, kind, told).text = _clean(_text(f))
+    said(one, kind, _text(f), type=f.rule, message=f.text)
 
 
 def _text(f: Found) -> str:
     at = place(f.span)
     where = "" if at is None else f"{at[0]}:{at[1]}:{at[2]}: "
     return "\n".join((f"{where}{f.rule}: {f.text}", *f.details))
-
-
-def _clean(text: str) -> str:
-    return NO_XML.sub("\ufffd", text)

@@ -18,7 +18,8 @@ from soter.cli.terminal.outcome import DIAGNOSTICS, Outcome, exit_of
 from soter.cli.terminal.parser import Parser
 from soter.cli.terminal.standard_input import STDIN, standard_input
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.report.whole_file import reason, whole_file
+from soter.diagnostics.refused import reason
+from soter.report.whole_file import whole_file
 
 if TYPE_CHECKING:
     import argparse

@@ -17,12 +17,11 @@ import os
 import re
 import sys
 from dataclasses import dataclass
-from functools import cache
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.native.kept import digest
-from soter.native.own_files import SOTER, files_below
+from soter.diagnostics.refused import reason
+from soter.native.own_files import soter_sha256
 from soter.program.model.durations import show_ns
 from soter.version import VERSION
 
@@ -66,13 +65,6 @@ class Saved:
     payload: memoryview
 
 
-@cache
-def code() -> str:
-    """A hash of all of Soter's own files: what another version wrote is not gone on with."""
-    files = files_below(SOTER, "*.py", "*.[ch]")
-    return digest(x for f in files for x in (str(f.relative_to(SOTER)), f.read_text("utf-8")))
-
-
 def machine() -> str:
     """What numbers of the explorer look like here."""
     return f"{sys.byteorder} endian, {sys.maxsize.bit_length() + 1} bits"
@@ -101,7 +93,13 @@ def seal(file: int, head: Mapping[str, object]) -> None:
         told.update(piece)
         at += len(piece)
     payload = {"bytes": size, "sha256": told.hexdigest()}
-    document = {"schema": SCHEMA, "soter": VERSION, "code": code(), **head, "payload": payload}
+    document = {
+        "schema": SCHEMA,
+        "soter": VERSION,
+        "code": soter_sha256(),
+        **head,
+        "payload": payload,
+    }
     text = json.dumps(document, allow_nan=False).encode()
     rest = text.ljust(HEAD - _SEAL)
     assert len(rest) == HEAD - _SEAL, len(text)
@@ -127,7 +125,7 @@ def read(path: Path) -> Saved:
     try:
         return _read(path)
     except OSError as error:
-        raise no_checkpoint(path, (error.strerror or str(error)).lower()) from error
+        raise no_checkpoint(path, reason(error)) from error
     except DamagedError as error:
         raise no_checkpoint(path, str(error)) from error
     except (ValueError, KeyError, TypeError, AttributeError) as error:
@@ -147,7 +145,11 @@ def _read(path: Path) -> Saved:
         if seal_ != hashlib.sha256(rest).hexdigest().encode() + b"\n":
             raise DamagedError("its head is not as it was written")
         head = json.loads(rest)
-        if (head.get("schema"), head.get("soter"), head.get("code")) != (SCHEMA, VERSION, code()):
+        if (head.get("schema"), head.get("soter"), head.get("code")) != (
+            SCHEMA,
+            VERSION,
+            soter_sha256(),
+        ):
             whose = "this number, other code" if head.get("soter") == VERSION else head.get("soter")
             raise DamagedError(f"another version of soter wrote it: {whose}")
         size = os.fstat(stream.fileno()).st_size - HEAD

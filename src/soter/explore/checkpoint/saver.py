@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 from soter.explore.checkpoint.files import HEAD, Saved, seal, take_place
 from soter.explore.methods import STATUSES
 
@@ -118,7 +119,7 @@ class Checkpoint:
             os.ftruncate(file, 0)
             os.lseek(file, HEAD, os.SEEK_SET)
         except OSError as error:
-            message = f"cannot write `{path}`: {(error.strerror or str(error)).lower()}"
+            message = f"cannot write `{path}`: {reason(error)}"
             raise SoterError((Diagnostic("D006", message),)) from error
         return file
 
@@ -236,6 +237,6 @@ class Saver:
             seal(file, head)
             take_place(beside(self._to.path, ending), self._to.path)
         except OSError as error:
-            self._to.problem = (error.strerror or str(error)).lower()
+            self._to.problem = reason(error)
         else:
             self._to.states, self._to.problem = self._before + states, ""

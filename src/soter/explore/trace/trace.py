@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 from soter.program.load.data import parse_json
 
 if TYPE_CHECKING:
@@ -166,7 +167,7 @@ def write_trace(trace: Trace, path: Path) -> Path:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(text, encoding="utf-8")
     except OSError as error:
-        message = f"cannot write `{path}`: {(error.strerror or str(error)).lower()}"
+        message = f"cannot write `{path}`: {reason(error)}"
         raise SoterError((Diagnostic("D006", message),)) from error
     return path
 
@@ -179,7 +180,7 @@ def read_document(path: Path) -> dict[str, Any]:
     try:
         document = parse_json(_bytes(path))
     except OSError as error:
-        raise no_trace(path, (error.strerror or str(error)).lower()) from error
+        raise no_trace(path, reason(error)) from error
     except DamagedError as error:
         raise no_trace(path, str(error)) from error
     except RecursionError:

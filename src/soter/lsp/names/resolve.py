@@ -105,7 +105,7 @@ class _Resolver(Expressions):
                 own = self.index.top[id(file)][decl.name.text]
                 self.owner = own
                 if own.span != decl.name.span:  # declared twice: the second one is looked at, too
-                    self._define(decl.name, KINDS[type(decl).__name__], decl, file)
+                    self.definition(decl.name, KINDS[type(decl).__name__], decl, file)
                 self._declaration(decl, Place(file))
         return self.index
 
@@ -114,13 +114,13 @@ class _Resolver(Expressions):
         self.owner = None
         for imported in file.file.imports:
             names.setdefault(
-                imported.name.text, self._define(imported.name, "import", imported, file)
+                imported.name.text, self.definition(imported.name, "import", imported, file)
             )
         for decl in file.file.declarations:
             if decl.name.text in names and names[decl.name.text].kind != "import":
                 continue
             shape = self._shape(decl, file)
-            names[decl.name.text] = self._define(
+            names[decl.name.text] = self.definition(
                 decl.name, KINDS[type(decl).__name__], decl, file, shape
             )
         if file.prelude:
@@ -219,7 +219,7 @@ class _Resolver(Expressions):
         parts = (decl.ac, decl.sc, decl.period, decl.safe, decl.safer, decl.ttf, decl.clean)
         self.walk((*parts, decl.wcet, decl.jitter), place)
         for clause in decl.contract:
-            self._define(clause.name, "clause", clause, place.file)
+            self.definition(clause.name, "clause", clause, place.file)
             self.walk(clause.condition, place)
         self._law(decl.failsafe, place)
         if decl.verify is not None:
@@ -244,7 +244,7 @@ class _Resolver(Expressions):
                 self.index.note(instance.span, known[0])
             for part in parts:
                 plant = self.ref(part.plant, place)
-                axes[part.name.text] = self._define(part.name, "axis", part, place.file, plant)
+                axes[part.name.text] = self.definition(part.name, "axis", part, place.file, plant)
                 self.expression(part.value, place, _truth(plant))
         for group in block.groups:
             for axis in group.axes:
@@ -252,7 +252,7 @@ class _Resolver(Expressions):
         if isinstance(block, tree.View):
             return
         for view in block.views:
-            self._define(view.name, "view", view, place.file)
+            self.definition(view.name, "view", view, place.file)
             self._verify(view, place)
         done = ("groups", "abstracts", "views", "stays", "induction", "span")
         self.walk([getattr(block, n) for n in block.__dataclass_fields__ if n not in done], place)
@@ -284,7 +284,7 @@ class _Resolver(Expressions):
             self._items(group, inside, decl)
         self._items(decl.inlines, inside, decl)
         for measure in decl.measures:
-            self._define(measure.name, "measure", measure, place.file)
+            self.definition(measure.name, "measure", measure, place.file)
             self.walk((measure.value, measure.interval, measure.bins, measure.every), inside)
 
     def _instance(self, item: tree.Instance, place: Place) -> None:
@@ -382,7 +382,7 @@ class _Resolver(Expressions):
                 if first is not None:  # another element of the same array
                     self.index.note(self.name_span(item.name), first[0])
                     continue
-                own = self._define(item.name, "instance", item, file, shape)
+                own = self.definition(item.name, "instance", item, file, shape)
                 found[item.name.text] = own, what
         self.owner = outer
         return found
@@ -399,16 +399,6 @@ class _Resolver(Expressions):
         tree.TestDecl: _test,
     }
 
-    def _define(
-        self,
-        name: tree.Name,
-        kind: str,
-        node: object,
-        file: LoadedFile,
-        shape: Shape | None = None,
-    ) -> Definition:
-        return self.definition(name, kind, node, file, shape)
-
     def _local(
         self,
         frame: dict[str, Definition],
@@ -419,7 +409,7 @@ class _Resolver(Expressions):
         shape: Shape | None,
         seen_in: Span,
     ) -> None:
-        found = self._define(name, kind, node, place.file, shape)
+        found = self.definition(name, kind, node, place.file, shape)
         frame[name.text] = found
         self.seen(found, seen_in.start, seen_in.end)
 

@@ -16,6 +16,7 @@ from fractions import Fraction
 from typing import IO, TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 from soter.simulate.outputs.to_log import require_log_package
 from soter.simulate.settings import did_you_mean
 
@@ -138,7 +139,7 @@ def _rows(path: Path, needed: list[str]) -> Iterator[tuple[int, dict[str, str]]]
                     raise unusable(path, text)
                 yield reader.line_num, {name: row[at] for name, at in places.items()}
     except OSError as error:
-        raise unusable(path, error.strerror or str(error)) from error
+        raise unusable(path, reason(error)) from error
     except (UnicodeDecodeError, csv.Error, EOFError) as error:
         raise unusable(path, f"it is no CSV: {error}") from error
 
@@ -206,7 +207,7 @@ def _messages(
                     raise unusable(path, f"{text}, not json", "write them as JSON, or as CSV")
                 yield message.log_time, channel.topic, json.loads(message.data)
     except OSError as error:
-        raise unusable(path, error.strerror or str(error)) from error
+        raise unusable(path, reason(error)) from error
     except (McapError, ValueError) as error:
         raise unusable(path, str(error) or "it is no MCAP file") from error
 

@@ -11,6 +11,7 @@ import stat
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.near import closest
+from soter.diagnostics.refused import reason
 
 if TYPE_CHECKING:
     from pathlib import Path
@@ -41,7 +42,7 @@ def read_bytes(path: Path, limit: int, *, special: bool = False) -> bytes:
     except (FileNotFoundError, NotADirectoryError):
         raise ReadError("there is no such file", missing=True) from None
     except OSError as error:
-        raise ReadError((error.strerror or str(error)).lower()) from error
+        raise ReadError(reason(error)) from error
     except (ValueError, RuntimeError) as error:
         raise ReadError(f"its name is impossible: {error}") from error
     if len(data) > limit:

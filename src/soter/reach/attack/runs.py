@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
 from soter.program.build import check_file, system_to_prove
 from soter.reach.attack.counterexample import (
     LEAVES,
@@ -64,7 +65,7 @@ def _write(run: Counterexample, path: Path) -> None:
     try:
         write_counterexample(run, path)
     except OSError as error:
-        message = f"cannot write `{path}`: {(error.strerror or str(error)).lower()}"
+        message = f"cannot write `{path}`: {reason(error)}"
         raise SoterError((Diagnostic("D006", message),)) from error
 
 

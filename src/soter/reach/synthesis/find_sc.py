@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
+from soter.diagnostics.refused import reason
 from soter.program.build import check_file
 from soter.reach.command import modules_of
 from soter.reach.enclose.forms import Forms, library_of
@@ -77,7 +78,7 @@ def synthesize(
         try:
             written += found.save(output)
         except OSError as error:
-            message = f"cannot write `{output}`: {error.strerror or error}"
+            message = f"cannot write `{output}`: {reason(error)}"
             raise SoterError((Diagnostic("D006", message),)) from error
         checked = check_file(str(output))
         if not checked.ok:

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.near import closest
+from soter.diagnostics.refused import reason
 from soter.semantics.externs import Stop, step_of
 from soter.simulate.externs.externs import MisuseError, PlainError, described
 from soter.simulate.externs.misuse import hint
@@ -114,8 +115,8 @@ def _module(path: Path, span: Span | None) -> ModuleType:
     try:
         content = path.read_bytes()
     except OSError as error:
-        reason = (error.strerror or str(error)).lower()
-        raise _problem("X003", f"cannot read the extern's file `{path}`: {reason}", span) from error
+        why = reason(error)
+        raise _problem("X003", f"cannot read the extern's file `{path}`: {why}", span) from error
     digest = hashlib.sha256(content).hexdigest()[:16]
     full_name = f"soter_extern_{path.stem}_{digest}_{abs(hash(str(path.resolve()))):x}"
     known = sys.modules.get(full_name)
