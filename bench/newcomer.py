@@ -32,8 +32,8 @@ if TYPE_CHECKING:
 HERE = Path(__file__).parent
 FILES = ("newcomer_cart.soter", "newcomer_lib.soter", "newcomer_tests.soter")
 LEAST = 104
-LATER = "NOT SEEN BEFORE"
-"""Slips that were written when the messages were done."""
+LATER = ("NOT SEEN BEFORE", "SECOND LOOK")
+"""Slips that were written when the messages were done, once and once more."""
 
 
 @dataclass
@@ -179,7 +179,7 @@ def told(asked: list[tuple[Slip, Answer]]) -> bool:
         ("wrong or silent", [s.name for s, a in asked if not (a.place and a.remedy)]),
     ):
         print(f"{title}: {', '.join(names) or 'none'}")
-    before = [a for s, a in asked if s.habit != LATER]
+    before = [a for s, a in asked if s.habit not in LATER]
     right = sum(a.place and a.remedy for a in before)
     misleading = sum(a.misleading for a in before)
     print(

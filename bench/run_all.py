@@ -47,7 +47,8 @@ BENCHMARKS = (
         "the answer was seen. Then messages were mended until all were right: before, 52 of "
         "them had place and remedy right, and 39 misled. The 36 slips `not seen before` were "
         "written when that was done: when they were first asked, 29 had place and remedy right "
-        "and 6 misled; some of these were mended since.",
+        "and 6 misled; some of these were mended since. So were the 22 of the `second look`, "
+        "later: when they were first asked, 11 had place and remedy right and 3 misled.",
     ),
     Benchmark(
         "Diagnostics after a keystroke",

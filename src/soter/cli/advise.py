@@ -119,6 +119,7 @@ def _say(advice: Advice, console: Console) -> None:
     console.say()
     console.say(console.table(head, rows))
     console.say(console.paint("muted", "* as the program says"))
+    console.say(console.paint("muted", advice.legend))
     console.say()
     console.say(advice.summary)
 

@@ -92,6 +92,9 @@ def _say(report: Report, folder: str, console: Console) -> None:
             console.say(console.paint("muted", f"    with {values}"))
         for name in module.other:
             console.say(console.paint("muted", f"    not confirmed: {name}"))
+        if "failsafe" not in (*module.confirmed, *module.other):
+            text = "failsafe: nothing is said of what acts once the trusted part stops"
+            console.say(console.paint("muted", f"    not claimed: {text}"))
         for said in module.shown:
             console.say(console.paint("muted", f"    confirmed: {said.text}"))
     console.say("\nunder these assumptions, derived from the program")

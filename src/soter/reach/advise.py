@@ -99,6 +99,14 @@ class Advice:
         return max(found, default=None)
 
     @property
+    def legend(self) -> str:
+        """What the columns are shares of the grid of."""
+        return (
+            "shares of the grid: K, where SC keeps `safe`; S_0, where AC may have control; "
+            "S_(m-2), where it gets it back with m levels of hysteresis"
+        )
+
+    @property
     def summary(self) -> str:
         """One sentence."""
         best = self.best_ns
@@ -113,14 +121,16 @@ class Advice:
     def table(self) -> tuple[list[str], list[list[str]]]:
         """(head, rows) for people."""
         tried = sorted({m for r in self.rows for m in r.levels})
-        head = ["period", "SC", "H*", "K", "S_0"]
+        alone = 2 not in tried  # with two levels AC gets control back where it may have it: S_0
+        head = ["period", "SC", "H*", "K", *(["S_0"] if alone else [])]
         head += [f"S_{m - 2} (m\u00a0=\u00a0{m})" for m in tried]
         head += ["P1c", "P2b", "verifies", "why not"]
         rows = []
         for r in self.rows:
             mark = " *" if r.delta_ns == self.delta_ns else ""
             times = [show_ns(r.delta_ns) + mark, show_ns(r.sc_ns), show_ns(r.h_star_ns)]
-            shares = [r.core, r.allowed, *(r.levels.get(m, 0.0) for m in tried)]
+            shares = [r.core, *([r.allowed] if alone else [])]
+            shares += [r.levels.get(m, 0.0) for m in tried]
             back = ", ".join(f"m\u00a0=\u00a0{m}" for m in tried if r.returns.get(m)) or "no"
             verifies = r.verifies(self.levels)
             cells = [*times, *(f"{s:.1%}" for s in shares), "yes" if r.in_time else "no", back]

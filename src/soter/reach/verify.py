@@ -19,7 +19,7 @@ from soter.reach.claims.entered import not_entered
 from soter.reach.claims.lawful import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.reach.claims.levels import deploy, levels
 from soter.reach.claims.recovery import in_time, recover
-from soter.reach.claims.refine import refined
+from soter.reach.claims.refine import refined, said_refined
 from soter.reach.claims.results import (
     ASSUMED,
     NO_CORE,
@@ -92,7 +92,7 @@ def verify_module(
     library, prelude = library_of(problem)
     _assume(problem, prelude)
     done = _all_cases(problem, library, _upto(progress, CASES))
-    result = ModuleResult(problem, {}, [c.sets for c in done])
+    result = ModuleResult(problem, {}, [c.sets for c in done], notes=said_refined(done))
     _static(problem, result)
     for claim in CLAIMS:
         result.findings[claim] = _finding(problem, done, claim)
@@ -473,8 +473,8 @@ def _refute(problem: Problem, result: ModuleResult) -> None:
 
 
 def _diagnose(done: list[Case], result: ModuleResult) -> None:
-    """Where something stays undecided: why, as far as a few seconds can tell."""
-    if any(f.verdict == UNDECIDED for f in result.findings.values()):
-        from soter.reach.undecided.diagnose import diagnose  # noqa: PLC0415 - only then
+    """Where something stays undecided, or SC for ever: why, as far as a few seconds can tell."""
+    from soter.reach.undecided.diagnose import diagnose, open_in  # noqa: PLC0415 - only here
 
+    if open_in(result):
         diagnose(done, result)

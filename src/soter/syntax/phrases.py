@@ -385,6 +385,27 @@ IDIOMS: tuple[Idiom, ...] = (
         "declare it beside the nodes: `fun name(x: float): float { return 2.0 * x; }`",
     ),
     _idiom(
+        r"(?P<before>\btopic\b[^;\n]*\s)(?P<at>timeout|deadline|lifespan)(?=\s+\d[\w.]*\s*[;=])",
+        "how old a value may be is its `max_age`",
+        r"\g<before>max_age",
+    ),
+    _idiom(
+        r"\b(?P<word>safe|ttf|safer|always|never)\s+"
+        r"(?P<at>(?P<a>[^;\n=]+?)\s*=>\s*(?P<b>[^;?\n]+))(?=;)",
+        "there is no sign for `implies`",
+        r"\g<word> !(\g<a>) || \g<b>",
+    ),
+    _idiom(
+        r"(?P<before>\bfun\s+\w+\([^()\n]*?:\s*[\w.]+)\s*(?P<at>=\s*[-\w.]+)(?=\s*[,)])",
+        "parameters have no defaults: every call gives all of them",
+        r"\g<before>",
+    ),
+    _idiom(
+        r"(?P<at>\b(?P<set>in\s*\[[^\]\n]*\])\s*(?P<unit>unit\s*\"[^\"\n]*\"))",
+        "the unit is part of the type, and stands before the set",
+        r"\g<unit> \g<set>",
+    ),
+    _idiom(
         r"(?<![\w.])(?P<at>(?P<a>\d+),(?P<b>\d+(?:ns|us|ms|s|min|h)?))(?=\s*[;)])",
         "the decimal sign is a point",
         r"\g<a>.\g<b>",

@@ -475,7 +475,9 @@ def _garbage(tokens: Tokens, token: str, start: int, end: int) -> None:
 
 
 _GARBAGE_HELPS = {
-    "^": ("there is no power operator: multiply, or call a function of the prelude",),
+    "^": (
+        "there is no power operator: multiply, or call a function; exclusive or of truths is `!=`",
+    ),
     "~": ("negation of a condition is `!`",),
     "@": (),
     "\u201c": ('strings are written with `"`',),

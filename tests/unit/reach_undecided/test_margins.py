@@ -55,7 +55,7 @@ def test_where_sc_settles_outside_safer_is_computed_by_hand_too() -> None:
     x = 1.0
     for _ in range(20_000):
         x += 0.1 * (law(x, 1.7) - 0.01)
-    assert f"is at t.h = {x:.5g}" in text
+    assert f"comes to rest at t.h = {x:.5g}" in text
     wider = dict(cause(found, "P2b", "safer_wider").numbers)["t.h"]
     assert 1.6 + wider > x > 1.6
     more = changed(

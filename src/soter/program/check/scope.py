@@ -250,6 +250,9 @@ class Names:
                 qualifier.span,
                 also=((entry.decl.name.span, "declared here"),),
                 notes=("before a dot a reference names an import",),
+                helps=(f"name all of it, `{name}`: what it is given is a whole record",)
+                if entry.kind == "topic"
+                else (),
             )
             return
         self._missing.add((id(scope), name))

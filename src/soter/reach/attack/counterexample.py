@@ -95,7 +95,8 @@ def _chosen(choices: Choices) -> list[str]:
         if len(values) == 1:
             found.append(f"{stream} = {first}")
         else:
-            found.append(f"{stream} = {first} first, {len(values) - 1} changes")
+            more = len(values) - 1
+            found.append(f"{stream} = {first} first, {more} change{'s' if more > 1 else ''}")
     return found
 
 

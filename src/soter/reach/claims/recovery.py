@@ -20,6 +20,10 @@ if TYPE_CHECKING:
     from soter.reach.claims.products import Part
 
 
+MS = 1_000_000
+"""Times in hints are whole milliseconds, upwards."""
+
+
 def recover(case: Case) -> None:
     """Q, W and the time to Q of every group; enters failures of P2b."""
     targets = _targets(case)
@@ -60,5 +64,5 @@ def in_time(case: Case) -> None:
         case.fail(
             "P2b",
             f"SC may need {show_ns(needed)}, longer than the {show_ns(wanted)} of `recover within`",
-            hint="allow more time, or a quicker SC",
+            hint=f"`recover within {-(-needed // MS)}ms;`, or a quicker SC",
         )

@@ -1,17 +1,21 @@
 """Finer grids where only borders fail.
 
-Purpose: split the breakpoints near the cells on which a claim failed; a bounded number of times.
+Purpose: split the breakpoints near the cells on which a claim failed, a bounded number of times;
+and say so.
 Non-goals: deciding anything: a finer grid is a new attempt, no more.
 """
 
 from __future__ import annotations
 
 from dataclasses import replace
+from math import prod
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     from soter.reach.claims.case import Case
@@ -80,3 +84,23 @@ def _halved(axis: Axis, near: Bools) -> Axis:
         if split and low < middle < high:
             edges.append(middle)
     return replace(axis, edges=(*edges, axis.edges[-1]))
+
+
+def said_refined(done: Sequence[Case]) -> tuple[str, ...]:
+    """One line where a grid is finer than the program says: which axes, how many cells."""
+    worst: dict[tuple[str, ...], tuple[int, str]] = {}
+    for case in done:
+        if case.first is None:
+            continue
+        for before, proof in zip(case.first.proofs, case.proofs, strict=True):
+            pairs = zip(before.group.axes, proof.group.axes, strict=True)
+            counts = [(a.name, len(a.edges) - 1, len(b.edges) - 1) for a, b in pairs]
+            finer = [f"{n} {a:,} -> {b:,}" for n, a, b in counts if a != b]
+            if not finer:
+                continue
+            was, is_ = prod(a for _, a, _ in counts), prod(b for _, _, b in counts)
+            text = f"the grid was refined where a claim failed only at borders: {', '.join(finer)} "
+            text += f"({was:,} -> {is_:,} cells)"
+            names = tuple(n for n, _, _ in counts)
+            worst[names] = max(worst.get(names, (0, "")), (is_, text))
+    return tuple(text for _, text in worst.values())

@@ -81,7 +81,8 @@ def complete(flat: System, progress: Progress | None = None) -> list[str]:
             continue
         put(flat, module, problem, found)
         share = min(x.share for x in found)
-        notes.append(f"{module.name}: ttf and safer computed, S_0 is {share:.1%} of the grid")
+        what = f"AC may have control on {share:.1%} of the grid (S_0)"
+        notes.append(f"{module.name}: ttf and safer computed, {what}")
     return notes
 
 

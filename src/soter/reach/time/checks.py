@@ -45,12 +45,33 @@ def check_times(
             f"SC may act {show_ns(times.jitter_sc)} late, more than half of its period",
             place.module.symbol.verify.span or place.module.symbol.span,
             also=((place.sc.span, f"steps every {show_ns(times.delta_sc)}"),),
-            notes=(
-                "lateness, waiting for the DM, response and the way to the plant, all together",
-                "outputs act in order",
-            ),
-            helps=("a longer period of SC, or shorter times",),
+            notes=(_summed(times), "outputs act in order"),
+            helps=(_enough(times),),
         )
+
+
+def _summed(times: Times) -> str:
+    """The parts of j: they sum up to what the message says (docs/proof.md, The model of time)."""
+    schedule, sc = times.schedule, times.schedule.sc
+    waits = schedule.start_of_sc
+    late = "`late sc`" if waits == sc.late else "waiting for the DM's verdict"
+    parts = [(waits, late), (sc.response, "`response sc`"), (times.acts, "`acts within`")]
+    rest = times.jitter_sc - sum(ns for ns, _ in parts)
+    said = [f"{show_ns(ns)} {name}" for ns, name in parts if ns]
+    if rest > 0:
+        said.append(f"{show_ns(rest)} on the way through nodes behind SC")
+    elif rest < 0:
+        said.append(f"less the {show_ns(-rest)} that a command takes in any case")
+    return f"{show_ns(times.jitter_sc)} = {' + '.join(said).replace('+ less', '- less')}"
+
+
+def _enough(times: Times) -> str:
+    """By how much the sum is too large, and the period that it would do for."""
+    j, period = times.jitter_sc, times.delta_sc
+    return (
+        f"these times together {show_ns(j - period // 2)} shorter, or a period of SC of "
+        f"{show_ns(2 * j)} or more"
+    )
 
 
 def _known_nodes(place: Place, routes: Routes, diagnostics: Diagnostics) -> None:
@@ -134,9 +155,15 @@ def _fits(place: Place, node: Component, at: Releases, diagnostics: Diagnostics)
         f"`{node.name}` may take {show_ns(at.latest)} from its release, longer than its period",
         node.span,
         also=((place.module.symbol.verify.span or place.module.symbol.span, "declared here"),),
-        notes=("no release is skipped, and outputs come in order",),
-        helps=("a longer period, or shorter times",),
+        notes=(_own(at), "no release is skipped, and outputs come in order"),
+        helps=(f"a period of {show_ns(at.latest)} or more, or shorter times",),
     )
+
+
+def _own(at: Releases) -> str:
+    """The parts of what one node, or the DM, may take."""
+    parts = f"{show_ns(at.late)} `late` + {show_ns(at.response)} `response`"
+    return f"{show_ns(at.latest)} = {parts}, out of a period of {show_ns(at.period)}"
 
 
 def _dm_fits(place: Place, times: Times, diagnostics: Diagnostics) -> None:
@@ -147,8 +174,8 @@ def _dm_fits(place: Place, times: Times, diagnostics: Diagnostics) -> None:
         "R015",
         f"the DM may take {show_ns(dm.latest)} from its release, longer than its period",
         place.module.symbol.verify.span or place.module.symbol.span,
-        notes=("no release is skipped, and verdicts come in order",),
-        helps=("a longer period of the module, or shorter times",),
+        notes=(_own(dm), "no release is skipped, and verdicts come in order"),
+        helps=(f"a period of the module of {show_ns(dm.latest)} or more, or shorter times",),
     )
 
 

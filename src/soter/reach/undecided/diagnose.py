@@ -17,7 +17,9 @@ from soter.reach.claims.results import UNDECIDED, Cause
 from soter.reach.grid.claims import GridProof
 from soter.reach.undecided.experiments import COARSE, Budget, Change, Kept, against, kept
 from soter.reach.undecided.faces import faces
+from soter.reach.undecided.margins import OPEN, ORDER, margins
 from soter.reach.undecided.model_runs import FALSE, TRUE, Model, Search, soonest
+from soter.reach.undecided.pull import no_pull
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -32,6 +34,7 @@ if TYPE_CHECKING:
 BUDGET_S = 8.0
 RUNS_S = 3.5
 FINER_S = 2.5
+PULL_S = 1.0
 PRECISION = 32
 """Parts in which the strength of what stands against SC is told."""
 DECLARED = "the declared start"
@@ -42,6 +45,7 @@ NAMES = {
     "wrap_around": "an axis that should wrap around",
     "drift_of_all": "the flow leaves C whatever SC does",
     "one_sided": "an end of the grid acts as a wall",
+    "no_pull": "SC only stops, and brings the plant to no place",
     "drift": "the flow leaves the grid under SC",
     "cells": "the cells are too coarse",
     "strength": "too much stands against SC",
@@ -52,12 +56,12 @@ NAMES = {
 HOPELESS = ("wrap_around", "drift_of_all")
 """Causes beside which cells and strength are not looked at."""
 EMPTY = "K is empty"
+HELPS = 2
+"""So many remedies are told, those of the first causes."""
 
 
 def diagnose(done: Sequence[Case], result: ModuleResult) -> None:
     """Enter causes and margins for what is undecided."""
-    from soter.reach.undecided.margins import margins  # noqa: PLC0415 - only then
-
     budget = Budget(BUDGET_S)
     finding = result.findings["P2a"]
     case = next((c for c in done if c.failed("P2a")), None)
@@ -65,10 +69,16 @@ def diagnose(done: Sequence[Case], result: ModuleResult) -> None:
         failure = case.failed("P2a")[0]
         _why_empty(case, failure, finding, budget)
         _named(done, case, finding)
-    elif any(f.verdict == UNDECIDED for f in result.findings.values()):
+    elif open_in(result):
         margins(done, result, budget)
     if budget.cut:
         _say_cut(result)
+
+
+def open_in(result: ModuleResult) -> bool:
+    """Whether there is anything to measure."""
+    refuted = any(result.findings[claim].verdict in OPEN for claim in ORDER)
+    return refuted or any(f.verdict == UNDECIDED for f in result.findings.values())
 
 
 def _named(done: Sequence[Case], case: Case, finding: Finding) -> None:
@@ -106,6 +116,8 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: Budget) -
         search = _runs(case, model, budget.part(RUNS_S))
         finding.leaving = search.soonest
         causes = list(faces(case, model, failure, search, budget))
+        if not any(c.kind in HOPELESS for c in causes):
+            causes += no_pull(model, _middle(case, model), budget.part(PULL_S))
         if grid is not None and not any(c.kind in HOPELESS for c in causes):
             causes += _cells_and_strength(case, grid, budget)
         causes += _simulated(search)
@@ -116,7 +128,8 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: Budget) -
         finding.text = f"{EMPTY}: {NAMES[main.kind]}"
         finding.causes.remove(main)
         finding.causes.insert(0, main)
-        finding.hint = main.hint or finding.hint
+        hints = [c.hint for c in finding.causes if c.hint and c.kind in NAMES]
+        finding.hint = "; ".join(dict.fromkeys(hints[:HELPS])) or finding.hint
         if finding.counts.get("runs") and finding.verdict == UNDECIDED:
             finding.hint += f" ({finding.counts['runs']:,} runs under attack found nothing)"
 

@@ -16,6 +16,7 @@ import numpy as np
 from soter.reach.claims.boxes import share
 from soter.reach.claims.products import candidates, states_elsewhere
 from soter.reach.grid.inputs import of_problem
+from soter.reach.grid.policies import HOLDS, way
 from soter.reach.grid.sets import AXIS_MAX, CancelledError, GridGroup, UnboundedError
 
 if TYPE_CHECKING:
@@ -102,6 +103,78 @@ def kept(case: Case, grid: GridProof, change: Change, budget: Budget) -> Kept | 
         return None
     whole = share(allowed, engine.edges)
     return Kept(share(core, engine.edges) / whole if whole else 0.0, engine.shape)
+
+
+def returns(case: Case, grid: GridProof, change: Change, budget: Budget) -> Kept | None:
+    """The share of K from which SC comes back to a set that it keeps inside `safer`; 0: no set.
+
+    None where time or cells do not suffice.
+    """
+    engine = _engine(case, grid.engine, change, budget)
+    if engine is None or not budget.goes_on():
+        budget.leave_out()
+        return None
+    try:
+        allowed = allowed_on(case, engine)
+        home = engine.core(definitely(case, engine, case.problem.returning) & allowed).cells
+        if not home.any():
+            return Kept(0.0, engine.shape)
+        core = engine.core(allowed).cells | home
+        back = way(engine, core, allowed, home, holds=HOLDS).cells
+    except CancelledError:
+        budget.leave_out()
+        return None
+    except UnboundedError:
+        return None
+    return Kept(share(core & back, engine.edges) / share(core, engine.edges), engine.shape)
+
+
+def failing(
+    case: Case,
+    grid: GridProof,
+    predicate: str,
+    change: Change,
+    zone: tuple[int, float, float],
+    budget: Budget,
+) -> tuple[int, tuple[int, ...]] | None:
+    """Cells between two values of an axis on which `ttf` or `safer` fails, and the grid's shape.
+
+    `zone`: (axis of the group, low, high). None where time or cells do not suffice, or another
+    group has a part in it.
+    """
+    engine = _engine(case, grid.engine, change, budget)
+    if engine is None or len(case.problem.groups) > 1 or not budget.goes_on():
+        budget.leave_out()
+        return None
+    try:
+        core = engine.core(allowed_on(case, engine)).cells
+        free = engine.safe_for(case.problem.in_horizon(case.problem.times.horizon_ns), core)
+    except CancelledError:
+        budget.leave_out()
+        return None
+    except UnboundedError:
+        return None
+    lets = engine.may_fail("ttf") if predicate == "ttf" else engine.may_hold("safer")
+    wrong = lets & engine.may_hold("safe") & ~free
+    axis, low, high = zone
+    edges = engine.edges[axis]
+    inside = (edges[:-1] < high) & (edges[1:] > low)
+    shape = [1] * wrong.ndim
+    shape[axis] = -1
+    return int((wrong & inside.reshape(shape)).sum()), engine.shape
+
+
+def definitely(case: Case, engine: GridGroup, predicate: str) -> NDArray[np.bool_]:
+    """Cells of another grid on which a predicate holds, the other groups where it does."""
+    if len(case.problem.groups) == 1:
+        return engine.definitely(predicate)
+    found = np.zeros(engine.shape, dtype=np.bool_)
+    for point in candidates(case.problem):
+        elsewhere = states_elsewhere(case.problem, engine, point)
+        found = engine.definitely(predicate, ranges=elsewhere)
+        if found.any():
+            break
+    return found
 
 
 def allowed_on(case: Case, engine: GridGroup) -> NDArray[np.bool_]:

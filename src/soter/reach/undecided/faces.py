@@ -74,34 +74,38 @@ def _wall(
     beyond[axis] = end + run.side * width
     other[axis] = end - run.side * 1.001 * width
     numbers = (("end", end), ("side", float(run.side)))
-    wider = _wider(case, model, failure, axis, run.side, budget)
+    wider, helps = _wider(case, model, failure, axis, run.side, budget)
     if model.safe(beyond) & TRUE and model.safe(other) == FALSE:
         text = (
             f"`safe` bounds {run.axis} on one side only, and runs leave at the grid's other end, "
             f"{run.axis} = {end:.6g}, which counts as unsafe"
         )
-        return Cause("one_sided", text + wider, _bound(run, end), numbers)
+        return Cause("one_sided", text + wider, _bound(run, end, helps), numbers)
     text = f"under SC the flow leaves the grid at {run.axis} = {end:.6g}, where `safe` still holds"
-    return Cause("drift", text + wider, _bound(run, end), numbers)
+    return Cause("drift", text + wider, _bound(run, end, helps), numbers)
 
 
-def _bound(run: LeavingRun, end: float) -> str:
+def _bound(run: LeavingRun, end: float, helps: bool | None) -> str:
+    """`helps`: whether a wider grid has a K; None: not looked at."""
     low = "beyond" if run.side > 0 else "below"
-    return f"a grid that goes {low} {end:.6g}, or an SC that keeps {run.axis} from getting there"
+    sc = f"an SC that keeps {run.axis} from getting to {end:.6g}"
+    return sc if helps is False else f"a grid that goes {low} {end:.6g}, or {sc}"
 
 
-def _wider(case: Case, model: Model, failure: Failure, axis: int, side: int, budget: Budget) -> str:
-    """What twice the range on that side changes."""
+def _wider(
+    case: Case, model: Model, failure: Failure, axis: int, side: int, budget: Budget
+) -> tuple[str, bool | None]:
+    """What twice the range on that side changes, and whether it does; None: not looked at."""
     grid = failure.proof
     if not isinstance(grid, GridProof) or axis not in grid.engine.axes:
-        return ""
+        return "", None
     low, high = float(model.low[axis]), float(model.high[axis])
     ends = (low, high + (high - low)) if side > 0 else (low - (high - low), high)
     found = kept(case, grid, Change(most=COARSE[1], wider={axis: ends}), budget)
     if found is None:
-        return ""
+        return "", None
     much = f"K is {found.share:.1%} of C" if found.share else "K is empty as well"
-    return f"; with a grid up to {ends[side > 0]:.6g} {much} ({found.cells})"
+    return f"; with a grid up to {ends[side > 0]:.6g} {much} ({found.cells})", found.share > 0.0
 
 
 def _drift(case: Case, model: Model) -> Iterator[Cause]:

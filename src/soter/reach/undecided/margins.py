@@ -1,11 +1,11 @@
-"""By how much `ttf`, `safer`, the start or the way back fail.
+"""By how much `ttf`, `safer` or the start fail, and what would help.
 
 Purpose: numbers beside the cells: for which H an inclusion would hold, how much sooner a predicate
-would have to hold, when SC would have to act, what SC keeps instead of `safer`, and where SC is
-when the way back is not found. Those of predicates are measured on the declared grid: on finer
-ones, which were tried, they would be less, but a program that is changed by so much is proved on
-the first.
-Non-goals: verdicts; an empty K (`diagnose.py`); polytopes, whose claims say more themselves.
+would have to hold. Those of predicates are measured on the declared
+grid: on finer ones, which were tried, they would be less, but a program that is changed by so much
+is proved on the first.
+Non-goals: verdicts; an empty K (`diagnose.py`); P2b (`way_back.py`); how far off a start is
+(`starts.py`); polytopes, whose claims say more themselves.
 """
 
 from __future__ import annotations
@@ -16,12 +16,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.program.model.durations import show_ns
-from soter.reach.claims.boxes import holding
-from soter.reach.claims.results import UNDECIDED, Cause
+from soter.reach.claims.results import REFUTED, UNDECIDED, Cause
 from soter.reach.grid.claims import GridProof
 from soter.reach.grid.sets import CancelledError, UnboundedError
 from soter.reach.problem.estimates import errors_of
-from soter.reach.undecided.model_runs import Model, StepFaultError, patterns, run
+from soter.reach.undecided.ends import grid_ends
+from soter.reach.undecided.model_runs import Model, StepFaultError
+from soter.reach.undecided.starts import start_margins
+from soter.reach.undecided.way_back import way_back
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -29,7 +31,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from soter.reach.claims.case import Case, Failure
-    from soter.reach.claims.results import GroupSets, ModuleResult
+    from soter.reach.claims.results import Finding, GroupSets, ModuleResult
     from soter.reach.grid.sets import GridGroup
     from soter.reach.undecided.experiments import Budget
 
@@ -39,8 +41,9 @@ if TYPE_CHECKING:
 HALVINGS = 7
 SLACK = 1e-6
 """Of an axis: numbers that people write down are rounded outward by so much."""
-WALK_HOLDS = 2000
-"""How long a run is followed to see where SC brings it."""
+COMPUTED = "or neither `ttf` nor `safer`: left out, both are computed"
+OPEN = (UNDECIDED, REFUTED)
+"""A run says that something fails, and not by how much, or why SC does not come back."""
 ORDER = ("ttf", "safer", "start", "P2b")
 
 
@@ -49,19 +52,29 @@ def margins(done: Sequence[Case], result: ModuleResult, budget: Budget) -> None:
     for claim in ORDER:
         finding = result.findings[claim]
         found = _failure(done, claim)
-        if finding.verdict != UNDECIDED or found is None:
+        if finding.verdict not in OPEN or found is None:
             continue
         case, failure, grid = found
         try:
             with _stopping(grid.engine, budget):
-                finding.causes += _of_claim(case, failure, grid)
+                finding.causes += _of_claim(case, failure, grid, budget)
         except CancelledError:
             budget.leave_out()
         except (UnboundedError, StepFaultError):
-            continue
+            pass
+        _helped(finding)
     p3, ttf, safer = (result.findings[n] for n in ("P3", "ttf", "safer"))
     if p3.verdict == UNDECIDED:
         p3.causes = list(ttf.causes or safer.causes)
+
+
+def _helped(finding: Finding) -> None:
+    """What was measured says what helps, in the place of a general word."""
+    hints = [c.hint for c in finding.causes if c.hint]
+    if hints:
+        finding.hint = "; ".join(dict.fromkeys(hints))
+        if finding.counts.get("runs") and finding.verdict == UNDECIDED:
+            finding.hint += f" ({finding.counts['runs']:,} runs under attack found nothing)"
 
 
 def _failure(done: Sequence[Case], claim: str) -> tuple[Case, Failure, GridProof] | None:
@@ -76,19 +89,18 @@ def _failure(done: Sequence[Case], claim: str) -> tuple[Case, Failure, GridProof
     return None
 
 
-def _of_claim(case: Case, failure: Failure, grid: GridProof) -> Iterator[Cause]:
+def _of_claim(case: Case, failure: Failure, grid: GridProof, budget: Budget) -> Iterator[Cause]:
     engine, part = grid.engine, grid.found
     if failure.claim in ("ttf", "safer"):
         if case.problem.computed:
             yield from _levels(case, engine, part)
         else:
+            yield from grid_ends(case, Model(case), failure, grid, budget)
             yield from _inclusion(case, failure.claim, engine, part)
     elif failure.claim == "start":
-        yield from _start(case, engine, part)
-    elif failure.stuck and failure.cells is not None:
-        yield from _no_way(case, engine, failure.cells)
-    elif part.target is not None and part.home is not None and not part.home.any():
-        yield from _no_home(case, engine, part)
+        yield from start_margins(case, engine, part)
+    elif failure.stuck or (part.home is not None and not part.home.any()):
+        yield from way_back(case, failure, grid, budget)
 
 
 @contextmanager
@@ -170,7 +182,9 @@ def _sooner(
     name = names[best[1]]
     what = "hold" if claim == "ttf" else "end"
     text = f"`{claim}` would have to {what} {best[2]:.4g} sooner along {name}"
-    yield Cause("sooner", text, "", (("margin", best[2]), ("axis", float(best[1]))))
+    how = "holds" if claim == "ttf" else "ends"
+    hint = f"a `{claim}` that {how} {best[2]:.4g} sooner along {name}; {COMPUTED}"
+    yield Cause("sooner", text, hint, (("margin", best[2]), ("axis", float(best[1]))))
 
 
 def _where_it_must(case: Case, claim: str, engine: GridGroup, wrong: Bools, free: Bools) -> Cause:
@@ -192,7 +206,9 @@ def _where_it_must(case: Case, claim: str, engine: GridGroup, wrong: Bools, free
             said.append(f"in [{low:.7g}, {high:.7g}]")
     what = "hold" if claim == "ttf" else "be false"
     text = f"`{claim}` would have to {what} on estimates of {name} {' and '.join(said[:4])}"
-    return Cause("border", text, "", tuple(numbers))
+    how = "holds" if claim == "ttf" else "is false"
+    hint = f"a `{claim}` that {how} {' and '.join(said[:4])}; {COMPUTED}"
+    return Cause("border", text, hint, tuple(numbers))
 
 
 def _least_shrinking(lets: Bools, free: Bools, axis: int) -> int | None:
@@ -232,145 +248,5 @@ def _levels(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
     yield Cause("horizon", text, "", (("holds_for_s", most / 1e9),))
 
 
-# ---------------------------------------------------------------- the start
-
-
-def _start(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
-    names = _names(case, engine)
-    ends = [case.problem.initial[s] for s in engine.axes]
-    box = [holding(e, i.low, i.high) for e, i in zip(engine.edges, ends, strict=True)]
-    outside = [
-        f"{n} = {i.low:.6g}" + (f" to {i.high:.6g}" if i.high > i.low else "")
-        for n, i, b in zip(names, ends, box, strict=True)
-        if b is None
-    ]
-    if outside:
-        yield Cause("start_outside", f"outside lies {', '.join(outside)}", "", ())
-        return
-    at = tuple(b for b in box if b is not None)
-    core = part.core > 0
-    if not core[at].all():
-        yield from _nearest(case, engine, core)
-        return
-    h0 = case.problem.times.start
-    step = case.problem.plant_period_ns if case.problem.kind == "map" else 1
-    good, bad = 0, -(-case.problem.in_horizon(h0) // step)
-    for _ in range(HALVINGS):
-        middle = (good + bad) // 2
-        if engine.safe_for(middle * step, core)[at].all():
-            good = middle
-        else:
-            bad = middle
-    text = (
-        f"the start lies in K, and SC would be in time if it acted within {show_ns(good * step)}; "
-        f"it acts within {show_ns(h0)}"
-    )
-    yield Cause("start_late", text, "", (("in_time_s", good * step / 1e9), ("acts_s", h0 / 1e9)))
-
-
-def _nearest(case: Case, engine: GridGroup, core: Bools) -> Iterator[Cause]:
-    """The start is not in K: where K is, in widths of the grid."""
-    cells = np.argwhere(core)
-    if not len(cells):
-        return
-    ends = [case.problem.initial[s] for s in engine.axes]
-    x = np.array([i.low / 2 + i.high / 2 for i in ends])
-    low = np.stack([e[cells[:, k]] for k, e in enumerate(engine.edges)], axis=1)
-    high = np.stack([e[cells[:, k] + 1] for k, e in enumerate(engine.edges)], axis=1)
-    nearest = np.clip(x, low, high)
-    width = np.array([e[-1] - e[0] for e in engine.edges])
-    best = nearest[int(np.argmin(np.abs((nearest - x) / width).max(axis=1)))]
-    where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(_names(case, engine), best, strict=True))
-    text = f"the start is not in K: SC was not shown to keep C from it; K is nearest at {where}"
-    yield Cause("start_not_in_core", text, "", ())
-
-
 def _names(case: Case, engine: GridGroup) -> list[str]:
     return [case.problem.quantities.states[s].name for s in engine.axes]
-
-
-# ---------------------------------------------------------------- the way back
-
-
-def _no_home(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
-    """By how much `safer` would have to grow for SC to keep a set in it, and where SC settles."""
-    yield from _settles(case)
-    assert part.target is not None
-    if not part.target.any():
-        text = "there is no state all of whose estimates satisfy `safer`"
-        yield Cause("no_target", text, "a wider `safer`, or smaller errors", ())
-        return
-    sizes = part.target.shape
-    good, bad = max(sizes), 0
-    while good - bad > max(1, max(sizes) // 2**HALVINGS):
-        middle = (good + bad) // 2
-        steps = [-(-middle * n // max(sizes)) for n in sizes]
-        if engine.core(_grown(part.target, steps) & part.allowed).cells.any():
-            good = middle
-        else:
-            bad = middle
-    if good == max(sizes):
-        return
-    by = [
-        (name, -(-good * n // max(sizes)) * float(np.diff(e).max()))
-        for name, n, e in zip(_names(case, engine), sizes, engine.edges, strict=True)
-    ]
-    how = ", ".join(f"{size:.4g} in {name}" for name, size in by)
-    text = f"SC keeps a set where `safer` is wider by {how} on either side"
-    yield Cause("safer_wider", text, "", tuple(by))
-
-
-def _grown(cells: Bools, steps: Sequence[int]) -> Bools:
-    """Cells within so many of the set along each axis."""
-    for axis, count in enumerate(steps):
-        n = cells.shape[axis]
-        sums = np.cumsum(np.insert(cells.astype(np.int32), 0, 0, axis=axis), axis=axis)
-        low = np.maximum(np.arange(n) - count, 0)
-        high = np.minimum(np.arange(n) + count + 1, n)
-        cells = np.take(sums, high, axis=axis) > np.take(sums, low, axis=axis)
-    return np.asarray(cells)
-
-
-def _settles(case: Case) -> Iterator[Cause]:
-    model = Model(case)
-    start = np.array([i.low / 2 + i.high / 2 for i in case.problem.initial])
-    yield from _followed(case, model, start, "the declared start")
-
-
-def _no_way(case: Case, engine: GridGroup, stuck: Bools) -> Iterator[Cause]:
-    """A run from one of the cells from which no way back was found."""
-    model = Model(case)
-    x = np.array([i.low / 2 + i.high / 2 for i in case.problem.initial])
-    cells = np.argwhere(stuck)
-    middle = np.array(stuck.shape) / 2
-    at = cells[int(np.argmin((np.abs(cells - middle) / middle).max(axis=1)))]
-    for state, edges, i in zip(engine.axes, engine.edges, at, strict=True):
-        x[state] = (edges[i] + edges[i + 1]) / 2
-    yield from _followed(case, model, x, "one of them")
-
-
-def _followed(case: Case, model: Model, start: Floats, whose: str) -> Iterator[Cause]:
-    """Whether the undisturbed run of the model comes to `safer`, and where it is otherwise."""
-    if case.problem.computed:
-        return
-    period = model.inputs.period_ns / 1e9
-    trace = run(model, start, next(patterns(model)), WALK_HOLDS * period, lambda: True)
-    names = [s.name for s in model.problem.quantities.states]
-
-    def told(x: Floats) -> str:
-        return ", ".join(f"{n} = {v:.5g}" for n, v in zip(names, x, strict=True))
-
-    inside = [model.safer(x) for x in trace.states]
-    time_s = trace.times[-1]
-    head = f"from {whose} ({told(start)}) the undisturbed run of the model"
-    if trace.left:
-        yield Cause("leaves", f"{head} leaves C after {time_s:.4g} s at {told(trace.states[-1])}")
-    elif inside[-1]:
-        last = max((i for i, held in enumerate(inside) if not held), default=-1)
-        when = trace.times[last + 1]
-        text = f"{head} is in `safer` from {when:.4g} s on: disturbances or the cells hide it"
-        yield Cause("comes_back", text, "a finer grid", (("back_s", when),))
-    else:
-        at = f"{told(trace.states[-1])} after {time_s:.4g} s"
-        text = f"{head} is at {at}: `safer` does not hold there"
-        yield Cause("stays_away", text, "let SC come to rest where `safer` holds", ())

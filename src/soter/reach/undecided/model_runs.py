@@ -335,6 +335,24 @@ def _reach(model: Model, trace: Trace) -> float:
 
 def told(model: Model, trace: Trace, pattern: Pattern, whose: str) -> LeavingRun:
     """A run as plain data."""
+    names = tuple(s.name for s in model.problem.quantities.states)
+    last = len(trace.times) - 1
+    shown = np.unique(np.linspace(0, last, min(last + 1, SHOWN)).astype(int))
+    return LeavingRun(
+        names=names,
+        time_s=np.array(trace.times)[shown],
+        states=np.array(trace.states)[shown],
+        axis=names[trace.axis],
+        side=trace.side,
+        safe=trace.safe,
+        start=whose,
+        chosen=said_of(model, pattern),
+        parameter=model.parameter,
+    )
+
+
+def said_of(model: Model, pattern: Pattern) -> tuple[str, ...]:
+    """What an adversary does, for people."""
     q = model.problem.quantities
     names = tuple(s.name for s in q.states)
     chosen = []
@@ -354,16 +372,4 @@ def told(model: Model, trace: Trace, pattern: Pattern, whose: str) -> LeavingRun
             chosen.append(said)
     if pattern.late:
         chosen.append("commands as late as declared")
-    last = len(trace.times) - 1
-    shown = np.unique(np.linspace(0, last, min(last + 1, SHOWN)).astype(int))
-    return LeavingRun(
-        names=names,
-        time_s=np.array(trace.times)[shown],
-        states=np.array(trace.states)[shown],
-        axis=names[trace.axis],
-        side=trace.side,
-        safe=trace.safe,
-        start=whose,
-        chosen=tuple(chosen),
-        parameter=model.parameter,
-    )
+    return tuple(chosen)

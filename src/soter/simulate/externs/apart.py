@@ -217,7 +217,7 @@ class Served:
 
     def _answer(self, what: bytes, rest: bytes) -> dict[str, Any]:
         if what == b"l":
-            self._extern = PythonExtern(self._name, self._load(), StopRequest())
+            self._extern = PythonExtern(self._name, self._load(), StopRequest(), self._shapes)
             return {}
         assert self._extern is not None
         if what == b"r":

@@ -290,7 +290,8 @@ def close(bound: Mapping[str, object]) -> None:
 def _python(extern: Extern, stop: StopRequest, *, apart: bool) -> object:
     node = extern.component.node if extern.component is not None else None
     if not apart or node is None:
-        return PythonExtern(extern.name, _target(extern), stop)
+        shapes = () if node is None else node.answers
+        return PythonExtern(extern.name, _target(extern), stop, shapes)
     from soter.simulate.externs.apart import ProcessExtern  # noqa: PLC0415 - POSIX only
 
     return ProcessExtern(extern.name, lambda: _target(extern), node.answers, extern.span, stop)

@@ -133,6 +133,13 @@ class PlainError(Exception):
     """A failure whose message says all; its type is no news to a person."""
 
 
+class MisuseError(PlainError):
+    """An extern that does not take what it is called with: said whole, up to `SAID_MAX`."""
+
+
+SAID_MAX = 600
+
+
 class _Gate:
     """What the gate will refuse, noted with leaf, value and bound: a state only keeps the kind."""
 
@@ -162,6 +169,8 @@ def described(error: BaseException, *, place: bool = True) -> str:
     """A failure of an extern in one line, with the line of the person's own file."""
     if isinstance(error, ValueShapeError):
         return visible(f"its answer has the wrong shape: {message_of(error)}")
+    if isinstance(error, MisuseError):
+        return visible(str(error)[:SAID_MAX])
     if isinstance(error, PlainError):
         return visible(message_of(error))
     where = _place(error) if place else ""

@@ -19,13 +19,15 @@ from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.near import closest
 from soter.diagnostics.refused import reason
 from soter.semantics.externs import Stop, step_of
-from soter.simulate.externs.externs import PlainError, described
+from soter.simulate.externs.externs import MisuseError, PlainError, described
+from soter.simulate.externs.misuse import hint
 from soter.simulate.externs.surroundings import outside
 
 if TYPE_CHECKING:
     from types import ModuleType
 
     from soter.diagnostics.span import Span
+    from soter.simulate.externs.misuse import Shapes
     from soter.simulate.interrupt import StopRequest
 
 
@@ -36,9 +38,11 @@ class ExternEscapeError(PlainError):
 class PythonExtern:
     """A bound object as the engines call it: `step`, and `reset(seed)` before every run."""
 
-    def __init__(self, name: str, target: object, stop: StopRequest) -> None:
+    def __init__(self, name: str, target: object, stop: StopRequest, shapes: Shapes = ()) -> None:
+        """`shapes`: of what it is asked for, to be told where it is called wrongly."""
         self.name = name
         self._target = target
+        self._shapes = shapes
         self._step = step_of(target)
         self._stop = stop
 
@@ -50,8 +54,13 @@ class PythonExtern:
         self._stop.in_extern = True
         try:
             return outside(self._step, *arguments)
-        except (Exception, Stop):
+        except Stop:
             raise
+        except Exception as error:
+            said = hint(error, self._step, arguments, self._shapes)
+            if not said:
+                raise
+            raise MisuseError(f"{described(error)}: {said}") from error
         except BaseException as error:  # of an extern a mishap like any other
             raise ExternEscapeError(described(error)) from error
         finally:

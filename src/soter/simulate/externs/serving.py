@@ -56,7 +56,9 @@ class Server:
 
     def __init__(self, spec: Spec) -> None:
         self._spec = spec
-        self._extern = PythonExtern(spec.name, load_python(spec.binding, None), StopRequest())
+        self._extern = PythonExtern(
+            spec.name, load_python(spec.binding, None), StopRequest(), spec.shapes
+        )
         self._extern.reset(spec.seed)
         self._said = False
 

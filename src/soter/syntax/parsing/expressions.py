@@ -13,7 +13,7 @@ from soter.diagnostics.fix import replace
 from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.parsing.cursor import Cursor, Panic
-from soter.syntax.parsing.literals import NUMBERS, explain_unit, in_brackets, number, period_of
+from soter.syntax.parsing.literals import NUMBERS, explain_unit, named_fields, number, period_of
 from soter.syntax.parsing.nesting import LEVELS_MAX, height, report_nesting, too_deep
 from soter.syntax.parsing.operators import (
     ANY,
@@ -396,13 +396,13 @@ class ExpressionParser(Cursor):
                     "S007",
                     "expected `field: value` in a record, found `{`",
                     self.token_span(opener),
-                    helps=(in_brackets(self, opener),),
+                    helps=named_fields(self, opener),
                 )
             if self.kinds[self.i + 1] in (",", "}") and not entries:
                 raise self.failure(
                     "S007",
                     f"expected `field: value` in a record, found {self.found()}",
-                    helps=(in_brackets(self, opener),),
+                    helps=named_fields(self, opener),
                 )
             field = self.name("the name of a field")
             if self.kinds[self.i] == "=":

@@ -13,12 +13,12 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import made
 from soter.diagnostics.fix import Edit, Fix, replace
+from soter.diagnostics.span import Span
 from soter.syntax import tree
 from soter.syntax.tokens import DURATION, FLOAT, INT, NAME, UNIT_NS
 
 if TYPE_CHECKING:
     from soter.diagnostics.fix import Help
-    from soter.diagnostics.span import Span
     from soter.syntax.parsing.cursor import Cursor
 
 NUMBERS = frozenset([FLOAT, INT, DURATION])
@@ -93,3 +93,20 @@ def in_brackets(cursor: Cursor, opener: int) -> Help:
             edits = (Edit(cursor.token_span(opener), "["), Edit(cursor.token_span(i), "]"))
             return Fix("arrays and lists are written `[a, b]`", edits)
     return "arrays and lists are written `[a, b]`"
+
+
+def named_fields(cursor: Cursor, opener: int) -> tuple[Help, ...]:
+    """`{ x, v }` opened at a token: a record says its fields, an array has other brackets."""
+    names: list[str] = []
+    i = opener + 1
+    while cursor.kinds[i] == NAME and cursor.kinds[i + 1] in (",", "}"):
+        names.append(cursor.texts[i])
+        i += 2
+        if cursor.kinds[i - 1] == "}":
+            break
+    if not names or cursor.kinds[i - 1] != "}" or cursor.texts[opener - 1] == "in":
+        return (in_brackets(cursor, opener),)
+    whole = Span(cursor.source, cursor.starts[opener], cursor.ends[i - 1])
+    record = "{ " + ", ".join(f"{name}: {name}" for name in names) + " }"
+    fix = Fix(f"write `{record}`: a record names its fields", (Edit(whole, record),))
+    return fix, f"an array or a list is written `[{', '.join(names)}]`"

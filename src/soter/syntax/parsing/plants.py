@@ -141,7 +141,9 @@ def _disturbance(parser: BodyParser, parts: _PlantParts) -> None:
         interval = parser.range_of("the range of the disturbance")
     else:
         message = f"expected `in` and a range after the disturbance, found {parser.found()}"
-        parser.report("S005", message, notes=("a proof needs the bound of every disturbance",))
+        notes = ("a proof needs the bound of every disturbance",)
+        helps = (f"write `disturbance {name.text}: float in [-1.0, 1.0];`: the worst it can be",)
+        parser.report("S005", message, notes=notes, helps=helps)
         error = tree.ErrorExpr(parser.after_previous())
         interval = tree.Interval(error, error, error.span)
     if parser.accept_word("hold"):
