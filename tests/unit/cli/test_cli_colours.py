@@ -36,6 +36,7 @@ def steady(text: str) -> str:
 def test_verify_recheck_and_advise_say_the_same_in_colour(
     soter: Soter, tank: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setenv("COLUMNS", "400")  # where a line ends would depend on how long it took
     lines = (
         ("verify", tank, "--cert", "proof"),
         ("recheck", "proof"),
