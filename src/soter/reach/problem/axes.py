@@ -166,7 +166,7 @@ class Axes:
                     f"the states are {known}" if known else "there are no states",
                     *self._otherwise(item),
                 ),
-                helps=("drive the state as it is, or write the axis over the state",),
+                helps=("drive the state and scale it in controllers, or an axis over the state",),
             )
         return state
 

@@ -20,6 +20,7 @@ from soter.reach.undecided.faces import faces
 from soter.reach.undecided.margins import OPEN, ORDER, margins
 from soter.reach.undecided.model_runs import FALSE, TRUE, Model, Search, soonest
 from soter.reach.undecided.pull import no_pull
+from soter.reach.undecided.scaled import scaled
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -42,6 +43,7 @@ SIZES = ((1, "half"), (2, "a quarter of"))
 """How often cells are halved to see whether that helps, and what that is in words."""
 NAMES = {
     "constraint": "there is no C",
+    "scaled": "`safe` holds on the whole grid, and reads what is no state",
     "wrap_around": "an axis that should wrap around",
     "drift_of_all": "the flow leaves C whatever SC does",
     "one_sided": "an end of the grid acts as a wall",
@@ -120,6 +122,7 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: Budget) -
             causes += no_pull(model, _middle(case, model), budget.part(PULL_S))
         if grid is not None and not any(c.kind in HOPELESS for c in causes):
             causes += _cells_and_strength(case, grid, budget)
+            causes += scaled(case, grid.found)
         causes += _simulated(search)
         order = [*NAMES, "not_cells", "undisturbed"]
         finding.causes = sorted(causes, key=lambda c: order.index(c.kind))

@@ -22,6 +22,7 @@ from soter.reach.grid.sets import CancelledError, UnboundedError
 from soter.reach.problem.estimates import errors_of
 from soter.reach.undecided.ends import grid_ends
 from soter.reach.undecided.model_runs import Model, StepFaultError
+from soter.reach.undecided.scaled import scaled
 from soter.reach.undecided.starts import start_margins
 from soter.reach.undecided.way_back import way_back
 
@@ -95,7 +96,8 @@ def _of_claim(case: Case, failure: Failure, grid: GridProof, budget: Budget) -> 
         if case.problem.computed:
             yield from _levels(case, engine, part)
         else:
-            yield from grid_ends(case, Model(case), failure, grid, budget)
+            otherwise = list(scaled(case, part))
+            yield from otherwise or grid_ends(case, Model(case), failure, grid, budget)
             yield from _inclusion(case, failure.claim, engine, part)
     elif failure.claim == "start":
         yield from start_margins(case, engine, part)
