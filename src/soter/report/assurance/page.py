@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from soter.report.assurance.case import Case, Node
 
 STYLE = """<style>
-.gsn { display: block; max-width: none; margin-top: 14px; }
+.gsn { display: block; max-width: max(100%, 960px); height: auto; margin-top: 14px; }
 .gsn text { font: 12px var(--font); fill: var(--ink); text-anchor: middle; }
 .gsn .id { font-weight: 600; }
 .gsn .legend { text-anchor: start; fill: var(--muted); }
