@@ -37,6 +37,15 @@ _FUNCTIONS = {
     "wrap_to_pi": "wrap_angle", "normalize_angle": "wrap_angle", "normalize": "unit",
     "double": "float", "float64": "float", "long": "int", "trunc": "int",
 }  # fmt: skip
+_SUM = "a plant integrates by `der x = ...;`; a node sums up itself, in a variable it keeps (`var`)"
+_BEFORE = "keep the last value in a variable of the node (`var last: float = 0.0;`)"
+_BLOCKS = {
+    **dict.fromkeys(["integrate", "integral", "integrator", "cumsum", "odeint", "solve_ivp"], _SUM),
+    **dict.fromkeys(
+        ["derivative", "ddt", "diff", "delay", "prev", "last", "pre", "filter"], _BEFORE
+    ),
+    **dict.fromkeys(["pid", "pidf"], f"write out its sum; {_BEFORE}"),
+}
 _NUMBERS = {
     "PI": "3.141592653589793", "M_PI": "3.141592653589793", "pi": "3.141592653589793",
     "TWO_PI": "6.283185307179586", "TAU": "6.283185307179586", "tau": "6.283185307179586",
@@ -98,6 +107,11 @@ def value_meant(word: str) -> str | None:
 def function_meant(word: str) -> str | None:
     """The function of the prelude, or built in, that another language calls `word`."""
     return _FUNCTIONS.get(word)
+
+
+def function_advice(word: str) -> str | None:
+    """What to do without a block of Simulink or an operator of time."""
+    return _BLOCKS.get(word.lower())
 
 
 def is_nothing(word: str) -> bool:

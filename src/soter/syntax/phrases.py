@@ -396,6 +396,11 @@ IDIOMS: tuple[Idiom, ...] = (
         r"\g<word> !(\g<a>) || \g<b>",
     ),
     _idiom(
+        r"\b(?P<word>always|never)\s*(?P<at>\[\s*[\d.]+\w*\s*,\s*[\w.]+\s*\])\s*(?=[\w(!\-])",
+        "a property is about the whole run: `until` says how long that is",
+        r"\g<word> ",
+    ),
+    _idiom(
         r"(?P<before>\bfun\s+\w+\([^()\n]*?:\s*[\w.]+)\s*(?P<at>=\s*[-\w.]+)(?=\s*[,)])",
         "parameters have no defaults: every call gives all of them",
         r"\g<before>",

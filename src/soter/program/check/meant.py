@@ -66,6 +66,9 @@ def a_function(expr: tree.CallExpr, name: str, span: Span) -> tuple[Help, ...]:
         return ("a loop counts over a range: `for i in 0..10 { ... }`",)
     if name == "print" or name.startswith("printf"):
         return ("publish the value, or read it in the log: every topic is logged",)
+    advice = foreign.function_advice(name)
+    if advice is not None:
+        return (advice,)
     meant = foreign.function_meant(name)
     return (replace(span, meant),) if meant is not None else ()
 

@@ -173,11 +173,13 @@ class CallChecker(FieldChecker):
         if len(expr.arguments) == wanted:
             return True
         takes = TAKES.get(name, "a topic" if name == "age" else "a module")
+        a_range = name == "saturate" and len(expr.arguments) == 3
         self.diagnostics.error(
             "T003",
             _count(name, wanted, len(expr.arguments)),
             expr.span,
             notes=(f"`{name}` takes {takes}",),
+            helps=(replace(expr.callee.span, "clamp"),) if a_range else (),
         )
         return False
 
