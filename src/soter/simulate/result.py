@@ -113,7 +113,34 @@ class Run:
         count = f"{self.violations} violation{'' if self.violations == 1 else 's'}"
         stopped = f" of {self.duration_s:g} s, interrupted" if self.interrupted else ""
         time_s = self.reached_s if self.interrupted else self.duration_s
-        return f"<soter.Run {self.system.name} seed {self.seed}: {time_s:g} s{stopped}, {count}>"
+        dead = "".join(f", {n} never answered" for n in self.never_answered)
+        run = f"{self.system.name} seed {self.seed}: {time_s:g} s{stopped}"
+        return f"<soter.Run {run}, {count}{dead}>"
+
+    @property
+    def never_answered(self) -> dict[str, int]:
+        """Externs that failed in every step that they were asked for, and in how many."""
+        faults = {x.name: self._faults_of(x.index) for x in self.system.components}
+        return {
+            name: tally.steps
+            for name, tally in self.extern_tallies.items()
+            if tally.steps and faults.get(name) == tally.steps
+        }
+
+    @property
+    def failures(self) -> list[str]:
+        """What externs had to say when they failed first, a sentence each."""
+        faults = {x.name: self._faults_of(x.index) for x in self.system.components}
+        dead = self.never_answered
+        return [
+            f"{name} failed in each of {dead[name]} steps, nothing of it was tried: {said}"
+            if name in dead
+            else f"{name} failed {faults.get(name, 0)} times, first: {said}"
+            for name, said in self.extern_failures.items()
+        ]
+
+    def _faults_of(self, component: int) -> int:
+        return int(self.final["components"][component]["faults"])
 
     def _repr_html_(self) -> str:
         from soter.report.notebook import framed, shown  # noqa: PLC0415 - in notebooks only
@@ -124,7 +151,7 @@ class Run:
         ]
         heads = ("module", "AC share", "SC to AC", "AC to SC", "gate faults")
         broken = [f"{v.what} at {v.time_s} s" for v in self.violation_list]
-        told = shown(repr(self)[1:-1], heads, rows, [*broken, *self.notes])
+        told = shown(repr(self)[1:-1], heads, rows, [*broken, *self.failures, *self.notes])
         page = self.page(self) if self.page is not None else ""
         return told + framed(page) if page else told
 

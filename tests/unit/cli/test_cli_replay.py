@@ -197,6 +197,14 @@ def counterexample(soter: Soter, here: Path, monkeypatch: pytest.MonkeyPatch) ->
     return here / ".soter" / "tank-SafeTank.counterexample.json"
 
 
+def test_a_counterexample_is_replayed_from_any_folder(
+    soter: Soter, counterexample: Path, here: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (here / "elsewhere").mkdir()
+    monkeypatch.chdir(here / "elsewhere")
+    assert "REPRODUCED" in soter("replay", str(counterexample)).out
+
+
 def test_counterexamples_of_proofs_are_replayed_too(
     soter: Soter, counterexample: Path, here: Path
 ) -> None:

@@ -77,3 +77,54 @@ def test_a_name_that_is_not_there_is_told_with_those_that_are(tmp_path: Path) ->
 def test_a_mistake_inside_of_it_is_left_to_python(tmp_path: Path) -> None:
     said = failure(tmp_path, FUNCTION.format("inputs", "len(1) + inputs.motion.h"))
     assert said == "TypeError: object of type 'int' has no len() (ai.py:2)"
+
+
+@pytest.mark.parametrize(
+    ("answer", "said"),
+    [
+        (
+            "__import__('numpy').array([1.0])",
+            "a sequence of 1: give its one element, `float(y[0])`",
+        ),
+        ("[1.0]", "a sequence of 1: give its one element, `float(y[0])`"),
+        ('{"drvie": 1.0}', "a `dict` with `drvie`: an answer's keys are the names of its topics"),
+    ],
+)
+def test_an_answer_of_another_shape_is_told_what_to_give(
+    tmp_path: Path, answer: str, said: str
+) -> None:
+    assert f"expected a number, found {said}" in failure(
+        tmp_path, FUNCTION.format("inputs", answer)
+    )
+
+
+@pytest.mark.parametrize("engine", ["interp", "native"])
+def test_an_extern_that_never_answers_is_told_by_the_run_and_its_pages(
+    tmp_path: Path, engine: str
+) -> None:
+    (tmp_path / "ai.py").write_text(FUNCTION.format("inputs", "1.0 / 0"), encoding="utf-8")
+    (tmp_path / "p.soter").write_text(PROGRAM, encoding="utf-8")
+    program = soter.load(tmp_path / "p.soter")
+    run = program.simulate(engine=engine, report=tmp_path / "r.html")
+    assert run.never_answered == {"Pilot": 1}, "no AC: its first failure is its last"
+    assert "Pilot never answered" in repr(run)
+    assert run.failures[0].startswith("Pilot failed in each of 1 steps, nothing of it was tried: Z")
+    page = (tmp_path / "r.html").read_text(encoding="utf-8")
+    assert "Pilot never answered: nothing of it was tried. S: 1 violation." in page
+    assert "ZeroDivisionError" in page
+    assert "ZeroDivisionError" in run._repr_html_()
+
+
+def test_an_extern_that_fails_once_answered_otherwise(tmp_path: Path) -> None:
+    class Once:
+        steps = 0
+
+        def step(self, _inputs: object) -> float:
+            self.steps += 1
+            return 1.0 / (self.steps - 2)
+
+    (tmp_path / "p.soter").write_text(PROGRAM, encoding="utf-8")
+    run = soter.load(tmp_path / "p.soter").bind("Pilot", Once()).simulate()
+    assert run.never_answered == {}
+    assert run.failures[0].startswith("Pilot failed 1 times, first: ZeroDivisionError")
+    assert "never answered" not in repr(run)

@@ -86,7 +86,7 @@ def _verdict(run: Run, console: Console) -> list[str]:
     else:
         noun = "the property holds" if properties == 1 else f"all {properties} properties hold"
         lines.append(f"{console.paint('green', 'no violation in this run')}  {noun}")
-    for name, steps in _dead(run):
+    for name, steps in run.never_answered.items():
         word = console.paint("yellow", "NEVER ANSWERED")
         lines.append(f"{word}  `{name}` failed in each of {steps} steps: nothing of it was tried")
     if run.lag_s_max is not None and not run.timing:
@@ -94,14 +94,6 @@ def _verdict(run: Run, console: Console) -> list[str]:
         why = f" ({run.paced})" if run.paced else ""
         lines.append(f"paced by the virtual-time driver, not the real-time runtime{why}: {late}")
     return lines
-
-
-def _dead(run: Run) -> Iterator[tuple[str, int]]:
-    """Externs that failed in every step that they were asked for, and in how many."""
-    for name, facts in component_faults(run).items():
-        tally = run.extern_tallies.get(name)
-        if tally is not None and tally.steps and facts["count"] == tally.steps:
-            yield name, tally.steps
 
 
 def _violations(run: Run, console: Console) -> Iterator[str]:

@@ -251,7 +251,17 @@ def _below(path: str, name: str) -> str:
 
 
 def _wrong(path: str, expected: str, given: object) -> ValueShapeError:
-    return ValueShapeError(path, f"expected {expected}, found {_described(given)}")
+    return ValueShapeError(path, f"expected {expected}, found {_described(given)}{_meant(given)}")
+
+
+def _meant(given: object) -> str:
+    """What to write instead; "" where nothing is close."""
+    if isinstance(given, (list, tuple)) and len(given) == 1:
+        return ": give its one element, `float(y[0])`"
+    if isinstance(given, Mapping) and given:
+        keys = ", ".join(f"`{k}`" for k in list(given)[:3])
+        return f" with {keys}: an answer's keys are the names of its topics and fields"
+    return ""
 
 
 def _described(given: object) -> str:

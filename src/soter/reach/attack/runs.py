@@ -77,7 +77,7 @@ def replay_file(path: Path) -> Replay | None:
     """
     run = read_counterexample(path)
     facts = run.facts
-    checked = check_file(str(facts.get("program", "")))
+    checked = check_file(_program(path, str(facts.get("program", ""))))
     if not checked.ok or checked.program is None:
         raise SoterError(checked.diagnostics.items)
     if checked.program.sha256 != facts.get("program_sha256"):
@@ -90,3 +90,12 @@ def replay_file(path: Path) -> Replay | None:
             if module.name == facts.get("instance"):
                 return replay(run, extract(flat, module).system)
     return None
+
+
+def _program(path: Path, named: str) -> str:
+    """Where the program of a counterexample lies: as it was named, or beside the file's folder."""
+    if not Path(named).is_file():
+        for folder in (path.resolve().parent.parent, path.resolve().parent):
+            if (folder / named).is_file():
+                return str(folder / named)
+    return named

@@ -59,6 +59,8 @@ def _called(step: object, arguments: Sequence[Any]) -> str:
         return f"it is called with {len(arguments)} arguments ({given})"
     own = isinstance(step, FunctionType)
     line = f"`def {name}(inputs):`" if own else f"`def {name}(self, inputs):`"
+    if name == "<lambda>":
+        line = "`lambda inputs: ...`"
     parts = [f"`inputs.{n}` {_typed(v)}" for n, v in vars(arguments[0]).items()]
     return f"write {line}; {', '.join(parts) or 'it has no inputs'}"
 

@@ -31,6 +31,7 @@ from soter.report.run.record import (
     Threshold,
     Violation,
 )
+from soter.report.run.wording import count_text
 from soter.simulate import decisions
 from soter.simulate.outputs.assumptions import of_run
 from soter.simulate.outputs.live import live_of_run
@@ -104,10 +105,20 @@ def report_page(run: Run, title: str, provenance: Mapping[str, str]) -> ReportPa
         title,
         subtitle=f"system {run.system.name}, seed {run.seed}",
         charts=(chart,),
-        assumptions=(*run.notes, *of_run(run.system, run.proofs)),
+        assumptions=(*run.failures, *run.notes, *of_run(run.system, run.proofs)),
         provenance=dict(provenance),
         picture=picture,
+        headline=_headline(run),
     )
+
+
+def _headline(run: Run) -> str:
+    """Where an extern never answered that comes first; "": as of any page."""
+    if not run.never_answered:
+        return ""
+    names = " and ".join(run.never_answered)
+    count = count_text(run.violations, "violation")
+    return f"{names} never answered: nothing of it was tried. {run.system.name}: {count}."
 
 
 def _thinned(run: Run) -> npt.NDArray[np.void]:
