@@ -17,11 +17,9 @@ if TYPE_CHECKING:
 
     from soter.diagnostics.source import Source
 
-HUSHED = {"W001", "W004", "W012", "W013", "W014", "W015", "W016", "W017"}
+HUSHED = {"W001", "W004", "W012", "W013", "W014", "W015", "W016", "W017", "W018"}
 """Warnings of what is not there, or hardly meant: beside errors they are left out, as an error may
 be what makes it look so."""
-LAST = {"M027"}
-"""Errors about what a program means: told once nothing else is wrong."""
 MERGED = {"N001", "N004", "N006", "M009", "M010"}
 """A name that is missing is one mistake, in however many places it is missed."""
 ONCE = {"M003", "M004", "M005", "M013"}
@@ -39,11 +37,8 @@ def for_people(found: Diagnostics, sources: Sequence[Source]) -> Diagnostics:
         span = d.primary.span
         return files.get(id(span.source), -1), span.start, d.severity is not Severity.ERROR
 
-    others = any(d.severity is Severity.ERROR and d.code not in LAST for d in found.items)
     ordered = Diagnostics()
     for d in _merged(_once(sorted(found.items, key=place))):
-        if d.code in LAST and others:
-            continue
         if d.severity is Severity.ERROR or not found.has_errors or d.code not in HUSHED:
             ordered.add(d)
     return ordered

@@ -178,7 +178,7 @@ def test_the_table_of_the_dm_is_computed_inside_what_the_law_keeps() -> None:
         source = text(**HILL).replace("  failsafe vel = 0.0;\n", line)
         flat = system_of(check_file("stop.soter", source), None)
         (note,) = complete(flat)
-        share = re.search(r"S_0 is ([0-9.]+)%", note)
+        share = re.search(r"on ([0-9.]+)% of the grid \(S_0\)", note)
         assert share is not None, note
         assert found.setdefault(law, share[1]) == share[1]
     assert float(found["0.3"]) < float(found["0.0"]) < float(found["none"])

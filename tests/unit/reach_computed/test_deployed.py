@@ -116,7 +116,7 @@ def test_the_sets_of_a_proof_are_the_table_of_a_run() -> None:
     found = result_of()
     deployed = found.cases[0].groups[0].deployed
     assert deployed is not None
-    assert f"S_0 is {deployed[0].mean():.1%}" in note
+    assert f"on {deployed[0].mean():.1%} of the grid (S_0)" in note
 
 
 def test_half_spaces_of_all_values_are_what_polytopes_return_to(

@@ -49,7 +49,8 @@ class PythonExtern:
     def step(self, *arguments: Any) -> object:  # noqa: ANN401 - whatever the extern takes
         """One step; raises `Exception`s only, but for `Stop`, a person's Ctrl-C.
 
-        What else the extern raises (`SystemExit`, say) becomes an ExternEscapeError.
+        MisuseError where it is called otherwise than written; what else it raises (`SystemExit`,
+        say) becomes an ExternEscapeError.
         """
         self._stop.in_extern = True
         try:

@@ -180,7 +180,6 @@ class ModuleChecker:
         where = f"module `{decl.name.text}`"
         context = Context(scope, where, topics="any", has_modes=True)
         module.safe = check(decl.safe, context, BOOL)
-        self._speaks_of_outputs(module)
         context.topics_read = {}
         module.ttf = check(decl.ttf, context, BOOL) if decl.ttf else None
         module.safer = check(decl.safer, context, BOOL) if decl.safer else None
@@ -198,23 +197,6 @@ class ModuleChecker:
         module.failsafe = self._law(module, decl, scope)
         if decl.verify is not None:
             self.verification.check(module, decl.verify, scope)
-
-    def _speaks_of_outputs(self, module: typed.ModuleSymbol) -> None:
-        """M027: no switch takes back a command, so a `safe` about it is never AC's to keep."""
-        outputs = {t for n in (module.ac, module.sc) for t in n.publishes}
-        for topic, read in topic_reads(module.safe).items():
-            if topic in outputs:
-                self.diagnostics.error(
-                    "M027",
-                    f"`safe` of module `{module.name}` speaks of its own output `{topic.name}`",
-                    read.span,
-                    "AC may publish any value of its set",
-                    also=((topic.span, "declared here"),),
-                    notes=(
-                        "`safe` speaks of the plant: no switch takes back a command that was given",
-                    ),
-                    helps=(f"say it with the set of `{topic.name}`, which the gate enforces",),
-                )
 
     def _law(
         self, module: typed.ModuleSymbol, decl: tree.RtaDecl, scope: FileScope

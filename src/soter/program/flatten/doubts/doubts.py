@@ -1,7 +1,7 @@
 """What is doubtful about the modules of a flat system that has no errors.
 
-Purpose: W012 (AC and SC look exchanged), W014 (a state that nothing moves), and the doubts of the
-other files of this folder, in one call.
+Purpose: W012 (AC and SC look exchanged), W014 (a state that nothing moves), W018 (`safe` speaks of
+what the module publishes), and the doubts of the other files of this folder, in one call.
 Non-goals: P1, P2, P3: nothing here is needed for a proof, and nothing here is one.
 """
 
@@ -14,6 +14,7 @@ from soter.program.check.parts.plant import unmoved
 from soter.program.flatten.doubts.predicates import doubt_predicates
 from soter.program.flatten.doubts.publications import doubt_publications
 from soter.program.model.durations import show_ns
+from soter.program.model.walk import topic_reads
 
 if TYPE_CHECKING:
     from soter.diagnostics.diagnostic import Diagnostics
@@ -39,6 +40,7 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
             continue  # replaced in this system
         if module.over is None:
             _exchanged(system, module, diagnostics)
+        _speaks_of_outputs(module, diagnostics)
         doubt_publications(system, module, diagnostics)
         if number < TRIED_MAX:
             doubt_predicates(system, module, diagnostics)
@@ -79,4 +81,22 @@ def _unmoved(plant: PlantSymbol, diagnostics: Diagnostics) -> None:
             "no `der` and no `next`",
             notes=("what is constant is a `const`; a constant that is unknown has a set: `in`",),
             helps=(f"say how it moves: `der {state.name} = ...;` or `next {state.name} = ...;`",),
+        )
+
+
+def _speaks_of_outputs(module: Module, diagnostics: Diagnostics) -> None:
+    """W018: AC may publish anything of the set, so it holds always or can be lost at once."""
+    symbol = module.symbol
+    outputs = {t for n in (symbol.ac, symbol.sc) for t in n.publishes}
+    for topic, read in topic_reads(symbol.safe).items():
+        if topic not in outputs:
+            continue
+        diagnostics.warning(
+            "W018",
+            f"`safe` of module `{symbol.name}` speaks of its own output `{topic.name}`",
+            read.span,
+            "AC may publish any value of its set",
+            also=((topic.span, "declared here"),),
+            notes=("no switch prevents a command that was given: the gate bounds it by its set",),
+            helps=("say it with the set of the topic; `safe` speaks of the state of the plant",),
         )
