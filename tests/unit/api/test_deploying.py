@@ -254,6 +254,14 @@ def test_a_library_that_both_import_has_the_same_values_under_another_name(
     assert "limits.TOP" in text
 
 
+def test_a_p1c_that_is_only_assumed_is_told(here: Path, tmp_path: Path) -> None:
+    for line in ("    late dm 1ms, sc 2ms;\n", "    response dm 1ms, sc 1ms;\n"):
+        changed(here, "point.soter", line, "")
+    soter.load(here / "point.soter").verify(cert=here / "cert")
+    made = soter.load(here / "vehicle.soter").build("c", tmp_path / "out", cert=here / "cert")
+    assert made.inherits[0].endswith("P1c is assumed, not proved: nobody declared its times")
+
+
 def refused_there(folder: Path, out: Path, params: dict[str, object]) -> tuple[str, str]:
     with pytest.raises(SoterError) as caught:
         soter.load(folder / "vehicle.soter").build("c", out, cert=folder / "cert", params=params)
