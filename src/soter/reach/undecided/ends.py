@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
     Bools = NDArray[np.bool_]
 
-WIDER = 0.25
-"""Of the axis, so much wider is the grid that is tried."""
+WIDER, BOTH = 0.25, 2.5
+"""Of the axis, so much wider are the grids that are tried: at this end, then at both."""
 BEYOND = 0.01
 WIDER_S = 2.0
 
@@ -60,7 +60,6 @@ def _end(case: Case, failure: Failure, grid: GridProof, k: int, side: int, budge
     axis = grid.group.axes[k]
     low, high = axis.edges[0], axis.edges[-1]
     end, width = (low, high)[side], high - low
-    ends = (low, high + WIDER * width) if side else (low - WIDER * width, high)
     wrong = failure.cells
     assert wrong is not None
     # the cells next to that end, in one piece
@@ -68,9 +67,13 @@ def _end(case: Case, failure: Failure, grid: GridProof, k: int, side: int, budge
     layers: Bools = np.asarray(wrong.any(axis=others))
     run = int(np.argmin(layers[::-1] if side else layers)) or len(layers)
     first = axis.edges[len(layers) - run] if side else axis.edges[run]
-    zone = (first, ends[1]) if side else (ends[0], first)
-    change = Change(wider={axis.state: ends})
-    found = failing(case, grid, failure.claim, change, (k, *zone), budget.part(WIDER_S))
+    one = (low, high + WIDER * width) if side else (low - WIDER * width, high)
+    for ends in (one, (low - BOTH * width, high + BOTH * width)):
+        zone = (first, ends[1]) if side else (ends[0], first)
+        change = Change(wider={axis.state: ends})
+        found = failing(case, grid, failure.claim, change, (k, *zone), budget.part(WIDER_S))
+        if found is None or not found[0]:
+            break
     text = f"the grid ends at {axis.name} = {end:.6g}, where `safe` still holds: what gets there "
     text += "counts as unsafe"
     numbers: tuple[tuple[str, float], ...] = (("end", end), ("side", 1.0 if side else -1.0))
@@ -78,7 +81,7 @@ def _end(case: Case, failure: Failure, grid: GridProof, k: int, side: int, budge
         return Cause("grid_end", text, "", numbers)
     count, shape = found
     much = f"{count:,} cells fail there" if count else "no cell fails there"
-    text += f"; with a grid {'up' if side else 'down'} to {ends[side]:.6g} {much}"
+    text += f"; with one over [{ends[0]:.6g}, {ends[1]:.6g}] {much}"
     numbers += (("cells", float(count)),)
     if count:
         hint = f"keep AC away from {axis.name} = {end:.6g} as from an end of `safe`; or, where the "

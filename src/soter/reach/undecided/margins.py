@@ -46,6 +46,7 @@ COMPUTED = "or neither `ttf` nor `safer`: left out, both are computed"
 OPEN = (UNDECIDED, REFUTED)
 """A run says that something fails, and not by how much, or why SC does not come back."""
 ORDER = ("ttf", "safer", "start", "P2b")
+HINTS = 3
 
 
 def margins(done: Sequence[Case], result: ModuleResult, budget: Budget) -> None:
@@ -71,7 +72,9 @@ def margins(done: Sequence[Case], result: ModuleResult, budget: Budget) -> None:
 
 def _helped(finding: Finding) -> None:
     """What was measured says what helps, in the place of a general word."""
-    hints = [c.hint for c in finding.causes if c.hint]
+    unsure = [c for c in finding.causes if c.kind == "grid_end" and dict(c.numbers).get("cells")]
+    sure = [c for c in finding.causes if c not in unsure]
+    hints = [c.hint for c in (*sure, *unsure) if c.hint][:HINTS]
     if hints:
         finding.hint = "; ".join(dict.fromkeys(hints))
         if finding.counts.get("runs") and finding.verdict == UNDECIDED:
@@ -131,7 +134,9 @@ def _inclusion(case: Case, claim: str, engine: GridGroup, part: GroupSets) -> It
     if (lets & ~core).any():
         count = int((lets & ~core).sum())
         text = f"on {count:,} of these cells SC itself was not shown to keep C: no H would do"
-        yield Cause("outside_core", text, "", (("cells", float(count)),))
+        how = "holds" if claim == "ttf" else "ends"
+        hint = f"a `{claim}` that {how} before SC comes too late there; {COMPUTED}"
+        yield Cause("outside_core", text, hint, (("cells", float(count)),))
         return
     least = _longest(case, engine, core, lambda reach: not (lets & ~reach).any())
     needed = case.problem.times.horizon_ns
