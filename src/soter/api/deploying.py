@@ -17,6 +17,8 @@ from typing import TYPE_CHECKING
 from soter.api.rechecking import recheck
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.load.loader import load
+from soter.reach.remembered import known
+from soter.simulate.outputs.assumptions import unproved
 from soter.targets.build import build_package
 from soter.targets.package import File
 
@@ -107,7 +109,8 @@ def build(
     flat.certificate = inherits.certificate
     bindings = bound(flat)
     package = build_package(target, bindings.system, bindings.core, output, inherits.files)
-    package.notes += [*computed, *(_not_carried(bindings) if target == "c" else ())]
+    told = [] if inherits.lines else unproved(flat, known(flat))
+    package.notes += [*told, *computed, *(_not_carried(bindings) if target == "c" else ())]
     package.inherited, package.inherits = inherits.document, inherits.lines
     return package
 

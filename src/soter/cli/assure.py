@@ -103,7 +103,10 @@ def _say(found: Assurance, console: Console) -> None:
     for text in found.refuted:
         console.say(f"\n{console.paint('red', 'REFUTED')}  {text}")
     assumptions = sum(n.kind == "assumption" for n in case.nodes)
-    console.say(f"\nrests on {assumptions} assumptions, which the page lists")
+    if assumptions:
+        console.say(f"\nrests on {assumptions} assumptions, which the page lists")
+    else:
+        console.say("\nno certificate was accepted: what a proof would rest on is not known")
     console.say("\n".join(f"written  {path}" for path in found.files))
 
 

@@ -98,7 +98,7 @@ def page(found: VerifyReport) -> ProofPage:
         f"{names}: {found.verdict}{_but(found)}{under}",
         f"system {found.system}, {found.seconds:.1f} s",
         tuple(_module(m) for m in found.modules),
-        tuple(assumptions),
+        (*assumptions, *(f"not covered: {text}" for text in found.coverage.rest)),
         _trusted(found),
         {
             "command": found.command,
@@ -150,6 +150,7 @@ def _module(m: ModuleResult) -> ModuleProof:
         for name, f in m.findings.items()
     )
     runs = [f.counterexample for f in m.findings.values() if f.counterexample is not None]
+    told = dict.fromkeys(map(str, runs))  # one run may refute several
     undecided = [
         ": ".join(filter(None, (name, f.text, *map(str, f.regions[:3]), f.hint)))
         for name, f in m.findings.items()
@@ -160,18 +161,25 @@ def _module(m: ModuleResult) -> ModuleProof:
     return ModuleProof(
         name=m.name,
         verdict=m.verdict,
-        headline=f"{len(m.problem.assumptions)} assumptions, {_cells(m)}{m.seconds:.1f} s"
-        + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
+        headline=f"keeps `{_safe(m)}`; {len(m.problem.assumptions)} assumptions, {_cells(m)}"
+        f"{m.seconds:.1f} s" + "".join(f"; {line}" for line in (m.at_the_start, *m.notes) if line),
         properties=rows,
         times=_times(m),
         shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
         figures=tuple(f for case in m.cases[:1] for f in _figures(m, case)),
-        counterexample=tuple(line for run in runs for line in str(run).splitlines()),
+        counterexample=tuple(
+            line for run in dict.fromkeys(map(str, runs)) for line in run.splitlines()
+        ),
         undecided=tuple(undecided),
         but=m.vacuity.text if m.headline != m.verdict and m.vacuity is not None else "",
         leaving=tuple(leaving_figures(m, leaving)) if leaving is not None else (),
         leaving_text=str(leaving) if leaving is not None else "",
     )
+
+
+def _safe(m: ModuleResult) -> str:
+    """What `safe` of the module is, as it is written."""
+    return " ".join(m.problem.module.symbol.safe.span.text.split())
 
 
 def _cells(m: ModuleResult) -> str:

@@ -44,6 +44,11 @@ def test_a_useful_module_is_just_proved() -> None:
     assert found.headline == "proved"
 
 
+def test_a_safe_that_reads_nothing_says_nothing() -> None:
+    found = proved(changed(("safe level > 0.2 && level < 1.8;", "safe true;")))
+    assert found.headline == "proved, but `safe` reads no topic: it says nothing of the plant"
+
+
 def test_ttf_true_leaves_ac_nothing() -> None:
     found = proved(changed((TTF, "ttf true;")))
     assert found.vacuity is not None

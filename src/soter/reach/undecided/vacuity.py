@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from soter.program.model.durations import show_ns
+from soter.program.model.walk import topic_reads
 from soter.reach.claims.products import candidates
 from soter.reach.claims.results import Vacuity
 
@@ -39,7 +40,9 @@ NEVER, HARDLY_EVER = "never", "hardly ever"
 
 
 def vacuity(done: Sequence[Case]) -> Vacuity | None:
-    """The worst of all cases; None where every one leaves AC something."""
+    """The worst of all cases; None where `safe` and the proof say something, and AC has control."""
+    if done and not topic_reads(done[0].problem.module.symbol.safe):
+        return Vacuity(NEVER, "safe", 0.0, "`safe` reads no topic: it says nothing of the plant")
     every = [(case, found) for case in done for found in _of_case(case)]
     if not every:
         return None
