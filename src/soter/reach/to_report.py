@@ -167,9 +167,7 @@ def _module(m: ModuleResult) -> ModuleProof:
         times=_times(m),
         shares=tuple((SHARES[k], f"{v:.1%}") for k, v in m.shares.items() if k in SHARES),
         figures=tuple(f for case in m.cases[:1] for f in _figures(m, case)),
-        counterexample=tuple(
-            line for run in dict.fromkeys(map(str, runs)) for line in run.splitlines()
-        ),
+        counterexample=tuple(line for run in told for line in run.splitlines()),
         undecided=tuple(undecided),
         but=m.vacuity.text if m.headline != m.verdict and m.vacuity is not None else "",
         leaving=tuple(leaving_figures(m, leaving)) if leaving is not None else (),
