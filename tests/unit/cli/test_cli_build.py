@@ -122,7 +122,10 @@ def test_other_externs_get_a_file_to_fill_in_that_is_kept(
 ) -> None:
     assert robot.exists()
     first = soter("build", "robot.soter", "-o", "out", "--json").document
-    assert first["notes"] == ["fill in externs.c: Guard.Learned fail until then"]
+    assert first["notes"] == [
+        "fill in externs.c: Guard.Learned fail until then",
+        "Guard: P1c P2a P2b P3 assumed, not checked (`soter verify` does)",
+    ]
     built = make(here / "out", "robot")
     assert "faults Guard.Learned: 101, the last of kind 9" in built.stdout
     stub = here / "out" / "externs.c"

@@ -169,7 +169,12 @@ class Colour(enum.Enum):
 
 
 WRONG: list[tuple[Type, Any, str, str]] = [
-    (FLOAT, np.array([1.0]), "", "expected a number, found a sequence of 1"),
+    (
+        FLOAT,
+        np.array([1.0]),
+        "",
+        "expected a number, found a sequence of 1: give its one element, `float(y[0])`",
+    ),
     (FLOAT, "1.0", "", "expected a number, found '1.0'"),
     (FLOAT, None, "", "expected a number, found None"),
     (FLOAT, 1j, "", "expected a number, found a `complex`"),

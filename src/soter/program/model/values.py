@@ -258,7 +258,7 @@ def _meant(given: object) -> str:
     """What to write instead; "" where nothing is close."""
     if isinstance(given, (list, tuple)) and len(given) == 1:
         return ": give its one element, `float(y[0])`"
-    if isinstance(given, Mapping) and given:
+    if isinstance(given, Mapping) and given and all(isinstance(k, str) for k in given):
         keys = ", ".join(f"`{k}`" for k in list(given)[:3])
         return f" with {keys}: an answer's keys are the names of its topics and fields"
     return ""
