@@ -1,6 +1,6 @@
 """How many lines of slow tables `make test` tries: the others are for `make test-long`.
 
-Purpose: a table costs a second or two of a quick run, so that all of it takes under ten minutes
+Purpose: a table costs a second or two of a quick run, so that all of it takes about ten minutes
 on two free cores; a test of one line that takes longer is left out (0). Figures were measured:
 `pytest --durations=0`, then by hand where a test is one that must always run.
 Non-goals: which tests are long by their nature: the marker `long` stands beside them.
