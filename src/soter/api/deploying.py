@@ -177,7 +177,7 @@ def _lines(entry: dict[str, object], there: str, seal: str) -> list[str]:
         assert isinstance(missing, list)
         safe = f"; safety is not established: {', '.join(missing)}" if missing else ""
         if "P1c" not in confirmed and "P1c" not in missing:
-            safe += "; P1c is assumed, not proved: nobody declared its times"
+            safe += "; P1c is assumed, not proved: not all of its times are declared"
         words = " ".join(confirmed)
         found = [f"{name}: {words} of `{there}`, certificate {seal[:12]}, checked again{safe}"]
     covered = entry["covered"]

@@ -12,7 +12,6 @@ from __future__ import annotations
 import base64
 import gzip
 import hashlib
-import json
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -20,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.refused import reason
 from soter.report.errors import ReportError, ReportUnavailableError
-from soter.report.run.packed import packed
+from soter.report.run.packed import packed, script_json
 from soter.report.run.page import body
 from soter.report.run.program import program_section
 from soter.report.whole_file import whole_file
@@ -121,9 +120,7 @@ def html_document(page: ReportPage, drawing_library: str = "", beside: str = "")
     `drawing_library` is the JavaScript of plotly, `beside` the name of a file that has it.
     """
     main, figures = body(page)
-    drawings = _script_safe(
-        json.dumps([_light(f.to_json()) for f in figures], allow_nan=False, separators=(",", ":"))
-    )
+    drawings = script_json([_light(f.to_json()) for f in figures])
     scripts = f"""<noscript><p>JavaScript draws the figures; it is switched off.</p></noscript>
 <script type="application/json" id="figures">{drawings}</script>
 {f'<script src="{escape(beside)}"></script>' if beside else f"<script>{drawing_library}</script>"}
@@ -184,14 +181,3 @@ def _drawing_library() -> str:
 def _asset(name: str) -> str:
     """Read a file of the `assets` folder."""
     return (resources.files("soter.report") / "assets" / name).read_text(encoding="utf-8")
-
-
-def _script_safe(text: str) -> str:
-    """Write JSON so that no text in it can end the script element it stands in."""
-    return (
-        text.replace("<", "\\u003c")
-        .replace(">", "\\u003e")
-        .replace("&", "\\u0026")
-        .replace("\u2028", "\\u2028")
-        .replace("\u2029", "\\u2029")
-    )

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import json
 import struct
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
@@ -21,6 +22,7 @@ from soter.simulate.outputs.figures import truth_value
 from soter.simulate.outputs.to_log import require_log_package
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     from soter.program.model.system import System
@@ -80,36 +82,35 @@ def _keep(found: Recorded, topics: dict[str, Any], states: dict[str, Any]) -> No
         found.truths.append(dict(states))
 
 
-def metadata(path: Path) -> dict[str, str]:
-    """What a log says of its run, empty where it is none of `soter run`; SoterError D006."""
+@contextmanager
+def _reader(path: Path) -> Iterator[Any]:
+    """A reader of the package `mcap`; what cannot be opened or read is SoterError D006."""
     from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
     from mcap.reader import make_reader  # noqa: PLC0415
 
     try:
         with path.open("rb") as file:
-            for record in make_reader(file).iter_metadata():
-                if record.name == METADATA_NAME:
-                    return dict(record.metadata)
+            yield make_reader(file)
     except OSError as error:
         raise unreadable(path, reason(error)) from error
     except (McapError, ValueError, struct.error) as error:
         raise unreadable(path, _told(error)) from error
+
+
+def metadata(path: Path) -> dict[str, str]:
+    """What a log says of its run, empty where it is none of `soter run`; SoterError D006."""
+    with _reader(path) as reader:
+        for record in reader.iter_metadata():
+            if record.name == METADATA_NAME:
+                return dict(record.metadata)
     return {}
 
 
-def messages(path: Path) -> Any:  # noqa: ANN401 - an iterator over what mcap gives
+def messages(path: Path) -> Iterator[tuple[int, str, Any]]:
     """Time (ns), channel and message of all that is in a log, in order; SoterError D006."""
-    from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
-    from mcap.reader import make_reader  # noqa: PLC0415
-
-    try:
-        with path.open("rb") as file:
-            for _, channel, message in make_reader(file).iter_messages():
-                yield message.log_time, channel.topic, json.loads(message.data)
-    except OSError as error:
-        raise unreadable(path, reason(error)) from error
-    except (McapError, ValueError, struct.error) as error:
-        raise unreadable(path, _told(error)) from error
+    with _reader(path) as reader:
+        for _, channel, message in reader.iter_messages():
+            yield message.log_time, channel.topic, json.loads(message.data)
 
 
 def _told(error: Exception) -> str:

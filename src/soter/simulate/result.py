@@ -7,6 +7,7 @@ Non-goals: running (`run.py`), decoding single values (`outputs/figures.py`), dr
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
@@ -120,27 +121,28 @@ class Run:
     @property
     def never_answered(self) -> dict[str, int]:
         """Externs that failed in every step that they were asked for, and in how many."""
-        faults = {x.name: self._faults_of(x.index) for x in self.system.components}
+        faults = self._faults
         return {
             name: tally.steps
             for name, tally in self.extern_tallies.items()
-            if tally.steps and faults.get(name) == tally.steps
+            if tally.steps and faults[name] == tally.steps
         }
 
     @property
     def failures(self) -> list[str]:
         """What externs had to say when they failed first, a sentence each."""
-        faults = {x.name: self._faults_of(x.index) for x in self.system.components}
-        dead = self.never_answered
+        often = {n: "once" if k == 1 else f"{k:,} times" for n, k in self._faults.items()}
+        for name, steps in self.never_answered.items():
+            often[name] = f"in every step ({steps:,}), nothing of it was tried"
         return [
-            f"{name} failed in each of {dead[name]} steps, nothing of it was tried: {said}"
-            if name in dead
-            else f"{name} failed {faults.get(name, 0)} times, first: {said}"
-            for name, said in self.extern_failures.items()
+            f"{n} failed {often.get(n, '')}: {said}" for n, said in self.extern_failures.items()
         ]
 
-    def _faults_of(self, component: int) -> int:
-        return int(self.final["components"][component]["faults"])
+    @property
+    def _faults(self) -> Counter[str]:
+        """Step faults by component."""
+        rows = self.final["components"]
+        return Counter({x.name: int(rows[x.index]["faults"]) for x in self.system.components})
 
     def _repr_html_(self) -> str:
         from soter.report.notebook import framed, shown  # noqa: PLC0415 - in notebooks only

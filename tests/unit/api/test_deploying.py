@@ -259,7 +259,9 @@ def test_a_p1c_that_is_only_assumed_is_told(here: Path, tmp_path: Path) -> None:
         changed(here, "point.soter", line, "")
     soter.load(here / "point.soter").verify(cert=here / "cert")
     made = soter.load(here / "vehicle.soter").build("c", tmp_path / "out", cert=here / "cert")
-    assert made.inherits[0].endswith("P1c is assumed, not proved: nobody declared its times")
+    assert made.inherits[0].endswith(
+        "P1c is assumed, not proved: not all of its times are declared"
+    )
 
 
 def refused_there(folder: Path, out: Path, params: dict[str, object]) -> tuple[str, str]:

@@ -13,6 +13,7 @@ import pytest
 import browser
 import soter
 from processes import run
+from unit.reach_undecided.tanks import TANK
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 FRAME_MB = 2.5
@@ -78,33 +79,6 @@ def test_results_show_themselves_in_a_notebook() -> None:
     assert "&lt;" not in quiet.split("<table>")[0]
 
 
-TANK = """\
-soter 1;
-topic level: float max_age 100ms;
-topic pump: float in [-0.1, 0.1] = 0.0;
-plant Tank period 50ms {
-  reads pump;
-  drives level = h;
-  state h: float = 1.0;
-  der h = pump;
-}
-node Any period 100ms { subscribes level; publishes pump; step { publish pump = 0.1; } }
-node Hold period 100ms {
-  subscribes level;
-  publishes pump;
-  step { publish pump = clamp(0.5 * (1.0 - level), -0.1, 0.1); }
-}
-rta SafeTank {
-  ac Any;
-  sc Hold;
-  period 100ms;
-  safe level > 0.2 && level < 1.8;
-  ttf level < 0.25 || level > 1.75;
-  safer level > 0.4 && level < 1.6;
-  verify { grid level in [0.2, 1.8] / 320; }
-}
-system Plant { t: Tank; module SafeTank; until 60s; always t.truth.h < 1.8; }
-"""
 FRAME = re.compile(r'<iframe srcdoc="(.*?)" sandbox="allow-scripts"', re.DOTALL)
 
 

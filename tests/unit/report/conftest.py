@@ -1,4 +1,4 @@
-"""The sample records as fixtures; building them takes most of a second, so they are shared."""
+"""A browser, and the sample records, shared, as building them takes most of a second."""
 
 from __future__ import annotations
 
@@ -7,10 +7,23 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+import browser
+
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from soter.report.run.record import Flight, ReportPage, Scene
 
 sample = importlib.import_module("report_sample")
+
+
+@pytest.fixture
+def page() -> Iterator[browser.Page]:
+    """A page of a browser, or the test says that there is none."""
+    if browser.chromium() is None:
+        pytest.skip("no chromium on this machine")
+    with browser.page() as opened:
+        yield opened
 
 
 @pytest.fixture(scope="session")

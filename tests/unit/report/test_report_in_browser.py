@@ -7,11 +7,10 @@ from typing import TYPE_CHECKING
 
 import pytest
 
-import browser
 import soter
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    import browser
 
 CART = Path(__file__).resolve().parents[3] / "examples" / "wall" / "cart.soter"
 PHONE_PX = 420
@@ -29,14 +28,6 @@ def report(tmp_path_factory: pytest.TempPathFactory) -> Path:
     program = soter.load(CART)
     path = tmp_path_factory.mktemp("reports") / "cart.html"
     return program.write_report(program.simulate(until="10s"), path)
-
-
-@pytest.fixture
-def page() -> Iterator[browser.Page]:
-    if browser.chromium() is None:
-        pytest.skip("no chromium on this machine")
-    with browser.page() as opened:
-        yield opened
 
 
 def test_a_run_fits_a_phone_and_its_diagram_follows_the_slider(

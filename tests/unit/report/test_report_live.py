@@ -11,13 +11,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
-import browser
 import soter
 from soter.report.run.live import Live, Values, live_json
 from soter.report.run.packed import packed
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    import browser
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 CART = EXAMPLES / "wall" / "cart.soter"
@@ -56,14 +55,6 @@ def cart(tmp_path_factory: pytest.TempPathFactory) -> tuple[Any, Path, Path]:
     program.simulate(until="10s", log=log)
     page = program.diagram().write_replay(log, folder / "log.html")
     return run, program.write_report(run, folder / "run.html"), page
-
-
-@pytest.fixture
-def page() -> Iterator[browser.Page]:
-    if browser.chromium() is None:
-        pytest.skip("no chromium on this machine")
-    with browser.page() as opened:
-        yield opened
 
 
 @pytest.mark.parametrize("which", [1, 2], ids=["report", "log"])

@@ -108,7 +108,7 @@ def test_an_extern_that_never_answers_is_told_by_the_run_and_its_pages(
     run = program.simulate(engine=engine, report=tmp_path / "r.html")
     assert run.never_answered == {"Pilot": 1}, "no AC: its first failure is its last"
     assert "Pilot never answered" in repr(run)
-    assert run.failures[0].startswith("Pilot failed in each of 1 steps, nothing of it was tried: Z")
+    assert run.failures[0].startswith("Pilot failed in every step (1), nothing of it was tried: Z")
     page = (tmp_path / "r.html").read_text(encoding="utf-8")
     assert "Pilot never answered: nothing of it was tried. S: 1 violation." in page
     assert "ZeroDivisionError" in page
@@ -126,5 +126,5 @@ def test_an_extern_that_fails_once_answered_otherwise(tmp_path: Path) -> None:
     (tmp_path / "p.soter").write_text(PROGRAM, encoding="utf-8")
     run = soter.load(tmp_path / "p.soter").bind("Pilot", Once()).simulate()
     assert run.never_answered == {}
-    assert run.failures[0].startswith("Pilot failed 1 times, first: ZeroDivisionError")
+    assert run.failures[0].startswith("Pilot failed once: ZeroDivisionError")
     assert "never answered" not in repr(run)

@@ -139,7 +139,7 @@ def _why_empty(case: Case, failure: Failure, finding: Finding, budget: Budget) -
 
 def _no_constraint(model: Model, grid: GridProof) -> Iterator[Cause]:
     """C itself has no cell."""
-    start = _declared_start(model)
+    start = model.start
     held = model.safe(start)
     where = (
         "at the declared start" if (start == np.clip(start, model.low, model.high)).all() else ""
@@ -151,10 +151,6 @@ def _no_constraint(model: Model, grid: GridProof) -> Iterator[Cause]:
         yield Cause("constraint", text, _more_cells(grid))
     else:
         yield Cause("constraint", "`safe` holds on no whole cell of the grid")
-
-
-def _declared_start(model: Model) -> Floats:
-    return np.array([i.low / 2 + i.high / 2 for i in model.problem.initial])
 
 
 def _runs(case: Case, model: Model, budget: Budget) -> Search:
@@ -177,7 +173,7 @@ def _runs(case: Case, model: Model, budget: Budget) -> Search:
 
 def _starts(case: Case, model: Model) -> Iterator[tuple[Floats, str]]:
     """The declared start, the middle of C, and half way from there to either end of each axis."""
-    yield _declared_start(model), DECLARED
+    yield model.start, DECLARED
     middle = _middle(case, model)
     yield middle, "the middle of C"
     for axis in range(len(middle)):
@@ -189,7 +185,7 @@ def _starts(case: Case, model: Model) -> Iterator[tuple[Floats, str]]:
 
 def _middle(case: Case, model: Model) -> Floats:
     """A state deep inside every C_g."""
-    x = _declared_start(model)
+    x = model.start
     for proof in case.proofs:
         for state, value in proof.deepest.items():
             x[state] = value

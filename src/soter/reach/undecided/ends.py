@@ -48,7 +48,7 @@ def grid_ends(
                 continue
             at = np.argwhere(layer)[len(np.argwhere(layer)) // 2].tolist()
             at.insert(k, wrong.shape[k] - 1 if side else 0)
-            x = np.array([i.low / 2 + i.high / 2 for i in case.problem.initial])
+            x = model.start
             for a, edges, i in zip(grid.group.axes, grid.engine.edges, at, strict=True):
                 x[a.state] = (edges[i] + edges[i + 1]) / 2
             x[axis.state] = end + (high - low) * (BEYOND if side else -BEYOND)
@@ -68,18 +68,20 @@ def _end(case: Case, failure: Failure, grid: GridProof, k: int, side: int, budge
     run = int(np.argmin(layers[::-1] if side else layers)) or len(layers)
     first = axis.edges[len(layers) - run] if side else axis.edges[run]
     one = (low, high + WIDER * width) if side else (low - WIDER * width, high)
-    for ends in (one, (low - BOTH * width, high + BOTH * width)):
-        zone = (first, ends[1]) if side else (ends[0], first)
-        change = Change(wider={axis.state: ends})
+    tried = None
+    for wider in (one, (low - BOTH * width, high + BOTH * width)):
+        zone = (first, wider[1]) if side else (wider[0], first)
+        change = Change(wider={axis.state: wider})
         found = failing(case, grid, failure.claim, change, (k, *zone), budget.part(WIDER_S))
+        tried = tried if found is None else (wider, *found)
         if found is None or not found[0]:
             break
     text = f"the grid ends at {axis.name} = {end:.6g}, where `safe` still holds: what gets there "
     text += "counts as unsafe"
     numbers: tuple[tuple[str, float], ...] = (("end", end), ("side", 1.0 if side else -1.0))
-    if found is None:
+    if tried is None:
         return Cause("grid_end", text, "", numbers)
-    count, shape = found
+    ends, count, shape = tried
     much = f"{count:,} cells fail there" if count else "no cell fails there"
     text += f"; with one over [{ends[0]:.6g}, {ends[1]:.6g}] {much}"
     numbers += (("cells", float(count)),)

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import time
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
@@ -20,7 +20,7 @@ from soter.reach.grid.policies import HOLDS, way
 from soter.reach.grid.sets import AXIS_MAX, CancelledError, GridGroup, UnboundedError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from numpy.typing import NDArray
 
@@ -28,13 +28,17 @@ if TYPE_CHECKING:
     from soter.reach.grid.claims import GridProof
     from soter.reach.grid.inputs import GridInputs, Range
 
+    Bools = NDArray[np.bool_]
     Floats = NDArray[np.float64]
 
+T = TypeVar("T")
 PARTS = ("disturbances", "errors", "delays")
 COARSE = (8_000, 40_000)
 """Cells of a group in experiments that are repeated; the second where the first show nothing."""
 MOST = 1_500_000
 """Cells of any experiment."""
+HALVINGS = 7
+"""So often a range is halved to find where something ends."""
 
 
 class Budget:
@@ -87,22 +91,37 @@ class Kept:
         return " x ".join(f"{n:,}" for n in self.shape) + " cells"
 
 
-def kept(case: Case, grid: GridProof, change: Change, budget: Budget) -> Kept | None:
-    """K of a group of a case under a change; None where time or cells do not suffice."""
+def _tried(
+    case: Case,
+    grid: GridProof,
+    change: Change,
+    budget: Budget,
+    ask: Callable[[GridGroup], T],
+) -> T | None:
+    """What is asked of a group's engine under a change; None where time or cells do not suffice."""
     engine = _engine(case, grid.engine, change, budget)
     if engine is None or not budget.goes_on():
         budget.leave_out()
         return None
     try:
-        allowed = allowed_on(case, engine)
-        core = engine.core(allowed).cells
+        return ask(engine)
     except CancelledError:
         budget.leave_out()
-        return None
     except UnboundedError:
-        return None
-    whole = share(allowed, engine.edges)
-    return Kept(share(core, engine.edges) / whole if whole else 0.0, engine.shape)
+        pass
+    return None
+
+
+def kept(case: Case, grid: GridProof, change: Change, budget: Budget) -> Kept | None:
+    """K of a group of a case under a change; None where time or cells do not suffice."""
+
+    def ask(engine: GridGroup) -> Kept:
+        allowed = allowed_on(case, engine)
+        core = engine.core(allowed).cells
+        whole = share(allowed, engine.edges)
+        return Kept(share(core, engine.edges) / whole if whole else 0.0, engine.shape)
+
+    return _tried(case, grid, change, budget, ask)
 
 
 def returns(case: Case, grid: GridProof, change: Change, budget: Budget) -> Kept | None:
@@ -110,23 +129,17 @@ def returns(case: Case, grid: GridProof, change: Change, budget: Budget) -> Kept
 
     None where time or cells do not suffice.
     """
-    engine = _engine(case, grid.engine, change, budget)
-    if engine is None or not budget.goes_on():
-        budget.leave_out()
-        return None
-    try:
+
+    def ask(engine: GridGroup) -> Kept:
         allowed = allowed_on(case, engine)
         home = engine.core(definitely(case, engine, case.problem.returning) & allowed).cells
         if not home.any():
             return Kept(0.0, engine.shape)
         core = engine.core(allowed).cells | home
         back = way(engine, core, allowed, home, holds=HOLDS).cells
-    except CancelledError:
-        budget.leave_out()
-        return None
-    except UnboundedError:
-        return None
-    return Kept(share(core & back, engine.edges) / share(core, engine.edges), engine.shape)
+        return Kept(share(core & back, engine.edges) / share(core, engine.edges), engine.shape)
+
+    return _tried(case, grid, change, budget, ask)
 
 
 def failing(
@@ -142,26 +155,45 @@ def failing(
     `zone`: (axis of the group, low, high). None where time or cells do not suffice, or another
     group has a part in it.
     """
-    engine = _engine(case, grid.engine, change, budget)
-    if engine is None or len(case.problem.groups) > 1 or not budget.goes_on():
+    if len(case.problem.groups) > 1:
         budget.leave_out()
         return None
-    try:
+
+    def ask(engine: GridGroup) -> tuple[int, tuple[int, ...]]:
         core = engine.core(allowed_on(case, engine)).cells
         free = engine.safe_for(case.problem.in_horizon(case.problem.times.horizon_ns), core)
-    except CancelledError:
-        budget.leave_out()
-        return None
-    except UnboundedError:
-        return None
-    lets = engine.may_fail("ttf") if predicate == "ttf" else engine.may_hold("safer")
-    wrong = lets & engine.may_hold("safe") & ~free
-    axis, low, high = zone
-    edges = engine.edges[axis]
-    inside = (edges[:-1] < high) & (edges[1:] > low)
-    shape = [1] * wrong.ndim
-    shape[axis] = -1
-    return int((wrong & inside.reshape(shape)).sum()), engine.shape
+        lets = engine.may_fail("ttf") if predicate == "ttf" else engine.may_hold("safer")
+        wrong = lets & engine.may_hold("safe") & ~free
+        axis, low, high = zone
+        edges = engine.edges[axis]
+        inside = (edges[:-1] < high) & (edges[1:] > low)
+        shape = [1] * wrong.ndim
+        shape[axis] = -1
+        return int((wrong & inside.reshape(shape)).sum()), engine.shape
+
+    return _tried(case, grid, change, budget, ask)
+
+
+def longest(
+    case: Case, engine: GridGroup, core: Bools, until_ns: int, holds: Callable[[Bools], bool]
+) -> int:
+    """The longest time in ns, up to `until_ns`, for which something holds of R (it holds of K)."""
+    step = case.problem.plant_period_ns if case.problem.kind == "map" else 1
+    good, bad = 0, -(-case.problem.in_horizon(until_ns) // step)
+    for _ in range(HALVINGS):
+        middle = (good + bad) // 2
+        if middle == good:
+            break
+        if holds(engine.safe_for(middle * step, core)):
+            good = middle
+        else:
+            bad = middle
+    return good * step
+
+
+def axis_names(case: Case, engine: GridGroup) -> list[str]:
+    """The states that are a group's axes, by name."""
+    return [case.problem.quantities.states[s].name for s in engine.axes]
 
 
 def definitely(case: Case, engine: GridGroup, predicate: str) -> NDArray[np.bool_]:

@@ -21,13 +21,14 @@ from soter.reach.grid.claims import GridProof
 from soter.reach.grid.sets import CancelledError, UnboundedError
 from soter.reach.problem.estimates import errors_of
 from soter.reach.undecided.ends import grid_ends
+from soter.reach.undecided.experiments import axis_names, longest
 from soter.reach.undecided.model_runs import Model, StepFaultError
 from soter.reach.undecided.scaled import scaled
 from soter.reach.undecided.starts import start_margins
 from soter.reach.undecided.way_back import way_back
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -39,9 +40,10 @@ if TYPE_CHECKING:
     Bools = NDArray[np.bool_]
     Floats = NDArray[np.float64]
 
-HALVINGS = 7
 SLACK = 1e-6
 """Of an axis: numbers that people write down are rounded outward by so much."""
+OF_PREDICATES = ("sooner", "border", "outside_core")
+"""Causes whose remedy is another `ttf` or `safer`."""
 COMPUTED = "or neither `ttf` nor `safer`: left out, both are computed"
 OPEN = (UNDECIDED, REFUTED)
 """A run says that something fails, and not by how much, or why SC does not come back."""
@@ -64,17 +66,19 @@ def margins(done: Sequence[Case], result: ModuleResult, budget: Budget) -> None:
             budget.leave_out()
         except (UnboundedError, StepFaultError):
             pass
-        _helped(finding)
+        _helped(finding, case)
     p3, ttf, safer = (result.findings[n] for n in ("P3", "ttf", "safer"))
     if p3.verdict == UNDECIDED:
         p3.causes = list(ttf.causes or safer.causes)
 
 
-def _helped(finding: Finding) -> None:
+def _helped(finding: Finding, case: Case) -> None:
     """What was measured says what helps, in the place of a general word."""
     unsure = [c for c in finding.causes if c.kind == "grid_end" and dict(c.numbers).get("cells")]
     sure = [c for c in finding.causes if c not in unsure]
     hints = [c.hint for c in (*sure, *unsure) if c.hint][:HINTS]
+    if any(c.kind in OF_PREDICATES for c in sure if c.hint) and not case.problem.computed:
+        hints.append(COMPUTED)
     if hints:
         finding.hint = "; ".join(dict.fromkeys(hints))
         if finding.counts.get("runs") and finding.verdict == UNDECIDED:
@@ -129,17 +133,17 @@ def _inclusion(case: Case, claim: str, engine: GridGroup, part: GroupSets) -> It
     if len(engine.axes) == 1:
         yield _where_it_must(case, claim, engine, lets & ~part.free, part.free)
     elif part.free.any():
-        yield from _sooner(claim, engine, _names(case, engine), lets, part.free)
+        yield from _sooner(claim, engine, axis_names(case, engine), lets, part.free)
     core = part.core > 0
     if (lets & ~core).any():
         count = int((lets & ~core).sum())
         text = f"on {count:,} of these cells SC itself was not shown to keep C: no H would do"
         how = "holds" if claim == "ttf" else "ends"
-        hint = f"a `{claim}` that {how} before SC comes too late there; {COMPUTED}"
+        hint = f"a `{claim}` that {how} before SC comes too late there"
         yield Cause("outside_core", text, hint, (("cells", float(count)),))
         return
-    least = _longest(case, engine, core, lambda reach: not (lets & ~reach).any())
     needed = case.problem.times.horizon_ns
+    least = longest(case, engine, core, needed, lambda reach: not (lets & ~reach).any())
     yield Cause(
         "horizon",
         f"as it is, `{claim}` would do for an H of {show_ns(least)}; H is {show_ns(needed)}",
@@ -147,24 +151,9 @@ def _inclusion(case: Case, claim: str, engine: GridGroup, part: GroupSets) -> It
         (("holds_for_s", least / 1e9), ("horizon_s", needed / 1e9)),
     )
     if not part.free.any():
-        most = _longest(case, engine, core, lambda reach: bool(reach.any()))
+        most = longest(case, engine, core, needed, lambda reach: bool(reach.any()))
         text = f"R(H) is empty: AC could leave K from everywhere; R({show_ns(most)}) is not empty"
         yield Cause("no_free", text, "less delay, or a smaller period of the DM", ())
-
-
-def _longest(case: Case, engine: GridGroup, core: Bools, holds: Callable[[Bools], bool]) -> int:
-    """The longest time in ns, up to H, for which something holds of R (it holds of K)."""
-    step = case.problem.plant_period_ns if case.problem.kind == "map" else 1
-    good, bad = 0, -(-case.problem.in_horizon(case.problem.times.horizon_ns) // step)
-    for _ in range(HALVINGS):
-        middle = (good + bad) // 2
-        if middle == good:
-            break
-        if holds(engine.safe_for(middle * step, core)):
-            good = middle
-        else:
-            bad = middle
-    return good * step
 
 
 def _sooner(
@@ -190,13 +179,13 @@ def _sooner(
     what = "hold" if claim == "ttf" else "end"
     text = f"`{claim}` would have to {what} {best[2]:.4g} sooner along {name}"
     how = "holds" if claim == "ttf" else "ends"
-    hint = f"a `{claim}` that {how} {best[2]:.4g} sooner along {name}; {COMPUTED}"
+    hint = f"a `{claim}` that {how} {best[2]:.4g} sooner along {name}"
     yield Cause("sooner", text, hint, (("margin", best[2]), ("axis", float(best[1]))))
 
 
 def _where_it_must(case: Case, claim: str, engine: GridGroup, wrong: Bools, free: Bools) -> Cause:
     """On one axis: the estimates on which the predicate must exclude AC, as numbers."""
-    (edges,), name = engine.edges, _names(case, engine)[0]
+    (edges,), name = engine.edges, axis_names(case, engine)[0]
     # cells are closed and `<` is not: what must hold at an edge must hold a little beyond it
     error = errors_of(case.problem).get(engine.axes[0], 0.0) + SLACK * float(edges[-1] - edges[0])
     ends = np.flatnonzero(np.diff(np.concatenate(([0], wrong.astype(np.int8), [0]))))
@@ -214,7 +203,7 @@ def _where_it_must(case: Case, claim: str, engine: GridGroup, wrong: Bools, free
     what = "hold" if claim == "ttf" else "be false"
     text = f"`{claim}` would have to {what} on estimates of {name} {' and '.join(said[:4])}"
     how = "holds" if claim == "ttf" else "is false"
-    hint = f"a `{claim}` that {how} {' and '.join(said[:4])}; {COMPUTED}"
+    hint = f"a `{claim}` that {how} {' and '.join(said[:4])}"
     return Cause("border", text, hint, tuple(numbers))
 
 
@@ -249,11 +238,7 @@ def _levels(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
     if not engine.erode(core, errors).any():
         yield Cause("errors", "the errors alone are as large as K", "smaller errors", ())
         return
-    most = _longest(case, engine, core, lambda r: bool(engine.erode(r, errors).any()))
-    needed = show_ns(case.problem.times.horizon_ns)
-    text = f"for an H of {show_ns(most)} S_0 would not be empty; H is {needed}"
+    needed = case.problem.times.horizon_ns
+    most = longest(case, engine, core, needed, lambda r: bool(engine.erode(r, errors).any()))
+    text = f"for an H of {show_ns(most)} S_0 would not be empty; H is {show_ns(needed)}"
     yield Cause("horizon", text, "", (("holds_for_s", most / 1e9),))
-
-
-def _names(case: Case, engine: GridGroup) -> list[str]:
-    return [case.problem.quantities.states[s].name for s in engine.axes]

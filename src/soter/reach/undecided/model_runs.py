@@ -78,6 +78,16 @@ class Model:
         )
         self._lib = library.lib
 
+    @property
+    def start(self) -> Floats:
+        """The middle of the declared start, (states,)."""
+        return np.array([i.low / 2 + i.high / 2 for i in self.problem.initial])
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the states."""
+        return tuple(s.name for s in self.problem.quantities.states)
+
     def _call(self, name: str) -> None:
         self._in[: len(self._point), :3] = self._point[:, None]
         if getattr(self._lib, f"soter_{name}")(*self._given):
@@ -335,7 +345,7 @@ def _reach(model: Model, trace: Trace) -> float:
 
 def told(model: Model, trace: Trace, pattern: Pattern, whose: str) -> LeavingRun:
     """A run as plain data."""
-    names = tuple(s.name for s in model.problem.quantities.states)
+    names = model.names
     last = len(trace.times) - 1
     shown = np.unique(np.linspace(0, last, min(last + 1, SHOWN)).astype(int))
     return LeavingRun(

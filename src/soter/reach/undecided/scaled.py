@@ -38,9 +38,9 @@ def scaled(case: Case, part: GroupSets) -> Iterator[Cause]:
 
 
 def _driven_otherwise(problem: Problem) -> Iterator[tuple[str, str]]:
-    """Topics that predicates read and a plant drives, in part, by more than a state; how."""
+    """Topics that `safe` reads and a plant drives, in part, by more than a state; how."""
     symbol, scope = problem.module.symbol, problem.module.scope
-    read = {scope.topics[t] for t in topic_reads(*symbol.spoken) if t in scope.topics}
+    read = {scope.topics[t] for t in topic_reads(symbol.safe) if t in scope.topics}
     for c in problem.system.components:
         for topic, value in c.plant.drives if c.plant is not None else ():
             index = c.scope.topics[topic]

@@ -14,6 +14,7 @@ import numpy as np
 from soter.program.model.durations import show_ns
 from soter.reach.claims.boxes import holding
 from soter.reach.claims.results import Cause
+from soter.reach.undecided.experiments import axis_names, longest
 from soter.reach.undecided.model_runs import FALSE, Model
 
 if TYPE_CHECKING:
@@ -28,12 +29,10 @@ if TYPE_CHECKING:
 
     Bools = NDArray[np.bool_]
 
-HALVINGS = 7
-
 
 def start_margins(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
     """Where the start lies, and where it would have to lie."""
-    names = _names(case, engine)
+    names = axis_names(case, engine)
     ends = [case.problem.initial[s] for s in engine.axes]
     box = [holding(e, i.low, i.high) for e, i in zip(engine.edges, ends, strict=True)]
     outside = [k for k, b in enumerate(box) if b is None]
@@ -46,18 +45,11 @@ def start_margins(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Ca
         yield _apart(case, engine, core, at, names, ends)
         return
     h0 = case.problem.times.start
-    step = case.problem.plant_period_ns if case.problem.kind == "map" else 1
-    good, bad = 0, -(-case.problem.in_horizon(h0) // step)
-    for _ in range(HALVINGS):
-        middle = (good + bad) // 2
-        if engine.safe_for(middle * step, core)[at].all():
-            good = middle
-        else:
-            bad = middle
-    text = f"the start lies in K, and SC would be in time if it acted within {show_ns(good * step)}"
+    good = longest(case, engine, core, h0, lambda reach: bool(reach[at].all()))
+    text = f"the start lies in K, and SC would be in time if it acted within {show_ns(good)}"
     text += f"; it acts within {show_ns(h0)}"
     in_time = engine.safe_for(case.problem.in_horizon(h0), core)
-    numbers = (("in_time_s", good * step / 1e9), ("acts_s", h0 / 1e9))
+    numbers = (("in_time_s", good / 1e9), ("acts_s", h0 / 1e9))
     moved = _apart(case, engine, in_time, at, names, ends, "it is in time from")
     text += f"; {moved.text}"
     yield Cause("start_late", text, moved.hint, (*numbers, *moved.numbers))
@@ -65,15 +57,15 @@ def start_margins(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Ca
 
 def _outside(case: Case, engine: GridGroup, axes: list[int]) -> Cause:
     """Not even in the grid: whether that is the grid's fault."""
-    names = _names(case, engine)
+    names = axis_names(case, engine)
     said = []
     for k in axes:
         start, edges = case.problem.initial[engine.axes[k]], engine.edges[k]
         where = f"{names[k]} in [{edges[0]:.6g}, {edges[-1]:.6g}]"
         said.append(f"{_value(names[k], start)}, outside the grid, which is {where}")
     text, grid = "; ".join(said), "a `grid` that holds the start"
-    x = np.array([i.low / 2 + i.high / 2 for i in case.problem.initial])
-    if Model(case).safe(x) == FALSE:
+    model = Model(case)
+    if model.safe(model.start) == FALSE:
         text += "; `safe` is false there"
         grid = "a `safe` that holds at the start, with a `grid` that holds it"
     middle = f"{(engine.edges[axes[0]][0] + engine.edges[axes[0]][-1]) / 2:.6g}"
@@ -131,7 +123,7 @@ def _nearest(case: Case, engine: GridGroup, core: Bools) -> Cause:
     nearest = np.clip(x, low, high)
     width = np.array([e[-1] - e[0] for e in engine.edges])
     best = nearest[int(np.argmin(np.abs((nearest - x) / width).max(axis=1)))]
-    names = _names(case, engine)
+    names = axis_names(case, engine)
     here = ", ".join(_value(n, i) for n, i in zip(names, ends, strict=True))
     where = ", ".join(f"{n} = {v:.6g}" for n, v in zip(names, best, strict=True))
     text = "the start is not in K: SC was not shown to keep `safe` from it "
@@ -146,7 +138,3 @@ def _value(name: str, start: Interval) -> str:
 def _written(name: str, value: str) -> str:
     """What to write: the state's own line in its plant."""
     return f"`state {name.rpartition('.')[2]}: float = {value};` in the plant"
-
-
-def _names(case: Case, engine: GridGroup) -> list[str]:
-    return [case.problem.quantities.states[s].name for s in engine.axes]

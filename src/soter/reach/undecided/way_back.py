@@ -18,7 +18,14 @@ from soter.reach.claims.boxes import holding
 from soter.reach.claims.results import Cause
 from soter.reach.grid.claims import GridProof
 from soter.reach.problem.estimates import errors_of
-from soter.reach.undecided.experiments import COARSE, Change, against, returns
+from soter.reach.undecided.experiments import (
+    COARSE,
+    HALVINGS,
+    Change,
+    against,
+    axis_names,
+    returns,
+)
 from soter.reach.undecided.model_runs import TRUE, Model, patterns, run, said_of
 
 if TYPE_CHECKING:
@@ -40,7 +47,6 @@ WALK_HOLDS = 2000
 PUSHED_S = 1.5
 """CPU seconds for runs with an adversary."""
 FINER_S = 3.0
-HALVINGS = 7
 STILL = 1e-3
 """Of an axis: a run that moves less in the last quarter of its time has come to rest."""
 SCANNED = 800
@@ -59,11 +65,11 @@ def way_back(case: Case, failure: Failure, grid: GridProof, budget: Budget) -> I
         yield Cause("computed", text, f"{hint} where they fail")
         return
     model, part = Model(case), grid.found
-    start, whose = _declared(case), DECLARED
+    start, whose = model.start, DECLARED
     if failure.stuck and failure.cells is not None:
-        start, whose = _inside(case, grid, failure.cells), "one of them"
+        start, whose = _inside(model, grid, failure.cells), "one of them"
     elif not _in_core(grid, start):
-        start, whose = _inside(case, grid, part.core > 0), "inside K"
+        start, whose = _inside(model, grid, part.core > 0), "inside K"
     if part.target is not None and not part.target.any():
         text = "there is no cell all of whose estimates satisfy `safer`"
         yield Cause("no_target", text, _wide_enough(case, grid))
@@ -83,10 +89,6 @@ def way_back(case: Case, failure: Failure, grid: GridProof, budget: Budget) -> I
         yield from _wider(case, grid.engine, part)
 
 
-def _declared(case: Case) -> Floats:
-    return np.array([i.low / 2 + i.high / 2 for i in case.problem.initial])
-
-
 def _in_core(grid: GridProof, x: Floats) -> bool:
     pairs = zip(grid.engine.axes, grid.engine.edges, strict=True)
     at = [holding(edges, float(x[state]), float(x[state])) for state, edges in pairs]
@@ -94,9 +96,9 @@ def _in_core(grid: GridProof, x: Floats) -> bool:
     return len(inside) == len(at) and bool((grid.found.core[inside] > 0).all())
 
 
-def _inside(case: Case, grid: GridProof, of: Bools) -> Floats:
+def _inside(model: Model, grid: GridProof, of: Bools) -> Floats:
     """The middle of the cell of a set that is nearest to the grid's middle; the start elsewhere."""
-    x = _declared(case)
+    x = model.start
     cells = np.argwhere(of)
     middle = np.array(of.shape) / 2
     at = cells[int(np.argmin((np.abs(cells - middle) / middle).max(axis=1)))]
@@ -191,7 +193,7 @@ def _pushed(
         quarter = [
             x for t, x in zip(trace.times, trace.states, strict=True) if t >= 0.75 * end.time_s
         ]
-        outside = sum(not surely(case, model, x) for x in quarter) / len(quarter)
+        outside = sum(not _surely(case, model, x) for x in quarter) / len(quarter)
         if outside and (worst is None or outside > worst[0]):
             worst = outside, pattern, end
     if worst is None:
@@ -208,7 +210,7 @@ def _pushed(
     if asked is None:
         return Cause("pushed_out", text, "a wider `safer`, smaller disturbances, or a stronger SC")
     name, value, first, last = asked
-    axis = [s.name for s in model.problem.quantities.states].index(name)
+    axis = model.names.index(name)
     error = errors_of(case.problem).get(axis, 0.0)
     ends = float(low[axis]) - error, float(high[axis]) + error
     text += (
@@ -222,7 +224,7 @@ def _pushed(
     return Cause("pushed_out", text, hint, (("at", value), ("low", ends[0]), ("high", ends[1])))
 
 
-def surely(case: Case, model: Model, x: Floats) -> bool:
+def _surely(case: Case, model: Model, x: Floats) -> bool:
     """Whether `safer` holds of every estimate of a state, (states,)."""
     box = case.forms.whole.copy()
     box[model.states] = np.stack([x, x], axis=1)
@@ -242,7 +244,7 @@ def _asked(case: Case, model: Model, x: Floats) -> tuple[str, float, float, floa
         for k, value in enumerate(points):
             y = x.copy()
             y[axis] = value
-            held[k + 1] = surely(case, model, y)
+            held[k + 1] = _surely(case, model, y)
         turns = np.flatnonzero(np.diff(held))
         for a, b in zip(turns[::2], turns[1::2], strict=True):
             low, high = float(points[a]), float(points[b - 1])
@@ -251,18 +253,16 @@ def _asked(case: Case, model: Model, x: Floats) -> tuple[str, float, float, floa
                 best = far, axis, low, high
     if best is None:
         return None
-    names = [s.name for s in model.problem.quantities.states]
-    return names[best[1]], float(x[best[1]]), best[2], best[3]
+    return model.names[best[1]], float(x[best[1]]), best[2], best[3]
 
 
 def _told(model: Model, x: Floats) -> str:
-    names = [s.name for s in model.problem.quantities.states]
-    return ", ".join(f"{n} = {_near_zero(v):.5g}" for n, v in zip(names, x, strict=True))
+    pairs = zip(model.names, x, strict=True)
+    return ", ".join(f"{n} = {_near_zero(v):.5g}" for n, v in pairs)
 
 
 def _ranges(model: Model, end: _Rest) -> str:
-    names = [s.name for s in model.problem.quantities.states]
-    every = zip(names, end.low, end.high, strict=True)
+    every = zip(model.names, end.low, end.high, strict=True)
     return ", ".join(f"{n} = {_near_zero(a):.4g} and {_near_zero(b):.4g}" for n, a, b in every)
 
 
@@ -331,10 +331,9 @@ def _wider(case: Case, engine: GridGroup, part: GroupSets) -> Iterator[Cause]:
             bad = middle
     if good == max(sizes):
         return
-    names = [case.problem.quantities.states[s].name for s in engine.axes]
     by = [
         (name, -(-good * n // max(sizes)) * float(np.diff(e).max()))
-        for name, n, e in zip(names, sizes, engine.edges, strict=True)
+        for name, n, e in zip(axis_names(case, engine), sizes, engine.edges, strict=True)
     ]
     how = ", ".join(f"{size:.4g} in {name}" for name, size in by)
     text = f"SC keeps a set where `safer` is wider by {how} on either side"

@@ -1,12 +1,14 @@
-"""Long lists of rounded numbers, as few letters of JSON as they need.
+"""JSON in a page: long lists of rounded numbers, in as few letters as they need.
 
-Purpose: `numbers` rounds; `packed`: a list as differences of whole numbers, `{"e": digits,
-"d": [...]}`; the page (`assets/packed.js`) adds them up and divides by 10^e: the same doubles.
+Purpose: `script_json` for a script element; `numbers` rounds; `packed`: a list as differences of
+whole numbers, `{"e": digits, "d": [...]}`; the page (`assets/packed.js`) adds them up and divides
+by 10^e: the same doubles.
 Non-goals: compression that a browser might not know.
 """
 
 from __future__ import annotations
 
+import json
 import math
 from typing import TYPE_CHECKING
 
@@ -20,6 +22,14 @@ LONG = 50
 DIGITS_MAX = 12
 EXACT_MAX = 2**53
 """Up to here a double holds every whole number, so one division gives the nearest double."""
+
+
+def script_json(value: object) -> str:
+    """Return JSON of which no text can end the script element that it stands in; no NaN."""
+    text = json.dumps(value, allow_nan=False, separators=(",", ":"))
+    for char in "<>&\u2028\u2029":
+        text = text.replace(char, f"\\u{ord(char):04x}")
+    return text
 
 
 def numbers(values: NDArray[np.float64], digits: int = 3) -> list[float | None]:

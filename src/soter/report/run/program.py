@@ -7,13 +7,13 @@ Non-goals: drawing the diagram (`soter.diagram`), what is shown of a run (`live.
 
 from __future__ import annotations
 
-import json
 from html import escape
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from soter.report.run.live import live_json
+from soter.report.run.packed import script_json
 from soter.report.run.thumbnail import mode_bar
 
 if TYPE_CHECKING:
@@ -51,9 +51,6 @@ def _player(picture: Picture, drawn: Mapping[str, tuple[int, int]] | None) -> st
     if live is None or live.end_s <= 0:
         return ""
     data = live_json(live, drawn)
-    text = json.dumps(data, allow_nan=False, separators=(",", ":"))
-    for char in "<>&":
-        text = text.replace(char, f"\\u{ord(char):04x}")
     several = len(live.control) > 1
     strips = "".join(
         (f'<p class="bar-name">{escape(c.module)}</p>' if several else "")
@@ -72,7 +69,7 @@ def _player(picture: Picture, drawn: Mapping[str, tuple[int, int]] | None) -> st
         '<button type="button" class="next" aria-label="the next step">▸</button>'
         f"<output>0.000 s</output><label>speed <select>{speeds}</select></label>"
         "</p></div>"
-        f'<script type="application/json" id="live">{text}</script>'
+        f'<script type="application/json" id="live">{script_json(data)}</script>'
     )
 
 
