@@ -109,8 +109,14 @@ def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
                 "R019",
                 f"module `{m.name}` is forced to {m.forced.upper()} in system `{flat.name}`",
                 m.symbol.span,
-                notes=("its DM does not switch there: nothing can be proved of it",),
-                helps=("verify it in a system that does not force it: `--system NAME`",),
+                notes=(
+                    "its DM does not switch there: nothing can be proved of it, and another "
+                    "system of the file is another claim",
+                ),
+                helps=(
+                    "verify it in a system that does not force it: `--system NAME`",
+                    "or the other modules of this one: `--module NAME`",
+                ),
             )
     if diagnostics.has_errors:
         raise SoterError(diagnostics.items)
@@ -138,11 +144,10 @@ def modules_of(
     _not_deployed(checked, system)
     names = [system] if system else [n for n, s in checked.systems.items() if s.deploys is None]
     if not system and preferred is not None:
-        names.sort(key=lambda n: n != preferred.name)
-        names.sort(
-            key=lambda n: any(
-                m.forced for m in system_to_prove(checked, n, params, exact=False).modules
-            )
+        names.sort(  # whatever the default system forces: it is the one that is judged
+            key=lambda n: n != preferred.name
+            and 1
+            + any(m.forced for m in system_to_prove(checked, n, params, exact=False).modules)
         )
     found: list[tuple[System, Module]] = []
     known: list[str] = []

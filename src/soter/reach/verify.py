@@ -324,9 +324,10 @@ def _waits(problem: Problem, finding: Finding) -> None:
 
 
 def _stays(problem: Problem, finding: Finding) -> None:
-    """`recover never`: nobody says that control comes back, and nobody has to."""
-    if problem.stays and finding.verdict == PROVED:
+    """`recover never`: nobody says that control comes back, and nobody has to, K or no K."""
+    if problem.stays:
         finding.verdict, finding.method, finding.text = ASSUMED, "", STAYS
+        finding.hint, finding.regions = "", []
 
 
 def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Finding:

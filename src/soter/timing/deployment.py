@@ -87,12 +87,14 @@ def in_thread(c: Component) -> bool:
 def timing_of(
     system: System, watch: Callable[[Component, Step], None] | None = None
 ) -> Timing | None:
-    """The analysis of a flat system; None where it declares no `wcet` for its thread.
+    """The analysis of a flat system; None where it declares no time for its thread.
+
+    A `jitter` alone is one: who says no `wcet` counts as if it needed no time.
 
     A deadline is the next release. `watch`: told the steps as `analyse` does.
     """
     mine = [c for c in system.components if in_thread(c)]
-    if all(c.wcet_ns is None for c in mine):
+    if all(c.wcet_ns is None and not c.jitter_ns for c in mine):
         return None
     tasks = [
         Task(

@@ -169,7 +169,7 @@ def _returns(problem: InductionProblem, found: Induction) -> Finding:
         if problem.modes is not None and problem.modes.never:
             finding.verdict, finding.text = UNDECIDED, problem.modes.never
             finding.hint = "let one of them give control back whatever the other one does"
-    elif found.proved and problem.module.symbol.verify.stays is not None:
+    elif problem.module.symbol.verify.stays is not None:
         finding.verdict, finding.text = ASSUMED, STAYS
     elif found.contradicted:
         finding.text = "what `progress` takes for granted holds in no run"
