@@ -145,9 +145,11 @@ def modules_of(
     names = [system] if system else [n for n, s in checked.systems.items() if s.deploys is None]
     if not system and preferred is not None:
         names.sort(  # whatever the default system forces: it is the one that is judged
-            key=lambda n: n != preferred.name
-            and 1
-            + any(m.forced for m in system_to_prove(checked, n, params, exact=False).modules)
+            key=lambda n: (
+                n != preferred.name
+                and 1
+                + any(m.forced for m in system_to_prove(checked, n, params, exact=False).modules)
+            )
         )
     found: list[tuple[System, Module]] = []
     known: list[str] = []
