@@ -109,10 +109,7 @@ def refuse_forced(chosen: list[tuple[System, Module]]) -> None:
                 "R019",
                 f"module `{m.name}` is forced to {m.forced.upper()} in system `{flat.name}`",
                 m.symbol.span,
-                notes=(
-                    "its DM does not switch there: nothing can be proved of it, and another "
-                    "system of the file is another claim",
-                ),
+                notes=("its DM does not switch there: nothing can be proved of it",),
                 helps=(
                     "verify it in a system that does not force it: `--system NAME`",
                     "or the other modules of this one: `--module NAME`",

@@ -19,6 +19,7 @@ class Guarantee:
 
     `how`: "enforced" (the language lets no other value arrive), "declared" (a range of the world,
     printed as an assumption), "guaranteed" (a part of the `safe` of the module `by`, if that is
+    proved), "published" (the proof of the module `by` is about the plant that drives it, if that is
     proved) or "assumed".
     """
 

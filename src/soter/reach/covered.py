@@ -15,7 +15,7 @@ from soter.program.flatten.views import as_seen
 from soter.reach.coverage import Coverage, Guarantee
 from soter.reach.induction.problem import InductionProblem
 from soter.reach.problem.extract import extract
-from soter.reach.promised import promise_of
+from soter.reach.promised import promise_of, publisher_of
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -213,12 +213,14 @@ def _moved(flat: System, problem: Problem) -> list[Guarantee]:
     for i in problem.influences:
         index, by = _in_the_system(flat, problem, i.topic)
         what = f"{i.name(problem.system)} in [{i.low:g}, {i.high:g}]"
-        if not any(index in _driven(c) for c in flat.components if c.plant is not None):
+        plant = next((c for c in flat.components if c.plant and index in _driven(c)), None)
+        if plant is None:
             found.append(Guarantee(problem.name, what, by or "nobody (its default)", "enforced"))
             continue
-        keeper = promise_of(flat, index, i.leaf, i.low, i.high)
-        how = "guaranteed" if keeper else "assumed"
-        found.append(Guarantee(problem.name, what, keeper or by, how))
+        keeper, how = promise_of(flat, index, i.leaf, i.low, i.high), "guaranteed"
+        if not keeper:
+            keeper, how = publisher_of(flat, plant), "published"
+        found.append(Guarantee(problem.name, what, keeper or by, how if keeper else "assumed"))
     return found
 
 

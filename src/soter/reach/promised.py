@@ -1,7 +1,7 @@
 """Who keeps a topic in its declared set: the part of some module's `safe` that says so.
 
-Purpose: `promise_of`: what moves a plant of one module may be what another module guarantees
-(docs/proof.md, Composition).
+Purpose: `promise_of`, `publisher_of`: what moves a plant of one module may be what another module
+guarantees (docs/proof.md, Composition).
 Non-goals: whether that module is proved: the report holds the two against each other.
 """
 
@@ -10,15 +10,16 @@ from __future__ import annotations
 import math
 from typing import TYPE_CHECKING
 
-from soter.diagnostics.diagnostic import Diagnostics
+from soter.diagnostics.diagnostic import Diagnostics, SoterError
 from soter.program.check.const import Calculator
 from soter.program.meaning.conjuncts import conjuncts
 from soter.program.model import typed
 from soter.program.model.types import RecordType, leaf_count
 from soter.program.model.walk import topic_reads
+from soter.reach.problem.place import place
 
 if TYPE_CHECKING:
-    from soter.program.model.system import Module, System
+    from soter.program.model.system import Component, Module, System
     from soter.program.model.types import Type
 
 TURNED = {"<": ">", "<=": ">=", ">": "<", ">=": "<="}
@@ -35,6 +36,24 @@ def promise_of(flat: System, topic: int, leaf: int, low: float, high: float) -> 
     for module in flat.modules:
         least, most = _kept(module, topic, leaf)
         if least - error >= low and most + error <= high:
+            return module.name
+    return ""
+
+
+def publisher_of(flat: System, plant: Component) -> str:
+    """The module whose proof is about a plant that flies; "": none, or one that is forced.
+
+    What that plant publishes lies in its sets wherever the proof holds: it is part of its C.
+    """
+    for module in flat.modules:
+        verify = module.symbol.verify
+        if module.forced is not None or verify.induction is not None or verify.abstracts:
+            continue
+        try:
+            there = place(flat, module)
+        except SoterError:
+            continue
+        if any(c.name == plant.name for c in there.plants):
             return module.name
     return ""
 

@@ -43,6 +43,9 @@ def _why(g: Guarantee, verdicts: dict[str, str]) -> tuple[str, bool, bool]:
     if g.how == "guaranteed":
         verdict = verdicts.get(g.by, "not verified here")
         return f"`safe` of {g.by}: {verdict}", verdict != "proved", True
+    if g.how == "published":
+        verdict = verdicts.get(g.by, "not verified here")
+        return f"its plant can publish no more, by {g.by}: {verdict}", verdict != "proved", True
     if g.how == "assumed":
         return f"assumed of {g.by}", True, False
     return f"{g.how}: {g.by}", False, False

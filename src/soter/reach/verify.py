@@ -18,6 +18,7 @@ from soter.reach.claims.case import Case, Clock
 from soter.reach.claims.entered import not_entered
 from soter.reach.claims.lawful import NO_LAW, NOT_FOR_LAWS, hint_of
 from soter.reach.claims.levels import deploy, levels
+from soter.reach.claims.published import narrowed
 from soter.reach.claims.recovery import in_time, recover
 from soter.reach.claims.refine import refined, said_refined
 from soter.reach.claims.results import (
@@ -116,6 +117,7 @@ def verify_module(
         _refute(problem, result)
     if refute if explain is None else explain:
         _diagnose(done, result)
+    _published(result, done)
     result.seconds = time.perf_counter() - began
     return result
 
@@ -355,6 +357,20 @@ def _failsafe(problem: Problem, result: ModuleResult, done: list[Case]) -> Findi
     finding.text = f"the law keeps C from K_fs: {kept:,} of {of:,} cells; K lies in it; "
     finding.text += f"each lease ends at most {lease} after its release"
     return finding
+
+
+def _published(result: ModuleResult, done: list[Case]) -> None:
+    """What plants cannot publish is no part of C: said, and where something is open as a help."""
+    texts = narrowed(result.problem, done[0].forms)
+    if not texts:
+        return
+    result.notes += (
+        f"C is no more than what plants can publish, as they stop there: {', '.join(texts)}",
+    )
+    for finding in (result.findings[c] for c in CLAIMS):
+        if finding.verdict == UNDECIDED:
+            wider = f"a wider set ({texts[0]}: a plant stops there)"
+            finding.hint = f"{finding.hint}; or {wider}" if finding.hint else wider
 
 
 def _follows_scheme(case: Case) -> bool:

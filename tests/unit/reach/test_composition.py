@@ -23,7 +23,8 @@ if TYPE_CHECKING:
 CONVOY = Path(__file__).resolve().parents[3] / "examples" / "generality" / "convoy.soter"
 TEXT = CONVOY.read_text()
 SAFE = "safe speed > SLOW && speed < FAST && lead >= SLOW && lead <= FAST;"
-ASSUMED = ("plant `a`", "assumed")
+PUBLISHED = ("SafeLead", "published")
+"""Nothing else says it: its plant stops where it would publish more, and C is no more than that."""
 KEPT = ("SafeLead", "guaranteed")
 COUPLED = """soter 1;
 topic x: float in [-4.0, 4.0] max_age 20ms;
@@ -110,11 +111,11 @@ def test_modules_may_lean_on_each_other(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("wrong", "why"),
     [
-        (SAFE.replace(" && lead >= SLOW", ""), ASSUMED),
-        (SAFE.replace("lead >= SLOW", "lead >= SLOW - 0.1"), ASSUMED),
-        (SAFE.replace("lead >= SLOW", "(lead >= SLOW || speed < FAST)"), ASSUMED),
-        (SAFE.replace("lead >= SLOW", "!(lead <= SLOW)"), ASSUMED),
-        (SAFE.replace("lead <= FAST", "lead <= FAST + 0.1"), ASSUMED),
+        (SAFE.replace(" && lead >= SLOW", ""), PUBLISHED),
+        (SAFE.replace("lead >= SLOW", "lead >= SLOW - 0.1"), PUBLISHED),
+        (SAFE.replace("lead >= SLOW", "(lead >= SLOW || speed < FAST)"), PUBLISHED),
+        (SAFE.replace("lead >= SLOW", "!(lead <= SLOW)"), PUBLISHED),
+        (SAFE.replace("lead <= FAST", "lead <= FAST + 0.1"), PUBLISHED),
         (SAFE.replace("lead >= SLOW", "SLOW <= lead"), KEPT),
         (SAFE.replace("lead >= SLOW", "lead > SLOW"), KEPT),
     ],
@@ -128,7 +129,24 @@ def test_only_what_safe_says_by_itself_is_guaranteed(
 
 def test_an_error_of_what_is_published_counts(tmp_path: Path) -> None:
     text = TEXT.replace("measured speed within 0.05;", "measured lead within 0.01;")
-    assert kept_by(tmp_path, text) == ASSUMED
+    assert kept_by(tmp_path, text) == PUBLISHED
+
+
+def test_of_what_one_plant_publishes_all_modules_say_the_same(tmp_path: Path) -> None:
+    """`pull` is read by the other plant alone: KeepX proves it, and is named to KeepY."""
+    unsaid = COUPLED.replace(" && pull <= 0.5 && pull >= -0.5", "")
+    unsaid = unsaid.replace("ttf abs(x) > 1.6; safer abs(x) < 1.3;", "")
+    report = verified(tmp_path, unsaid.replace("pull = 0.2 * p", "pull = 0.4 * p"))
+    assert (report.verdict, report.together) == ("proved", "proved")
+    assert whose(report, "b.pull") == ("its plant can publish no more, by KeepX: proved", False)
+    (core,) = report["KeepX"].cases[0].proofs
+    kept = core.found.core > 0  # type: ignore[attr-defined]
+    ends = core.engine.edges[0][[kept.argmax(), len(kept) - kept[::-1].argmax()]]  # type: ignore[attr-defined]
+    assert 0.0 < 0.4 * max(abs(ends)) <= 0.5
+    wider = report["KeepX"].notes
+    assert any("`pull` takes only [-0.5, 0.5]" in n for n in wider)
+    alone = verified(tmp_path, unsaid, "KeepY")
+    assert whose(alone, "b.pull")[1]
 
 
 def test_a_guarantee_that_is_not_proved_leaves_the_conjunction_open(tmp_path: Path) -> None:

@@ -20,14 +20,18 @@ from soter.reach.problem.extract import extract
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-CASES = 240
+CASES = 160
 TURNS = 3
 PLANS = """soter 1;
 type Plan = enum {{ Hover, Around, Through }};
 topic candidate: Plan;
 topic inForce: Plan;
-node Any period {Any}us {{ publishes candidate; {Any_says} step {{ publish candidate = choose Plan; }} }}
-node Hold period {Hold}us {{ publishes candidate; {Hold_says} step {{ publish candidate = Plan.Hover; }} }}
+node Any period {Any}us {{
+  publishes candidate; {Any_says}
+  step {{ publish candidate = choose Plan; }} }}
+node Hold period {Hold}us {{
+  publishes candidate; {Hold_says}
+  step {{ publish candidate = Plan.Hover; }} }}
 node Follower period {Follower}us phase {phase}us {{
   subscribes candidate; publishes inForce; {Follower_says}
   var plan: Plan;
@@ -105,13 +109,13 @@ def executions(thread: list[Step], module: dict[str, tuple[int, int]]) -> bool:
     return True
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_what_is_accepted_holds_in_every_execution_and_what_is_refused_in_not_all(
     seed: int,
 ) -> None:
     rng = random.Random(seed)  # noqa: S311
     accepted = refused = 0
-    for _ in range(CASES // 3):
+    for _ in range(CASES // 2):
         sc = rng.choice((8, 12))
         every = {"dm": 24, "Hold": sc, "Any": sc, "Follower": rng.choice((8, 12, 24))}
         phase = rng.choice((0, 0, 1, 5))

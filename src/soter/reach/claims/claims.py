@@ -74,11 +74,11 @@ def parts_of(case: Case, predicate: str) -> list[Part] | None:
 
 def constraint(case: Case) -> bool:
     """C_g for every group, the product check, and that SC stays inside its sets; False: no C."""
-    found = parts_of(case, "safe")
+    found = parts_of(case, "constraint")
     if found is None:
         case.fail("P2a", "no state was found on which `safe` holds")
         return False
-    if not product_holds(case.forms, found, "safe"):
+    if not product_holds(case.forms, found, "constraint"):
         hint = "put states that `safe` compares with each other into one line"
         hint += "".join(method.hint for method, _ in by_method(case))
         case.fail("P2a", "`safe` is no product over the groups", hint=hint)

@@ -1,8 +1,8 @@
-"""Whether states that a proof keeps can be published at all.
+"""What plants can publish: beyond the declared set of a topic a plant stops.
 
-Purpose: a topic with a declared set takes no value outside of it, and a plant that has one stops.
-Where an estimate of a state of K may lie outside, nothing is proved of what the plant does then.
-Non-goals: topics that are more than a state: that they stay in their sets is an assumption.
+Purpose: which driven leaves may leave their sets somewhere in the ranges of a proof, in words. The
+states at which one of them does are no part of C (`constraint` of `reach/enclose/unit.py`).
+Non-goals: lists, and arrays too long to be numbered: that they stay in their sets is an assumption.
 """
 
 from __future__ import annotations
@@ -10,49 +10,48 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from soter.program.model.types import leaves
+from soter.reach.enclose.inputs import paths
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator
 
-    from numpy.typing import NDArray
+    from soter.program.model.system import Bound
+    from soter.reach.enclose.forms import Forms
+    from soter.reach.problem.problem import Problem
 
-    from soter.reach.problem.problem import Axis, Problem
-
-    Bools = NDArray[np.bool_]
+FAULT = "what plants drive may fault"
 
 
-def unpublished(problem: Problem, axes: Sequence[Axis], cells: Bools) -> tuple[str, str]:
-    """Why an estimate of these cells may lie outside of its topic's set, and what helps.
-
-    `cells`: one axis each, as `axes`. ("", "") where every estimate of every cell lies inside.
-    """
-    for (topic, leaf), state in problem.state_of_leaf.items():
-        bound = problem.system.topics[topic].bounds[leaf]
-        k = next((i for i, a in enumerate(axes) if a.state == state), None)
-        if bound is None or k is None:
+def narrowed(problem: Problem, forms: Forms) -> list[str]:
+    """Each leaf that its plant cannot publish everywhere in the ranges, with what it takes."""
+    driven = list(_driven(problem))
+    if len(driven) > forms.results:
+        return []
+    ends = forms.numbers("drives", forms.whole, len(driven))
+    if ends is None:
+        return [FAULT]
+    found = []
+    for (name, bound, error), (low, high) in zip(driven, ends, strict=True):
+        if bound is None:
             continue
-        others = tuple(j for j in range(cells.ndim) if j != k)
-        held = np.flatnonzero(cells.any(axis=others))
-        if not len(held):
-            continue
-        edges, error = axes[k].edges, _error(problem, topic, leaf)
-        low = Fraction(edges[held[0]]) - error
-        high = Fraction(edges[held[-1] + 1]) + error
-        if low < bound.low or high > bound.high:
-            name = problem.quantities.states[state].name
-            owner = problem.system.topics[topic].name
-            text = f"K has estimates of {name} in [{float(low):.6g}, {float(high):.6g}], and "
-            text += f"`{owner}` takes only [{bound.low:.6g}, {bound.high:.6g}]: the plant stops"
-            return text, f"a wider set of `{owner}`, or a `safe` that keeps {name} inside of it"
-    return "", ""
+        off = Fraction(error)
+        if not (Fraction(low) - off >= bound.low and Fraction(high) + off <= bound.high):
+            found.append(f"`{name}` takes only [{bound.low:.6g}, {bound.high:.6g}]")
+    return found
 
 
-def _error(problem: Problem, topic: int, leaf: int) -> Fraction:
-    """By how much an estimate may differ, exactly: rounding it to a float passes no float."""
-    path = list(leaves(problem.system.topics[topic].type))[leaf][0]
-    pairs = zip(problem.quantities.errors, problem.errors, strict=True)
-    ends = [max(-b.low, b.high) for e, b in pairs if (e.owner, e.path) == (topic, path)]
-    return Fraction(max(ends, default=0.0))
+def _driven(problem: Problem) -> Iterator[tuple[str, Bound | None, float]]:
+    """Name, set and error of every driven leaf, in the order of `drives`."""
+    system = problem.system
+    plants = [c for c in system.components if c.plant is not None]
+    topics = {c.scope.topics[t] for c in plants if c.plant for t, _ in c.plant.drives}
+    measured = {(m.topic, m.leaf): m.bound for c in plants for m in c.measured}
+    for index in sorted(topics):
+        topic = system.topics[index]
+        every = [path for path, _ in leaves(topic.type)]
+        for path, _ in paths(topic.type):
+            at = every.index(path) if path in every else None
+            bound = None if at is None else topic.bounds[at]
+            error = 0.0 if at is None else measured.get((index, at), 0.0)
+            yield ".".join((topic.name, *path)), bound, error

@@ -91,6 +91,8 @@ class Forms:
         self._n = library.inputs
         self._in = np.zeros((self._n, 4 + self._n))
         self._out = np.zeros((max(self._n, 64), 4 + self._n))
+        self.results = len(self._out)
+        """So many results a function may have at most."""
         self._param = np.array(list(parameter) or [0], dtype=np.int64)
         ranges = [
             (i.low, i.high)

@@ -25,8 +25,8 @@ HERE = Path(__file__).resolve().parents[1] / "engine"
 ENGINE = tuple(file.name for file in files_below(HERE, "*.c"))
 NUMBERS = ("law", "derivative", "next", "drives", *(f"law_{k}" for k in range(CONTROLS_MAX)))
 TRUTHS = (
-    *("safe", "core", "ttf", "safer", "back", "enters"),
-    *(f"{name}_{k}" for name in ("safe", "safer", "back") for k in range(PARTS_MAX)),
+    *("safe", "constraint", "core", "ttf", "safer", "back", "enters"),
+    *(f"{name}_{k}" for name in ("safe", "constraint", "safer", "back") for k in range(PARTS_MAX)),
 )
 FLAGS = (*STRICT, "-O3", "-fPIC", "-pthread", "-DSOTER_CHECKED")
 UNIT_LEVEL = "-O3"

@@ -7,6 +7,9 @@ Non-goals: printing (`unit.py`), statements (`body.py`).
 from __future__ import annotations
 
 import math
+import sys
+from fractions import Fraction
+from functools import reduce
 from typing import TYPE_CHECKING
 
 from soter.lower import core
@@ -17,7 +20,7 @@ from soter.reach.enclose.body import EnclosureBody
 from soter.reach.enclose.emit import FAULT, EnclosureError, float_literal
 from soter.reach.enclose.inputs import Inputs, key, parts
 from soter.reach.enclose.ops import UNKNOWN, Operations, kind_of
-from soter.reach.enclose.values import Form, Item, Known, Parts, Span
+from soter.reach.enclose.values import Form, Item, Known, Parts, Span, Whole, at_most
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -28,6 +31,8 @@ if TYPE_CHECKING:
     from soter.program.model.types import Type
     from soter.reach.enclose.emit import Emitter
     from soter.reach.problem.quantities import Leaf, Quantities
+
+FLOAT_MAX = sys.float_info.max
 
 
 class Enclosed:
@@ -213,6 +218,35 @@ class Enclosed:
             for _, _, v in parts(self.system.topics[topic].type, value)
         ]
 
+    def published(self) -> list[Item]:
+        """Of each driven leaf that has a set: whether it lies there, with every error.
+
+        Last of those without a set: that they are finite. Only after `drive`. Of lists, and of
+        arrays too long to be numbered, nothing is said.
+        """
+        assert self._driven is not None
+        found: list[Item] = []
+        rest: Item = Known(True)
+        for index, value in sorted(self._driven.items()):
+            topic = self.system.topics[index]
+            bounds = dict(zip((p for p, _ in leaves(topic.type)), topic.bounds, strict=True))
+            errors = self.error_bounds(index)
+            for path, t, v in parts(topic.type, value):
+                bound = bounds.get(path)
+                if isinstance(t, FloatType):
+                    low, high = room_of(bound, errors.get(path, 0.0))
+                    ends: tuple[Item, Item] = Span(low, low), Span(high, high)
+                elif isinstance(t, IntType) and bound is not None:
+                    ends = Whole(math.ceil(bound.low)), Whole(math.floor(bound.high))
+                else:
+                    continue
+                inside = (self.ops.compare("<=", ends[0], v), self.ops.compare("<=", v, ends[1]))
+                if bound is None:
+                    rest = self.ops.both(rest, self.ops.both(*inside))
+                else:
+                    found.append(self.ops.both(*inside))
+        return [*found, rest]
+
     @staticmethod
     def is_flow(core_system: core.CoreSystem) -> bool:
         """Whether every plant that moves is an ODE and nothing else."""
@@ -260,18 +294,49 @@ class Enclosed:
         self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
     ) -> c.CExpr:
         """A predicate on true or estimated topics."""
+        return self.ops.truth(self._holds(p, more, estimated=estimated))
+
+    def _holds(
+        self, p: core.Predicate, more: Mapping[str, core.Function], *, estimated: bool
+    ) -> Item:
         self.drive()
         self.estimated = estimated
         self._see(self.module.scope.topics.values())
         body = self.body(more)
         body.run(p.body)
-        return self.ops.truth(body.expr(p.value))
+        return body.expr(p.value)
+
+    def _said(self, e: Expr, *, estimated: bool) -> Item:
+        table = FunctionTable(self.system)
+        p = lower_predicate(table, self.system, self.module.scope, e, e.span)
+        return self._holds(p, table.by_name, estimated=estimated)
 
     def expression(self, e: Expr, *, estimated: bool) -> c.CExpr:
         """The same from the checked tree."""
-        table = FunctionTable(self.system)
-        p = lower_predicate(table, self.system, self.module.scope, e, e.span)
-        return self.predicate(p, table.by_name, estimated=estimated)
+        return self.ops.truth(self._said(e, estimated=estimated))
+
+    def publishing(self, number: int | None = None) -> c.CExpr:
+        """That plants can publish what they drive: all of `published`, or one of it by number."""
+        self.drive()
+        found = self.published()
+        return self.ops.truth(
+            reduce(self.ops.both, found if number is None else found[number : number + 1])
+        )
+
+    def constraint(self, safe: Expr) -> c.CExpr:
+        """C: `safe` on true states, and that plants can publish what they then drive."""
+        said = self._said(safe, estimated=False)
+        return self.ops.truth(reduce(self.ops.both, self.published(), said))
+
+
+def room_of(bound: Bound | None, error: float) -> tuple[float, float]:
+    """What a float may be so that it lies in its set with any error of up to `error` added.
+
+    Exactly: what is at most the upper bound less the error stays so once their sum is rounded.
+    """
+    low, high = (bound.low, bound.high) if bound is not None else (-FLOAT_MAX, FLOAT_MAX)
+    least, most = Fraction(low) + Fraction(error), Fraction(high) - Fraction(error)
+    return -at_most(-least), at_most(most)
 
 
 def _right_hand_side(

@@ -1,7 +1,7 @@
 """Core over first-order forms: C that encloses what step functions may do.
 
-Purpose: `law`, `derivative` or `next`, `safe`, `core`, `ttf`, `safer`, `drives` of one module over
-the forms of `reach/engine/soter_form.h` (docs/verification.md, section 2).
+Purpose: `law`, `derivative` or `next`, `safe`, `constraint`, `core`, `ttf`, `safer`, `drives` of
+one module over the forms of `reach/engine/soter_form.h` (docs/verification.md, section 2).
 Non-goals: sets and fixpoints (`reach/engine/soter_reach.c`, `reach/`).
 
 What a function does not read as an input ranges over its declared set, without a symbol.
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING
 
 from soter.codegen.c import tree as c
 from soter.codegen.c.printer import print_file
-from soter.program.meaning.conjuncts import conjuncts
+from soter.program.meaning.conjuncts import PARTS_MAX, conjuncts
 from soter.reach.enclose.emit import (
     Emitter,
     EnclosureError,
@@ -109,6 +109,7 @@ class _Unit:
         parts = conjuncts(symbol.safe)
         for k, part in enumerate(parts if len(parts) > 1 else []):
             self._conjunct(f"safe_{k}", part, estimated=False)
+        self._constraint(symbol.safe, parts)
         if hint is not None:
             self._truth("core", lambda e: e.predicate(hint, more, estimated=False))
         for name, said in (("ttf", symbol.ttf), ("safer", symbol.safer), ("back", back)):
@@ -116,6 +117,20 @@ class _Unit:
                 self._estimated(name, said)
         if symbol.verify.enters is not None:
             self._if_possible("enters", symbol.verify.enters)
+
+    def _constraint(self, safe: Expr, parts: list[Expr]) -> None:
+        """C, and its parts: those of `safe`, then what plants have to be able to publish."""
+        self._truth("constraint", lambda e: e.constraint(safe))
+        probe = self._enclosed()
+        probe.drive()
+        leaves = len(probe.published())
+        numbers = [*range(leaves)] if len(parts) + leaves <= PARTS_MAX else [None]
+        if len(parts) == PARTS_MAX:
+            return  # it is checked as a whole
+        for k, part in enumerate(parts):
+            self._conjunct(f"constraint_{k}", part, estimated=False)
+        for k, number in enumerate(numbers, len(parts)):
+            self._truth(f"constraint_{k}", lambda e, n=number: e.publishing(n))  # type: ignore[misc]
 
     def _law(self) -> None:
         """All controls at once, and each alone: a group is moved by few, and asks very often.

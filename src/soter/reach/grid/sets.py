@@ -154,9 +154,9 @@ class GridGroup(GridModel):
     ) -> Bools:
         """C: cells on all of which `safe` (with `hint` also `core`) is true.
 
-        In the grid's shape.
+        And on which plants can publish what they drive. In the grid's shape.
         """
-        cells = self.definitely("safe", ranges=ranges)
+        cells = self.definitely("constraint", ranges=ranges)
         return cells & self.definitely("core", ranges=ranges) if hint else cells
 
     # ------------------------------------------------------------ K

@@ -158,16 +158,38 @@ def _environment(place: Place, inputs: Inputs, jumps: Jumps) -> list[str]:
     measured = {(e.owner, e.path) for e in inputs.errors}
     if place.driven and not measured:
         found.append("estimates are exact: no measurement error is declared")
-    together = [list(read_by_dm(place)), list(read_by_sc(place))]
-    bounded = [place.system.topics[t] for t in dict.fromkeys([*together[0], *together[1]])]
-    bounded = [t for t in bounded if t.set_declared]
+    bounded = _published(place)
     if bounded:
-        names = ", ".join(t.name for t in bounded)
+        names = ", ".join(bounded)
         found.append(f"what plants publish lies in the declared sets: {names} (else they stop)")
     if inputs.others:
         names = ", ".join(o.name for o in inputs.others)
         found.append(f"{names}: any value of the declared set, at any time")
     return found
+
+
+def _published(place: Place) -> list[str]:
+    """Topics of which nothing shows that what plants publish lies in their sets.
+
+    Of a plant that flies in the place of one of the proof: all. Else C is no more than what it can
+    publish, but for lists, and arrays too long to be numbered.
+    """
+    if place.abstract:
+        names = {place.around + link.instance for link in place.module.symbol.verify.abstracts}
+        plants = [c for c in place.flat.components if c.name in names and c.plant is not None]
+        topics = [place.flat.topics[c.scope.topics[t]] for c in plants for t in driven_by(c)]
+        return list(dict.fromkeys(t.name for t in topics if t.set_declared))
+    topics = [place.system.topics[c.scope.topics[t]] for c in place.plants for t in driven_by(c)]
+    return [
+        t.name
+        for t in topics
+        if t.set_declared and any(p in ("[]", "[*]") for path, _ in leaves(t.type) for p in path)
+    ]
+
+
+def driven_by(c: Component) -> list[typed.TopicSymbol]:
+    """The topics that a plant drives."""
+    return [] if c.plant is None else [t for t, _ in c.plant.drives]
 
 
 def _ways(place: Place, routes: Routes) -> list[str]:
