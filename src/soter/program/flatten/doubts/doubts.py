@@ -13,6 +13,7 @@ from soter.diagnostics.fix import exchange
 from soter.program.check.parts.plant import unmoved
 from soter.program.flatten.doubts.predicates import doubt_predicates
 from soter.program.flatten.doubts.publications import doubt_publications
+from soter.program.flatten.doubts.schemes import doubt_scheme
 from soter.program.model.durations import show_ns
 from soter.program.model.walk import topic_reads
 
@@ -33,6 +34,7 @@ def doubt(system: System, diagnostics: Diagnostics) -> None:
     for component in system.components:
         if component.plant is not None:
             _unmoved(component.plant, diagnostics)
+            doubt_scheme(system, component, diagnostics)
     for number, module in enumerate(system.modules):
         symbol = module.symbol
         sc, ac = system.components[module.sc], system.components[module.ac]
