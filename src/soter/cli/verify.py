@@ -280,9 +280,8 @@ def _headline(module: ModuleResult, console: Console) -> str:
         verdict = f"{console.paint('yellow', module.verdict.upper())}, but {module.vacuity.text},"
     count = len(module.problem.assumptions)
     under = f" under {count} assumption{'' if count == 1 else 's'}"
-    assumed = [n for n, f in module.findings.items() if f.verdict == "assumed"]
-    if assumed:
-        under += f" ({', '.join(assumed)} assumed)"
+    if module.assumed:
+        under += f" ({', '.join(module.assumed)} assumed)"
     if module.verdict not in ("proved", "assumed"):
         worst = [n for n, f in module.findings.items() if f.verdict == module.verdict]
         under = f": {', '.join(worst)}"

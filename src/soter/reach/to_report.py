@@ -91,7 +91,7 @@ def page(found: VerifyReport) -> ProofPage:
     names = ", ".join(_names(found)) or "no module"
     assumptions = dict.fromkeys(a for m in found.modules for a in m.problem.assumptions)
     under = f", under {len(assumptions)} assumptions" if found.verdict == "proved" else ""
-    taken = {n for m in found.modules for n, f in m.findings.items() if f.verdict == "assumed"}
+    taken = {n for m in found.modules for n in m.assumed}
     under += f" ({', '.join(sorted(taken))} assumed)" if under and taken else ""
     return ProofPage(
         f"Verification of {found.path}",

@@ -12,6 +12,7 @@ import time
 from typing import TYPE_CHECKING
 
 from soter.diagnostics.phase import phase
+from soter.program.meaning.stability import diverging
 from soter.program.model.durations import show_ns
 from soter.reach.claims import claims
 from soter.reach.claims.case import Case, Clock
@@ -32,13 +33,14 @@ from soter.reach.claims.results import (
     ModuleResult,
 )
 from soter.reach.enclose.forms import Forms, library_of
+from soter.reach.enclose.scheme import STIFF_HINT
 from soter.reach.grid.sets import UnboundedError
 from soter.reach.induction.problem import InductionProblem
 from soter.reach.induction.verify import verify_by_induction
 from soter.reach.methods import in_order, method_of
-from soter.reach.problem.assumed import SCHEME
 from soter.reach.problem.extract import cases
 from soter.reach.problem.modes import said
+from soter.reach.problem.problem import SCHEME
 from soter.reach.time.timing import DELAYS, in_words
 from soter.reach.undecided.patience import recover_at_last
 from soter.reach.undecided.vacuity import at_the_start, vacuity
@@ -98,7 +100,7 @@ def verify_module(
     for claim in CLAIMS:
         result.findings[claim] = _finding(problem, done, claim)
     result.findings["P3"] = _p3(result, sum(c.spent.get("P3", 0.0) for c in done))
-    _scheme(problem, done)
+    _scheme(problem, result, done)
     _together(problem, done)
     _handed_over(problem, result, done)
     _waits(problem, result.findings["P2b"])
@@ -274,11 +276,25 @@ def _assume(problem: Problem, prelude: tuple[str, ...]) -> None:
         problem.assumptions.append("error bounds of the prelude's functions: tested, not proved")
 
 
-def _scheme(problem: Problem, done: list[Case]) -> None:
-    """For linear flows the simulator's scheme is part of the proof: one assumption less."""
-    covered = all(_follows_scheme(c) for c in done)
-    if problem.scheme_step_ns and covered and SCHEME in problem.assumptions:
-        problem.assumptions.remove(SCHEME)
+def _scheme(problem: Problem, result: ModuleResult, done: list[Case]) -> None:
+    """For linear flows the simulator's scheme is part of the proof: one assumption less.
+
+    Of others it is assumed; not where it diverges, as that is known to be wrong.
+    """
+    if all(_follows_scheme(c) for c in done):
+        problem.assumptions = [a for a in problem.assumptions if a != SCHEME]
+    finding = result.findings["P2a"]
+    if SCHEME not in problem.assumptions or finding.verdict != PROVED:
+        return
+    states = zip(problem.quantities.states, problem.states, strict=True)
+    within = {(s.owner, s.member, s.path): (r.low, r.high) for s, r in states}
+    for c in problem.system.components:
+        own = {(name, path): r for (owner, name, path), r in within.items() if owner == c.index}
+        for d in diverging(problem.system, c, own):
+            finding.verdict = UNDECIDED
+            finding.text = f"the scheme of {c.name} makes {', '.join(d.names)} diverge: a step "
+            finding.text += f"multiplies by {d.growth:.3g}"
+            finding.hint = STIFF_HINT
 
 
 def _together(problem: Problem, done: list[Case]) -> None:

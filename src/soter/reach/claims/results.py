@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
 from soter.reach.coverage import Coverage
+from soter.reach.problem.problem import SCHEME
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -286,6 +287,12 @@ class ModuleResult:
             if verdict in found:
                 return verdict
         return PROVED if PROVED in found else ASSUMED
+
+    @property
+    def assumed(self) -> list[str]:
+        """What a headline names as assumed: properties, and the scheme of the plants."""
+        found = [n for n, f in self.findings.items() if f.verdict == ASSUMED]
+        return [*found, *(["scheme"] if SCHEME in self.problem.assumptions else [])]
 
     @property
     def headline(self) -> str:

@@ -176,7 +176,7 @@ def _key(problem: Problem, library: ReachLibrary) -> str:
         library.path.name,
         problem.kind,
         problem.plant_period_ns,
-        problem.scheme_step_ns,
+        problem.schemes,
         problem.states,
         problem.controls,
         problem.disturbances,

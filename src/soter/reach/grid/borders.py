@@ -16,8 +16,6 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from soter.reach.enclose.scheme import NS
-
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -64,7 +62,8 @@ def keep_borders(model: Bordered) -> None:
     whole = _rates(model, model.low, model.high)
     if whole is None:
         return
-    step = model.inputs.plant_period_ns * NS if model.covers_scheme else 0.0
+    steps = [step for step, _, _ in model.inputs.steps]
+    step = max(steps, default=0.0) if model.covers_scheme else 0.0
     g.scheme = LOOK_AHEAD * step
     back = BACK * (g.delay + 2 * g.jitter) if g.is_local else 0.0
     for i, state in enumerate(model.axes):

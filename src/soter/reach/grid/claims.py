@@ -18,6 +18,7 @@ from soter.reach.claims.boxes import holding, regions_of
 from soter.reach.claims.case import GroupProof, Method
 from soter.reach.claims.products import CellsPart, candidates, states_elsewhere
 from soter.reach.claims.results import GroupSets
+from soter.reach.enclose.scheme import STIFF_HINT
 from soter.reach.grid import levels, measures, recovery
 from soter.reach.grid.entry import entry
 from soter.reach.grid.figures import figure
@@ -72,6 +73,8 @@ class GridProof(GroupProof):
 
     def core(self, case: Case) -> bool:
         """K: a greatest fixpoint."""
+        if self.engine.stiff:
+            case.fail("P2a", self.engine.stiff, self, STIFF_HINT)
         kept = self.engine.core(self.found.allowed)
         self.found.core = kept.witness
         case.count("rounds", kept.rounds)

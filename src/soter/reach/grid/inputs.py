@@ -10,6 +10,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.reach.enclose.scheme import NS, ORDER
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -45,6 +47,17 @@ class GridInputs:
     """Period of a map, of which `period_ns` is a multiple; 0: that is `period_ns` itself."""
     still: frozenset[int] = frozenset()
     """States without dynamics."""
+    schemes: tuple[tuple[float, int, int], ...] = ()
+    """Of each state, where `plant_period_ns` does not say it of all: `Stepped.steps`."""
+    names: tuple[str, ...] = ()
+    """Of the states, for people."""
+
+    @property
+    def steps(self) -> tuple[tuple[float, int, int], ...]:
+        """`Stepped.steps`; none where the simulator's steps are not known."""
+        if self.schemes or not self.plant_period_ns:
+            return self.schemes
+        return ((self.plant_period_ns * NS, ORDER, 0),) * len(self.states)
 
     @property
     def ranges(self) -> tuple[Range, ...]:
@@ -71,7 +84,8 @@ def of_problem(problem: Problem, parameters: Sequence[int] = ()) -> GridInputs:
         delay_ns=0 if is_map else times.delay_sc,
         jitter_ns=0 if is_map else times.jitter_sc,
         parameters=tuple(parameters),
-        plant_period_ns=problem.scheme_step_ns,
+        schemes=problem.schemes,
+        names=tuple(s.name for s in problem.quantities.states),
         map_step_ns=problem.plant_period_ns if is_map else 0,
         still=problem.still,
     )

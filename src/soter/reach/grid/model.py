@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.reach.enclose.scheme import NS, largest_rates, scheme_error
+from soter.reach.enclose.scheme import NS, Followed, Stepped, followed
 from soter.reach.grid.borders import keep_borders
 
 if TYPE_CHECKING:
@@ -33,8 +33,6 @@ OUTSET = 2.0**-20
 leaves the grid is still inside it, so no claim inside rests on what happens outside."""
 AXIS_MAX = 2**16 - 1
 """An axis has fewer cells, as many breakpoints at most."""
-LINEAR = 2.0**-40
-"""Remainders of this share of a rate are rounding: the flow is linear for the simulator, too."""
 
 
 class CancelledError(Exception):
@@ -94,6 +92,8 @@ class GridModel:
         self.c = self._described()
         self.covers_scheme = False
         """Whether one step of the simulator's scheme is a solution of the model."""
+        self.stiff = ""
+        """Why not, where that is a matter of its step alone."""
         self._linearize(linear)
         self._narrow_law()
 
@@ -154,7 +154,8 @@ class GridModel:
         if self.inputs.kind == "flow" and not g.is_local:
             remainder = self._remainder()
             g.is_local = not (remainder < 1e-3 if linear is None else linear)
-        extra = self._scheme_error() if self.is_linear and self.inputs.plant_period_ns else None
+        by_scheme = self._followed()
+        extra, self.stiff = by_scheme.error, by_scheme.stiff
         self.covers_scheme = extra is not None
         if extra is not None:
             for i, w in enumerate(extra):
@@ -248,50 +249,24 @@ class GridModel:
         grown = whole["w"] - small["w"]
         return float(np.max(np.where(rates > 0, grown / np.where(rates > 0, rates, 1), 0)))
 
-    def _scheme_error(self) -> Floats | None:
-        """What the simulator's scheme adds to the rates of the own states.
+    def _followed(self) -> Followed:
+        """Whether the simulator's steps are solutions of the model, and with what more."""
+        x = self.inputs
+        if x.kind != "flow" or not self.is_linear or not x.steps:
+            return Followed()
+        names = x.names or tuple(f"state {k}" for k in range(len(x.states)))
+        stepped = Stepped(self._rate_forms, names, x.steps, len(x.controls))
+        return followed(stepped, self.low, self.high, self.axes)
 
-        It steps all states together, so that of the whole flow counts; and its stages leave the
-        domain. None where the flow is not linear as far as they go, or too stiff for the bound.
-        """
-        h, n = self.inputs.plant_period_ns * NS, len(self.inputs.states)
-        largest = np.maximum(np.abs(self.low), np.abs(self.high))
-        bounds = largest[:n], largest[n : n + len(self.inputs.controls)]
-        model = self._whole(self.low, self.high)
-        if model is None:
-            return None
-        beyond = 4.0 * h * largest_rates(model, *bounds)
-        low, high = self.low.copy(), self.high.copy()
-        low[:n] -= beyond
-        high[:n] += beyond
-        there = self._whole(low, high)
-        if there is None:
-            return None
-        if np.any(h * largest_rates(there, bounds[0] + beyond, bounds[1]) > beyond):
-            return None
-        found = scheme_error(model, *bounds, h)[list(self.axes)]
-        return found if np.all(np.isfinite(found)) else None
-
-    def _whole(self, low: Floats, high: Floats) -> dict[str, Floats] | None:
-        """The model of all states (all controls are commands); None where it is not linear."""
-        ffi = self.library.ffi
-        n, moving = len(self.inputs.states), len(self.inputs.states) + len(self.inputs.controls)
+    def _rate_forms(self, low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
+        """Forms of all rates, (states, 4 + inputs), and the radius of every input."""
+        ffi, n = self.library.ffi, len(self.inputs.states)
         forms, out = self._forms(low, high)
-        mid, rad = forms[: len(low), 2], forms[range(len(low)), range(4, 4 + len(low))]
+        radius = forms[range(len(low)), range(4, 4 + len(low))]
         ends = [ffi.cast("void *", x.ctypes.data) for x in (forms, out)]
         if self.library.lib.soter_derivative(ends[0], self.c.param, ends[1]):
             return None
-        rates = out[:n]
-        size = np.abs(rates[:, 2]) + np.abs(rates[:, 4:]).sum(axis=1)
-        if not np.all(rates[:, 3] <= LINEAR * size + 1e-250):
-            return None
-        slopes = rates[:, 4 : 4 + moving] / np.where(rad[:moving] > 0, rad[:moving], 1.0)
-        return {
-            "A": slopes[:, :n],
-            "B": slopes[:, n:],
-            "c": rates[:, 2] - slopes @ mid[:moving],
-            "w": np.abs(rates[:, 4 + moving :]).sum(axis=1) + rates[:, 3],
-        }
+        return out[:n], radius
 
     # ------------------------------------------------------------ calls in slices
 

@@ -21,8 +21,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from soter.reach.enclose.scheme import NS, scheme_error
-from soter.reach.grid.model import LINEAR, OUTSET
+from soter.reach.enclose.scheme import LINEAR, STIFF_HINT, Followed, Stepped, followed
+from soter.reach.grid.model import OUTSET
 from soter.reach.polytope.model import LinearGroup
 from soter.reach.problem.estimates import errors_of
 from soter.reach.problem.place import sc_reads
@@ -99,10 +99,13 @@ def linear_group(problem: Problem, forms: Forms, group: Group, limits: Ranges) -
     parts = [split(rates[s], domain, moving) for s in own]
     matrix = np.array([p[0] for p in parts])
     drift = np.array([(p[1], p[2]) for p in parts])
-    extra = _scheme(problem, rates, domain)
+    by_scheme = _followed(problem, forms, domain, own)
+    if by_scheme.stiff:
+        raise NotLinearError(by_scheme.stiff, STIFF_HINT)
+    extra = by_scheme.error
     if extra is not None:
-        drift[:, 0] = np.nextafter(drift[:, 0] - extra[own], -np.inf)
-        drift[:, 1] = np.nextafter(drift[:, 1] + extra[own], np.inf)
+        drift[:, 0] = np.nextafter(drift[:, 0] - extra, -np.inf)
+        drift[:, 1] = np.nextafter(drift[:, 1] + extra, np.inf)
     law = _law(problem, forms, domain, commands)
     error = np.array([errors_of(problem).get(s, 0.0) for s in own])
     offset, remainder = _seen(problem, law, domain, own, error)
@@ -230,26 +233,18 @@ def up(x: Fraction) -> float:
     return -down(-x)
 
 
-def _scheme(problem: Problem, rates: Floats, domain: Floats) -> Floats | None:
-    """What the simulator's scheme adds to the rates of all states; None: it is not covered."""
-    if not problem.scheme_step_ns:
-        return None
-    n = len(rates)
-    moving = n + len(problem.controls)
-    size = np.abs(rates[:, 2]) + np.abs(rates[:, FORM:]).sum(axis=1)
-    if not np.all(rates[:, 3] <= LINEAR * size + 1e-250):
-        return None
-    middle, radius = _centred(domain)
-    slopes = rates[:, FORM : FORM + moving] / np.where(radius[:moving] > 0, radius[:moving], 1.0)
-    model = {
-        "A": slopes[:, :n],
-        "B": slopes[:, n:],
-        "c": rates[:, 2] - slopes @ middle[:moving],
-        "w": np.abs(rates[:, FORM + moving :]).sum(axis=1) + rates[:, 3],
-    }
-    largest = np.abs(domain).max(axis=1)
-    found = scheme_error(model, largest[:n], largest[n:moving], problem.scheme_step_ns * NS)
-    return found if np.all(np.isfinite(found)) else None
+def _followed(problem: Problem, forms: Forms, domain: Floats, own: Sequence[int]) -> Followed:
+    """What the simulator's scheme adds to the rates of the group's states."""
+    n = len(problem.states)
+
+    def rates(low: Floats, high: Floats) -> tuple[Floats, Floats] | None:
+        given = inputs(np.stack([low, high], axis=1))
+        found = forms.affine("derivative", given, n)
+        return None if found is None else (found, np.diag(given[:, FORM:]))
+
+    names = tuple(s.name for s in problem.quantities.states)
+    stepped = Stepped(rates, names, problem.schemes, len(problem.controls))
+    return followed(stepped, domain[:, 0], domain[:, 1], own)
 
 
 # ---------------------------------------------------------------- the law

@@ -14,7 +14,7 @@ from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
 from soter.program.model.walk import calls_in, topic_reads
 from soter.reach.induction.handover import handovers
-from soter.reach.problem.problem import Jumps
+from soter.reach.problem.problem import SCHEME, Jumps
 from soter.reach.time.timing import DELAYS, WORDS, read_by_dm, read_by_sc, undeclared
 
 if TYPE_CHECKING:
@@ -27,12 +27,6 @@ if TYPE_CHECKING:
 
 EXACT = ("clamp", "sign", "quat_conj")
 """Prelude functions without an error of their own."""
-SCHEME = (
-    "the plant is the one solution of its differential equation, whose right-hand side is "
-    "Lipschitz in the state; not the simulator's scheme"
-)
-
-
 BEHIND = {
     "in_step": "in the thread of the module, started when SC has published, however late that is; "
     "what they make of a command belongs to the plants of the proof",

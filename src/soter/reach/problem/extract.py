@@ -16,7 +16,7 @@ from soter.program.check.const import Calculator
 from soter.program.flatten.views import refuse_views
 from soter.program.model.system import modules_above
 from soter.program.model.types import leaves
-from soter.reach.enclose.scheme import ORDER
+from soter.reach.enclose.scheme import NS, ORDER
 from soter.reach.induction.problem import InductionProblem, extract_induction
 from soter.reach.problem.assumed import assumptions_of, jumps_of
 from soter.reach.problem.axes import Axes
@@ -137,7 +137,7 @@ def _extract(flat: System, module: Module, *, synthesize: bool = False) -> Probl
         influences=at.influences,
         commands=commands,
         parameter_start=tuple(inputs.parameter_start),
-        scheme_step_ns=_scheme_step(at) if kind == "flow" else 0,
+        schemes=_schemes(at, inputs) if kind == "flow" else (),
         still=frozenset(inputs.still),
         stays=symbol.verify.stays is not None,
         recover_ns=None if recover is None else int(calculator.value(recover, "") or 0),
@@ -234,23 +234,22 @@ def cases(problem: Problem) -> Iterator[tuple[int, ...]]:
     yield from product(*(p.values for p in problem.parameters))
 
 
-def _scheme_step(at: Place) -> int:
-    """The step where all plants have the same and every release falls on one; otherwise 0.
+def _schemes(at: Place, inputs: Inputs) -> tuple[tuple[float, int, int], ...]:
+    """Of each state step, order and plant: `Problem.schemes`.
 
-    0 also where a plant's scheme is none whose error is known (`enclose/scheme.py`).
-
-    A command that is published between two steps acts on all of its step in the simulator.
+    The step is 0 where a release of SC does not fall on a step of the plant: a command that is
+    published between two steps acts on all of its step in the simulator. So it is where the plant's
+    scheme is none whose error is known (`enclose/scheme.py`).
     """
-    steps = {c.period_ns // c.substeps for c in at.plants}
-    whole = all(c.period_ns % c.substeps == 0 for c in at.plants)
-    schemes = {SCHEMES[c.plant.method] for c in at.plants if c.plant is not None}
-    covered = all(s.order == s.stages == ORDER for s in schemes)
-    periods = {c.period_ns for c in at.plants}
-    sc = at.sc
-    fits = all(sc.period_ns % p == 0 and sc.phase_ns % p == 0 for p in periods)
-    return (
-        steps.pop() if len(steps) == 1 and len(periods) == 1 and whole and covered and fits else 0
-    )
+    found = []
+    for leaf in inputs.states:
+        c = at.system.components[leaf.owner]
+        assert c.plant is not None
+        scheme = SCHEMES[c.plant.method]
+        fits = at.sc.period_ns % c.period_ns == 0 == at.sc.phase_ns % c.period_ns
+        covered = fits and scheme.order == scheme.stages <= ORDER
+        found.append((c.period_ns / c.substeps * NS if covered else 0.0, scheme.order, c.index))
+    return tuple(found)
 
 
 def _cases(at: Place, inputs: Inputs, diagnostics: Diagnostics) -> None:

@@ -24,6 +24,11 @@ if TYPE_CHECKING:
 
 NODES = "nodes"
 """`Problem.kind` where the state is what nodes publish and keep: no plant, no sets."""
+SCHEME = (
+    "the plant is the one solution of its differential equation, whose right-hand side is "
+    "Lipschitz in the state; not the simulator's scheme"
+)
+"""The assumption of a proof that is about the differential equation alone."""
 
 
 @dataclass(frozen=True)
@@ -237,9 +242,9 @@ class Problem:
     """Declared first value of each parameter."""
     still: frozenset[int] = frozenset()
     """States without dynamics: constants of a run."""
-    scheme_step_ns: int = 0
-    """Step of the simulator's RK4 where its error can be part of the proof (linear flows); 0: its
-    scheme is not covered: an assumption."""
+    schemes: tuple[tuple[float, int, int], ...] = ()
+    """Of each state the step of its plant's scheme in s, the order of that, and the number of the
+    plant (`enclose/scheme.py`). A step of 0: the scheme is not covered, which is an assumption."""
     recover_ns: int | None = None
     """T of P2b where it is declared: `recover within d;`."""
     stays: bool = False
