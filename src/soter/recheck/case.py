@@ -182,8 +182,8 @@ class Case:
                 if (core.members & ~within.members).any():
                     name = facts.system.topics[topic].name
                     raise RejectedError(
-                        f"K holds states of which a plant may publish on `{name}` what its declared "
-                        "set does not hold: there it stops"
+                        f"K holds states of which a plant may publish on `{name}` what its "
+                        "declared set does not hold: there it stops"
                     )
             allowed = [
                 Cells(a.grid, a.members & b.members) for a, b in zip(allowed, found, strict=False)

@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 import os
 import time
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -105,6 +106,8 @@ def recheck(
         report.reason = f"the program of the certificate: {error}"
     except StepFault as error:
         report.reason = f"not rechecked: a step that faults whatever it reads ({error})"
+    except (BrokenExecutor, OSError) as error:
+        report.reason = f"not rechecked: the system ended a part of it: {error}"
     except (ArithmeticError, RecursionError, ValueError, MemoryError) as error:
         report.reason = f"not rechecked: {type(error).__name__.lower()}: {error}"
     report.reason = visible(report.reason)

@@ -1,4 +1,4 @@
-"""Folders that keep a re-checker busy, fill its memory or draw on the terminal: refused in words."""
+"""Folders that keep a re-checker busy, fill its memory or draw on the terminal: refused."""
 
 from __future__ import annotations
 

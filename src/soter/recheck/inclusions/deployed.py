@@ -49,8 +49,8 @@ def compare_tables(
         looked_at = _looked_at(facts, group)
         if [a["state"] for a in entry["axes"]] != [names[k] for k in looked_at]:
             raise RejectedError("a table of the DM has other axes than its group")
-        for axis, k in zip(entry["axes"], looked_at, strict=True):
-            edges = group.grid.edges[k]
+        for axis, place in zip(entry["axes"], looked_at, strict=True):
+            edges = group.grid.edges[place]
             if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
                 raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
         total = levels_of(same)
@@ -63,8 +63,8 @@ def compare_tables(
 def _looked_at(facts: Facts, group: GroupTables) -> list[int]:
     """The axes of a group that the DM can see.
 
-    A state that no topic of the DM shows may be anywhere on its axis (`predicates.around`), whatever
-    the estimate of the others: NotRecheckedError where its axis has more than one cell.
+    A state that no topic of the DM shows may be anywhere on its axis (`predicates.around`),
+    whatever the estimate of the others: NotRecheckedError where its axis has several cells.
     """
     found = []
     for k, (state, cells) in enumerate(zip(group.states, group.grid.shape, strict=True)):

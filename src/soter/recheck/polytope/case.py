@@ -44,7 +44,7 @@ def errors_of(model: Model, tables: PolytopeTables) -> list[arb]:
     return found
 
 
-WORK_MAX = 2_000_000
+WORK_MAX = 1_500_000
 """Of one claim, in rows times pieces of time times states: a minute, or a few."""
 
 

@@ -227,9 +227,7 @@ def is_linear(model: Model, members: Sequence[int]) -> bool:
     return all(rows[i] is not None for i in members)
 
 
-def linear_flow(
-    model: Model, members: Sequence[int], *, as_stepped: bool = True
-) -> LinearFlow:
+def linear_flow(model: Model, members: Sequence[int], *, as_stepped: bool = True) -> LinearFlow:
     """The flow of a group; what other groups do to it counts as a disturbance.
 
     Where all that moves the group has a linear flow, one step of the simulator's scheme is a
@@ -378,9 +376,7 @@ def _scheme(model: Model, a: Matrix, states: Sequence[int]) -> tuple[Matrix, Mat
     return of_x, of_v
 
 
-def _as_stepped(
-    model: Model, rows: Sequence[Row | None], states: Sequence[int]
-) -> dict[int, Row]:
+def _as_stepped(model: Model, rows: Sequence[Row | None], states: Sequence[int]) -> dict[int, Row]:
     """The rows of a system of its own with the extra rate of the scheme."""
     own = {i: row for i in states if (row := rows[i]) is not None}
     scheme = _scheme(model, [[own[i].a[j] for j in states] for i in states], states)
