@@ -13,6 +13,7 @@ from soter.cli.terminal.outcome import FINE, UNDECIDED, VIOLATED, Outcome, exit_
 from soter.cli.terminal.parser import Parser
 from soter.cli.terminal.progress import Progress
 from soter.diagnostics.diagnostic import SoterError
+from soter.report.visible import visible
 
 if TYPE_CHECKING:
     import argparse
@@ -57,7 +58,8 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
 def _exit(report: Report) -> int:
     if not report.accepted:
         return VIOLATED
-    return FINE if report.safe and report.returns else UNDECIDED
+    complete = report.safe and report.returns and not report.contradicted
+    return FINE if complete else UNDECIDED
 
 
 def _headline(report: Report, folder: str, console: Console) -> str:
@@ -69,40 +71,52 @@ def _headline(report: Report, folder: str, console: Console) -> str:
             if m.missing
         )
         word = console.paint("yellow", "ACCEPTED IN PART")
-        return f"{word}  {folder}: safety is not established ({missing} not claimed)"
+        return f"{word}  {folder}: safety is not established ({visible(missing)} not claimed)"
+    if report.contradicted:
+        word = console.paint("yellow", "ACCEPTED IN PART")
+        return f"{word}  {folder}: with other values than the program sets"
     if not report.returns:
         return f"{console.paint('yellow', 'ACCEPTED, without P2b')}  {folder}"
     return f"{console.paint('green', 'ACCEPTED')}  {folder}"
 
 
 def _say(report: Report, folder: str, console: Console) -> None:
+    """Names and texts come out of the certificate: none of them moves the cursor."""
+    folder = visible(folder)
     hash_ = report.program_sha256[:12]
     if not report.accepted:
         console.say(f"{console.paint('red', 'REJECTED')}  {folder}  {hash_}".rstrip())
-        console.say(f"  {report.reason}")
+        console.say(f"  {visible(report.reason)}")
         return
     console.say(f"{_headline(report, folder, console)}  {hash_}  {report.seconds:.1f} s")
     for module in report.modules:
         sizes = [f"{module.cells:,} cells"] if module.cells or not module.half_spaces else []
         sizes += [f"{module.half_spaces:,} half-spaces"] if module.half_spaces else []
         where = f"{module.name} of system {module.system} in {report.program}"
-        console.say(f"  {where}: {' '.join(module.confirmed)}, {', '.join(sizes)}")
-        values = ", ".join(f"{n} = {v}" for n, v in module.parameters.items())
+        console.say(f"  {visible(where)}: {' '.join(module.confirmed)}, {', '.join(sizes)}")
+        values = ", ".join(_value(module, name) for name in module.parameters)
         if values:
-            console.say(console.paint("muted", f"    with {values}"))
+            console.say(console.paint("muted", f"    with {visible(values)}"))
         for name in module.other:
-            console.say(console.paint("muted", f"    not confirmed: {name}"))
+            console.say(console.paint("muted", f"    not confirmed: {visible(name)}"))
         if "failsafe" not in (*module.confirmed, *module.other):
             text = "failsafe: nothing is said of what acts once the trusted part stops"
             console.say(console.paint("muted", f"    not claimed: {text}"))
         for said in module.shown:
-            console.say(console.paint("muted", f"    confirmed: {said.text}"))
+            console.say(console.paint("muted", f"    confirmed: {visible(said.text)}"))
     console.say("\nunder these assumptions, derived from the program")
     for text in report.assumptions:
-        console.say(console.paint("muted", f"  {text}"))
+        console.say(console.paint("muted", f"  {visible(text)}"))
     console.say("\nnot covered")
     for said in report.not_covered:
-        console.say(console.paint("muted", f"  {said.text}"))
+        console.say(console.paint("muted", f"  {visible(said.text)}"))
+
+
+def _value(module: ModuleReport, name: str) -> str:
+    """A parameter with the value that was checked, and what the program says if that is another."""
+    own = module.otherwise.get(name)
+    said = "" if own is None else f" ({own} by the program)"
+    return f"{name} = {module.parameters[name]}{said}"
 
 
 def _fields(report: Report, folder: str) -> dict[str, object]:
@@ -119,6 +133,7 @@ def _fields(report: Report, folder: str) -> dict[str, object]:
             _name(m, report): {
                 "system": m.system,
                 "parameters": m.parameters,
+                "otherwise": m.otherwise,
                 "times_ns": m.times,
                 "confirmed": m.confirmed,
                 "not_confirmed": m.other,

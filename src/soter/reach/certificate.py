@@ -96,10 +96,18 @@ def _main(program: Program, files: dict[str, bytes]) -> str:
 
 
 def _params(results: Sequence[ModuleResult]) -> dict[str, object]:
-    """The values of all parameters, floats as C99 hexadecimal texts."""
+    """The values of all parameters, floats as C99 hexadecimal texts.
+
+    Without those that are not the same in all systems: there each system says its own (`set`).
+    """
     found: dict[str, Value] = {}
+    differ: set[str] = set()
     for result in results:
-        found.update(result.problem.system.params)
+        for name, value in result.problem.system.params.items():
+            if repr(found.setdefault(name, value)) != repr(value):
+                differ.add(name)
+    for name in differ:
+        del found[name]
     return {n: v.hex() if isinstance(v, float) else v for n, v in found.items()}
 
 

@@ -15,7 +15,7 @@ from soter.program.meaning.starts import start_behind
 from soter.program.model.durations import show_ns
 from soter.program.model.types import FloatType, leaves
 from soter.program.model.walk import calls_in, topic_reads
-from soter.recheck.reading.facts import driven_topics
+from soter.recheck.reading.facts import bounded_topics, driven_topics
 from soter.recheck.reading.modes import names_of
 from soter.recheck.time.module_times import DELAYS, read_by
 
@@ -77,12 +77,18 @@ def assumptions_of(facts: Facts, jumps: Jumps | None = None) -> list[Said]:
 
 
 def kept_of(facts: Facts, jumps: Jumps) -> list[Said]:
-    """What is confirmed of the jumps of a view, and no assumption any more."""
+    """What is confirmed beside the claims, and no assumption any more."""
+    found = []
+    for index, inside in facts.in_sets.items():
+        if inside and not facts.symbol.verify.abstracts:
+            name = facts.system.topics[index].name
+            text = f"what plants publish lies in the declared set of {name} for every state that "
+            found.append(Said(f"set {name}", text + "SC keeps, errors included"))
     enters = None if facts.whole is None else facts.whole.verify.enters
     if enters is None:
-        return []
+        return found
     text = " ".join(enters.span.text.split())
-    return [
+    return found + [
         Said(
             f"enters {name} {jump.topic}",
             f"{jump.node} changes what the state of {name} rests on of {jump.topic} only in steps "
@@ -184,9 +190,7 @@ def _inputs(facts: Facts) -> Iterator[Said]:
             name = ".".join((topic.name, *path))
             if isinstance(of, FloatType) and (index, k) not in measured:
                 yield Said(f"exact {name}", f"estimates are exact: {name}")
-        if topic.set_declared:
-            text = f"what plants publish lies in the declared sets: {topic.name} (else they stop)"
-            yield Said(f"set {topic.name}", text)
+    yield from _sets(facts)
     for who, topics in (("the DM", by_dm), ("SC", by_sc)):
         if len(topics) > 1 and facts.kind == "flow":
             names = ", ".join(facts.system.topics[i].name for i in topics)
@@ -200,6 +204,23 @@ def _inputs(facts: Facts) -> Iterator[Said]:
     for name in waited:
         text = f"nothing is confirmed of P2b: `safer` waits until {name} is in AC"
         yield Said(f"waits {name}", text)
+
+
+def _sets(facts: Facts) -> Iterator[Said]:
+    """Declared sets of topics that plants drive, of which it is not shown that they hold all."""
+    names = [
+        facts.system.topics[index].name
+        for index in bounded_topics(facts)
+        if facts.symbol.verify.abstracts or not facts.in_sets.get(index, False)
+    ]
+    own = {c.name for c in facts.plants}
+    for c in facts.flying.components:
+        if c.plant is not None and (facts.symbol.verify.abstracts or c.name not in own):
+            driven = [facts.flying.topics[c.scope.topics[t]] for t, _ in c.plant.drives]
+            names += [t.name for t in driven if any(b is not None for b in t.bounds)]
+    for name in dict.fromkeys(names):
+        text = f"what plants publish lies in the declared sets: {name} (else they stop)"
+        yield Said(f"set {name}", text)
 
 
 def _way(facts: Facts) -> Iterator[Said]:

@@ -27,20 +27,23 @@ from soter.recheck.inclusions.inclusion import (
     ranked,
     witnessed,
 )
-from soter.recheck.inclusions.inward import points_inwards
+from soter.recheck.inclusions.inward import led_out_by_scheme, points_inwards
 from soter.recheck.inclusions.predicates import (
     AdmitCheck,
     admitted,
     drifts,
     eroded,
     levels_hold,
+    published,
 )
 from soter.recheck.inclusions.tables import Cells, Grid, parts
 from soter.recheck.polytope.case import PolytopeCheck
 from soter.recheck.polytope.deployed import returned
 from soter.recheck.polytope.predicates import certain_beside, show_admitted
 from soter.recheck.reading.defined import rates_are_defined
+from soter.recheck.reading.facts import bounded_topics
 from soter.recheck.reading.flows import is_linear
+from soter.recheck.reading.model import Model
 from soter.recheck.reading.problem import number_of
 from soter.recheck.reading.values import flat
 from soter.recheck.terms.terms import NotRecheckedError
@@ -50,7 +53,6 @@ if TYPE_CHECKING:
 
     from soter.recheck.inclusions.tables import Block
     from soter.recheck.polytope.tables import PolytopeTables
-    from soter.recheck.reading.model import Model
     from soter.recheck.reading.problem import Facts
 
 BLOCKS = 24
@@ -80,6 +82,20 @@ class Case:
 
     def check(self) -> None:
         """Collect what is to be shown, then show it; RejectedError where it does not hold."""
+        try:
+            self._check()
+        except (RejectedError, NotRecheckedError) as error:
+            for group in self.groups:
+                if led_out_by_scheme(self.model, group.states):
+                    names = ", ".join(self.model.facts.states[i].name for i in group.states)
+                    why = (
+                        f"no command moves {names}; its differential equation keeps it in its "
+                        "grid, and the scheme that integrates it does not"
+                    )
+                    raise RejectedError(f"{why} ({error})") from None
+            raise
+
+    def _check(self) -> None:
         self.cores = [Cells(g.grid, g.core > 0) for g in self.groups]
         self.kept = [points_inwards(self.model, g.states) for g in self.groups]
         if any(c.size == 0 for c in self.cores):
@@ -136,6 +152,7 @@ class Case:
         allowed = certain_beside(self.model, self.groups, self.polytopes, safe, errors=False)
         for polytope in self.half_spaces:
             self._prove("K", polytope.show_core)
+        allowed = self._published(allowed)
         if self.lawful is not None:
             both = zip(allowed, self.lawful, strict=True)
             allowed = [Cells(a.grid, a.members & b.members) for a, b in both]
@@ -150,6 +167,30 @@ class Case:
             check = self._chains(k)
             show = partial(witnessed, check, group.core, within, core.contains)
             self._add("SC does not certainly lead back to K from", group.grid, show)
+
+    def _published(self, allowed: list[Cells]) -> list[Cells]:
+        """The cells, of those given, of whose states all that is published lies in declared sets.
+
+        SC has to keep the state among them, as a plant that publishes anything else stops. Of half-
+        spaces this is only noted where the whole box of C is not certain.
+        """
+        facts = self.model.facts
+        boxes = [p.as_cell(p.constraint) for p in self.polytopes]
+        for topic in bounded_topics(facts):
+            found = published(self.model, [*self.groups, *boxes], topic)
+            for core, within in zip(self.cores, found, strict=False):
+                if (core.members & ~within.members).any():
+                    name = facts.system.topics[topic].name
+                    raise RejectedError(
+                        f"K holds states of which a plant may publish on `{name}` what its "
+                        "declared set does not hold: there it stops"
+                    )
+            allowed = [
+                Cells(a.grid, a.members & b.members) for a, b in zip(allowed, found, strict=False)
+            ]
+            certain = all(c.members.all() for c in found[len(self.groups) :])
+            facts.in_sets[topic] = certain and facts.in_sets.get(topic, True)
+        return allowed
 
     def _free(self) -> None:
         """R(H): nothing leads out of K within H."""
@@ -189,6 +230,7 @@ class Case:
 
     def _return(self) -> None:
         """P2b: Q is kept within `safer`, and W leads there from all of K."""
+        self._recover()
         allowed = self._calm()
         for k, (group, core, within) in enumerate(
             zip(self.groups, self.cores, allowed, strict=True)
@@ -207,7 +249,6 @@ class Case:
             self._add("SC does not certainly stay where `safer` holds from", group.grid, kept)
             show = partial(ranked, check, home)
             self._add("SC does not certainly come nearer to Q from", group.grid, show)
-        self._recover()
 
     def _calm(self) -> list[Cells]:
         """States on all of whose estimates `safer` certainly holds."""
@@ -270,13 +311,11 @@ class Case:
         facts = self.model.facts
         longest = max((p.periods for p in self.polytopes), default=0)
         for group in self.groups:
-            assert group.rank is not None
-            assert group.rank_holds is not None
-            total = 0
-            for rank in range(1, int(group.rank.max()) + 1):
-                holds = group.rank_holds[group.rank == rank]
-                total += int(holds.max()) if holds.size else 0
-            longest = max(longest, total)
+            if group.rank is None or group.rank_holds is None:
+                raise RejectedError("a claim needs Q and W, which are not there")
+            of_rank = np.zeros(int(group.rank.max()) + 1, dtype=np.int64)
+            np.maximum.at(of_rank, group.rank.reshape(-1), group.rank_holds.reshape(-1))
+            longest = max(longest, int(of_rank[1:].sum()))
         bound = longest * facts.times["delta_ns"] + facts.jitter_ns  # a_N is late by j at most
         bound += facts.decide_ns
         if bound > wanted:
@@ -291,6 +330,8 @@ class Case:
             own = [facts.states[i] for i in polytope.tables.states]
             low, high = [s.low for s in own], [s.high for s in own]
             self._prove("start", partial(polytope.show_start, low, high, facts.start_ns))
+        if self.polytopes:
+            self._start_in_sets()
         for k, (group, core) in enumerate(zip(self.groups, self.cores, strict=True)):
             box = Grid(tuple((facts.states[i].low, facts.states[i].high) for i in group.states))
             inside = group.grid.cells([end for edges in box.edges for end in edges]) is not None
@@ -306,6 +347,18 @@ class Case:
             ):
                 if not c.low <= value <= c.high:
                     raise RejectedError(f"the default of `{c.name}` is outside its set")
+
+    def _start_in_sets(self) -> None:
+        """What is published of the initial states lies in its set: K says so only of grids."""
+        facts = self.model.facts
+        ends = tuple((s.low, s.high) for s in facts.states)
+        at_start = Model(facts, self.model.parameter, ends)
+        one = np.ones((1,) * len(ends), dtype=np.uint8)
+        box = GroupTables(tuple(range(len(ends))), Grid(ends), one)
+        for topic in bounded_topics(facts):
+            if not published(at_start, [box], topic)[0].members.all():
+                name = facts.system.topics[topic].name
+                raise RejectedError(f"an initial state may be none of those that `{name}` holds")
 
     def _run(self) -> None:
         global _TASKS  # noqa: PLW0603  what the forked processes see

@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 
     from soter.program.build import Checked
     from soter.program.model.system import System
+    from soter.program.model.typed import Program
+    from soter.program.model.types import Value
     from soter.recheck.induction.facts import InductionFacts
     from soter.recheck.reading.facts import Facts
 
@@ -28,13 +30,35 @@ if TYPE_CHECKING:
 
 def parameters_of(system: System) -> dict[str, str]:
     """Every parameter of the program with the value that it has in a system."""
-    found = {}
+    return {name: _said(system.program, name, value) for name, value in system.params.items()}
+
+
+def _said(program: Program, name: str, value: Value) -> str:
+    param = program.param(name)
+    assert param is not None
+    plain = show_ns(int(value)) if isinstance(param.type, DurationType) else str(value).lower()
+    return plain if isinstance(value, (bool, int)) else repr(value)
+
+
+def otherwise_in_program(checked: Checked, system: System) -> tuple[dict[str, str], bool]:
+    """Parameters that the program by itself gives another value in a system, with that value.
+
+    Whether for one of them the system, or a part of it, says so (`set`): then it is no default.
+    """
+    try:
+        own = system_to_prove(checked, system.name, {}, exact=False)
+    except SoterError:
+        return {}, False  # with its own values it is no program
+    program, found, contradicted = system.program, {}, False
     for name, value in system.params.items():
-        param = system.program.param(name)
+        param = program.param(name)
         assert param is not None
-        plain = show_ns(value) if isinstance(param.type, DurationType) else str(value).lower()
-        found[name] = plain if isinstance(value, (bool, int)) else repr(value)
-    return found
+        default = getattr(param.default, "value", None)
+        said = own.params.get(name, own.params.get(param.name))
+        if repr(said) != repr(value):
+            found[name] = _said(program, name, said)
+            contradicted |= repr(said) != repr(default)
+    return found, contradicted
 
 
 def uncovered(

@@ -7,8 +7,10 @@ Non-goals: finding sets or witnesses: there is no search and no fixpoint here, o
 
 from __future__ import annotations
 
+import math
 import os
 import time
+from concurrent.futures import BrokenExecutor
 from contextlib import contextmanager
 from functools import partial
 from typing import TYPE_CHECKING, Any
@@ -25,7 +27,7 @@ from soter.recheck.certificate.errors import RejectedError
 from soter.recheck.certificate.folder import Certificate, read_certificate
 from soter.recheck.certificate.source import hexadecimal, program_of
 from soter.recheck.claims import CLAIMS, claimed_of, static_claims
-from soter.recheck.coverage import parameters_of, uncovered
+from soter.recheck.coverage import otherwise_in_program, parameters_of, uncovered
 from soter.recheck.handover import jumps_of
 from soter.recheck.inclusions.deployed import compare_tables
 from soter.recheck.inclusions.inclusion import GroupTables
@@ -42,6 +44,7 @@ from soter.recheck.reading.views import left_out
 from soter.recheck.report import ModuleReport, Report
 from soter.recheck.terms.terms import NotRecheckedError
 from soter.recheck.time.first_reads import survives_the_start
+from soter.report.visible import visible
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -55,8 +58,10 @@ DECLARED_KEYS = ("Delta_ns", "delta_ns", "J_dm_ns", "J_sc_ns", "R_dm_ns", "R_sc_
 DERIVED_KEYS = ("A_ns", "A_sc_ns", "H_star_ns", "d_ns", "j_ns", "h0_ns")
 """Times that follow: a manifest may claim more schedules than there are, never fewer."""
 TIME_KEYS = (*DECLARED_KEYS, *DERIVED_KEYS, "H_ns")
-BEYOND_NS = 3_600_000_000_000
-"""So much more than there is: no claim, but a way to keep this busy."""
+BEYOND, BEYOND_NS = 4, 1_000_000_000
+"""More than so many times what there is, and so much: no claim, but a way to keep this busy."""
+CASES_MAX = 4096
+"""Combinations of parameter values."""
 
 MODULE_KEYS = (
     "system",
@@ -101,8 +106,11 @@ def recheck(
         report.reason = f"the program of the certificate: {error}"
     except StepFault as error:
         report.reason = f"not rechecked: a step that faults whatever it reads ({error})"
-    except (ArithmeticError, RecursionError, ValueError) as error:
+    except (BrokenExecutor, OSError) as error:
+        report.reason = f"not rechecked: the system ended a part of it: {error}"
+    except (ArithmeticError, RecursionError, ValueError, MemoryError) as error:
         report.reason = f"not rechecked: {type(error).__name__.lower()}: {error}"
+    report.reason = visible(report.reason)
     report.seconds = time.perf_counter() - started
     return report
 
@@ -119,7 +127,7 @@ def _check(
     checked, overrides = program_of(certificate)
     assert checked.program is not None
     report.program_sha256 = checked.program.sha256
-    report.program = str(manifest["main"])
+    report.program = visible(str(manifest["main"]))
     modules = manifest["modules"]
     if not isinstance(modules, list) or not modules:
         raise RejectedError("the manifest has no modules")
@@ -137,6 +145,8 @@ def _check(
         covered.append(facts)
         if isinstance(facts, Facts):
             found = _module(certificate, facts, entry, share, workers)
+        found.parameters = parameters_of(facts.flying)
+        found.otherwise, found.contradicted = otherwise_in_program(checked, facts.flying)
         report.modules.append(found)
     for facts in covered:
         _in_all_views(facts, covered)
@@ -225,7 +235,8 @@ def _module(
     name = f"{entry['module']} as {facts.view}" if facts.view else entry["module"]
     report = ModuleReport(name, said, system=entry["system"])
     report.stays = facts.symbol.verify.stays is not None
-    report.parameters = parameters_of(facts.flying)
+    if math.prod(len(p.values) for p in facts.parameters) > CASES_MAX:
+        raise NotRecheckedError(f"more than {CASES_MAX:,} combinations of parameter values")
     cases = list(facts.cases())
     if given != [list(c) for c in cases]:
         raise RejectedError("the cases are not all combinations of the parameters' values")
@@ -365,7 +376,7 @@ def _compare_times(facts: Facts, given: dict[str, Any]) -> None:
         fixed = key in DECLARED_KEYS or (key == "H_ns" and facts.symbol.verify.horizon is not None)
         if value < own or (fixed and value != own):
             raise RejectedError(f"{key} is {value} in the manifest, {own} by the program")
-        if value > own + BEYOND_NS:
+        if value > BEYOND * own + BEYOND_NS:
             raise RejectedError(f"{key} is {value} in the manifest, which no program needs")
         facts.times[key] = value
 
@@ -397,6 +408,7 @@ def _groups(
                 raise RejectedError(f"the edges of {axis['state']} do not span its range")
         seen += states
         if grid:
+            certificate.count(tuple(len(e) - 1 for e in edges))
             found.append(_tables(certificate, entry, tuple(states), Grid(tuple(edges))))
             continue
         own, count = [extents[s] for s in states], len(extents) + sum(len(x) for x in inputs)

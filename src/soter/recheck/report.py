@@ -30,6 +30,10 @@ class ModuleReport:
     system: str = ""
     parameters: dict[str, str] = field(default_factory=dict)
     """Of the program, each with the value that was checked."""
+    otherwise: dict[str, str] = field(default_factory=dict)
+    """Those to which the program by itself gives another value in that system, with that one."""
+    contradicted: bool = False
+    """Whether a `set` of the program does."""
     times: dict[str, int] = field(default_factory=dict)
     """In ns, by their names in a manifest: what the claims were held to."""
     assumptions: list[Said] = field(default_factory=list)
@@ -84,6 +88,11 @@ class Report:
     def safe(self) -> bool:
         """Whether safety is established, for every module."""
         return self.accepted and all(not m.missing for m in self.modules)
+
+    @property
+    def contradicted(self) -> bool:
+        """Whether it is about other values than a system of the program sets."""
+        return any(m.contradicted for m in self.modules)
 
     @property
     def returns(self) -> bool:

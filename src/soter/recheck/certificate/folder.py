@@ -22,12 +22,22 @@ import numpy as np
 from soter.recheck.certificate.errors import RejectedError
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
+
     from numpy.typing import NDArray
 
 MANIFEST, SEAL = "manifest.json", "SEAL"
 SCHEMA = 1
-AXES_MAX = 6
 CELLS_MAX = 200_000_000
+"""Of all grids of a certificate together."""
+ENTRIES_MAX = 100_000
+"""Files and folders."""
+MANIFEST_MAX = 64 << 20
+PROGRAM_MAX = 32 << 20
+FILE_MAX = 2 * CELLS_MAX
+"""In bytes: a table of ranks over the largest grid."""
+BYTES_MAX = 2 << 30
+"""Of all files together."""
 
 
 class NotACertificateError(Exception):
@@ -42,6 +52,8 @@ class Certificate:
     manifest: dict[str, Any]
     contents: dict[str, bytes]
     used: set[str]
+    cells: int = 0
+    """Of the grids that were asked for so far."""
 
     # ------------------------------------------------------------ tables
 
@@ -85,6 +97,12 @@ class Certificate:
             raise RejectedError(f"`{path}`: bits are set behind the last cell")
         return every[:cells].astype(np.bool_).reshape(shape)
 
+    def count(self, shape: tuple[int, ...]) -> None:
+        """Note a grid of that shape; RejectedError where all of them have more than `CELLS_MAX`."""
+        self.cells += math.prod(shape)
+        if self.cells > CELLS_MAX:
+            raise RejectedError(f"more than {CELLS_MAX:,} cells in all grids: not looked at")
+
     def plain(self, path: object) -> bytes:
         """A file as it is."""
         return self._bytes(path)
@@ -124,28 +142,70 @@ def read_certificate(folder: Path) -> Certificate:
 
 
 def _everything(folder: Path) -> dict[str, bytes]:
-    """Every file below the folder; anything but plain files and needed folders is refused."""
-    contents: dict[str, bytes] = {}
+    """Every file below the folder; anything but plain files and needed folders is refused.
+
+    All sizes are looked at before the first file is read.
+    """
+    sizes = _sizes(folder)
+    if sum(sizes.values()) > BYTES_MAX:
+        raise RejectedError(f"the files are larger than {BYTES_MAX:,} bytes: not read")
+    return {name: _read(folder, name, size) for name, size in sizes.items()}
+
+
+def _sizes(folder: Path) -> dict[str, int]:
+    """The size of every file in bytes, by its name, in the order of names."""
+    sizes: dict[str, int] = {}
     folders: set[str] = set()
     waiting = [folder]
     while waiting:
         at = waiting.pop()
-        with os.scandir(at) as entries:
-            for entry in entries:
-                path = Path(entry.path)
-                name = path.relative_to(folder).as_posix()
-                mode = entry.stat(follow_symlinks=False).st_mode
-                if stat.S_ISDIR(mode):
-                    folders.add(name)
-                    waiting.append(path)
-                elif stat.S_ISREG(mode):
-                    contents[name] = path.read_bytes()
-                else:
-                    raise RejectedError(f"`{name}` is neither a file nor a folder")
-    needed = {p.as_posix() for name in contents for p in PurePosixPath(name).parents}
+        for path, found in _entries(at):
+            name = path.relative_to(folder).as_posix()
+            if len(sizes) + len(folders) >= ENTRIES_MAX:
+                raise RejectedError(f"more than {ENTRIES_MAX:,} files and folders: not read")
+            if stat.S_ISDIR(found.st_mode):
+                folders.add(name)
+                waiting.append(path)
+            elif not stat.S_ISREG(found.st_mode):
+                raise RejectedError(f"`{name}` is neither a file nor a folder")
+            elif found.st_size > _most(name):
+                raise RejectedError(f"`{name}` has {found.st_size:,} bytes: too many to be read")
+            else:
+                sizes[name] = found.st_size
+    needed = {p.as_posix() for name in sizes for p in PurePosixPath(name).parents}
     for name in sorted(folders - needed):
         raise RejectedError(f"the folder `{name}` is empty")
-    return contents
+    return dict(sorted(sizes.items()))
+
+
+def _most(name: str) -> int:
+    """How many bytes a file of that name may have."""
+    if name == MANIFEST:
+        return MANIFEST_MAX
+    return PROGRAM_MAX if name.startswith("program/") else FILE_MAX
+
+
+def _entries(at: Path) -> Iterator[tuple[Path, os.stat_result]]:
+    """What lies in a folder, links not followed; RejectedError where the system refuses."""
+    try:
+        with os.scandir(at) as entries:
+            for entry in entries:
+                yield Path(entry.path), entry.stat(follow_symlinks=False)
+    except OSError as error:
+        raise RejectedError(f"`{at.name}` cannot be read: {error.strerror}") from None
+
+
+def _read(folder: Path, name: str, size: int) -> bytes:
+    """A plain file that still has that size; RejectedError for anything else."""
+    flags = os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0)
+    try:
+        with os.fdopen(os.open(folder / name, flags), "rb") as file:
+            data = file.read(size + 1) if stat.S_ISREG(os.fstat(file.fileno()).st_mode) else None
+    except OSError as error:
+        raise RejectedError(f"`{name}` cannot be read: {error.strerror}") from None
+    if data is None or len(data) != size:
+        raise RejectedError(f"`{name}` was changed while it was read")
+    return data
 
 
 def _parsed(raw: bytes) -> dict[str, Any]:

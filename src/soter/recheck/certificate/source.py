@@ -45,7 +45,10 @@ def program_of(certificate: Certificate) -> tuple[Checked, dict[str, Any]]:
 
 
 def _only_own_files(certificate: Certificate, path: str) -> None:
-    """Imports and data lie in the folder, too: what lies elsewhere is not sealed."""
+    """Imports and data lie in the folder, and nothing else below `program/`.
+
+    What lies elsewhere is not sealed; what nobody reads is not part of what is checked.
+    """
     found = Diagnostics()
     loaded = load(path, found)
     if loaded is None:
@@ -55,11 +58,15 @@ def _only_own_files(certificate: Certificate, path: str) -> None:
     for file in loaded.files:
         constants = [d for d in file.file.declarations if isinstance(d, tree.ConstDecl)]
         paths += [file.path.parent / d.data for d in constants if d.data is not None]
+    unread = {name for name in certificate.contents if name.startswith("program/")}
     for own in paths:
         resolved = own.resolve()
-        inside = resolved.is_relative_to(root)
-        if not inside or resolved.relative_to(root).as_posix() not in certificate.contents:
+        name = resolved.relative_to(root).as_posix() if resolved.is_relative_to(root) else ""
+        if name not in certificate.contents:
             raise RejectedError(f"the program reads `{own.name}` outside the certificate")
+        unread.discard(name)
+    for name in sorted(unread):
+        raise RejectedError(f"the program does not read `{name}`")
 
 
 def _overrides(certificate: Certificate, program: Program) -> dict[str, Any]:

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from soter.recheck.certificate.errors import RejectedError
+from soter.recheck.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,9 +46,11 @@ def compare_tables(
         if any(g.states != group.states or g.grid.edges != group.grid.edges for g in same):
             raise RejectedError("the cases have other grids, and the DM has one table for all")
         names = [facts.states[i].name for i in group.states]
-        if [a["state"] for a in entry["axes"]] != names:
+        looked_at = _looked_at(facts, group)
+        if [a["state"] for a in entry["axes"]] != [names[k] for k in looked_at]:
             raise RejectedError("a table of the DM has other axes than its group")
-        for axis, edges in zip(entry["axes"], group.grid.edges, strict=True):
+        for axis, place in zip(entry["axes"], looked_at, strict=True):
+            edges = group.grid.edges[place]
             if axis.keys() != {"state", "edges"} or certificate.edges(axis["edges"]) != edges:
                 raise RejectedError(f"the DM cuts {axis['state']} elsewhere than its group")
         total = levels_of(same)
@@ -55,6 +58,22 @@ def compare_tables(
             raise RejectedError(f"the table of the DM over {', '.join(names)} is not that of S")
         for g in same:
             g.given_back = total == FULL
+
+
+def _looked_at(facts: Facts, group: GroupTables) -> list[int]:
+    """The axes of a group that the DM can see.
+
+    A state that no topic of the DM shows may be anywhere on its axis (`predicates.around`),
+    whatever the estimate of the others: NotRecheckedError where its axis has several cells.
+    """
+    found = []
+    for k, (state, cells) in enumerate(zip(group.states, group.grid.shape, strict=True)):
+        if state in facts.leaves:
+            found.append(k)
+        elif cells != 1:
+            name = facts.states[state].name
+            raise NotRecheckedError(f"no topic shows `{name}` to the DM, and its axis has cells")
+    return found
 
 
 def levels_of(cases: Sequence[GroupTables]) -> NDArray[np.uint8]:

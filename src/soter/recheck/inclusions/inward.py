@@ -48,6 +48,16 @@ def points_inwards(model: Model, states: Sequence[int]) -> bool:
     return all(low and high for low, high in kept_ends(model, states))
 
 
+def led_out_by_scheme(model: Model, states: Sequence[int]) -> bool:
+    """Whether a group that no command moves is kept by its linear flow, and not by its scheme."""
+    if model.facts.kind != "flow" or not is_linear(model, states):
+        return False
+    if LocalFlow(model, states).moves:
+        return False
+    ends = [_ends(model, states, as_stepped=of) for of in (True, False)]
+    return not all(low and high for low, high in ends[0]) and all(a and b for a, b in ends[1])
+
+
 def kept_ends(model: Model, members: Sequence[int]) -> Kept:
     """For each state whether its lower and its upper end are never crossed; False: uncertain.
 
@@ -55,7 +65,12 @@ def kept_ends(model: Model, members: Sequence[int]) -> Kept:
     """
     if model.facts.kind != "flow":
         return [(False, False)] * len(members)
-    inwards = _linear(model, members) if is_linear(model, members) else _local(model, members)
+    return _ends(model, members, as_stepped=True)
+
+
+def _ends(model: Model, members: Sequence[int], *, as_stepped: bool) -> Kept:
+    linear = is_linear(model, members)
+    inwards = _linear(model, members, as_stepped=as_stepped) if linear else _local(model, members)
     found = []
     for i in range(len(members)):
         sides = [[model.extents[k] for k in members] for _ in range(2)]
@@ -66,9 +81,9 @@ def kept_ends(model: Model, members: Sequence[int]) -> Kept:
     return found
 
 
-def _linear(model: Model, members: Sequence[int]) -> Test:
+def _linear(model: Model, members: Sequence[int], *, as_stepped: bool) -> Test:
     """A linear form over a box is least at a corner; what else acts on it is noise."""
-    flow = linear_flow(model, members)
+    flow = linear_flow(model, members, as_stepped=as_stepped)
 
     def inwards(side: Side, i: int, sign: int) -> bool:
         low = sign * flow.constant[i]

@@ -37,7 +37,7 @@ if TYPE_CHECKING:
     from soter.recheck.inclusions.inclusion import FreeCheck, GroupTables
     from soter.recheck.inclusions.tables import Block
     from soter.recheck.reading.model import Model
-    from soter.recheck.terms.terms import Truth
+    from soter.recheck.terms.terms import Linear, Truth
 
 SPLITS_OF_PREDICATES = 10
 """How often a cell is halved where a predicate is evaluated: errors are halved, too."""
@@ -48,9 +48,15 @@ SPLITS_OF_SETS = 4
 
 
 def around(model: Model, group: GroupTables, box: list[tuple[arb, arb]]) -> tuple[float, ...]:
-    """Everything an estimate of a state in the box may be, and the other way round."""
+    """Everything an estimate of a state in the box may be, and the other way round.
+
+    Of a state that no topic shows nothing is known: it is anywhere on its axis.
+    """
     found: list[float] = []
     for state, (low, high) in zip(group.states, box, strict=True):
+        if state not in model.facts.leaves:
+            found += model.extents[state]
+            continue
         error = exact(error_of(model.facts, state))
         if not error.is_zero():
             error += (magnitude(low).max(magnitude(high)) + error) * (2 * UNIT_ROUNDOFF) + TINIEST
@@ -114,6 +120,26 @@ def certain(
     """
     terms, states = model.new_terms()
     truth = model.predicate(terms, states, expr, errors=errors)
+    return _shared_out(model, groups, terms, states, truth)
+
+
+def published(model: Model, groups: Sequence[GroupTables], topic: int) -> list[Cells]:
+    """The same of what a plant publishes on a topic: on every estimate it is in its declared set.
+
+    Outside of it the plant stops. NotRecheckedError as `certain`.
+    """
+    terms, states = model.new_terms()
+    return _shared_out(model, groups, terms, states, model.in_set(terms, states, topic))
+
+
+def _shared_out(
+    model: Model,
+    groups: Sequence[GroupTables],
+    terms: Terms,
+    states: Sequence[Linear],
+    truth: Truth,
+) -> list[Cells]:
+    """The cells of each group on which its share of a proposition certainly holds."""
     shares: list[list[Truth]] = [[] for _ in groups]
     atoms = {next(iter(x.terms)): i for i, x in enumerate(states)}
     for part in [*conjuncts(truth), *terms.obligations]:

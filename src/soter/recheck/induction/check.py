@@ -15,7 +15,6 @@ from soter.program.model.durations import show_ns
 from soter.recheck.assumptions import Said
 from soter.recheck.certificate.errors import RejectedError
 from soter.recheck.claims import CLAIMS, PROVED, claimed_of
-from soter.recheck.coverage import parameters_of
 from soter.recheck.induction.facts import (
     compare,
     modes_of_others,
@@ -33,7 +32,11 @@ KEYS = ("system", "module", "claims", "assumptions", "recover_ns", "induction")
 TOGETHER = ("P2a", "P3", "ttf", "safer", "start")
 WORK = 600_000_000
 """Of one query, in the solver's own units; a free core takes two minutes or so."""
+WORK_OF_ALL = 3 * WORK
+"""Of all queries about a module."""
 PATIENCE_MS = 900_000
+RELEASES_MAX = 50_000
+"""In an execution that is followed."""
 
 
 def recheck_induction(flat: System, entry: dict[str, Any]) -> tuple[InductionFacts, ModuleReport]:
@@ -63,7 +66,6 @@ def recheck_induction(flat: System, entry: dict[str, Any]) -> tuple[InductionFac
         _returns(facts, returns, entry["recover_ns"])
     report = ModuleReport(entry["module"], said, system=flat.name)
     report.stays = facts.symbol.verify.stays is not None
-    report.parameters = parameters_of(flat)
     report.assumptions = _assumptions(facts)
     report.times = {"hyperperiod_ns": facts.turn, "k": k, "returns": returns}
     report.confirmed = [c for c in CLAIMS if said.get(c) == PROVED]
@@ -100,13 +102,24 @@ def _induction(facts: InductionFacts, k: int) -> None:
     """Each instant of a turn after those before it; then as much of the start as that rests on."""
     from soter.recheck.induction.machine import Machine, calendar_of  # noqa: PLC0415 - an extra
 
+    _affordable(facts, k + 1)
     times = sorted(calendar_of(facts, (k + 1) * facts.turn))
     rests_on = max(_rests_on(facts, at, times) for at in times if at >= k * facts.turn)
     settled = -(-max(c.phase_ns for c in facts.actors) // facts.turn) * facts.turn
     run = Machine(facts, first=True)
     run.run(settled + min(rests_on, k * facts.turn))
-    solver = _solver(run)
-    _refuse(_fails(solver, run.instants), "the first hyperperiods")
+    _refuse(_fails(facts, _solver(run), run.instants), "the first hyperperiods")
+
+
+def _affordable(facts: InductionFacts, turns: int) -> None:
+    """NotRecheckedError where so many hyperperiods have more releases than are gone through."""
+    longest = max(c.phase_ns + c.period_ns for c in facts.actors)
+    end = turns * facts.turn + 2 * longest
+    count = sum(end // c.period_ns for c in facts.actors)
+    if count > RELEASES_MAX:
+        raise NotRecheckedError(
+            f"{count:,} releases in {turns} hyperperiods: more than are gone through"
+        )
 
 
 def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
@@ -123,9 +136,9 @@ def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
         run = Machine(facts, first=False, begin=begin)
         run.run(at + 1)
         last = begin == 0
-        solver = _solver(run, WORK if last else WORK // 10)
+        solver = _solver(run)
         solver.add(*[i.holds for i in run.instants[:-1]])
-        answer = _fails(solver, run.instants[-1:])
+        answer = _fails(facts, solver, run.instants[-1:], WORK if last else WORK // 10)
         if last:
             _refuse(answer, "the induction")
         if last or str(answer) == "unsat":
@@ -133,11 +146,33 @@ def _rests_on(facts: InductionFacts, at: int, times: list[int]) -> int:
         many *= 2
 
 
-def _fails(solver: Any, instants: list[Any]) -> Any:  # noqa: ANN401 - see the import
+def _fails(
+    facts: InductionFacts,
+    solver: Any,  # noqa: ANN401 - see the import
+    instants: list[Any],
+    work: int = WORK,
+) -> Any:  # noqa: ANN401 - see the import
     import z3  # noqa: PLC0415 - an extra
 
     solver.add(z3.Or(*[z3.Not(z3.And(i.holds, i.always)) for i in instants]))
-    return solver.check()
+    return _answer(facts, solver, work)
+
+
+def _answer(facts: InductionFacts, solver: Any, work: int) -> Any:  # noqa: ANN401 - see the import
+    """What the solver says with so much work at most; all queries have `WORK_OF_ALL`."""
+    if facts.work >= WORK_OF_ALL:
+        raise NotRecheckedError("the solver needs more work than is done")
+    before = _spent(solver)
+    solver.set("rlimit", min(work, WORK_OF_ALL - facts.work))
+    found = solver.check()
+    facts.work += max(_spent(solver) - before, 0)
+    return found
+
+
+def _spent(solver: Any) -> int:  # noqa: ANN401 - see the import
+    """The solver's own count of its work, of all solvers since the process began."""
+    found = solver.statistics()
+    return int(found.get_key_value("rlimit count")) if "rlimit count" in found.keys() else 0  # noqa: SIM118
 
 
 def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
@@ -148,18 +183,18 @@ def _returns(facts: InductionFacts, turns: int, recover_ns: object) -> None:
     declared = facts.symbol.verify.recover
     if declared is not None and (turns + 1) * facts.turn > nanoseconds(facts, declared):
         raise RejectedError("P2b: SC gives control back later than `recover within` says")
+    _affordable(facts, turns)
     run = Machine(facts, first=False, fresh=True)
     run.run(turns * facts.turn)
     solver = _solver(run)
     solver.add(*[i.holds for i in run.instants], *[d for i in run.instants for d in i.decided])
-    _refuse(solver.check(), "P2b")
+    _refuse(_answer(facts, solver, WORK), "P2b")
 
 
-def _solver(run: Any, work: int = WORK) -> Any:  # noqa: ANN401 - see the import
+def _solver(run: Any) -> Any:  # noqa: ANN401 - see the import
     import z3  # noqa: PLC0415 - an extra
 
     solver = z3.Solver()
-    solver.set("rlimit", work)
     solver.set("timeout", PATIENCE_MS)
     solver.add(*run.constraints)
     return solver

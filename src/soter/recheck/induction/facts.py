@@ -36,6 +36,8 @@ class InductionFacts:
     actors: list[Component] = field(default_factory=list)
     late: dict[int, int] = field(default_factory=dict)
     undeclared: bool = False
+    work: int = 0
+    """That the solver has done, in its own units."""
     latching: bool = False
     """By the certificate: a fault of what is opaque is followed, and is not shown to be none."""
     topics: list[int] = field(default_factory=list)
@@ -158,6 +160,8 @@ def _times(facts: InductionFacts) -> None:
             raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
     if any(c.wcet_ns is not None for c in facts.flying.components):
         raise NotRecheckedError("declared execution times: not rechecked yet beside an induction")
+    if any(c.jitter_ns for c in facts.flying.components):
+        raise NotRecheckedError("releases that are late (`jitter`): not rechecked yet")
     if any(c.takes_ns is not None for c in facts.actors):
         raise NotRecheckedError("steps that are late, or take time: not rechecked yet")
     others = [c for c in facts.actors if c.role in ("ac", "node")]

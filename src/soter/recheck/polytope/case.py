@@ -44,6 +44,19 @@ def errors_of(model: Model, tables: PolytopeTables) -> list[arb]:
     return found
 
 
+WORK_MAX = 1_500_000
+"""Of one claim, in rows times pieces of time times states: a minute, or a few."""
+
+
+def affordable(what: str, rows: int, pieces: int, states: int) -> None:
+    """NotRecheckedError where so many rows over so many pieces of time are too much work."""
+    if rows * pieces * states > WORK_MAX:
+        raise NotRecheckedError(
+            f"{what}: {rows:,} half-spaces of {states} states over {pieces:,} pieces of time "
+            "are more work than is done"
+        )
+
+
 class PolytopeCheck:
     """One group in one case; `model.extents` of its states are the box of C.
 
@@ -88,6 +101,8 @@ class PolytopeCheck:
 
     def _hold(self, which: str) -> Hold:
         rate = self.tables.rates[which]
+        faces = max(len(p.rows) for p in (self.tables.core, self.tables.home) if p is not None)
+        affordable("a hold", faces, len(self.tables.instants["hold"]), self.flow.n)
         if rate.shape != (len(self.law.controls),):
             raise RejectedError("the rates of a polytope group are not one for each control")
         period = self.model.facts.times["delta_ns"]
@@ -145,6 +160,8 @@ class PolytopeCheck:
         self._kept("Q", self._hold("Q"), home, inside, given)
         hold = self._hold("K")
         faces, ends = home.faces
+        pieces = tables.periods * len(tables.instants["hold"])
+        affordable("the way to Q", len(faces), pieces, self.flow.n)
         row, loss = in_balls(faces), [ZERO] * len(faces)
         for _ in range(tables.periods):
             row, more = hold.after(row)
@@ -165,6 +182,7 @@ class PolytopeCheck:
         self._boxed_in(f"{what} in C", start, self.tables.constraint)
         bounded = Bounded(start)
         faces, ends = inner
+        affordable(what, len(faces), len(instants), self.flow.n)
         for row, loss in Free(self.flow, instants).everywhere(in_balls(faces)):
             limits = [a - b for a, b in zip(ends, loss, strict=True)]
             bounded.require(what, row, limits, None if given is None else next(given))

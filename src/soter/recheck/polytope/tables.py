@@ -36,6 +36,9 @@ REQUIRED = ("kind", "axes", "C", "law", "K", "R", "S", "G", "rates", "periods", 
 OPTIONAL = ("Q", "target")
 INSTANTS_MAX = 10_000
 PERIODS_MAX = 100_000
+FACES_MAX = 10_000
+TRIPLES_MAX = 2_000_000
+"""Multipliers of a group, rows without any counted in."""
 BOX = 2
 """Rows of a matrix that is a box: low and high."""
 TRIPLE = 3
@@ -194,6 +197,8 @@ class _Reader:
 
     def __init__(self, certificate: Certificate, n: int) -> None:
         self.certificate, self.n = certificate, n
+        self.weights = 0
+        """Multipliers that were asked for so far."""
 
     def matrix(self, entry: Any, shape: tuple[int, ...] | None) -> Floats:  # noqa: ANN401
         """Finite numbers, of a shape if one is given."""
@@ -219,6 +224,8 @@ class _Reader:
         rows = self.matrix(entry["faces"], None)
         if rows.ndim != BOX or rows.shape[1] != self.n + 1:
             raise RejectedError("the faces of a polytope are not over the states of its group")
+        if len(rows) > FACES_MAX:
+            raise RejectedError(f"a polytope of more than {FACES_MAX:,} half-spaces: not looked at")
         faces = rows.tolist()
         return HalfSpaces(
             low, high, tuple(tuple(f[:-1]) for f in faces), tuple(f[-1] for f in faces)
@@ -227,8 +234,11 @@ class _Reader:
     def triples(self, entry: Any) -> Triples:  # noqa: ANN401
         """Multipliers: none is negative, and each belongs to a row and a half-space."""
         count, width = (_whole(k, 1 << 24, "the size of multipliers") for k in entry["of"])
-        found: Triples = [[] for _ in range(count)]
         given = self.matrix(entry, None)
+        self.weights += count + len(given)
+        if self.weights > TRIPLES_MAX:
+            raise RejectedError(f"more than {TRIPLES_MAX:,} multipliers: not looked at")
+        found: Triples = [[] for _ in range(count)]
         if given.ndim != BOX or given.shape[1] != TRIPLE:
             raise RejectedError("multipliers are not triples")
         for row, face, value in given.tolist():

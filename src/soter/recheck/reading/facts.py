@@ -90,6 +90,9 @@ class Facts:
     thread: str = ""
     """What is assumed of the thread that keeps them; "" where no execution times are declared."""
     levels: int = 3
+    in_sets: dict[int, bool] = field(default_factory=dict)
+    """Topic -> whether all that is published of a state that SC keeps was shown to lie in its set;
+    none before P2a is shown."""
     running: dict[int, int] = field(default_factory=dict)
     """Topic of the module -> the same in the system that runs."""
 
@@ -146,6 +149,19 @@ def driven_topics(facts: Facts) -> dict[int, tuple[Component, typed.Expr]]:
         if c.plant is not None
         for topic, expr in c.plant.drives
     }
+
+
+def bounded_topics(facts: Facts) -> list[int]:
+    """Topics with a declared set that plants drive: what they publish outside of it stops them.
+
+    Of what is abstracted only those that the module knows: the rest is not published in flight.
+    """
+    return [
+        index
+        for index in driven_topics(facts)
+        if any(b is not None for b in facts.system.topics[index].bounds)
+        and (index in facts.running or not facts.symbol.verify.abstracts)
+    ]
 
 
 def topics_of_others(c: Component, module: Module) -> list[typed.TopicSymbol]:

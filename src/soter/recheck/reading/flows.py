@@ -227,20 +227,22 @@ def is_linear(model: Model, members: Sequence[int]) -> bool:
     return all(rows[i] is not None for i in members)
 
 
-def linear_flow(model: Model, members: Sequence[int]) -> LinearFlow:
+def linear_flow(model: Model, members: Sequence[int], *, as_stepped: bool = True) -> LinearFlow:
     """The flow of a group; what other groups do to it counts as a disturbance.
 
-    Where every state of the plants has a linear flow, one step of the simulator's scheme is a
-    solution, too (`_scheme`); otherwise that it is one is a printed assumption. NotRecheckedError
-    where a state of the group has no linear flow.
+    Where all that moves the group has a linear flow, one step of the simulator's scheme is a
+    solution, too (`_scheme`): with `as_stepped` it is one of what is found; otherwise that it is
+    one is a printed assumption. NotRecheckedError where a state of the group has no linear flow.
     """
     rows = _whole(model)
-    own = [rows[i] for i in members]
-    if any(row is None for row in own):
+    if any(rows[i] is None for i in members):
         raise NotRecheckedError("a flow that is not linear is not solved at once")
-    if all(row is not None for row in rows):
-        scheme = _scheme(model, [row.a for row in rows if row is not None])
-        rows = [_as_stepped(model, rows, scheme, i) for i in range(len(rows))]
+    moving = _moving(rows, members)
+    whole = all(row is not None for row in rows)
+    known = whole or all(c.plant.method in ORDERS for c in model.facts.plants if c.plant)
+    if as_stepped and known and all(rows[i] is not None for i in moving):
+        stepped = _as_stepped(model, rows, moving)
+        rows = [stepped.get(i, row) for i, row in enumerate(rows)]
     inside = set(members)
     noises: Matrix = []
     constants = []
@@ -309,7 +311,22 @@ def _whole(model: Model) -> list[Row | None]:
     return found
 
 
-def _scheme(model: Model, a: Matrix) -> tuple[Matrix, Matrix]:
+def _moving(rows: Sequence[Row | None], members: Sequence[int]) -> list[int]:
+    """The states on which those of a group depend, themselves included: a system of its own.
+
+    A step of a scheme on all states is one on these alone: no other state occurs in their rates.
+    """
+    found = set(members)
+    todo = list(members)
+    while todo:
+        row = rows[todo.pop()]
+        more = set() if row is None else {j for j, x in enumerate(row.a) if not x.is_zero()}
+        todo += sorted(more - found)
+        found |= more
+    return sorted(found)
+
+
+def _scheme(model: Model, a: Matrix, states: Sequence[int]) -> tuple[Matrix, Matrix]:
     """E_x and E_v: the extra rate E_x x + E_v v turns the exact solution into the scheme's step.
 
     One step of the scheme is P x + Q v, the solution Phi x + Gamma v, with the state x at its
@@ -319,8 +336,11 @@ def _scheme(model: Model, a: Matrix) -> tuple[Matrix, Matrix]:
     in ORDERS.
     """
     n = len(a)
+    owners = {model.facts.states[i].owner for i in states}
     schemes = {
-        (c.plant.method, c.period_ns, c.substeps) for c in model.facts.plants if c.plant is not None
+        (c.plant.method, c.period_ns, c.substeps)
+        for c in model.facts.plants
+        if c.plant is not None and c.index in owners
     }
     if len(schemes) != 1:
         raise NotRecheckedError("plants with different schemes or periods")
@@ -356,29 +376,34 @@ def _scheme(model: Model, a: Matrix) -> tuple[Matrix, Matrix]:
     return of_x, of_v
 
 
-def _as_stepped(
-    model: Model, rows: Sequence[Row | None], scheme: tuple[Matrix, Matrix], i: int
+def _as_stepped(model: Model, rows: Sequence[Row | None], states: Sequence[int]) -> dict[int, Row]:
+    """The rows of a system of its own with the extra rate of the scheme."""
+    own = {i: row for i in states if (row := rows[i]) is not None}
+    scheme = _scheme(model, [[own[i].a[j] for j in states] for i in states], states)
+    return {i: _row_as_stepped(model, own, scheme, at) for at, i in enumerate(states)}
+
+
+def _row_as_stepped(
+    model: Model, rows: dict[int, Row], scheme: tuple[Matrix, Matrix], at: int
 ) -> Row:
-    """The row with the extra rate of the scheme: r_i = sum E_v v + sum E_x x, x in the grid.
+    """One row with its extra rate: r_i = sum E_v v + sum E_x x, x in the grid.
 
     What v_i itself adds goes with B, c and W, v being held with the command: a state that no
     command and nothing else moves stands still for the scheme, too. The rest counts as a
     disturbance.
     """
-    of_x, of_v = scheme
-    first = rows[i]
-    assert first is not None
-    own = ONE + of_v[i][i]
+    of_x, of_v = (m[at] for m in scheme)
+    first = list(rows.values())[at]
+    own = ONE + of_v[at]
     error = ZERO
-    for j, row in enumerate(rows):
-        assert row is not None
+    for k, (j, row) in enumerate(rows.items()):
         low, high = (exact(end) for end in model.extents[j])
-        error += magnitude(of_x[i][j]) * magnitude(low).max(magnitude(high))
-        if j != i and not of_v[i][j].is_zero():
+        error += magnitude(of_x[k]) * magnitude(low).max(magnitude(high))
+        if k != at and not of_v[k].is_zero():
             rate = abs(row.constant) + sum((abs(x) for x in row.noise), ZERO)
             for x, c in zip(row.b, model.facts.controls, strict=True):
                 rate += abs(x) * magnitude(exact(c.low)).max(magnitude(exact(c.high)))
-            error += magnitude(of_v[i][j]) * rate
+            error += magnitude(of_v[k]) * rate
     b = [own * x for x in first.b]
     noise = [own * x for x in first.noise]
     return Row(first.a, b, own * first.constant, noise, arb(error.upper()))

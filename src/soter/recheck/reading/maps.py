@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 from soter.recheck.reading.model import control_inputs
 from soter.recheck.terms.balls import exact
 from soter.recheck.terms.compiled import compile_step
+from soter.recheck.terms.terms import NotRecheckedError
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -20,6 +21,9 @@ if TYPE_CHECKING:
     from soter.recheck.reading.model import Model
     from soter.recheck.terms.compiled import Step
     from soter.recheck.terms.terms import Linear
+
+STEPS_MAX, PHASE_MAX = 1_000, 100_000
+"""Steps of a map in a period of SC, and in a phase of any command."""
 
 
 def boxes_of(
@@ -46,6 +50,8 @@ def map_step(model: Model, members: Sequence[int]) -> Step:
     terms, states = model.new_terms()
     commands = model.commands(terms, states)
     count = model.facts.times["delta_ns"] // model.facts.plants[0].period_ns
+    if count > STEPS_MAX:
+        raise NotRecheckedError(f"more than {STEPS_MAX:,} steps of the map in a period of SC")
     current, between = states, []
     for _ in range(count):
         current = model.next_states(terms, current, commands)
@@ -64,6 +70,8 @@ def map_step(model: Model, members: Sequence[int]) -> Step:
 def map_free(model: Model, members: Sequence[int], time_ns: int) -> tuple[Step, ...]:
     """Steps of the map under any commands, as many as the time has."""
     period = model.facts.plants[0].period_ns
+    if time_ns > PHASE_MAX * period:
+        raise NotRecheckedError(f"more than {PHASE_MAX:,} steps of the map under any command")
     terms, states = model.new_terms()
     commands = control_inputs(model.facts, terms)
     after = model.next_states(terms, states, commands)

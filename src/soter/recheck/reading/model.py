@@ -19,8 +19,8 @@ from soter.recheck.reading.modes import any_mode, every_mode
 from soter.recheck.reading.problem import driven_topics
 from soter.recheck.reading.symbolic import Reader, Surroundings, variables_in
 from soter.recheck.reading.values import filled, flat, truth_of
-from soter.recheck.terms.balls import ONE, exact
-from soter.recheck.terms.terms import NotRecheckedError, Terms, negation
+from soter.recheck.terms.balls import ONE, exact, greatest_below
+from soter.recheck.terms.terms import TRUE, Linear, NotRecheckedError, Terms, Truth, both, negation
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from soter.program.model import typed
     from soter.program.model.system import Component
     from soter.recheck.reading.problem import Facts, Input
-    from soter.recheck.terms.terms import Linear, Truth
 
 
 @dataclass(eq=False)
@@ -168,6 +167,29 @@ class Model:
         reader = Reader(terms, Surroundings(scope.params, known, modes=modes))
         found = reader.expression(expr)
         return truth_of(found)
+
+    def in_set(self, terms: Terms, states: Sequence[Linear], topic: int) -> Truth:
+        """That every estimate which a plant publishes on a topic lies in its declared set.
+
+        The sum of value and error is rounded once, and rounding is monotone: it lies in [low, high]
+        exactly where the value lies between the least and the greatest number of which it does.
+        """
+        declared = self.facts.system.topics[topic]
+        parts = flat(self.topics(terms, states, errors=False)[topic])
+        errors = dict.fromkeys(range(len(parts)), 0.0)
+        for c in self.facts.plants:
+            errors.update({m.leaf: m.bound for m in c.measured if m.topic == topic})
+        found = TRUE
+        for k, (x, bound) in enumerate(zip(parts, declared.bounds, strict=True)):
+            if bound is None or isinstance(x, (bool, Truth)):
+                continue
+            value = x if isinstance(x, Linear) else terms.constant(float(x))
+            high = greatest_below(float(bound.high), errors[k])
+            low = -greatest_below(-float(bound.low), errors[k])
+            above = terms.below(terms.combine(((ONE, value),), -exact(low)))
+            beyond = terms.below(terms.combine(((-ONE, value),), exact(high)))
+            found = both(found, both(negation(above), negation(beyond)))
+        return found
 
     # ------------------------------------------------------------ plants in time
 

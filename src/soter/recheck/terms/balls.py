@@ -58,6 +58,15 @@ def below(x: arb) -> float:
     return far if x >= far else -math.inf
 
 
+def greatest_below(bound: float, added: float) -> float:
+    """The greatest double whose rounded sum with `added` does not exceed the bound."""
+    step = 4 * max(math.ulp(bound), math.ulp(added), math.ulp(bound - added))
+    low, high = bound - added - step, bound - added + step
+    while (middle := low / 2 + high / 2) not in (low, high):
+        low, high = (middle, high) if middle + added <= bound else (low, middle)
+    return high if high + added <= bound else low
+
+
 def above(x: arb) -> float:
     """A double that is no smaller than anything in the ball; inf where there is none."""
     near = float(x)

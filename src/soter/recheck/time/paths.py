@@ -22,6 +22,8 @@ if TYPE_CHECKING:
 
 NODES_MAX = 16
 """On a path; more is no path that a person wrote."""
+LOOKS_MAX = 20_000
+"""At topics, on all ways together."""
 NOW = Clock("now", 1)
 """What shows the state of the very instant in which it is read."""
 
@@ -37,6 +39,8 @@ class Ways:
     notes: dict[tuple[str, str], None] = field(default_factory=dict)
     undeclared: dict[str, None] = field(default_factory=dict)
     """Nodes on the paths whose times are not declared."""
+    looked: int = 0
+    """How often a topic was looked at."""
 
     # ------------------------------------------------------------ towards the module
 
@@ -50,6 +54,7 @@ class Ways:
 
     def _to(self, index: int, behind: tuple[int, ...]) -> list[Path]:
         """The same for a part of it; `behind`: the nodes that were followed already."""
+        self._looks()
         found: list[Path] = []
         for c in self._writers(index):
             if c.plant is not None:
@@ -94,6 +99,7 @@ class Ways:
 
     def _commanded(self, index: int, behind: tuple[int, ...]) -> bool:
         """Whether a topic depends on what the module publishes, by nodes alone."""
+        self._looks()
         if index in self.module.outputs:
             return True
         for c in self._writers(index):
@@ -122,6 +128,7 @@ class Ways:
     def _from(
         self, index: int, nodes: tuple[Clock, ...], behind: tuple[int, ...]
     ) -> Iterable[tuple[Clock, ...]]:
+        self._looks()
         vehicle = {name for kind, name in self.notes if kind == "vehicle"}
         if behind and self.system.topics[index].name in vehicle:
             return [nodes]
@@ -164,6 +171,11 @@ class Ways:
         return meets and c.phase_ns <= sc.phase_ns
 
     # ------------------------------------------------------------ parts
+
+    def _looks(self) -> None:
+        self.looked += 1
+        if self.looked > LOOKS_MAX:
+            raise NotRecheckedError("more ways between plants and module than are followed")
 
     def _names(self, c: Component) -> list[str]:
         """How the `verify` block may call a node."""

@@ -44,11 +44,13 @@ class Turn:
 def check_thread(system: System, module: Module, setting: Setting, in_step: Iterable[str]) -> str:
     """DiffersError where a time of the setting does not hold in the thread; else what is assumed.
 
-    Nothing is assumed where nobody in the thread says an execution time. `in_step`: nodes behind SC
-    in its instant, by name. NotRecheckedError where there are too many releases.
+    Nothing is assumed where nobody in the thread says an execution time, or how late its release
+    may be. A time that is not said is counted as nothing: what does not hold even then is a miss.
+    `in_step`: nodes behind SC in its instant, by name. NotRecheckedError where there are too many
+    releases.
     """
     thread = [c for c in system.components if _there(c)]
-    if all(c.wcet_ns is None for c in thread):
+    if all(c.wcet_ns is None and not c.jitter_ns for c in thread):
         return ""
     turns = _turns(thread)
     clocks = {c.name: c for c in _nodes(setting)}

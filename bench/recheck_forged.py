@@ -1,0 +1,246 @@
+"""Forged certificates of every kind of proof, sealed as right ones are, each in a process.
+
+    .venv/bin/python bench/recheck_forged.py [--count 100] [--seed 1] [--jobs 2] [--json FILE]
+
+Purpose: certificates of grids, polytopes, inductions, deployed and composed systems are forged in
+twelve ways (`recheck_forgeries.py`): their sets, claims, times, inputs, programs, names, sizes, and
+what is swapped between certificates and systems. Each is checked in a child with a minute and a
+limit of memory. An accepted one is *false* where it confirms of a program, a system, a module and
+values of parameters what `soter verify` does not prove of exactly these, also not on a finer grid.
+Certificates that `soter verify` writes have to be accepted; nothing may draw on the terminal.
+Non-goals: single cells of one program (`recheck_corruptions.py`), every edit of one
+(`recheck_overstated.py`).
+"""
+
+from __future__ import annotations
+
+import argparse
+import contextlib
+import json
+import multiprocessing
+import os
+import random
+import resource
+import signal
+import subprocess
+import sys
+import tempfile
+import time
+from collections import Counter
+from concurrent.futures import ProcessPoolExecutor
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+ROOT = Path(__file__).resolve().parents[1]
+for where in (ROOT, ROOT / "tests"):
+    if str(where) not in sys.path:
+        sys.path.insert(0, str(where))
+
+from bench.recheck_forgeries import (  # noqa: E402 - needs the path
+    KINDS,
+    PROGRAMS,
+    Forged,
+    base_of,
+    finer,
+    forge,
+    proved_of,
+)
+
+from soter.cli.terminal.outcome import FINE  # noqa: E402
+from soter.recheck.rechecker import recheck  # noqa: E402
+
+if TYPE_CHECKING:
+    from bench.recheck_forgeries import Base, Claim
+
+LIMIT_S = 60.0
+MEMORY = 8 << 30
+"""Bytes of address space."""
+DRAWING = ("sizes", "names and types")
+"""Kinds that may draw on the terminal."""
+ANSWERS = (0, 1, 3, 4)
+"""Exits of `soter recheck`: 1 is a folder that is no certificate."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a forgery; `wrong`: why its acceptance, or what was printed, is."""
+
+    family: str
+    kind: str
+    name: str
+    exit: int | None
+    """Of `soter recheck`; None where it did not end."""
+    seconds: float
+    reason: str = ""
+    wrong: str = ""
+
+
+# ---------------------------------------------------------------- one re-check, in a child
+
+
+def _limited() -> None:
+    resource.setrlimit(resource.RLIMIT_AS, (MEMORY, MEMORY))
+
+
+def checked(folder: Path, *more: str) -> tuple[int | None, str, str, float]:
+    """Exit, standard output, standard error and seconds of `soter recheck`; None: killed."""
+    command = [sys.executable, "-m", "soter", "recheck", str(folder), *more]
+    began = time.perf_counter()
+    process = subprocess.Popen(
+        command,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        preexec_fn=_limited,  # noqa: PLW1509 - no thread is alive here
+    )
+    code: int | None = None
+    try:
+        out, err = process.communicate(timeout=LIMIT_S)
+        code = process.returncode
+    except subprocess.TimeoutExpired:
+        with contextlib.suppress(ProcessLookupError):
+            os.killpg(process.pid, signal.SIGKILL)
+        out, err = process.communicate()
+    seconds = time.perf_counter() - began
+    return code, out.decode(errors="replace"), err.decode(errors="replace"), seconds
+
+
+# ---------------------------------------------------------------- judging
+
+
+def _unheard(text: str) -> bool:
+    return any(not c.isprintable() and c != "\n" for c in text)
+
+
+_BASES: dict[str, Base] = {}
+
+
+def judge(kind: str, family: str, seed: int) -> Outcome:
+    """Forge, check, and judge what was accepted."""
+    with tempfile.TemporaryDirectory(prefix="forged-") as at:
+        folder = Path(at) / "cert"
+        made = forge(_BASES, family, kind, seed, folder)
+        code, out, err, seconds = checked(folder, "--json")
+        reason, wrong = "", ""
+        if code in (0, 3, 4):
+            found = json.loads(out)
+            reason = str(found["reason"])
+            if found["accepted"]:
+                wrong = _overstated(made, found, code)
+            shown = checked(folder) if kind in DRAWING else (None, "", "")
+            if shown[0] is not None and _unheard(shown[1] + shown[2]):
+                wrong = wrong or "what it prints moves the cursor"
+        elif code is None:
+            wrong = "no answer: a hang, or a crash"
+        elif code not in ANSWERS:
+            wrong = f"exit {code}: {err.strip()[-200:]}"
+        return Outcome(family, kind, made.name, code, round(seconds, 2), reason, wrong)
+
+
+def _overstated(made: Forged, found: dict[str, Any], code: int) -> str:
+    """What was confirmed and is not so; empty where all of it is."""
+    for label, module in found["modules"].items():
+        name = label.removeprefix(module["system"] + ".").split(" as ")[0]
+        if module["otherwise"] and code == FINE and not made.defaults:
+            return f"values that the program does not set: {module['otherwise']}"
+        values = tuple(sorted(module["parameters"].items()))
+        claim: Claim = (module["system"], name, values)
+        confirmed = {c for c in module["confirmed"] if c not in ("P1a", "P1b")}
+        missed = confirmed - proved_of(made.text, claim)
+        if missed:
+            missed -= proved_of(finer(made.text), claim)
+        if missed:
+            return f"confirmed and not proved of {name} in {module['system']}: {sorted(missed)}"
+    return ""
+
+
+# ---------------------------------------------------------------- all of them
+
+
+def untouched() -> list[Outcome]:
+    """Every certificate as `soter verify` wrote it: whatever is proved has to be accepted."""
+    found = []
+    for base in _BASES.values():
+        for name, variant in {"": base, **base.variants}.items():
+            if not variant.proved:
+                continue
+            with tempfile.TemporaryDirectory(prefix="forged-") as at:
+                folder = Path(at) / "cert"
+                variant.write(folder)
+                report = recheck(folder, workers=1)
+            wrong = "" if report.accepted else "a right one is rejected"
+            label = f"{base.name} {name}".strip()
+            code = 0 if report.accepted else 3
+            found.append(
+                Outcome(base.family, "untouched", label, code, report.seconds, report.reason, wrong)
+            )
+    return found
+
+
+def run(count: int, seed: int, jobs: int, kinds: list[str]) -> list[Outcome]:
+    """`count` forgeries of each kind, dealt out to the families in turn."""
+    _BASES.update({name: base_of(name) for name in PROGRAMS})
+    found = untouched()
+    families = list(dict.fromkeys(b.family for b in _BASES.values()))
+    work = [
+        (kind, families[k % len(families)], seed * 1_000_000 + 1000 * n + k)
+        for n, kind in enumerate(KINDS)
+        if kind in kinds
+        for k in range(count)
+    ]
+    random.Random(seed).shuffle(work)  # noqa: S311 - no secret
+    with ProcessPoolExecutor(jobs, multiprocessing.get_context("fork")) as pool:
+        asked = [pool.submit(judge, *item) for item in work]
+        for k, answer in enumerate(asked, 1):
+            found.append(answer.result())
+            if k % 50 == 0:
+                print(f"{k} of {len(work)}", file=sys.stderr, flush=True)
+    return found
+
+
+def table(found: list[Outcome]) -> str:
+    """Kinds by families: accepted of all; then what is wrong."""
+    families = list(dict.fromkeys(o.family for o in found))
+    lines = [f"{'kind':<22}" + "".join(f"{f:>14}" for f in families) + f"{'FALSE':>8}{'HANG':>6}"]
+    for kind in ("untouched", *KINDS):
+        of = [o for o in found if o.kind == kind]
+        if not of:
+            continue
+        row = f"{kind:<22}"
+        for family in families:
+            own = [o for o in of if o.family == family]
+            accepted = sum(o.exit in (0, 4) for o in own)
+            row += f"{f'{accepted} of {len(own)}':>14}"
+        hangs = sum(o.exit is None for o in of)
+        lines.append(row + f"{sum(bool(o.wrong) for o in of) - hangs:>8}{hangs:>6}")
+    return "\n".join(lines)
+
+
+def main() -> int:
+    """Print the table; exit 1 where something false was accepted, or did not end."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--count", type=int, default=100, help="forgeries of each kind")
+    parser.add_argument("--seed", type=int, default=1)
+    parser.add_argument("--jobs", type=int, default=2)
+    parser.add_argument("--kind", action="append", choices=list(KINDS))
+    parser.add_argument("--json", type=Path)
+    args = parser.parse_args()
+    began = time.perf_counter()
+    found = run(args.count, args.seed, args.jobs, args.kind or list(KINDS))
+    print("accepted (exit 0 or 4) of all that were made")
+    print(table(found))
+    for o in found:
+        if o.wrong:
+            print(f"  {o.family}, {o.kind}, {o.name}: {o.wrong} {o.reason[:160]}")
+    slowest = max(o.seconds for o in found)
+    reasons = Counter(o.reason.split("`")[0][:60] for o in found if o.exit == 3)
+    print(f"{len(reasons)} reasons; the slowest took {slowest:.1f} s")
+    print(f"{time.perf_counter() - began:.0f} s, target: 0 false, 0 right rejected, 0 hangs")
+    if args.json:
+        args.json.write_text(json.dumps([asdict(o) for o in found], indent=1))
+    return 1 if any(o.wrong for o in found) else 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())
