@@ -14,6 +14,7 @@ import resource
 import shutil
 import signal
 import sys
+import threading
 import time
 from contextlib import suppress
 from dataclasses import dataclass
@@ -143,6 +144,7 @@ def _command(words: list[str], folder: Path, said: Path, stdin: str) -> None:
         _apologise(error, words)
     finally:
         with suppress(BaseException):
+            threading._shutdown()  # type: ignore[attr-defined] # noqa: SLF001 - as at every end
             sys.stdout.flush()
             sys.stderr.flush()
         os._exit(code & 0xFF)

@@ -277,6 +277,8 @@ SPECIAL: dict[str, Callable[[Path], object]] = {
 }
 NO_STREAM = frozenset(
     {
+        "a folder",
+        "a folder that is not empty",
         "a pipe that nobody writes",
         "a socket",
         "missing",
