@@ -27,7 +27,6 @@ from soter.semantics.rules import next_instant
 from soter.simulate.image import image
 
 CART = EXAMPLES / "wall" / "cart_firmware.soter"
-OWN = EXAMPLES / "wall" / "firmware"
 FILES = Path(__file__).parent / "files"
 SCRIPT = FILES / "firmware_script.c"
 LIBRARY = 256
@@ -71,36 +70,6 @@ def linked(built: Path, compiler: list[str], source: Path, *flags: str) -> Path:
 def compilers(*names: str) -> list[str]:
     found = [n for n in names if shutil.which(n)]
     return found or [pytest.param("", marks=pytest.mark.skip(reason="none is here"))]  # type: ignore[list-item]
-
-
-# ---------------------------------------------------------------- the example
-
-
-def test_a_main_in_c_keeps_the_cart_before_the_wall(built: Path) -> None:
-    for name in {*compilers("gcc", "clang"), " ".join(find().command)}:
-        own = linked(built, name.split(), OWN / "main.c", "-std=c99", *MEANING)
-        ran = processes.run([own], capture_output=True, text=True)
-        lines = ran.stdout.splitlines()
-        assert ran.returncode == 0, ran.stdout
-        assert lines[0] == "0: AC has control"
-        assert "SC has control" in lines[1], "AC rushes at the wall and is stopped"
-        assert lines[-1].endswith("before the wall")
-        assert not [x for x in lines if "says" in x or "refused" in x]
-
-
-@pytest.mark.parametrize("name", compilers("g++", "clang++"))
-def test_a_main_in_cpp_with_the_clock_of_the_machine(built: Path, name: str) -> None:
-    own = linked(built, [name], OWN / "main.cpp", "-std=c++17")
-    ran = processes.run([own], capture_output=True, text=True)
-    assert ran.returncode == 0
-    assert "has control" in ran.stdout
-
-
-def test_the_mains_are_as_short_as_the_page_says() -> None:
-    for name in ("main.c", "main.cpp"):
-        text = (OWN / name).read_text(encoding="utf-8")
-        body = text[text.index("int main(") :].splitlines()
-        assert len([x for x in body if x.strip()]) <= 38
 
 
 # ---------------------------------------------------------------- told line by line

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, Diagnostics, SoterError
 from soter.program.flatten.numbers import MAX_PERIOD_NS
+from soter.program.load.files import read_json_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -79,16 +80,15 @@ def times_in(path: str | Path) -> tuple[str, str, dict[str, int]]:
 
     `SoterError` U011 where it is no such file; OSError where it cannot be read.
     """
-    text = Path(path).read_text(encoding="utf-8")
     try:
-        given = json.loads(text)
+        given = json.loads(read_json_text(Path(path)))
         found = {s["name"]: s["wcet_ns"] for s in given["steps"]}
         sound = given["schema"] == 1 and all(
             isinstance(n, str) and type(ns) is int and 0 < ns <= MAX_PERIOD_NS
             for n, ns in found.items()
         )
         program, system = str(given["program_sha256"]), str(given["system"])
-    except (ValueError, KeyError, TypeError):
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError):
         sound = False
     if not sound:
         problem = Diagnostic(

@@ -21,12 +21,15 @@ from zlib import crc32
 from soter.campaign.flight import Flight, Look
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.refused import reason
+from soter.program.load.files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
     from pathlib import Path
 
 ABOUT, FLIGHTS = "campaign.json", "flights.csv"
+FLIGHTS_MAX = 2**32
+"""Bytes of the table of a campaign."""
 WORDS = {
     "program_sha256": "the program (its text, or a file that it reads)",
     "until_ns": "how long a flight is",
@@ -138,7 +141,7 @@ class Store:
         path = self.folder / FLIGHTS
         if not path.exists():
             return []
-        raw = path.read_bytes()
+        raw = read_bytes(path, FLIGHTS_MAX)
         lines = raw.decode("utf-8", "replace").split("\n")[:-1]
         found: list[Flight] = []
         if lines and next(csv.reader(lines[:1])) != self._head():
@@ -258,7 +261,7 @@ def digest_of(flights: Iterable[Flight]) -> str:
 
 def _read(path: Path) -> object:
     try:
-        return json.loads(path.read_text(encoding="utf-8"))
+        return json.loads(read_bytes(path))
     except (ValueError, RecursionError):
         return None
 

@@ -13,12 +13,13 @@ import os
 import sys
 import traceback
 from contextlib import redirect_stdout
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, BinaryIO
 
 from lsprotocol import types as lsp
 from pygls.exceptions import JsonRpcInvalidRequest
 from pygls.lsp.server import LanguageServer
 
+from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.lsp.answers import answer
 from soter.lsp.documents import Documents
 from soter.lsp.positions import path_of
@@ -27,6 +28,8 @@ from soter.version import VERSION
 if TYPE_CHECKING:
     from soter.lsp.lenses import Verdicts
 
+HEAD_MAX, MESSAGE_MAX = 2**16, 2**28
+"""Bytes of a line of a message's head, and of its body."""
 SETTLE_S = 0.01
 """So long nothing may come before a check begins: of a burst of keystrokes only the last counts."""
 
@@ -129,7 +132,10 @@ class _Refusals(logging.Filter):
 
 
 def serve(verdicts: Verdicts, tcp: tuple[str, int] | None = None) -> None:
-    """Serve one client over standard input and output, or over `tcp` (host, port), to its end."""
+    """Serve one client over standard input and output, or over `tcp` (host, port), to its end.
+
+    `SoterError` D005 where standard input is no stream of the protocol.
+    """
     server = made(verdicts)
     logging.getLogger("pygls.protocol.json_rpc").addFilter(_Refusals())
     if tcp is not None:
@@ -138,4 +144,32 @@ def serve(verdicts: Verdicts, tcp: tuple[str, int] | None = None) -> None:
     # what the editor reads are messages, and nothing else; pygls closes the stream at the end
     out = os.fdopen(os.dup(sys.stdout.fileno()), "wb")
     with redirect_stdout(sys.stderr):
-        server.start_io(sys.stdin.buffer, out)
+        try:
+            server.start_io(_Stream(sys.stdin.buffer), out)  # type: ignore[arg-type]
+        except (OverflowError, ValueError, MemoryError) as error:
+            text = f"standard input is no stream of the language server protocol: {error}"
+            raise SoterError((Diagnostic("D005", text),)) from error
+
+
+class _Stream:
+    """What an editor says; ValueError where a message, or a line of its head, is out of measure."""
+
+    def __init__(self, raw: BinaryIO) -> None:
+        self._raw = raw
+
+    def readline(self) -> bytes:
+        """A line of the head."""
+        line = self._raw.readline(HEAD_MAX + 1)
+        if len(line) > HEAD_MAX:
+            raise ValueError(f"a line of its head is longer than {HEAD_MAX} bytes")
+        return line
+
+    def read(self, count: int) -> bytes:
+        """The body of a message."""
+        if count > MESSAGE_MAX:
+            raise ValueError(f"a message of more than {MESSAGE_MAX >> 20} MiB")
+        return self._raw.read(count)
+
+    def close(self) -> None:
+        """Nothing more is read."""
+        self._raw.close()

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.phase import phase
+from soter.report.visible import visible
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -116,11 +117,18 @@ def compile_with(
 ) -> None:
     """Run a compiler in `work`; SoterError X004 with its words, those of `telling` if any are."""
     phase("compiling")
-    done = subprocess.run(
-        command, capture_output=True, text=True, check=False, timeout=TIMEOUT_S, cwd=work
-    )
+    try:
+        done = subprocess.run(
+            command, capture_output=True, check=False, timeout=TIMEOUT_S, cwd=work
+        )
+    except subprocess.TimeoutExpired as error:
+        notes = (f"the compiler was ended after {TIMEOUT_S} s",)
+        raise SoterError((Diagnostic("X004", message, notes=notes, helps=helps),)) from error
     if done.returncode == 0:
         return
-    lines = done.stderr.replace(str(work) + os.sep, "").strip().splitlines()
+    said = done.stderr.decode("utf-8", "replace")
+    lines = said.replace(str(work) + os.sep, "").strip().splitlines()
     shown = [x for x in lines if any(word in x for word in telling)] or lines
-    raise SoterError((Diagnostic("X004", message, notes=tuple(shown[:8]), helps=helps),))
+    raise SoterError(
+        (Diagnostic("X004", message, notes=tuple(map(visible, shown[:8])), helps=helps),)
+    )

@@ -11,6 +11,7 @@ from pathlib import Path
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.refused import reason
+from soter.program.load.files import read_bytes
 
 INCLUDE = re.compile(r'^[ \t]*#[ \t]*include[ \t]*"([^"\n]+)"', re.MULTILINE)
 FILES_MAX = 1000
@@ -35,7 +36,7 @@ def included(source: str | Path, folders: tuple[Path, ...] = ()) -> dict[Path, s
 
 def _read(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8", errors="surrogateescape")
+        return read_bytes(path).decode("utf-8", "surrogateescape")
     except OSError as error:
         why = reason(error)
         message = f"cannot read the extern's C file `{path}`: {why}"

@@ -124,7 +124,13 @@ def _measured(
 
 def _run(words: list[str], work: Path) -> subprocess.CompletedProcess[str]:
     return subprocess.run(
-        words, capture_output=True, text=True, check=False, timeout=TIMEOUT_S, cwd=work
+        words,
+        capture_output=True,
+        text=True,
+        errors="replace",
+        check=False,
+        timeout=TIMEOUT_S,
+        cwd=work,
     )
 
 

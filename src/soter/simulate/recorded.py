@@ -7,13 +7,13 @@ Non-goals: modes and decisions; logs that `soter run --log` did not write.
 from __future__ import annotations
 
 import json
-import struct
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.refused import reason
 from soter.lower.layout import decode_from
+from soter.program.load.files import opened
 from soter.program.model.types import RecordType
 from soter.program.model.values import ValueShapeError, from_json
 from soter.report.mcap_log import METADATA_NAME
@@ -57,10 +57,10 @@ def read_log(path: Path, system: System) -> Recorded:
         t = types.get(channel)
         if t is None:
             continue
-        given = message if isinstance(t, RecordType) else message.get("value")
         try:
+            given = message if isinstance(t, RecordType) else message["value"]
             value = from_json(t, given, channel)
-        except ValueShapeError as error:
+        except (ValueShapeError, LookupError, TypeError) as error:
             raise unreadable(path, f"{error}; is it a log of `{system.name}`?") from error
         if not found.times_ns or time_ns > found.times_ns[-1]:
             _keep(found, topics, states)
@@ -85,16 +85,17 @@ def _keep(found: Recorded, topics: dict[str, Any], states: dict[str, Any]) -> No
 @contextmanager
 def _reader(path: Path) -> Iterator[Any]:
     """A reader of the package `mcap`; what cannot be opened or read is SoterError D006."""
-    from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
-    from mcap.reader import make_reader  # noqa: PLC0415
+    from mcap.reader import make_reader  # noqa: PLC0415 - an extra
 
     try:
-        with path.open("rb") as file:
+        with opened(path) as file:
             yield make_reader(file)
     except OSError as error:
         raise unreadable(path, reason(error)) from error
-    except (McapError, ValueError, struct.error) as error:
-        raise unreadable(path, _told(error)) from error
+    except SoterError:
+        raise
+    except Exception as error:
+        raise unreadable(path, damaged(error)) from error
 
 
 def metadata(path: Path) -> dict[str, str]:
@@ -113,10 +114,15 @@ def messages(path: Path) -> Iterator[tuple[int, str, Any]]:
             yield message.log_time, channel.topic, json.loads(message.data)
 
 
-def _told(error: Exception) -> str:
-    """In words; the package unpacks a file of a few bytes without looking how many there are."""
-    said = "" if isinstance(error, struct.error) else str(error)
-    return said or "it is no MCAP file"
+def damaged(error: Exception) -> str:
+    """What is wrong with a log that the package `mcap` could not read, in words.
+
+    It unpacks what stands there without a look at it: a damaged file makes it raise anything.
+    """
+    from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
+
+    said = str(error)[:200] if isinstance(error, (McapError, ValueError)) else ""
+    return said or "it is no MCAP file, or damaged"
 
 
 def unreadable(path: Path, why: str) -> SoterError:

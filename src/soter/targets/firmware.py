@@ -14,7 +14,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from soter.codegen.c import tree as c
-from soter.codegen.c.names import Unique, legal, program_prefix
+from soter.codegen.c.names import Unique, file_level_name, legal
 from soter.codegen.c.printer import print_file
 from soter.lower.layout import scalar, size_of, storage_range, struct_of
 from soter.program.flatten.deployment.deployed import allowed_lateness
@@ -64,7 +64,7 @@ def firmware_name(system: System, unit: Unit) -> str:
 
     That may only be where the program's own prefix begins like it.
     """
-    base = name = program_prefix(system.name.rpartition(".")[2])
+    base = name = file_level_name(system.name.rpartition(".")[2])
     code = re.sub(r'/\*.*?\*/|"(?:\\.|[^"\\])*"', " ", unit.header + unit.source, flags=re.DOTALL)
     taken = set(re.findall(r"[A-Za-z_]\w*", code))
     number = 2

@@ -17,6 +17,7 @@ import signal
 import socket
 import struct
 import sys
+import threading
 import time
 from contextlib import suppress
 from typing import TYPE_CHECKING
@@ -87,15 +88,16 @@ class Child:
         return f"its process ended by itself, with exit status {code}"
 
     def _wait(self) -> int:
-        """Its wait status; it may close its side and live on, and is killed then."""
+        """Its wait status; it may close its side and live on, and is killed then.
+
+        Whatever it has started ends with it, but for what has left its session.
+        """
         end = time.monotonic() + LOOK_S
-        while True:
-            ended, status = os.waitpid(self.process, os.WNOHANG)
-            if ended:
-                return status
-            if time.monotonic() > end:
-                self._kill()
+        while not _has_ended(self.process) and time.monotonic() < end:
             time.sleep(0.001)
+        self._kill()  # before it is waited for: until then the number of the group is its own
+        _, status = os.waitpid(self.process, 0)
+        return status
 
     def _kill(self) -> None:
         with suppress(ProcessLookupError, PermissionError):
@@ -118,6 +120,14 @@ class Child:
                 raise ConnectionResetError
             found += part
         return bytes(found)
+
+
+def _has_ended(process: int) -> bool:
+    """Whether a child has ended; it is not waited for where the system can look without."""
+    if not hasattr(os, "waitid"):
+        return False
+    found = os.waitid(os.P_PID, process, os.WEXITED | os.WNOHANG | os.WNOWAIT)
+    return found is not None
 
 
 def _ready(side: socket.socket, end: float | None, *, write: bool) -> None:
@@ -158,11 +168,7 @@ def _alone(side: socket.socket, parent: int) -> None:
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP, signal.SIGALRM, signal.SIGCHLD):
         signal.signal(number, signal.SIG_DFL)
     signal.pthread_sigmask(signal.SIG_SETMASK, set())
-    if sys.platform == "linux":
-        with suppress(OSError, AttributeError):
-            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
+    end_with(parent)
     with suppress(OSError, ValueError):
         _, most = resource.getrlimit(resource.RLIMIT_AS)
         wanted = MEMORY if most == resource.RLIM_INFINITY else min(MEMORY, most)
@@ -170,6 +176,26 @@ def _alone(side: socket.socket, parent: int) -> None:
     own = side.fileno()
     os.closerange(3, own)
     os.closerange(own + 1, CLOSED_TO)
+
+
+def end_with(parent: int) -> None:
+    """Have this process killed when its parent is gone, whatever it does then.
+
+    By the system on Linux; elsewhere by a thread that looks.
+    """
+    if sys.platform == "linux":
+        with suppress(OSError, AttributeError):
+            ctypes.CDLL(None).prctl(PR_SET_PDEATHSIG, signal.SIGKILL)
+    else:
+        threading.Thread(target=_look_for, args=(parent,), daemon=True).start()
+    if os.getppid() != parent:
+        os._exit(1)
+
+
+def _look_for(parent: int) -> None:
+    while os.getppid() == parent:
+        time.sleep(LOOK_S)
+    os.kill(os.getpid(), signal.SIGKILL)
 
 
 def _exactly(side: socket.socket, count: int) -> bytes:

@@ -8,6 +8,7 @@ import re
 import signal
 import sys
 import time
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 import pytest
@@ -17,8 +18,6 @@ import processes
 from json_documents import problems_of
 
 if TYPE_CHECKING:
-    from pathlib import Path
-
     from processes import Done
 
 SOTER = (sys.executable, "-m", "soter.cli.main")
@@ -435,3 +434,86 @@ def test_a_second_ctrl_c_ends_code_that_hears_no_signals(folder: Path) -> None:
         process.send_signal(signal.SIGINT)
         out, _ = process.communicate(timeout=30)
     assert process.returncode == json.loads(out)["exit"] == 130
+
+
+# ---------------------------------------------------------------- what an extern leaves behind
+
+FORKS = """
+import os, time
+
+started = []
+
+def leave(again):
+    if os.fork() == 0:
+        again()
+        with open("left.txt", "a") as file:
+            file.write(f"{os.getpid()}\\n")
+        time.sleep(600)
+
+def forks(inputs):
+    if not started:
+        started.append(True)
+        leave(lambda: None)
+        leave(os.setsid)
+        while not os.path.exists("left.txt") or open("left.txt").read().count("\\n") < 2:
+            time.sleep(0.01)
+    return 0.5
+"""
+C_FORKS = """
+#include "robot.h"
+#include <stdio.h>
+#include <unistd.h>
+int forks(const robot_Learned_in *in, robot_Learned_out *out) {
+  static int started = 0;
+  (void)in;
+  if (started++ == 0 && fork() == 0) {
+    FILE *file = fopen("left.txt", "a");
+    if (file != NULL) { fprintf(file, "%d\\n", (int)getpid()); fclose(file); }
+    sleep(600);
+    _exit(0);
+  }
+  while (access("left.txt", F_OK) != 0) { }
+  out->u = 0.5;
+  out->has_u = 1;
+  return 0;
+}
+"""
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="elsewhere only their session is ended")
+@pytest.mark.parametrize("source", ["python:forks.py:forks", "c:forks.c:forks"])
+def test_what_an_extern_forks_ends_with_the_run(folder: Path, source: str) -> None:
+    (folder / "forks.py").write_text(FORKS)
+    (folder / "forks.c").write_text(C_FORKS)
+    command = [*SOTER, "run", "robot.soter", "--bind", f"Learned={source}", "--json"]
+    done = processes.run(command, cwd=folder, capture_output=True, text=True, timeout=60)
+    assert json.loads(done.stdout)["exit"] == done.returncode == 0
+    left = [int(line) for line in (folder / "left.txt").read_text().split()]
+    assert len(left) == (2 if source.startswith("python") else 1)
+    for process in left:
+        with pytest.raises(ProcessLookupError):
+            os.kill(process, 0)
+
+
+@pytest.mark.skipif(sys.platform != "linux", reason="looks into /proc")
+def test_one_signal_ends_code_that_hears_none(folder: Path) -> None:
+    """SIGTERM to the command ends both of its processes, and so does SIGKILL to it alone."""
+    began = 'FILE *file = fopen("began.txt", "w"); if (file != NULL) { fclose(file); }'
+    text = "#include <stdio.h>\n" + C_HANGS.replace("(void)in;", f"{began} (void)in;")
+    (folder / "hangs.c").write_text(text)
+    command = [*SOTER, "run", "robot.soter", "--bind", "Learned=c:hangs.c:hangs", "--json"]
+    for number in (signal.SIGKILL, signal.SIGTERM):
+        with processes.started(command, cwd=folder, stdout=processes.PIPE, text=True) as process:
+            while not (folder / "began.txt").exists():
+                assert process.poll() is None
+                time.sleep(0.05)
+            (child,) = children(process.pid)
+            process.send_signal(number)
+            out, _ = process.communicate(timeout=9)
+            wait_for_the_end_of(child)
+        (folder / "began.txt").unlink()
+    assert process.returncode == json.loads(out)["exit"] == 130
+
+
+def children(process: int) -> list[int]:
+    return [int(x) for x in Path(f"/proc/{process}/task/{process}/children").read_text().split()]

@@ -18,6 +18,7 @@ from soter.api.rechecking import recheck
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.phase import phase
 from soter.diagnostics.refused import reason
+from soter.program.load.files import opened, read_json_text
 from soter.report.assurance.case import Case, Node
 from soter.report.errors import ReportError
 from soter.version import VERSION
@@ -274,12 +275,12 @@ def _test_report(file: str | Path | None) -> dict[str, dict[str, Any]]:
         return {}
     path = Path(file)
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(read_json_text(path))
         sha256, tests = document["program_sha256"], document["tests"]
         return {str(t["name"]): {"verdict": t["verdict"], "program_sha256": sha256} for t in tests}
     except OSError as error:
         raise SoterError((Diagnostic("D006", f"cannot read `{path}`: {reason(error)}"),)) from error
-    except (ValueError, KeyError, TypeError) as error:
+    except (ValueError, KeyError, TypeError, RecursionError) as error:
         help_ = f"soter test FILE --json > {path}"
         problem = Diagnostic(
             "D005", f"`{path}` is no report of `soter test --json`", helps=(help_,)
@@ -324,7 +325,11 @@ def _campaign(
 def _file_hash(path: Path) -> str:
     """SHA-256 of a file; SoterError D006 where it cannot be read."""
     try:
-        return hashlib.sha256(path.read_bytes()).hexdigest()
+        told = hashlib.sha256()
+        with opened(path, pipes=False) as file:
+            while part := file.read(2**20):
+                told.update(part)
+        return told.hexdigest()
     except OSError as error:
         message = f"cannot read `{path}`: {reason(error)}"
         raise SoterError((Diagnostic("D006", message),)) from error

@@ -3,22 +3,26 @@
 Purpose: a command that runs externs ends with the exit code that a parent saw, in which no extern
 runs. The child does the command and leaves its words and exit code in a file without a name
 (`verdict.py`); the parent passes signals on, waits, and tells what it finds there. Where it finds
-nothing that is X011, never success, however the child ended.
+nothing that is X011, never success, however the child ended. What externs have started ends with
+the run, and the child with its parent.
 Non-goals: isolation. Externs run in the child with all its rights: one that means to may find the
 file, write a verdict of its own, or change the engine's memory. That takes `workers/`.
 """
 
 from __future__ import annotations
 
+import ctypes
 import os
 import signal
 import sys
 import time
 from contextlib import suppress
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from soter.cli.terminal.verdict import Verdict
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.workers.process import end_with
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -27,8 +31,9 @@ if TYPE_CHECKING:
 
     Rescue = Callable[[int], tuple[str, ...]]
 
-PATIENCE_S = 10
-"""How long a child that was told to end may take."""
+PATIENCE_S = 5
+"""How long a child that was told to end may take, s: it may be in C that hears nothing."""
+PR_SET_CHILD_SUBREAPER = 36
 AGAIN_S = 1.0
 """A second signal that comes later than this is a person's who will not wait."""
 
@@ -52,11 +57,13 @@ def apart(console: Console, rescue: Rescue) -> None:
     child = os.fork()
     if child == 0:
         signal.pthread_sigmask(signal.SIG_SETMASK, before)
-        _end_with(parent)
+        end_with(parent)
         verdict.begin()
         console.leave_to(verdict)
         return
+    _adopt()
     status, told = _wait(child, {*ending, signal.SIGCHLD, signal.SIGALRM})
+    _end_the_adopted()
     signal.pthread_sigmask(signal.SIG_SETMASK, before)
     found = verdict.found()
     if found is not None:
@@ -110,16 +117,32 @@ def _without_verdict(status: int, saved: tuple[str, ...]) -> Diagnostic:
     )
 
 
-# ---------------------------------------------------------------- the child
+# ---------------------------------------------------------------- what externs leave behind
 
 
-def _end_with(parent: int) -> None:
-    """Have the system tell this process to end when its parent is gone."""
-    if sys.platform != "linux":
-        return
-    import ctypes  # noqa: PLC0415 - only here
-
+def _adopt() -> None:
+    """Have what externs start, and leave behind, become children of this process (Linux)."""
     with suppress(OSError, AttributeError):
-        ctypes.CDLL(None).prctl(1, signal.SIGTERM)  # PR_SET_PDEATHSIG
-    if os.getppid() != parent:
-        os.kill(os.getpid(), signal.SIGTERM)
+        ctypes.CDLL(None).prctl(PR_SET_CHILD_SUBREAPER, 1)
+
+
+def _end_the_adopted() -> None:
+    """End them, and what they have started: no extern outlives its run."""
+    end = time.monotonic() + PATIENCE_S
+    while time.monotonic() < end and (left := _children()):
+        for process in left:
+            with suppress(ProcessLookupError, PermissionError):
+                os.kill(process, signal.SIGKILL)
+            with suppress(ChildProcessError):
+                os.waitpid(process, 0)
+
+
+def _children() -> list[int]:
+    """The children of this process that /proc tells of, ended ones too."""
+    own, found = os.getpid(), []
+    for path in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            fields = path.read_bytes().rpartition(b")")[2].split()
+            if int(fields[1]) == own:
+                found.append(int(path.parent.name))
+    return found

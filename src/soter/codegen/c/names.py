@@ -16,9 +16,10 @@ _WORDS = """
 auto break case char const continue default do double else enum extern float for goto if inline int
 long register restrict return short signed sizeof static struct switch typedef union unsigned void
 volatile while _Bool _Complex _Imaginary asm typeof alignas alignof constexpr nullptr static_assert
-thread_local
-bool true false NULL NAN INFINITY EOF NDEBUG DECIMAL_DIG
-assert offsetof isnan isinf signbit isfinite isnormal linux unix i386 mips sparc
+thread_local typeof_unqual noreturn complex imaginary
+bool true false NULL NAN INFINITY EOF NDEBUG DECIMAL_DIG BUFSIZ L_tmpnam P_tmpdir
+errno stdin stdout stderr math_errhandling setjmp va_arg va_copy va_end va_start
+assert offsetof isnan isinf signbit isfinite isnormal fpclassify linux unix i386 mips sparc
 """
 _CPP = """
 and and_eq bitand bitor catch char8_t char16_t char32_t class co_await co_return co_yield compl
@@ -35,13 +36,36 @@ _OWN = """
 s state flags published answer fault status first began got kept made message release
 sqrt floor fabs
 """
+_FIRMWARE = """
+self value measured now stamp stored layout size seed late outside ages
+"""
 _MACRO = re.compile(
-    r"(U?INT|SIZE_|PTRDIFF_|WCHAR_|WINT_|SIG_ATOMIC_|FP_|HUGE_VAL|MATH_|M_|DBL_|FLT_|LDBL_|SOTER)"
+    r"(U?INT|SIZE_|PTRDIFF_|WCHAR_|WINT_|FP_|HUGE_VAL|MATH_|M_|DBL_|FLT_|LDBL_|SOTER"
+    r"|[SU]?CHAR_|U?SHRT_|U?L?LONG_|MB_|CLOCKS_|EXIT_|RAND_|SEEK_|TMP_|FOPEN_|FILENAME_"
+    r"|E[A-Z0-9]|SIG_?[A-Z]|(PRI|SCN)[a-zX])"
     r"[A-Z0-9_]*"
 )
+"""Of limits, of errors (E...), signals (SIG...) and formats: families that C keeps for itself."""
 _RESERVED = re.compile(r"(m_)*_[_A-Z].*")
 """Compilers own names like `_Atomic` and `__LINE__`."""
 _HIDDEN = re.compile(r"fair_\d+")
+_FUNCTIONS = """
+FILE DIR abort abs access accept alarm atof atoi atol bind bsearch calloc clearerr clock close
+connect creat ctime difftime div div_t dup exit fclose feof ferror fflush fgetc fgets fileno fopen
+fork fprintf fputc fputs fread free freopen fscanf fseek ftell fwrite getc getchar getenv gets
+gmtime imaxabs index kill labs ldiv ldiv_t link listen lldiv_t localtime longjmp main malloc memchr
+memcmp memcpy memmove memset mktime open pause perror pipe poll printf putc putchar puts qsort raise
+rand read realloc recv remove rename rewind rindex scanf select send shutdown signal sigaction sleep
+snprintf socket sprintf srand sscanf stat strcat strchr strcmp strcpy strlen strncmp strtod strtol
+symlink sync syslog system time tmpfile tolower toupper truncate umask ungetc unlink usleep vprintf
+wait write y0 y1 yn j0 j1 jn gamma environ optarg optind
+"""
+_MATH = """
+acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs fdim
+floor fma fmax fmin fmod frexp hypot ilogb ldexp lgamma llrint llround log log10 log1p log2 logb
+lrint lround modf nan nearbyint nextafter nexttoward pow remainder remquo rint round scalbln scalbn
+sin sinh sqrt tan tanh tgamma trunc
+"""
 _HEADERS = """
 assert complex ctype errno fenv float inttypes iso646 limits locale math memory setjmp signal
 stdalign stdarg stdatomic stdbool stddef stdint stdio stdlib stdnoreturn string strings tgmath
@@ -56,6 +80,12 @@ OWN = frozenset(_OWN.split())
 """Names that generated functions use themselves."""
 HEADERS = frozenset(_HEADERS.split())
 """A program with such a name would hide a header behind its own."""
+AT_FILE_LEVEL = HEADERS.union(
+    _FUNCTIONS.split(),
+    (name + kind for name in _MATH.split() for kind in ("", "f", "l")),
+    _FIRMWARE.split(),
+)
+"""What the C library and POSIX declare, and parameters that would hide it."""
 
 
 def legal(text: str) -> str:
@@ -80,6 +110,18 @@ def program_prefix(stem: str) -> str:
     if prefix in HEADERS or prefix.lower().startswith("soter"):
         return "my_" + prefix
     return prefix
+
+
+def file_level_name(text: str) -> str:
+    """A name that stands at file level as it is, such as that of a struct: nobody else has it.
+
+    Neither C nor C++, of any standard, nor its library, nor POSIX means something by it.
+    """
+    name = legal(text)
+    taken = has_meaning(name) or name in AT_FILE_LEVEL or name.endswith("_t")
+    if taken or name.startswith("_") or "__" in name or name.lower().startswith("soter"):
+        return "my_" + re.sub("__+", "_", name.strip("_"))
+    return name
 
 
 def local(text: str, prefix: str) -> str:

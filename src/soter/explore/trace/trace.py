@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.refused import reason
 from soter.program.load.data import parse_json
+from soter.program.load.files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -178,11 +179,9 @@ def write_trace(trace: Trace, path: Path) -> Path:
 def read_document(path: Path) -> dict[str, Any]:
     """The JSON object in a file; `SoterError` D010 where it holds none."""
     try:
-        document = parse_json(_bytes(path))
+        document = parse_json(read_bytes(path, BYTES_MAX))
     except OSError as error:
         raise no_trace(path, reason(error)) from error
-    except DamagedError as error:
-        raise no_trace(path, str(error)) from error
     except RecursionError:
         raise no_trace(path, "it is nested too deeply") from None
     except ValueError as error:
@@ -190,16 +189,6 @@ def read_document(path: Path) -> dict[str, Any]:
     if not isinstance(document, dict):
         raise no_trace(path, "it is no JSON object")
     return document
-
-
-def _bytes(path: Path) -> bytes:
-    if path.exists() and not path.is_file():
-        raise DamagedError("it is no file")
-    with path.open("rb") as stream:
-        raw = stream.read(BYTES_MAX + 1)
-    if len(raw) > BYTES_MAX:
-        raise DamagedError(f"it is larger than {BYTES_MAX // 2**20} MB")
-    return raw
 
 
 def read_trace(path: Path) -> Trace:

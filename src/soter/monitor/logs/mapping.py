@@ -16,6 +16,8 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.diagnostics.refused import reason
+from soter.program.load.files import read_json_text
 from soter.program.model.types import FloatType, ListType, Type, leaves
 from soter.program.model.values import ValueShapeError, from_json
 from soter.simulate.settings import WrongTextError, did_you_mean, duration_ns
@@ -131,9 +133,9 @@ class LogMap:
 def read_mapping(path: Path) -> dict[str, Any]:
     """What a file of TOML or JSON says; SoterError D015."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_json_text(path)
     except (OSError, UnicodeDecodeError) as error:
-        why = getattr(error, "strerror", None) or "it is not UTF-8"
+        why = reason(error) if isinstance(error, OSError) else "it is not UTF-8"
         raise _wrong([f"the mapping `{path}` cannot be read: {why}"]) from error
     try:
         given = _toml(text) if path.suffix == ".toml" else json.loads(text)

@@ -9,7 +9,9 @@ from __future__ import annotations
 
 import csv
 import gzip
+import io
 import json
+import zlib
 from dataclasses import dataclass, field
 from decimal import Decimal, InvalidOperation
 from fractions import Fraction
@@ -17,7 +19,9 @@ from typing import IO, TYPE_CHECKING, Any
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 from soter.diagnostics.refused import reason
+from soter.program.load.files import opened
 from soter.simulate.outputs.to_log import require_log_package
+from soter.simulate.recorded import damaged
 from soter.simulate.settings import did_you_mean
 
 if TYPE_CHECKING:
@@ -28,6 +32,8 @@ if TYPE_CHECKING:
 
 CELL_MAX = 1 << 20
 """Characters of a cell; a log has no longer ones."""
+LINE_MAX = 1 << 24
+"""Characters of a line."""
 
 
 @dataclass
@@ -126,7 +132,7 @@ def _rows(path: Path, needed: list[str]) -> Iterator[tuple[int, dict[str, str]]]
     """Line and the cells that are needed of each row."""
     try:
         with _opened(path) as file:
-            reader = csv.reader(file)
+            reader = csv.reader(_lines(file))
             head = [h.strip() for h in next(reader, [])]
             if not head:
                 raise unusable(path, "it is empty")
@@ -140,15 +146,23 @@ def _rows(path: Path, needed: list[str]) -> Iterator[tuple[int, dict[str, str]]]
                 yield reader.line_num, {name: row[at] for name, at in places.items()}
     except OSError as error:
         raise unusable(path, reason(error)) from error
-    except (UnicodeDecodeError, csv.Error, EOFError) as error:
+    except (UnicodeDecodeError, csv.Error, EOFError, zlib.error) as error:
         raise unusable(path, f"it is no CSV: {error}") from error
 
 
 def _opened(path: Path) -> IO[str]:
     csv.field_size_limit(CELL_MAX)
     if path.name.lower().endswith(".gz"):
-        return gzip.open(path, "rt", encoding="utf-8-sig", newline="")
-    return path.open(encoding="utf-8-sig", newline="")
+        return gzip.open(opened(path), "rt", encoding="utf-8-sig", newline="")
+    return io.TextIOWrapper(opened(path), encoding="utf-8-sig", newline="")
+
+
+def _lines(file: IO[str]) -> Iterator[str]:
+    """Its lines; csv.Error where one is longer than any can be."""
+    while line := file.readline(LINE_MAX + 1):
+        if len(line) > LINE_MAX:
+            raise csv.Error(f"a line has more than {LINE_MAX} letters")
+        yield line
 
 
 def _place(path: Path, head: list[str], name: str) -> int:
@@ -193,23 +207,25 @@ def _messages(
 ) -> Iterator[tuple[int, str, Any]]:
     """Log time, channel and content; `there` counts the messages of every channel."""
     require_log_package()
-    from mcap.exceptions import McapError  # noqa: PLC0415 - an extra
-    from mcap.reader import make_reader  # noqa: PLC0415
+    from mcap.reader import make_reader  # noqa: PLC0415 - an extra
 
+    other = ""
     try:
-        with path.open("rb") as file:
+        with opened(path) as file:
             for _, channel, message in make_reader(file).iter_messages():
                 there[channel.topic] = there.get(channel.topic, 0) + 1
                 if channel.topic not in channels:
                     continue
                 if channel.message_encoding != "json":
-                    text = f"messages of `{channel.topic}` are `{channel.message_encoding}`"
-                    raise unusable(path, f"{text}, not json", "write them as JSON, or as CSV")
+                    other = f"messages of `{channel.topic}` are `{channel.message_encoding}`"
+                    break
                 yield message.log_time, channel.topic, json.loads(message.data)
     except OSError as error:
         raise unusable(path, reason(error)) from error
-    except (McapError, ValueError) as error:
-        raise unusable(path, str(error) or "it is no MCAP file") from error
+    except Exception as error:
+        raise unusable(path, damaged(error)) from error
+    if other:
+        raise unusable(path, f"{other}, not json", "write them as JSON, or as CSV")
 
 
 def _inside(path: Path, message: Any, name: str, where: str) -> Any:  # noqa: ANN401 - JSON

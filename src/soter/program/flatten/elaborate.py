@@ -414,6 +414,8 @@ class Elaborator(Topics):
             if value is None:
                 continue
             topic = self.topics[scope.topics[symbol]]
+            if topic.queue_of is not None:  # M001 was said: it reads what it publishes
+                topic = self.topics[topic.queue_of]
             found[topic.index] = value
             self._in_set(
                 topic,

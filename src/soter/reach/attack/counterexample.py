@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from soter.program.load.data import parse_json
+from soter.program.load.files import read_json_text
 from soter.program.meaning.arith import StepFault
 from soter.program.model.values import to_json
 from soter.reach.attack.attacked import DRAWN, OWN, attacked, reads_time, truths_known_ns
@@ -275,7 +276,7 @@ TIME_MAX = 10**15
 
 def read_counterexample(path: Path) -> Counterexample:
     """Read it; ValueError where the file is no counterexample of this schema."""
-    d = parse_json(path.read_text(encoding="utf-8"))
+    d = parse_json(read_json_text(path))
     if not isinstance(d, dict) or d.get("kind") != "counterexample" or d.get("schema") != SCHEMA:
         raise ValueError(f"`{path}` is no counterexample of schema {SCHEMA}")
     own = {"schema", "kind", "module", "shows", "controller", "seed", "time_ns", "cycle_ns"}

@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, cast
 
 from soter.diagnostics.diagnostic import Diagnostic, Label, Severity
+from soter.program.load.files import read_bytes
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping
@@ -59,7 +60,7 @@ def _problem(name: str, source: str, where: Label | None) -> Iterator[Diagnostic
 def _missing(kind: str, path: Path, wanted: str) -> str:
     """Why the code cannot be there; "" where it may be."""
     try:
-        text = path.read_text(encoding="utf-8")
+        text = read_bytes(path).decode("utf-8")
     except (OSError, UnicodeDecodeError):
         return f"there is no file `{path}`" if not path.is_file() else f"`{path}` cannot be read"
     if kind == "c":

@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.near import closest
 from soter.diagnostics.refused import reason
+from soter.program.load.files import read_bytes
 from soter.semantics.externs import Stop, step_of
 from soter.simulate.externs.externs import MisuseError, PlainError, described
 from soter.simulate.externs.misuse import hint
@@ -114,7 +115,7 @@ def load_python(source: str, span: Span | None) -> object:
 def _module(path: Path, span: Span | None) -> ModuleType:
     """The module in a file, executed once a process for each content."""
     try:
-        content = path.read_bytes()
+        content = read_bytes(path)
     except OSError as error:
         why = reason(error)
         raise _problem("X003", f"cannot read the extern's file `{path}`: {why}", span) from error

@@ -1,0 +1,139 @@
+"""Whatever a program calls its things, its C compiles, and so does C++ around it."""
+
+from __future__ import annotations
+
+import shutil
+from typing import TYPE_CHECKING
+
+import pytest
+
+import processes
+from generators.packages import package
+from long_tests import examples
+from soter.codegen.c.names import file_level_name
+from soter.native.compiler import STANDARD, WARNINGS, find
+from soter.syntax.tokens import RESERVED
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+KEYWORDS = """
+auto break case char const continue default do double else enum extern float for goto if inline int
+long register restrict return short signed sizeof static struct switch typedef union unsigned void
+volatile while _Alignas _Alignof _Atomic _BitInt _Bool _Complex _Decimal32 _Decimal64 _Generic
+_Imaginary _Noreturn _Static_assert _Thread_local alignas alignof bool constexpr false nullptr
+static_assert thread_local true typeof typeof_unqual asm fortran
+and and_eq bitand bitor catch char8_t class co_await co_return co_yield compl concept const_cast
+consteval constinit decltype delete dynamic_cast explicit export friend mutable namespace new
+noexcept not not_eq operator or or_eq private protected public reinterpret_cast requires
+static_cast template this throw try typeid typename using virtual wchar_t xor xor_eq
+"""
+OTHERS = """
+main errno stdin stdout size_t int8_t NULL EOF FILE printf time read write exit signal system select
+index fabs sinf y0 unix linux assert va_list INT64_MAX EINVAL SIGTERM PRId64 measured value self now
+late __x _x __func__ _Exit x__y noreturn complex soter Soter soter_x offsetof uint8_t timer_t I1 div
+"""
+HEADERS = """
+assert complex ctype errno fenv float inttypes limits math setjmp signal stdarg stdbool stddef
+stdint stdio stdlib string time unistd wchar
+"""
+WORDS = [w for w in (*KEYWORDS.split(), *OTHERS.split()) if w not in RESERVED]
+MACROS = examples("SOTER_C_NAMES", quick=60, long=10_000)
+INCLUDED = "".join(f"#include <{h}.h>\n" for h in HEADERS.split() if h != "complex")
+ONE = """soter 1;
+topic x: float in [0.0, 1.0] max_age 20ms;
+topic u: float in [0.0, 1.0] = 0.0;
+node F period 10ms { subscribes x; publishes u; step { publish u = x; } }
+node S period 10ms { subscribes x; publishes u; step { publish u = x; } }
+rta M { ac F; sc S; period 20ms; safe x < 0.9; ttf x > 0.5; safer x < 0.4; failsafe u = 0.0; }
+"""
+
+
+def compiled(folder: Path, *words: str, cpp: bool = False) -> str:
+    """What a compiler says of files that are there, every warning an error."""
+    command = [shutil.which("g++") or "clang++", "-std=c++17", "-Wall", "-Wextra", "-Werror"]
+    command = command if cpp else [*find().command, STANDARD, *WARNINGS]
+    words = (*command, "-fsyntax-only", "-I.", *words)
+    done = processes.run(words, cwd=folder, capture_output=True, text=True)
+    return "" if done.returncode == 0 else str(done.stderr)
+
+
+def test_a_system_may_have_any_name(tmp_path: Path) -> None:
+    names = WORDS[:: max(1, len(WORDS) // examples("SOTER_C_NAMES", quick=10, long=10_000))]
+    names = list(dict.fromkeys([*names, "_Atomic", "_Bool", "_Thread_local", "main", "errno"]))
+    systems = "".join(
+        f"system {n} {{ external topic x; external topic u; module M; }}\n" for n in names
+    )
+    (tmp_path / "p.soter").write_text(ONE + systems)
+    headers = []
+    for n in names:
+        package(tmp_path / "p.soter", tmp_path / n, n)
+        (header,) = [p.name for p in (tmp_path / n).glob("*_firmware.h") if "soter_" not in p.name]
+        headers.append(f'#include "{n}/{header}"\n')
+        own = [p.name for p in (tmp_path / n).glob("*.c") if not p.name.startswith("soter_")]
+        assert compiled(tmp_path / n, *own) == "", n
+    includes = [f"-I{names[0]}"]
+    text = f"#define _POSIX_C_SOURCE 200809L\n{INCLUDED}{''.join(headers)}\n"
+    (tmp_path / "all.c").write_text(text)
+    (tmp_path / "all.cpp").write_text(text)
+    assert compiled(tmp_path, *includes, "all.c") == ""
+    if shutil.which("g++") or shutil.which("clang++"):
+        assert compiled(tmp_path, *includes, "all.cpp", cpp=True) == ""
+
+
+def test_a_name_that_means_nothing_stays() -> None:
+    for name in ("Vehicle", "Protected", "a1", "Island", "strider"):
+        assert file_level_name(name) == name
+
+
+def macros(folder: Path) -> list[str]:
+    """Macros of the headers above that are names, as this machine has them."""
+    (folder / "h.h").write_text(INCLUDED)
+    command = [*find().command, STANDARD, "-E", "-dM", "h.h"]
+    done = processes.run(command, cwd=folder, capture_output=True, text=True)
+    named = {line.split()[1] for line in done.stdout.splitlines() if line.startswith("#define")}
+    return sorted(n for n in named if "(" not in n and n not in RESERVED)
+
+
+def test_everything_else_may_have_any_name(tmp_path: Path) -> None:
+    """Fields, topics, members, nodes, functions, constants, locals and parameters."""
+    found = macros(tmp_path)
+    assert "EINVAL" in found
+    names = list(dict.fromkeys([*WORDS, *found[:: max(1, len(found) // MACROS)]]))
+    fields = ", ".join(f"{n}: float" for n in names)
+    text = f"soter 1;\ntype Words = {{ {fields} }};\ntopic words: Words;\n"
+    text += f"type Members = enum {{ {', '.join(names)} }};\ntopic member: Members = Members.{names[0]};\n"
+    for k, n in enumerate(names[:: len(names) // 12][:12]):
+        if n in ("Words", "Members"):
+            continue
+        text += (
+            f"topic t_{k}: float = 0.0;\n"
+            f"fun f_{k}({n}: float): float {{ let {n}_ = {n}; return {n}_; }}\n"
+            f"node n_{k} period 10ms {{ publishes t_{k}; var {n}: float;"
+            f" step {{ {n} = f_{k}({n}); publish t_{k} = {n}; }} }}\n"
+        )
+    text += (
+        "topic seen: float = 0.0;\nnode all period 10ms { subscribes words; publishes seen, member;"
+    )
+    text += (
+        f" step {{ publish seen = words.{names[0]}; publish member = Members.{names[0]}; }} }}\n"
+    )
+    parts = " ".join(["node all;", *(f"node n_{k};" for k in range(12))])
+    (tmp_path / "p.soter").write_text(text + f"system Whole {{ {parts} external topic words; }}\n")
+    package(tmp_path / "p.soter", tmp_path / "out")
+    own = [p.name for p in (tmp_path / "out").glob("*.c") if not p.name.startswith("soter_")]
+    (tmp_path / "out" / "before.h").write_text(f"#define _POSIX_C_SOURCE 200809L\n{INCLUDED}")
+    assert compiled(tmp_path / "out", "-include", "before.h", *own) == ""
+    if shutil.which("g++") or shutil.which("clang++"):
+        (tmp_path / "out" / "u.cpp").write_text(f'{INCLUDED}#include "Whole_firmware.h"\n')
+        assert compiled(tmp_path / "out", "u.cpp", cpp=True) == ""
+
+
+@pytest.mark.parametrize("name", ["_Atomic", "errno", "main"])
+def test_a_file_may_have_such_a_name_too(tmp_path: Path, name: str) -> None:
+    (tmp_path / f"{name}.soter").write_text(
+        ONE + "system V { external topic x; external topic u; module M; }\n"
+    )
+    package(tmp_path / f"{name}.soter", tmp_path / "out")
+    own = [p.name for p in (tmp_path / "out").glob("*.c") if not p.name.startswith("soter_")]
+    assert compiled(tmp_path / "out", *own) == ""
