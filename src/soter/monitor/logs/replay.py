@@ -255,7 +255,7 @@ class _Feed:
             yield from self._up_to(bisect_left(self.samples.times_ns, ct + self.from_ns))
 
     def until(self, ct: int) -> Iterator[tuple[int, object]]:
-        """The samples up to `ct`; of what goes on along a line, or is always so, the value at it."""
+        """The samples up to `ct`; of lines and of what is always so, the value at it."""
         if self.samples.always:
             yield ct, self.samples.values[0]
         elif self.samples.linear:
