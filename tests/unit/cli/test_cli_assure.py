@@ -13,8 +13,9 @@ import pytest
 
 from json_documents import SCHEMAS, _check
 from soter.api import load
+from soter.recheck.assumptions import Said
 from soter.recheck.certificate.folder import canonical
-from soter.recheck.report import Report
+from soter.recheck.report import ModuleReport, Report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -252,6 +253,14 @@ def test_without_the_re_checkers_numbers_there_is_no_case(
 def test_a_compiled_decision_module_that_differs_refutes(
     soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    found = ModuleReport("SafeCart", {}, confirmed=[*PROOF, "P2b"], system="Protected")
+    found.parameters = {"GAIN": "1.0"}
+    sha256 = load(cart / "c.soter").flat("Protected").program.sha256
+    report = Report(accepted=True, program_sha256=sha256, modules=[found])
+    report.not_covered = [Said("compiled", "the code that a decision module is compiled to")]
+    monkeypatch.setattr("soter.api.assurance.certificate.recheck", lambda *_: report)
+    assert assured(soter, "--cert", "proof")[0] == 0
+    assert "compiled to" not in json.dumps(case_of(cart))
     monkeypatch.setattr("soter.reach.deploy.dm_check.decided", lambda *_, **__: 0)
     code, goals = assured(soter, "--cert", "proof")
     assert (code, goals["G1"], goals["G6"], goals["G6.1"]) == (
@@ -266,7 +275,7 @@ def test_a_compiled_decision_module_that_differs_refutes(
     ("name", "why"),
     [
         ("Undriven", "an input keeps its default all the time"),
-        ("Rests", "it rests on the contract of Careful, of which no test asks"),
+        ("Rests", "it rests on the contract of Say, of which no test asks"),
     ],
 )
 def test_a_test_that_is_not_clean_or_rests_on_what_nobody_asks_supports_nothing(
