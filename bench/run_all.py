@@ -104,7 +104,7 @@ BENCHMARKS = (
         "Go-to legs that PX4 flew",
         ("bench/real_logs.py",),
         "40 of 1,678 legs, positions every 0.1 s, judged by the module of goto.soter in tubes "
-        "around the planned line (docs/real-logs.md); velocity is derived. With `--data DIR` all "
+        "around the planned line (docs/real-logs.md); velocity is derived from the past alone. With `--data DIR` all "
         "of them.",
     ),
     Benchmark(

@@ -62,12 +62,13 @@ static int64_t clock_ns(void) {
 int main(void) {
   const long turns = 1000000;
   int64_t now = 0;
-  double push = 0.0, sum = 0.0;
-  long braked = 0;
+  double push = 0.0;
   int c;
   if (Loop_start(&loop, now) != NULL) { return 1; }
   while ((c = getchar()) != EOF) {
     if (c != '\\n') { continue; }
+    double sum = 0.0;
+    long braked = 0;
     uint64_t bits = 88172645463325252u;
     const int64_t began = clock_ns();
     for (long i = 0; i < turns; i++) {
@@ -83,7 +84,7 @@ int main(void) {
       now += 100000000;
     }
     const int64_t took = clock_ns() - began;
-    printf("%.3f %ld %.6f\\n", (double)took / (double)turns, braked, sum);
+    printf("%.3f %.6f %.6f\\n", (double)took / (double)turns, (double)braked / (double)turns, sum);
     fflush(stdout);
   }
   return 0;
@@ -181,7 +182,7 @@ def main() -> int:
     c, door, peers = (statistics.median(x) for x in (ours, python, theirs))
     print(f"run-time-assurance 1.18.6, explicit switching, docking on a line: {peers / 1e3:.1f} us")
     print(f"soter, C: publish, publish, step, read:                           {c:.0f} ns "
-          f"(SC in control in {int(turn[1]) / 1e4:.0f} % of the turns)")  # fmt: skip
+          f"(SC in control in {float(turn[1]):.0%} of the turns)")  # fmt: skip
     print(f"soter, Python: a protected step less a bare one:                  {door / 1e3:.1f} us")
     good = peers / c >= TARGET_C
     print(

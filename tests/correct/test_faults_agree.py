@@ -15,6 +15,7 @@ from soter.program.build import check_file, system_of
 from soter.program.flatten.derived import faultless, with_faults
 from soter.program.model.system import Fault
 from soter.semantics.chance.faults import happens, is_active, is_released, next_release
+from soter.semantics.chance.random_draws import draw_bits
 from soter.simulate.run import NativeProgram, run_interpreted
 
 if TYPE_CHECKING:
@@ -83,6 +84,16 @@ def flat_of(folder: Path, faults: str) -> System:
     return system_of(check_file(str(path)), "S")
 
 
+def slowly(folder: Path, faults: str, takes: dict[str, str]) -> System:
+    """The same, with nodes whose steps take time."""
+    text = PROGRAM
+    for node, lasts in takes.items():
+        head = next(line for line in text.splitlines() if line.startswith(f"node {node} "))
+        text = text.replace(head, f"{head}\n  takes {lasts};")
+    (folder / "p.soter").write_text(text.replace("FAULTS", f"faults {{ {faults} }}"))
+    return system_of(check_file(str(folder / "p.soter")), "S")
+
+
 def random_faults(rng: random.Random) -> str:
     found = ["order any;"] if rng.random() < 0.5 else []
     for _ in range(rng.randint(1, 6)):
@@ -125,6 +136,27 @@ def test_both_engines_do_the_same(number: int, tmp_path: Path) -> None:
         one = native.run(6 * SECOND, seed, hash_trace=True)
         two = run_interpreted(flat, 6 * SECOND, seed, hash_trace=True)
         assert one.trace_sha256 == two.trace_sha256, faults
+        assert [c.time_ns for c in one.changes] == [c.time_ns for c in two.changes]
+
+
+@pytest.mark.parametrize("number", range(RANDOM_PROGRAMS))
+def test_both_engines_do_the_same_where_steps_take_time(number: int, tmp_path: Path) -> None:
+    rng = random.Random(number)  # noqa: S311 - it draws programs
+    faults = random_faults(rng)
+    nodes = rng.sample(LASTING, rng.randint(1, len(LASTING)))
+    lasts = ("[1us, 2us]", "[1ms, 9ms]", "[3ms, 3ms]", "[7ms, 10ms]", "[2ms, 45ms]")
+    takes = {node.rpartition(".")[2]: rng.choice(lasts) for node in nodes}
+    faults += f"\n    late {nodes[0]} by [0ms, {rng.choice([1, 6, 30])}ms];"
+    faults += f"\n    {rng.choice(['skip', 'late'])} all " + rng.choice(
+        ["by 9ms at 900 per 1h;", "by 120ms at 300 per 1h;"]
+    )
+    faults = faults.replace("skip all by 9ms", "skip all").replace("skip all by 120ms", "skip all")
+    flat = slowly(tmp_path, faults, takes)
+    native = NativeProgram(flat)
+    for seed in range(2):
+        one = native.run(6 * SECOND, seed, hash_trace=True)
+        two = run_interpreted(flat, 6 * SECOND, seed, hash_trace=True)
+        assert one.trace_sha256 == two.trace_sha256, (faults, takes)
         assert [c.time_ns for c in one.changes] == [c.time_ns for c in two.changes]
 
 
@@ -390,6 +422,7 @@ def test_a_node_that_always_overruns_is_one_that_takes_so_long(by_ms: int, tmp_p
 def expected(flat: System, seed: int, until: int) -> dict[int, int]:
     """When what N publishes counts, and which step that was: straight from semantics.md."""
     c = flat.component("N")
+    low, high = c.takes_ns or (0, 0)
     longer = [f for f in flat.faults if f.kind == "overrun"]
     moved = [f for f in flat.faults if f.of_time]
     found, busy, steps = {}, -1, 0
@@ -399,24 +432,29 @@ def expected(flat: System, seed: int, until: int) -> dict[int, int]:
             continue
         steps += 1
         busy = t + sum(int(f.amount[0]) for f in longer if is_active(f, seed, t, c.period_ns))
+        busy += low + draw_bits(seed, "N.takes", k) % (high - low + 1)
         found[busy] = steps
     return {t: n for t, n in found.items() if t <= until}
 
 
 @pytest.mark.parametrize(
-    "faults",
+    ("takes", "faults"),
     [
-        "overrun N by 4500us at 30 per 1s;",
-        "overrun N by 10ms at 30 per 1s;",
-        "overrun N by 25ms at 2 per 1s for 200ms;",
-        "overrun N by 4ms at 30 per 1s; overrun N by 9ms at 30 per 1s;",
-        "overrun N by 6ms at 50 per 1s; late N by [0ms, 9ms]; skip N at 10 per 1s;",
+        ("takes [2ms, 5ms];", "late N by [0ms, 3ms, 9ms];"),
+        ("", "overrun N by 4500us at 30 per 1s;"),
+        ("", "overrun N by 10ms at 30 per 1s;"),
+        ("", "overrun N by 25ms at 2 per 1s for 200ms;"),
+        ("", "overrun N by 4ms at 30 per 1s; overrun N by 9ms at 30 per 1s;"),
+        ("", "overrun N by 6ms at 50 per 1s; late N by [0ms, 9ms]; skip N at 10 per 1s;"),
+        ("takes [4ms, 14ms];", "late N by 6ms; skip N at 10 per 1s;"),
+        ("takes [10ms, 10ms];", "late N by 200ms at 900 per 1h;"),
+        ("takes [1ms, 30ms];", "skip all at 10 per 1s; overrun N by 9ms at 30 per 1s;"),
     ],
 )
-def test_what_a_step_that_overruns_publishes_counts_so_much_later(
-    faults: str, tmp_path: Path
+def test_what_a_step_that_lasts_publishes_counts_so_much_later(
+    takes: str, faults: str, tmp_path: Path
 ) -> None:
-    flat = counting(tmp_path, "", faults)
+    flat = counting(tmp_path, takes, faults)
     made = flat.topic("made").index
     for seed in range(3):
         native = NativeProgram(flat).run(4 * SECOND, seed, keep_trace=True)
@@ -477,6 +515,20 @@ def test_an_overrun_is_inside_up_to_the_declared_response(
     path.write_text(PLANNED.replace("RESPONSE", response).replace("FAULTS", faults))
     flat = system_of(check_file(str(path)), "S")
     assert [f.inside is not None for f in flat.faults] == inside
+
+
+@pytest.mark.parametrize(
+    ("takes_ms", "late_ms", "inside"), [(8, 5, True), (8, 6, False), (15, 5, True), (16, 5, False)]
+)
+def test_a_node_that_takes_time_is_late_inside_while_no_release_is_lost(
+    takes_ms: int, late_ms: int, inside: bool, tmp_path: Path
+) -> None:
+    text = PLANNED.replace("RESPONSE", "late Plan 5ms;")
+    text = text.replace("publishes goal;", f"publishes goal; takes [1ms, {takes_ms}ms];")
+    path = tmp_path / "p.soter"
+    path.write_text(text.replace("FAULTS", f"late Plan by {late_ms}ms;"))
+    flat = system_of(check_file(str(path)), "S")
+    assert [f.inside is not None for f in flat.faults] == [inside]
 
 
 @pytest.mark.parametrize(("there", "inside"), [("", False), ("late M.Go 4ms;", True)])

@@ -8,15 +8,18 @@ from __future__ import annotations
 
 import csv
 import json
+import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
 from json_documents import problems_of
 from soter.api import load
 from soter.cli.main import main
 from soter.diagnostics.diagnostic import SoterError
+from soter.monitor.logs.derive import slopes
 from soter.program.model.types import IntType, leaves
 from soter.simulate.decisions import changes
 
@@ -175,6 +178,36 @@ def test_a_velocity_from_positions_is_within_its_stated_error(tmp_path: Path) ->
     assert any("derived" in text for text in judged.assumptions)
 
 
+def test_nothing_that_comes_later_counts(tmp_path: Path) -> None:
+    """A log that ends earlier is judged the same up to its end: a monitor knows the past only."""
+    rows = [[k / 10, 4.0 + 4.5 * math.sin(k / 4) + 0.2 * math.sin(2.1 * k)] for k in range(80)]
+    fields = {"x": "x", "v": {"slope": "x", "window": "0.4s"}}
+    mapping = {**CART_MAP, "topics": {"motion": {"fields": fields, "between": "linear"}}}
+    program = load(CART)
+
+    def judged(count: int) -> list[tuple[float, str, str]]:
+        log = track(tmp_path / "a.csv", rows[:count], ["t", "x"])
+        (module,) = program.judge_log(log, mapping).modules
+        return [(c.time_s, c.to, c.reason) for c in module.changes]
+
+    whole = judged(len(rows))
+    assert len(whole) > 8
+    for count in range(10, len(rows)):
+        assert judged(count) == [c for c in whole if c[0] <= rows[count - 1][0] + 1e-9], count
+
+
+@pytest.mark.parametrize("window_s", [0.1, 0.4, 1.0])
+def test_a_slope_is_that_of_the_samples_up_to_now(window_s: float) -> None:
+    times = np.cumsum(np.where(np.arange(60) % 7, 0.1, 0.23))
+    curve = 3.0 - 2.0 * times + 0.7 * times**2
+    found = slopes(times, curve, window_s)
+    assert math.isnan(found[0]), "one sample has no slope"
+    assert found[1] == pytest.approx((curve[1] - curve[0]) / (times[1] - times[0]))
+    assert found[2:] == pytest.approx(-2.0 + 1.4 * times[2:], abs=1e-9), "exact of a parabola"
+    for k in range(3, 60):
+        assert slopes(times[:k], curve[:k], window_s)[-1] == found[k - 1]
+
+
 def test_reads_too_old_or_refused_or_empty_end_with_sc(tmp_path: Path) -> None:
     rows = cart_rows(40)
     cells: list[list[object]] = [list(r) for r in rows]
@@ -200,7 +233,7 @@ def test_in_a_gap_nothing_is_made_up(tmp_path: Path) -> None:
         topics = {"motion": {**CART_MAP["topics"]["motion"], "between": "linear", "gap": gap}}
         (module,) = program.judge_log(path, {**CART_MAP, "topics": topics}).modules
         stale.append((module.stale, [c.to for c in module.changes]))
-    assert stale == [(8, ["AC", "SC", "AC"]), (0, ["AC"])]
+    assert stale == [(6, ["AC", "SC", "AC"]), (0, ["AC"])]
 
 
 def test_a_log_that_begins_in_flight_is_not_judged_by_what_a_program_begins_with(

@@ -476,6 +476,11 @@ class Program:
         """A system with every number known and every instance named: what runs, fresh each time."""
         return self._completed(system, params)[0]
 
+    def declared(self, system: str | None = None, params: Params = None) -> System:
+        """The same as it is declared: predicates that are to be computed are not."""
+        self._require_sound()
+        return system_of(self._checked, system, self._values(params))
+
     def diagram(self, system: str | None = None, params: Params = None) -> Diagram:
         """The picture of a system: nodes, topics, modules and plants; `svg`, `write(path)`."""
         return diagram_of(system_of(self._checked, system, self._values(params)))
@@ -489,8 +494,7 @@ class Program:
         self, name: str | None, params: Params, progress: Progress | None = None
     ) -> tuple[System, list[str]]:
         """A fresh flat system whose modules all have `ttf` and `safer`; a note on each computed."""
-        self._require_sound()
-        system = system_of(self._checked, name, self._values(params))
+        system = self.declared(name, params)
         return system, complete(system, progress)
 
     def _bindings(self, system: System) -> Bindings:

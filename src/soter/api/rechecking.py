@@ -43,6 +43,10 @@ def recheck(folder: str | Path, progress: Progress | None = None) -> RecheckRepo
     try:
         return check(Path(folder), progress)
     except NotACertificateError as error:
-        hint = "`soter verify --cert DIR` makes one"
-        problem = Diagnostic("D009", f"this is no certificate: {error}", helps=(hint,))
-        raise SoterError((problem,)) from None
+        raise no_certificate(error) from None
+
+
+def no_certificate(error: Exception) -> SoterError:
+    """D009: what was given is none."""
+    hint = "`soter verify --cert DIR` makes one"
+    return SoterError((Diagnostic("D009", f"this is no certificate: {error}", helps=(hint,)),))

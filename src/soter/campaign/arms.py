@@ -99,8 +99,8 @@ def _swept(system: System, group: str, burst_ns: int) -> list[Arm]:
 
 
 def _nodes(system: System, group: str) -> list[Component]:
-    """Who can be late; nodes whose steps take time say so themselves."""
-    return [c for c in system.components if c.role in GROUPS[group] and c.takes_ns is None]
+    """Who can be late."""
+    return [c for c in system.components if c.role in GROUPS[group]]
 
 
 def _held(c: Component, group: str, burst_ns: int) -> Fault:

@@ -32,8 +32,9 @@ A goal is supported only where its leaf was checked just now: the certificate by
 re-checker, tests by exploring them again (--tests), flights by flying them again (--flights).
 Everything else is told with its hash, and the goal stays undeveloped (docs/assure.md).
 
-exit codes: 0 the top goal is supported, 3 a certificate is rejected, a test or a flight violated,
-            4 the top goal is undeveloped, 1 diagnostics, 2 usage
+exit codes: 0 the top goal is supported, and P2b where the program asks for it,
+            3 a certificate is rejected, a compiled DM differs, a test or a flight violated,
+            4 the top goal is undeveloped, or P2b is, 1 diagnostics, 2 usage
 """
 
 
@@ -73,7 +74,9 @@ def run(args: argparse.Namespace, console: Console) -> Outcome:
     except SoterError as error:
         return Outcome(exit_of(error.diagnostics), error.diagnostics, {"file": args.file})
     _say(found, console)
-    code = VIOLATED if found.refuted else FINE if found.case.supported else UNDECIDED
+    code = (
+        VIOLATED if found.refuted else FINE if found.case.supported and found.returns else UNDECIDED
+    )
     return Outcome(code, program.diagnostics, {"file": args.file, **_fields(found)})
 
 
@@ -84,6 +87,10 @@ def _say(found: Assurance, console: Console) -> None:
     word = console.paint("green", "SUPPORTED")
     if not case.supported:
         word = console.paint("yellow", "UNDEVELOPED")
+    elif not found.returns:
+        word = console.paint("yellow", "SUPPORTED, without P2b")
+    if case.supported and not found.lawful:
+        word += ", without a fail-safe law"
     console.say(
         console.paint("muted", f"{case.program}  {case.system}  {case.program_sha256[:12]}")
     )
@@ -102,9 +109,9 @@ def _say(found: Assurance, console: Console) -> None:
         console.say(f"  {why}")
     for text in found.refuted:
         console.say(f"\n{console.paint('red', 'REFUTED')}  {text}")
-    assumptions = sum(n.kind == "assumption" for n in case.nodes)
-    if assumptions:
-        console.say(f"\nrests on {assumptions} assumptions, which the page lists")
+    top = [case.node(i).kind for i in case.nodes[0].in_context_of]
+    if "assumption" in top:
+        console.say(f"\nrests on {top.count('assumption')} assumptions, which the page lists")
     else:
         console.say("\nno certificate was accepted: what a proof would rest on is not known")
     console.say("\n".join(f"written  {path}" for path in found.files))

@@ -253,6 +253,22 @@ def test_arms_are_other_systems_on_the_same_seeds() -> None:
         assert native.trace_sha256 == again.trace_sha256
 
 
+def test_arms_hold_up_nodes_whose_steps_take_time(tmp_path: Path) -> None:
+    path = tmp_path / "c.soter"
+    head = "node Fast period 10ms {"
+    text = CART.read_text(encoding="utf-8")
+    assert head in text
+    path.write_text(text.replace(head, f"{head} takes [5ms, 30ms];"))
+    system = flat_of(path)
+    (lasting,) = [c for c in system.components if c.takes_ns is not None]
+    made = {a.name: a.system for a in arms_of(system, NAMES, (0, 1_000_000))}
+    for name in ("ours-all-120ms", "paper"):
+        assert lasting.index in {f.component for f in made[name].faults}
+        native = NativeProgram(made[name]).run(5 * SECOND, 4, hash_trace=True)
+        again = run_interpreted(made[name], 5 * SECOND, 4, hash_trace=True)
+        assert native.trace_sha256 == again.trace_sha256
+
+
 def test_a_campaign_with_arms_tells_each_and_goes_on(tmp_path: Path) -> None:
     how = {"flights": 30, "until": "6s", "output": tmp_path / "c", "arms": ("ac", "paper")}
     found = load(CART).campaign("Protected", lateness_s=0.2, **how)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+import hashlib
 import json
 import shutil
 from pathlib import Path
@@ -11,6 +13,9 @@ import pytest
 
 from json_documents import SCHEMAS, _check
 from soter.api import load
+from soter.recheck.assumptions import Said
+from soter.recheck.certificate.folder import canonical
+from soter.recheck.report import ModuleReport, Report
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -33,6 +38,18 @@ node Hold period 10ms { publishes accel; step { publish accel = 0.0; } }
 system Still { b: Bench; module SafeCart; until 1s; }
 test Quiet { system Still; replace Fast by Hold; horizon 100ms; always abs(motion.x) < WALL; }
 test Loud { system Still; replace Fast by Hold; horizon 100ms; always abs(motion.x) > WALL; }
+"""
+CONTRACTS = """soter 1;
+input topic go: int in [0, 3] = 0;
+topic u: int in [0, 3];
+topic w: int in [0, 3];
+node Say period 10ms { publishes u; guarantees u < 3; step { publish u = choose [0, 2]; } }
+node Hear period 10ms { subscribes u; publishes w; step { publish w = u; } }
+node Obey period 10ms { subscribes go; publishes w; step { publish w = go; } }
+system Told default { node Obey; until 1s; }
+system Spoken { node Say; node Hear; until 1s; }
+test Undriven { system Told; horizon 30ms; always w < 3; }
+test Rests { system Spoken; replace Say by contract; horizon 30ms; always w < 3; }
 """
 PROOF = ["P1a", "P1b", "P1c", "P2a", "P3", "ttf", "safer", "start"]
 
@@ -80,10 +97,15 @@ def whys(folder: Path) -> str:
 def test_a_certificate_of_exactly_this_supports_the_top_goal(soter: Soter, cart: Path) -> None:
     code, goals = assured(soter, "--cert", "proof")
     assert code == 0
-    assert list(goals) == ["G1", "G1.1", *(f"G1.1.{p}" for p in PROOF)]
-    assert set(goals.values()) == {"supported"}
+    proof = ["G1", "G1.1", *(f"G1.1.{p}" for p in PROOF), "G4", "G4.1"]
+    assert list(goals) == [*proof, "G5", "G5.1", "G6", "G6.1"]
+    assert {g for g, status in goals.items() if status != "supported"} == {"G5", "G5.1"}
     case = case_of(cart)
-    solutions = [n for n in case["nodes"] if n["kind"] == "solution"]
+    assert "for as long as its trusted part runs" in case["nodes"][0]["text"], "there is no law"
+    assert "no fail-safe law is declared" in whys(cart)
+    assert not any("compiled" in n["text"] for n in case["nodes"] if n["kind"] == "context")
+    solutions = [n for n in case["nodes"] if n["kind"] == "solution" and n["sha256"]]
+    assert len(solutions) == len(PROOF) + 1
     assert len({n["sha256"] for n in solutions}) == 1
     assert solutions[0]["sha256"] in (cart / "proof" / "SEAL").read_text()
     assert sum(n["kind"] == "assumption" for n in case["nodes"]) > 5
@@ -101,6 +123,17 @@ def test_without_a_certificate_nothing_is_supported(soter: Soter, cart: Path) ->
     assert "no certificate was given" in whys(cart)
 
 
+@pytest.fixture
+def unasked(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nobody asks the re-checker: what is wrong is found before."""
+
+    def asked(*_: object) -> None:
+        raise AssertionError("the claims of a certificate that is wrong were checked")
+
+    monkeypatch.setattr("soter.api.assurance.certificate.recheck", asked)
+
+
+@pytest.mark.usefixtures("unasked")
 @pytest.mark.parametrize(
     ("change", "why"),
     [
@@ -125,12 +158,136 @@ def test_a_certificate_of_anything_else_supports_nothing(
     assert why in whys(cart)
 
 
+@pytest.mark.usefixtures("unasked")
 def test_a_certificate_that_was_changed_is_rejected(soter: Soter, cart: Path) -> None:
     table = max((cart / "proof" / "sets").rglob("*"), key=lambda p: p.is_file())
     table.write_bytes(b"\0" + table.read_bytes()[1:] + b"\0")
     code, goals = assured(soter, "--cert", "proof")
     assert (code, set(goals.values())) == (3, {"undeveloped"})
     assert "the certificate is rejected" in whys(cart)
+
+
+@pytest.mark.usefixtures("unasked")
+def test_a_manifest_that_says_our_hash_of_another_program_is_rejected(
+    soter: Soter, cart: Path
+) -> None:
+    theirs = (cart / "c.soter").read_text().replace("abs(motion.x) < WALL", "abs(motion.x) > WALL")
+    (cart / "proof" / "program" / "c.soter").write_text(theirs)
+    sha256 = hashlib.sha256(theirs.encode()).hexdigest()
+    forged(cart, lambda m: m["files"].update({"program/c.soter": sha256}))
+    code, goals = assured(soter, "--cert", "proof")
+    assert (code, goals["G1"]) == (3, "undeveloped")
+    assert "the program is another one than the manifest says" in whys(cart)
+
+
+def forged(folder: Path, change: Callable[[dict[str, Any]], object]) -> None:
+    """Change the manifest of the certificate and seal it again."""
+    manifest = json.loads((folder / "proof" / "manifest.json").read_text())
+    change(manifest)
+    raw = canonical(manifest)
+    (folder / "proof" / "manifest.json").write_bytes(raw)
+    (folder / "proof" / "SEAL").write_text(hashlib.sha256(raw).hexdigest() + "\n")
+
+
+@pytest.mark.parametrize(
+    ("claims", "code", "open_"),
+    [
+        ({"P1c": "assumed"}, 4, {"G1", "G1.1", "G1.1.P1c"}),
+        ({"P2b": "undecided"}, 4, {"G4", "G4.1"}),
+        ({"P2b": "assumed"}, 4, {"G4", "G4.1"}),
+        ({"P3": "refuted", "start": None}, 4, {"G1", "G1.1", "G1.1.P3", "G1.1.start"}),
+        ({"failsafe": "proved"}, 3, None),
+        ({"DM": "proved", "ttf": "undecided"}, 4, {"G1", "G1.1", "G1.1.ttf"}),
+    ],
+)
+def test_what_a_certificate_does_not_prove_is_not_supported(
+    soter: Soter, cart: Path, claims: dict[str, str | None], code: int, open_: set[str] | None
+) -> None:
+    def change(manifest: dict[str, Any]) -> None:
+        of = {**manifest["modules"][0]["claims"], **claims}
+        manifest["modules"][0]["claims"] = {n: v for n, v in of.items() if v is not None}
+        if of["P2b"] != "proved":
+            manifest["modules"][0]["recover_ns"] = None
+
+    forged(cart, change)
+    found, goals = assured(soter, "--cert", "proof")
+    assert found == code
+    if open_ is None:
+        assert set(goals.values()) == {"undeveloped"}
+        return
+    assert {g for g, s in goals.items() if s != "supported"} == {*open_, "G5", "G5.1"}
+
+
+def test_a_certificate_that_changes_while_it_is_checked_supports_nothing(
+    soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def changed(*_: object) -> Report:
+        forged(cart, lambda m: m.update(soter="0"))
+        return Report(accepted=True)
+
+    monkeypatch.setattr("soter.api.assurance.certificate.recheck", changed)
+    code, goals = assured(soter, "--cert", "proof")
+    assert (code, set(goals.values())) == (3, {"undeveloped"})
+    assert "it was changed while it was checked" in whys(cart)
+
+
+def test_an_accepted_report_about_nothing_supports_nothing(
+    soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    sha256 = load(cart / "c.soter").flat("Protected").program.sha256
+    empty = Report(accepted=True, program_sha256=sha256)
+    monkeypatch.setattr("soter.api.assurance.certificate.recheck", lambda *_: empty)
+    code, goals = assured(soter, "--cert", "proof")
+    assert (code, set(goals.values())) == (4, {"undeveloped"})
+
+
+def test_without_the_re_checkers_numbers_there_is_no_case(
+    soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("soter.api.rechecking.find_spec", lambda _: None)
+    done = soter("assure", "c.soter", "--cert", "proof", "-o", "out", "--json")
+    assert (done.exit, done.codes) == (1, ["D007"])
+    assert not (cart / "out").exists()
+
+
+def test_a_compiled_decision_module_that_differs_refutes(
+    soter: Soter, cart: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    found = ModuleReport("SafeCart", {}, confirmed=[*PROOF, "P2b"], system="Protected")
+    found.parameters = {"GAIN": "1.0"}
+    sha256 = load(cart / "c.soter").flat("Protected").program.sha256
+    report = Report(accepted=True, program_sha256=sha256, modules=[found])
+    report.not_covered = [Said("compiled", "the code that a decision module is compiled to")]
+    monkeypatch.setattr("soter.api.assurance.certificate.recheck", lambda *_: report)
+    assert assured(soter, "--cert", "proof")[0] == 0
+    assert "compiled to" not in json.dumps(case_of(cart))
+    monkeypatch.setattr("soter.reach.deploy.dm_check.decided", lambda *_, **__: 0)
+    code, goals = assured(soter, "--cert", "proof")
+    assert (code, goals["G1"], goals["G6"], goals["G6.1"]) == (
+        3, "supported", "undeveloped", "undeveloped",
+    )  # fmt: skip
+    assert "the C of the DM differs from the switching logic" in whys(cart)
+    contexts = [n["text"] for n in case_of(cart)["nodes"] if n["kind"] == "context"]
+    assert "not covered: the code that a decision module is compiled to" in contexts
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("Undriven", "an input keeps its default all the time"),
+        ("Rests", "it rests on the contract of Say, of which no test asks"),
+    ],
+)
+def test_a_test_that_is_not_clean_or_rests_on_what_nobody_asks_supports_nothing(
+    soter: Soter, cart: Path, name: str, why: str
+) -> None:
+    (cart / "c.soter").write_text(CONTRACTS)
+    _, goals = assured(soter, "--tests")
+    case = case_of(cart)
+    goal = next(n for n in case["nodes"] if n["text"].startswith(f"test {name} "))
+    (leaf,) = goal["supported_by"]
+    assert goals[goal["id"]] == "undeveloped"
+    assert why in next(n["why"] for n in case["nodes"] if n["id"] == leaf)
 
 
 def test_tests_count_only_where_they_are_explored_now(soter: Soter, cart: Path) -> None:
@@ -168,6 +325,55 @@ def test_flights_count_where_they_are_flown_again(soter: Soter, cart: Path) -> N
     )
     assert assured(soter, "--campaign", "fly")[1]["G3"] == "undeveloped"
     assert "flight 0 is another one" in whys(cart)
+
+
+def rewritten(path: Path, number: str, column: str, to: str) -> None:
+    """Another cell of a flight in `flights.csv`."""
+    with path.open(newline="") as file:
+        head, *rows = list(csv.reader(file))
+    for row in rows:
+        if row[head.index("number")] == number:
+            row[head.index(column)] = to
+    with path.open("w", newline="") as file:
+        csv.writer(file).writerows([head, *rows])
+
+
+def test_flights_that_violate_are_flown_first_and_never_left_out(soter: Soter, cart: Path) -> None:
+    run = ("campaign", "c.soter", "--system", "Unprotected", "--flights", "4", "--until", "30s")
+    soter(*run, "-o", "fly")
+    again = ("--system", "Unprotected", "--campaign", "fly")
+    code, goals = assured(soter, *again, "--flights", "1")
+    assert (code, goals["G3"]) == (3, "undeveloped"), "AC alone hits the wall"
+    flights = cart / "fly" / "flights.csv"
+    for number in range(4):
+        rewritten(flights, str(number), "violations", "0")
+    assert assured(soter, *again)[0] == 3, "what it says is not what was flown"
+    assert soter("campaign", "c.soter", "--flights", "4", "--until", "2s", "-o", "calm").exit == 0
+    flights = cart / "calm" / "flights.csv"
+    rewritten(flights, "2", "violations", "1")
+    rewritten(flights, "3", "violations", "1")
+    code, goals = assured(soter, "--campaign", "calm", "--flights", "1")
+    assert (code, goals["G3"]) == (4, "undeveloped")
+    assert "flights that violate a property as recorded were not flown again" in whys(cart)
+
+
+def test_flights_of_a_system_without_a_property_support_nothing(soter: Soter, here: Path) -> None:
+    (here / "c.soter").write_text(
+        "soter 1; topic u: int in [0, 9]; node N period 10ms { publishes u; "
+        "step { publish u = choose [0, 9]; } } system S { node N; until 1s; }"
+    )
+    soter("campaign", "c.soter", "--flights", "3", "-o", "fly")
+    code, goals = assured(soter, "--campaign", "fly")
+    assert (code, goals["G3"]) == (4, "undeveloped")
+    assert "has no property that a flight could violate" in whys(here)
+    about = json.loads((here / "fly" / "campaign.json").read_text())
+    for change in ({"until_ns": 0}, {"first_seed": -1}, {"until_ns": None}):
+        (here / "fly" / "campaign.json").write_text(json.dumps({**about, **change}))
+        done = soter("assure", "c.soter", "--campaign", "fly", "-o", "out", "--json")
+        assert done.codes == ["D006"]
+    (here / "fly" / "campaign.json").write_text(json.dumps(about))
+    rewritten(here / "fly" / "flights.csv", "1", "number", str(10**30))
+    assert soter("assure", "c.soter", "--campaign", "fly", "-o", "out", "--json").codes == ["D006"]
 
 
 def test_what_is_no_evidence_is_told_in_words(soter: Soter, cart: Path) -> None:

@@ -11,6 +11,7 @@ import json
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Protocol
 
+from soter.api.assurance.certificate import file_hash
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
 if TYPE_CHECKING:
@@ -29,8 +30,17 @@ class AssuredProgram(Protocol):
     def flat(self, system: str | None = None, params: Mapping[str, object] | None = None) -> System:
         """A system, fresh each time."""
 
+    def declared(
+        self, system: str | None = None, params: Mapping[str, object] | None = None
+    ) -> System:
+        """The same as it is declared."""
+
     def explore(self, *, params: Mapping[str, object] | None, output: None) -> ExploreReport:
         """Every test, explored now."""
+
+
+NUMBERS = 2**31
+"""Flights have lower numbers."""
 
 
 @dataclass(frozen=True)
@@ -43,22 +53,37 @@ class Again:
     violated: str = ""
 
 
-def again(program: AssuredProgram, flat: System, params: Any, folder: Path, most: int) -> Again:  # noqa: ANN401
-    """Fly up to `most` flights again, evenly over the campaign; SoterError D006."""
-    from soter.campaign.fleet import Fleet  # noqa: PLC0415 - compiles
+@dataclass(frozen=True)
+class Flights:
+    """The folder of a campaign: what was flown, and a row a flight; `file` holds the rows."""
 
-    about, rows = _read(folder)
+    file: Path
+    sha256: str
+    about: dict[str, Any]
+    rows: list[dict[str, str]]
+
+
+def again(
+    program: AssuredProgram,
+    flat: System,
+    params: Any,  # noqa: ANN401 - as given
+    given: Flights,
+    most: int,
+) -> Again:
+    """Fly up to `most` flights again: those that violate as recorded first, then evenly."""
+    about, rows = given.about, given.rows
     total = f"{len(rows):,} flights of {about['until_ns'] / 1e9:g} s as recorded, "
     total += f"{sum(int(r['violations']) for r in rows)} violations"
+    folder = given.file.parent
     goal = f"No property is violated in the flights of campaign {folder} that were flown again"
-    if about["program_sha256"] != flat.program.sha256 or about["system"] != flat.name:
-        return Again(goal, total, "the campaign is of another program or system: hashes differ")
-    if about["arm"] or about["lateness"] or about["horizon_ns"]:
-        return Again(goal, total, "flights of an arm, or with saves, are not flown again here")
-    step = max(1, -(-len(rows) // max(most, 1)))
-    chosen = rows[::step] if most > 0 else []
+    why = _not_flown(flat, about)
+    if why:
+        return Again(goal, total, why)
+    chosen = _chosen(rows, most)
     if not chosen:
         return Again(goal, total, "no flight was flown again")
+    from soter.campaign.fleet import Fleet  # noqa: PLC0415 - compiles
+
     first, until_ns = int(about["first_seed"]), int(about["until_ns"])
     fleet = Fleet(program.flat(flat.name, params), until_ns)
     flown = {f.number: f for f in fleet.fly([int(r["number"]) for r in chosen], first)}
@@ -70,20 +95,57 @@ def again(program: AssuredProgram, flat: System, params: Any, folder: Path, most
     if broken:
         said = f"flight {broken[0]} of the campaign violates a property"
         return Again(goal, text, said, said)
+    if any(int(r["violations"]) for r in rows):
+        return Again(goal, text, "flights that violate a property as recorded were not flown again")
     return Again(goal, text)
 
 
-def _read(folder: Path) -> tuple[dict[str, Any], list[dict[str, str]]]:
-    """What was flown, and a row a flight."""
+def _not_flown(flat: System, about: dict[str, Any]) -> str:
+    """Why nothing is flown again; "": it is."""
+    if about["program_sha256"] != flat.program.sha256 or about["system"] != flat.name:
+        return "the campaign is of another program or system: hashes differ"
+    if about["arm"] or about["lateness"] or about["horizon_ns"]:
+        return "flights of an arm, or with saves, are not flown again here"
+    if not flat.properties:
+        return f"system {flat.name} has no property that a flight could violate"
+    return ""
+
+
+def _chosen(rows: list[dict[str, str]], most: int) -> list[dict[str, str]]:
+    """So many rows at most, each flight once."""
+    if most <= 0:
+        return []
+    each = list({int(r["number"]): r for r in rows}.values())
+    first = [r for r in each if int(r["violations"])][:most]
+    rest = [r for r in each if r not in first]
+    left = most - len(first)
+    return [*first, *(rest[:: max(1, -(-len(rest) // left))] if left else [])]
+
+
+def read_flights(folder: Path) -> Flights:
+    """What was flown, and a row a flight; SoterError D006."""
+    file = folder / "flights.csv"
     try:
-        about = json.loads((folder / "campaign.json").read_text(encoding="utf-8"))
-        with (folder / "flights.csv").open(encoding="utf-8", newline="") as stream:
+        about = json.loads(read_json_text(folder / "campaign.json"))
+        with file.open(encoding="utf-8", newline="") as stream:
             rows = list(csv.DictReader(stream))
-        for r in rows:
-            int(r["number"]), int(r["violations"]), r["digest"]
-        for name in ("program_sha256", "system", "until_ns", "first_seed", "arm", "lateness"):
-            about[name]
-    except (OSError, ValueError, KeyError, TypeError) as error:
+        wrong = _wrong(about, rows)
+    except (OSError, ValueError, KeyError, TypeError, RecursionError, csv.Error) as error:
         message = f"`{folder}` is no folder of `soter campaign`: {error}"
         raise SoterError((Diagnostic("D006", message),)) from error
-    return about, rows
+    if wrong:
+        message = f"`{folder}` is no folder of `soter campaign`: {wrong}"
+        raise SoterError((Diagnostic("D006", message),))
+    return Flights(file, file_hash(file), about, rows)
+
+
+def _wrong(about: dict[str, Any], rows: list[dict[str, str]]) -> str:
+    """What is not as it should be; ValueError, KeyError, TypeError as well."""
+    for name in ("program_sha256", "system", "arm", "lateness", "horizon_ns"):
+        about[name]
+    if int(about["until_ns"]) <= 0 or int(about["first_seed"]) < 0:
+        return "`until_ns` or `first_seed` is out of range"
+    for r in rows:
+        if not 0 <= int(r["number"]) < NUMBERS or int(r["violations"]) < 0 or not r["digest"]:
+            return f"flight {r['number']} is out of range"
+    return ""

@@ -1,7 +1,8 @@
-"""What a log does not hold, from what it does: slopes and values between samples.
+"""What a log does not hold, from what it does: slopes, and values after the last sample.
 
-Purpose: both with a measure of their error that comes from the same samples.
-Non-goals: filters; what is derived here has seen samples that came later.
+Purpose: both from samples up to then, as a monitor in flight would have them, with a measure of
+their error that comes from the same samples.
+Non-goals: filters; anything that has seen samples that came later.
 """
 
 from __future__ import annotations
@@ -20,25 +21,18 @@ LEAST = 3
 
 
 def slopes(times_s: Floats, values: Floats, window_s: float) -> Floats:
-    """Slope at each sample of the parabola of least squares over a window around it.
+    """Slope at each sample of the parabola of least squares over the window that ends there.
 
-    times_s, values: (n,), n >= 2, times ascending; gives (n,). At the ends the window is cut; where
-    it holds fewer than three samples it takes the nearest three, or all.
+    times_s, values: (n,), times ascending; gives (n,). Where the window holds fewer than three
+    samples it takes the last three, or the first two, whose slope is that of a line. NaN at the
+    first sample: it has none.
     """
-    found = np.empty(len(times_s))
-    half = window_s / 2 * (1 + 1e-9)
-    low = np.searchsorted(times_s, times_s - half, side="left")
-    high = np.searchsorted(times_s, times_s + half, side="right")
-    for i, (a, b) in enumerate(zip(low.tolist(), high.tolist(), strict=True)):
-        if b - a < LEAST:
-            a, b = _nearest(i, len(times_s))  # noqa: PLW2901 - a wider window
-        found[i] = _slope(times_s[a:b] - times_s[i], values[a:b])
+    found = np.full(len(times_s), np.nan)
+    first = np.searchsorted(times_s, times_s - window_s * (1 + 1e-9), side="left")
+    for i in range(1, len(times_s)):
+        a = min(int(first[i]), max(i + 1 - LEAST, 0))
+        found[i] = _slope(times_s[a : i + 1] - times_s[i], values[a : i + 1])
     return found
-
-
-def _nearest(i: int, n: int) -> tuple[int, int]:
-    first = min(max(i - 1, 0), max(n - LEAST, 0))
-    return first, min(first + LEAST, n)
 
 
 def _slope(d: Floats, y: Floats) -> float:
@@ -74,18 +68,18 @@ def slope_errors(times_s: Floats, values: Floats, window_s: float, found: Floats
     return gaps[gaps > 0.0]
 
 
-def between_errors(times_s: Floats, values: Floats) -> Floats:
-    """What straight lines between samples miss, (m,): times_s, values (n,).
+def ahead_errors(times_s: Floats, values: Floats, gap_s: float) -> Floats:
+    """How far samples are off the line through the two before them, (m,): times_s, values (n,).
 
-    Each sample is compared with the line between its neighbours, which is twice as long as those
-    that are used; the error of a line grows with the square of its length, so a quarter of that.
+    That is as far as such a line is followed, so its error is hardly ever more. Only of samples
+    that follow one another within `gap_s`.
     """
     if len(times_s) < LEAST:
         return np.zeros(0)
-    a, b = times_s[:-2], times_s[2:]
-    share = (times_s[1:-1] - a) / (b - a)
-    line = values[:-2] + share * (values[2:] - values[:-2])
-    return np.asarray(np.abs(values[1:-1] - line) / 4, dtype=np.float64)
+    steps = np.diff(times_s)
+    near = (steps[:-1] <= gap_s) & (steps[1:] <= gap_s)
+    line = values[1:-1] + steps[1:] / steps[:-1] * np.diff(values)[:-1]
+    return np.asarray(np.abs(values[2:] - line)[near], dtype=np.float64)
 
 
 def quantiles(errors: Floats) -> tuple[float, float, float]:

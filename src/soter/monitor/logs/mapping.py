@@ -83,7 +83,7 @@ class Constant:
 
 @dataclass(frozen=True)
 class Slope:
-    """How fast another field of the topic changes, over a window about each sample."""
+    """How fast another field of the topic changes, over the window that ends at each sample."""
 
     of: LeafPath
     window_ns: int
@@ -96,8 +96,8 @@ Leaf = From | Constant | Slope
 class TopicMap:
     """A topic and where its leaves come from, all of them, in declared order.
 
-    `channel`: whose messages of an MCAP; of a CSV nothing. `linear`: floats are interpolated
-    between samples that are at most `gap_ns` apart.
+    `channel`: whose messages of an MCAP; of a CSV nothing. `linear`: floats go on along
+    the line through the last two samples, for at most `gap_ns`.
     """
 
     topic: Topic

@@ -63,7 +63,7 @@ def replay(
     system.faults = ()
     interpreter = Interpreter(system, 0, _unused(system))
     started = [s for s in samples if not s.always]
-    from_ns = max(s.times_ns[0] for s in started)
+    from_ns = max(s.from_ns for s in started)
     to_ns = max(s.times_ns[-1] for s in started)
     _bounded(system, plan, to_ns - from_ns, log)
     judged = LogJudgement(
@@ -255,7 +255,7 @@ class _Feed:
             yield from self._up_to(bisect_left(self.samples.times_ns, ct + self.from_ns))
 
     def until(self, ct: int) -> Iterator[tuple[int, object]]:
-        """The samples up to `ct`; of what is interpolated, or always so, the value at it."""
+        """The samples up to `ct`; of lines and of what is always so, the value at it."""
         if self.samples.always:
             yield ct, self.samples.values[0]
         elif self.samples.linear:

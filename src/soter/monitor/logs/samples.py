@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from soter.monitor.logs.derive import between_errors, quantiles, slope_errors, slopes
+from soter.monitor.logs.derive import ahead_errors, quantiles, slope_errors, slopes
 from soter.monitor.logs.mapping import Constant, From, Slope
 from soter.monitor.logs.sources import unusable
 from soter.program.model.durations import show_ns
@@ -72,29 +72,39 @@ class Samples:
         """Whether it is the same at all times."""
         return not self.times_ns
 
+    @property
+    def from_ns(self) -> int:
+        """From when on it has values: of what goes on along lines, where the first line begins."""
+        return self.times_ns[1 if self.linear and len(self.times_ns) > 1 else 0]
+
     def at(self, time_ns: int) -> Value | None:
-        """The value at a time between samples; None outside of them and in a gap."""
+        """The value at a time, of samples up to then; None where nothing follows from them.
+
+        At a sample it is that sample; after it, for at most `gap_ns`, it lies on the line through
+        that sample and the one before it, if these are no further apart.
+        """
         i = bisect_right(self.times_ns, time_ns) - 1
         if i < 0:
             return None
-        if self.times_ns[i] == time_ns:
+        since = time_ns - self.times_ns[i]
+        if since == 0:
             return self.values[i]
-        if i + 1 == len(self.times_ns) or self.times_ns[i + 1] - self.times_ns[i] > self.gap_ns:
+        if i == 0 or since > self.gap_ns or self.times_ns[i] - self.times_ns[i - 1] > self.gap_ns:
             return None
-        share = (time_ns - self.times_ns[i]) / (self.times_ns[i + 1] - self.times_ns[i])
-        return _mixed(self.topic.type, self.values[i], self.values[i + 1], share)
+        share = since / (self.times_ns[i] - self.times_ns[i - 1])
+        return _continued(self.topic.type, self.values[i - 1], self.values[i], share)
 
 
-def _mixed(t: Type, a: Value, b: Value, share: float) -> Value:
-    """Floats between a and b; of everything else the earlier."""
+def _continued(t: Type, a: Value, b: Value, share: float) -> Value:
+    """Floats beyond b, away from a; of everything else b."""
     if isinstance(t, FloatType):
-        return a + share * (b - a)
+        return b + share * (b - a)
     if isinstance(t, RecordType):
         fields = zip(t.fields, a, b, strict=True)
-        return tuple([_mixed(f, x, y, share) for (_, f), x, y in fields])
+        return tuple([_continued(f, x, y, share) for (_, f), x, y in fields])
     if isinstance(t, ArrayType):
-        return tuple([_mixed(t.element, x, y, share) for x, y in zip(a, b, strict=True)])
-    return a
+        return tuple([_continued(t.element, x, y, share) for x, y in zip(a, b, strict=True)])
+    return b
 
 
 def samples_of(path: Path, mapping: LogMap, columns: dict[str | None, Columns]) -> list[Samples]:
@@ -156,27 +166,31 @@ def _fill(path: Path, t: TopicMap, made: Samples, read: dict[LeafPath, list[Any]
             found = slopes(times_s, values, window)
             error = quantiles(slope_errors(times_s, values, window, found))
             how = (
-                f"slope over {show_ns(leaf.window_ns)} about each sample, half of it later; error: "
+                f"slope over the last {show_ns(leaf.window_ns)}, from the second sample on; error: "
                 "against the slope over half the window"
             )
             made.derived.append(Derived(t.name_of(p), how, error))
             whole[p] = found.tolist()
+    if any(isinstance(leaf, Slope) for leaf in t.leaves.values()):
+        del made.times_ns[0]  # where there is no slope yet
+        times_s, whole, n = times_s[1:], {p: v[1:] for p, v in whole.items()}, n - 1
     if t.linear:
-        _between(t, made, times_s, whole)
+        _ahead(t, made, times_s, whole)
     for i in range(n):
         made.values.append(_built(t.topic.type, (), {p: v[i] for p, v in whole.items()}))
 
 
-def _between(
+def _ahead(
     t: TopicMap, made: Samples, times_s: np.ndarray[Any, Any], whole: dict[LeafPath, list[Any]]
 ) -> None:
     """Note what straight lines miss; times_s (n,)."""
     for p, kind in leaves(t.topic.type):
         if isinstance(kind, FloatType) and not isinstance(t.leaves[p], Constant):
-            error = quantiles(between_errors(times_s, np.array(whole[p], dtype=np.float64)))
+            values = np.array(whole[p], dtype=np.float64)
+            error = quantiles(ahead_errors(times_s, values, t.gap_ns / 1e9))
             how = (
-                f"straight lines between samples at most {show_ns(t.gap_ns)} apart; error: a "
-                "quarter of what each sample is off the line between its neighbours"
+                "on the line through the last two samples, for at most "
+                f"{show_ns(t.gap_ns)}; error: how far the next sample is off it"
             )
             if error[-1] > 0.0:
                 made.derived.append(Derived(t.name_of(p), how, error))

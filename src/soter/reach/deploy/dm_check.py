@@ -47,6 +47,7 @@ if TYPE_CHECKING:
     from soter.program.model.types import Type, Value
     from soter.reach.claims.results import ModuleResult
     from soter.reach.deploy.dm_inputs import Points
+    from soter.reach.problem.problem import Problem
     from soter.reach.tables.level_table import LevelTable
 
 
@@ -164,13 +165,18 @@ def check_decisions(
 def check_module(result: ModuleResult) -> DMCheck:
     """The DM of a verified module; with the predicates that were computed, where they were."""
     problem = result.problem
-    system = derived.unbound(problem.whole or problem.system)
-    module = system.modules[problem.module.index]
-    found: list[LevelTable] = []
     sets = [pairs_of(case) for case in result.cases]
     if problem.computed and all(len(pairs) == len(problem.groups) for pairs in sets):
-        found = tables(problem, sets)
-        put(system, module, problem, found)
+        return check_problem(problem, tables(problem, sets))
+    return check_problem(problem, [])
+
+
+def check_problem(problem: Problem, found: Sequence[LevelTable]) -> DMCheck:
+    """The DM of a module, with these tables for its computed predicates, where there are some."""
+    system = derived.unbound(problem.whole or problem.system)
+    module = system.modules[problem.module.index]
+    if found:
+        put(system, module, problem, list(found))
     core = lower(system)
     for function in core.functions:
         function.source = None  # predicates call no extern functions (R003)

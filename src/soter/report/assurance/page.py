@@ -97,8 +97,16 @@ def _header(case: Case) -> str:
         f'<header class="top"><p class="kicker">{escape(case.title)}</p>'
         f'<h1>{prose(goals[0].text)}</h1><p class="subtitle">'
         f'<span class="badge{kind}">{word}</span> '
-        f"{done} of {len(goals)} goals are supported. {said}</p></header>"
+        f"{done} of {len(goals)} goals are supported. {said}{_beside(case)}</p></header>"
     )
+
+
+def _beside(case: Case) -> str:
+    """Which goals beside the top goal are not supported: it says nothing of them."""
+    below = {i for n in case.nodes for i in n.supported_by}
+    roots = [g for g in case.goals[1:] if g.id not in below]
+    open_ = [f"{_link(g)} {prose(g.text)}" for g in roots if case.status(g) != SUPPORTED]
+    return f"<br>Not supported beside it: {'; '.join(open_)}." if open_ else ""
 
 
 def _facts(case: Case) -> str:

@@ -185,13 +185,7 @@ class _Places:
             return []
         wanted = ("dm", "sc", "ac") if item.path == "modules" else ("dm", "sc", "ac", "node")
         found = [c for c in self.system.components if c.role in wanted]
-        return [(c, None, (), None) for c in found if self._may_be_late(item, c)]
-
-    def _may_be_late(self, item: typed.SystemFaultSymbol, c: Component) -> bool:
-        if c.takes_ns is None:
-            return True
-        self._impossible(item, f"a step of `{c.name}` takes time: how long says the node itself")
-        return False
+        return [(c, None, (), None) for c in found]
 
     def _single(
         self, item: typed.SystemFaultSymbol
@@ -215,7 +209,7 @@ class _Places:
                 self._impossible(item, f"`{c.name}` has no `{'.'.join(rest)}` that is released")
             elif c.plant is not None:
                 self._impossible(item, "physical time is never skewed")
-            elif self._may_be_late(item, c):
+            else:
                 yield c, None, (), None
             return
         if item.kind == "overrun":
@@ -333,8 +327,9 @@ class _Places:
                 and c.index in self._about(m)
             ):
                 said.append((m, by_name.get(c.name)))
-        if not said or most >= c.period_ns:
-            return None
+        takes = 0 if c.takes_ns is None else c.takes_ns[1]
+        if not said or most >= c.period_ns or most + takes > c.period_ns:
+            return None  # a release would be lost
         values = [self._number(m, e) for m, e in said]
         return "as late as declared" if all(v is not None and most <= v for v in values) else None
 
