@@ -258,7 +258,7 @@ def _short_of(system: System, search: Search, coverage: Coverage) -> str | None:
         return UNDRIVEN
     if assumptions.held(system):
         return DRAWN
-    if search.times is not None and search.times.open:
+    if search.times is not None and (search.times.open or search.times.crowded):
         return GRID
     return SAMPLED if search.sampled else None
 

@@ -43,7 +43,8 @@ PATIENCE, NOT_ASKED = "patience", "not_asked"
 BOUNDS = {
     UNJUDGED: "nothing was judged: no property of the test was ever looked at",
     UNDRIVEN: "an input keeps its default all the time: other values of it were not tried",
-    GRID: "the program calculates with times: a grid of them, which was tried, is not all of them",
+    GRID: "the program calculates with times, or compares many of them: a grid of them, which was "
+    "tried, is not all of them",
     DRAWN: "a disturbance that holds its value was drawn by chance, once for all executions: no "
     "other was tried (without `hold`, in a plant of its own with that period, they are)",
     MEMORY: "the memory that was allowed is full (--memory)",
