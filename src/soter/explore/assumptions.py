@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.explore import contracts
+from soter.explore import conditions, contracts
 from soter.explore.methods import LEAVES_MAX
 from soter.explore.trace.schedule import plan_of
 from soter.program.flatten.derived import OUTSIDE
@@ -71,6 +71,7 @@ def _all(
         more = "; a longer one may show that it holds for ever" if hope else ""
         yield f"nothing is said about times after the horizon, {horizon}{more}"
     yield _orders(plan, times)
+    yield from conditions.told(system)
     for name in undriven(system):
         yield f"{name} keeps its default: the test has no `input {name} every ...;`"
     for f in plan.faults:

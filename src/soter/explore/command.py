@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.explore import assumptions, contracts
+from soter.explore import assumptions, conditions, contracts
 from soter.explore.judge.replay import broken_of, replay
 from soter.explore.methods import SAMPLING, STEPS_MAX
 from soter.explore.results import (
@@ -31,6 +31,7 @@ from soter.explore.results import (
     NOT_ASKED,
     PART,
     PATIENCE,
+    PICKED,
     RUNS,
     SAMPLED,
     STATES,
@@ -256,6 +257,8 @@ def _short_of(system: System, search: Search, coverage: Coverage) -> str | None:
         return UNJUDGED
     if assumptions.undriven(system):
         return UNDRIVEN
+    if conditions.picked(system):
+        return PICKED
     if assumptions.held(system):
         return DRAWN
     if search.times is not None and (search.times.open or search.times.crowded):

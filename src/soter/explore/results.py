@@ -36,13 +36,15 @@ DEAR, DEAR_S = 64, 2.0
 """Transitions a configuration, and seconds, from which on it is said that others may be faster."""
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
-UNJUDGED, UNDRIVEN, GRID, DRAWN = "unjudged", "undriven", "grid", "drawn"
+UNJUDGED, UNDRIVEN, PICKED = "unjudged", "undriven", "picked"
+GRID, DRAWN = "grid", "drawn"
 MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED = "memory", "states", "runs", "sampled", "interrupted"
 TIME, CHOICES, WIDTH, LENGTH, PART = "time", "choices", "width", "length", "part"
 PATIENCE, NOT_ASKED = "patience", "not_asked"
 BOUNDS = {
     UNJUDGED: "nothing was judged: no property of the test was ever looked at",
     UNDRIVEN: "an input keeps its default all the time: other values of it were not tried",
+    PICKED: "an input takes only values that are picked: others of its set were not tried",
     GRID: "the program calculates with times, or compares many of them: a grid of them, which was "
     "tried, is not all of them",
     DRAWN: "a disturbance that holds its value was drawn by chance, once for all executions: no "
@@ -63,7 +65,7 @@ BOUNDS = {
     ),
 }
 """Why a search that has no violation to show did not cover everything."""
-ENDED = frozenset({UNJUDGED, UNDRIVEN, GRID, DRAWN, SAMPLED})
+ENDED = frozenset({UNJUDGED, UNDRIVEN, PICKED, GRID, DRAWN, SAMPLED})
 """Bounds of a search that came to its end."""
 NOT_SHORTEST = {
     PATIENCE: "the search for it took longer than its part of {minimise:g} s (--minimise)",
