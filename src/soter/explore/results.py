@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from soter.explore.judge.replay import Replayed
     from soter.explore.trace.trace import Broken
+    from soter.explore.vacuity.vacuous import Vacuous
     from soter.program.model.system import System
 
 ENDS_ONLY = ("all", "instants", "groups")
@@ -42,7 +43,7 @@ MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED = "memory", "states", "runs", "sample
 TIME, CHOICES, WIDTH, LENGTH, PART = "time", "choices", "width", "length", "part"
 PATIENCE, NOT_ASKED = "patience", "not_asked"
 BOUNDS = {
-    UNJUDGED: "nothing was judged: no property of the test was ever looked at",
+    UNJUDGED: "nothing was judged: no property of the test that can fail was ever looked at",
     UNDRIVEN: "an input keeps its default all the time: other values of it were not tried",
     PICKED: "an input takes only values that are picked: others of its set were not tried",
     GRID: "the program calculates with times, or compares many of them: a grid of them, which was "
@@ -237,6 +238,8 @@ class TestResult:
     contracts: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """What is replaced by its contract -> the tests of the program in which it runs as it is."""
     coverage: Coverage = field(default_factory=Coverage)
+    vacuous: tuple[Vacuous, ...] = ()
+    """What of the test says nothing: each is a sentence of `assumptions` as well."""
     assumptions: tuple[str, ...] = ()
     broken: Broken | None = None
     replayed: Replayed | None = None
