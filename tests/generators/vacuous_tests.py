@@ -180,9 +180,6 @@ OTHERS = {
         SMALL + "overrun Silent by 5ms;", system="node Silent;"
     ),
     "an input for nobody": program(SMALL + "input wish every 10ms;"),
-    "a stand-in for nobody": program(
-        SMALL + "replace Hears by contract;", system="node Hears; input wish every 10ms;"
-    ),
     "a replacement for nobody": program(
         SMALL + "replace Hears by Still;", system="node Hears; input wish every 10ms;"
     ),
@@ -280,6 +277,9 @@ TELLING = {
     "skew": program(SMALL + "skew 2ms;"),
     "a controller replaced": program("always cell <= 18; replace Go by Anything;"),
     "an input": program("always heard < 3; input wish every 10ms;", system="node Hears;"),
+    "a stand-in that makes the test smaller": program(
+        SMALL + "replace Hears by contract;", system="node Hears; input wish every 10ms;"
+    ),
     "a stand-in that is read": program(
         "always heard < 3; replace Hears by contract;", system="node Hears; input wish every 10ms;"
     ),

@@ -54,10 +54,14 @@ def test_values_that_are_picked_of_a_wider_set_are_a_bound() -> None:
 EXPECTED = (
     "said of these values of parameters: LIMIT = 7 (by itself 5), GAIN = 0.5",
     "M is forced to AC: nothing is said of it where its DM decides",
-    "wish takes one of 3, 500, picked of [0, 1,000], every 10 ms and keeps it until then: "
-    "no other value and no other time was tried",
-    "go takes one of true, false, which is its whole set, every 20 ms and keeps it until then: "
-    "no other value and no other time was tried",
+    (
+        "wish takes one of 3, 500, picked of [0, 1,000], every 10 ms and keeps it until then: "
+        "no other value and no other time was tried"
+    ),
+    (
+        "go takes one of true, false, which is its whole set, every 20 ms and keeps it until then: "
+        "no other value and no other time was tried"
+    ),
 )
 
 

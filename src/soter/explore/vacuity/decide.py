@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import itertools
 import math
+from random import Random
 from typing import TYPE_CHECKING
 
 from soter.explore.vacuity.evaluate import Place, RangeEvaluator, TooHardError
@@ -18,18 +19,20 @@ from soter.program.model import typed
 from soter.program.model.walk import calls_in, nodes
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
 
     from soter.program.model.system import Scope
 
+    Read = Callable[[Place], Range]
+
 EACH_MAX = 64
 """A set of at most so many ints is looked at value by value."""
-BOXES_MAX = 4_096
-POINTS_MAX = 2_048
+BOXES_MAX = 2_048
+POINTS_MAX = 512
+DRAWN = 64
+"""Points that are tried first."""
 FEW = 3
 """Numbers of an open part that are tried as examples."""
-
-Read = "Callable[[Place], Range]"
 
 
 def holds_always(
@@ -76,6 +79,8 @@ class _Condition:
             return found
         cuts = [_parts(r, self._constants()) for r in self.asked.values()]
         places = list(self.asked)
+        if self._fails_at_some(places, _drawn(cuts)):
+            return False
         unknown: list[tuple[Range, ...]] = [tuple(self.asked.values())]
         if math.prod(map(len, cuts)) <= BOXES_MAX:
             unknown = []
@@ -87,12 +92,12 @@ class _Condition:
                     unknown.append(box)
         if not unknown:
             return True
-        if any(
-            self._judged(dict(zip(places, point, strict=True))) is False
-            for point in itertools.islice(_examples(unknown), POINTS_MAX)
-        ):
+        if self._fails_at_some(places, itertools.islice(_examples(unknown), POINTS_MAX)):
             return False
         return solved(self.condition, self.wanted, self.scope, self.asked, self.period_ns)
+
+    def _fails_at_some(self, places: list[Place], points: Iterable[tuple[Range, ...]]) -> bool:
+        return any(self._judged(dict(zip(places, point, strict=True))) is False for point in points)
 
     def _judged(self, box: dict[Place, Range]) -> bool | None:
         """True: as wanted in all of the box; False: not at all, or it faults; None: not known."""
@@ -106,6 +111,8 @@ class _Condition:
         evaluator = RangeEvaluator(self.scope, self.period_ns, read)
         evaluator.variables |= self.locals
         found = evaluator.number(self.condition)
+        if evaluator.faults.possible and box and all(r.single for r in box.values()):
+            return False
         if not found.single:
             return None
         if found.has(self.wanted):
@@ -143,7 +150,7 @@ class _Condition:
 
 def _parts(r: Range, constants: list[float]) -> list[Range]:
     """A range cut at constants: each of them, and what lies between; NaN by itself."""
-    parts = []
+    parts: list[Range] = []
     if r.nan:
         parts.append(Range(math.inf, -math.inf, nan=True))
         r = Range(r.low, r.high)
@@ -151,26 +158,33 @@ def _parts(r: Range, constants: list[float]) -> list[Range]:
     if whole and r.high - r.low < EACH_MAX:
         return parts + [Range(i, i) for i in range(int(r.low), int(r.high) + 1)]
     at = r.low
-    for c in constants:
-        if whole and c != int(c):
+    for number in constants:
+        if whole and number != int(number):
             continue
-        c = int(c) if whole else float(c)
+        c = int(number) if whole else float(number)
         if not at <= c <= r.high:
             continue
         below = c - 1 if whole else math.nextafter(c, -math.inf)
         if at <= below:
             parts.append(Range(at, below))
         parts.append(Range(c, c))
-        at = c + 1 if whole else math.nextafter(c, math.inf)
-        if not whole and c == math.inf:
+        if c == r.high:
             return parts
-    return parts + ([Range(at, r.high)] if at <= r.high else [])
+        at = c + 1 if whole else math.nextafter(c, math.inf)
+    return [*parts, Range(at, r.high)]
 
 
 def _examples(boxes: list[tuple[Range, ...]]) -> Iterator[tuple[Range, ...]]:
     """Some points of each box."""
     for box in boxes:
         yield from itertools.islice(itertools.product(*map(_some, box)), FEW ** len(box) * FEW)
+
+
+def _drawn(cuts: list[list[Range]]) -> Iterator[tuple[Range, ...]]:
+    """Points by chance, the same every time: of most conditions one of them is enough."""
+    dice = Random(0)  # noqa: S311 - no secret
+    for _ in range(DRAWN):
+        yield tuple([dice.choice(_some(dice.choice(parts))) for parts in cuts])
 
 
 def _some(r: Range) -> list[Range]:

@@ -489,7 +489,7 @@ def _form(e: Any) -> object:  # noqa: ANN401 - any part of an expression
     """What an expression is made of, but for where it stands; a choice is alike to nothing."""
     if isinstance(e, t.Choose):
         return object()
-    own = [type(e).__name__]
+    own: list[object] = [type(e).__name__]
     for name in ("op", "name", "index", "instance"):
         value = getattr(e, name, None)
         own += [name, value] if isinstance(value, (str, int)) else []

@@ -162,8 +162,8 @@ def absolute(a: Range) -> Range:
 
 def whole(low: int, high: int, faults: Faults) -> Range:
     """A result of 64 bits: a fault where it may be outside."""
-    faults.unless(INT_MIN <= low and high <= INT_MAX)
-    return Range(max(low, INT_MIN), max(min(high, INT_MAX), max(low, INT_MIN)))
+    faults.unless(low >= INT_MIN and high <= INT_MAX)
+    return Range(max(low, INT_MIN), max(min(high, INT_MAX), low, INT_MIN))
 
 
 def int_operation(op: str, a: Range, b: Range, faults: Faults) -> Range:
@@ -195,7 +195,7 @@ def _quotient(a: int, b: int) -> int:
 
 def int_of_float(a: Range, faults: Faults) -> Range:
     """`int(a)`; a fault where it does not fit 64 bits."""
-    fits = not a.nan and -(2.0**63) <= a.low and a.high < 2.0**63
+    fits = not a.nan and a.low >= -(2.0**63) and a.high < 2.0**63
     faults.unless(fits)
     return Range(int(a.low), int(a.high)) if fits else ANY_INT
 

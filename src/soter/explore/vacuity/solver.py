@@ -61,10 +61,10 @@ class _Terms:
 
     def __init__(
         self,
-        z3: Any,
+        z3: Any,  # noqa: ANN401 - it has no types
         scope: Scope,
         asked: Mapping[Place, Range],
-        period_ns: int,  # noqa: ANN401
+        period_ns: int,
     ) -> None:
         self.z3 = z3
         self.scope = scope

@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.explore.contracts import at
 from soter.explore.trace.schedule import plan_of
 from soter.explore.vacuity.contracts import permits_nothing
 from soter.explore.vacuity.decide import holds_always
@@ -30,7 +31,9 @@ CANNOT_FAIL = "property"
 
 @dataclass(frozen=True)
 class Vacuous:
-    """`what`: property (it cannot fail), premise (it was never put to the test), contract, module,
+    """One part of a test that says nothing.
+
+    `what`: property (it cannot fail), premise (it was never put to the test), contract, module,
     fault, input or replacement; `name` of it as people write it; `why` it says nothing.
     """
 
@@ -186,7 +189,10 @@ def _faults(system: System) -> Iterator[Vacuous]:
 
 
 def _unread(system: System, replaced: Sequence[tuple[str, str]]) -> Iterator[Vacuous]:
-    """Inputs that are drawn, and stand-ins that publish, for nobody."""
+    """Inputs that are drawn, and replacements that publish, for nobody.
+
+    Not what its contract replaces: that makes a test smaller, and its node is not meant to be read.
+    """
     read = _read(system)
     for drive in system.inputs:
         topic = system.topics[drive.topic]
@@ -196,10 +202,17 @@ def _unread(system: System, replaced: Sequence[tuple[str, str]]) -> Iterator[Vac
         written = set(written_by(c))
         queues = {q for t in written for q in system.topics[t].queues}
         of = next((p for p, by in replaced if c.node is not None and c.node.name == by), None)
-        of = of if c.stands_for is None else c.stands_for.of
-        if of is not None and written and not read & (written | queues):
-            name = f"the replacement of {of}"
-            yield Vacuous("replacement", name, "changes nothing: nobody reads what it publishes")
+        if of is None or not written or read & (written | queues) or _is_extern(system, of):
+            continue
+        name = f"the replacement of {of}"
+        yield Vacuous("replacement", name, "changes nothing: nobody reads what it publishes")
+
+
+def _is_extern(system: System, path: str) -> bool:
+    """Whether what was replaced could not stay: nothing else can be put to a test."""
+    test = system.program.tests.get(plan_of(system).name)
+    was = None if test is None else at(test, path)
+    return not isinstance(was, typed.NodeSymbol) or was.extern
 
 
 def _read(system: System) -> set[int]:
