@@ -1,13 +1,19 @@
-"""Tests that would be clean for want of looking: what they are told now.
+"""Tests that would be clean for want of looking, or that say nothing: what they are told now.
 
     .venv/bin/python bench/testing_vacuous.py [--random N]
+
+Each of the programs of tests/generators/vacuous_tests.py says nothing in some way: a property that
+cannot fail, a contract that permits nothing, a fault that cannot occur. `without a word` counts
+those that are clean and of which nothing is told, `cries wolf` those beside them, which could fail,
+of which something is told.
 
 Each of the programs of tests/generators/empty_tests.py is a test that judges nothing, leaves an
 input alone, or compares times that lie between those of its calendar. Those that compare times, and
 random programs of that kind, are searched on their own grid and on one of a quarter of a
 millisecond: where the finer one finds a violation, the own one must not be clean.
 
-Purpose: the other half of the first figure of issue 11. Non-goals: wide steps (testing_wide.py).
+Purpose: the other half of the first figure of issue 11, vacuous tests of issue 26.
+Non-goals: wide steps (testing_wide.py).
 """
 
 from __future__ import annotations
@@ -19,6 +25,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from soter.explore.command import Told, explore_test
+from soter.explore.contracts import replaced_in
 from soter.explore.results import Options, TestResult
 from soter.program.build import check_file, system_of_test
 from soter.report.summary import table
@@ -33,6 +40,7 @@ from generators.empty_tests import (
     watching,
     with_item,
 )
+from generators.vacuous_tests import OTHERS, RELATED, TAUTOLOGIES, TELLING, TIMED, VACUOUS
 
 FINE = "quantum 250us; "
 
@@ -57,8 +65,9 @@ class Kind:
 
 def result_of(text: str) -> TestResult:
     """What the test of a program is told."""
-    system = system_of_test(check_file("small.soter", text), "T")
-    return explore_test(system, Options(minimise=0), Told("small.soter", {}))
+    checked = check_file("small.soter", text)
+    about = Told("small.soter", {}, replaced_in(checked.tests["T"]))
+    return explore_test(system_of_test(checked, "T"), Options(minimise=0), about)
 
 
 def word(result: TestResult) -> str:
@@ -80,8 +89,32 @@ def look(kind: Kind, name: str, text: str, *, finer: bool) -> None:
             kind.missed.append(name)
 
 
+def vacuous() -> list[str]:
+    """Prints the table of vacuous tests; those that are clean without a word, or cry wolf."""
+    kinds = (
+        ("no value violates it", TAUTOLOGIES, VACUOUS, True),
+        ("floats compared with each other", RELATED, VACUOUS, True),
+        ("never put to the test", TIMED, VACUOUS, True),
+        ("what a test changes", OTHERS, VACUOUS, True),
+        ("what could fail", TELLING, TELLING, False),
+    )
+    rows, bad = [], []
+    for kind, names, programs, is_vacuous in kinds:
+        found = {name: result_of(programs[name]) for name in names}
+        silent = [n for n, r in found.items() if r.verdict == "exhausted" and not r.vacuous]
+        violated = [n for n, r in found.items() if is_vacuous and r.verdict == "violated"]
+        wolf = [n for n, r in found.items() if r.vacuous or r.bound == "unjudged"]
+        missed = silent if is_vacuous else wolf
+        count = str(len(silent)) if is_vacuous else "-"
+        rows.append([kind, str(len(found)), count, "-" if is_vacuous else str(len(wolf))])
+        bad += [f"{kind}: {name}" for name in (*missed, *violated)]
+        print(kind, file=sys.stderr)
+    print(table(["what is wrong", "tests", "without a word", "cries wolf"], rows))
+    return bad
+
+
 def main() -> int:
-    """The table; 1 where something is clean that must not be."""
+    """The tables; 1 where something is clean that must not be."""
     parser = argparse.ArgumentParser(description=__doc__, allow_abbrev=False)
     parser.add_argument("--random", type=int, default=100)
     args = parser.parse_args()
@@ -109,9 +142,11 @@ def main() -> int:
     ]
     print(table(head, [k.row() for k in kinds]))
     bad = [f"{k.name}: {name}" for k in kinds for name in (*k.unjudged, *k.missed)]
-    vacuous = sum(k.told["exhausted"] for k in kinds[:2])
-    print("\n".join(bad) if bad else f"0 clean that must not be; {vacuous} vacuous ones clean (0)")
-    return 1 if bad or vacuous else 0
+    clean = sum(k.told["exhausted"] for k in kinds[:2])
+    print("\n".join(bad) if bad else f"0 clean that must not be; {clean} unlooked at clean (0)")
+    told = vacuous()
+    print("\n".join(told) if told else "0 vacuous without a word (5), 0 that could fail told (0)")
+    return 1 if bad or clean or told else 0
 
 
 if __name__ == "__main__":

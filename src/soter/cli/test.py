@@ -275,7 +275,7 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     lines = [_headline(test, console), console.paint(muted, _figures(test))]
     lines += [console.paint("yellow", test.dear)] if test.dear else []
     lines += _checkpoint(test, console)
-    lines += ["", *_coverage(test, console), *_robustness(test, console)]
+    lines += ["", *_coverage(test, console), *_vacuous(test, console), *_robustness(test, console)]
     if test.replayed is not None:
         lines += ["", *_trace(test, console)]
     for other in test.others:
@@ -283,7 +283,8 @@ def _lines(test: TestResult, console: Console) -> list[str]:
     if test.options.all_properties and test.replayed is not None:
         lines += ["", console.paint("muted", _rest(test))]
     lines += ["", "rests on"]
-    lines += [console.paint(muted, f"  {text}") for text in test.assumptions]
+    said = {v.text for v in test.vacuous}
+    lines += [console.paint(muted, f"  {text}") for text in test.assumptions if text not in said]
     return lines
 
 
@@ -291,6 +292,8 @@ def _headline(test: TestResult, console: Console) -> str:
     word, colour, said = _verdict(test)
     if test.verdict == "exhausted":
         said = f"every execution was covered, none violates a property{test.for_ever}"
+        cannot = sum(v.cannot_fail for v in test.vacuous)
+        said += f"; {cannot} of its properties cannot fail" if cannot else ""
     elif test.unshown:
         said = f"{said}\n{test.not_shown}"
     elif test.verdict == "bound":
@@ -354,6 +357,13 @@ def _coverage(test: TestResult, console: Console) -> list[str]:
         if rest > 0:
             lines.append(console.paint("muted", f"         and {rest} more {name}"))
     return lines
+
+
+def _vacuous(test: TestResult, console: Console) -> list[str]:
+    """What of the test says nothing."""
+    from soter.report.visible import visible  # noqa: PLC0415 - needs NumPy
+
+    return [console.paint("yellow", f"vacuous  {visible(v.text)}") for v in test.vacuous]
 
 
 def _robustness(test: TestResult, console: Console) -> list[str]:
@@ -490,5 +500,6 @@ def _test(t: TestResult) -> dict[str, object]:
         "robustness": [
             {"property": r.text, "guided": r.guided, "least": r.least} for r in t.robustness
         ],
+        "vacuous": [{"what": v.what, "name": v.name, "why": v.why} for v in t.vacuous],
         "assumptions": list(t.assumptions),
     }

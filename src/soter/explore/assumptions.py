@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from soter.explore import contracts
+from soter.explore import conditions, contracts
 from soter.explore.methods import LEAVES_MAX
 from soter.explore.trace.schedule import plan_of
 from soter.program.flatten.derived import OUTSIDE
@@ -71,6 +71,7 @@ def _all(
         more = "; a longer one may show that it holds for ever" if hope else ""
         yield f"nothing is said about times after the horizon, {horizon}{more}"
     yield _orders(plan, times)
+    yield from conditions.told(system)
     for name in undriven(system):
         yield f"{name} keeps its default: the test has no `input {name} every ...;`"
     for f in plan.faults:
@@ -125,14 +126,20 @@ def _orders(plan: TestPlan, times: Times | None) -> str:
 
 
 def _calculated(times: Times | None) -> Iterator[str]:
-    """Where the program calculates with times, or passes them on."""
-    places = [f"{s.source.name.rsplit('/', 1)[-1]}:{s.line}" for s in times.open] if times else []
-    if places:
-        more = f" and {len(places) - PLACES} more places" if len(places) > PLACES else ""
-        yield (
-            f"the time is calculated with in {', '.join(places[:PLACES])}{more}: times between "
-            "those of the grid may do otherwise (`quantum ...;` takes a grid for granted)"
-        )
+    """Where the program calculates with times, passes them on, or compares too many of them."""
+    if times is None:
+        return
+    for spans, what in (
+        (times.open, "the time is calculated with"),
+        (times.crowded, "more times are compared than the grid is fine enough for,"),
+    ):
+        places = list(dict.fromkeys(f"{s.source.name.rsplit('/', 1)[-1]}:{s.line}" for s in spans))
+        if places:
+            more = f" and {len(places) - PLACES} more places" if len(places) > PLACES else ""
+            yield (
+                f"{what} in {', '.join(places[:PLACES])}{more}: times between "
+                "those of the grid may do otherwise (`quantum ...;` takes a grid for granted)"
+            )
 
 
 def _uncounted(system: System) -> Iterator[str]:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Protocol
 
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
-from soter.explore import assumptions, contracts
+from soter.explore import assumptions, conditions, contracts
 from soter.explore.judge.replay import broken_of, replay
 from soter.explore.methods import SAMPLING, STEPS_MAX
 from soter.explore.results import (
@@ -31,6 +31,7 @@ from soter.explore.results import (
     NOT_ASKED,
     PART,
     PATIENCE,
+    PICKED,
     RUNS,
     SAMPLED,
     STATES,
@@ -46,6 +47,7 @@ from soter.explore.results import (
 )
 from soter.explore.trace.schedule import plan_of
 from soter.explore.trace.trace import BROKEN_KINDS, TIME_MAX, Trace, write_trace
+from soter.explore.vacuity import vacuous
 from soter.program.flatten.derived import with_test
 from soter.program.flatten.trials.tested import MAX_STEPS
 from soter.program.model.durations import show_ns
@@ -59,6 +61,7 @@ if TYPE_CHECKING:
     from soter.explore.judge.replay import Replayed
     from soter.explore.results import Looked, Options
     from soter.explore.trace.trace import Step
+    from soter.explore.vacuity.vacuous import Vacuous
     from soter.program.model.system import System
     from soter.program.model.typed import TestSymbol
 
@@ -185,7 +188,14 @@ def explore_test(
         with _quiet(listener):
             found = search.run()
             coverage = search.coverage()
-            short_of = _short_of(system, search, coverage)
+            says_nothing = vacuous.of_test(
+                system,
+                search.met(),
+                coverage.modes.unreached,
+                told.replaced,
+                ended=_came_to_its_end(found, options),
+            )
+            short_of = _short_of(system, search, coverage, says_nothing)
             verdict, bound = _verdict(found, options, short_of)
             result = TestResult(
                 name=plan_of(system).name,
@@ -214,8 +224,10 @@ def explore_test(
                 quantum_ns=None if search.times is None else search.times.quantum_ns,
                 coverage=coverage,
                 robustness=search.robustness(),
-                assumptions=assumptions.of_test(
-                    system, options, found, told.replaced, search.times
+                vacuous=says_nothing,
+                assumptions=(
+                    *(v.text for v in says_nothing),
+                    *assumptions.of_test(system, options, found, told.replaced, search.times),
                 ),
             )
         if verdict == VIOLATED:
@@ -250,15 +262,24 @@ def _interrupted(result: TestResult) -> None:
         result.others_bound = INTERRUPTED
 
 
-def _short_of(system: System, search: Search, coverage: Coverage) -> str | None:
+def _came_to_its_end(found: Found, options: Options) -> bool:
+    """Whether what it has not met is not to be met."""
+    return found.status == "exhausted" and options.strategy not in SAMPLING
+
+
+def _short_of(
+    system: System, search: Search, coverage: Coverage, says_nothing: Sequence[Vacuous]
+) -> str | None:
     """What an exhaustive search of a test does not cover; None where it is every execution."""
-    if not coverage.properties.reached:
+    if coverage.properties.reached <= sum(v.cannot_fail for v in says_nothing):
         return UNJUDGED
     if assumptions.undriven(system):
         return UNDRIVEN
+    if conditions.picked(system):
+        return PICKED
     if assumptions.held(system):
         return DRAWN
-    if search.times is not None and search.times.open:
+    if search.times is not None and (search.times.open or search.times.crowded):
         return GRID
     return SAMPLED if search.sampled else None
 
@@ -269,9 +290,8 @@ def _go_on(result: TestResult, search: Search, found: Found, told: Told) -> None
     known, others = [found.broken], []
     while True:
         found = search.run(tuple(known))
-        verdict, bound = _verdict(
-            found, result.options, _short_of(result.system, search, search.coverage())
-        )
+        short_of = _short_of(result.system, search, search.coverage(), result.vacuous)
+        verdict, bound = _verdict(found, result.options, short_of)
         if verdict != VIOLATED:
             result.others_bound = bound
             break

@@ -77,8 +77,8 @@ def _asked(test: typed.TestSymbol, here: typed.TestSymbol, of: str) -> str | Non
 
     None where it is not in it, or replaced in it, too.
     """
-    what = _at(test, of)
-    replaced = None if what is None or what is not _at(here, of) else _replaced(test, what, of)
+    what = at(test, of)
+    replaced = None if what is None or what is not at(here, of) else _replaced(test, what, of)
     if test is here or replaced is None or of in replaced:
         return None
     if test.system is not here.system:
@@ -92,8 +92,8 @@ def _parameters(test: typed.TestSymbol) -> set[tuple[str, typed.ParamSymbol, str
     return {(s.path, s.param, repr(s.value)) for s in test.sets}
 
 
-def _at(test: typed.TestSymbol, of: str) -> typed.ModuleSymbol | typed.NodeSymbol | None:
-    """The module or node of that name."""
+def at(test: typed.TestSymbol, of: str) -> typed.ModuleSymbol | typed.NodeSymbol | None:
+    """The module or node of that name in the system of a test, before anything is replaced."""
     what: object = test.system
     for name in of.split("."):
         if isinstance(what, typed.ModuleSymbol):

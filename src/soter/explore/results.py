@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from soter.explore.judge.replay import Replayed
     from soter.explore.trace.trace import Broken
+    from soter.explore.vacuity.vacuous import Vacuous
     from soter.program.model.system import System
 
 ENDS_ONLY = ("all", "instants", "groups")
@@ -36,14 +37,17 @@ DEAR, DEAR_S = 64, 2.0
 """Transitions a configuration, and seconds, from which on it is said that others may be faster."""
 EXHAUSTED, VIOLATED, BOUND = "exhausted", "violated", "bound"
 
-UNJUDGED, UNDRIVEN, GRID, DRAWN = "unjudged", "undriven", "grid", "drawn"
+UNJUDGED, UNDRIVEN, PICKED = "unjudged", "undriven", "picked"
+GRID, DRAWN = "grid", "drawn"
 MEMORY, STATES, RUNS, SAMPLED, INTERRUPTED = "memory", "states", "runs", "sampled", "interrupted"
 TIME, CHOICES, WIDTH, LENGTH, PART = "time", "choices", "width", "length", "part"
 PATIENCE, NOT_ASKED = "patience", "not_asked"
 BOUNDS = {
-    UNJUDGED: "nothing was judged: no property of the test was ever looked at",
+    UNJUDGED: "nothing was judged: no property of the test that can fail was ever looked at",
     UNDRIVEN: "an input keeps its default all the time: other values of it were not tried",
-    GRID: "the program calculates with times: a grid of them, which was tried, is not all of them",
+    PICKED: "an input takes only values that are picked: others of its set were not tried",
+    GRID: "the program calculates with times, or compares many of them: a grid of them, which was "
+    "tried, is not all of them",
     DRAWN: "a disturbance that holds its value was drawn by chance, once for all executions: no "
     "other was tried (without `hold`, in a plant of its own with that period, they are)",
     MEMORY: "the memory that was allowed is full (--memory)",
@@ -62,7 +66,7 @@ BOUNDS = {
     ),
 }
 """Why a search that has no violation to show did not cover everything."""
-ENDED = frozenset({UNJUDGED, UNDRIVEN, GRID, DRAWN, SAMPLED})
+ENDED = frozenset({UNJUDGED, UNDRIVEN, PICKED, GRID, DRAWN, SAMPLED})
 """Bounds of a search that came to its end."""
 NOT_SHORTEST = {
     PATIENCE: "the search for it took longer than its part of {minimise:g} s (--minimise)",
@@ -234,6 +238,8 @@ class TestResult:
     contracts: Mapping[str, Sequence[str]] = field(default_factory=dict)
     """What is replaced by its contract -> the tests of the program in which it runs as it is."""
     coverage: Coverage = field(default_factory=Coverage)
+    vacuous: tuple[Vacuous, ...] = ()
+    """What of the test says nothing: each is a sentence of `assumptions` as well."""
     assumptions: tuple[str, ...] = ()
     broken: Broken | None = None
     replayed: Replayed | None = None

@@ -410,5 +410,7 @@ class CoreSystem:
     properties: tuple[Predicate, ...]
     timed: tuple[Timed, ...] = ()
     """Of a system that was flattened for a test: as `TestPlan.timed`."""
+    premises: tuple[Predicate | None, ...] = ()
+    """Of such a system, as `System.properties`: of those that are implications."""
     measures: tuple[Predicate, ...] = ()
     """As `System.measures`; floats in the place of truth values."""

@@ -12,6 +12,7 @@ from soter.lower import core
 from soter.lower.builder import Builder, FunctionTable
 from soter.lower.footprint import footprint_of, written_names, written_topics
 from soter.lower.plants import lower_plant
+from soter.program.meaning.conjuncts import premise_of
 from soter.program.model import typed
 from soter.program.model.system import queues_of
 from soter.program.model.types import BOOL
@@ -124,6 +125,14 @@ def lower_timed(functions: FunctionTable, system: System, timed: TimedProperty) 
     return core.Timed(premise, lower_predicate(functions, system, scope, condition, condition.span))
 
 
+def lower_premise(functions: FunctionTable, system: System, p: Property) -> core.Predicate | None:
+    """Of an `always` that is an implication."""
+    premise = premise_of(p.condition) if p.kind == "always" else None
+    if premise is None:
+        return None
+    return lower_predicate(functions, system, p.scope, premise, p.span)
+
+
 def lower(system: System) -> core.CoreSystem:
     """Lower a whole system."""
     functions = FunctionTable(system)
@@ -138,8 +147,9 @@ def lower(system: System) -> core.CoreSystem:
     properties = tuple(lower_property(functions, system, p) for p in system.properties)
     asked = system.test.timed if system.test else ()
     timed = tuple(lower_timed(functions, system, t) for t in asked)
+    premises = tuple(lower_premise(functions, system, p) for p in system.properties if system.test)
     measures = tuple(
         lower_predicate(functions, system, m.scope, m.value, m.span) for m in system.measures
     )
     used = tuple(functions.by_name.values())
-    return core.CoreSystem(used, nodes, plants, decisions, properties, timed, measures)
+    return core.CoreSystem(used, nodes, plants, decisions, properties, timed, premises, measures)

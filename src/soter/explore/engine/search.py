@@ -58,6 +58,8 @@ if TYPE_CHECKING:
     from soter.program.model.system import System
 
 
+JUDGED, MET = 1, 2
+"""`SOTER_JUDGED`, `SOTER_MET`."""
 TOLD = 64
 """Executions between two looks at how far shrinking is."""
 
@@ -372,7 +374,7 @@ class Search:
     def _judged(self) -> Iterator[tuple[str, bool]]:
         """What the test and its nodes state, and whether it was ever judged."""
         seen, system = self._engine.seen, self._system
-        judged = [bool(x) for x in seen.judged.tolist()]
+        judged = [bool(x & JUDGED) for x in seen.judged.tolist()]
         fired = {
             a.component for a, once in zip(self._engine.actors, seen.fired, strict=True) if once
         }
@@ -381,6 +383,14 @@ class Search:
             yield f"{p.kind} {p.text}", once
         for t in plan_of(system).timed:
             yield t.text, judged[len(system.properties) + t.index]
+
+    def met(self) -> list[tuple[bool, bool]]:
+        """Of properties, then of timed ones: whether it was judged, and whether it was put to it.
+
+        To it: the premise of an `always` held, an `eventually` was owed when time passed.
+        """
+        put = [bool(x & MET) for x in self._engine.seen.judged.tolist()]
+        return [(once, to_it) for (_, once), to_it in zip(self._judged(), put, strict=False)]
 
     def _classes(self) -> list[list[int]]:
         """Per leaf and class: whether a value of it was published, or is the topic's default."""

@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
     from soter.explore.model.plan import Label
+    from soter.program.flatten.grid import TimesRead
     from soter.program.model.system import Component, InputDrive, Property, System, TestPlan
 
 
@@ -113,7 +114,7 @@ def plan_of(system: System, lowered: core.CoreSystem) -> Plan:
         and not any(d.hold_ns for c in system.components for d in c.disturbances),
         tick_ns=tick,
         quantum_ns=quantum,
-        times=Times(quantum, () if system.test.quantum_ns else times.open) if timely else None,
+        times=_times(system.test, quantum, times) if timely else None,
         horizon_ns=system.test.horizon_ns,
         read=frozenset(read | {t.index for t in system.topics if t.queue_of is not None}),
         aged=frozenset(f.index for f in footprints.facts if f.fact == "age"),
@@ -123,6 +124,11 @@ def plan_of(system: System, lowered: core.CoreSystem) -> Plan:
         ),
         observed=frozenset(seen),
     )
+
+
+def _times(test: TestPlan, quantum: int, read: TimesRead) -> Times:
+    """The grid, and what it does no justice to; who declares one takes it for granted."""
+    return Times(quantum, (), ()) if test.quantum_ns else Times(quantum, read.open, read.crowded)
 
 
 def _clock(actor: int, own: Effects) -> set[Label]:

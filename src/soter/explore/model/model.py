@@ -126,19 +126,21 @@ class _ModelBuilder(UnitBuilder):
         self.fields = tuple(packing.labelled)
         pack_name, unpack_name, self.symbol = unique("pack"), unique("unpack"), unique("model")
         predicates, timed = self._timed()
+        asked, premises = self._premises()
         leaf = self._leaves()
         guides = Guides(self.system, self.core, self.frame)
         margins, rows = guides.emit()
         guide = self._table("soter_aim", "guides", rows, [], "how far from a violation")
         self.aims, self.scales = tuple(guides.aims), guides.sites
         ageing = self._ageing(worlds.ageing)
-        parts = [self._actors(packing), timed, leaf, ageing, *self._masks(packing), guide]
+        parts = [self._actors(packing), timed, leaf, ageing, *self._masks(packing), guide, premises]
         return [
             c.Section("model of the explorer"),
             c.Include("soter_explore_margin.h"),
             c.Include("soter_explore_pack.h"),
             struct,
             *predicates,
+            *asked,
             *margins,
             worlds.pack(pack_name),
             worlds.unpack(unpack_name),
@@ -273,6 +275,22 @@ class _ModelBuilder(UnitBuilder):
             )
         return functions, self._table("soter_timed", "timed", rows, [], "timed properties")
 
+    def _premises(self) -> tuple[list[c.CTop], tuple[list[c.CTop], c.CExpr]]:
+        """Of the properties that are implications; no table where none is."""
+        functions: list[c.CTop] = []
+        rows: list[c.CExpr] = []
+        for p, premise in zip(self.system.properties, self.core.premises, strict=True):
+            name = self.types.unique(f"premise_{p.index}") if premise else "NULL"
+            if premise is not None:
+                what = f"premise of {p.kind} {p.text}"
+                made = decisions.predicate(self.frame, premise, name, what, unsafe=False)
+                functions.append(made)
+            rows.append(c.Name(name))
+        if not functions:
+            return [], ([], c.Name("NULL"))
+        type_ = "soter_premise"
+        return functions, self._table(type_, "premises", rows, [], "premises of implications")
+
     def _leaves(self) -> tuple[list[c.CTop], c.CExpr]:
         for t in self.system.topics:
             if t.queue_of is None:
@@ -321,7 +339,9 @@ class _ModelBuilder(UnitBuilder):
         self, tables: list[c.CExpr], worlds: WorldEmitter, pack: str, unpack: str
     ) -> c.VariableDef:
         plan, packing = self.plan, worlds.packing
-        actor, timed, leaf, ageing, observed, scheduled, clock, dues, verdicts, guide = tables
+        actor, timed, leaf, ageing, observed, scheduled, clock, dues, verdicts, guide, premise = (
+            tables
+        )
         labels = {label[0] for label, _, width in packing.labelled if width}
         plain = labels.isdisjoint({"stamp", "due", "verdict", "held"})
         at, now = next((at, w) for label, at, w in packing.labelled if label == ("time", 0))
@@ -337,6 +357,7 @@ class _ModelBuilder(UnitBuilder):
                 ("timed", timed),
                 ("leaf", leaf),
                 ("guide", guide),
+                ("premise", premise),
                 ("actors", count(len(plan.actors))),
                 ("timeds", count(len(self.test.timed))),
                 ("leaves", count(len(self.leaves))),

@@ -47,11 +47,13 @@ class Actor:
 class Times:
     """The grid that steps which may be late choose their times on.
 
-    `open`: where the time is read so that no grid does justice to it, and none was declared.
+    `open`: where the time is read so that no grid does justice to it, and none was declared;
+    `crowded`: where so many times are compared that only a finer grid would.
     """
 
     quantum_ns: int
     open: tuple[Span, ...]
+    crowded: tuple[Span, ...] = ()
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -2,9 +2,9 @@
 
 Purpose: where a step may be late, it happens as early as it can or at a multiple of the *quantum*
 (docs/testing.md). As declared; else the greatest common divisor of every time of the calendar and
-of every time that the program compares `time` or an age with, half of it where nothing would lie
-between two of these, so that no single comparison is decided by the grid; and which readings of
-time no such grid does justice to.
+of every time that the program compares `time` or an age with, in so many parts as the comparisons
+that have to hold together need (`trials/clocks.py`); and which readings of time no such grid does
+justice to.
 Non-goals: choosing times (the explorer), costs.
 
 A *clock* is `time`, `age(t)`, a local that only clocks and constants are put into, or a sum or
@@ -22,6 +22,7 @@ import math
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from soter.program.flatten.trials.clocks import FINEST, Watched, together
 from soter.program.model import typed
 from soter.program.model.types import DurationType, IntType
 from soter.program.model.walk import children
@@ -52,12 +53,15 @@ class TimesRead:
     `thresholds_ns`: times that clocks are compared with, rising; `open`: where a clock is read
     otherwise. `deadlines_ns`: of properties, where there are thresholds. Without, one is missed by
     more than nothing in some execution only if it is in one of which all steps are as early or as
-    late as they can be.
+    late as they can be. `together`: into how many parts the grid is cut so that comparisons which
+    are strict may hold together; `crowded`: where they are, when that is more than `FINEST`.
     """
 
     thresholds_ns: tuple[int, ...]
     open: tuple[Span, ...]
     deadlines_ns: tuple[int, ...] = ()
+    together: int = 1
+    crowded: tuple[Span, ...] = ()
 
 
 def times_read(system: System) -> TimesRead:
@@ -70,14 +74,25 @@ def times_read(system: System) -> TimesRead:
         for age in (system.topics[t].max_age_ns for t in m.inputs)
         if age is not None
     }
-    opened: dict[tuple[str, int, int], Span] = {}
+    opened: list[Span] = []
+    watched: list[Watched] = []
     for reader, expressions, bodies in _texts(system):
         reader.run(expressions, bodies)
         found |= reader.thresholds
-        opened |= {(s.source.name, s.start, s.end): s for s in reader.open}
+        opened += reader.open
+        watched.append(reader.watched)
     deadlines = sorted({t.within_ns for t in system.test.timed if t.within_ns and found})
-    spans = tuple(opened[k] for k in sorted(opened))
-    return TimesRead(tuple(sorted(found)), spans, tuple(deadlines))
+    parts = together(system, watched) if found else 1
+    compared = [s for w in watched for s in w.compared] if parts > FINEST else []
+    return TimesRead(
+        tuple(sorted(found)), _in_order(opened), tuple(deadlines), parts, _in_order(compared)
+    )
+
+
+def _in_order(spans: Iterable[Span]) -> tuple[Span, ...]:
+    """Each of them once, as they stand in the program."""
+    places = {(s.source.name, s.start, s.end): s for s in spans}
+    return tuple([places[k] for k in sorted(places)])
 
 
 def quantum_of(system: System, read: TimesRead | None = None) -> int:
@@ -85,8 +100,8 @@ def quantum_of(system: System, read: TimesRead | None = None) -> int:
 
     Between zero and the first threshold or deadline, and between two that follow each other, lies
     at least one of its times: a clock may be above the one and below the other. Where several
-    clocks have to lie strictly between thresholds and strictly apart from each other, a finer grid
-    may be needed: the grid stands beside every verdict.
+    clocks are compared, it is cut into as many parts as `TimesRead.together` says, at most
+    `FINEST`: beyond that no search on it is said to be exhausted.
     """
     plan = system.test
     assert plan is not None, f"{system.name} is no test"
@@ -101,13 +116,14 @@ def quantum_of(system: System, read: TimesRead | None = None) -> int:
     quantum = math.gcd(*times) or 1
     apart = itertools.pairwise(sorted({0, *thresholds}))
     near = any(b - a <= quantum for a, b in apart)
-    return quantum // _least_factor(quantum) if near else quantum
+    parts = read.together if read.together <= FINEST else 1
+    return quantum // _parts(quantum, max(parts, 2 if near else 1))
 
 
-def _least_factor(n: int) -> int:
-    """The least prime that divides it; 1 of 1."""
-    candidates = itertools.takewhile(lambda k: k * k <= n, itertools.count(2))
-    return next((k for k in candidates if n % k == 0), n)
+def _parts(n: int, least: int) -> int:
+    """The least number that divides n and is at least `least`; n where there is none."""
+    divisors = [k for k in range(1, math.isqrt(n) + 1) if n % k == 0]
+    return min((k for d in divisors for k in (d, n // d) if k >= least), default=n)
 
 
 def _texts(
@@ -117,7 +133,7 @@ def _texts(
     plan = system.test
     assert plan is not None
     for c in system.components:
-        reader = _Reader(c.scope, c.period_ns)
+        reader = _Reader(c.scope, c.period_ns, Watched(component=c.index))
         if c.node is not None:
             n = c.node
             first: tuple[typed.Stmt, ...] = tuple(
@@ -136,19 +152,26 @@ def _texts(
             )
             yield reader, [*p.der.values(), *p.next.values(), *(e for _, e in p.drives)], [lets]
     for m in system.modules:
-        yield _Reader(m.scope), [*m.symbol.predicates], []
+        decides = Watched(component=m.dm)
+        if m.forced is None:
+            aged = [system.topics[t] for t in m.inputs if system.topics[t].max_age_ns is not None]
+            decides.ages |= {t.index for t in aged}
+            decides.compared += [t.symbol.span for t in aged]
+        yield _Reader(m.scope, watched=decides), [*m.symbol.predicates], []
     for q in system.properties:
-        yield _Reader(q.scope), [q.condition], []
+        yield _Reader(q.scope, watched=Watched(component=q.component)), [q.condition], []
     for t in plan.timed:
-        yield _Reader(t.scope), [t.premise, t.condition], []
+        looks = Watched(looks=2 if t.kind == "leadsto" else 1, deadline=t.kind)
+        yield _Reader(t.scope, watched=looks), [t.premise, t.condition], []
 
 
 class _Reader:
     """Of one component, or of one predicate."""
 
-    def __init__(self, scope: Scope, period_ns: int = 0) -> None:
+    def __init__(self, scope: Scope, period_ns: int = 0, watched: Watched | None = None) -> None:
         self.scope = scope
         self.period_ns = period_ns
+        self.watched = watched or Watched()
         self.clocks: set[typed.Variable] = set()
         self.others: set[typed.Variable] = set()
         """Locals that something is put into that is neither a clock nor a constant."""
@@ -248,12 +271,18 @@ class _Reader:
     def _is_clock(self, e: typed.Expr) -> bool:
         """Whether it is a clock; what it holds besides is read."""
         if isinstance(e, (typed.TimeRead, typed.AgeRead)):
+            if isinstance(e, typed.AgeRead):
+                self.watched.ages.add(self.scope.topics[e.topic])
+            else:
+                self.watched.now = True
             return True
         if isinstance(e, typed.MarginRead):
             self.open.append(e.span)
             return False
         if isinstance(e, typed.VarRead):
-            return e.variable in self.clocks
+            kept = e.variable in self.clocks
+            self.watched.kept |= kept and e.variable.kind == "local"
+            return kept
         if isinstance(e, typed.Binary) and e.op in {"+", "-", *COMPARISONS}:
             clocks = [self._is_clock(x) for x in (e.left, e.right)]
             if any(clocks):
@@ -274,8 +303,10 @@ class _Reader:
         """A sum, a difference or a comparison with a clock in it."""
         if not all(clocks) and self._constant(e.right if clocks[0] else e.left) is None:
             self.open.append(e.span)
+        self.watched.crossed |= all(clocks)
         left, right = self._offset(e.left), self._offset(e.right)
         if e.op in COMPARISONS:
+            self.watched.compared.append(e.span)
             for a, b in itertools.product(left, right):
                 self._threshold(b - a)
             if any(map(_is_sum, self._sums(e.left, e.right, -1))):

@@ -3,6 +3,7 @@
 Purpose: `a && b` as [a, b], also where it stands in a function that only returns it; a product over
 groups of states satisfies a predicate if it satisfies each part (`reach/claims/products.py`), and a
 view of a module keeps the parts that it can speak of (`program/flatten/views.py`).
+`premise_of`: what an implication asks for.
 Non-goals: any other rewriting; a predicate that is no conjunction is its own only part.
 """
 
@@ -32,6 +33,17 @@ def disjuncts(predicate: typed.Expr) -> list[typed.Expr]:
     if isinstance(predicate, typed.Unary) and predicate.op == "!":
         return [replace(predicate, operand=part) for part in _parts(predicate.operand)]
     return [predicate]
+
+
+def premise_of(predicate: typed.Expr) -> typed.Expr | None:
+    """Of an implication, `!p || q`, `q || !p` or `p ? q : true`, the p; None of anything else."""
+    e = returned(predicate) if isinstance(predicate, typed.Call) else predicate
+    if isinstance(e, typed.Conditional) and isinstance(e.otherwise, typed.Literal):
+        return e.condition if e.otherwise.value is True else None
+    if not isinstance(e, typed.Binary) or e.op != "||":
+        return None
+    negated = [x.operand for x in (e.left, e.right) if isinstance(x, typed.Unary) and x.op == "!"]
+    return negated[0] if len(negated) == 1 else None
 
 
 def _parts(e: typed.Expr) -> list[typed.Expr]:

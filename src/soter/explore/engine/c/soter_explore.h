@@ -72,6 +72,9 @@ typedef struct {
   uint64_t most;
 } soter_ageing;
 
+/* The premise of an always that is an implication; a fault is false. */
+typedef bool (*soter_premise)(const void* state);
+
 /* What guides a search towards a violation (soter_explore_margin.h): of a property (`what` 0) or a
  * timed one (3), how far its condition (of leadsto the premise as well) is from changing; `scale`
  * has a place for every comparison. */
@@ -97,6 +100,7 @@ typedef struct {
   const soter_timed* timed;
   const soter_leaf* leaf;
   const soter_aim* guide;
+  const soter_premise* premise; /* [properties]: NULL of what is no implication; NULL: of none */
   uint32_t actors, timeds, leaves, branches;
   uint32_t guides, scales; /* comparisons in the guides */
   int64_t tick_ns;         /* every time is a multiple */
@@ -290,9 +294,13 @@ typedef struct {
   uint8_t* switches; /* [modules * 2] to SC, to AC */
   uint8_t* fired;    /* [actors] */
   uint8_t* judged;   /* [properties + timeds]: an always or never was looked at where time may pass;
-                        what a timed property promises was due within the horizon */
+                        what a timed property promises was due within the horizon: SOTER_JUDGED;
+                        the premise of an always held there, an eventually was owed: SOTER_MET */
   double* nearest;   /* [guides]: least robustness met; only falsify looks */
 } soter_explore_coverage;
+
+#define SOTER_JUDGED 1U
+#define SOTER_MET 2U
 
 /* Searches. `trace` has room for `room` steps. `coverage` is added to. */
 void soter_explore(const soter_model* m, const soter_explore_options* o,

@@ -249,7 +249,7 @@ static soter_explore_status judge(joint* j, soter_explore_coverage* coverage, ui
   soter_explore_status status = SOTER_EXHAUSTED;
   (void)go_on(j); /* the start, which nobody sees */
   while (status == SOTER_EXHAUSTED && go_on(j)) {
-    coverage->judged[j->property] = 1U;
+    coverage->judged[j->property] = SOTER_JUDGED | SOTER_MET; /* no premise is looked at here */
     status = combine(j, at);
   }
   SOTER_CHECK(j->sides >= 2U);

@@ -325,11 +325,19 @@ static int64_t due_after(const soter_place* x, const soter_timed* t, int64_t due
   return begins ? now + t->within_ns : due;
 }
 
-/* Notes that a property (`number`: of all, the timed ones last) was judged. */
-static void note_judged(const soter_place* x, uint32_t number) {
+/* Notes that a property (`number`: of all, the timed ones last) was judged, or met. */
+static void note_judged(const soter_place* x, uint32_t number, uint8_t what) {
   SOTER_CHECK(number < x->p->properties + x->m->timeds);
   if (x->coverage != NULL) {
-    x->coverage->judged[number] = 1U;
+    x->coverage->judged[number] |= what;
+  }
+}
+
+/* Notes that the premise of an always holds, once. */
+static void note_premise(const soter_place* x, uint32_t number) {
+  if (x->coverage != NULL && x->m->premise != NULL && x->m->premise[number] != NULL &&
+      (x->coverage->judged[number] & SOTER_MET) == 0U && x->m->premise[number](x->there)) {
+    note_judged(x, number, SOTER_MET);
   }
 }
 
@@ -352,9 +360,12 @@ void soter_keep_obligations(soter_place* x) {
     if (t->kind != SOTER_INVARIANT && due[i] >= now) { /* a missed deadline stays missed */
       if (x->coverage != NULL && x->coverage->judged[x->p->properties + i] == 0U &&
           asks(x, t, now)) {
-        note_judged(x, x->p->properties + i);
+        note_judged(x, x->p->properties + i, SOTER_JUDGED);
       }
       due[i] = due_after(x, t, due[i], now);
+      if (t->kind == SOTER_EVENTUALLY && due[i] != SOTER_NO_DEADLINE) {
+        note_judged(x, x->p->properties + i, SOTER_MET);
+      }
     }
   }
 }
@@ -421,7 +432,7 @@ static bool timed_fails(soter_place* x, uint32_t i, bool observable) {
   const soter_timed* const t = &x->m->timed[i];
   if (t->kind == SOTER_INVARIANT) {
     if (observable) {
-      note_judged(x, x->p->properties + i);
+      note_judged(x, x->p->properties + i, SOTER_JUDGED);
     }
     return observable && invariant_fails(x, t);
   }
@@ -452,7 +463,8 @@ static bool instant_fails(soter_place* x, uint32_t i) {
   if (q->when != SOTER_AT_INSTANT || !is_in(x->properties, i)) {
     return false;
   }
-  note_judged(x, i);
+  note_judged(x, i, SOTER_JUDGED);
+  note_premise(x, i);
   return q->violated(x->there);
 }
 

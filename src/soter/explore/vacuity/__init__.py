@@ -1,0 +1,1 @@
+"""Whether what a test asks could ever be answered with no."""

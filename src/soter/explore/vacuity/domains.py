@@ -1,0 +1,146 @@
+"""What everything that a property reads may be, whatever steps do.
+
+Purpose: a range for every scalar of topics, plants, modes and times: the declared sets and types;
+one value where nobody can write another one before the end of the test.
+Non-goals: what steps compute: a search answers that.
+"""
+
+from __future__ import annotations
+
+import math
+import sys
+from typing import TYPE_CHECKING
+
+from soter.explore.trace.schedule import plan_of
+from soter.explore.vacuity.evaluate import anything, constant
+from soter.explore.vacuity.ranges import ANY_FLOAT, INF, Range
+from soter.program.model.types import BoolType, FloatType, IntType, RecordType, leaf_count
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.explore.vacuity.evaluate import Known, Place
+    from soter.program.model.system import Bound, Component, System, Topic
+    from soter.program.model.types import Type
+
+MOST = sys.float_info.max
+
+
+class Domains:
+    """Of a flattened test. `start`: of its start alone, before any step."""
+
+    def __init__(self, system: System, *, start: bool = False) -> None:
+        self._system = system
+        self._start = start
+        self._writable = _writable(system)
+        plan = plan_of(system)
+        late = max((f.by_ns for f in plan.faults if f.kind == "late"), default=0)
+        long = max((f.by_ns for f in plan.faults if f.kind == "overrun"), default=0)
+        self._end_s = (plan.horizon_ns + plan.skew_ns + late + long) / 1e9
+
+    def of(self, place: Place) -> Range:
+        """The range of a scalar."""
+        if place.kind == "topic":
+            return self._topic(place)
+        if place.kind == "truth":
+            return self._truth(place)
+        if place.kind == "mode":
+            module = self._system.modules[place.index]
+            if module.forced is not None or self._start:
+                mode = int(module.forced == "ac")
+                return Range(mode, mode)
+            return Range(0, 1)
+        if self._start:
+            return ANY_FLOAT
+        return Range(0.0, self._end_s if place.kind == "time" else INF)
+
+    def _topic(self, place: Place) -> Range:
+        topic = self._system.topics[place.index]
+        if topic.queue_of is not None:
+            return _range(anything(place.type), place.type)
+        if self._start or place.index not in self._writable:
+            return _at(constant(topic.type, topic.default), place.path, place.type)
+        bound = topic.bounds[_leaf(topic, place.path)]
+        return _inside(place.type, bound)
+
+    def _truth(self, place: Place) -> Range:
+        component = self._system.components[place.index]
+        plant = component.plant
+        assert plant is not None
+        state = plant.states[place.path[0]]
+        moved = plant.extern or state in plant.der or state in plant.next
+        drawn = component.initial_range and component.initial_range[place.path[0]]
+        if drawn:
+            low, high = drawn
+            return (
+                _range(anything(place.type), place.type)
+                if moved and not self._start
+                else (Range(low, high))
+            )
+        if not (moved and not self._start):
+            first = constant(state.type, component.initial[place.path[0]])
+            return _at(first, place.path[1:], place.type)
+        return _range(anything(place.type), place.type)
+
+
+def _writable(system: System) -> set[int]:
+    """Topics that somebody may write up to the horizon."""
+    horizon = plan_of(system).horizon_ns
+    found = {drive.topic for drive in system.inputs}
+    for c in system.components:
+        if c.phase_ns <= horizon:
+            found |= set(written_by(c))
+    return found
+
+
+def written_by(c: Component) -> Sequence[int]:
+    """The topics that a component publishes or drives."""
+    if c.node is not None:
+        return [c.scope.topics[t] for t in c.node.publishes]
+    if c.plant is not None:
+        return [c.scope.topics[t] for t, _ in c.plant.drives]
+    return []
+
+
+def _leaf(topic: Topic, path: tuple[int, ...]) -> int:
+    """The number of a leaf, as bounds are counted."""
+    at, of = 0, topic.type
+    for index in path:
+        parts: Sequence[Type]
+        if isinstance(of, RecordType):
+            parts = [f for _, f in of.fields]
+        else:
+            parts = [of.element] * (index + 1)  # type: ignore[attr-defined]
+        at += sum(_bounds_in(p) for p in parts[:index])
+        of = parts[index]
+    return at
+
+
+def _bounds_in(of: Type) -> int:
+    """How many bounds a part has; all elements of a list share those of one."""
+    from soter.program.model.types import leaves  # noqa: PLC0415 - only here
+
+    return len(list(leaves(of)))
+
+
+def _inside(of: Type, bound: Bound | None) -> Range:
+    """All values of a scalar of a topic: what is not finite is never published."""
+    if isinstance(of, FloatType):
+        low, high = (-MOST, MOST) if bound is None else (bound.low, bound.high)
+        return Range(float(low), float(high))
+    found = _range(anything(of), of)
+    if bound is None or isinstance(of, BoolType) or not isinstance(of, IntType):
+        return found
+    low, high = math.ceil(bound.low), math.floor(bound.high)
+    return Range(max(int(found.low), low), min(int(found.high), high))
+
+
+def _at(whole: Known, path: tuple[int, ...], of: Type) -> Range:
+    for index in path:
+        whole = whole[index] if isinstance(whole, tuple) and index < len(whole) else None
+    return whole if isinstance(whole, Range) else _range(anything(of), of)
+
+
+def _range(known: Known, of: Type) -> Range:
+    assert isinstance(known, Range), (of, leaf_count(of))
+    return known

@@ -1,0 +1,206 @@
+"""Numbers between two bounds, and what the operations of the language make of them.
+
+Purpose: sound bounds of every operation on binary64 and 64-bit ints, with whether it may give a
+NaN and whether it may fault. Rounding to nearest is monotone, so the bounds of a float operation
+are what it makes of the ends.
+Non-goals: expressions (`evaluate.py`), reals (`reach/enclose/`).
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from soter.program.meaning import arith
+from soter.program.model.types import INT_MAX, INT_MIN
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+INF = math.inf
+
+
+@dataclass(frozen=True)
+class Range:
+    """All numbers in [low, high]: floats, or ints, also for bools and enums; perhaps NaN as well.
+
+    Infinities are among the floats where an end is one.
+    """
+
+    low: float
+    high: float
+    nan: bool = False
+
+    @property
+    def single(self) -> bool:
+        """Whether it is one number; two zeros of different sign count as one."""
+        return self.low == self.high and not self.nan
+
+    def joined(self, other: Range) -> Range:
+        """The least range that holds both."""
+        low, high = min(self.low, other.low), max(self.high, other.high)
+        return Range(low, high, self.nan or other.nan)
+
+    def has(self, value: float) -> bool:
+        """Whether a number is in it."""
+        return self.low <= value <= self.high
+
+
+TRUE, FALSE, EITHER = Range(1, 1), Range(0, 0), Range(0, 1)
+ANY_FLOAT = Range(-INF, INF, nan=True)
+ANY_INT = Range(INT_MIN, INT_MAX)
+
+
+class Faults:
+    """Whether any operation so far may have faulted."""
+
+    def __init__(self) -> None:
+        self.possible = False
+
+    def unless(self, fine: bool) -> None:
+        """Notes a fault that is possible where it is not `fine`."""
+        self.possible |= not fine
+
+
+def truth(surely: bool, never: bool) -> Range:
+    """A truth value of which one of these is known, or neither."""
+    return TRUE if surely else FALSE if never else EITHER
+
+
+def negated(a: Range) -> Range:
+    """`!a` of a truth value."""
+    return Range(1 - a.high, 1 - a.low)
+
+
+# ---------------------------------------------------------------- comparisons
+
+
+def compared(op: str, a: Range, b: Range, *, same: bool = False) -> Range:
+    """A comparison; `same`: both sides are one expression, so equal but for a NaN."""
+    if op == "!=":
+        return negated(compared("==", a, b, same=same))
+    if op in {">", ">="}:
+        return compared({">": "<", ">=": "<="}[op], b, a, same=same)
+    number = not (a.nan or b.nan)
+    if same and op == "<":
+        return FALSE
+    if op == "==":
+        surely = number and (same or (a.low == a.high == b.low == b.high))
+        return truth(surely, a.high < b.low or b.high < a.low)
+    if op == "<":
+        return truth(number and a.high < b.low, a.low >= b.high)
+    return truth(number and (same or a.high <= b.low), a.low > b.high)
+
+
+# ---------------------------------------------------------------- floats
+
+
+def _of_ends(of: Callable[[float, float], float], a: Range, b: Range) -> Range:
+    """What a monotone operation makes of two ranges."""
+    ends = [of(x, y) for x in (a.low, a.high) for y in (b.low, b.high)]
+    if a.nan or b.nan or any(math.isnan(x) for x in ends):
+        return ANY_FLOAT
+    return Range(min(ends), max(ends))
+
+
+def float_add(a: Range, b: Range) -> Range:
+    """`a + b`."""
+    return _of_ends(lambda x, y: x + y, a, b)
+
+
+def float_subtract(a: Range, b: Range) -> Range:
+    """`a - b`."""
+    return _of_ends(lambda x, y: x - y, a, b)
+
+
+def float_multiply(a: Range, b: Range, *, same: bool = False) -> Range:
+    """`a * b`; of zero and infinity it may be NaN."""
+    endless = any(math.isinf(x) for x in (a.low, a.high, b.low, b.high))
+    if endless and (a.has(0.0) or b.has(0.0)):
+        return ANY_FLOAT if not (same and not a.nan) else Range(0.0, INF)
+    found = _of_ends(lambda x, y: x * y, a, b)
+    return Range(max(found.low, 0.0), found.high, found.nan) if same and not found.nan else found
+
+
+def float_divide(a: Range, b: Range, faults: Faults) -> Range:
+    """`a / b`; a fault where b may be zero."""
+    faults.unless(not b.has(0.0) and not b.nan)
+    endless = any(math.isinf(x) for x in (a.low, a.high, b.low, b.high))
+    if b.has(0.0) or endless:
+        return ANY_FLOAT
+    return _of_ends(lambda x, y: x / y, a, b)
+
+
+def square_root(a: Range) -> Range:
+    """`sqrt(a)`; of a number below zero it is NaN."""
+    low, high = max(a.low, 0.0), max(a.high, 0.0)
+    return Range(math.sqrt(low), math.sqrt(high), a.nan or a.low < 0.0)
+
+
+def minimum(a: Range, b: Range) -> Range:
+    """`min(a, b)`, which is `b < a ? b : a`."""
+    found = Range(min(a.low, b.low), min(a.high, b.high), a.nan)
+    return found.joined(a) if b.nan else found.joined(Range(b.low, b.high)) if a.nan else found
+
+
+def maximum(a: Range, b: Range) -> Range:
+    """`max(a, b)`, which is `b > a ? b : a`."""
+    found = Range(max(a.low, b.low), max(a.high, b.high), a.nan)
+    return found.joined(a) if b.nan else found.joined(Range(b.low, b.high)) if a.nan else found
+
+
+def absolute(a: Range) -> Range:
+    """`abs(a)` of a float."""
+    ends = abs(a.low), abs(a.high)
+    low = type(a.low)(0) if a.has(0) else min(ends)
+    return Range(low, max(ends), a.nan)
+
+
+# ---------------------------------------------------------------- ints
+
+
+def whole(low: int, high: int, faults: Faults) -> Range:
+    """A result of 64 bits: a fault where it may be outside."""
+    faults.unless(low >= INT_MIN and high <= INT_MAX)
+    return Range(max(low, INT_MIN), max(min(high, INT_MAX), low, INT_MIN))
+
+
+def int_operation(op: str, a: Range, b: Range, faults: Faults) -> Range:
+    """`+ - * / %` of ints."""
+    xs, ys = (int(a.low), int(a.high)), (int(b.low), int(b.high))
+    if op in "+-*":
+        of = {"+": int.__add__, "-": int.__sub__, "*": int.__mul__}[op]
+        ends = [of(x, y) for x in xs for y in ys]
+        return whole(min(ends), max(ends), faults)
+    faults.unless(not b.has(0))
+    divisors = [d for d in {*ys, 1, -1} if d and b.has(d)]
+    if not divisors:
+        return ANY_INT
+    if op == "/":
+        ends = [_quotient(x, d) for x in (*xs, *([0] if a.has(0) else [])) for d in divisors]
+        return whole(min(ends), max(ends), faults)
+    if a.single and b.single:
+        only = arith.mod_int(xs[0], ys[0])
+        return Range(only, only)
+    most = max(abs(d) for d in divisors) - 1
+    return Range(-min(most, max(-xs[0], 0)), min(most, max(xs[1], 0)))
+
+
+def _quotient(a: int, b: int) -> int:
+    """Truncated towards zero; of any size."""
+    found = abs(a) // abs(b)
+    return found if (a < 0) == (b < 0) else -found
+
+
+def int_of_float(a: Range, faults: Faults) -> Range:
+    """`int(a)`; a fault where it does not fit 64 bits."""
+    fits = not a.nan and a.low >= -(2.0**63) and a.high < 2.0**63
+    faults.unless(fits)
+    return Range(int(a.low), int(a.high)) if fits else ANY_INT
+
+
+def narrowed(a: Range, low: int, high: int, faults: Faults) -> Range:
+    """An int that goes into a place of [low, high]."""
+    faults.unless(low <= a.low and a.high <= high)
+    return Range(min(max(a.low, low), high), max(min(a.high, high), low))

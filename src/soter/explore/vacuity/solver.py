@@ -1,0 +1,211 @@
+"""The same question to a solver, where z3 is installed: floats as IEEE has them.
+
+Purpose: conditions that no box decides, as they compare what is read with each other.
+Non-goals: loops, arrays with indices that are read, functions of more than one `return`: undecided.
+"""
+
+from __future__ import annotations
+
+from functools import lru_cache
+from typing import TYPE_CHECKING, Any
+
+from soter.explore.vacuity.evaluate import COMPARISONS, Place, TooHardError
+from soter.program.meaning.conjuncts import returned
+from soter.program.model import typed
+from soter.program.model.types import INT_MAX, INT_MIN, FloatType, IntType
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from soter.explore.vacuity.ranges import Range
+    from soter.program.model.system import Scope
+
+PATIENCE_MS = 1_000
+
+
+@lru_cache(maxsize=1)
+def _solver() -> Any:  # noqa: ANN401 - z3 has no types
+    """The module, or None."""
+    try:
+        import z3  # noqa: PLC0415 - an extra
+    except ImportError:
+        return None
+    return z3
+
+
+def solved(
+    condition: typed.Expr,
+    wanted: bool,
+    scope: Scope,
+    asked: Mapping[Place, Range],
+    period_ns: int,
+) -> bool:
+    """Whether no values of these ranges make it anything else than `wanted`, or a fault."""
+    z3 = _solver()
+    if z3 is None:
+        return False
+    try:
+        terms = _Terms(z3, scope, asked, period_ns)
+        held = terms.of(condition)
+    except TooHardError:
+        return False
+    solver = z3.Solver()
+    solver.set("timeout", PATIENCE_MS)
+    solver.add(*terms.ranges)
+    solver.add(z3.Or(held != z3.BoolVal(wanted), *terms.faults))
+    return bool(solver.check() == z3.unsat)
+
+
+class _Terms:
+    """Expressions as terms; what may fault is collected, whether or not it is evaluated."""
+
+    def __init__(
+        self,
+        z3: Any,  # noqa: ANN401 - it has no types
+        scope: Scope,
+        asked: Mapping[Place, Range],
+        period_ns: int,
+    ) -> None:
+        self.z3 = z3
+        self.scope = scope
+        self.asked = asked
+        self.period_s = period_ns / 1e9
+        self.sort = z3.Float64()
+        self.round = z3.RNE()
+        self.ranges: list[Any] = []
+        self.faults: list[Any] = []
+        self._known: dict[Place, Any] = {}
+
+    def of(self, e: typed.Expr) -> Any:  # noqa: ANN401 - a term
+        """The term of an expression; `TooHardError`."""
+        if isinstance(e, typed.Literal):
+            return self._constant(e.type, e.value)
+        if isinstance(e, typed.ParamRead):
+            return self._constant(e.type, self.scope.params[e.param])
+        if isinstance(e, typed.PeriodRead):
+            return self._constant(e.type, self.period_s)
+        place = self._place(e)
+        if place is not None:
+            return self._read(place)
+        if isinstance(e, typed.Unary):
+            return self._unary(e)
+        if isinstance(e, typed.Binary):
+            return self._binary(e)
+        if isinstance(e, typed.Conditional):
+            return self.z3.If(self.of(e.condition), self.of(e.then), self.of(e.otherwise))
+        if isinstance(e, typed.Builtin) and e.name in {"min", "max", "abs"}:
+            return self._builtin(e)
+        if isinstance(e, typed.Call):
+            inner = returned(e)
+            if inner is not None:
+                return self.of(inner)
+        raise TooHardError
+
+    def _place(self, e: typed.Expr) -> Place | None:
+        if isinstance(e, typed.TopicRead):
+            return Place("topic", self.scope.topics[e.topic], e.type)
+        if isinstance(e, typed.TruthRead):
+            return Place("truth", self.scope.plants[e.instance], e.type)
+        if isinstance(e, typed.ModeRead):
+            return Place("mode", self.scope.modules[e.module], e.type)
+        if isinstance(e, typed.TimeRead):
+            return Place("time", 0, e.type)
+        if isinstance(e, typed.AgeRead):
+            return Place("age", self.scope.topics[e.topic], e.type)
+        if isinstance(e, typed.Field):
+            whole = self._place(e.target)
+            if whole is not None:
+                return Place(whole.kind, whole.index, e.type, (*whole.path, e.index))
+        return None
+
+    def _read(self, place: Place) -> Any:  # noqa: ANN401 - a term
+        if place not in self._known:
+            bounds = self.asked.get(place)
+            if bounds is None or bounds.low > bounds.high:
+                raise TooHardError
+            z3, name = self.z3, f"{place.kind}{place.index}{place.path}"
+            if isinstance(place.type, FloatType):
+                term = z3.FP(name, self.sort)
+                inside = z3.And(
+                    z3.fpGEQ(term, z3.FPVal(bounds.low, self.sort)),
+                    z3.fpLEQ(term, z3.FPVal(bounds.high, self.sort)),
+                )
+                self.ranges.append(z3.Or(z3.fpIsNaN(term), inside) if bounds.nan else inside)
+            elif self._is_truth(place):
+                term = z3.Bool(name)
+                if bounds.single:
+                    self.ranges.append(term == bool(bounds.low))
+            else:
+                term = z3.Int(name)
+                self.ranges += [term >= int(bounds.low), term <= int(bounds.high)]
+            self._known[place] = term
+        return self._known[place]
+
+    def _is_truth(self, place: Place) -> bool:
+        return type(place.type).__name__ == "BoolType"
+
+    def _constant(self, of: object, value: Any) -> Any:  # noqa: ANN401 - a term
+        if isinstance(value, bool):
+            return self.z3.BoolVal(value)
+        if isinstance(of, FloatType):
+            return self.z3.FPVal(float(value), self.sort)
+        if isinstance(value, int):
+            return self.z3.IntVal(value)
+        raise TooHardError
+
+    def _whole(self, term: Any) -> Any:  # noqa: ANN401 - a term
+        self.faults.append(self.z3.Or(term < INT_MIN, term > INT_MAX))
+        return term
+
+    def _unary(self, e: typed.Unary) -> Any:  # noqa: ANN401 - a term
+        a = self.of(e.operand)
+        if e.op == "!":
+            return self.z3.Not(a)
+        if isinstance(e.type, FloatType):
+            return self.z3.fpNeg(a)
+        if isinstance(e.type, IntType):
+            return self._whole(-a)
+        raise TooHardError
+
+    def _binary(self, e: typed.Binary) -> Any:  # noqa: ANN401 - a term
+        z3 = self.z3
+        a, b = self.of(e.left), self.of(e.right)
+        if e.op in {"&&", "||"}:
+            return z3.And(a, b) if e.op == "&&" else z3.Or(a, b)
+        if e.op in COMPARISONS:
+            return self._compared(e, a, b)
+        if isinstance(e.type, FloatType) and e.op in {"+", "-", "*"}:
+            of = {"+": z3.fpAdd, "-": z3.fpSub, "*": z3.fpMul}[e.op]
+            return of(self.round, a, b)
+        if isinstance(e.type, IntType) and e.op in {"+", "-", "*"}:
+            return self._whole(a + b if e.op == "+" else a - b if e.op == "-" else a * b)
+        raise TooHardError
+
+    def _compared(self, e: typed.Binary, a: Any, b: Any) -> Any:  # noqa: ANN401 - terms
+        z3 = self.z3
+        if isinstance(e.left.type, FloatType):
+            of = {
+                "<": z3.fpLT,
+                "<=": z3.fpLEQ,
+                ">": z3.fpGT,
+                ">=": z3.fpGEQ,
+                "==": z3.fpEQ,
+                "!=": z3.fpNEQ,
+            }[e.op]
+            return of(a, b)
+        if e.op == "==":
+            return a == b
+        if e.op == "!=":
+            return a != b
+        return {"<": a < b, "<=": a <= b, ">": a > b, ">=": a >= b}[e.op]
+
+    def _builtin(self, e: typed.Builtin) -> Any:  # noqa: ANN401 - a term
+        z3 = self.z3
+        floats = isinstance(e.arguments[0].type, FloatType)
+        a = self.of(e.arguments[0])
+        if e.name == "abs":
+            return z3.fpAbs(a) if floats else self._whole(z3.If(a < 0, -a, a))
+        b = self.of(e.arguments[1])
+        if e.name == "min":
+            return z3.If(z3.fpLT(b, a) if floats else b < a, b, a)
+        return z3.If(z3.fpGT(b, a) if floats else b > a, b, a)

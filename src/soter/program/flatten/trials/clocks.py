@@ -1,0 +1,99 @@
+"""How many comparisons of times may have to hold together, so that a grid can be fine enough.
+
+Purpose: into how many parts the grid of a test is cut (`flatten/grid.py`, docs/testing.md).
+Non-goals: thresholds and the greatest common divisor (`flatten/grid.py`).
+
+Times of steps are the nodes of a graph, time zero one of them: what cannot be late stands with it.
+A comparison of two is an edge, its length a multiple of the greatest common divisor g. That the
+comparisons of an execution hold, and the order of its steps, is that every circle has a length of
+at least zero, and of more, so of g, where one of its edges is strict. If no circle has more than s
+strict edges, each of them can be made shorter by g/s: then there are times on the grid of g/s at
+which the same comparisons hold.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from soter.diagnostics.span import Span
+    from soter.program.model.system import System
+
+FINEST = 8
+"""Into so many parts a grid is cut at most."""
+
+
+@dataclass
+class Watched:
+    """The clocks that one text reads: of a `component`, or of a property that is looked at.
+
+    `ages`: topic indices; `now`: `time`; `kept`: locals that hold a time of an earlier step;
+    `crossed`: whether a clock is compared with a clock. `looks`: of a property, so many moments
+    decide on it; `deadline`: of which kind.
+    """
+
+    component: int | None = None
+    looks: int = 1
+    deadline: str = ""
+    ages: set[int] = field(default_factory=set)
+    now: bool = False
+    kept: bool = False
+    crossed: bool = False
+    compared: list[Span] = field(default_factory=list)
+
+    @property
+    def clocks(self) -> int:
+        """How many it reads."""
+        return len(self.ages) + self.now + self.kept
+
+
+def together(system: System, watched: Sequence[Watched]) -> int:
+    """Strict comparisons in one circle of times at most: the parts that the grid is cut into."""
+    assert system.test is not None
+    late = {f.component for f in system.test.faults if f.kind != "skip" and f.by_ns}
+    if system.test.skew_ns:
+        late |= {c.index for c in system.components if c.plant is None}
+    if not late:
+        return 1
+    moved = _published_late(system, late)
+    in_steps, looked_at, from_zero, clocks = 0, 0, False, 0
+    for w in watched:
+        free = late if w.component is None else late & {w.component}
+        ages = {_source(system, t) for t in w.ages}
+        loose = len(ages & moved) + w.kept if free else 0
+        edges = 0 if not loose else loose + 1 if w.crossed else min(loose, 2)
+        fixed = ages - moved if free else ages & moved
+        from_zero |= bool(fixed) or bool(free and (w.now or w.deadline == "eventually"))
+        clocks += loose + len(fixed) + bool(free and w.now)
+        if w.component is not None:
+            in_steps += edges * _releases(system, w.component)
+        else:
+            looked_at = max(looked_at, w.looks * edges + (w.deadline in {"leadsto", "invariant"}))
+    strict = in_steps + looked_at + 2 * from_zero
+    return strict if strict > 2 else 2 if clocks > 1 else 1
+
+
+def _published_late(system: System, late: set[int]) -> set[int]:
+    """Topics whose stamps are times of steps that may be late."""
+    return {
+        c.scope.topics[t]
+        for c in system.components
+        if c.index in late and c.node is not None
+        for t in c.node.publishes
+    }
+
+
+def _source(system: System, topic: int) -> int:
+    """The topic itself, or of a queue that which fills it: its age is that one's."""
+    of = system.topics[topic].queue_of
+    return topic if of is None else of
+
+
+def _releases(system: System, component: int) -> int:
+    """Of a component, up to the horizon."""
+    assert system.test is not None
+    c = system.components[component]
+    return max(0, (system.test.horizon_ns - c.phase_ns) // c.period_ns + 1)

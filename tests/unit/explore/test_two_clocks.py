@@ -1,0 +1,115 @@
+"""Several times that are compared at once: the grid is fine enough, or nothing is called clean."""
+
+from __future__ import annotations
+
+from random import Random
+
+import pytest
+
+from generators.brute_force import enumerate_all
+from long_tests import examples
+from soter.explore.command import Told, explore_test
+from soter.explore.results import Options, TestResult
+from soter.program.build import check_file, system_of_test
+from soter.program.flatten.grid import quantum_of, times_read
+from soter.program.flatten.trials.clocks import FINEST
+
+PROGRAMS = examples("SOTER_CLOCK_PROGRAMS", quick=16, long=300)
+MS = 1_000_000
+
+PROGRAM = """soter 1;
+topic x: bool = false;
+topic y: bool = false;
+topic z: bool = false;
+node A period 20ms {{ publishes x; step {{ publish x = true; }} }}
+node B period 20ms {{ publishes y; step {{ publish y = true; }} }}
+node C period 20ms {{ subscribes x, y; publishes z; step {{ publish z = {step}; }} }}
+system S {{ node A; node B; node C; until 1s; }}
+test T {{ system S; {late} horizon {horizon}ms; {quantum}never {never}; }}
+"""
+LATE = "late A by 5ms; late B by 5ms; late C by 5ms;"
+ALL = "x && y && z && "
+
+
+def text(
+    never: str, *, step: str = "true", late: str = LATE, horizon: int = 19, quantum: str = ""
+) -> str:
+    return PROGRAM.format(never=never, step=step, late=late, horizon=horizon, quantum=quantum)
+
+
+def found(source: str) -> TestResult:
+    checked = check_file("small.soter", source)
+    return explore_test(system_of_test(checked, "T"), Options(minimise=0), Told("small.soter", {}))
+
+
+def is_violated(source: str) -> bool:
+    """By the enumerator, which shares no code with the search."""
+    flat = system_of_test(check_file("small.soter", source), "T")
+    return enumerate_all(flat).verdict == "violated"
+
+
+APART = {
+    "two ages apart": ALL + "age(y) > 0.0 && age(x) > age(y) && age(x) < 0.005",
+    "a difference of ages": ALL + "age(y) > 0.0 && age(x) - age(y) > 0.0 && age(x) < 0.005",
+    "two ages and the time": ALL
+    + "age(y) > 0.0 && age(x) > age(y) && time < 0.005 && time > age(x)",
+}
+
+
+@pytest.mark.parametrize("never", APART.values(), ids=list(APART))
+def test_two_clocks_that_lie_apart_between_two_thresholds(never: str) -> None:
+    """On half of what the times have in common they were clean."""
+    coarse = text(never, quantum="quantum 2500us; ")
+    assert not is_violated(coarse)
+    assert found(text(never)).verdict == "violated"
+
+
+def comparing(seed: int, quantum: str = "") -> str:
+    """A random property that compares the ages of topics, and the time."""
+    dice = Random(seed)  # noqa: S311 - the same programs every time are wanted
+    clocks = ["age(x)", "age(y)", "time", "age(z)"][: dice.choice((2, 3, 4))]
+    compared = []
+    for _ in range(dice.choice((2, 3, 4))):
+        one, other = dice.sample(clocks, 2)
+        against = dice.choice((other, "0.0", "0.005", "0.005", "0.01"))
+        compared.append(f"{one} {dice.choice('<>')} {against}")
+    late = dice.choice((LATE, LATE, LATE.replace("late B by 5ms;", ""), "skew 5ms;"))
+    return text(ALL + " && ".join(compared), late=late, quantum=quantum)
+
+
+@pytest.mark.parametrize("chunk", range(4))
+def test_a_finer_grid_finds_no_more(chunk: int) -> None:
+    verdicts = []
+    for seed in range(chunk, PROGRAMS, 4):
+        own = comparing(seed)
+        flat = system_of_test(check_file("small.soter", own), "T")
+        assert times_read(flat).together <= FINEST
+        violated = is_violated(own)
+        verdicts.append(violated)
+        if not violated:
+            quantum = quantum_of(flat)
+            for parts in (2, 5):
+                finer = comparing(seed, f"quantum {quantum // parts}ns; ")
+                assert not is_violated(finer), (seed, parts, own)
+    assert len(verdicts) >= 1
+
+
+def test_they_are_of_both_kinds() -> None:
+    assert {is_violated(comparing(seed)) for seed in range(12)} == {True, False}
+
+
+def test_where_steps_compare_again_and_again_no_grid_is_called_fine_enough() -> None:
+    """A chain of strict comparisons is as long as there are steps."""
+    source = text("z && !z", step="age(x) > 0.003 && age(y) < 0.004", horizon=100)
+    result = found(source)
+    assert (result.verdict, result.bound) == ("bound", "grid")
+    assert any(line.startswith("more times are compared") for line in result.assumptions)
+    declared = source.replace("never", "quantum 1ms; never")
+    assert found(declared).bound != "grid", "who declares a grid takes it for granted"
+
+
+def test_who_is_on_time_needs_no_finer_grid() -> None:
+    """Of one clock that is compared with constants half a grid is enough, as ever."""
+    alone = text("z && age(x) > 0.003 && age(x) < 0.004", late="late C by 5ms;")
+    flat = system_of_test(check_file("small.soter", alone), "T")
+    assert quantum_of(flat) == MS // 2
