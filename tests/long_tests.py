@@ -3,9 +3,10 @@
 Purpose: tests marked `long`, and lines of tables beyond those of `quick_lines.py`, run with
 `pytest --long`, with an `-m` that speaks of them, or where one is named (`FILE::TEST`); what is
 left out is told when a run begins and when it ends. Tests marked `real_time`, which a machine that
-is busy elsewhere may fail, run only with `-m real_time` or where one is named. `examples` is how many programs a random test
-draws: more in a long run. `some`: of a long table the first lines. Enclosures that a test compiles
-in its own process are optimised as shipped in a long run, else compiled quickly.
+is busy elsewhere may fail, run only with `-m real_time` or where one is named. `examples` is how
+many programs a random test draws: more in a long run. `some`: of a long table the first lines.
+Enclosures that a test compiles in its own process are optimised as shipped in a long run, else
+compiled quickly.
 Non-goals: which tests are long; the marker stands beside them.
 """
 

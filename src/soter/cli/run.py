@@ -187,8 +187,7 @@ def _finish(
     if result.trace_sha256:
         lines.append(console.paint("muted", f"trace   {result.trace_sha256}"))
     console.say("\n" + "\n".join(lines))
-    late = result.timing is not None and result.timing["misses"] > args.misses
-    code = VIOLATED if result.violations else UNDECIDED if late else FINE
+    code = VIOLATED if result.violations else UNDECIDED if result.late else FINE
     if problems:
         code = DIAGNOSTICS
     if result.interrupted:

@@ -129,6 +129,12 @@ class Run:
         }
 
     @property
+    def late(self) -> bool:
+        """In real time: whether the trusted part missed more than is allowed."""
+        timing = self.timing
+        return timing is not None and bool(timing["misses"] > timing["misses_allowed"])
+
+    @property
     def failures(self) -> list[str]:
         """What externs had to say when they failed first, a sentence each."""
         often = {n: "once" if k == 1 else f"{k:,} times" for n, k in self._faults.items()}
@@ -368,7 +374,7 @@ def _notes_of(run: Run) -> list[str]:
 def _late(run: Run) -> Iterator[str]:
     """In real time: more misses of the trusted part than are allowed; what rests on it is void."""
     timing = run.timing
-    if timing is not None and timing["misses"] > timing["misses_allowed"]:
+    if timing is not None and run.late:
         yield (
             f"the trusted part was late: {timing['misses']} misses, {timing['misses_allowed']} are "
             f"allowed (--misses); nothing was done for {timing['silence_ns'] / 1e6:.1f} ms after "

@@ -53,7 +53,7 @@ TRIAL_EL = """
 
 
 def output(command: list[str], folder: Path) -> str:
-    done = processes.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    done = processes.run(command, cwd=folder, capture_output=True, text=True)
     return str(done.stdout) + str(done.stderr)
 
 
