@@ -39,10 +39,12 @@ typedef struct {
 } event;
 
 int __real_clock_gettime(clockid_t id, struct timespec* t);
-int __real_clock_nanosleep(clockid_t id, int flags, const struct timespec* t, struct timespec* left);
+int __real_clock_nanosleep(clockid_t id, int flags, const struct timespec* t,
+                           struct timespec* left);
 void* __real_soter_posix_run(void* driver);
 int __wrap_clock_gettime(clockid_t id, struct timespec* t);
-int __wrap_clock_nanosleep(clockid_t id, int flags, const struct timespec* t, struct timespec* left);
+int __wrap_clock_nanosleep(clockid_t id, int flags, const struct timespec* t,
+                           struct timespec* left);
 void* __wrap_soter_posix_run(void* driver);
 
 static soter_posix* d;
@@ -64,7 +66,8 @@ static void read_events(void) {
   int length = 0;
   event e;
   (void)memset(&e, 0, sizeof e);
-  while (sscanf(at, " %15[a-z]:%" SCNd64 ":%" SCNd64 "%n", e.what, &e.at_ns, &e.more, &length) == 3) {
+  while (sscanf(at, " %15[a-z]:%" SCNd64 ":%" SCNd64 "%n", e.what, &e.at_ns, &e.more, &length) ==
+         3) {
     if (strcmp(e.what, "answers") == 0) {
       answers = e.at_ns;
       any_answer = e.more != 0;
@@ -168,7 +171,8 @@ int __wrap_clock_gettime(clockid_t id, struct timespec* t) {
   return 0;
 }
 
-int __wrap_clock_nanosleep(clockid_t id, int flags, const struct timespec* t, struct timespec* left) {
+int __wrap_clock_nanosleep(clockid_t id, int flags, const struct timespec* t,
+                           struct timespec* left) {
   if (!ours()) {
     return __real_clock_nanosleep(id, flags, t, left);
   }

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from subprocess import TimeoutExpired
@@ -30,3 +31,12 @@ def test_every_test_starts_its_processes_so() -> None:
         p for p in TESTS.rglob("*.py") if p not in own and "import subprocess" in p.read_text()
     ]
     assert found == []
+
+
+def test_what_hangs_is_ended_after_one_time_that_is_long_enough_anywhere() -> None:
+    """Ten minutes: a minute of a test's own is what a busy machine needs now and then."""
+    own = {TESTS / "processes.py", Path(__file__)}
+    timeouts = re.compile(r"\btimeout=\d|process\.wait\(\d|wait_for\([^)]*, \d")
+    found = [p for p in TESTS.rglob("*.py") if p not in own and timeouts.search(p.read_text())]
+    assert found == []
+    assert processes.TIMEOUT_S >= 600.0

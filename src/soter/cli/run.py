@@ -110,7 +110,7 @@ def parser() -> Parser:
 
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
-    """Run."""
+    """Run; UsageError where misses are allowed in virtual time."""
     if args.misses and not args.real_time:
         raise UsageError("`--misses` needs `--real-time`", parser().format_usage())
     with LineOfProgress(console) as line:

@@ -122,6 +122,19 @@ static bool option_of_times(soter_options* o, const char* name, const char* valu
   return false;
 }
 
+static bool option_of_lateness(soter_options* o, const char* name, const char* value) {
+  if (strcmp(name, "--late") == 0) {
+    return duration(value, 1e3, &o->late_ns);
+  }
+  if (strcmp(name, "--misses") == 0) {
+    return whole(value, &o->misses_allowed);
+  }
+  if (strcmp(name, "--early") == 0) {
+    return duration(value, 1e3, &o->early_ns) && o->early_ns <= EARLY_MOST_NS;
+  }
+  return option_of_times(o, name, value);
+}
+
 static bool option_of_workers(soter_posix* d, const char* name, const char* value) {
   soter_options* const o = &d->options;
   uint64_t n = 0;
@@ -138,7 +151,7 @@ static bool option_of_workers(soter_posix* d, const char* name, const char* valu
     fine = whole(value, &n) && n < UINT32_MAX;
     o->user = (int64_t)n;
   } else {
-    fine = option_of_times(o, name, value);
+    fine = option_of_lateness(o, name, value);
   }
   return fine;
 }
@@ -153,15 +166,6 @@ static bool option(soter_posix* d, const char* name, const char* value) {
   }
   if (strcmp(name, "--core") == 0) {
     return core(value, &o->core);
-  }
-  if (strcmp(name, "--late") == 0) {
-    return duration(value, 1e3, &o->late_ns);
-  }
-  if (strcmp(name, "--misses") == 0) {
-    return whole(value, &o->misses_allowed);
-  }
-  if (strcmp(name, "--early") == 0) {
-    return duration(value, 1e3, &o->early_ns) && o->early_ns <= EARLY_MOST_NS;
   }
   if (strcmp(name, "--log") == 0) {
     o->log = value;
