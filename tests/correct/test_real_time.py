@@ -172,6 +172,13 @@ def test_after_the_gap_it_begins_in_sc(cart: Path) -> None:
     assert run.topic("accel")[first - 1] > 0.0, "AC's"
 
 
+def test_what_ac_answered_before_the_gap_is_not_taken(cart_apart: Path) -> None:
+    found = report(cart_apart, "--until", "0.5", events=["held:365000000:2000000000"], expected=4)
+    worker = found["workers"][WORKER]
+    assert (worker["asked"], worker["answered"], worker["missing"]) == (51, 50, 1)
+    assert found["modules"]["SafeCart"]["takeovers"]["missed"] == 1
+
+
 @pytest.mark.parametrize(("allowed", "exit_code"), [("0", 4), ("240", 4), ("241", 0)])
 def test_more_misses_than_are_allowed_are_told_and_no_success(
     cart: Path, allowed: str, exit_code: int

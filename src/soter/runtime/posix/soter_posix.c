@@ -221,8 +221,10 @@ static void unanswered(soter_posix* d, uint32_t k, soter_channel_state found) {
   }
 }
 
-/* Takes what has come; gives up on whom `limit_ns`, a ct, leaves no more time. */
+/* Takes what has come; gives up on whom `limit_ns`, a ct, leaves no more time. Where the calendar
+ * is about to begin anew that is everybody: what they computed is about what was before. */
 static void collect(soter_posix* d, int64_t limit_ns) {
+  const bool lost = !stopped(d) && soter_posix_clock() - d->origin_ns - limit_ns > GIVE_UP_NS;
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     soter_request* const r = &d->request[k];
     if (!r->outstanding) {
@@ -234,10 +236,10 @@ static void collect(soter_posix* d, int64_t limit_ns) {
       found = soter_channel_read(d->workers[k].answer, soter_app_externs[k].hash,
                                  soter_app_externs[k].out_size, r->number, &head, d->value);
     }
-    if (found == SOTER_CHANNEL_FRESH) {
+    if (found == SOTER_CHANNEL_FRESH && !lost) {
       r->outstanding = false;
       answered(d, k, &head);
-    } else if (limit_ns >= r->until_ns) {
+    } else if (lost || limit_ns >= r->until_ns) {
       r->outstanding = false;
       unanswered(d, k, found);
     }
