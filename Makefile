@@ -13,11 +13,11 @@ PARALLEL := -n $(JOBS) --dist loadfile --no-loadscope-reorder
 CONSTRAINTS ?=
 PIP := $(PY) -m pip install --quiet --disable-pip-version-check $(if $(CONSTRAINTS),-c $(CONSTRAINTS))
 
-.PHONY: help setup demo test test-long lint format fuzz playground docs bench vscode clean
+.PHONY: help setup demo test test-real-time test-long lint format fuzz playground docs bench vscode clean
 .DEFAULT_GOAL := help
 
 help:  ## this list
-	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-10s %s\n", $$1, $$2}'
+	@grep -E '^[a-z-]+:.*##' $(MAKEFILE_LIST) | awk -F':.*## ' '{printf "  make %-14s %s\n", $$1, $$2}'
 
 $(VENV)/bin/python:
 	@$(PYTHON) -c 'import sys; sys.exit(sys.version_info < (3, 10))' || { echo "Soter needs Python 3.10 or newer: make PYTHON=python3.11 ..."; exit 1; }
@@ -40,7 +40,10 @@ demo: $(VENV)/.run  ## fly laps three ways and the whole mission, write the repo
 test: $(VENV)/.dev  ## the tests, about ten minutes on two free cores; says how many long ones it left out
 	$(PY) -m pytest $(PARALLEL)
 
-test-long: $(VENV)/.dev  ## every test, the long ones too, with many more random programs
+test-real-time: $(VENV)/.dev  ## tests of real time on this machine, one after the other; a busy one may fail them
+	$(PY) -m pytest -n 0 -m real_time
+
+test-long: $(VENV)/.dev  ## every test but those of real time, the long ones too, with many more random programs
 	$(PY) -m pytest $(PARALLEL) --long
 
 fuzz: $(VENV)/.dev  ## N=5000 fresh random programs on both engines

@@ -58,7 +58,7 @@ def run(program: Path, *options: str, **environment: str) -> dict[str, Any]:
         check=False,
         env={**os.environ, **environment},
     )
-    if done.returncode not in (0, 3):
+    if done.returncode not in (0, 3, 4):
         raise RuntimeError(done.stderr.decode("utf-8", "replace")[-500:])
     found: dict[str, Any] = json.loads(done.stdout)
     return found

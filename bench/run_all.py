@@ -503,6 +503,12 @@ BENCHMARKS = (
         "wake-ups. Three quarters of an hour.",
     ),
     Benchmark(
+        "Tests that start processes, on a busy machine",
+        ("bench/process_tests.py", "--runs", "10", "--busy", "4"),
+        "Every test of `make test` that starts a process which is no compiler, ten times, beside "
+        "four processes that spin. Which those are is heard from Python in a run of all.",
+    ),
+    Benchmark(
         "The playground, and what pages weigh",
         ("bench/playground.py",),
         "Seconds from opening the file in headless Chromium, by the clock, on a machine that "

@@ -77,7 +77,7 @@ class Page:
             raise AssertionError(done["exceptionDetails"])
         return done["result"].get("value")
 
-    def wait(self, expression: str, seconds: float = 60.0) -> float:
+    def wait(self, expression: str, seconds: float = processes.TIMEOUT_S) -> float:
         """Wait until an expression is true; how long that took, in s."""
         began = time.monotonic()
         while not self.value(expression):
@@ -128,7 +128,7 @@ class Page:
         elif method == "Log.entryAdded" and params["entry"]["level"] == "error":
             self.errors.append(params["entry"]["text"])
 
-    def _next(self, seconds: float = 120.0) -> dict[str, Any]:
+    def _next(self, seconds: float = processes.TIMEOUT_S) -> dict[str, Any]:
         while b"\0" not in self._buffer:
             ready, _, _ = select.select([self._read], [], [], seconds)
             if not ready:

@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Awaitable, Iterable, Iterator
     from pathlib import Path
 
-ANSWER_S = 60.0
+ANSWER_S = processes.TIMEOUT_S
 
 
 class Editor:

@@ -128,10 +128,6 @@ QUICK = {
     "correct/test_large_values.py": {
         "both_engines_have_the_same_bytes": 2,
     },
-    "correct/test_leases_in_real_time.py": {
-        "a_value_that_is_none_is_counted_and_not_taken": 1,
-        "the_sensor_of_the_page_is_heard_and_hears": 0,
-    },
     "correct/test_model_monitor.py": {
         "parameters_are_read_off_the_topics_where_there_are_no_true_states": 0,
         "the_drone_with_a_quarter_of_the_wind_declared_raises_alarms": 0,

@@ -1,17 +1,16 @@
 """Three processes: a trusted part, its actuators, the world. Who dies is survived by the law.
 
-No test judges how late the machine was: a lease of the program lasts a tenth of a second more than
-anything has to take.
+A lease of the program lasts a tenth of a second more than anything has to take: a machine that is
+busy elsewhere takes longer now and then, so whoever rests on that is marked `real_time`.
 """
 
 from __future__ import annotations
 
-import json
 import os
 import signal
 import sys
 import time
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import pytest
 
@@ -30,7 +29,7 @@ from generators.outside import (
     soon,
 )
 from generators.packages import EXAMPLES
-from generators.real_time import FORGIVING, QUIET, built, end_of, report
+from generators.real_time import FORGIVING, QUIET, built, owned, report
 from soter.native.compiler import WARNINGS
 
 if TYPE_CHECKING:
@@ -43,6 +42,14 @@ pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="the driver is f
 @pytest.fixture(scope="module")
 def made(tmp_path_factory: pytest.TempPathFactory) -> Programs:
     return programs(tmp_path_factory.mktemp("stop"))
+
+
+@pytest.fixture(scope="module")
+def vehicle(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The trusted part over the clock of the test."""
+    folder = tmp_path_factory.mktemp("vehicle")
+    (folder / "stop.soter").write_text(PROGRAM)
+    return owned(folder / "stop.soter", folder / "out", "Vehicle")
 
 
 @pytest.fixture(scope="module")
@@ -61,6 +68,7 @@ def speaking(code: ctypes.CDLL, made: Programs, folder: Path) -> Number:
 # ---------------------------------------------------------------- the trusted part dies
 
 
+@pytest.mark.real_time
 def test_a_killed_trusted_part_is_survived_by_the_law_and_a_restart_begins_in_sc(
     made: Programs, code: ctypes.CDLL, tmp_path: Path
 ) -> None:
@@ -97,6 +105,7 @@ def test_a_killed_trusted_part_is_survived_by_the_law_and_a_restart_begins_in_sc
     assert guard["state"] == "ended"
 
 
+@pytest.mark.real_time
 def test_a_trusted_part_that_is_held_up_gives_no_more_leases(
     made: Programs, code: ctypes.CDLL, tmp_path: Path
 ) -> None:
@@ -122,26 +131,29 @@ def test_a_trusted_part_that_is_held_up_gives_no_more_leases(
 # ---------------------------------------------------------------- sensors
 
 
+def heard_by(vehicle: Path, folder: Path, until: str) -> dict[str, Any]:
+    """The report of the trusted part, whose clock stands at this time as its run begins."""
+    events = [f"clock:{time.monotonic_ns()}:0"]
+    options = ["--channels", str(folder), "--until", until, "--wait", "0"]
+    return report(vehicle, *options, events=events)
+
+
 def test_a_sensor_that_falls_silent_ends_the_lease(
-    made: Programs, code: ctypes.CDLL, tmp_path: Path
+    vehicle: Path, code: ctypes.CDLL, tmp_path: Path
 ) -> None:
-    speed, position = listening(code, made, tmp_path), speaking(code, made, tmp_path)
+    position = Number(code, tmp_path, "position", number_of(vehicle, "position"), writes=True)
     position.write(1.0)
-    with going(made.actuator, tmp_path), going(made.trusted, tmp_path) as trusted:
-
-        def obeyed() -> bool:
-            position.write(1.0)
-            return speed.read() == AC
-
-        soon(obeyed)
-        soon(lambda: speed.read() == LAW)  # 0.6 s after the last value
-        time.sleep(0.5)  # it says so in its next instant
-        found = ended(trusted)
-    assert found["leases"]["Guard"]["stale"] > 0
-    assert found["leases"]["Guard"]["ended_ns"] > 0
+    found = heard_by(vehicle, tmp_path, "2")
+    assert found["topics"]["position"]["taken"] == 1
+    lease = found["leases"]["Guard"]
+    assert lease["given"] > 0
+    assert lease["stale"] > 0
+    assert 400_000_000 < lease["ended_ns"] < 800_000_000, "0.6 s after the last value"
     assert found["modules"]["Guard"]["takeovers"]["stale"] == 1
+    assert found["misses"] == 0
 
 
+@pytest.mark.real_time
 def test_a_sensor_that_speaks_nonsense_for_a_while_latches_nothing(
     made: Programs, code: ctypes.CDLL, tmp_path: Path
 ) -> None:
@@ -177,25 +189,16 @@ def test_a_sensor_that_speaks_nonsense_for_a_while_latches_nothing(
         (float("nan"), 0, "refused"),
         (float("inf"), 0, "refused"),
         (51.0, 0, "refused"),
-        (1.0, 10**10, "older"),
         (1.0, -(10**10), "future"),
     ],
 )
 def test_a_value_that_is_none_is_counted_and_not_taken(
-    made: Programs, code: ctypes.CDLL, tmp_path: Path, value: float, behind_ns: int, counted: str
+    vehicle: Path, code: ctypes.CDLL, tmp_path: Path, value: float, behind_ns: int, counted: str
 ) -> None:
-    position = speaking(code, made, tmp_path)
-    position.write(1.0)
-    with going(made.trusted, tmp_path) as trusted:
-        end = time.monotonic() + 1.0
-        while time.monotonic() < end:
-            position.write(1.0)
-            time.sleep(0.02)
-        position.write(value, behind_ns=behind_ns)
-        time.sleep(0.5)
-        topic = ended(trusted)["topics"]["position"]
-    assert topic[counted] == 1
-    assert topic["taken"] > 0
+    position = Number(code, tmp_path, "position", number_of(vehicle, "position"), writes=True)
+    position.write(value, behind_ns=behind_ns)
+    topic = heard_by(vehicle, tmp_path, "0.3")["topics"]["position"]
+    assert topic == {**topic, "taken": 0, "refused": 0, "older": 0, "future": 0, counted: 1}
 
 
 def test_a_sensor_that_nobody_speaks_for_is_told(made: Programs, tmp_path: Path) -> None:
@@ -207,6 +210,7 @@ def test_a_sensor_that_nobody_speaks_for_is_told(made: Programs, tmp_path: Path)
     assert found["leases"]["Guard"]["stale"] > 0
 
 
+@pytest.mark.real_time
 def test_an_sc_that_latched_gives_no_leases_whoever_has_control(
     made: Programs, code: ctypes.CDLL, tmp_path: Path
 ) -> None:
@@ -232,6 +236,7 @@ def test_an_sc_that_latched_gives_no_leases_whoever_has_control(
     assert guard["switches_to_ac"] > guard["switches_to_sc"], "AC has control, and is not obeyed"
 
 
+@pytest.mark.real_time
 def test_the_sensor_of_the_page_is_heard_and_hears(tmp_path: Path) -> None:
     examples = EXAMPLES / "wall"
     built(examples / "stop_vehicle.soter", tmp_path / "vehicle")
@@ -245,7 +250,7 @@ def test_the_sensor_of_the_page_is_heard_and_hears(tmp_path: Path) -> None:
         processes.started([tmp_path / "sensor", tmp_path, "300"], stdout=processes.PIPE) as sensor,
     ):
         found = report(vehicle, "--channels", str(tmp_path), "--until", "1")
-        said, _ = sensor.communicate(timeout=60)
+        said, _ = sensor.communicate(timeout=processes.TIMEOUT_S)
         acted = ended(actuator)["modules"]["Guard"]
     assert found["notes"] == []
     assert found["topics"]["position"]["taken"] > 10
@@ -291,39 +296,3 @@ def test_a_value_of_another_layout_is_not_taken(
     topic = found["topics"]["position"]
     assert topic["taken"] == 0
     assert topic["bad"] > 0
-
-
-# ---------------------------------------------------------------- plants that are here
-
-
-@pytest.fixture(scope="module")
-def track(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("track")
-    source = folder / "stop.soter"
-    source.write_text(PROGRAM)
-    return built(source, folder / "out")
-
-
-def test_plants_that_are_here_obey_leases_and_nothing_else_changes(track: Path) -> None:
-    for _ in range(10):
-        found = report(track, "--until", "1", *FORGIVING)
-        leases = found["leases"]["Guard"]
-        if leases["ended_ns"] is None:
-            break
-    assert leases == {"given": leases["given"], "stale": 0, "law": 0, "ended_ns": None}
-    assert leases["given"] > 10
-    assert found["trace_sha256"] == end_of(track.parent.parent / "stop.soter", "1s")
-
-
-def test_plants_that_are_here_are_held_by_the_law_once_a_lease_has_ended(track: Path) -> None:
-    with processes.started(
-        [track, *QUIET, "--until", "3"], cwd=track.parent, stdout=processes.PIPE
-    ) as running:
-        time.sleep(1.0)
-        os.kill(running.pid, signal.SIGSTOP)
-        time.sleep(0.4)
-        os.kill(running.pid, signal.SIGCONT)
-        out, _ = running.communicate(timeout=60)
-    leases = json.loads(out)["leases"]["Guard"]
-    assert leases["ended_ns"] is not None
-    assert leases["law"] > 10

@@ -1,25 +1,36 @@
 """Packages of target `posix`, made, built and run for tests.
 
-Purpose: the cart with an AC in a process of its own, in C, and what its report says.
+Purpose: the cart with an AC in a process of its own, in C, and what its report says. A program that
+is built with `owned` runs over a clock and a scheduler of the test's (`owned_clock.c`): nothing
+that it reports depends on when the machine schedules whom.
 Non-goals: judging how late a machine is: tests judge what was seen and done about it.
 """
 
 from __future__ import annotations
 
 import json
+import os
+from contextlib import contextmanager
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
+
+import pytest
 
 import processes
 import soter
 from generators.packages import CART, make
+from soter.simulate.real_time import Built
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
+    from collections.abc import Iterator, Sequence
 
-FORGIVING = ("--late", "1000000")
-"""A second, so that a busy machine is no miss."""
+FORGIVING = ("--late", "1000000", "--misses", "1000000")
+"""A second, so that a busy machine is no miss; and misses are no failure."""
 QUIET = ("--quiet", "--json")
+PATIENT = ("--wait", "600")
+"""As long as a process that hangs is given: workers may start slowly on a busy machine."""
+OWNED_CLOCK = Path(__file__).with_name("owned_clock.c")
+WRAPPED = ("clock_gettime", "clock_nanosleep", "soter_posix_run")
 FAST = """\
 #include "cart.h"
 
@@ -56,11 +67,31 @@ def built(source: Path, folder: Path, *goals: str, strict: str = "-Werror") -> P
     return folder / source.stem
 
 
+def owned(source: Path, folder: Path, system: str | None = None) -> Path:
+    """The same over the clock and the scheduler of the test; workers are as they are shipped."""
+    trusted, *workers = soter.load(source).build("posix", folder, system).programs
+    wraps = ",".join(f"--wrap={name}" for name in WRAPPED)
+    compiled = [make(folder, f"CFLAGS=-O2 -Werror -Wl,{wraps} {OWNED_CLOCK}", trusted)]
+    compiled += [make(folder, "CFLAGS=-O2 -Werror", *workers)] if workers else []
+    assert all(done.returncode == 0 for done in compiled), compiled
+    return folder / trusted
+
+
+@contextmanager
+def over(program: Path, *events: str) -> Iterator[None]:
+    """`soter run --real-time` runs this program, which is `owned`, in place of what it builds."""
+    with pytest.MonkeyPatch.context() as patch:
+        made = Built(program.parent, program.name)
+        patch.setattr("soter.simulate.real_time.build", lambda *_: made)
+        patch.setenv("OWNED_CLOCK", " ".join(events))
+        yield
+
+
 def cart_in_c(folder: Path, code: str = FAST) -> Path:
-    """The cart, its AC a program of its own in C."""
+    """The cart, its AC a program of its own in C, over the clock of the test."""
     source = cart_with_extern(folder / "source")
     (source.parent / "fast.c").write_text(code)
-    return built(source, folder / "out")
+    return owned(source, folder / "out")
 
 
 def worker_in_c(folder: Path, code: str) -> str:
@@ -72,12 +103,18 @@ def worker_in_c(folder: Path, code: str) -> str:
     return f"Fast=exec {out / 'cart_SafeCart_Fast'}"
 
 
-def report(program: Path, *options: str, expected: Sequence[int] = (0,)) -> dict[str, Any]:
-    """The JSON report of a run."""
+def report(
+    program: Path, *options: str, events: Sequence[str] = (), expected: int = 0
+) -> dict[str, Any]:
+    """The JSON report of a run; `events` of `owned_clock.c`, where the program has that."""
     done = processes.run(
-        [program, *QUIET, *options], cwd=program.parent, capture_output=True, text=True, timeout=60
+        [program, *QUIET, *PATIENT, *options],
+        cwd=program.parent,
+        capture_output=True,
+        text=True,
+        env={**os.environ, "OWNED_CLOCK": " ".join(events)},
     )
-    assert done.returncode in expected, done.stderr
+    assert done.returncode == expected, done.stdout + done.stderr
     found: dict[str, Any] = json.loads(done.stdout)
     return found
 

@@ -25,6 +25,10 @@ def test_quick():
 @pytest.mark.long
 def test_long():
     pass
+
+@pytest.mark.real_time
+def test_real_time():
+    pass
 """
 CALL = re.compile(r'examples\(\s*"(\w+)",\s*quick=([\d_]+),\s*long=([\d_]+)\s*\)')
 
@@ -33,15 +37,18 @@ CALL = re.compile(r'examples\(\s*"(\w+)",\s*quick=([\d_]+),\s*long=([\d_]+)\s*\)
     ("arguments", "ran"),
     [
         (("test_two.py",), 1),
-        (("test_two.py", "-n", "1"), 1),
+        (("test_two.py", "-n", "2"), 1),
         (("test_two.py", "--long"), 2),
         (("test_two.py", "-m", "long"), 1),
+        (("test_two.py", "-m", "real_time"), 1),
         (("test_two.py::test_long",), 1),
+        (("test_two.py::test_real_time",), 1),
     ],
 )
 def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ran: int) -> None:
     (tmp_path / "test_two.py").write_text(TWO, encoding="utf-8")
-    (tmp_path / "pytest.ini").write_text("[pytest]\nmarkers = long: takes long\n", encoding="utf-8")
+    markers = "[pytest]\nmarkers =\n long: takes long\n real_time: may fail\n"
+    (tmp_path / "pytest.ini").write_text(markers, encoding="utf-8")
     done = processes.run(
         [sys.executable, "-m", "pytest", "-p", "long_tests", *arguments],
         cwd=tmp_path,
@@ -51,9 +58,11 @@ def test_what_is_left_out_is_told(tmp_path: Path, arguments: tuple[str, ...], ra
     )
     assert done.returncode == 0, done.stdout + done.stderr
     assert f"{ran} passed" in done.stdout
-    left_out = arguments[0] == "test_two.py" and not {"--long", "-m"} & {*arguments}
-    assert ("long tests left out: 1, and" in done.stdout) == left_out
-    assert COMMAND in done.stdout or "--long" in arguments
+    left_out = {"long", "real_time"} if arguments[0] == "test_two.py" else set()
+    left_out -= {*arguments, *(["long"] if "--long" in arguments else [])}
+    assert ("long tests left out: 1, and" in done.stdout) == ("long" in left_out)
+    assert ("real-time tests left out: 1; " in done.stdout) == ("real_time" in left_out)
+    assert (COMMAND in done.stdout) == ("--long" not in arguments)
 
 
 def test_a_table_has_as_many_lines_as_it_is_said_in_a_quick_run() -> None:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import re
 import sys
 from pathlib import Path
 from subprocess import TimeoutExpired
@@ -30,3 +31,30 @@ def test_every_test_starts_its_processes_so() -> None:
         p for p in TESTS.rglob("*.py") if p not in own and "import subprocess" in p.read_text()
     ]
     assert found == []
+
+
+ASKS = "import signal; print(*[signal.getsignal(n) == signal.SIG_IGN for n in (1, 2)])"
+BELOW = f"""
+import sys
+import conftest, processes
+processes.run([sys.executable, "-c", {ASKS!r}])
+"""
+
+
+def test_what_a_test_starts_hears_signals_where_tests_run_in_the_background() -> None:
+    """A shell has its background jobs ignore Ctrl-C, `nohup` a hang-up, and all processes below."""
+    ignoring = ["sh", "-c", 'trap "" HUP INT; exec "$@"', "sh", sys.executable, "-c"]
+    told = [
+        processes.run([*ignoring, code], capture_output=True, text=True, check=True, cwd=TESTS)
+        for code in (ASKS, BELOW)
+    ]
+    assert [done.stdout.split() for done in told] == [["True", "True"], ["False", "False"]]
+
+
+def test_what_hangs_is_ended_after_one_time_that_is_long_enough_anywhere() -> None:
+    """Ten minutes: a minute of a test's own is what a busy machine needs now and then."""
+    own = {TESTS / "processes.py", Path(__file__)}
+    timeouts = re.compile(r"\btimeout=\d|process\.wait\(\d|wait_for\([^)]*, \d")
+    found = [p for p in TESTS.rglob("*.py") if p not in own and timeouts.search(p.read_text())]
+    assert found == []
+    assert processes.TIMEOUT_S >= 600.0

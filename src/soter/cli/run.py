@@ -1,6 +1,7 @@
 """`soter run FILE`: a system in virtual time, or with `--real-time` against the clock.
 
-Purpose: run, summarise, write log and report; exit 3 where a property was violated.
+Purpose: run, summarise, write log and report; exit 3 where a property was violated, 4 where none
+was, but in real time the trusted part missed more than `--misses` allows.
 Non-goals: how either is done.
 """
 
@@ -15,8 +16,17 @@ from typing import TYPE_CHECKING
 from soter import __version__
 from soter.api import ENGINES, Program, load, require_writers
 from soter.cli.terminal.apart import apart
-from soter.cli.terminal.outcome import DIAGNOSTICS, FINE, INTERRUPTED, VIOLATED, Outcome, exit_of
-from soter.cli.terminal.parser import Parser, add_file, add_settings, seed
+from soter.cli.terminal.outcome import (
+    DIAGNOSTICS,
+    FINE,
+    INTERRUPTED,
+    UNDECIDED,
+    VIOLATED,
+    Outcome,
+    UsageError,
+    exit_of,
+)
+from soter.cli.terminal.parser import Parser, add_file, add_settings, seed, whole
 from soter.cli.terminal.progress import LineOfProgress, Progress
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
 
@@ -89,11 +99,20 @@ def parser() -> Parser:
         action="store_true",
         help="run against the clock, externs in processes of their own (docs/real-time.md)",
     )
+    made.add_argument(
+        "--misses",
+        metavar="N",
+        type=whole,
+        default=0,
+        help="in real time: exit 4 beyond so many late steps of the trusted part; by default 0",
+    )
     return made
 
 
 def run(args: argparse.Namespace, console: Console) -> Outcome:
-    """Run."""
+    """Run; UsageError where misses are allowed in virtual time."""
+    if args.misses and not args.real_time:
+        raise UsageError("`--misses` needs `--real-time`", parser().format_usage())
     with LineOfProgress(console) as line:
         program = load(args.file, line)
     if program.externs:
@@ -122,7 +141,7 @@ def _simulate(
     program: Program, args: argparse.Namespace, console: Console, log: RunLog | None
 ) -> Run:
     with Progress(console) as progress:
-        return program.simulate(
+        result = program.simulate(
             args.system,
             args.until,
             args.seed,
@@ -137,6 +156,9 @@ def _simulate(
             arm=args.arm,
             campaign=args.campaign,
         )
+    if result.timing is not None:
+        result.timing["misses_allowed"] = args.misses
+    return result
 
 
 def _campaign(program: Program, args: argparse.Namespace, first_seed: int) -> Path:
@@ -165,7 +187,7 @@ def _finish(
     if result.trace_sha256:
         lines.append(console.paint("muted", f"trace   {result.trace_sha256}"))
     console.say("\n" + "\n".join(lines))
-    code = VIOLATED if result.violations else FINE
+    code = VIOLATED if result.violations else UNDECIDED if result.late else FINE
     if problems:
         code = DIAGNOSTICS
     if result.interrupted:

@@ -44,7 +44,7 @@ WAIT_S = 60
 MEMORY_MIB = 16_384
 """Of a worker: Python reserves much more than it uses."""
 BLOCK = 1024
-FINE = (0, 3, 130)
+FINE = (0, 3, 4, 130)
 
 
 @dataclass(frozen=True)

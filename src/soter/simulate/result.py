@@ -129,6 +129,12 @@ class Run:
         }
 
     @property
+    def late(self) -> bool:
+        """In real time: whether the trusted part missed more than is allowed."""
+        timing = self.timing
+        return timing is not None and bool(timing["misses"] > timing["misses_allowed"])
+
+    @property
     def failures(self) -> list[str]:
         """What externs had to say when they failed first, a sentence each."""
         often = {n: "once" if k == 1 else f"{k:,} times" for n, k in self._faults.items()}
@@ -362,7 +368,29 @@ def _has_list(t: Type) -> bool:
 
 def _notes_of(run: Run) -> list[str]:
     """One sentence each."""
-    return [*run.computed, *_silent(run), *_together(run)]
+    return [*run.computed, *_late(run), *_silent(run), *_together(run)]
+
+
+def _late(run: Run) -> Iterator[str]:
+    """In real time: more misses of the trusted part than are allowed; what rests on it is void."""
+    timing = run.timing
+    if timing is not None and run.late:
+        yield (
+            f"the trusted part was late: {timing['misses']} misses, {timing['misses_allowed']} are "
+            f"allowed (--misses); nothing was done for {timing['silence_ns'] / 1e6:.1f} ms after "
+            f"{timing['silence_after_ns'] / 1e9:.3f} s: {', '.join(silence_of(timing))}"
+        )
+
+
+def silence_of(timing: dict[str, Any]) -> list[str]:
+    """What actuators did in the longest silence of a real-time run: words for each module."""
+    laws = {name: of["silence_law_ns"] for name, of in timing["leases"].items()}
+    return [
+        f"{name} was held by its law for the last {laws[name] / 1e6:.1f} ms of it"
+        if name in laws
+        else f"the last command of {name} stayed, as it has no fail-safe law"
+        for name in timing["modules"]
+    ]
 
 
 def _silent(run: Run) -> Iterator[str]:

@@ -386,8 +386,8 @@ Written by soter from `{PurePath(system.program.path).name}` (program {system.pr
 runs the program against the clock: the trusted part (plants, decision modules, safe controllers,
 all that is written in Soter) in one thread, every extern node in a process of its own. At the end
 it tells how late everything was (`--json`); `--help` lists options. Exits 0 safe, 1 it cannot run
-here, 2 usage, 3 violated, 130 stopped. docs/real-time.md of soter says what is lost without
-permissions.
+here, 2 usage, 3 violated, 4 the trusted part missed more than `--misses` (0) allows, 130 stopped.
+docs/real-time.md of soter says what is lost without permissions.
 {table}
 Where nobody was late its `trace_sha256` is that of `soter run` with the same seed.
 

@@ -477,7 +477,9 @@ def test_a_folder_that_cannot_be_written(soter: Soter, corridor: str, here: Path
 
 def test_an_interruption_prints_what_was_covered(soter: Soter, corridor: str) -> None:
     def press() -> None:
-        time.sleep(1.5)
+        enough = time.process_time() + 2.0  # of this process: it explores by then
+        while time.process_time() < enough:
+            time.sleep(0.02)
         interrupt_main()
 
     arguments = ("--strategy", "random", "--runs", "4000000000", "--test", "Near", "--json")
@@ -573,9 +575,9 @@ def test_whatever_signal_ends_it_what_was_covered_is_printed(
 ) -> None:
     command = [sys.executable, "-m", "soter.cli.main", "test", wide, "--json"]
     with processes.started(command, cwd=here, stdout=processes.PIPE, text=True) as running:
-        time.sleep(4.0)
+        processes.computed(running, 3.0)
         running.send_signal(number)
-        out, _ = running.communicate(timeout=30)  # bench/testing_wide.py: within a second
+        out, _ = running.communicate(timeout=processes.TIMEOUT_S)
     assert running.returncode == 130
     document = json.loads(out)
     assert document["interrupted"] is True

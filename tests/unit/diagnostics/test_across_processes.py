@@ -7,6 +7,7 @@ import pickle
 
 import pytest
 
+import processes
 from soter.diagnostics.diagnostic import Diagnostic, Label, SoterError
 from soter.diagnostics.source import Source
 from soter.diagnostics.span import Span
@@ -42,5 +43,5 @@ def test_it_is_the_same_after_pickling() -> None:
 
 def test_it_comes_out_of_a_pool() -> None:
     with multiprocessing.get_context("fork").Pool(1) as pool, pytest.raises(SoterError) as found:
-        pool.map_async(fail, [0]).get(timeout=20)  # it used to wait for ever
+        pool.map_async(fail, [0]).get(timeout=processes.TIMEOUT_S)  # it used to wait for ever
     assert same(found.value)

@@ -7,7 +7,6 @@ import json
 import os
 import signal
 import sys
-import time
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -340,11 +339,9 @@ def test_ended_from_outside_it_goes_on(ends: signal.Signals, tmp_path: Path) -> 
     place = tmp_path / "save" / "T.checkpoint"
     begin = command("--checkpoint", "save", "--checkpoint-every", "0.2")
     with processes.started(begin, cwd=tmp_path, stdout=processes.PIPE) as process:
-        until = time.monotonic() + 120
-        while not place.exists() and time.monotonic() < until:
-            time.sleep(0.05)
+        processes.until(place.exists, process)
         process.send_signal(ends)
-        out, _ = process.communicate(timeout=120)
+        out, _ = process.communicate(timeout=processes.TIMEOUT_S)
     if ends != signal.SIGKILL:
         assert process.returncode == 130
         (test,) = json.loads(out)["tests"]

@@ -80,7 +80,10 @@ def replayed(result: TestResult) -> Replayed:
     return result.replayed
 
 
-def test_a_long_trace_over_floats_is_shrunk_where_minimising_ends_in_vain() -> None:
+def test_a_long_trace_over_floats_is_shrunk_where_minimising_ends_in_vain(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr(time, "perf_counter", time.process_time)  # others may have the machine
     system = system_of_text(CART, "Drifts")
     options = replace(Options(), strategy="random", seed=3, minimise=4.0)
     as_found = explore_test(system, replace(options, minimise=0.0), TOLD)
@@ -89,7 +92,7 @@ def test_a_long_trace_over_floats_is_shrunk_where_minimising_ends_in_vain() -> N
     found = explore_test(system, options, TOLD)
     assert time.perf_counter() - began < 4.0 + 6.0
     assert not found.minimal
-    assert len(replayed(found).steps) < 400, "126 where nobody else needs the machine"
+    assert len(replayed(found).steps) < 400, "126 on a fast machine"
     assert replayed(found).reproduced
     assert found.broken == as_found.broken
     assert found.shrunk_from == len(replayed(as_found).steps)

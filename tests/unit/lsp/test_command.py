@@ -64,7 +64,7 @@ def test_an_editor_may_come_over_a_port(tmp_path: Path) -> None:
 
     async def talk() -> str:
         client = LanguageClient()
-        for _ in range(200):
+        for _ in range(6000):
             try:
                 await client.start_tcp("127.0.0.1", port)
                 break
@@ -80,7 +80,7 @@ def test_an_editor_may_come_over_a_port(tmp_path: Path) -> None:
         uri = (tmp_path / "a.soter").as_uri()
         item = lsp.TextDocumentItem(uri, "soter", 1, "soter 1;\nconst A: float = B;\n")
         client.text_document_did_open(lsp.DidOpenTextDocumentParams(item))
-        message = await asyncio.wait_for(told, 60)
+        message = await asyncio.wait_for(told, processes.TIMEOUT_S)
         await client.shutdown_session()
         return str(message)
 

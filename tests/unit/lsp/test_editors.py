@@ -21,7 +21,7 @@ vim.g.soter_command = {soter}
 vim.cmd("luafile " .. {settings})
 vim.cmd("edit cart.soter")
 vim.api.nvim_buf_set_lines(0, 4, 4, false, {{ "const B: float = WALLS;" }})
-vim.wait(30000, function() return #vim.diagnostic.get(0) > 0 end, 50)
+vim.wait(600000, function() return #vim.diagnostic.get(0) > 0 end, 50)
 for _, d in ipairs(vim.diagnostic.get(0)) do
   io.stdout:write("told " .. d.lnum .. " " .. d.col .. " " .. d.message:gsub("\\n", " ") .. "\\n")
 end
@@ -53,7 +53,7 @@ TRIAL_EL = """
 
 
 def output(command: list[str], folder: Path) -> str:
-    done = processes.run(command, cwd=folder, capture_output=True, text=True, timeout=120)
+    done = processes.run(command, cwd=folder, capture_output=True, text=True)
     return str(done.stdout) + str(done.stderr)
 
 

@@ -73,7 +73,6 @@ def _run(command: list[str]) -> processes.Done:
         capture_output=True,
         text=True,
         check=False,
-        timeout=300,
         env={**os.environ, "PYTHONPATH": path},
     )
 

@@ -36,7 +36,7 @@ def test_the_page_runs_the_cart_from_a_file_and_asks_for_nothing(tmp_path: Path)
     path = write_playground(tmp_path, given)
     with browser.page() as page:
         page.open(f"{path.as_uri()}#run")
-        page.wait("document.body?.dataset.ran !== undefined", 300.0)
+        page.wait("document.body?.dataset.ran !== undefined")
         assert page.value("document.body.dataset.ran") == "0"
         assert page.value("document.querySelectorAll('#chart polyline').length") == 6
         assert page.value("document.querySelectorAll('#events li').length") == 7

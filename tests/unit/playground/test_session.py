@@ -120,7 +120,6 @@ def test_the_rooms_in_the_page_are_enough_and_need_no_numpy(tmp_path: Path) -> N
         capture_output=True,
         text=True,
         cwd=tmp_path,
-        timeout=120,
     )
     assert done.returncode == 0, done.stderr
     assert done.stdout.split() == [f"{whole}/soter/__init__.py"]
@@ -134,7 +133,7 @@ def test_the_cart_of_the_page_is_the_example() -> None:
 def test_pyodide_that_is_not_there_is_named(tmp_path: Path) -> None:
     line = [sys.executable, "-m", "soter.playground", "-o", str(tmp_path), "--pyodide"]
     for given in (tmp_path, tmp_path / "none.tgz"):
-        done = processes.run([*line, str(given)], stderr=processes.PIPE, text=True, timeout=60)
+        done = processes.run([*line, str(given)], stderr=processes.PIPE, text=True)
         assert done.returncode == 1
         assert "error[D006]" in done.stderr
     assert list(tmp_path.iterdir()) == []

@@ -241,7 +241,6 @@ def test_a_browser_draws_every_figure(
         [browser, *flags.split(), f"--user-data-dir={tmp_path / 'profile'}", path.as_uri()],
         capture_output=True,
         text=True,
-        timeout=120,
         check=True,
     )
     figures = figures_in(html_document(page, ""))

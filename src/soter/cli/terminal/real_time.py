@@ -8,6 +8,8 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from soter.simulate.result import silence_of
+
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
@@ -33,9 +35,17 @@ def _head(timing: Timing) -> Iterator[str]:
     yield f"real time  policy {timing['policy']}, {memory}, {core}"
     faults = timing["page_faults"] + timing["major_page_faults"]
     yield (
-        f"  {timing['instants']} instants, {timing['late_instants']} late, "
-        f"{timing['misses']} misses, {faults} page faults, {timing['dropped']} records dropped"
+        f"  {timing['instants']} instants, {timing['late_instants']} with misses, "
+        f"{timing['late_untrusted_instants']} in which only plants or ACs were late"
     )
+    yield (
+        f"  {timing['misses']} misses ({timing['misses_allowed']} are allowed), "
+        f"{faults} page faults, {timing['dropped']} records dropped"
+    )
+    silence, after = timing["silence_ns"] / 1e6, timing["silence_after_ns"] / 1e9
+    yield f"  longest silence {silence:.1f} ms, after {after:.3f} s"
+    if timing["misses"]:
+        yield from (f"    {words}" for words in silence_of(timing))
     yield from (f"  note: {text}" for text in timing["notes"])
 
 

@@ -86,6 +86,8 @@ def _verdict(run: Run, console: Console) -> list[str]:
     else:
         noun = "the property holds" if properties == 1 else f"all {properties} properties hold"
         lines.append(f"{console.paint('green', 'no violation in this run')}  {noun}")
+    if run.late:
+        lines.append(f"{console.paint('yellow', 'LATE')}  the trusted part was: see the note")
     for name, steps in run.never_answered.items():
         word = console.paint("yellow", "NEVER ANSWERED")
         lines.append(f"{word}  `{name}` failed in each of {steps} steps: nothing of it was tried")

@@ -96,6 +96,54 @@ static void publish_failsafe(soter_posix* d) {
   d->failsafe_now = false;
 }
 
+/* Releases of the trusted part that were slept through: misses that nobody makes up for. */
+static void count_lost_releases(soter_posix* d, int64_t ct, int64_t behind_ns) {
+  const soter_component* const c = soter_components_of(&d->state);
+  for (uint32_t i = 0; i < APP_PROGRAM->components; i++) {
+    if (is_trusted(i) && c[i].next <= ct + behind_ns) {
+      const int64_t lost = (ct + behind_ns - c[i].next) / APP_PROGRAM->component[i].period_ns + 1;
+      d->node[i].released_late += (uint64_t)lost;
+      d->missed += (uint64_t)lost;
+      d->missed_now += (uint32_t)lost;
+    }
+  }
+}
+
+/* A step out of turn; not before the first release, nor while a step lasts. */
+static void step_now(soter_posix* d, uint32_t component) {
+  const soter_component_info* const info = &APP_PROGRAM->component[component];
+  const int64_t ct = soter_header_of(&d->state)->ct;
+  const bool busy =
+      info->effect != NULL && soter_stamps_of(APP_PROGRAM, &d->state)[info->held] > ct;
+  if (ct >= info->phase_ns && !busy) {
+    soter_components_of(&d->state)[component].pending = 1;
+  }
+}
+
+/* The calendar has begun anew: DMs decide and SCs step in this instant, not at their releases. */
+static void begin_in_sc(soter_posix* d) {
+  for (uint32_t i = 0; i < APP_PROGRAM->modules; i++) {
+    step_now(d, APP_PROGRAM->module[i].dm);
+    step_now(d, APP_PROGRAM->module[i].sc);
+  }
+}
+
+/* How long nothing was done before `now_ns`, and what actuators that obey leases did meanwhile. */
+static void note_silence(soter_posix* d, int64_t now_ns) {
+  const int64_t since = d->heartbeat_ns;
+  if (since == 0 || now_ns - since <= d->silence_ns) {
+    return;
+  }
+  d->silence_ns = now_ns - since;
+  d->silence_ct = soter_header_of(&d->state)->ct;
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    const soter_lease* const lease = &d->lease[k].lease;
+    const bool obeyed = lease->state == SOTER_LEASE_HOLDS && lease->until > since;
+    const int64_t law = now_ns - (obeyed ? lease->until : since);
+    d->lease[k].silence_law_ns = law > 0 ? law : 0;
+  }
+}
+
 /* ------------------------------------------------------------------ externs */
 
 static int32_t extern_of(uint32_t component) {
@@ -173,8 +221,10 @@ static void unanswered(soter_posix* d, uint32_t k, soter_channel_state found) {
   }
 }
 
-/* Takes what has come; gives up on whom `limit_ns`, a ct, leaves no more time. */
+/* Takes what has come; gives up on whom `limit_ns`, a ct, leaves no more time. Where the calendar
+ * is about to begin anew that is everybody: what they computed is about what was before. */
 static void collect(soter_posix* d, int64_t limit_ns) {
+  const bool lost = !stopped(d) && soter_posix_clock() - d->origin_ns - limit_ns > GIVE_UP_NS;
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     soter_request* const r = &d->request[k];
     if (!r->outstanding) {
@@ -186,10 +236,10 @@ static void collect(soter_posix* d, int64_t limit_ns) {
       found = soter_channel_read(d->workers[k].answer, soter_app_externs[k].hash,
                                  soter_app_externs[k].out_size, r->number, &head, d->value);
     }
-    if (found == SOTER_CHANNEL_FRESH) {
+    if (found == SOTER_CHANNEL_FRESH && !lost) {
       r->outstanding = false;
       answered(d, k, &head);
-    } else if (limit_ns >= r->until_ns) {
+    } else if (lost || limit_ns >= r->until_ns) {
       r->outstanding = false;
       unanswered(d, k, found);
     }
@@ -263,6 +313,7 @@ static void timed(soter_posix* d, uint32_t component) {
   if (trusted && late_ns <= limit && complete_ns > limit + soter_app_response_ns[component]) {
     soter_posix_missed(d, SOTER_MISS_COMPLETE, component, complete_ns);
   }
+  d->untrusted_late_now = d->untrusted_late_now || (!trusted && late_ns > limit);
 }
 
 static void draw_inputs(soter_posix* d) {
@@ -320,15 +371,22 @@ static void end_instant(soter_posix* d, soter_instant_times* times) {
 static void begin_instant(soter_posix* d, int64_t ct, soter_instant_times* times) {
   const int64_t now = soter_posix_clock();
   d->missed_now = 0;
+  d->untrusted_late_now = false;
+  note_silence(d, now);
   times->independent_ns = independent_clock();
   times->ct = ct;
   times->wake_ns = now - d->origin_ns - ct;
   soter_histogram_add(&d->wake, times->wake_ns);
-  if (times->wake_ns > GIVE_UP_NS) {
+  const bool anew = times->wake_ns > GIVE_UP_NS;
+  if (anew) {
+    count_lost_releases(d, ct, times->wake_ns);
     d->origin_ns = now - ct;
     soter_posix_missed(d, SOTER_MISS_CALENDAR, 0, times->wake_ns);
   }
   soter_progress(APP_PROGRAM, &d->state);
+  if (anew) {
+    begin_in_sc(d);
+  }
   draw_inputs(d);
   steps(d);
   const int64_t done = soter_posix_clock();
@@ -336,6 +394,7 @@ static void begin_instant(soter_posix* d, int64_t ct, soter_instant_times* times
   times->misses = d->missed_now;
   d->instants++;
   d->late_instants += d->missed_now > 0U ? 1U : 0U;
+  d->late_untrusted += d->missed_now == 0U && d->untrusted_late_now ? 1U : 0U;
   __atomic_store_n(&d->heartbeat_ns, done, __ATOMIC_RELEASE);
 }
 
@@ -405,6 +464,9 @@ void* soter_posix_run(void* driver) {
   }
   ct = stopped(d) ? 0 : ct;
   wait_for(d, ct);
+  if (!stopped(d)) {
+    note_silence(d, soter_posix_clock());
+  }
   collect(d, ct);
   end_instant(d, &times);
   page_faults(&before, d);

@@ -127,11 +127,12 @@ typedef struct {
   soter_outside channel;
   soter_grant grant;
   int64_t done[APP_BUDGETS];
-  soter_lease lease; /* what plants that are here obey */
-  uint64_t given;    /* messages with a lease */
-  uint64_t stale;    /* releases that read what was too old: not done */
-  int64_t ended_ns;  /* ct from which on no lease is given; -1: they are */
-  uint64_t law;      /* instants in which plants obeyed the law */
+  soter_lease lease;      /* what plants that are here obey */
+  uint64_t given;         /* messages with a lease */
+  uint64_t stale;         /* releases that read what was too old: not done */
+  int64_t ended_ns;       /* ct from which on no lease is given; -1: they are */
+  uint64_t law;           /* instants in which plants obeyed the law */
+  int64_t silence_law_ns; /* how long of the longest silence the law was applied */
   uint64_t message[APP_WORDS];
   uint64_t command[APP_WORDS];
 } soter_lease_times;
@@ -217,8 +218,9 @@ typedef struct {
   int64_t until_ns;
   uint64_t seed;
   soter_policy policy;
-  int core;         /* -1: choose, -2: do not pin */
-  int64_t late_ns;  /* -1: as the program says */
+  int core;        /* -1: choose, -2: do not pin */
+  int64_t late_ns; /* -1: as the program says */
+  uint64_t misses_allowed;
   int64_t early_ns; /* to wake before an instant, and spin until it */
   bool json, quiet, live;
   const char* log;
@@ -258,8 +260,11 @@ typedef struct {
   uint32_t cause[APP_MODULES > 0 ? APP_MODULES : 1]; /* why the gate latch was set */
   uint64_t takeovers[APP_MODULES > 0 ? APP_MODULES : 1][SOTER_CAUSES];
   uint64_t instants, late_instants, missed, calendars;
+  uint64_t late_untrusted; /* instants in which plants or ACs were late, and no trusted step */
   uint32_t missed_now;
-  bool failsafe_now, calendar_lost;
+  bool failsafe_now, untrusted_late_now;
+  int64_t silence_ns; /* longest time from the end of an instant to the begin of the next */
+  int64_t silence_ct; /* of the instant before it */
   soter_histogram wake, output, bare;
   uint64_t minor_faults, major_faults;
   int64_t heartbeat_ns; /* CLOCK_MONOTONIC as the last instant ended */

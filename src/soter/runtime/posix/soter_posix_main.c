@@ -3,7 +3,8 @@
  * Purpose: options, then workers, then the trusted thread and the logger; at the end the report.
  * Non-goals: being on any path that has to be on time.
  *
- * Exits 0 safe, 1 it cannot run here, 2 usage, 3 a property was violated, 130 stopped by a signal.
+ * Exits 0 safe, 1 it cannot run here, 2 usage, 3 a property was violated, 4 none was, but the
+ * trusted part missed more than --misses allows, 130 stopped by a signal.
  */
 #ifndef _GNU_SOURCE
 #define _GNU_SOURCE /* what Linux has beyond C99 and POSIX */
@@ -20,6 +21,7 @@
 
 #define EXIT_USAGE 2
 #define EXIT_VIOLATED 3
+#define EXIT_LATE 4
 #define EXIT_STOPPED 130
 #define SECOND 1e9
 #define S_MAX 4.0e9
@@ -27,9 +29,8 @@
 
 static const char* const USAGE =
     "usage: %s [--until SECONDS] [--seed N] [--policy auto|fifo|deadline|other] [--core N|none]\n"
-    "  [--late MICROSECONDS] [--early MICROSECONDS] [--log FILE] [--states FILE] [--json] [--quiet "
-    "[--live]] [--worker "
-    "NAME=COMMAND]\n"
+    "  [--late MICROSECONDS] [--misses N] [--early MICROSECONDS] [--log FILE] [--states FILE]\n"
+    "  [--json] [--quiet [--live]] [--worker NAME=COMMAND]\n"
     "  [--bare SECONDS] [--restarts N] [--again SECONDS] [--patience SECONDS] [--wait SECONDS] "
     "[--worker-memory MIB]\n"
     "  [--worker-user UID] [--channels FOLDER]\n";
@@ -121,6 +122,19 @@ static bool option_of_times(soter_options* o, const char* name, const char* valu
   return false;
 }
 
+static bool option_of_lateness(soter_options* o, const char* name, const char* value) {
+  if (strcmp(name, "--late") == 0) {
+    return duration(value, 1e3, &o->late_ns);
+  }
+  if (strcmp(name, "--misses") == 0) {
+    return whole(value, &o->misses_allowed);
+  }
+  if (strcmp(name, "--early") == 0) {
+    return duration(value, 1e3, &o->early_ns) && o->early_ns <= EARLY_MOST_NS;
+  }
+  return option_of_times(o, name, value);
+}
+
 static bool option_of_workers(soter_posix* d, const char* name, const char* value) {
   soter_options* const o = &d->options;
   uint64_t n = 0;
@@ -137,7 +151,7 @@ static bool option_of_workers(soter_posix* d, const char* name, const char* valu
     fine = whole(value, &n) && n < UINT32_MAX;
     o->user = (int64_t)n;
   } else {
-    fine = option_of_times(o, name, value);
+    fine = option_of_lateness(o, name, value);
   }
   return fine;
 }
@@ -152,12 +166,6 @@ static bool option(soter_posix* d, const char* name, const char* value) {
   }
   if (strcmp(name, "--core") == 0) {
     return core(value, &o->core);
-  }
-  if (strcmp(name, "--late") == 0) {
-    return duration(value, 1e3, &o->late_ns);
-  }
-  if (strcmp(name, "--early") == 0) {
-    return duration(value, 1e3, &o->early_ns) && o->early_ns <= EARLY_MOST_NS;
   }
   if (strcmp(name, "--log") == 0) {
     o->log = value;
@@ -217,7 +225,10 @@ static int finish(const soter_posix* d) {
   if (d->stop != 0) {
     return EXIT_STOPPED;
   }
-  return d->state.header.violations == 0U ? EXIT_SUCCESS : EXIT_VIOLATED;
+  if (d->state.header.violations > 0U) {
+    return EXIT_VIOLATED;
+  }
+  return d->missed > d->options.misses_allowed ? EXIT_LATE : EXIT_SUCCESS;
 }
 
 /* Signals only ever arrive here: every thread blocks them. */

@@ -143,15 +143,48 @@ static void print_world(const soter_posix* d, FILE* out) {
   }
 }
 
+static const soter_lease_times* lease_of(const soter_posix* d, uint32_t module) {
+  for (uint32_t k = 0; k < soter_app_lease_count; k++) {
+    if (soter_app_leases[k].module == module) {
+      return &d->lease[k];
+    }
+  }
+  return NULL;
+}
+
+/* What was late, and what the actuators did while nobody told them anything. */
+static void print_misses(const soter_posix* d, FILE* out) {
+  (void)fprintf(out,
+                "%" PRIu64 " instants, %" PRIu64 " with misses, %" PRIu64
+                " in which only plants or ACs were late; %" PRIu64 " misses\n",
+                d->instants, d->late_instants, d->late_untrusted, d->missed);
+  if (d->missed > d->options.misses_allowed) {
+    (void)fprintf(
+        out, "LATE: %" PRIu64 " misses of the trusted part, %" PRIu64 " are allowed (--misses)\n",
+        d->missed, d->options.misses_allowed);
+  }
+  (void)fprintf(out, "longest silence %.3f ms, after the instant at %.6f s\n",
+                (double)d->silence_ns / 1e6, (double)d->silence_ct / 1e9);
+  for (uint32_t i = 0; d->missed > 0U && i < APP_PROGRAM->modules; i++) {
+    const soter_lease_times* const t = lease_of(d, i);
+    if (t == NULL) {
+      (void)fprintf(out, "  %s: no fail-safe law, its last command stayed\n",
+                    APP_PROGRAM->module[i].name);
+    } else {
+      (void)fprintf(out, "  %s: the law for the last %.3f ms of it\n", APP_PROGRAM->module[i].name,
+                    (double)t->silence_law_ns / 1e6);
+    }
+  }
+}
+
 void soter_posix_report(const soter_posix* d, FILE* out) {
   (void)fprintf(out, "real time: policy %s, memory %s, ", d->policy,
                 d->locked ? "locked" : "not locked");
   (void)fprintf(out, d->pinned ? "processor %d\n" : "not pinned\n", d->core);
+  print_misses(d, out);
   (void)fprintf(out,
-                "%" PRIu64 " instants, %" PRIu64 " late, %" PRIu64 " misses, %" PRIu64
-                " page faults (%" PRIu64 " from a disk), %" PRIu64 " records dropped\n",
-                d->instants, d->late_instants, d->missed, d->minor_faults + d->major_faults,
-                d->major_faults, d->ring.dropped);
+                "%" PRIu64 " page faults (%" PRIu64 " from a disk), %" PRIu64 " records dropped\n",
+                d->minor_faults + d->major_faults, d->major_faults, d->ring.dropped);
   print_nodes(d, out);
   for (uint32_t k = 0; k < soter_app_extern_count; k++) {
     print_histogram("  answered after", &d->worker[k].took, out);
@@ -264,8 +297,8 @@ static void json_world(const soter_posix* d, FILE* out) {
     json_text(soter_app_leases[k].name, out);
     (void)fprintf(out,
                   ": {\"given\": %" PRIu64 ", \"stale\": %" PRIu64 ", \"law\": %" PRIu64
-                  ", \"ended_ns\": ",
-                  t->given, t->stale, t->law);
+                  ", \"silence_law_ns\": %" PRId64 ", \"ended_ns\": ",
+                  t->given, t->stale, t->law, t->silence_law_ns);
     if (t->ended_ns < 0) {
       (void)fprintf(out, "null}");
     } else {
@@ -288,12 +321,15 @@ static void json_head(const soter_posix* d, FILE* out) {
   }
   (void)fprintf(out,
                 ",\n \"policy\": \"%s\", \"locked\": %s, \"core\": %d, \"instants\": %" PRIu64
-                ", \"late_instants\": %" PRIu64 ", \"misses\": %" PRIu64 ", \"calendars\": %" PRIu64
-                ", \"page_faults\": %" PRIu64 ", \"major_page_faults\": %" PRIu64
-                ", \"dropped\": %" PRIu64 ", \"log_lines_lost\": %" PRIu64
-                ", \"stopped\": %s, \"origin_ns\": %" PRId64,
+                ", \"late_instants\": %" PRIu64 ", \"late_untrusted_instants\": %" PRIu64
+                ", \"misses\": %" PRIu64 ", \"misses_allowed\": %" PRIu64
+                ", \"calendars\": %" PRIu64 ", \"silence_ns\": %" PRId64
+                ", \"silence_after_ns\": %" PRId64 ", \"page_faults\": %" PRIu64
+                ", \"major_page_faults\": %" PRIu64 ", \"dropped\": %" PRIu64
+                ", \"log_lines_lost\": %" PRIu64 ", \"stopped\": %s, \"origin_ns\": %" PRId64,
                 d->policy, d->locked ? "true" : "false", d->pinned ? d->core : -1, d->instants,
-                d->late_instants, d->missed, d->calendars, d->minor_faults, d->major_faults,
+                d->late_instants, d->late_untrusted, d->missed, d->options.misses_allowed,
+                d->calendars, d->silence_ns, d->silence_ct, d->minor_faults, d->major_faults,
                 d->ring.dropped, d->lines_lost, d->stop != 0 ? "true" : "false", d->origin_ns);
 }
 
