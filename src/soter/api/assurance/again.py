@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 from soter.api.assurance.certificate import file_hash
 from soter.diagnostics.diagnostic import Diagnostic, SoterError
+from soter.program.load.files import read_json_text
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
