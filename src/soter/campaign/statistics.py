@@ -127,12 +127,13 @@ def _interval(counts: Sequence[int], hours: Sequence[float], most: int) -> Inter
 
 
 def _mean(counts: Sequence[int], most: int) -> tuple[float, float]:
-    """What the mean of counts in [0, most] lies in: the empirical Bernstein bound of Maurer and
-    Pontil (2009, Theorem 4); below also the share of flights that have one at all.
-    """  # fmt: skip
+    """What the mean of counts in [0, most] lies in: an empirical Bernstein bound.
+
+    Maurer and Pontil 2009, Theorem 4; below also the share of flights that have one at all.
+    """
     n, missed = len(counts), (1.0 - CONFIDENCE) / 2
     mean = sum(counts) / n
-    some, _ = share(sum(c > 0 for c in counts), n, 1.0 - missed)
+    some, _ = share(sum(c > 0 for c in counts), n, 1.0 - missed / 2)
     if n < 2:
         return some, float(max(most, mean))
     variance = fsum((c - mean) ** 2 for c in counts) / (n - 1)

@@ -1,12 +1,14 @@
 """Which faults a flight met: inside of what proofs assume, or outside; how often each was there.
 
-Purpose: whether a violation is a defect, or had an excuse that was declared before the flight. All
-of it follows from the seeds, so nothing is kept for it.
+Purpose: whether a violation is a defect, or had an excuse that was declared before the flight: a
+fault outside that it met before, without which the same flight is clean. All of it follows from the
+seeds, so nothing is kept for it.
 Non-goals: what faults do (`semantics/chance/faults.py`).
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,15 +17,51 @@ from soter.semantics.chance.faults import begins
 from soter.semantics.chance.random_draws import GOLDEN, fnv
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Iterable, Sequence
 
     import numpy.typing as npt
 
+    from soter.campaign.flight import Flight
     from soter.program.model.system import Component, Fault, System
 
     Words = npt.NDArray[np.uint64]
 
 ORDER = "order any"
+
+
+@dataclass(frozen=True)
+class Blame:
+    """Whose fault a violated flight is.
+
+    `met`: faults outside of what proofs assume, as they were written, that were there before its
+    first violation; `clean_without`: whether the same flight without any fault outside violates
+    nothing; None: it met none, and was not flown again.
+    """
+
+    met: tuple[str, ...]
+    clean_without: bool | None
+
+    @property
+    def excused(self) -> bool:
+        """Whether what it met made the violation."""
+        return self.clean_without is True
+
+
+def blames(
+    system: System, bad: Sequence[Flight], again: Callable[[Sequence[int]], Iterable[Flight]]
+) -> dict[int, Blame]:
+    """Of each violated flight, by its number.
+
+    `again` flies flights of these numbers without any fault outside (`derived.only_inside`).
+    """
+    met = {f.number: tuple(outside(system, f.seed, _first_ns(f))) for f in bad}
+    suspects = [number for number, texts in met.items() if texts]
+    violated = {f.number: f.violations > 0 for f in again(suspects)} if suspects else {}
+    return {n: Blame(texts, not violated[n] if texts else None) for n, texts in met.items()}
+
+
+def _first_ns(f: Flight) -> int:
+    return round((f.seconds if f.first_s is None else f.first_s) * 1e9)
 
 
 def outside(system: System, seed: int, until_ns: int) -> list[str]:

@@ -113,7 +113,7 @@ def test_what_does_not_scatter_so_is_bounded_by_flight(counts: list[int]) -> Non
         half = sqrt(2 * variance * log(80) / n) + 7 * most * log(80) / (3 * (n - 1))
         assert found.high == pytest.approx(min(mean + half, most) / hours)
     assert found.low <= mean / hours <= found.high
-    assert found.low >= share(sum(c > 0 for c in counts), n, 0.975)[0] / hours * 0.999
+    assert found.low >= share(sum(c > 0 for c in counts), n, 0.9875)[0] / hours * 0.999
 
 
 def test_bounds_by_flight_hold_as_often_as_they_say() -> None:

@@ -59,6 +59,8 @@ def again(program: AssuredProgram, flat: System, params: Any, folder: Path, most
     chosen = rows[::step] if most > 0 else []
     if not chosen:
         return Again(goal, total, "no flight was flown again")
+    if not program.flat(flat.name, params).properties:
+        return Again(goal, total, "the system has no property: its flights are judged by nothing")
     first, until_ns = int(about["first_seed"]), int(about["until_ns"])
     fleet = Fleet(program.flat(flat.name, params), until_ns)
     flown = {f.number: f for f in fleet.fly([int(r["number"]) for r in chosen], first)}
