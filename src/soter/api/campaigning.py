@@ -114,34 +114,29 @@ def campaign(
 
     Flight k is the run of seed `seed` + k, so `soter run --seed` flies it again. `workers`:
     threads; "local", which is the default: one a core; "ray": the cores of a Ray cluster. The
-    results are the same. `output`: the folder; a campaign of
-    the same program, system, time, parameters and seed goes on where it stopped, and may be made
-    longer. `arms`: also fly `ac`, `paper`, `swept` on these seeds, each in a folder of its own
-    below; `lateness_s`: how long this machine is measured for the paper's rules. `saves`: count
-    saves, flying AC on for so long (seconds, or text) where it was taken off. SoterError U001 for
-    wrong figures, C006 for a system that judges and measures nothing, U003 for extern nodes, D006
-    for the folder, D007 and D018 for the cluster.
+    results are the same. `output`: the folder; a campaign of the same program, system, time,
+    parameters and seed goes on where it stopped, and may be made longer. `arms`: also fly `ac`,
+    `paper`, `swept` on these seeds, each in a folder of its own below; `lateness_s`: how long this
+    machine is measured for the paper's rules. `saves`: count saves, flying AC on for so long
+    (seconds, or text) where it was taken off. SoterError U001 for wrong figures, C006 for a system
+    that judges nothing, U003 for extern nodes, D006 for the folder, D007, D018 for the cluster.
     """
     began = time.perf_counter()
     flat, core = bindings.system, bindings.core
     until_ns = end_of(flat, until)
     count = _count(hours, flights, until_ns)
     threads = _threads(workers)
-    horizon_ns = time_ns("saves", saves) or 0
-    if saves is not None and horizon_ns <= 0:
-        raise mistake("U001", "saves need a time for which AC is flown on", "as `--saves 10s`")
+    horizon_ns = _horizon(saves)
     about = _about(flat, path, until_ns, seed, horizon_ns)
     folder = Path(output) if output is not None else _folder(path, about)
     fleet = Fleet(flat, until_ns, core=core, horizon_ns=horizon_ns)
-    if not flat.properties and not flat.measures:
-        raise SoterError((_unjudged(flat, Severity.ERROR),))
+    _require_judged(flat)
     lateness, others = _others(flat, arms, folder, lateness_s)
     todo = [(OURS, "the system as it is declared", fleet, folder, about)]
     for arm in others:
         other = Fleet(arm.system, until_ns, core=core)
-        own = replace(
-            _about(arm.system, path, until_ns, seed, 0), arm=arm.name, lateness=_of(lateness)
-        )
+        own = _about(arm.system, path, until_ns, seed, 0)
+        own = replace(own, arm=arm.name, lateness=_of(lateness))
         todo.append((arm.name, arm.text, other, folder / f"arm-{arm.name}", own))
     flown = []
     with ExitStack() as held:
@@ -171,6 +166,20 @@ def campaign(
     )
 
 
+def _horizon(saves: float | str | None) -> int:
+    """How far AC is flown on, ns; 0: not at all. SoterError U001."""
+    horizon_ns = time_ns("saves", saves) or 0
+    if saves is not None and horizon_ns <= 0:
+        raise mistake("U001", "saves need a time for which AC is flown on", "as `--saves 10s`")
+    return horizon_ns
+
+
+def _require_judged(flat: System) -> None:
+    """SoterError C006 where flights could not tell anything."""
+    if not flat.properties and not flat.measures:
+        raise SoterError((_unjudged(flat, Severity.ERROR),))
+
+
 def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
     """What somebody might take these flights for, and what they are not."""
     if not flat.properties:
@@ -188,12 +197,10 @@ def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
 
 def _unjudged(flat: System, severity: Severity) -> Diagnostic:
     what = f"system `{flat.name}` has no property: no flight of it can be violated"
-    helps = ("say what shall hold: `always CONDITION;` in the system",)
+    helps = ["say what shall hold: `always CONDITION;` in the system"]
     if severity is Severity.ERROR:
-        helps += (
-            "to measure only, say what: `measure NAME = EXPRESSION in [a, b] / BINS every T;`",
-        )
-    return Diagnostic("C006", what, helps=helps, severity=severity)
+        helps.append("to measure only: `measure NAME = EXPRESSION in [a, b] / BINS every T;`")
+    return Diagnostic("C006", what, helps=tuple(helps), severity=severity)
 
 
 def _threads(workers: int | str | None) -> int:

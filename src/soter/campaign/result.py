@@ -154,15 +154,17 @@ def _modules(
     for k, m in enumerate(system.modules):
         episodes = [f.episodes[k] for f in flights]
         found = interval_of(episodes, hours, most=most, kinds=kinds)
+        saves, precautions = _saved(flights, k)
         yield Module(
-            m.name,
-            sum(f.ac_s[k] for f in flights) / seconds,
-            sum(f.disengagements[k] for f in flights),
-            sum(episodes),
-            (found.low, found.high),
-            found.basis,
-            sum(f.gate_faults[k] for f in flights),
-            *_saved(flights, k),
+            name=m.name,
+            ac_share=sum(f.ac_s[k] for f in flights) / seconds,
+            disengagements=sum(f.disengagements[k] for f in flights),
+            episodes=sum(episodes),
+            per_hour=(found.low, found.high),
+            basis=found.basis,
+            gate_faults=sum(f.gate_faults[k] for f in flights),
+            saves=saves,
+            precautions=precautions,
         )
 
 
