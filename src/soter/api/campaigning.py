@@ -190,7 +190,8 @@ def _warnings(flat: System, r: Result) -> Iterator[Diagnostic]:
             if r.distinct == 1
             else f"{r.flights - r.distinct:,} of {r.flights:,} flights are copies of others"
         )
-        note = f"bounds are no closer than those of {r.distinct:,} flights"
+        of = "one flight" if r.distinct == 1 else f"{r.distinct:,} flights"
+        note = f"bounds are no closer than those of {of}"
         helps = ("`choose`, inputs, disturbances and faults make flights differ",)
         yield Diagnostic("C007", what, notes=(note,), helps=helps, severity=Severity.WARNING)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections import Counter
 from dataclasses import dataclass
-from math import fsum, inf, nan
+from math import fsum, inf, isnan, nan
 from typing import TYPE_CHECKING
 
 from soter.campaign.fleet import EPISODE_NS
@@ -96,7 +96,7 @@ class Result:
     hours_aloft: float | None = None
     """Those for which the measure `aloft` (1.0 or 0.0) says so; None without such a measure."""
     km: float | None = None
-    """Mean of the measure `speed`, in m/s, over all hours; None without such a measure."""
+    """Mean of the measure `speed`, in m/s, over all hours; None where it has no number."""
 
     @property
     def hours_told(self) -> float:
@@ -141,7 +141,7 @@ def result_of(flights: Sequence[Flight], system: System, blames: Mapping[int, Bl
         excused=_excused([blames[f.number] for f in bad]),
         measures=measures,
         hours_aloft=None if aloft is None else fsum(aloft),
-        km=None if speed is None else speed * 3.6 * hours,
+        km=None if speed is None or isnan(speed) else speed * 3.6 * hours,
     )
 
 

@@ -2,12 +2,13 @@
 
 Purpose: exact intervals of Poisson rates (Garwood 1936) and of shares (Clopper and Pearson 1934),
 from regularized incomplete gamma and beta functions; for what does not scatter as a Poisson count
-does, intervals by flight that take no distribution for granted (Maurer and Pontil 2009).
+does, intervals by flight that take no distribution for granted (Waudby-Smith and Ramdas 2024).
 Non-goals: what is counted (`result.py`).
 """
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 from math import exp, fsum, inf, lgamma, log, log1p, sqrt
 from statistics import NormalDist
@@ -19,6 +20,8 @@ if TYPE_CHECKING:
 CONFIDENCE = 0.95
 POISSON, FLIGHTS = "poisson", "flights"
 """What an interval rests on: counts that scatter as Poisson's do, or independent flights alone."""
+STAKES = tuple(2.0**-k for k in range(16))
+"""Shares of the capital that bets put at stake (`_mean`)."""
 STEPS = 200
 TERMS = 1_000_000
 
@@ -127,23 +130,44 @@ def _interval(counts: Sequence[int], hours: Sequence[float], most: int) -> Inter
 
 
 def _mean(counts: Sequence[int], most: int) -> tuple[float, float]:
-    """What the mean of counts in [0, most] lies in: an empirical Bernstein bound.
+    """What the mean of independent counts in [0, most] lies in, whatever their distribution.
 
-    Maurer and Pontil 2009, Theorem 4; below also the share of flights that have one at all.
+    By betting (Waudby-Smith and Ramdas 2024): were the mean m, capital that is staked on each
+    flight, the share c of it that may be lost, would grow 40 times with a chance of 1 in 40 at
+    most (Ville). A mean is excluded where the capital, spread evenly over STAKES, did.
     """
-    n, missed = len(counts), (1.0 - CONFIDENCE) / 2
-    mean = sum(counts) / n
-    some, _ = share(sum(c > 0 for c in counts), n, 1.0 - missed / 2)
-    if n < 2:
-        return some, float(max(most, mean))
-    variance = fsum((c - mean) ** 2 for c in counts) / (n - 1)
+    of = max(most, *counts, 1)
+    table = [(value / of, n) for value, n in Counter(counts).items()]
+    mean = fsum(x * n for x, n in table) / len(counts)
+    goal = log(2.0 * len(STAKES) / (1.0 - CONFIDENCE))
 
-    def half(missed: float) -> float:
-        logs = log(2.0 / missed)
-        return sqrt(2.0 * variance * logs / n) + 7.0 * most * logs / (3.0 * (n - 1))
+    def capital(factor: Callable[[float], float]) -> float:
+        """Log of what became of 1; `factor`: what a flight of x gains for each unit at stake."""
+        logs = [fsum(n * _log(1.0 + c * factor(x)) for x, n in table) for c in STAKES]
+        top = max(logs)
+        return top + log(fsum(exp(v - top) for v in logs)) if top > -inf else -inf
 
-    low = max(mean - half(missed / 2), some)
-    return min(low, mean), max(min(mean + half(missed), most), mean)
+    low = _reached(0.0, mean, lambda m: capital(lambda x: x / m - 1.0) >= goal)
+    high = _reached(1.0, mean, lambda m: capital(lambda x: (m - x) / (1.0 - m)) >= goal)
+    return low * of, high * of
+
+
+def _log(x: float) -> float:
+    return log(x) if x > 0.0 else -inf
+
+
+def _reached(end: float, mean: float, excluded: Callable[[float], bool]) -> float:
+    """The last mean, from `mean` towards `end`, that is not excluded, but for rounding outwards."""
+    inner, outer = mean, end
+    for _ in range(STEPS):
+        middle = 0.5 * (inner + outer)
+        if middle in (inner, outer):
+            break
+        if excluded(middle):
+            outer = middle
+        else:
+            inner = middle
+    return outer
 
 
 # ---------------------------------------------------------------- incomplete gamma and beta

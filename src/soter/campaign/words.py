@@ -49,8 +49,9 @@ def bound(r: Result) -> str:
         return ""
     hourly = f"{interval(*r.per_hour)} {an_hour(r)}"
     if r.per_hour_basis == FLIGHTS:
-        low, high = (f"{100.0 * x:.3g}" for x in r.per_flight)
-        return f"{low} % to {high} % of the flights are violated, {hourly} by flight"
+        low, high = r.per_flight
+        share = interval(100.0 * low, 100.0 * high)
+        return f"{share} % of the flights are violated, {hourly} by flight"
     return hourly
 
 

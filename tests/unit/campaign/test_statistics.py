@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from math import inf, log, sqrt
+from math import inf, log
 from time import process_time
 
 import mpmath
@@ -106,14 +106,28 @@ def test_what_does_not_scatter_so_is_bounded_by_flight(counts: list[int]) -> Non
     hours, n, most = 0.5, len(counts), 300
     found = interval_of(counts, [hours] * n, most=most)
     assert found.basis == FLIGHTS
-    mean, variance = np.mean(counts), np.var(counts, ddof=1) if n > 1 else 0.0
-    if n == 1:
-        assert found.high == most / hours
-    else:  # Maurer and Pontil 2009, Theorem 4
-        half = sqrt(2 * variance * log(80) / n) + 7 * most * log(80) / (3 * (n - 1))
-        assert found.high == pytest.approx(min(mean + half, most) / hours)
-    assert found.low <= mean / hours <= found.high
-    assert found.low >= share(sum(c > 0 for c in counts), n, 0.9875)[0] / hours * 0.999
+    assert found.low < sum(counts) / n / hours < found.high < most / hours
+    with mpmath.workdps(40):  # capital that was staked on other means grew 40 times
+        grown = []
+        for bound, up in ((found.low, True), (found.high, False)):
+            m, capital = mpmath.mpf(bound) * hours / most, mpmath.mpf(0)
+            for k in range(16):
+                product = mpmath.mpf(1)
+                for value in set(counts):
+                    x = mpmath.mpf(value) / most
+                    gain = x / m - 1 if up else (m - x) / (1 - m)
+                    product *= (1 + mpmath.mpf(2) ** -k * gain) ** counts.count(value)
+                capital += product / 16
+            grown.append(float(capital))
+    assert grown == pytest.approx([40.0, 40.0], rel=1e-6)
+
+
+def test_what_comes_like_clockwork_is_bounded_closely() -> None:
+    found = interval_of([40, 41, 40, 39] * 300, [1.0] * 1200, most=301)
+    assert 39.5 < found.low < 40.0 < found.high < 42.0
+    bursts = interval_of([0] * 990 + [30] * 10, [1.0] * 1000, most=301)
+    exact = rate(300, 1000.0)
+    assert bursts.low < exact[0] < exact[1] < bursts.high
 
 
 def test_bounds_by_flight_hold_as_often_as_they_say() -> None:
