@@ -31,7 +31,8 @@ SAVE = (
 SPREAD = (
     "Intervals are 95 %. Of rates: exact (Garwood) where the counts of the flights pass the "
     "dispersion test of Poisson's distribution or there are none, else by flight (betting, "
-    "Waudby-Smith and Ramdas), which takes no distribution for granted. Of shares: Clopper and Pearson."
+    "Waudby-Smith and Ramdas), which takes no distribution for granted. Of shares: Clopper and "
+    "Pearson."
 )
 RESTS_ON = (
     "Virtual time: every step takes none, unless the program or a fault says otherwise.",

@@ -133,11 +133,11 @@ def test_what_comes_like_clockwork_is_bounded_closely() -> None:
 def test_bounds_by_flight_hold_as_often_as_they_say() -> None:
     rng = np.random.default_rng(2)
     missed = 0
-    for _ in range(400):
+    for _ in range(150):
         counts = (rng.random(60) < 0.3) * rng.integers(0, 9, 60)  # mean 1.2, in bursts
         found = interval_of(counts.tolist(), [1.0] * 60, most=8)
         missed += not found.low <= 1.2 <= found.high
-    assert missed <= 20
+    assert missed <= 7
 
 
 def test_copies_of_a_flight_widen_a_bound_and_never_narrow_it() -> None:
