@@ -28,7 +28,6 @@ from soter.campaign.result import Result, result_of
 from soter.campaign.store import About, Store
 from soter.campaign.troubles import ORDER, blames, occurred
 from soter.diagnostics.diagnostic import Diagnostic, Severity, SoterError
-from soter.program.flatten.derived import only_inside
 from soter.simulate.params import changed
 from soter.simulate.settings import seed_value
 
@@ -282,9 +281,9 @@ def _flown(
         store.close()
     wanted = store.flights[:count]
 
-    def again(numbers: Sequence[int]) -> Iterator[Flight]:
-        inside = Fleet(only_inside(fleet.system), fleet.until_ns)
-        for some in flights_of(inside, numbers, about.first_seed, workers):
+    def again(other: System, numbers: Sequence[int]) -> Iterator[Flight]:
+        compiled = Fleet(other, fleet.until_ns)
+        for some in flights_of(compiled, numbers, about.first_seed, workers):
             yield from some
 
     bad = [f for f in wanted if f.violations]
@@ -367,7 +366,7 @@ def _figures(r: Result) -> dict[str, Any]:
         "violated_per_flight": list(r.per_flight),
         "violated_inside": r.violated_inside,
         "violated_outside": r.flights_violated - r.violated_inside,
-        "excused": {text: {"flights": n, "alone": alone} for text, n, alone in r.excused},
+        "excused": {text: {"flights": n, "met": met} for text, n, met in r.excused},
         "disengagements": sum(m.disengagements for m in r.modules),
         "episodes": sum(m.episodes for m in r.modules),
         "saves": sum(m.saves or 0 for m in r.modules) if counted else None,
@@ -405,6 +404,7 @@ def _figures(r: Result) -> dict[str, Any]:
                 "what": list(f.broken),
                 "outside": list(blame.met),
                 "clean_without": blame.clean_without,
+                "needed": list(blame.needed),
             }
             for f, blame in zip(r.worst, r.blames, strict=True)
         ],

@@ -90,8 +90,8 @@ class Result:
     """Violated flights that met no fault outside of the assumptions before, or are violated without
     them, too."""
     excused: tuple[tuple[str, int, int], ...] = ()
-    """Each fault outside with how many violated flights met it that are clean without faults
-    outside, and how many of them met no other one."""
+    """Each fault outside with how many violated flights are clean without it alone, and how many
+    met it that are clean without all faults outside."""
     measures: tuple[Measured, ...] = ()
     hours_aloft: float | None = None
     """Those for which the measure `aloft` (1.0 or 0.0) says so; None without such a measure."""
@@ -190,10 +190,10 @@ def _onsets_most(flights: Sequence[Flight], system: System) -> int:
 
 
 def _excused(blames: Sequence[Blame]) -> tuple[tuple[str, int, int], ...]:
-    """Each fault that excuses a flight: how many, and how many of them alone."""
+    """Each fault that excused flights met: how many are clean without it alone, of how many."""
     met = Counter(text for b in blames if b.excused for text in b.met)
-    alone = Counter(b.met[0] for b in blames if b.excused and len(b.met) == 1)
-    return tuple((text, n, alone[text]) for text, n in met.most_common())
+    needed = Counter(text for b in blames for text in b.needed)
+    return tuple((text, needed[text], n) for text, n in met.most_common())
 
 
 def _saved(flights: Sequence[Flight], k: int) -> tuple[int | None, int | None]:

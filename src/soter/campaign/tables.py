@@ -152,12 +152,12 @@ def arms(found: CampaignLike) -> Table:
 
 def faults(found: CampaignLike) -> Table:
     """What was declared to go wrong, and which violated flights that excuses."""
-    excused = {text: f"{n:,} ({alone:,} by it alone)" for text, n, alone in found.result.excused}
+    excused = {text: f"{n:,} of {met:,} that met it" for text, n, met in found.result.excused}
     rows = tuple(
         (_times(found.occurred[t]), t, f"inside: {w}" if w else "outside", excused.get(t, ""))
         for t, w in found.faults
     )
-    head = ("times", "fault", "of what proofs assume", "flights excused")
+    head = ("times", "fault", "of what proofs assume", "violated flights, clean without it alone")
     return (head, rows) if excused else (head[:3], tuple(row[:3] for row in rows))
 
 

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from soter.program.flatten.derived import only_inside, without_faults
 from soter.semantics.chance.faults import begins
 from soter.semantics.chance.random_draws import GOLDEN, fnv
 
@@ -35,11 +36,13 @@ class Blame:
 
     `met`: faults outside of what proofs assume, as they were written, that were there before its
     first violation; `clean_without`: whether the same flight without any fault outside violates
-    nothing; None: it met none, and was not flown again.
+    nothing; None: it met none, and was not flown again. `needed`: of those that it met each without
+    which alone it is clean; none, where several of them do the same harm.
     """
 
     met: tuple[str, ...]
     clean_without: bool | None
+    needed: tuple[str, ...] = ()
 
     @property
     def excused(self) -> bool:
@@ -48,16 +51,27 @@ class Blame:
 
 
 def blames(
-    system: System, bad: Sequence[Flight], again: Callable[[Sequence[int]], Iterable[Flight]]
+    system: System,
+    bad: Sequence[Flight],
+    again: Callable[[System, Sequence[int]], Iterable[Flight]],
 ) -> dict[int, Blame]:
-    """Of each violated flight, by its number.
-
-    `again` flies flights of these numbers without any fault outside (`derived.only_inside`).
-    """
+    """Of each violated flight, by its number. `again` flies numbers of another system."""
     met = {f.number: tuple(outside(system, f.seed, _first_ns(f))) for f in bad}
-    suspects = [number for number, texts in met.items() if texts]
-    violated = {f.number: f.violations > 0 for f in again(suspects)} if suspects else {}
-    return {n: Blame(texts, not violated[n] if texts else None) for n, texts in met.items()}
+
+    def clean(other: System, numbers: Sequence[int]) -> set[int]:
+        return {f.number for f in again(other, numbers) if not f.violations} if numbers else set()
+
+    excused = clean(only_inside(system), [n for n, texts in met.items() if texts])
+    needed: dict[int, list[str]] = {n: list(met[n]) for n in excused if len(met[n]) == 1}
+    for text in sorted({t for n in excused - needed.keys() for t in met[n]}):
+        shuffled = system.shuffled and text != ORDER
+        numbers = sorted(n for n in excused if len(met[n]) > 1 and text in met[n])
+        for n in clean(without_faults(system, (text,), shuffled=shuffled), numbers):
+            needed.setdefault(n, []).append(text)
+    return {
+        n: Blame(texts, n in excused if texts else None, tuple(needed.get(n, ())))
+        for n, texts in met.items()
+    }
 
 
 def _first_ns(f: Flight) -> int:
