@@ -51,7 +51,7 @@ typedef struct {
   double sum, least, most;
 } soter_look;
 
-#define SOTER_SAMPLES 64 /* states of a flight, evenly over it, that its trajectory is known by */
+#define SOTER_SAMPLES 16 /* states of a flight, evenly over it, that its trajectory is known by */
 
 typedef struct {
   uint64_t seed;       /* in */
