@@ -84,7 +84,7 @@ class Result:
     broken: tuple[tuple[str, int], ...]
     worst: tuple[Flight, ...]
     blames: tuple[Blame, ...]
-    """Of each of the worst: the faults outside of the assumptions that it met before."""
+    """Of each of the worst: whose fault it is."""
     digest: str
     violated_inside: int = 0
     """Violated flights that met no fault outside of the assumptions before, or are violated without
@@ -97,6 +97,11 @@ class Result:
     """Those for which the measure `aloft` (1.0 or 0.0) says so; None without such a measure."""
     km: float | None = None
     """Mean of the measure `speed`, in m/s, over all hours; None where it has no number."""
+
+    @property
+    def outside(self) -> tuple[tuple[str, ...], ...]:
+        """Of each of the worst: the faults outside of the assumptions that it met before."""
+        return tuple(b.met for b in self.blames)
 
     @property
     def hours_told(self) -> float:
